@@ -1,0 +1,63 @@
+"""The pinhole camera: intrinsics for exactly one image size."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class Intrinsics:
+    """Pinhole intrinsics in pixels of a `width` x `height` image.
+
+    Optical frame: x right, y down, z forward; pixel centres are at integer coordinates.
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        if not (self.fx > 0 and self.fy > 0 and np.isfinite([self.fx, self.fy, self.cx, self.cy]).all()):
+            raise ValueError(f"focal lengths must be positive and all values finite, got {self}")
+        if self.width < 1 or self.height < 1:
+            raise ValueError(f"image size must be positive, got {self.width}x{self.height}")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Image shape (height, width), as NumPy states it."""
+        return (self.height, self.width)
+
+    def halved(self) -> "Intrinsics":
+        """Intrinsics of the image that keeps every second pixel, starting with the first, of each axis."""
+        return Intrinsics(
+            self.fx / 2,
+            self.fy / 2,
+            self.cx / 2,
+            self.cy / 2,
+            (self.width + 1) // 2,
+            (self.height + 1) // 2,
+        )
+
+
+def back_project(depth: NDArray[np.float32], camera: Intrinsics) -> NDArray[np.float32]:
+    """Points of a depth image in the camera frame (paper, Sec. IV, pi^-1 before the pose).
+
+    depth: (h, w) float32 metres, 0 = invalid. Returns (h, w, 3) float32 metres; invalid pixels give zeros.
+    """
+    if depth.shape != camera.shape:
+        raise ValueError(f"depth is {depth.shape}, but the intrinsics are for {camera.shape}")
+    u = (np.arange(camera.width, dtype=np.float32) - np.float32(camera.cx)) / np.float32(camera.fx)
+    v = (np.arange(camera.height, dtype=np.float32) - np.float32(camera.cy)) / np.float32(camera.fy)
+    return np.stack((depth * u[None, :], depth * v[:, None], depth), axis=-1)
+
+
+def invert(T_target_source: NDArray[np.float64]) -> NDArray[np.float64]:
+    """T_source_target of a rigid (4, 4) transform."""
+    inverse = np.eye(4)
+    inverse[:3, :3] = T_target_source[:3, :3].T
+    inverse[:3, 3] = -inverse[:3, :3] @ T_target_source[:3, 3]
+    return inverse
