@@ -1,0 +1,56 @@
+"""The wire contract of spot3d: messages, codec, limits and the one table of topics."""
+
+from spot3d_schemas.codec import WireHeader, decode, encode, encoding, peek_header, refuse_encoding
+from spot3d_schemas.errors import CodecError
+from spot3d_schemas.header import Header, Hop
+from spot3d_schemas.json_schema import json_schema
+from spot3d_schemas.messages import (
+    MESSAGES,
+    CameraIntrinsics,
+    End,
+    Frame,
+    Health,
+    Heat,
+    MapPoints,
+    Message,
+    Object3D,
+    Objects,
+    Pose,
+    Progress,
+    Proposals,
+)
+from spot3d_schemas.names import checked_name
+from spot3d_schemas.topics import STAGES, TOPICS, Topic, alive_key, fleet_key, key
+
+__all__ = [
+    "MESSAGES",
+    "STAGES",
+    "TOPICS",
+    "CameraIntrinsics",
+    "CodecError",
+    "End",
+    "Frame",
+    "Header",
+    "Health",
+    "Heat",
+    "Hop",
+    "MapPoints",
+    "Message",
+    "Object3D",
+    "Objects",
+    "Pose",
+    "Progress",
+    "Proposals",
+    "Topic",
+    "WireHeader",
+    "alive_key",
+    "checked_name",
+    "decode",
+    "encode",
+    "encoding",
+    "fleet_key",
+    "json_schema",
+    "key",
+    "peek_header",
+    "refuse_encoding",
+]

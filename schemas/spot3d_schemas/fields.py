@@ -1,0 +1,55 @@
+"""The kinds of fields that messages are made of."""
+
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
+
+from spot3d_schemas.arrays import DELTA_ZLIB, JPEG, ArraySpec
+from spot3d_schemas.limits import (
+    MAX_BOXES,
+    MAX_IMAGE_PIXELS,
+    MAX_MAP_POINTS,
+    MAX_NAME,
+    MAX_REASONS,
+    MAX_TEXT,
+)
+from spot3d_schemas.names import checked_name
+from spot3d_schemas.numbers_field import NumbersSpec
+
+
+def _cut(text: object) -> object:
+    # A long error text is worth less than the message that carries it.
+    return text[:MAX_TEXT] if isinstance(text, str) else text
+
+
+Name = Annotated[str, AfterValidator(checked_name), WithJsonSchema({"type": "string", "maxLength": MAX_NAME})]
+Text = Annotated[str, BeforeValidator(_cut), Field(max_length=MAX_TEXT)]
+Byte = Annotated[int, Field(ge=0, le=255)]
+Count = Annotated[int, Field(ge=0, lt=2**63)]
+Nanoseconds = Annotated[int, Field(ge=0, lt=2**63)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Reasons = Annotated[dict[Annotated[str, Field(max_length=MAX_NAME)], Count], Field(max_length=MAX_REASONS)]
+"""Counts by reason."""
+
+Vector = Annotated[NDArray[np.float64], NumbersSpec((3,))]
+Rotation = Annotated[NDArray[np.float64], NumbersSpec((3, 3), "rotation")]
+Transform = Annotated[NDArray[np.float64], NumbersSpec((4, 4), "rigid")]
+
+_IMAGE = ("h", "w")
+Colour = Annotated[NDArray[np.uint8], ArraySpec(("uint8",), ("h", "w", 3), MAX_IMAGE_PIXELS, least=1, thin=JPEG)]
+Depth = Annotated[
+    NDArray[np.uint16] | NDArray[np.float32],
+    ArraySpec(("uint16", "float32"), _IMAGE, MAX_IMAGE_PIXELS, least=1, thin=DELTA_ZLIB),
+]
+HeatImage = Annotated[NDArray[np.uint8], ArraySpec(("uint8",), _IMAGE, MAX_IMAGE_PIXELS, least=1, thin=DELTA_ZLIB)]
+Boxes = Annotated[NDArray[np.float32], ArraySpec(("float32",), ("M", 5), MAX_BOXES, finite=True)]
+Points = Annotated[NDArray[np.float32], ArraySpec(("float32",), ("N", 3), MAX_MAP_POINTS)]
+PointColours = Annotated[NDArray[np.uint8], ArraySpec(("uint8",), ("N", 3), MAX_MAP_POINTS)]
+PointHeat = Annotated[NDArray[np.float32], ArraySpec(("float32",), ("N",), MAX_MAP_POINTS)]
+PointCounts = Annotated[NDArray[np.uint32], ArraySpec(("uint32",), ("N",), MAX_MAP_POINTS)]
+
+Array = NDArray[Any]

@@ -1,0 +1,54 @@
+"""What every message begins with, and what every part of a message is."""
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, FailFast, Field
+
+from spot3d_schemas.fields import Count, Name, Nanoseconds
+from spot3d_schemas.limits import MAX_HOPS
+
+
+class Record(BaseModel):
+    """A frozen, strictly checked set of fields; two are equal when all their values are, arrays included."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="ignore")
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        return all(_equal(value, getattr(other, name)) for name, value in self)
+
+    # Not hashable: pydantic would give frozen models a hash that fails on the first array.
+    __hash__ = BaseModel.__hash__
+
+
+class Hop(Record):
+    """One stage that handled the frame: when it got it and when it sent its own message, wall clock."""
+
+    stage: Name
+    received_ns: Nanoseconds
+    sent_ns: Nanoseconds
+
+
+class Header(Record):
+    """Which robot's which capture a message is about. On the wire it holds `schema` and `version` too."""
+
+    robot: Name
+    seq: Count
+    """Number of the message, counted by its sender."""
+    stamp_ns: Nanoseconds
+    """Capture time of the frame: what messages are joined by."""
+    frame_id: Name
+    trace: Annotated[tuple[Hop, ...], FailFast(), Field(strict=False, max_length=MAX_HOPS)] = ()
+
+    def with_hop(self, stage: str, received_ns: int, sent_ns: int) -> "Header":
+        """This header with one more hop; beyond the limit the oldest one goes."""
+        hop = Hop(stage=stage, received_ns=received_ns, sent_ns=sent_ns)
+        return self.model_copy(update={"trace": (*self.trace, hop)[-MAX_HOPS:]})
+
+
+def _equal(one: object, other: object) -> bool:
+    if isinstance(one, np.ndarray):
+        return isinstance(other, np.ndarray) and one.dtype == other.dtype and np.array_equal(one, other)
+    return not isinstance(other, np.ndarray) and one == other

@@ -1,0 +1,275 @@
+"""The messages of the dataflow, version 1.0.
+
+Units: metres, seconds (milliseconds where a name says _ms), integer nanoseconds. The camera frame is optical
+(x right, y down, z forward). Arrays are read-only views: of a decoded message into its payload, of a message
+made here into the arrays that it was made of, which must not be changed until it is encoded.
+
+Values are checked strictly, once, when a message is made or decoded. Fields that are not listed here are
+ignored, not refused: a newer minor version adds fields, and its messages must stay readable; a change that
+would mislead an old reader takes a new major version. Since a misspelt field is ignored as well, every field
+but the header's trace must be given: what is missing is refused.
+"""
+
+from typing import Annotated, ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import FailFast, Field, ValidationInfo, field_validator, model_validator
+
+from spot3d_schemas.fields import (
+    Array,
+    Boxes,
+    Byte,
+    Colour,
+    Count,
+    Depth,
+    Finite,
+    HeatImage,
+    Name,
+    Nanoseconds,
+    NonNegative,
+    PointColours,
+    PointCounts,
+    PointHeat,
+    Points,
+    Positive,
+    Reasons,
+    Rotation,
+    Text,
+    Transform,
+    Vector,
+)
+from spot3d_schemas.header import Header, Record
+from spot3d_schemas.limits import (
+    MAX_FIELD_BYTES,
+    MAX_IMAGE_PIXELS,
+    MAX_IMAGE_SIDE,
+    MAX_OBJECTS,
+    MAX_OBJECTS_BYTES,
+    MAX_OBJECTS_VALUES,
+    MAX_VALUES,
+)
+
+
+class CameraIntrinsics(Record):
+    """Pinhole intrinsics in pixels for exactly one image size; pixel centres are at integer coordinates."""
+
+    fx: Positive
+    fy: Positive
+    cx: Finite
+    cy: Finite
+    width: Annotated[int, Field(ge=1, le=MAX_IMAGE_SIDE)]
+    height: Annotated[int, Field(ge=1, le=MAX_IMAGE_SIDE)]
+
+    @model_validator(mode="after")
+    def _within_limit(self) -> Self:
+        if self.width * self.height > MAX_IMAGE_PIXELS:
+            raise ValueError(f"{self.width}x{self.height} is beyond the limit of {MAX_IMAGE_PIXELS} pixels")
+        return self
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Image shape (height, width), as NumPy states it."""
+        return (self.height, self.width)
+
+
+class Message(Record):
+    """What every message has."""
+
+    SCHEMA: ClassVar[str]
+    VERSION: ClassVar[str] = "1.0"
+    MAX_VALUES: ClassVar[int] = MAX_VALUES
+    MAX_FIELD_BYTES: ClassVar[int] = MAX_FIELD_BYTES
+
+    header: Header
+
+
+class RgbdMessage(Message):
+    """What Frame and Heat share: one RGB-D image with its units and intrinsics.
+
+    colour: (h, w, 3) uint8 RGB, registered with depth.
+    depth: (h, w) uint16 in units of `depth_scale` metres, or float32 metres (`depth_scale` 1); 0 = invalid.
+    """
+
+    intrinsics: CameraIntrinsics
+    depth_scale: Positive
+    colour: Colour
+    depth: Depth
+
+    @field_validator("colour", "depth", "heat", check_fields=False)
+    @classmethod
+    def _has_the_size_of_the_intrinsics(cls, image: Array, info: ValidationInfo) -> Array:
+        intrinsics = info.data.get("intrinsics")
+        if intrinsics is not None and image.shape[:2] != intrinsics.shape:
+            raise ValueError(f"is {list(image.shape)}, but the intrinsics are for {list(intrinsics.shape)} (h, w)")
+        return image
+
+    @field_validator("depth")
+    @classmethod
+    def _float_depth_is_metres(cls, depth: Array, info: ValidationInfo) -> Array:
+        if depth.dtype == np.float32 and info.data.get("depth_scale", 1) != 1:
+            raise ValueError("float32 depth is in metres: depth_scale must be 1")
+        return depth
+
+
+class Frame(RgbdMessage):
+    """An RGB-D frame. T_world_camera: (4, 4) float64 pose that the source itself knows, or None."""
+
+    SCHEMA: ClassVar[str] = "spot3d.Frame"
+
+    T_world_camera: Transform | None
+
+
+class Heat(RgbdMessage):
+    """A frame's weighted 2D heatmap with all that fusion needs of the frame (paper, Sec. III-B, Eq. 5).
+
+    heat: (h, w) uint8, 255 = the frame's maximum. accepted, masked, rejected: counts of boxes (hard filter).
+    """
+
+    SCHEMA: ClassVar[str] = "spot3d.Heat"
+
+    heat: HeatImage
+    accepted: Count
+    masked: Count
+    rejected: Count
+
+
+class End(Message):
+    """The source's stream has ended; said again and again until fusion's progress answers that it is complete.
+
+    The header's stamp is that of the last frame. frames_sent: how many there were.
+    """
+
+    SCHEMA: ClassVar[str] = "spot3d.End"
+
+    frames_sent: Count
+
+
+class Pose(Message):
+    """The camera's pose at one capture. "lost": not to be fused, and `reason` says why."""
+
+    SCHEMA: ClassVar[str] = "spot3d.Pose"
+
+    T_world_camera: Transform
+    status: Literal["ok", "lost"]
+    reason: Text
+    provider: Name
+
+
+class Proposals(Message):
+    """Generic boxes of one frame. boxes: (M, 5) float32 [x, y, w, h, c], pixels and confidence."""
+
+    SCHEMA: ClassVar[str] = "spot3d.Proposals"
+
+    boxes: Boxes
+
+
+class Object3D(Record):
+    """One object's box. centre, size: (3,) m. rotation: (3, 3), columns = the box's axes. World frame."""
+
+    id: Count
+    confidence: NonNegative
+    views: Count
+    centre: Vector
+    size: Vector
+    rotation: Rotation
+    points: Count
+    colour: Annotated[tuple[Byte, Byte, Byte], Field(strict=False)]
+    """Mean colour, RGB."""
+
+    @field_validator("size")
+    @classmethod
+    def _size_is_not_negative(cls, size: Array) -> Array:
+        if (size < 0).any():
+            raise ValueError(f"is {size.tolist()}; no side may be negative")
+        return size
+
+
+class Objects(Message):
+    """All objects known after `frame_count` fused frames. up: (3,) the supporting planes' normal, world.
+
+    complete: the source's stream has ended, and these are the objects of all its frames.
+    """
+
+    SCHEMA: ClassVar[str] = "spot3d.Objects"
+    MAX_VALUES: ClassVar[int] = MAX_OBJECTS_VALUES
+    MAX_FIELD_BYTES: ClassVar[int] = MAX_OBJECTS_BYTES
+
+    objects: Annotated[tuple[Object3D, ...], FailFast(), Field(strict=False, max_length=MAX_OBJECTS)]
+    up: Vector
+    frame_count: Count
+    map_points: Count
+    map_limit_reached: bool
+    complete: bool
+
+
+class MapPoints(Message):
+    """A bounded snapshot of the 3D heatmap, N of its `total` points.
+
+    xyz: (N, 3) float32 m, world. rgb: (N, 3) uint8. heat: (N,) float32 pseudo-average confidence.
+    frequency: (N,) uint32 frames that saw the point.
+    """
+
+    SCHEMA: ClassVar[str] = "spot3d.MapPoints"
+
+    xyz: Points
+    rgb: PointColours
+    heat: PointHeat
+    frequency: PointCounts
+    total: Count
+
+    @field_validator("rgb", "heat", "frequency")
+    @classmethod
+    def _one_for_each_point(cls, values: Array, info: ValidationInfo) -> Array:
+        xyz = info.data.get("xyz")
+        if xyz is not None and len(values) != len(xyz):
+            raise ValueError(f"has {len(values)} rows, but xyz has {len(xyz)}")
+        return values
+
+
+class Progress(Message):
+    """What fusion has done with the frames so far; the source's credit in a lossless run.
+
+    All frames up to `last_stamp_ns` are accounted for: fused or skipped. complete: so is the whole stream,
+    and the last objects are published.
+    """
+
+    SCHEMA: ClassVar[str] = "spot3d.Progress"
+
+    fused: Count
+    skipped: Reasons
+    last_stamp_ns: Nanoseconds
+    complete: bool
+
+
+class Health(Message):
+    """How one stage's process fares. Rates and times are None until there is something to measure.
+
+    drops: messages that were not worked on, by reason. events: what happened that lost nothing, by kind.
+    latency: from the trace's first hop to this stage's message, by wall clock. step: the core's own time.
+    """
+
+    SCHEMA: ClassVar[str] = "spot3d.Health"
+
+    stage: Name
+    pid: Count
+    uptime_s: NonNegative
+    received: Count
+    published: Count
+    drops: Reasons
+    events: Reasons
+    errors: Count
+    last_error: Text
+    rate_hz: NonNegative | None
+    latency_ms_p50: Finite | None
+    latency_ms_p99: Finite | None
+    step_ms_p50: NonNegative | None
+    step_ms_p99: NonNegative | None
+    cpu_s: NonNegative
+    rss_bytes: Count
+    threads: Count
+
+
+MESSAGES: dict[str, type[Message]] = {
+    message.__name__: message for message in (Frame, End, Pose, Proposals, Heat, Objects, MapPoints, Progress, Health)
+}
+"""Every message by its short name."""

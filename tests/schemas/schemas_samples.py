@@ -1,0 +1,260 @@
+"""Messages for the contract's tests: one small sample of each, and strategies for arbitrary ones."""
+
+from typing import Any
+
+import numpy as np
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from spot3d_schemas import (
+    CameraIntrinsics,
+    End,
+    Frame,
+    Header,
+    Health,
+    Heat,
+    Hop,
+    MapPoints,
+    Message,
+    Object3D,
+    Objects,
+    Pose,
+    Progress,
+    Proposals,
+)
+
+HEADER = Header(robot="drone", seq=7, stamp_ns=1_700_000_000_123_456_789, frame_id="camera").with_hop("source", 1, 2)
+
+
+def rgbd(height: int = 4, width: int = 6, dtype: Any = np.uint16) -> dict[str, Any]:
+    """The fields that Frame and Heat share, for a smooth synthetic image."""
+    ramp = np.arange(height * width).reshape(height, width)
+    return {
+        "header": HEADER,
+        "intrinsics": CameraIntrinsics(fx=5.0, fy=5.5, cx=2.0, cy=1.0, width=width, height=height),
+        "depth_scale": 0.001 if dtype == np.uint16 else 1.0,
+        "colour": np.repeat((ramp % 256).astype(np.uint8)[:, :, None], 3, axis=2),
+        "depth": (1000 + ramp % 3000).astype(dtype),
+    }
+
+
+def quarter_turn() -> np.ndarray:
+    """A rigid transform (4, 4)."""
+    return np.array([[0.0, -1, 0, 0.5], [1, 0, 0, -2], [0, 0, 1, 3], [0, 0, 0, 1]])
+
+
+BOX = Object3D(
+    id=3,
+    confidence=0.5,
+    views=12,
+    centre=np.array([0.1, 0.2, 0.3]),
+    size=np.array([0.1, 0.1, 0.2]),
+    rotation=np.eye(3),
+    points=400,
+    colour=(10, 20, 30),
+)
+
+SAMPLES: dict[str, Message] = {
+    "Frame": Frame(**rgbd(), T_world_camera=quarter_turn()),
+    "End": End(header=HEADER, frames_sent=300),
+    "Pose": Pose(header=HEADER, T_world_camera=quarter_turn(), status="ok", reason="", provider="kiss-icp"),
+    "Proposals": Proposals(header=HEADER, boxes=np.arange(15, dtype=np.float32).reshape(3, 5)),
+    "Heat": Heat(**rgbd(), heat=np.full((4, 6), 255, np.uint8), accepted=1, masked=2, rejected=3),
+    "Objects": Objects(
+        header=HEADER,
+        objects=(BOX,),
+        up=np.array([0.0, 0, 1]),
+        frame_count=9,
+        map_points=1000,
+        map_limit_reached=False,
+        complete=False,
+    ),
+    "MapPoints": MapPoints(
+        header=HEADER,
+        xyz=np.ones((2, 3), np.float32),
+        rgb=np.full((2, 3), 9, np.uint8),
+        heat=np.array([0.25, 0.5], np.float32),
+        frequency=np.array([5, 6], np.uint32),
+        total=20,
+    ),
+    "Progress": Progress(header=HEADER, fused=5, skipped={"pose lost": 2}, last_stamp_ns=77, complete=True),
+    "Health": Health(
+        header=HEADER,
+        stage="fusion",
+        pid=1,
+        uptime_s=2.5,
+        received=3,
+        published=4,
+        drops={"late": 1},
+        events={"intrinsics changed": 1},
+        errors=0,
+        last_error="",
+        rate_hz=29.9,
+        latency_ms_p50=-0.5,
+        latency_ms_p99=8.0,
+        step_ms_p50=None,
+        step_ms_p99=None,
+        cpu_s=1.0,
+        rss_bytes=10**9,
+        threads=4,
+    ),
+}
+
+_counts = st.integers(0, 2**63 - 1)
+_names = st.text(
+    st.characters(codec="utf-8", exclude_characters="/*$#?@", exclude_categories=["Z", "C"]),
+    min_size=1,
+    max_size=16,
+)
+_finite = st.floats(allow_nan=False, allow_infinity=False)
+_non_negative = st.floats(0, allow_nan=False, allow_infinity=False)
+_positive = st.floats(0, exclude_min=True, allow_nan=False, allow_infinity=False)
+_texts = st.text(max_size=50)
+_reasons = st.dictionaries(st.text(max_size=16), _counts, max_size=4)
+_vectors = hnp.arrays(np.float64, 3, elements=_finite)
+
+
+def _rotation(axis_angle: np.ndarray) -> np.ndarray:
+    """Rodrigues' formula, plain."""
+    angle = float(np.linalg.norm(axis_angle))
+    x, y, z = axis_angle / angle if angle > 1e-6 else (0.0, 0.0, 1.0)
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * (K @ K)
+
+
+_rotations = hnp.arrays(np.float64, 3, elements=st.floats(-4, 4)).map(_rotation)
+
+
+@st.composite
+def _transforms(draw: st.DrawFn) -> np.ndarray:
+    T = np.eye(4)
+    T[:3, :3] = draw(_rotations)
+    T[:3, 3] = draw(_vectors)
+    return T
+
+
+_hops = st.builds(Hop, stage=_names, received_ns=_counts, sent_ns=_counts)
+_headers = st.builds(
+    Header,
+    robot=_names,
+    seq=_counts,
+    stamp_ns=_counts,
+    frame_id=_names,
+    trace=st.lists(_hops, max_size=3).map(tuple),
+)
+
+
+@st.composite
+def _rgbd(draw: st.DrawFn) -> dict[str, Any]:
+    height, width = draw(st.integers(1, 9)), draw(st.integers(1, 9))
+    dtype = draw(st.sampled_from([np.uint16, np.float32]))
+    return {
+        "header": draw(_headers),
+        "intrinsics": CameraIntrinsics(
+            fx=draw(_positive),
+            fy=draw(_positive),
+            cx=draw(_finite),
+            cy=draw(_finite),
+            width=width,
+            height=height,
+        ),
+        "depth_scale": draw(_positive) if dtype == np.uint16 else 1.0,
+        "colour": draw(hnp.arrays(np.uint8, (height, width, 3))),
+        "depth": draw(hnp.arrays(dtype, (height, width))),
+    }
+
+
+@st.composite
+def _frames(draw: st.DrawFn) -> Frame:
+    return Frame(**draw(_rgbd()), T_world_camera=draw(st.none() | _transforms()))
+
+
+@st.composite
+def _heats(draw: st.DrawFn) -> Heat:
+    fields = draw(_rgbd())
+    heat = draw(hnp.arrays(np.uint8, fields["depth"].shape))
+    return Heat(**fields, heat=heat, accepted=draw(_counts), masked=draw(_counts), rejected=draw(_counts))
+
+
+@st.composite
+def _map_points(draw: st.DrawFn) -> MapPoints:
+    n = draw(st.integers(0, 5))
+    return MapPoints(
+        header=draw(_headers),
+        xyz=draw(hnp.arrays(np.float32, (n, 3))),
+        rgb=draw(hnp.arrays(np.uint8, (n, 3))),
+        heat=draw(hnp.arrays(np.float32, n)),
+        frequency=draw(hnp.arrays(np.uint32, n)),
+        total=draw(_counts),
+    )
+
+
+_boxes = st.integers(0, 5).flatmap(
+    lambda m: hnp.arrays(np.float32, (m, 5), elements=st.floats(allow_nan=False, allow_infinity=False, width=32))
+)
+_objects = st.builds(
+    Object3D,
+    id=_counts,
+    confidence=_non_negative,
+    views=_counts,
+    centre=_vectors,
+    size=hnp.arrays(np.float64, 3, elements=_non_negative),
+    rotation=_rotations,
+    points=_counts,
+    colour=st.tuples(*[st.integers(0, 255)] * 3),
+)
+
+MESSAGES_OF: dict[str, st.SearchStrategy[Message]] = {
+    "Frame": _frames(),
+    "End": st.builds(End, header=_headers, frames_sent=_counts),
+    "Pose": st.builds(
+        Pose,
+        header=_headers,
+        T_world_camera=_transforms(),
+        status=st.sampled_from(["ok", "lost"]),
+        reason=_texts,
+        provider=_names,
+    ),
+    "Proposals": st.builds(Proposals, header=_headers, boxes=_boxes),
+    "Heat": _heats(),
+    "Objects": st.builds(
+        Objects,
+        header=_headers,
+        objects=st.lists(_objects, max_size=3).map(tuple),
+        up=_vectors,
+        frame_count=_counts,
+        map_points=_counts,
+        map_limit_reached=st.booleans(),
+        complete=st.booleans(),
+    ),
+    "MapPoints": _map_points(),
+    "Progress": st.builds(
+        Progress,
+        header=_headers,
+        fused=_counts,
+        skipped=_reasons,
+        last_stamp_ns=_counts,
+        complete=st.booleans(),
+    ),
+    "Health": st.builds(
+        Health,
+        header=_headers,
+        stage=_names,
+        pid=_counts,
+        uptime_s=_non_negative,
+        received=_counts,
+        published=_counts,
+        drops=_reasons,
+        events=_reasons,
+        errors=_counts,
+        last_error=_texts,
+        rate_hz=st.none() | _non_negative,
+        latency_ms_p50=st.none() | _finite,
+        latency_ms_p99=st.none() | _finite,
+        step_ms_p50=st.none() | _non_negative,
+        step_ms_p99=st.none() | _non_negative,
+        cpu_s=_non_negative,
+        rss_bytes=_counts,
+        threads=_counts,
+    ),
+}
