@@ -1,0 +1,218 @@
+"""Overlap of boxes, and the rates that follow from it: IoU, detection rate, success rate, recall curve."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+# Rotations pass through JSON and float32 messages; more than this is no rounding but another matrix.
+ROTATION_TOLERANCE = 1e-4
+
+# Corners of a box in units of its half sizes, and its faces, counter-clockwise as seen from outside.
+_CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
+_FACES = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Box3D:
+    """A box of any rotation, in metres, validated here.
+
+    centre: (3,) float64, world. size: (3,) float64, full edge lengths, >= 0.
+    rotation: (3, 3) float64, columns are the box's axes in the world frame, right-handed.
+    """
+
+    centre: NDArray[np.float64]
+    size: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for name, shape in (("centre", (3,)), ("size", (3,)), ("rotation", (3, 3))):
+            values = np.asarray(getattr(self, name), dtype=np.float64)
+            if values.shape != shape or not np.isfinite(values).all():
+                raise ValueError(f"box {name} must be finite with shape {shape}, got {values.tolist()}")
+            object.__setattr__(self, name, values)
+        if (self.size < 0).any():
+            raise ValueError(f"box size must not be negative, got {self.size.tolist()}")
+        skew = np.abs(self.rotation.T @ self.rotation - np.eye(3)).max()
+        if skew > ROTATION_TOLERANCE or np.linalg.det(self.rotation) < 0:
+            raise ValueError(f"box rotation is no right-handed rotation matrix: {self.rotation.tolist()}")
+
+    @property
+    def volume(self) -> float:
+        """Volume in cubic metres."""
+        return float(np.prod(self.size))
+
+
+def iou_matrix_2d(boxes_a: ArrayLike, boxes_b: ArrayLike) -> NDArray[np.float64]:
+    """Intersection over union of every box of one set with every box of the other (paper, Eq. IoU_ori).
+
+    boxes_a: (A, 4 or more), boxes_b: (B, 4 or more), columns x, y, w, h in pixels, continuous: the area is
+    w * h; more columns (a confidence) are ignored. Returns (A, B) float64; a pair without area has IoU 0.
+    Raises ValueError for another shape, a negative size or a value that is not finite.
+    """
+    a, b = _rectangles(boxes_a), _rectangles(boxes_b)
+    low = np.maximum(a[:, None, :2], b[None, :, :2])
+    high = np.minimum(a[:, None, :2] + a[:, None, 2:], b[None, :, :2] + b[None, :, 2:])
+    intersection = np.prod(np.maximum(high - low, 0), axis=-1)
+    return _over_union(intersection, np.prod(a[:, None, 2:], axis=-1), np.prod(b[None, :, 2:], axis=-1))
+
+
+def _rectangles(boxes: ArrayLike) -> NDArray[np.float64]:
+    values = np.asarray(boxes, dtype=np.float64)
+    if values.size == 0:
+        return np.zeros((0, 4))
+    if values.ndim != 2 or values.shape[1] < 4:
+        raise ValueError(f"2D boxes must be (M, 4) [x, y, w, h], got shape {values.shape}")
+    values = values[:, :4]
+    if not np.isfinite(values).all() or (values[:, 2:] < 0).any():
+        raise ValueError("2D boxes must be finite with sizes that are not negative")
+    return values
+
+
+def iou_matrix_3d(boxes_a: Sequence[Box3D], boxes_b: Sequence[Box3D]) -> NDArray[np.float64]:
+    """Exact 3D intersection over union of every box of one set with every box of the other.
+
+    The first box's faces are clipped by the second's half-spaces and the volume follows from the divergence
+    theorem; nothing is sampled. Returns (A, B) float64; a pair without volume (flat boxes) has IoU 0.
+    """
+    result = np.zeros((len(boxes_a), len(boxes_b)))
+    if result.size == 0:
+        return result
+    centre_b = np.stack([box.centre for box in boxes_b])
+    half_b = np.stack([box.size for box in boxes_b]) / 2
+    rotation_b = np.stack([box.rotation for box in boxes_b])
+    volume_b = np.array([box.volume for box in boxes_b])
+    radius_b = np.linalg.norm(half_b, axis=1)
+    for row, box in zip(result, boxes_a, strict=True):
+        reach = float(np.linalg.norm(box.size)) / 2 + radius_b
+        near = np.flatnonzero(np.linalg.norm(centre_b - box.centre, axis=1) < reach)
+        if near.size:
+            corners = box.centre + (_CORNERS * box.size / 2) @ box.rotation.T
+            # Row vectors times R = R^T times column vectors: world corners in each other box's own axes.
+            local = (corners - centre_b[near, None]) @ rotation_b[near]
+            row[near] = _over_union(_clipped_volume(local, half_b[near]), box.volume, volume_b[near])
+    return result
+
+
+def _over_union(
+    intersection: NDArray[np.float64], size_a: NDArray[np.float64] | float, size_b: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """IoU from areas or volumes; rounding cannot leave [0, 1], and nothing over nothing is 0."""
+    inner = np.clip(intersection, 0, np.minimum(size_a, size_b))
+    union = size_a + size_b - inner
+    return np.divide(inner, union, out=np.zeros_like(union), where=union > 0)
+
+
+def _clipped_volume(corners: NDArray[np.float64], half: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Volume of the parts of P boxes, corners (P, 8, 3), inside [-half, half], half (P, 3); returns (P,) m^3.
+
+    Divergence theorem with the field (0, 0, z clamped to the slab): its flux out of the box's part within the
+    column |x|, |y| <= half is the volume sought. The column's walls are parallel to the field and the flux is
+    continuous where faces coincide, so no wall needs to be built and coplanar faces are no special case.
+    """
+    faces = corners[:, _FACES].reshape(-1, 4, 3)
+    limit = np.repeat(half, len(_FACES), axis=0)
+    for axis in (0, 1):
+        for sign in (1.0, -1.0):
+            faces = _clip(faces, axis, sign, limit[:, axis])
+    above_bottom = _clip(faces, 2, -1.0, limit[:, 2])
+    above_top = _clip(above_bottom, 2, -1.0, -limit[:, 2])
+    flux = _flux_above(above_bottom, -limit[:, 2]) - _flux_above(above_top, limit[:, 2])
+    return np.asarray(flux.reshape(-1, len(_FACES)).sum(axis=1))
+
+
+def _clip(polygons: NDArray[np.float64], axis: int, sign: float, limit: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sutherland-Hodgman: the parts of F convex polygons (F, V, 3) where sign * coordinate <= limit (F,).
+
+    Polygons with fewer vertices than the others repeat their first one, which adds no area.
+    """
+    distance = limit[:, None] - sign * polygons[:, :, axis]
+    following, distance_following = np.roll(polygons, -1, axis=1), np.roll(distance, -1, axis=1)
+    inside = distance >= 0
+    crossing = inside != np.roll(inside, -1, axis=1)
+    step = np.divide(distance, distance - distance_following, out=np.zeros_like(distance), where=crossing)
+    cut = polygons + step[:, :, None] * (following - polygons)
+
+    count, width = distance.shape
+    vertices = np.stack((polygons, cut), axis=2).reshape(count, 2 * width, 3)
+    valid = np.stack((inside, crossing), axis=2).reshape(count, 2 * width)
+    kept = max(int(valid.sum(axis=1).max()), 3)
+    order = np.argsort(~valid, axis=1, kind="stable")[:, :kept]
+    vertices = np.take_along_axis(vertices, order[:, :, None], axis=1)
+    return np.where(np.take_along_axis(valid, order, axis=1)[:, :, None], vertices, vertices[:, :1])
+
+
+def _flux_above(polygons: NDArray[np.float64], level: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Flux (F,) of the field (0, 0, z - level) through polygons (F, V, 3), as fans of triangles."""
+    first, second, third = polygons[:, :1], polygons[:, 1:-1], polygons[:, 2:]
+    p, q = second - first, third - first
+    area_xy = (p[:, :, 0] * q[:, :, 1] - p[:, :, 1] * q[:, :, 0]) / 2
+    mean_z = (first[:, :, 2] + second[:, :, 2] + third[:, :, 2]) / 3
+    return np.asarray((area_xy * (mean_z - level[:, None])).sum(axis=1))
+
+
+def iou_per_truth(iou: NDArray[np.float64]) -> NDArray[np.float64]:
+    """IoU(i): the best overlap of each true object with any proposal (paper, Sec. V-A, Eq. IoU_ori).
+
+    iou: (N, M) of N true objects and M proposals. Returns (N,); 0 without proposals.
+    """
+    return np.asarray(iou.max(axis=1, initial=0.0))
+
+
+def iou_per_proposal(iou: NDArray[np.float64]) -> NDArray[np.float64]:
+    """IoU_o(j), modified IoU: each proposal's best overlap with a true object (paper, Sec. V-A, Eq. IoU).
+
+    iou: (N, M) of N true objects and M proposals. Returns (M,); 0 without true objects.
+    """
+    return np.asarray(iou.max(axis=0, initial=0.0))
+
+
+def detection_rate(scenes: Sequence[NDArray[np.float64]], threshold: float = 0.5) -> float:
+    """DR: the part of the true objects that a proposal overlaps with IoU >= threshold (paper, Eq. DR).
+
+    scenes: one IoU matrix (N_k, M_k) for each scene. The paper divides by N * K, as if each scene had N
+    objects; here N_k differs and the objects of all scenes are pooled (hits / objects): the same for equal N.
+    Returns nan when there is no true object at all.
+    """
+    return _rate_at_least(_pooled_truths(scenes), threshold)
+
+
+def success_rate(scenes: Sequence[NDArray[np.float64]], threshold: float = 0.5) -> float:
+    """SR: the part of the proposals that overlap a true object with IoU >= threshold (paper, Sec. V-A).
+
+    scenes: one IoU matrix (N_k, M_k) for each scene; the proposals of all scenes are pooled, as for the
+    detection rate. Returns nan when there is no proposal at all.
+    """
+    return _rate_at_least(_pooled_proposals(scenes), threshold)
+
+
+def mean_iou(scenes: Sequence[NDArray[np.float64]]) -> float:
+    """Mean IoU over the true objects of all scenes (paper, Table III, IoU); nan without any."""
+    best = _pooled_truths(scenes)
+    return float(best.mean()) if best.size else float("nan")
+
+
+def mean_modified_iou(scenes: Sequence[NDArray[np.float64]]) -> float:
+    """Mean modified IoU over the proposals of all scenes (paper, Table III, IoU_o); nan without any."""
+    best = _pooled_proposals(scenes)
+    return float(best.mean()) if best.size else float("nan")
+
+
+def recall_curve(scenes: Sequence[NDArray[np.float64]], thresholds: ArrayLike) -> NDArray[np.float64]:
+    """Detection rate at each IoU threshold (T,): the paper's recall curve (Fig. 12). Returns (T,)."""
+    best = _pooled_truths(scenes)
+    steps = np.asarray(thresholds, dtype=np.float64)
+    return np.array([_rate_at_least(best, float(threshold)) for threshold in steps])
+
+
+def _pooled_truths(scenes: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    return np.concatenate([np.zeros(0), *(iou_per_truth(iou) for iou in scenes)])
+
+
+def _pooled_proposals(scenes: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    return np.concatenate([np.zeros(0), *(iou_per_proposal(iou) for iou in scenes)])
+
+
+def _rate_at_least(best: NDArray[np.float64], threshold: float) -> float:
+    return float(np.mean(best >= threshold)) if best.size else float("nan")

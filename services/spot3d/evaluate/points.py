@@ -1,0 +1,88 @@
+"""Point-wise precision, recall and F-measure of 3D boxes against a labelled cloud (paper, Sec. V-B)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import nan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.boxes import Box3D
+
+BACKGROUND = 0
+IGNORED = 255
+# Slack in metres of the bounds that only preselect points, so that rounding loses none on a surface.
+ROUNDING = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class PointScores:
+    """Precision, recall and F-measure in percent; nan where undefined (nothing to divide by)."""
+
+    precision: float
+    recall: float
+    f_measure: float
+
+
+def points_in_boxes(xyz: NDArray[np.floating], boxes: Sequence[Box3D]) -> NDArray[np.bool_]:
+    """Which points lie in at least one box, its surface included.
+
+    xyz: (N, 3) metres, in the boxes' frame; points that are not finite lie nowhere. Returns (N,) bool.
+    """
+    if xyz.ndim != 2 or xyz.shape[1] != 3:
+        raise ValueError(f"points must be (N, 3), got shape {xyz.shape}")
+    # Sorted along x once, each box looks at its own contiguous stretch of points only.
+    order = np.argsort(xyz[:, 0])
+    x, y, z = (np.ascontiguousarray(column, dtype=np.float64) for column in xyz[order].T)
+    inside = np.zeros(len(xyz), dtype=np.bool_)
+    for box in boxes:
+        half = box.size / 2
+        low, high = box.centre[0] + np.array((-1, 1)) * (np.abs(box.rotation[0]) @ half + ROUNDING)
+        stretch = slice(np.searchsorted(x, low), np.searchsorted(x, high))
+        offset = np.stack((x[stretch], y[stretch], z[stretch])) - box.centre[:, None]
+        inside[stretch] |= (np.abs(box.rotation.T @ offset) <= half[:, None]).all(axis=0)
+    found = np.empty_like(inside)
+    found[order] = inside
+    return found
+
+
+def point_scores(xyz: NDArray[np.floating], label: NDArray[np.integer], boxes: Sequence[Box3D]) -> PointScores:
+    """AP, AR and F of one scene's proposals, in percent (paper, Sec. V-B, TP and FP).
+
+    xyz: (N, 3) metres, in the boxes' frame. label: (N,) integers: 0 background (redundant points),
+    255 ignored, all others points of interest. A point counts once, however many boxes hold it.
+    Precision is nan when the boxes hold no labelled point, recall when there is no point of interest; F is
+    2 TP / (2 TP + FP + FN), so 0 and not nan when nothing is proposed where there is something to find.
+    """
+    if label.shape != (len(xyz),):
+        raise ValueError(f"one label per point: {len(xyz)} points, labels of shape {label.shape}")
+    inside = points_in_boxes(xyz, boxes)
+    of_interest = (label != BACKGROUND) & (label != IGNORED)
+    true_positive = int(np.count_nonzero(inside & of_interest))
+    false_positive = int(np.count_nonzero(inside & (label == BACKGROUND)))
+    missed = int(np.count_nonzero(of_interest)) - true_positive
+    return PointScores(
+        precision=_percent(true_positive, true_positive + false_positive),
+        recall=_percent(true_positive, true_positive + missed),
+        f_measure=_percent(2 * true_positive, 2 * true_positive + false_positive + missed),
+    )
+
+
+def mean_point_scores(scenes: Sequence[PointScores]) -> PointScores:
+    """Average over scenes: mean precision, mean recall, and the F-measure of these means (paper, Table IV).
+
+    A scene whose value is undefined is left out of that mean; nan when none is left.
+    """
+    precision = _mean_defined([scene.precision for scene in scenes])
+    recall = _mean_defined([scene.recall for scene in scenes])
+    total = precision + recall
+    return PointScores(precision, recall, 2 * precision * recall / total if total else 0.0)
+
+
+def _percent(part: int, whole: int) -> float:
+    return 100.0 * part / whole if whole else nan
+
+
+def _mean_defined(values: Sequence[float]) -> float:
+    defined = [value for value in values if not np.isnan(value)]
+    return float(np.mean(defined)) if defined else nan

@@ -1,0 +1,187 @@
+"""Truth to measure against, and the objects of a finished run, read from files."""
+
+import json
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, FiniteFloat, ValidationError
+
+from spot3d.boxes import Box3D
+
+Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+Matrix = tuple[Vector, Vector, Vector]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelledScene:
+    """A scene's true objects and labelled cloud, in the world frame.
+
+    names, labels, boxes: one entry per object; labels are the values that `label` uses for its points.
+    up: (3,) float64 unit normal of the supporting plane. xyz: (N, 3) float32 metres.
+    label: (N,) uint8, 0 = background, 255 = ignored, others = the object of that label.
+    """
+
+    names: tuple[str, ...]
+    labels: tuple[int, ...]
+    boxes: tuple[Box3D, ...]
+    up: NDArray[np.float64]
+    xyz: NDArray[np.float32]
+    label: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class FoundObject:
+    """One object of a run's `objects.json`: its box in the world frame and how well it is supported."""
+
+    id: int
+    box: Box3D
+    confidence: float
+    views: int
+    points: int
+
+
+class _MinAreaBox(BaseModel):
+    centre: Vector
+    size: Vector
+    yaw_rad: FiniteFloat
+
+
+class _LabelledObject(BaseModel):
+    name: str
+    label: int
+    min_area_box: _MinAreaBox
+
+
+class _Labels(BaseModel):
+    R_aligned_world: Matrix
+    plane_offset: FiniteFloat
+    objects: list[_LabelledObject]
+
+
+class _FoundRecord(BaseModel):
+    id: int
+    centre: Vector
+    size: Vector
+    rotation: Matrix
+    points: int
+    confidence: FiniteFloat
+    views: int
+
+
+class _Objects(BaseModel):
+    objects: list[_FoundRecord]
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def read_labelled_scene(folder: Path) -> LabelledScene:
+    """True boxes and labelled points from a folder with `labels.json` and `labelled_cloud.npz`.
+
+    The file's boxes stand upright in an aligned frame whose z is the height above the supporting plane:
+    p_aligned = R_aligned_world @ p_world - (0, 0, plane_offset); yaw turns the box's x axis about that z.
+    Raises FileNotFoundError for a missing file and ValueError, naming file and field, for a broken one.
+    """
+    path = folder / "labels.json"
+    labels = _read_json(path, _Labels)
+    R_world_aligned = np.array(labels.R_aligned_world, dtype=np.float64).T
+    plane_offset = np.array((0.0, 0.0, labels.plane_offset))
+    boxes = []
+    for item in labels.objects:
+        shape = item.min_area_box
+        centre = R_world_aligned @ (np.array(shape.centre) + plane_offset)
+        boxes.append(_box(path, item.name, centre, shape.size, R_world_aligned @ _yaw(shape.yaw_rad)))
+    xyz, label = _read_labelled_cloud(folder / "labelled_cloud.npz")
+    return LabelledScene(
+        names=tuple(item.name for item in labels.objects),
+        labels=tuple(item.label for item in labels.objects),
+        boxes=tuple(boxes),
+        up=R_world_aligned[:, 2],
+        xyz=xyz,
+        label=label,
+    )
+
+
+def read_cuboids(path: Path) -> tuple[Box3D, ...]:
+    """True boxes from a TUM-style `truth_objects.txt`; world frame with z up.
+
+    One box a line: x y z yaw half_length half_width half_height, in metres and radians; `#` begins a comment.
+    Raises FileNotFoundError for a missing file and ValueError, naming the line, for a broken one.
+    """
+    boxes = []
+    for number, line in enumerate(_existing(path).read_text(encoding="utf-8").splitlines(), start=1):
+        fields = line.split("#", 1)[0].split()
+        if not fields:
+            continue
+        try:
+            x, y, z, yaw, *half = (float(field) for field in fields)
+        except ValueError as error:
+            raise ValueError(f"{path}, line {number}: expected 7 numbers, got {line!r}") from error
+        if len(half) != 3:
+            raise ValueError(f"{path}, line {number}: expected 7 numbers, got {len(fields)}")
+        size = (2 * half[0], 2 * half[1], 2 * half[2])
+        boxes.append(_box(path, f"line {number}", np.array((x, y, z)), size, _yaw(yaw)))
+    return tuple(boxes)
+
+
+def read_found_objects(path: Path) -> tuple[FoundObject, ...]:
+    """Objects of a run from its `objects.json`; boxes in the world frame, metres.
+
+    Raises FileNotFoundError for a missing file and ValueError, naming file and field, for a broken one.
+    """
+    return tuple(
+        FoundObject(
+            id=item.id,
+            box=_box(path, f"object {item.id}", np.array(item.centre), item.size, np.array(item.rotation)),
+            confidence=item.confidence,
+            views=item.views,
+            points=item.points,
+        )
+        for item in _read_json(path, _Objects).objects
+    )
+
+
+def _yaw(angle: float) -> NDArray[np.float64]:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+
+
+def _box(path: Path, name: str, centre: NDArray[np.float64], size: Vector, rotation: NDArray[np.float64]) -> Box3D:
+    try:
+        return Box3D(centre, np.array(size), rotation)
+    except ValueError as error:
+        raise ValueError(f"{path}, {name}: {error}") from error
+
+
+def _existing(path: Path) -> Path:
+    if not path.is_file():
+        raise FileNotFoundError(f"{path} is missing")
+    return path
+
+
+def _read_json(path: Path, model: type[Model]) -> Model:
+    try:
+        return model.model_validate(json.loads(_existing(path).read_text(encoding="utf-8")))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "the document"
+        raise ValueError(f"{path}: {where}: {first['msg']}") from error
+    except ValueError as error:
+        raise ValueError(f"{path} is no valid JSON: {error}") from error
+
+
+def _read_labelled_cloud(path: Path) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    try:
+        with np.load(_existing(path), allow_pickle=False) as archive:
+            xyz, label = archive["xyz_world"], archive["label"]
+    except (EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path}: expected an archive with xyz_world and label: {error}") from error
+    if xyz.ndim != 2 or xyz.shape[1] != 3 or xyz.dtype.kind != "f":
+        raise ValueError(f"{path}: xyz_world must be floats (N, 3), got {xyz.dtype} {xyz.shape}")
+    if label.shape != (len(xyz),) or label.dtype != np.uint8:
+        raise ValueError(f"{path}: label must be uint8 ({len(xyz)},), got {label.dtype} {label.shape}")
+    return xyz.astype(np.float32, copy=False), label
