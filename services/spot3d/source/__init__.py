@@ -1,0 +1,1 @@
+"""Source stage: a recording or the built-in scene becomes frames, colour registered with depth."""

@@ -1,0 +1,96 @@
+"""The colour camera as seen from the depth camera, where the two are not registered."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from spot3d.camera import Intrinsics
+from spot3d.source.errors import SourceError
+from spot3d.source.text_files import ROTATION_TOLERANCE, read_text
+
+Row = Annotated[list[float], Field(min_length=4, max_length=4)]
+
+
+@dataclass(frozen=True, slots=True)
+class ColourCamera:
+    """Colour intrinsics, and T_colour_depth (4, 4) float64: depth camera points to colour camera points."""
+
+    intrinsics: Intrinsics
+    T_colour_depth: NDArray[np.float64]
+
+
+# The Kinect of 7-Scenes: its depth intrinsics by the data set's page; colour and transform by calibration,
+# checked by the depth edges falling on the objects' outlines in colour.
+SEVEN_SCENES_DEPTH = Intrinsics(585.0, 585.0, 320.0, 240.0, 640, 480)
+SEVEN_SCENES_COLOUR = ColourCamera(
+    Intrinsics(525.0, 525.0, 320.0, 240.0, 640, 480),
+    np.array(
+        [
+            [
+                9.9996518012567637e-01,
+                2.6765126468950343e-03,
+                -7.9041012313000904e-03,
+                -2.5558943178152542e-02,
+            ],
+            [
+                -2.7409311281316700e-03,
+                9.9996302803027592e-01,
+                -8.1504520778013286e-03,
+                1.0109636268061706e-04,
+            ],
+            [7.8819942130445332e-03, 8.1718328771890631e-03, 9.9993554558014031e-01, 2.0318321729487039e-03],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    ),
+)
+
+
+class _ColourFile(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+
+
+class _CalibrationFile(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    registered: bool = False
+    colour: _ColourFile | None = None
+    T_colour_depth: Annotated[list[Row], Field(min_length=4, max_length=4)] | None = None
+
+
+def load_calibration(folder: Path, depth: Intrinsics) -> ColourCamera | None:
+    """The folder's colour camera, or None where colour is registered with depth already.
+
+    `calibration.json` decides: `{"registered": true}`, or `{"colour": {"fx", "fy", "cx", "cy", "width",
+    "height"}, "T_colour_depth": 4x4 rows}` in pixels and metres. Without it, depth intrinsics equal to those
+    of 7-Scenes' Kinect mean its calibration. Raises SourceError if the file is malformed.
+    """
+    path = folder / "calibration.json"
+    if not path.is_file():
+        return SEVEN_SCENES_COLOUR if depth == SEVEN_SCENES_DEPTH else None
+    try:
+        entries = _CalibrationFile.model_validate(json.loads(read_text(path)))
+        if entries.registered:
+            return None
+        if entries.colour is None or entries.T_colour_depth is None:
+            raise ValueError('give "registered": true, or both "colour" and "T_colour_depth"')
+        T_colour_depth = np.array(entries.T_colour_depth)
+        rotation = T_colour_depth[:3, :3]
+        if not np.allclose(rotation @ rotation.T, np.eye(3), atol=ROTATION_TOLERANCE):
+            raise ValueError("T_colour_depth is no rotation and translation")
+        return ColourCamera(Intrinsics(**entries.colour.model_dump()), T_colour_depth)
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(str(part) for part in first["loc"])
+        raise SourceError(f"{path} is malformed: {field}: {first['msg']}") from None
+    except ValueError as error:
+        raise SourceError(f"{path} is malformed: {error}") from None

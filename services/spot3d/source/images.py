@@ -1,0 +1,41 @@
+"""Image files as arrays, with errors that say what is wrong with the file."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.source.errors import SourceError
+
+
+def read_colour(path: Path) -> NDArray[np.uint8]:
+    """Colour image (h, w, 3) uint8 RGB of a PNG or JPEG file. Raises SourceError if missing or unreadable."""
+    image = cv2.imdecode(_file_bytes(path), cv2.IMREAD_COLOR)
+    if image is None:
+        raise SourceError(f"{path} is no readable image; copy or convert the recording again")
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def read_depth(path: Path) -> NDArray[np.uint16]:
+    """Depth image (h, w) uint16 in the file's units. Raises SourceError unless it is 16-bit, one channel."""
+    image = cv2.imdecode(_file_bytes(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise SourceError(f"{path} is no readable image; copy or convert the recording again")
+    if image.dtype == np.uint8:
+        raise SourceError(f"{path} is 8-bit depth, which tells only 256 distances apart; export depth as 16-bit PNG")
+    if image.dtype != np.uint16 or image.ndim != 2:
+        raise SourceError(f"{path} is {image.dtype} {image.shape}; depth must be a 16-bit, one-channel PNG")
+    return np.asarray(image, np.uint16)
+
+
+def _file_bytes(path: Path) -> NDArray[np.uint8]:
+    try:
+        data = np.fromfile(path, np.uint8)
+    except FileNotFoundError:
+        raise SourceError(f"{path} is missing; is the recording complete?") from None
+    except OSError as error:
+        raise SourceError(f"{path} cannot be read: {error.strerror or error}") from error
+    if data.size == 0:
+        raise SourceError(f"{path} is empty; copy or convert the recording again")
+    return data

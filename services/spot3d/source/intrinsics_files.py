@@ -1,0 +1,79 @@
+"""Where the intrinsics come from: an option, a file of the recording, or published values."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from spot3d.camera import Intrinsics
+from spot3d.source.errors import SourceError
+from spot3d.source.text_files import read_matrix, read_text
+
+FocalAndCentre = tuple[float, float, float, float]
+
+# https://cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats, "Intrinsic Camera Calibration of the
+# Kinect".
+TUM_PUBLISHED: dict[str, FocalAndCentre] = {
+    "1": (517.3, 516.5, 318.6, 255.3),
+    "2": (520.9, 521.0, 325.1, 249.7),
+    "3": (535.4, 539.2, 320.1, 247.6),
+}
+HINT = "give them as --intrinsics fx,fy,cx,cy (pixels)"
+
+
+def parse_intrinsics(text: str, where: str = "--intrinsics") -> FocalAndCentre:
+    """(fx, fy, cx, cy) in pixels of `fx,fy,cx,cy`, commas or spaces. Raises SourceError if malformed."""
+    try:
+        fx, fy, cx, cy = (float(word) for word in text.replace(",", " ").split())
+    except ValueError:
+        raise SourceError(f"{where}: {text.strip()!r} is not four numbers fx,fy,cx,cy in pixels") from None
+    return fx, fy, cx, cy
+
+
+def seven_scenes_values(folder: Path) -> FocalAndCentre:
+    """(fx, fy, cx, cy) of the folder's `camera-intrinsics.txt`, a 3x3 matrix of the depth camera.
+
+    Raises SourceError if it is missing or malformed.
+    """
+    path = folder / "camera-intrinsics.txt"
+    if not path.is_file():
+        raise SourceError(f"no intrinsics: {path} is missing; {HINT}; 7-Scenes' own are 585,585,320,240")
+    matrix = read_matrix(path, 3)
+    if not (np.allclose(matrix[2], [0, 0, 1]) and matrix[1, 0] == 0):
+        raise SourceError(f"{path} is malformed: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+    return float(matrix[0, 0]), float(matrix[1, 1]), float(matrix[0, 2]), float(matrix[1, 2])
+
+
+def tum_values(folder: Path) -> FocalAndCentre:
+    """(fx, fy, cx, cy) of `intrinsics.txt` (`# fx fy cx cy`, then the numbers), else of TUM's published ones.
+
+    The published values go by `freiburg1..3` (or `fr1..3`) in the folder's name. Raises SourceError if
+    neither is there or the file is malformed.
+    """
+    path = folder / "intrinsics.txt"
+    if path.is_file():
+        lines = [line.split("#")[0].strip() for line in read_text(path).splitlines()]
+        return parse_intrinsics(" ".join(line for line in lines if line), str(path))
+    match = re.search(r"(?:freiburg|(?<![a-z])fr)([123])(?!\d)", folder.resolve().name.lower())
+    if match is None:
+        raise SourceError(
+            f"no intrinsics: {path} is missing and {folder.resolve().name!r} names no TUM camera "
+            f"(freiburg1, 2 or 3); {HINT}"
+        )
+    return TUM_PUBLISHED[match[1]]
+
+
+def intrinsics_for(values: FocalAndCentre, shape: tuple[int, int], where: str) -> Intrinsics:
+    """Intrinsics for an image of `shape` (h, w). Raises SourceError if they cannot belong to that size."""
+    fx, fy, cx, cy = values
+    height, width = shape
+    try:
+        intrinsics = Intrinsics(fx, fy, cx, cy, width, height)
+    except ValueError as error:
+        raise SourceError(f"{where}: {error}") from error
+    if not (0 <= cx < width and 0 <= cy < height):
+        raise SourceError(
+            f"{where}: the principal point ({cx:g}, {cy:g}) is outside of the {width}x{height} image; "
+            "are these the intrinsics of another image size?"
+        )
+    return intrinsics

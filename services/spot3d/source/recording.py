@@ -1,0 +1,98 @@
+"""Frames of a recording on disk, read one at a time when asked for."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.frame import RgbdFrame
+from spot3d.source.calibration import ColourCamera
+from spot3d.source.errors import SourceError
+from spot3d.source.images import read_colour, read_depth
+from spot3d.source.registration import ColourRegistration
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedFrame:
+    """Where one frame lies: capture time in ns, its two files, and its true pose if the data set has one."""
+
+    stamp_ns: int
+    colour: Path
+    depth: Path
+    T_world_camera: NDArray[np.float64] | None
+
+
+class Recording:
+    """A sequence of RgbdFrame in the depth camera's geometry; images are read on access.
+
+    depth_scale: metres per unit. invalid: depth value that means "nothing measured", besides 0.
+    colour_camera: the calibration to register colour with, or None if colour is registered already.
+    """
+
+    def __init__(
+        self,
+        frames: list[RecordedFrame],
+        intrinsics: Intrinsics,
+        depth_scale: float,
+        colour_camera: ColourCamera | None = None,
+        invalid: int = 0,
+    ) -> None:
+        self.frames = frames
+        self.intrinsics = intrinsics
+        self.depth_scale = depth_scale
+        self.registration = ColourRegistration(intrinsics, colour_camera) if colour_camera else None
+        self.invalid = invalid
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        return (self[index] for index in range(len(self)))
+
+    @property
+    def stamps_ns(self) -> list[int]:
+        """Capture times in integer nanoseconds."""
+        return [frame.stamp_ns for frame in self.frames]
+
+    @property
+    def rate_hz(self) -> float:
+        """Recorded rate in frames per second, by the median gap between frames; 30 for a single frame."""
+        gaps = np.diff(self.stamps_ns)
+        return 1e9 / float(np.median(gaps)) if gaps.size else 30.0
+
+    @property
+    def has_true_poses(self) -> bool:
+        """Whether any frame comes with a true pose."""
+        return any(frame.T_world_camera is not None for frame in self.frames)
+
+    def true_pose(self, index: int) -> NDArray[np.float64] | None:
+        """T_world_camera (4, 4) float64 of a frame, without reading its images."""
+        return self.frames[index].T_world_camera
+
+    def __getitem__(self, index: int) -> RgbdFrame:
+        """Reads one frame. Raises SourceError if a file is missing, unreadable or of the wrong size."""
+        entry = self.frames[index]
+        depth = read_depth(entry.depth)
+        if self.invalid:
+            depth[depth == self.invalid] = 0
+        _require_size(entry.depth, depth.shape, self.intrinsics)
+        colour = read_colour(entry.colour)
+        if self.registration is None:
+            _require_size(entry.colour, colour.shape[:2], self.intrinsics)
+        else:
+            _require_size(entry.colour, colour.shape[:2], self.registration.camera.intrinsics)
+            metres = depth.astype(np.float32) * np.float32(self.depth_scale)
+            colour = self.registration.register(colour, metres)
+        return RgbdFrame(entry.stamp_ns, colour, depth, self.depth_scale, self.intrinsics, entry.T_world_camera)
+
+
+def _require_size(path: Path, shape: tuple[int, ...], intrinsics: Intrinsics) -> None:
+    if shape != intrinsics.shape:
+        raise SourceError(
+            f"size mismatch: {path} is {shape[1]}x{shape[0]}, but its camera's intrinsics are for "
+            f"{intrinsics.width}x{intrinsics.height}; all images of a camera share one size, "
+            "and colour has depth's size unless calibration.json says otherwise"
+        )

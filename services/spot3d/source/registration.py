@@ -1,0 +1,194 @@
+"""Colour looked up for each depth pixel, so that poses and intrinsics stay the depth camera's."""
+
+import math
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.source.calibration import ColourCamera
+from spot3d.source.errors import SourceError
+
+# A nearer surface hides a pixel from the colour camera if the two are at least this far apart in the depth
+# image: less than a pixel of parallax cannot be seen, whatever the range.
+HIDDEN_PARALLAX_PX = 1.0
+
+
+class ColourRegistration:
+    """Registers colour images to depth images, for one pair of cameras; keeps work arrays, no frames."""
+
+    def __init__(self, intrinsics: Intrinsics, camera: ColourCamera) -> None:
+        self.intrinsics = intrinsics
+        self.camera = camera
+        self._T_colour_depth = np.ascontiguousarray(camera.T_colour_depth[:3], np.float32)
+        baseline = float(np.linalg.norm(camera.T_colour_depth[:3, 3]))
+        parallax_m = camera.intrinsics.fx * baseline
+        self._hidden = np.float32(HIDDEN_PARALLAX_PX / parallax_m if parallax_m > 0 else np.inf)
+        # The depth buffer's cells, 2^bits pixels, are as coarse as the depth image's in colour: it has no
+        # gaps.
+        self._cell_bits = max(0, math.ceil(math.log2(camera.intrinsics.fx / intrinsics.fx)))
+        cells = [(side >> self._cell_bits) + 1 for side in camera.intrinsics.shape]
+        # Fresh pages for these at every frame would take as long as the computation.
+        self._nearest = np.zeros(cells, np.float32)
+        self._inverse, self._inverse_there, self._column, self._row = np.empty((4, *intrinsics.shape), np.float32)
+        self._is_hidden = np.empty(intrinsics.shape, np.bool_)
+
+    def register(self, colour: NDArray[np.uint8], depth: NDArray[np.float32]) -> NDArray[np.uint8]:
+        """Colour image of the depth camera: each depth pixel's 3D point looked up in the colour camera.
+
+        colour: (hc, wc, 3) uint8; depth: (h, w) float32 metres, 0 = invalid. Returns (h, w, 3) uint8, no
+        holes: pixels without depth take the farther of their row's nearest valid depths (they mostly lie
+        behind an edge), points that a nearer surface hides the colour of their own surface beside them.
+        Raises SourceError if an image's size is not its intrinsics'.
+        """
+        if colour.shape != (*self.camera.intrinsics.shape, 3) or depth.shape != self.intrinsics.shape:
+            raise SourceError(
+                f"size mismatch: colour {colour.shape} and depth {depth.shape}, but the intrinsics are for "
+                f"{self.camera.intrinsics.shape} and {self.intrinsics.shape}"
+            )
+        depth = np.ascontiguousarray(depth, np.float32)
+        _complete_inverse_depth(depth, self._inverse)
+        _project(
+            depth,
+            self._inverse,
+            _pinhole_values(self.intrinsics),
+            _pinhole_values(self.camera.intrinsics),
+            self._T_colour_depth,
+            self.camera.intrinsics.shape,
+            self._inverse_there,
+            self._column,
+            self._row,
+        )
+        _find_hidden(
+            depth,
+            self._inverse_there,
+            self._column,
+            self._row,
+            self._hidden,
+            self._cell_bits,
+            self._nearest,
+            self._is_hidden,
+        )
+        image = cv2.remap(colour, self._column, self._row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        registered = np.asarray(image, np.uint8)
+        _fill_hidden(registered, self._inverse, self._is_hidden)
+        return registered
+
+
+def _pinhole_values(camera: Intrinsics) -> NDArray[np.float32]:
+    return np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32)
+
+
+@njit(cache=True, nogil=True)
+def _complete_inverse_depth(depth: NDArray[np.float32], inverse: NDArray[np.float32]) -> None:
+    """Writes inverse depth (h, w) 1/m, holes filled by the row's farther neighbour, else the nearest row."""
+    h, w = depth.shape
+    first_row = -1
+    for v in range(h):
+        left = np.float32(-1.0)
+        start = 0
+        for u in range(w):
+            if depth[v, u] > 0:
+                q = np.float32(1.0) / depth[v, u]
+                inverse[v, u] = q
+                for k in range(start, u):
+                    inverse[v, k] = q if left < 0 or q < left else left
+                left = q
+                start = u + 1
+        if left >= 0:
+            inverse[v, start:] = left
+            if first_row < 0:
+                first_row = v
+                inverse[:v] = inverse[v]
+        elif first_row >= 0:
+            inverse[v] = inverse[v - 1]
+    if first_row < 0:
+        inverse[:] = 0
+
+
+@njit(cache=True, nogil=True)
+def _project(
+    depth: NDArray[np.float32],
+    inverse: NDArray[np.float32],
+    depth_camera: NDArray[np.float32],
+    colour_camera: NDArray[np.float32],
+    T_colour_depth: NDArray[np.float32],
+    colour_shape: tuple[int, int],
+    inverse_there: NDArray[np.float32],
+    column_of: NDArray[np.float32],
+    row_of: NDArray[np.float32],
+) -> None:
+    """Writes each depth pixel's colour column and row (clipped to the image) and inverse depth there."""
+    h, w = inverse.shape
+    T = T_colour_depth
+    fx, fy, cx, cy = colour_camera
+    zero, one, least = np.float32(0), np.float32(1), np.float32(1e-6)
+    last_row, last_column = np.float32(colour_shape[0] - 1), np.float32(colour_shape[1] - 1)
+    x = ((np.arange(w) - depth_camera[2]) / depth_camera[0]).astype(np.float32)
+    ray_x, ray_y, ray_z = T[0, 0] * x, T[1, 0] * x, T[2, 0] * x
+    for v in range(h):
+        y = (np.float32(v) - depth_camera[3]) / depth_camera[1]
+        row_x, row_y, row_z = T[0, 1] * y + T[0, 2], T[1, 1] * y + T[1, 2], T[2, 1] * y + T[2, 2]
+        # No branches: the compiler makes vector instructions of this loop.
+        for u in range(w):
+            # The point times its inverse depth: finite also for points at infinity (q = 0).
+            q = inverse[v, u]
+            z = ray_z[u] + row_z + T[2, 3] * q
+            scale = one / (z if z > least else least)
+            uc = fx * (ray_x[u] + row_x + T[0, 3] * q) * scale + cx
+            vc = fy * (ray_y[u] + row_y + T[1, 3] * q) * scale + cy
+            uc = zero if uc < zero else uc
+            vc = zero if vc < zero else vc
+            column_of[v, u] = last_column if uc > last_column else uc
+            row_of[v, u] = last_row if vc > last_row else vc
+            inverse_there[v, u] = q * scale
+
+
+@njit(cache=True, nogil=True)
+def _find_hidden(
+    depth: NDArray[np.float32],
+    inverse_there: NDArray[np.float32],
+    column_of: NDArray[np.float32],
+    row_of: NDArray[np.float32],
+    hidden: np.float32,
+    cell_bits: int,
+    nearest: NDArray[np.float32],
+    is_hidden: NDArray[np.bool_],
+) -> None:
+    """Writes whether a measured point is nearer to the colour camera by `hidden` 1/m, on the same pixel."""
+    h, w = depth.shape
+    half = np.float32(0.5)
+    nearest[:] = 0
+    for v in range(h):
+        for u in range(w):
+            if depth[v, u] > 0:
+                row, column = int(row_of[v, u] + half) >> cell_bits, int(column_of[v, u] + half) >> cell_bits
+                if nearest[row, column] < inverse_there[v, u]:
+                    nearest[row, column] = inverse_there[v, u]
+    for v in range(h):
+        for u in range(w):
+            row, column = int(row_of[v, u] + half) >> cell_bits, int(column_of[v, u] + half) >> cell_bits
+            is_hidden[v, u] = nearest[row, column] - inverse_there[v, u] > hidden
+
+
+@njit(cache=True, nogil=True)
+def _fill_hidden(image: NDArray[np.uint8], inverse: NDArray[np.float32], hidden: NDArray[np.bool_]) -> None:
+    """Hidden pixels of `image` (h, w, 3) take, in place, the visible row neighbour of most similar depth."""
+    h, w = inverse.shape
+    for v in range(h):
+        start = 0
+        left = -1
+        for u in range(w):
+            if hidden[v, u]:
+                continue
+            for hole in range(start, u):
+                own = inverse[v, hole]
+                similar = left >= 0 and abs(inverse[v, left] - own) <= abs(inverse[v, u] - own)
+                image[v, hole] = image[v, left if similar else u]
+            start = u + 1
+            left = u
+        for hole in range(start, w):
+            # A row hidden as a whole takes the row above it.
+            image[v, hole] = image[v, left] if left >= 0 else image[max(v - 1, 0), hole]

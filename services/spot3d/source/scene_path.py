@@ -1,0 +1,62 @@
+"""The hand-held camera's path in the built-in scene."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+RATE_HZ = 30
+# Half the arc around the table, its horizontal radii across and along the table, and the point looked at;
+# metres.
+HALF_ARC = np.radians(56)
+RADIUS_ACROSS, RADIUS_ALONG = 1.0, 1.05
+TARGET = np.array([-0.06, 0.0, 0.80])
+HEIGHT = 1.48
+FRAMES_PER_SWEEP = 300
+
+
+def camera_pose(index: int, seed: int) -> NDArray[np.float64]:
+    """T_world_camera (4, 4) float64 of frame `index` >= 0 at 30 Hz, for any length of sequence.
+
+    The camera sweeps to and fro on an arc in front of the table, one way in 300 frames, at about 7 mm and
+    0.45 degrees a frame; its height and distance change slowly, so that no two sweeps are alike, and a
+    hand's tremor (phases by the seed) is added.
+    """
+    phase = np.random.default_rng((seed, 11)).uniform(0, 2 * np.pi, 12)
+    seconds = index / RATE_HZ
+    # A triangle wave with rounded turns: nearly constant speed.
+    sweep = np.arcsin(0.92 * np.sin(np.pi * index / FRAMES_PER_SWEEP - np.pi / 2)) / np.arcsin(0.92)
+    angle = HALF_ARC * sweep
+    swell = 1 + 0.07 * np.sin(2 * np.pi * index / 430 + phase[0])
+    eye = np.array(
+        [
+            RADIUS_ACROSS * swell * np.cos(angle),
+            RADIUS_ALONG * swell * np.sin(angle),
+            HEIGHT + 0.09 * np.sin(2 * np.pi * index / 370 + phase[1]),
+        ]
+    )
+    target = TARGET + np.array([0.0, 0.10 * np.sin(2 * np.pi * index / 260 + phase[2]), 0.0])
+    wave = np.sin(2 * np.pi * seconds * np.array([0.6, 0.7, 0.8, 0.9, 0.75, 0.65]) + phase[3:9])
+    shake = np.sin(2 * np.pi * seconds * np.array([4.3, 5.1, 3.7]) + phase[9:])
+    T_world_camera = look_at(eye + 0.004 * wave[:3], target)
+    T_world_camera[:3, :3] @= small_rotation(np.radians(0.7) * wave[3:] + np.radians(0.08) * shake)
+    return T_world_camera
+
+
+def look_at(eye: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+    """T_world_camera (4, 4) of a camera at `eye` (3,) that looks at `target` (3,), its x axis level."""
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    T_world_camera = np.eye(4)
+    T_world_camera[:3, :3] = np.stack((right, np.cross(forward, right), forward), axis=1)
+    T_world_camera[:3, 3] = eye
+    return T_world_camera
+
+
+def small_rotation(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation (3, 3) about the axis of `vector` (3,) by its length in radians (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    if angle == 0:
+        return np.eye(3)
+    x, y, z = vector / angle
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)

@@ -1,0 +1,39 @@
+"""What every input looks like to the rest of the source stage."""
+
+from collections.abc import Iterator
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.frame import RgbdFrame
+
+
+class FrameSequence(Protocol):
+    """Frames made or read when asked for; what is known without reading images is at hand at once."""
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Intrinsics of all frames."""
+
+    @property
+    def stamps_ns(self) -> list[int]:
+        """Capture times in integer nanoseconds, ascending."""
+
+    @property
+    def rate_hz(self) -> float:
+        """Recorded rate in frames per second."""
+
+    @property
+    def has_true_poses(self) -> bool:
+        """Whether any frame comes with a true pose."""
+
+    def true_pose(self, index: int) -> NDArray[np.float64] | None:
+        """T_world_camera (4, 4) float64 of a frame, or None."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int) -> RgbdFrame: ...
+
+    def __iter__(self) -> Iterator[RgbdFrame]: ...

@@ -1,0 +1,25 @@
+"""Settings of the source stage."""
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class SourceSettings(BaseModel):
+    """How an input is played. The paper plays recordings frame by frame, as `lossless` does."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    rate_hz: float = Field(
+        0.0,
+        ge=0,
+        le=1000,
+        description="frames per second to play at; 0: the recorded rate (unused if lossless)",
+    )
+    lossless: bool = Field(
+        False,
+        description="wait for fusion's progress instead of a clock: nothing is dropped, however slow a stage",
+    )
+    in_flight: int = Field(4, ge=1, le=64, description="lossless: most frames sent and not yet fused")
+    halved: bool = Field(False, description="play frames at half size")
+    scene_frames: int = Field(300, ge=1, le=1_000_000, description="length of the built-in scene, frames at 30 Hz")
+    scene_seed: int = Field(0, ge=0, le=2**31 - 1, description="which built-in scene, where the name gives no seed")
+    scene_cluttered: bool = Field(False, description="built-in scene with 18 to 24 objects instead of 12")

@@ -1,0 +1,64 @@
+"""Recordings in the layout of the TUM RGB-D benchmark."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.source.errors import SourceError
+from spot3d.source.images import read_depth
+from spot3d.source.intrinsics_files import FocalAndCentre, intrinsics_for, tum_values
+from spot3d.source.recording import RecordedFrame, Recording
+from spot3d.source.text_files import pose_of_quaternion, read_stamped_lines
+
+METRES_PER_UNIT = 1 / 5000
+# The benchmark's own associate.py allows the same difference.
+MAX_DIFFERENCE_NS = 20_000_000
+
+
+def is_tum(folder: Path) -> bool:
+    """Whether the folder holds one of the benchmark's lists."""
+    return (folder / "depth.txt").is_file() or (folder / "rgb.txt").is_file()
+
+
+def open_tum(folder: Path, intrinsics: FocalAndCentre | None = None) -> Recording:
+    """Opens `rgb.txt`, `depth.txt` and, where there is one, `groundtruth.txt` (`stamp tx ty tz qx qy qz qw`).
+
+    Each depth image goes with the colour image and the pose nearest in time, up to 20 ms off; a depth image
+    without colour is left out, one without pose has no true pose. Stamps are the depth images'. Depth is
+    5000 per metre. Colour is registered and lens distortion small in the published data, so neither is
+    corrected. `intrinsics` (fx, fy, cx, cy) override `intrinsics.txt` and the published values. Raises
+    SourceError.
+    """
+    depths = read_stamped_lines(folder / "depth.txt")
+    colours = read_stamped_lines(folder / "rgb.txt")
+    truth_path = folder / "groundtruth.txt"
+    truth = read_stamped_lines(truth_path) if truth_path.is_file() else []
+    stamps = np.array([stamp for stamp, _, _ in depths], np.int64)
+    with_colour = nearest_in_time(stamps, np.array([stamp for stamp, _, _ in colours], np.int64))
+    with_truth = nearest_in_time(stamps, np.array([stamp for stamp, _, _ in truth], np.int64))
+    frames = [
+        RecordedFrame(
+            stamp_ns,
+            folder / colours[c][1][0],
+            folder / words[0],
+            pose_of_quaternion(truth[t][1], truth[t][2]) if t >= 0 else None,
+        )
+        for (stamp_ns, words, _), c, t in zip(depths, with_colour, with_truth, strict=True)
+        if c >= 0
+    ]
+    if not frames:
+        raise SourceError(f"{folder}: no depth image has colour within 20 ms; do depth.txt and rgb.txt share a clock?")
+    where = "--intrinsics" if intrinsics else str(folder / "intrinsics.txt")
+    camera = intrinsics_for(intrinsics or tum_values(folder), read_depth(frames[0].depth).shape, where)
+    return Recording(frames, camera, METRES_PER_UNIT)
+
+
+def nearest_in_time(stamps_ns: NDArray[np.int64], others_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Index (n,) int64 of the nearest of `others_ns` (m,), sorted, for each stamp; -1 if over 20 ms off."""
+    if not others_ns.size:
+        return np.full(stamps_ns.shape, -1, np.int64)
+    right = np.clip(np.searchsorted(others_ns, stamps_ns), 0, others_ns.size - 1)
+    left = np.maximum(right - 1, 0)
+    nearest = np.where(np.abs(others_ns[left] - stamps_ns) <= np.abs(others_ns[right] - stamps_ns), left, right)
+    return np.where(np.abs(others_ns[nearest] - stamps_ns) <= MAX_DIFFERENCE_NS, nearest, -1)

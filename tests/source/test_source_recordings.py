@@ -1,0 +1,257 @@
+"""Loaders of 7-Scenes and TUM folders, on tiny folders made here."""
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from spot3d.source.calibration import SEVEN_SCENES_COLOUR
+from spot3d.source.errors import SourceError
+from spot3d.source.recording import Recording
+from spot3d.source.sequences import open_source
+from spot3d.source.tum import nearest_in_time
+
+WIDTH, HEIGHT = 24, 16
+INTRINSICS = "20 0 12\n0 20 8\n0 0 1\n"
+POSE = np.eye(4) + np.array([[0, 0, 0, 0.5], [0, 0, 0, -1], [0, 0, 0, 2], [0, 0, 0, 0]])
+DATA = Path(os.environ.get("SPOT3D_DATA", Path(__file__).parents[2] / "../shared/data"))
+
+
+def depth_image() -> np.ndarray:
+    depth = np.full((HEIGHT, WIDTH), 1500, np.uint16)
+    depth[0, 0], depth[0, 1] = 0, 65535
+    return depth
+
+
+def colour_image(height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
+    image = np.zeros((height, width, 3), np.uint8)
+    image[...] = (200, 100, 50)
+    return image
+
+
+def write(path: Path, image: np.ndarray) -> None:
+    path.parent.mkdir(exist_ok=True, parents=True)
+    assert cv2.imwrite(str(path), image[..., ::-1] if image.ndim == 3 else image)
+
+
+@pytest.fixture
+def seven_scenes(tmp_path: Path) -> Path:
+    for number in (0, 1, 3):
+        write(tmp_path / f"frame-{number:06d}.color.png", colour_image())
+        write(tmp_path / f"frame-{number:06d}.depth.png", depth_image())
+        np.savetxt(tmp_path / f"frame-{number:06d}.pose.txt", POSE)
+    (tmp_path / "camera-intrinsics.txt").write_text(INTRINSICS)
+    return tmp_path
+
+
+@pytest.fixture
+def tum(tmp_path: Path) -> Path:
+    folder = tmp_path / "rgbd_dataset_freiburg2_desk"
+    for name in ("1.000000", "1.100000", "1.200000"):
+        write(folder / "rgb" / f"{name}.png", colour_image(600, 700))
+        write(folder / "depth" / f"{name}.png", np.full((600, 700), 10000, np.uint16))
+    (folder / "rgb.txt").write_text(
+        "# timestamp filename\n1.010000 rgb/1.000000.png\n1.130000 rgb/1.100000.png\n1.2 rgb/1.200000.png\n"
+    )
+    (folder / "depth.txt").write_text(
+        "1.000000 depth/1.000000.png\n1.100000 depth/1.100000.png\n1.200001 depth/1.200000.png\n"
+    )
+    (folder / "groundtruth.txt").write_text(
+        "# timestamp tx ty tz qx qy qz qw\n0.99 1 2 3 0 0 0.70710678 0.70710678\n1.5 0 0 0 0 0 0 1\n"
+    )
+    return folder
+
+
+def test_seven_scenes_frames(seven_scenes: Path) -> None:
+    sequence = open_source(seven_scenes)
+    assert len(sequence) == len(list(sequence)) == 3
+    assert sequence.stamps_ns == [0, 33_333_333, 100_000_000]
+    assert sequence.has_true_poses
+    frame = sequence[2]
+    assert frame.stamp_ns == 100_000_000
+    assert (frame.colour == (200, 100, 50)).all()
+    assert frame.depth_metres()[5, 5] == pytest.approx(1.5)
+    assert frame.depth[0, 0] == 0
+    assert frame.depth[0, 1] == 0, "65535 means nothing measured"
+    np.testing.assert_array_equal(frame.T_world_camera, POSE)
+    assert (frame.intrinsics.fx, frame.intrinsics.cx, frame.intrinsics.width) == (20, 12, WIDTH)
+
+
+def test_seven_scenes_without_poses(seven_scenes: Path) -> None:
+    for path in seven_scenes.glob("*.pose.txt"):
+        path.unlink()
+    assert not open_source(seven_scenes).has_true_poses
+
+
+def test_a_lost_pose_is_no_pose(seven_scenes: Path) -> None:
+    np.savetxt(seven_scenes / "frame-000001.pose.txt", np.full((4, 4), -np.inf))
+    sequence = open_source(seven_scenes)
+    assert sequence.true_pose(1) is None
+    assert sequence.true_pose(0) is not None
+
+
+def test_halved_depth_is_never_averaged(seven_scenes: Path) -> None:
+    depth = np.arange(HEIGHT * WIDTH, dtype=np.uint16).reshape(HEIGHT, WIDTH) + 1000
+    write(seven_scenes / "frame-000000.depth.png", depth)
+    frame = open_source(seven_scenes, halved=True)[0]
+    np.testing.assert_array_equal(frame.depth, depth[::2, ::2])
+    assert frame.colour.shape == (HEIGHT // 2, WIDTH // 2, 3)
+    assert (frame.intrinsics.fx, frame.intrinsics.cx) == (10, 6)
+
+
+def test_intrinsics_option_overrides_the_file(seven_scenes: Path) -> None:
+    (seven_scenes / "camera-intrinsics.txt").unlink()
+    assert open_source(seven_scenes, intrinsics=(30, 31, 11, 7)).intrinsics.fy == 31
+
+
+def test_calibration_file_decides_on_registration(seven_scenes: Path) -> None:
+    sequence = open_source(seven_scenes)
+    assert isinstance(sequence, Recording)
+    assert sequence.registration is None, "unknown cameras are taken as registered"
+    camera = {"fx": 20, "fy": 20, "cx": 12, "cy": 8, "width": WIDTH, "height": HEIGHT}
+    (seven_scenes / "calibration.json").write_text(json.dumps({"colour": camera, "T_colour_depth": np.eye(4).tolist()}))
+    sequence = open_source(seven_scenes)
+    assert isinstance(sequence, Recording)
+    assert sequence.registration is not None
+    assert (sequence[0].colour == (200, 100, 50)).all()
+
+
+def test_kinect_of_seven_scenes_is_known(tmp_path: Path) -> None:
+    write(tmp_path / "frame-000000.color.jpg", colour_image(480, 640))
+    write(tmp_path / "frame-000000.depth.png", np.full((480, 640), 1000, np.uint16))
+    sequence = open_source(tmp_path, intrinsics=(585, 585, 320, 240))
+    assert isinstance(sequence, Recording)
+    assert sequence.registration is not None
+    assert sequence.registration.camera is SEVEN_SCENES_COLOUR
+
+
+def test_tum_association(tum: Path) -> None:
+    sequence = open_source(tum)
+    assert sequence.stamps_ns == [1_000_000_000, 1_200_001_000], "colour 30 ms off is no match"
+    assert sequence.intrinsics.fx == 520.9, "published for freiburg2"
+    frame = sequence[0]
+    assert frame.depth_metres()[0, 0] == pytest.approx(2.0)
+    expected = [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]
+    np.testing.assert_allclose(frame.T_world_camera, expected, atol=1e-7)
+    assert sequence[1].T_world_camera is None
+    assert sequence.has_true_poses
+
+
+def test_tum_intrinsics_file_comes_first(tum: Path) -> None:
+    (tum / "intrinsics.txt").write_text("# fx fy cx cy\n500 501 300 200\n")
+    assert open_source(tum).intrinsics.fy == 501
+
+
+@pytest.mark.parametrize(
+    ("stamps", "others", "expected"),
+    [
+        ([], [], []),
+        ([5], [], [-1]),
+        ([0], [20_000_000], [0]),
+        ([0], [20_000_001], [-1]),
+        ([100_000_000, 110_000_000], [95_000_000, 108_000_000], [0, 1]),
+    ],
+)
+def test_nearest_in_time(stamps: list[int], others: list[int], expected: list[int]) -> None:
+    found = nearest_in_time(np.array(stamps, np.int64), np.array(others, np.int64))
+    assert found.tolist() == expected
+
+
+def _replace(name: str, content: str | np.ndarray | None) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        if content is None:
+            (folder / name).unlink()
+        elif isinstance(content, str):
+            (folder / name).write_text(content)
+        else:
+            write(folder / name, content)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (_replace("frame-000000.depth.png", ""), "is empty"),
+        (_replace("frame-000000.depth.png", "no image"), "no readable image"),
+        (_replace("frame-000000.color.png", "no image"), "no readable image"),
+        (_replace("frame-000000.color.png", None), "color.jpg .* is missing"),
+        (_replace("frame-000000.depth.png", np.zeros((HEIGHT, WIDTH), np.uint8)), "8-bit depth"),
+        (_replace("frame-000000.depth.png", np.zeros((HEIGHT, WIDTH, 3), np.uint16)), "one-channel"),
+        (_replace("frame-000001.depth.png", np.zeros((HEIGHT, 9), np.uint16)), "size mismatch.*9x16"),
+        (_replace("frame-000001.color.png", colour_image(8, 12)), "size mismatch.*12x8"),
+        (_replace("camera-intrinsics.txt", None), "no intrinsics.*--intrinsics"),
+        (_replace("camera-intrinsics.txt", "1 2 3"), "3 numbers, expected 3x3"),
+        (_replace("camera-intrinsics.txt", "20 0 12 0 20 8 0 0 7"), "malformed"),
+        (_replace("camera-intrinsics.txt", "20 0 320 0 20 240 0 0 1"), "another image size"),
+        (_replace("camera-intrinsics.txt", "-20 0 12 0 20 8 0 0 1"), "positive"),
+        (_replace("frame-000001.pose.txt", "not a pose"), "not only numbers"),
+        (_replace("frame-000001.pose.txt", "1 0 0 0"), "4 numbers, expected 4x4"),
+        (_replace("frame-000001.pose.txt", "2 0 0 0 0 2 0 0 0 0 2 0 0 0 0 1"), "not a camera-to-world"),
+        (_replace("calibration.json", "{"), "calibration.json is malformed"),
+        (_replace("calibration.json", "{}"), "give .registered"),
+        (_replace("calibration.json", '{"colour": {"fx": "wide"}}'), "colour.fx"),
+    ],
+)
+def test_seven_scenes_errors(seven_scenes: Path, change: Callable[[Path], None], message: str) -> None:
+    change(seven_scenes)
+    with pytest.raises(SourceError, match=message):
+        list(open_source(seven_scenes))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (_replace("rgb.txt", None), "rgb.txt is missing"),
+        (_replace("rgb.txt", "noon rgb/1.000000.png\n"), "rgb.txt:1 .*no time"),
+        (_replace("depth.txt", "1.0\n"), "nothing follows"),
+        (_replace("rgb.txt", "7.0 rgb/1.000000.png\n"), "within 20 ms"),
+        (_replace("rgb.txt", "1.0 rgb/none.png\n"), "none.png is missing"),
+        (_replace("groundtruth.txt", "1.0 0 0 0 0 0 0\n"), "groundtruth.txt:1 .*expected"),
+        (_replace("groundtruth.txt", "1.0 0 0 0 0 0 0 2\n"), "length is 2.000"),
+        (_replace("groundtruth.txt", "1.0 0 0 0 0 0 0 w\n"), "not only numbers"),
+        (_replace("intrinsics.txt", "1 2 3\n"), "not four numbers"),
+    ],
+)
+def test_tum_errors(tum: Path, change: Callable[[Path], None], message: str) -> None:
+    change(tum)
+    with pytest.raises(SourceError, match=message):
+        list(open_source(tum))
+
+
+def test_tum_unknown_camera(tum: Path) -> None:
+    renamed = tum.rename(tum.parent / "my_desk")
+    with pytest.raises(SourceError, match="names no TUM camera"):
+        open_source(renamed)
+
+
+def test_folder_errors(seven_scenes: Path, tmp_path: Path) -> None:
+    for path, message in (
+        (tmp_path / "nowhere", "does not exist"),
+        (seven_scenes / "camera-intrinsics.txt", "is a file"),
+    ):
+        with pytest.raises(SourceError, match=message):
+            open_source(path)
+    inner = tmp_path / "outer" / "seq-01"
+    inner.mkdir(parents=True)
+    with pytest.raises(SourceError, match="is no recording"):
+        open_source(inner)
+    write(inner / "frame-000000.depth.png", depth_image())
+    with pytest.raises(SourceError, match="seq-01"):
+        open_source(inner.parent)
+
+
+@pytest.mark.parametrize(("folder", "frames", "focal"), [("redkitchen", 1000, 585.0), ("tum_fr3_cabinet", 58, 535.4)])
+def test_developer_data(folder: str, frames: int, focal: float) -> None:
+    if not (DATA / folder).is_dir():
+        pytest.skip(f"{DATA / folder} is not there (SPOT3D_DATA names the folder)")
+    sequence = open_source(DATA / folder)
+    assert len(sequence) == frames
+    assert sequence.intrinsics.fx == focal
+    assert sequence.has_true_poses
+    frame = sequence[frames // 2]
+    assert 0.5 < np.median(frame.depth_metres()[frame.depth > 0]) < 5

@@ -1,0 +1,195 @@
+"""The built-in scene: the same for a seed, true about itself, and as noisy as a Kinect."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from spot3d.camera import Intrinsics, back_project
+from spot3d.source.errors import SourceError
+from spot3d.source.scene import Scene
+from spot3d.source.scene_model import TrueBox, build_scene
+from spot3d.source.scene_noise import block_noise, measured_depth, noisy_colour
+from spot3d.source.scene_path import camera_pose
+from spot3d.source.scene_placement import arrange, footprint, separation
+from spot3d.source.sequences import open_source
+
+SMALL = Intrinsics(585 / 4, 585 / 4, 80.0, 60.0, 160, 120)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return Scene(seed=1, intrinsics=SMALL)
+
+
+def test_frames_depend_on_seed_and_index_alone(scene: Scene) -> None:
+    again = Scene(seed=1, frames=1000, intrinsics=SMALL)
+    last, first = scene[7], scene[3]
+    for frame, other in ((first, again[3]), (last, again[7])):
+        np.testing.assert_array_equal(frame.depth, other.depth)
+        np.testing.assert_array_equal(frame.colour, other.colour)
+        np.testing.assert_array_equal(frame.T_world_camera, other.T_world_camera)
+    assert not np.array_equal(Scene(seed=2, intrinsics=SMALL)[3].depth, first.depth)
+
+
+def test_sequence(scene: Scene) -> None:
+    assert len(scene) == len(scene.stamps_ns) == 300
+    assert scene[-1].stamp_ns == scene.stamps_ns[-1] == 299 * 10**9 // 30
+    assert scene.has_true_poses
+    assert scene.up.tolist() == [0, 0, 1]
+    with pytest.raises(IndexError):
+        scene[300]
+
+
+@pytest.mark.parametrize("cluttered", [False, True])
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 4])
+def test_arrangement(seed: int, cluttered: bool) -> None:
+    placed = arrange(seed, cluttered)
+    if cluttered:
+        assert 18 <= len(placed) <= 24
+    else:
+        assert len(placed) == 12
+    gaps = [separation(footprint(a), footprint(b)) for a, b in combinations(placed, 2) if a.z == b.z]
+    assert min(gaps) >= 0, "things of one support do not interpenetrate"
+    assert sum(gap < 0.003 for gap in gaps) >= 1 + cluttered, "some touch"
+    heights = {round(p.z, 3) for p in placed}
+    assert len(heights) > 2, "one is stacked"
+    assert sum(p.z == 0.98 for p in placed) >= 2, "two are on the shelf"
+    for low, high in combinations(sorted(placed, key=lambda p: p.z), 2):
+        beside = separation(footprint(low), footprint(high)) >= 0
+        above = high.z >= low.z + low.thing.size[2] - 1e-9
+        assert beside or above, f"{low.thing.name} and {high.thing.name} interpenetrate"
+    sizes = np.array([p.thing.size for p in placed])
+    assert sizes.max() < 0.35
+    assert sizes.max(axis=1).min() > 0.04
+
+
+def inside_share(points: np.ndarray, box: TrueBox, tolerance: float) -> float:
+    local = (points - box.centre) @ box.rotation
+    return float((np.abs(local) <= box.size / 2 + tolerance).all(axis=1).mean())
+
+
+def test_true_boxes_hold_their_points_tightly() -> None:
+    longer = Scene(1, frames=600, intrinsics=SMALL)
+    points: dict[int, list[np.ndarray]] = {box.id: [] for box in longer.boxes}
+    for index in range(0, 600, 50):
+        view = longer.truth(index)
+        pose = longer.true_pose(index)
+        world = back_project(view.depth, SMALL) @ pose[:3, :3].T + pose[:3, 3]
+        for box in longer.boxes:
+            points[box.id].append(world[view.instance == box.id])
+    for box in longer.boxes:
+        cloud = np.concatenate(points[box.id])
+        assert len(cloud) > 100, f"{box.name} is hardly seen"
+        assert inside_share(cloud, box, 1e-4) == 1.0, box.name
+        local = (cloud - box.centre) @ box.rotation
+        extent = local.max(axis=0) - local.min(axis=0)
+        # From an arc on one side, at a coarse resolution; the box must not be much larger than what is seen.
+        assert (extent > 0.5 * box.size).all(), (box.name, extent, box.size)
+
+
+@pytest.mark.parametrize("cluttered", [False, True])
+def test_every_object_is_seen(cluttered: bool) -> None:
+    scene = Scene(3, cluttered, intrinsics=SMALL)
+    best = np.zeros(len(scene.boxes) + 1)
+    for index in range(0, 300, 25):
+        best = np.maximum(best, np.bincount(scene.truth(index).instance.ravel(), minlength=len(best)))
+    assert best[1:].min() > 15, "in quarter-size pixels"
+
+
+def test_instances_are_the_boxes() -> None:
+    model = build_scene(0)
+    assert set(model.solids.instance.tolist()) == {0, *(box.id for box in model.boxes)}
+    for box in model.boxes:
+        np.testing.assert_allclose(box.rotation @ box.rotation.T, np.eye(3), atol=1e-12)
+        np.testing.assert_array_equal(box.rotation[2], [0, 0, 1])
+
+
+def test_camera_moves_as_a_hand_does() -> None:
+    poses = np.array([camera_pose(index, 0) for index in range(1200)])
+    steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    turns = np.einsum("nij,nij->n", poses[1:, :3, :3], poses[:-1, :3, :3])
+    degrees = np.degrees(np.arccos(np.clip((turns - 1) / 2, -1, 1)))
+    assert 0.004 < steps.mean() < 0.010
+    assert steps.max() < 0.015
+    assert 0.25 < degrees.mean() < 0.6
+    assert degrees.max() < 1.2
+
+
+@pytest.mark.parametrize("metres", [1.0, 2.0])
+def test_noise_follows_the_kinects(metres: float) -> None:
+    exact = np.full((480, 640), metres, np.float32)
+    # A slope of some quantisation steps, so that rounding errors are spread evenly.
+    exact += (np.linspace(-0.05, 0.05, 640) * metres).astype(np.float32)
+    measured = measured_depth(exact, np.ones_like(exact), 585.0, 0, 4) / 1000.0
+    error = (measured - exact)[:, :600]
+    assert (measured[:, :600] > 0).all()
+    sigma = 0.0012 + 0.0019 * (metres - 0.4) ** 2
+    assert error.std() == pytest.approx(sigma, rel=0.1)
+    assert abs(error.mean()) < 0.1 * sigma
+    correlation = [(error[:, k:] * error[:, :-k]).mean() / error.var() for k in (1, 3, 10)]
+    assert 0.5 < correlation[0] < 0.85
+    assert 0.2 < correlation[1] < 0.6
+    assert abs(correlation[2]) < 0.1
+
+
+def test_depth_comes_in_the_kinects_steps() -> None:
+    exact = np.linspace(1.9, 2.1, 480 * 640, dtype=np.float32).reshape(480, 640)
+    values = np.unique(measured_depth(exact, np.ones_like(exact), 585.0, 0, 0))
+    steps = np.diff(values[values > 0])
+    # 2.85 mm/m2 * z^2, rounded to whole millimetres.
+    assert steps.min() >= 9
+    assert steps.max() <= 14
+
+
+def test_missing_depth() -> None:
+    exact = np.full((480, 640), 2.0, np.float32)
+    exact[:, 300:400] = 1.0
+    exact[:60] = 0.4
+    exact[420:] = 6.0
+    cosine = np.ones_like(exact)
+    cosine[200:260] = 0.05
+    depth = measured_depth(exact, cosine, 585.0, 0, 0)
+    assert (depth[:55] == 0).all(), "too near"
+    assert (depth[425:] == 0).all(), "too far"
+    assert (depth[205:255] == 0).all(), "grazing"
+    # The projector is 7.5 cm to the right: its shadow is 585 * 0.075 * (1/1 - 1/2) = 22 px wide, on the left.
+    missing = (depth[80:190] == 0).mean(axis=0)
+    assert missing[281:297].min() > 0.95
+    assert missing[100:270].max() == 0
+    assert missing[310:390].max() == 0
+    assert missing[405:600].max() == 0
+
+
+def test_block_noise_is_standard() -> None:
+    field = block_noise(480, 640, np.uint64(9))
+    assert abs(field.mean()) < 0.05
+    assert field.std() == pytest.approx(1, abs=0.05)
+
+
+def test_colour_noise() -> None:
+    grey = np.full((200, 200, 3), 128, np.uint8)
+    noise = noisy_colour(grey, 0, 0).astype(float) - 128
+    assert noise.std() == pytest.approx(3, rel=0.1)
+    assert abs(noise.mean()) < 0.1
+    assert (noisy_colour(np.full_like(grey, 255), 0, 0) > 230).all(), "clipped, not wrapped"
+
+
+@pytest.mark.parametrize(
+    ("name", "seed", "cluttered"),
+    [
+        ("scene", 0, False),
+        ("scene:4", 4, False),
+        ("scene:4:cluttered", 4, True),
+        ("scene:cluttered", 0, True),
+    ],
+)
+def test_scene_by_name(name: str, seed: int, cluttered: bool) -> None:
+    found = open_source(name, frames=9)
+    assert isinstance(found, Scene)
+    assert (found.seed, found.cluttered, len(found)) == (seed, cluttered, 9)
+
+
+def test_scene_has_its_own_camera() -> None:
+    with pytest.raises(SourceError, match="own camera"):
+        open_source("scene", intrinsics=(1, 1, 1, 1))
