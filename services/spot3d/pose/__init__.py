@@ -1,0 +1,1 @@
+"""Pose: where the camera is at each frame."""

@@ -1,0 +1,36 @@
+"""What a pose provider says about a frame."""
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+
+
+@dataclass(frozen=True, slots=True)
+class PoseEstimate:
+    """Camera pose of one frame.
+
+    T_world_camera: (4, 4) float64; while status is "lost" it is the last good pose and must not be fused.
+    reason: why tracking is lost, for people; empty while status is "ok".
+    """
+
+    T_world_camera: NDArray[np.float64]
+    status: Literal["ok", "lost"]
+    reason: str = ""
+
+
+class PoseTracker(Protocol):
+    """Any pose provider: one estimate for each frame, in the order of the stamps."""
+
+    def track(
+        self,
+        stamp_ns: int,
+        depth_m: NDArray[np.float32],
+        intrinsics: Intrinsics,
+        given_T_world_camera: NDArray[np.float64] | None,
+    ) -> PoseEstimate:
+        """Pose of the frame taken at `stamp_ns`; depth (h, w) float32 metres, 0 = invalid."""
+        ...

@@ -1,0 +1,82 @@
+"""Generalised ICP to a voxel map of Gaussians, by small_gicp (Koide 2024); an optional extra."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.pose.registration import Registration, judged
+from spot3d.pose.settings import PoseSettings
+from spot3d.pose.surface import Surface
+from spot3d.pose.surfel_map import SurfelMap
+
+try:
+    import small_gicp
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(
+        "pose provider 'gicp' needs the package small_gicp: pip install 'spot3d[gicp]'", name="small_gicp"
+    ) from error
+
+_NEIGHBOURS = 10
+# The map that a poor guess is first registered to has voxels this many times larger.
+_COARSE = 4
+# A voxel that was not seen for this many frames goes; the map looks for such voxels every so many frames.
+_HORIZON, _CLEAR_CYCLE = 3000, 100
+
+
+class SmallGicp:
+    """Registers denoised surface points to Gaussians, one for each voxel."""
+
+    def __init__(self, settings: PoseSettings) -> None:
+        self._settings = settings
+        self._map = small_gicp.GaussianVoxelMap(settings.gicp_voxel)
+        self._coarse_map = small_gicp.GaussianVoxelMap(_COARSE * settings.gicp_voxel)
+        for voxels in (self._map, self._coarse_map):
+            voxels.set_lru(_HORIZON, _CLEAR_CYCLE)
+        # Judges what was registered, by the same measure as the other provider's.
+        self._planes = SurfelMap(settings.surfel_voxel, settings.surfel_limit)
+        # The cloud of the surface at hand: a frame is registered, perhaps several times, and then inserted.
+        self._prepared: tuple[Surface, small_gicp.PointCloud] | None = None
+
+    def register(self, surface: Surface, T_world_guess: NDArray[np.float64], wide: bool) -> Registration:
+        """Generalised ICP from the guess; `wide` registers to the coarse map first."""
+        source = self._source(surface)
+        pose = T_world_guess
+        if wide:
+            pose = self._align(self._coarse_map, source, pose, _COARSE * self._settings.gicp_distance)
+        pose = self._align(self._map, source, pose, self._settings.gicp_distance)
+        distance = self._settings.recovery_distance if wide else self._settings.refine_distance
+        return judged(self._planes, surface, pose, distance)
+
+    def insert(self, surface: Surface, T_world_camera: NDArray[np.float64]) -> None:
+        """Add an accepted frame to every map."""
+        source = self._source(surface)
+        self._map.insert(source, T_world_camera)
+        self._coarse_map.insert(source, T_world_camera)
+        self._planes.insert(surface, T_world_camera)
+
+    def _source(self, surface: Surface) -> "small_gicp.PointCloud":
+        if self._prepared is None or self._prepared[0] is not surface:
+            cloud, _ = small_gicp.preprocess_points(
+                surface.points.astype(np.float64),
+                downsampling_resolution=self._settings.gicp_downsampling,
+                num_neighbors=_NEIGHBOURS,
+                num_threads=1,
+            )
+            self._prepared = (surface, cloud)
+        return self._prepared[1]
+
+    def _align(
+        self,
+        voxels: "small_gicp.GaussianVoxelMap",
+        source: "small_gicp.PointCloud",
+        guess: NDArray[np.float64],
+        distance: float,
+    ) -> NDArray[np.float64]:
+        result = small_gicp.align(
+            voxels,
+            source,
+            guess,
+            max_correspondence_distance=distance,
+            num_threads=1,
+            max_iterations=self._settings.gicp_iterations,
+        )
+        return np.array(result.T_target_source)

@@ -1,0 +1,74 @@
+"""Small rigid-body algebra: twists, inverses, extrapolation."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.trajectory import rotation_angle
+
+
+def rotation_from_vector(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, 3) rotation of a rotation vector, radians (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    x, y, z = vector
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    # np.sinc is sin(pi t) / (pi t): no division by a vanishing angle.
+    sine = float(np.sinc(angle / np.pi))
+    versine = 0.5 * float(np.sinc(angle / (2 * np.pi))) ** 2
+    return np.asarray(np.eye(3) + sine * skew + versine * (skew @ skew))
+
+
+def vector_from_rotation(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation vector, radians, of a (3, 3) rotation by less than pi (motions between frames)."""
+    axis = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
+    return axis / (2 * float(np.sinc(float(rotation_angle(rotation)) / np.pi)))
+
+
+def inverse(T: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Inverse of a (4, 4) rigid transform."""
+    result = np.eye(4)
+    result[:3, :3] = T[:3, :3].T
+    result[:3, 3] = -T[:3, :3].T @ T[:3, 3]
+    return result
+
+
+def moved(T_world_camera: NDArray[np.float64], twist: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Pose after a small motion in world axes: twist (6,) = translation, rotation vector about the camera."""
+    result = T_world_camera.copy()
+    result[:3, :3] = rotation_from_vector(twist[3:]) @ T_world_camera[:3, :3]
+    result[:3, 3] += twist[:3]
+    return result
+
+
+def nearest_rotation(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rotation nearest to a (3, 3) matrix that is almost one: rounding must not add up."""
+    u, _, vt = np.linalg.svd(matrix)
+    return np.asarray(u @ vt)
+
+
+def extrapolated(
+    T_world_before: NDArray[np.float64], T_world_last: NDArray[np.float64], ratio: float
+) -> NDArray[np.float64]:
+    """Pose at constant velocity, `ratio` times as far beyond the last as that lies beyond the one before."""
+    step = inverse(T_world_before) @ T_world_last
+    motion = np.eye(4)
+    motion[:3, :3] = rotation_from_vector(ratio * vector_from_rotation(step[:3, :3]))
+    motion[:3, 3] = ratio * step[:3, 3]
+    return T_world_last @ motion
+
+
+def checked_pose(T: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
+    """The (4, 4) pose as an exact rigid transform, or None where it is none (shape, nan, not a rotation).
+
+    Data sets round their matrices, so a deviation from orthogonality of up to one per cent is mended.
+    """
+    if T is None or np.shape(T) != (4, 4):
+        return None
+    pose = np.array(T, np.float64)
+    rotation = pose[:3, :3]
+    if not np.isfinite(pose).all() or not np.allclose(pose[3], (0, 0, 0, 1), atol=1e-6):
+        return None
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 0.01 or np.linalg.det(rotation) < 0:
+        return None
+    pose[:3, :3] = nearest_rotation(rotation)
+    pose[3] = (0, 0, 0, 1)
+    return pose

@@ -1,0 +1,22 @@
+"""The pose provider that the settings name."""
+
+from spot3d.pose.estimate import PoseTracker
+from spot3d.pose.given import GivenPoses
+from spot3d.pose.settings import PoseSettings
+from spot3d.pose.tracking import MapTracker
+
+
+def make_tracker(settings: PoseSettings) -> PoseTracker:
+    """A fresh tracker of `settings.provider`.
+
+    Raises ModuleNotFoundError, which names the extra to install, where the provider's package is absent.
+    """
+    if settings.provider == "given":
+        return GivenPoses()
+    if settings.provider == "gicp":
+        from spot3d.pose.gicp import SmallGicp
+
+        return MapTracker(SmallGicp(settings), settings)
+    from spot3d.pose.kiss import KissIcp
+
+    return MapTracker(KissIcp(settings), settings)

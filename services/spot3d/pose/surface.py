@@ -1,0 +1,161 @@
+"""Surface points of a depth image: local plane fits, which average the noise away and bring normals along."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.pose.settings import PoseSettings
+from spot3d.sensor import axial_noise_kernel
+
+# Sums over a cell's valid pixels, u and v counted from its centre, q = 1/z: n u v uu uv vv q uq vq qq.
+_SUMS = 10
+_SHARE = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """Points on smooth surfaces in the camera frame.
+
+    points: (n, 3) float32 metres; normals: (n, 3) float32, unit, towards the camera;
+    sigma: (n,) float32, standard deviation of one pixel's depth there, metres.
+    """
+
+    points: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    sigma: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def sample_surface(depth_m: NDArray[np.float32], camera: Intrinsics, settings: PoseSettings) -> Surface:
+    """Surface points on a lattice of at most `lattice_width` columns.
+
+    depth_m: (h, w) float32 metres, 0 = invalid. Each point is a plane fit over 3 x 3 lattice cells: a plane's
+    inverse depth is affine in the pixel, and a structured-light sensor's noise is even in inverse depth.
+    Cells across depth jumps, with holes, at grazing angles or beyond `range_max` give no point.
+    """
+    if depth_m.shape != camera.shape:
+        raise ValueError(f"depth is {depth_m.shape}, but the intrinsics are for {camera.shape}")
+    cell = -(-camera.width // settings.lattice_width)
+    rows, columns = camera.height // cell, camera.width // cell
+    sums = np.empty((rows, columns, _SUMS), np.float32)
+    _sum_cells(np.ascontiguousarray(depth_m, np.float32), cell, np.float32(settings.range_max), sums)
+    points = np.empty((rows * columns, 3), np.float32)
+    normals = np.empty_like(points)
+    sigma = np.empty(rows * columns, np.float32)
+    lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+    gates = np.array([settings.fill_min, settings.grazing_cos, settings.flatness])
+    count = _fit_planes(sums, cell, lens, gates, points, normals, sigma)
+    return Surface(points[:count], normals[:count], sigma[:count])
+
+
+def weakest_direction(surface: Surface) -> float:
+    """Standard deviation of the pose in the direction that these points hold least, metres or radians.
+
+    Of a point-to-plane registration whose points had independent noise `sigma`; infinite where a direction
+    is free, as in front of a bare wall.
+    """
+    # A share of the points tells the same, and is quick.
+    points, normals = (array[::_SHARE].astype(np.float64) for array in (surface.points, surface.normals))
+    J = np.hstack((normals, np.cross(points, normals))) / surface.sigma[::_SHARE, None]
+    least = float(np.linalg.eigvalsh(_SHARE * (J.T @ J))[0])
+    return float("inf") if least <= 0 else least**-0.5
+
+
+@njit(cache=True, nogil=True)
+def _sum_cells(depth: NDArray[np.float32], cell: int, range_max: np.float32, sums: NDArray[np.float32]) -> None:
+    """Sums of each cell x cell block of the (h, w) depth into (rows, columns, 10)."""
+    centre = np.float32(0.5 * (cell - 1))
+    one, zero = np.float32(1), np.float32(0)
+    for row in range(sums.shape[0]):
+        for column in range(sums.shape[1]):
+            n = su = sv = suu = suv = svv = sq = suq = svq = sqq = zero
+            for j in range(cell):
+                v = np.float32(j) - centre
+                for i in range(cell):
+                    z = depth[row * cell + j, column * cell + i]
+                    if z > zero and z < range_max:
+                        q = one / z
+                        u = np.float32(i) - centre
+                        n += one
+                        su += u
+                        sv += v
+                        suu += u * u
+                        suv += u * v
+                        svv += v * v
+                        sq += q
+                        suq += u * q
+                        svq += v * q
+                        sqq += q * q
+            s = sums[row, column]
+            s[0], s[1], s[2], s[3], s[4] = n, su, sv, suu, suv
+            s[5], s[6], s[7], s[8], s[9] = svv, sq, suq, svq, sqq
+
+
+@njit(cache=True, nogil=True)
+def _fit_planes(
+    sums: NDArray[np.float32],
+    cell: int,
+    lens: NDArray[np.float64],
+    gates: NDArray[np.float64],
+    points: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    sigma: NDArray[np.float32],
+) -> int:
+    """Least-squares q = a u + b v + c over 3 x 3 cells; writes the points, returns their count."""
+    fx, fy, cx, cy = lens
+    fill, grazing, flatness = gates
+    rows, columns = sums.shape[:2]
+    least = fill * 9 * cell * cell
+    count = 0
+    for row in range(1, rows - 1):
+        for column in range(1, columns - 1):
+            n = su = sv = suu = suv = svv = sq = suq = svq = sqq = 0.0
+            for j in range(-1, 2):
+                dv = float(j * cell)
+                for i in range(-1, 2):
+                    du = float(i * cell)
+                    s = sums[row + j, column + i]
+                    m = float(s[0])
+                    n += m
+                    su += s[1] + du * m
+                    sv += s[2] + dv * m
+                    suu += s[3] + 2 * du * s[1] + du * du * m
+                    suv += s[4] + du * s[2] + dv * s[1] + du * dv * m
+                    svv += s[5] + 2 * dv * s[2] + dv * dv * m
+                    sq += s[6]
+                    suq += s[7] + du * s[6]
+                    svq += s[8] + dv * s[6]
+                    sqq += s[9]
+            if n < least or n < 6:
+                continue
+            mu, mv, mq = su / n, sv / n, sq / n
+            cuu, cuv, cvv = suu / n - mu * mu, suv / n - mu * mv, svv / n - mv * mv
+            cuq, cvq, cqq = suq / n - mu * mq, svq / n - mv * mq, sqq / n - mq * mq
+            det = cuu * cvv - cuv * cuv
+            if det <= 1e-9:
+                continue
+            a = (cuq * cvv - cvq * cuv) / det
+            b = (cvq * cuu - cuq * cuv) / det
+            z = 1.0 / mq
+            noise = axial_noise_kernel(np.float32(z))
+            # dz = z^2 dq turns the residual of the fit into metres.
+            if np.sqrt(max(cqq - a * cuq - b * cvq, 0.0)) * z * z > flatness * noise:
+                continue
+            u = column * cell + 0.5 * (cell - 1) + mu - cx
+            v = row * cell + 0.5 * (cell - 1) + mv - cy
+            # 1/z = a u + b v + c is the plane (a fx) x + (b fy) y + (mq - a u - b v) z = 1.
+            nx, ny, nz = a * fx, b * fy, mq - a * u - b * v
+            length = np.sqrt(nx * nx + ny * ny + nz * nz)
+            x, y = u / fx * z, v / fy * z
+            if grazing * length * np.sqrt(x * x + y * y + z * z) > 1.0:
+                continue
+            points[count, 0], points[count, 1], points[count, 2] = x, y, z
+            normals[count, 0], normals[count, 1], normals[count, 2] = -nx / length, -ny / length, -nz / length
+            sigma[count] = noise
+            count += 1
+    return count

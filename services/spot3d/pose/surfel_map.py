@@ -1,0 +1,234 @@
+"""The local map of planes: one surfel for each voxel and direction of its surface, found by hashing."""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spot3d.pose.surface import Surface
+
+# A surfel fills one cache line: mean position (3), mean normal (3), weight, frame that saw it last.
+_COLUMNS = 8
+_FREE = np.int64(-1)
+# Variance that counts as weight one; it only keeps the weights near one.
+_UNIT_VARIANCE = 1e-5
+# Beyond this weight (about 300 views at 1 m) a surfel stays open to change.
+_WEIGHT_MAX = 1000.0
+
+
+class SurfelMap:
+    """Bounded map of planes in the world frame.
+
+    keys: (slots,) int64, voxel coordinates and direction, -1 = free; surfels: (slots, 8) float64.
+    """
+
+    def __init__(self, voxel: float, limit: int) -> None:
+        self.voxel = voxel
+        self.limit = limit
+        slots = 1 << int(np.ceil(np.log2(2 * limit)))
+        self.keys = np.full(slots, _FREE)
+        self.surfels = np.zeros((slots, _COLUMNS))
+        self.count = 0
+        self.frames = 0
+
+    def insert(self, surface: Surface, T_world_camera: NDArray[np.float64]) -> None:
+        """Average the surface points into their surfels, weighted by their noise."""
+        self.frames += 1
+        if self.count + len(surface) > self.limit:
+            self._forget()
+        self.count += _insert(
+            self.keys,
+            self.surfels,
+            self.voxel,
+            self.frames,
+            self.limit - self.count,
+            np.ascontiguousarray(T_world_camera, np.float64),
+            surface.points,
+            surface.normals,
+            surface.sigma,
+        )
+
+    def normal_equations(
+        self,
+        surface: Surface,
+        T_world_camera: NDArray[np.float64],
+        distance: float,
+        kernel: float,
+        stride: int = 1,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Point-to-plane normal equations of every `stride`-th point at a pose.
+
+        Returns H (6, 6) and g (6,) of H x = g for the twist x (metres, radians; world axes, about the
+        camera), and (points tried, points matched, sum of squared distances in m2).
+        """
+        H, g, totals = np.zeros((6, 6)), np.zeros(6), np.zeros(3)
+        _normal_equations(
+            self.keys,
+            self.surfels,
+            self.voxel,
+            np.ascontiguousarray(T_world_camera, np.float64),
+            surface.points,
+            surface.normals,
+            surface.sigma,
+            distance,
+            kernel,
+            stride,
+            H,
+            g,
+            totals,
+        )
+        return H, g, totals
+
+    def _forget(self) -> None:
+        """Drop the half of the surfels that was not seen for longest."""
+        used = np.flatnonzero(self.keys != _FREE)
+        recent = used[np.argsort(-self.surfels[used, 7], kind="stable")[: self.limit // 2]]
+        keys, surfels = self.keys[recent], self.surfels[recent]
+        self.keys.fill(_FREE)
+        self.surfels.fill(0)
+        _restore(self.keys, self.surfels, keys, surfels)
+        self.count = len(keys)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _key(x: float, y: float, z: float, nx: float, ny: float, nz: float, voxel: float) -> np.int64:
+    """Voxel of a point and the axis that its normal is nearest to: the two sides of a board never mix."""
+    ax, ay, az = abs(nx), abs(ny), abs(nz)
+    if ax >= ay and ax >= az:
+        face = 0 if nx > 0 else 1
+    elif ay >= az:
+        face = 2 if ny > 0 else 3
+    else:
+        face = 4 if nz > 0 else 5
+    half = 1 << 19
+    i = (int(np.floor(x / voxel)) + half) & 0xFFFFF
+    j = (int(np.floor(y / voxel)) + half) & 0xFFFFF
+    k = (int(np.floor(z / voxel)) + half) & 0xFFFFF
+    return np.int64(((i << 20 | j) << 20 | k) << 3 | face) & np.int64(0x7FFFFFFFFFFFFFFF)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _slot(keys: NDArray[np.int64], key: np.int64) -> np.int64:
+    """Slot of the key, or the free slot where it belongs (linear probing; the table is at most half full)."""
+    mask = keys.shape[0] - 1
+    h: np.int64 = key * np.int64(-7046029254386353131)
+    h = (h ^ (h >> 32)) & mask
+    while keys[h] != key and keys[h] != -1:
+        h = (h + 1) & mask
+    return h
+
+
+@njit(cache=True, nogil=True)
+def _restore(
+    keys: NDArray[np.int64],
+    surfels: NDArray[np.float64],
+    kept_keys: NDArray[np.int64],
+    kept: NDArray[np.float64],
+) -> None:
+    """Put kept surfels back into the empty table."""
+    for i in range(kept_keys.shape[0]):
+        h = _slot(keys, kept_keys[i])
+        keys[h] = kept_keys[i]
+        surfels[h] = kept[i]
+
+
+@njit(cache=True, nogil=True)
+def _insert(
+    keys: NDArray[np.int64],
+    surfels: NDArray[np.float64],
+    voxel: float,
+    frame: int,
+    room: int,
+    T: NDArray[np.float64],
+    points: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    sigma: NDArray[np.float32],
+) -> int:
+    """Running means of position and normal; returns the number of new surfels, at most `room`."""
+    new = 0
+    for i in range(points.shape[0]):
+        p, n = points[i], normals[i]
+        x = T[0, 0] * p[0] + T[0, 1] * p[1] + T[0, 2] * p[2] + T[0, 3]
+        y = T[1, 0] * p[0] + T[1, 1] * p[1] + T[1, 2] * p[2] + T[1, 3]
+        z = T[2, 0] * p[0] + T[2, 1] * p[1] + T[2, 2] * p[2] + T[2, 3]
+        nx = T[0, 0] * n[0] + T[0, 1] * n[1] + T[0, 2] * n[2]
+        ny = T[1, 0] * n[0] + T[1, 1] * n[1] + T[1, 2] * n[2]
+        nz = T[2, 0] * n[0] + T[2, 1] * n[1] + T[2, 2] * n[2]
+        key = _key(x, y, z, nx, ny, nz, voxel)
+        h = _slot(keys, key)
+        if keys[h] == -1:
+            if new >= room:
+                continue
+            keys[h] = key
+            new += 1
+        s = surfels[h]
+        weight = _UNIT_VARIANCE / (sigma[i] * sigma[i])
+        share = weight / (s[6] + weight)
+        s[0] += share * (x - s[0])
+        s[1] += share * (y - s[1])
+        s[2] += share * (z - s[2])
+        s[3] += share * (nx - s[3])
+        s[4] += share * (ny - s[4])
+        s[5] += share * (nz - s[5])
+        s[6] = min(s[6] + weight, _WEIGHT_MAX)
+        s[7] = frame
+    return new
+
+
+@njit(cache=True, nogil=True)
+def _normal_equations(
+    keys: NDArray[np.int64],
+    surfels: NDArray[np.float64],
+    voxel: float,
+    T: NDArray[np.float64],
+    points: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    sigma: NDArray[np.float32],
+    distance: float,
+    kernel: float,
+    stride: int,
+    H: NDArray[np.float64],
+    g: NDArray[np.float64],
+    totals: NDArray[np.float64],
+) -> None:
+    """Sum H, g and the totals over every stride-th point; Geman-McClure weights, inverse noise variance."""
+    J = np.empty(6)
+    for i in range(0, points.shape[0], stride):
+        totals[0] += 1
+        p, n = points[i], normals[i]
+        # The lever arm from the camera keeps H well conditioned wherever the world's origin lies.
+        lx = T[0, 0] * p[0] + T[0, 1] * p[1] + T[0, 2] * p[2]
+        ly = T[1, 0] * p[0] + T[1, 1] * p[1] + T[1, 2] * p[2]
+        lz = T[2, 0] * p[0] + T[2, 1] * p[1] + T[2, 2] * p[2]
+        x, y, z = lx + T[0, 3], ly + T[1, 3], lz + T[2, 3]
+        nx = T[0, 0] * n[0] + T[0, 1] * n[1] + T[0, 2] * n[2]
+        ny = T[1, 0] * n[0] + T[1, 1] * n[1] + T[1, 2] * n[2]
+        nz = T[2, 0] * n[0] + T[2, 1] * n[1] + T[2, 2] * n[2]
+        h = _slot(keys, _key(x, y, z, nx, ny, nz, voxel))
+        if keys[h] == -1:
+            continue
+        s = surfels[h]
+        length = np.sqrt(s[3] * s[3] + s[4] * s[4] + s[5] * s[5])
+        # A short mean normal means a crease: there is no one plane to measure against.
+        if length < 0.9:
+            continue
+        mx, my, mz = s[3] / length, s[4] / length, s[5] / length
+        if mx * nx + my * ny + mz * nz < 0.7:
+            continue
+        r = mx * (x - s[0]) + my * (y - s[1]) + mz * (z - s[2])
+        if abs(r) > distance:
+            continue
+        scaled = r / (kernel * sigma[i])
+        robust = 1.0 / (1.0 + scaled * scaled)
+        weight = robust * robust / (sigma[i] * sigma[i])
+        J[0], J[1], J[2] = mx, my, mz
+        J[3], J[4], J[5] = ly * mz - lz * my, lz * mx - lx * mz, lx * my - ly * mx
+        for a in range(6):
+            wj = weight * J[a]
+            g[a] -= wj * r
+            for b in range(a, 6):
+                H[a, b] += wj * J[b]
+        totals[1] += 1
+        totals[2] += r * r
+    for a in range(6):
+        for b in range(a):
+            H[a, b] = H[b, a]

@@ -1,0 +1,160 @@
+"""Tracking over frames: prediction, loss, recovery; for every provider that registers to a local map."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.pose.estimate import PoseEstimate
+from spot3d.pose.motion import checked_pose, extrapolated, inverse, rotation_from_vector
+from spot3d.pose.registration import Registrar, Registration
+from spot3d.pose.settings import PoseSettings
+from spot3d.pose.surface import Surface, sample_surface, weakest_direction
+from spot3d.trajectory import rotation_angle
+
+# Turns of the camera, in degrees about its x and y axes, that are tried from the last good pose while lost.
+_TURNS = ((0, 12), (0, -12), (12, 0), (-12, 0), (0, 25), (0, -25), (12, 12), (-12, -12), (12, -12), (-12, 12))
+# Velocity holds for this long after a loss, seconds; beyond it is a guess worse than standing still.
+_COASTING = 0.3
+# Places this close to each other are one place (metres, radians).
+_SAME_PLACE, _SAME_TURN = 0.10, np.radians(5.0)
+# After this many lost frames only every fifth is searched for: being lost for long must not cost a core.
+_PATIENCE, _SEARCH_INTERVAL = 60, 5
+
+
+def implausible(
+    registration: Registration,
+    T_world_last: NDArray[np.float64],
+    elapsed: float,
+    overlap_min: float,
+    settings: PoseSettings,
+) -> str:
+    """Why a registration cannot be trusted, or an empty string.
+
+    T_world_last: (4, 4) last good pose, `elapsed` seconds before.
+    """
+    motion = inverse(T_world_last) @ registration.T_world_camera
+    shift, turn = float(np.linalg.norm(motion[:3, 3])), float(rotation_angle(motion[:3, :3]))
+    if registration.overlap < overlap_min:
+        return f"{registration.overlap:.0%} of the points meet the map, {overlap_min:.0%} are needed"
+    if not registration.residual <= settings.residual_max:
+        return f"points lie {1e3 * registration.residual:.1f} mm off the map"
+    if shift > settings.speed_max * elapsed:
+        return f"a jump of {shift:.2f} m in {elapsed:.3f} s"
+    if turn > settings.turn_max * elapsed:
+        return f"a turn of {np.degrees(turn):.0f} deg in {elapsed:.3f} s"
+    return ""
+
+
+@dataclass(frozen=True, slots=True)
+class _Fix:
+    """A trusted pose and its stamp."""
+
+    T_world_camera: NDArray[np.float64]
+    stamp_ns: int
+
+
+class MapTracker:
+    """Tracks the camera against a registrar's local map; only trusted frames enter that map."""
+
+    def __init__(self, registrar: Registrar, settings: PoseSettings) -> None:
+        self._registrar = registrar
+        self._settings = settings
+        self._last: _Fix | None = None
+        self._before: _Fix | None = None
+        self._lost_frames = 0
+
+    def track(
+        self,
+        stamp_ns: int,
+        depth_m: NDArray[np.float32],
+        intrinsics: Intrinsics,
+        given_T_world_camera: NDArray[np.float64] | None,
+    ) -> PoseEstimate:
+        """Pose of the frame; depth (h, w) float32 metres, 0 = invalid.
+
+        The first frame with enough surface starts the map; the world is anchored at its given pose, or at
+        identity without a valid one. Later given poses are not used. ValueError: depth of another size than
+        the intrinsics'.
+        """
+        surface = sample_surface(depth_m, intrinsics, self._settings)
+        last = self._last
+        if len(surface) < self._settings.points_min:
+            return self._lose(
+                f"too few points: {len(surface)} on smooth surfaces, {self._settings.points_min} are needed"
+            )
+        if weakest_direction(surface) > self._settings.weakness_max:
+            return self._lose("the view does not hold the pose in every direction")
+        if last is None:
+            anchor = checked_pose(given_T_world_camera)
+            return self._accept(stamp_ns, surface, np.eye(4) if anchor is None else anchor)
+        if stamp_ns <= last.stamp_ns:
+            return self._lose(f"stamp {stamp_ns} does not follow {last.stamp_ns}")
+        if self._lost_frames:
+            return self._find_again(last, stamp_ns, surface)
+        return self._follow(last, stamp_ns, surface)
+
+    def _follow(self, last: _Fix, stamp_ns: int, surface: Surface) -> PoseEstimate:
+        registration = self._registrar.register(surface, self._predicted(last, stamp_ns), False)
+        doubt = self._doubt(registration, last, stamp_ns, self._settings.overlap_min)
+        if not doubt:
+            return self._accept(stamp_ns, surface, registration.T_world_camera)
+        # Frames were dropped or the motion was fast: once more, from afar, before giving up.
+        found = self._find_again(last, stamp_ns, surface)
+        return found if found.status == "ok" else PoseEstimate(found.T_world_camera, "lost", doubt)
+
+    def _find_again(self, last: _Fix, stamp_ns: int, surface: Surface) -> PoseEstimate:
+        """Register from several starting poses; the best is trusted if no other place fits nearly as well."""
+        if self._lost_frames > _PATIENCE and self._lost_frames % _SEARCH_INTERVAL:
+            return self._lose(f"lost for {self._lost_frames} frames, searched for in every fifth")
+        settings = self._settings
+        tried = [self._registrar.register(surface, guess, True) for guess in self._guesses(last, stamp_ns)]
+        best = max(tried, key=lambda registration: registration.overlap)
+        doubt = self._doubt(best, last, stamp_ns, settings.recovery_overlap_min)
+        if doubt:
+            return self._lose(f"not found again: {doubt}")
+        rivals = (other for other in tried if other.overlap > best.overlap - settings.recovery_margin)
+        if any(_elsewhere(best, rival) for rival in rivals):
+            return self._lose("not found again: the view fits the map in two places")
+        return self._accept(stamp_ns, surface, best.T_world_camera)
+
+    def _guesses(self, last: _Fix, stamp_ns: int) -> list[NDArray[np.float64]]:
+        """Starting poses for a frame that is searched for, the likeliest first."""
+        guesses = [last.T_world_camera]
+        if (stamp_ns - last.stamp_ns) * 1e-9 < _COASTING:
+            guesses.insert(0, self._predicted(last, stamp_ns))
+        for turn in _TURNS:
+            turned = last.T_world_camera.copy()
+            turned[:3, :3] = turned[:3, :3] @ rotation_from_vector(np.radians([*turn, 0.0]))
+            guesses.append(turned)
+        return guesses[: self._settings.recovery_attempts]
+
+    def _predicted(self, last: _Fix, stamp_ns: int) -> NDArray[np.float64]:
+        """Constant velocity from the last two trusted poses, by their stamps: live runs skip frames."""
+        before = self._before
+        if before is None:
+            return last.T_world_camera
+        ratio = (stamp_ns - last.stamp_ns) / (last.stamp_ns - before.stamp_ns)
+        return extrapolated(before.T_world_camera, last.T_world_camera, ratio)
+
+    def _doubt(self, registration: Registration, last: _Fix, stamp_ns: int, overlap_min: float) -> str:
+        elapsed = (stamp_ns - last.stamp_ns) * 1e-9
+        return implausible(registration, last.T_world_camera, elapsed, overlap_min, self._settings)
+
+    def _accept(self, stamp_ns: int, surface: Surface, pose: NDArray[np.float64]) -> PoseEstimate:
+        self._registrar.insert(surface, pose)
+        # After a loss the old velocity says nothing.
+        self._before = None if self._lost_frames else self._last
+        self._last = _Fix(pose, stamp_ns)
+        self._lost_frames = 0
+        return PoseEstimate(pose, "ok")
+
+    def _lose(self, reason: str) -> PoseEstimate:
+        self._lost_frames += 1
+        return PoseEstimate(np.eye(4) if self._last is None else self._last.T_world_camera, "lost", reason)
+
+
+def _elsewhere(a: Registration, b: Registration) -> bool:
+    motion = inverse(a.T_world_camera) @ b.T_world_camera
+    return bool(np.linalg.norm(motion[:3, 3]) > _SAME_PLACE or rotation_angle(motion[:3, :3]) > _SAME_TURN)

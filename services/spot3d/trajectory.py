@@ -1,0 +1,157 @@
+"""Camera trajectories: TUM files, and the errors ATE and RPE by evo's definitions."""
+
+from collections.abc import Sequence
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def rotation_angle(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Angle in radians, [0, pi], of each of (..., 3, 3) rotation matrices.
+
+    By atan2 of sine and cosine, which stays exact for the tiny angles between neighbouring frames.
+    """
+    axis = np.stack(
+        (
+            rotation[..., 2, 1] - rotation[..., 1, 2],
+            rotation[..., 0, 2] - rotation[..., 2, 0],
+            rotation[..., 1, 0] - rotation[..., 0, 1],
+        ),
+        axis=-1,
+    )
+    trace = np.trace(rotation, axis1=-2, axis2=-1)
+    return np.asarray(np.arctan2(np.linalg.norm(axis, axis=-1), trace - 1))
+
+
+def quaternion_from_rotation(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit quaternion (x, y, z, w), w >= 0, of a (3, 3) rotation matrix (Bar-Itzhack 2000).
+
+    The eigenvector of the largest eigenvalue is the nearest rotation, also for a matrix that is slightly off.
+    """
+    r = rotation
+    k = np.array(
+        [
+            [r[0, 0] - r[1, 1] - r[2, 2], 0, 0, 0],
+            [r[1, 0] + r[0, 1], r[1, 1] - r[0, 0] - r[2, 2], 0, 0],
+            [r[2, 0] + r[0, 2], r[2, 1] + r[1, 2], r[2, 2] - r[0, 0] - r[1, 1], 0],
+            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], r[0, 0] + r[1, 1] + r[2, 2]],
+        ]
+    )
+    quaternion: NDArray[np.float64] = np.linalg.eigh(k)[1][:, 3]
+    return -quaternion if quaternion[3] < 0 else quaternion
+
+
+def rotation_from_quaternion(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, 3) rotation matrix of a quaternion (x, y, z, w) of any length but zero (ValueError)."""
+    norm = float(np.linalg.norm(quaternion))
+    if not norm > 0:
+        raise ValueError("a quaternion of length zero is no rotation")
+    x, y, z, w = quaternion / norm
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def write_tum(path: Path, stamps_ns: Sequence[int], T_world_camera: NDArray[np.float64]) -> None:
+    """Write a trajectory in TUM format: `stamp tx ty tz qx qy qz qw`, seconds with nine decimals, metres.
+
+    stamps_ns: n integer nanoseconds; T_world_camera: (n, 4, 4). Stamps come back exactly from `read_tum`.
+    """
+    lines = []
+    for stamp, pose in zip(stamps_ns, T_world_camera, strict=True):
+        numbers = (*pose[:3, 3], *quaternion_from_rotation(pose[:3, :3]))
+        lines.append(f"{Decimal(int(stamp)).scaleb(-9):.9f} " + " ".join(f"{number:.9f}" for number in numbers))
+    path.write_text("".join(line + "\n" for line in lines), encoding="utf-8")
+
+
+def read_tum(path: Path) -> tuple[list[int], NDArray[np.float64]]:
+    """Read a TUM trajectory: n stamps in nanoseconds, (n, 4, 4) float64 T_world_camera.
+
+    Empty lines and lines that begin with # are skipped. ValueError names the file and the line at fault.
+    """
+    stamps: list[int] = []
+    poses: list[NDArray[np.float64]] = []
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        fields = line.split()
+        if not fields or fields[0].startswith("#"):
+            continue
+        try:
+            if len(fields) != 8:
+                raise ValueError(f"expected 8 numbers, got {len(fields)}")
+            values = np.array([float(field) for field in fields[1:]])
+            if not np.isfinite(values).all():
+                raise ValueError("not all numbers are finite")
+            # Decimal keeps the nanoseconds that a float of seconds since 1970 would lose.
+            stamps.append(int(Decimal(fields[0]).scaleb(9).to_integral_value()))
+            pose = np.eye(4)
+            pose[:3, :3] = rotation_from_quaternion(values[3:])
+            pose[:3, 3] = values[:3]
+        except (ValueError, ArithmeticError) as error:
+            raise ValueError(f"{path}, line {number}: {error}") from error
+        poses.append(pose)
+    return stamps, np.array(poses).reshape(-1, 4, 4)
+
+
+def align(true: NDArray[np.float64], estimated: NDArray[np.float64]) -> NDArray[np.float64]:
+    """T_true_estimated (4, 4) that best maps the estimated positions onto the true ones, without scale.
+
+    true, estimated: (n, 4, 4) poses. Umeyama 1991; least squares over the positions.
+    """
+    p, q = true[:, :3, 3], estimated[:, :3, 3]
+    u, _, vt = np.linalg.svd((p - p.mean(0)).T @ (q - q.mean(0)))
+    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    transform = np.eye(4)
+    transform[:3, :3] = u @ flip @ vt
+    transform[:3, 3] = p.mean(0) - transform[:3, :3] @ q.mean(0)
+    return transform
+
+
+def ate(true: NDArray[np.float64], estimated: NDArray[np.float64], align_first: bool = True) -> dict[str, float]:
+    """Absolute trajectory error: rmse, mean and median distance of the positions, metres (evo's `evo_ape`).
+
+    true, estimated: (n, 4, 4) T_world_camera of the same stamps; `align_first` moves the estimate onto the
+    truth by the best rigid transform. ValueError where the lengths differ or there is no pose.
+    """
+    _check_pair(true, estimated, least=1)
+    if align_first:
+        estimated = align(true, estimated) @ estimated
+    return _statistics(np.linalg.norm(true[:, :3, 3] - estimated[:, :3, 3], axis=1))
+
+
+def rpe(
+    true: NDArray[np.float64], estimated: NDArray[np.float64], delta: int = 1
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Relative pose error over `delta` frames: statistics of translation (metres) and rotation (radians).
+
+    true, estimated: (n, 4, 4) T_world_camera of the same stamps. For each pair (i, i + delta) the error is
+    (Q_i^-1 Q_j)^-1 (P_i^-1 P_j), all pairs as in `evo_rpe --all_pairs`. Each result holds rmse, mean, median.
+    ValueError where the lengths differ or there are not more than `delta` poses.
+    """
+    if delta < 1:
+        raise ValueError(f"delta must be at least one frame, got {delta}")
+    _check_pair(true, estimated, least=delta + 1)
+    true_motion = np.linalg.inv(true[:-delta]) @ true[delta:]
+    motion = np.linalg.inv(estimated[:-delta]) @ estimated[delta:]
+    error = np.linalg.inv(true_motion) @ motion
+    return _statistics(np.linalg.norm(error[:, :3, 3], axis=1)), _statistics(rotation_angle(error[:, :3, :3]))
+
+
+def _check_pair(true: NDArray[np.float64], estimated: NDArray[np.float64], least: int) -> None:
+    if true.shape != estimated.shape or true.shape[1:] != (4, 4):
+        raise ValueError(f"two (n, 4, 4) trajectories are needed, got {true.shape} and {estimated.shape}")
+    if len(true) < least:
+        raise ValueError(f"at least {least} poses are needed, got {len(true)}")
+
+
+def _statistics(errors: NDArray[np.float64]) -> dict[str, float]:
+    return {
+        "rmse": float(np.sqrt(np.mean(errors**2))),
+        "mean": float(np.mean(errors)),
+        "median": float(np.median(errors)),
+    }

@@ -1,0 +1,151 @@
+"""Surface points, the plane map and the small algebra beneath the pose providers."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.pose.given import GivenPoses
+from spot3d.pose.motion import (
+    checked_pose,
+    extrapolated,
+    inverse,
+    moved,
+    rotation_from_vector,
+    vector_from_rotation,
+)
+from spot3d.pose.settings import PoseSettings
+from spot3d.pose.surface import sample_surface, weakest_direction
+from spot3d.pose.surfel_map import SurfelMap
+from spot3d.sensor import axial_noise
+
+CAMERA = Intrinsics(300.0, 300.0, 160.0, 120.0, 320, 240)
+SETTINGS = PoseSettings(lattice_width=80)
+
+
+def plane_depth(normal: NDArray[np.float64], offset: float) -> NDArray[np.float32]:
+    """Depth of the plane normal . p = offset."""
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
+    rays = np.stack(((u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)), axis=-1)
+    return (offset / (rays @ normal)).astype(np.float32)
+
+
+def test_no_depth_gives_no_points() -> None:
+    assert len(sample_surface(np.zeros(CAMERA.shape, np.float32), CAMERA, SETTINGS)) == 0
+
+
+@pytest.mark.parametrize("tilt", [(0.0, 0.0, 1.0), (0.4, 0.0, 1.0), (-0.2, 0.5, 1.0)])
+def test_a_plane_is_met_exactly(tilt: tuple[float, float, float]) -> None:
+    normal = np.array(tilt) / np.linalg.norm(tilt)
+    surface = sample_surface(plane_depth(normal, 1.5), CAMERA, SETTINGS)
+    assert len(surface) > 4000
+    np.testing.assert_allclose(surface.points @ normal, 1.5, atol=1e-4)
+    np.testing.assert_allclose(surface.normals, np.tile(-normal, (len(surface), 1)), atol=1e-3)
+
+
+def test_the_fit_averages_noise_away() -> None:
+    flat = plane_depth(np.array([0.0, 0.0, 1.0]), 2.0)
+    sigma = float(axial_noise(2.0))
+    noisy = flat + np.random.default_rng(0).normal(0, sigma, flat.shape).astype(np.float32)
+    surface = sample_surface(noisy, CAMERA, SETTINGS)
+    assert len(surface) > 4000
+    # 144 pixels a fit: a twelfth of one pixel's noise.
+    assert float(np.std(surface.points[:, 2])) < sigma / 9
+    assert float(np.median(surface.sigma)) == pytest.approx(sigma, rel=0.05)
+
+
+def test_jumps_holes_range_and_grazing_views_give_no_points() -> None:
+    step = plane_depth(np.array([0.0, 0.0, 1.0]), 1.0)
+    step[:, 160:] = 1.2
+    points = sample_surface(step, CAMERA, SETTINGS).points
+    assert ((points[:, 2] < 1.001) | (points[:, 2] > 1.199)).all()
+    holes = np.where(np.arange(320) % 2 == 0, step, 0).astype(np.float32)
+    assert len(sample_surface(holes, CAMERA, SETTINGS)) == 0
+    assert len(sample_surface(step + np.float32(4), CAMERA, SETTINGS)) == 0
+    floor = np.clip(plane_depth(np.array([0.0, 1.0, 0.0801]), 0.4), 0, 3).astype(np.float32)
+    surface = sample_surface(floor, CAMERA, SETTINGS)
+    cosines = -np.sum(surface.points * surface.normals, axis=1) / np.linalg.norm(surface.points, axis=1)
+    assert len(surface) > 100
+    assert cosines.min() >= SETTINGS.grazing_cos - 1e-3
+
+
+def test_a_plane_leaves_directions_free_and_a_corner_does_not() -> None:
+    wall = plane_depth(np.array([0.0, 0.0, 1.0]), 1.5)
+    corner = np.minimum(wall, plane_depth(np.array([0.8, 0.0, 0.6]), 0.9))
+    positive = plane_depth(np.array([0.0, 0.8, 0.6]), 1.0)
+    corner = np.minimum(corner, np.where(positive > 0, positive, np.inf)).astype(np.float32)
+    assert weakest_direction(sample_surface(wall, CAMERA, SETTINGS)) > SETTINGS.weakness_max
+    assert weakest_direction(sample_surface(corner, CAMERA, SETTINGS)) < SETTINGS.weakness_max
+
+
+def test_normal_equations_point_to_the_plane() -> None:
+    surface = sample_surface(plane_depth(np.array([0.0, 0.0, 1.0]), 1.5), CAMERA, SETTINGS)
+    planes = SurfelMap(0.05, 20_000)
+    planes.insert(surface, np.eye(4))
+    off = np.eye(4)
+    off[2, 3] = 0.004
+    H, g, (tried, matched, squares) = planes.normal_equations(surface, off, 0.05, 3.0)
+    assert tried == matched == len(surface)
+    assert (squares / matched) ** 0.5 == pytest.approx(0.004, abs=1e-4)
+    assert g[2] / H[2, 2] == pytest.approx(-0.004, abs=1e-4)
+    _, _, (tried, matched, _) = planes.normal_equations(surface, off, 0.002, 3.0)
+    assert (tried, matched) == (len(surface), 0)
+
+
+def test_a_full_map_forgets_what_it_has_not_seen_for_longest() -> None:
+    surface = sample_surface(plane_depth(np.array([0.0, 0.0, 1.0]), 1.5), CAMERA, SETTINGS)
+    planes = SurfelMap(0.05, 3000)
+    pose = np.eye(4)
+    for step in range(40):
+        pose[0, 3] = 0.5 * step
+        planes.insert(surface, pose)
+        assert planes.count <= planes.limit
+        assert planes.count == np.count_nonzero(planes.keys != -1)
+    matched_here = planes.normal_equations(surface, pose, 0.05, 3.0)[2][1]
+    matched_first = planes.normal_equations(surface, np.eye(4), 0.05, 3.0)[2][1]
+    assert matched_here > 0.9 * len(surface)
+    assert matched_first == 0
+
+
+@pytest.mark.parametrize("vector", [(0.0, 0.0, 0.0), (1e-9, 0.0, 0.0), (0.1, -0.2, 0.3), (0.0, 0.0, 3.0)])
+def test_rotation_vectors_round_trip(vector: tuple[float, float, float]) -> None:
+    rotation = rotation_from_vector(np.array(vector))
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(vector_from_rotation(rotation), vector, atol=1e-12)
+
+
+def test_constant_velocity() -> None:
+    step = moved(np.eye(4), np.array([0.1, 0.0, -0.2, 0.0, 0.05, 0.02]))
+    np.testing.assert_allclose(extrapolated(np.eye(4), step, 1.0), step @ step, atol=1e-12)
+    np.testing.assert_allclose(extrapolated(np.eye(4), step, 0.0), step, atol=1e-12)
+    np.testing.assert_allclose(step @ inverse(step), np.eye(4), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        None,
+        np.eye(3),
+        np.full((4, 4), np.nan),
+        np.diag([1.0, 1.0, -1.0, 1.0]),
+        np.diag([2.0, 2.0, 2.0, 1.0]),
+        np.ones((4, 4)),
+    ],
+)
+def test_given_poses(bad: NDArray[np.float64] | None) -> None:
+    tracker, depth = GivenPoses(), np.zeros(CAMERA.shape, np.float32)
+    good = moved(np.eye(4), np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))
+    estimate = tracker.track(1, depth, CAMERA, good)
+    assert (estimate.status, estimate.reason) == ("ok", "")
+    np.testing.assert_allclose(estimate.T_world_camera, good, atol=1e-12)
+    lost = tracker.track(2, depth, CAMERA, bad)
+    assert lost.status == "lost"
+    assert lost.reason
+    np.testing.assert_allclose(lost.T_world_camera, good, atol=1e-12)
+
+
+def test_rounded_rotations_are_made_exact() -> None:
+    good = moved(np.eye(4), np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))
+    mended = checked_pose(np.round(good, 3))
+    assert mended is not None
+    np.testing.assert_allclose(mended[:3, :3] @ mended[:3, :3].T, np.eye(3), atol=1e-12)

@@ -1,0 +1,237 @@
+"""Providers on a made-up room: known motion, loss, recovery."""
+
+import importlib.util
+import os
+import sys
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.pose.estimate import PoseEstimate, PoseTracker
+from spot3d.pose.motion import rotation_from_vector
+from spot3d.pose.providers import make_tracker
+from spot3d.pose.registration import Registration
+from spot3d.pose.settings import PoseSettings
+from spot3d.pose.tracking import implausible
+from spot3d.sensor import axial_noise
+from spot3d.trajectory import rotation_angle, rpe
+
+CAMERA = Intrinsics(146.0, 146.0, 80.0, 60.0, 160, 120)
+# Room and furniture: lowest and highest corner, metres; z is up and the first box is seen from inside.
+BOXES = np.array(
+    [
+        [(-1.5, -1.2, 0.0), (1.8, 1.6, 2.2)],
+        [(0.3, 0.2, 0.0), (1.3, 1.0, 0.7)],
+        [(0.5, 0.3, 0.7), (0.7, 0.6, 0.95)],
+        [(0.9, 0.7, 0.7), (1.2, 0.9, 0.85)],
+        [(-0.6, 1.0, 0.0), (-0.1, 1.6, 1.3)],
+        [(1.2, -0.9, 0.0), (1.8, -0.4, 1.0)],
+    ]
+)
+FRAME_NS = 33_333_333
+PROVIDERS = [
+    "kiss",
+    pytest.param(
+        "gicp",
+        marks=pytest.mark.skipif(
+            importlib.util.find_spec("small_gicp") is None, reason="small_gicp is not installed (extra gicp)"
+        ),
+    ),
+]
+
+
+def pose_at(seconds: float) -> NDArray[np.float64]:
+    """A camera that moves sideways at 0.3 m/s while it looks into the furnished corner."""
+    pose = np.eye(4)
+    eye = np.array([-0.9 + 0.1 * np.sin(2 * seconds), -0.8 + 0.3 * seconds, 1.3 + 0.05 * np.sin(3 * seconds)])
+    forward = np.array([0.8, 0.5, 0.6]) - eye
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    pose[:3, :3] = np.column_stack((right, np.cross(forward, right), forward))
+    pose[:3, 3] = eye
+    return pose
+
+
+def render(T_world_camera: NDArray[np.float64], seed: int) -> NDArray[np.float32]:
+    """Noisy depth (h, w) float32 metres of the room, by slabs: each ray meets each box at most twice."""
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
+    rays = np.stack(((u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)), axis=-1)
+    rays = rays @ T_world_camera[:3, :3].T
+    corners = (BOXES[:, :, None, None, :] - T_world_camera[:3, 3]) / rays
+    enter = corners.min(axis=1).max(axis=-1)
+    leave = corners.max(axis=1).min(axis=-1)
+    depth = leave[0]
+    for near, far in zip(enter[1:], leave[1:], strict=True):
+        depth = np.where((near < far) & (near > 0), np.minimum(depth, near), depth)
+    noise = np.random.default_rng(seed).normal(size=depth.shape)
+    return (depth + noise * axial_noise(depth)).astype(np.float32)
+
+
+@cache
+def frame(index: int) -> NDArray[np.float32]:
+    return render(pose_at(index / 30), index)
+
+
+def error(estimate: PoseEstimate, true: NDArray[np.float64]) -> tuple[float, float]:
+    """Distance in metres and angle in degrees between an estimate and the true pose."""
+    off = np.linalg.inv(true) @ estimate.T_world_camera
+    return float(np.linalg.norm(off[:3, 3])), float(np.degrees(rotation_angle(off[:3, :3])))
+
+
+def started(provider: str, frames: int) -> PoseTracker:
+    """A tracker that has followed the first frames."""
+    tracker = make_tracker(PoseSettings.model_validate({"provider": provider, "lattice_width": 160}))
+    for index in range(frames):
+        given = pose_at(0) if index == 0 else None
+        assert tracker.track(1 + index * FRAME_NS, frame(index), CAMERA, given).status == "ok"
+    return tracker
+
+
+@pytest.mark.parametrize(
+    ("shift", "turn", "overlap", "residual", "reason"),
+    [
+        (0.0, 0.0, 1.0, 0.0, ""),
+        (0.09, 0.15, 0.6, 0.01, ""),
+        (0.2, 0.0, 1.0, 0.0, "a jump of 0.20 m"),
+        (0.0, 0.5, 1.0, 0.0, "a turn of 29 deg"),
+        (0.0, 0.0, 0.4, 0.0, "40% of the points"),
+        (0.0, 0.0, 1.0, 0.05, "50.0 mm off"),
+        (0.0, 0.0, 1.0, float("nan"), "off the map"),
+    ],
+)
+def test_what_is_implausible(shift: float, turn: float, overlap: float, residual: float, reason: str) -> None:
+    pose = np.eye(4)
+    pose[0, 3] = shift
+    pose[:3, :3] = rotation_from_vector(np.array([0.0, turn, 0.0]))
+    found = implausible(Registration(pose, overlap, residual), np.eye(4), 1 / 30, 0.5, PoseSettings())
+    assert reason in found
+    assert bool(found) == bool(reason)
+
+
+@pytest.mark.parametrize("provider", PROVIDERS)
+def test_known_motion_is_recovered_in_the_world_of_the_first_given_pose(provider: str) -> None:
+    tracker = started(provider, 1)
+    for index in range(1, 30):
+        estimate = tracker.track(1 + index * FRAME_NS, frame(index), CAMERA, None)
+        distance, angle = error(estimate, pose_at(index / 30))
+        assert estimate.status == "ok"
+        assert distance < 0.012
+        assert angle < 0.5
+
+
+def test_without_a_given_pose_the_world_is_the_first_camera() -> None:
+    tracker = make_tracker(PoseSettings())
+    np.testing.assert_array_equal(tracker.track(1, frame(0), CAMERA, None).T_world_camera, np.eye(4))
+
+
+def test_two_runs_are_identical() -> None:
+    first, second = (
+        started("kiss", 5).track(1 + 5 * FRAME_NS, frame(5), CAMERA, None).T_world_camera for _ in range(2)
+    )
+    np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.parametrize("provider", PROVIDERS)
+def test_covered_for_a_second(provider: str) -> None:
+    tracker = started(provider, 10)
+    last = tracker.track(1 + 10 * FRAME_NS, frame(10), CAMERA, None).T_world_camera
+    hand = np.full(CAMERA.shape, 0.25, np.float32)
+    for index in range(11, 41):
+        covered = hand if index % 2 else np.zeros(CAMERA.shape, np.float32)
+        estimate = tracker.track(1 + index * FRAME_NS, covered, CAMERA, None)
+        assert estimate.status == "lost"
+        assert estimate.reason
+        np.testing.assert_array_equal(estimate.T_world_camera, last)
+    for index in range(41, 46):
+        estimate = tracker.track(1 + index * FRAME_NS, frame(index), CAMERA, None)
+        assert estimate.status == "ok"
+        distance, angle = error(estimate, pose_at(index / 30))
+        assert distance < 0.02
+        assert angle < 0.7
+
+
+@pytest.mark.parametrize("provider", PROVIDERS)
+def test_a_jump_is_lost_and_the_map_survives_it(provider: str) -> None:
+    tracker = started(provider, 10)
+    away = pose_at(10 / 30)
+    away[:3, :3] = away[:3, :3] @ rotation_from_vector(np.array([0.0, 2.4, 0.0]))
+    for index in range(10, 20):
+        estimate = tracker.track(1 + index * FRAME_NS, render(away, index), CAMERA, None)
+        assert estimate.status == "lost"
+    estimate = tracker.track(1 + 20 * FRAME_NS, frame(20), CAMERA, None)
+    assert estimate.status == "ok"
+    assert error(estimate, pose_at(20 / 30))[0] < 0.02
+
+
+def test_a_step_too_fast_for_a_camera_is_a_jump() -> None:
+    tracker = started("kiss", 5)
+    # A third of a second's way within a millisecond: the map fits, the speed does not.
+    estimate = tracker.track(1 + 4 * FRAME_NS + 1_000_000, frame(15), CAMERA, None)
+    assert estimate.status == "lost"
+    assert "jump" in estimate.reason
+    assert tracker.track(1 + 15 * FRAME_NS, frame(15), CAMERA, None).status == "ok"
+
+
+def test_dropped_frames_are_no_loss() -> None:
+    tracker = started("kiss", 3)
+    for index in (9, 16, 24, 34):
+        estimate = tracker.track(1 + index * FRAME_NS, frame(index), CAMERA, None)
+        assert estimate.status == "ok"
+        assert error(estimate, pose_at(index / 30))[0] < 0.015
+
+
+def test_a_bare_wall_holds_no_pose() -> None:
+    wall = np.full(CAMERA.shape, 1.5, np.float32)
+    estimate = make_tracker(PoseSettings()).track(1, wall, CAMERA, None)
+    assert (estimate.status, "every direction" in estimate.reason) == ("lost", True)
+
+
+def test_nothing_to_see_before_the_first_pose() -> None:
+    tracker = make_tracker(PoseSettings())
+    assert tracker.track(1, np.zeros(CAMERA.shape, np.float32), CAMERA, pose_at(0)).status == "lost"
+    estimate = tracker.track(2, frame(0), CAMERA, pose_at(0))
+    assert estimate.status == "ok"
+    np.testing.assert_allclose(estimate.T_world_camera, pose_at(0), atol=1e-12)
+
+
+def test_stamps_must_follow_each_other() -> None:
+    tracker = started("kiss", 2)
+    assert "does not follow" in tracker.track(1, frame(2), CAMERA, None).reason
+    assert tracker.track(1 + 2 * FRAME_NS, frame(2), CAMERA, None).status == "ok"
+
+
+def test_gicp_without_its_package_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "small_gicp", None)
+    monkeypatch.delitem(sys.modules, "spot3d.pose.gicp", raising=False)
+    with pytest.raises(ModuleNotFoundError, match=r"spot3d\[gicp\]"):
+        make_tracker(PoseSettings(provider="gicp"))
+
+
+def test_size_mismatch_is_refused() -> None:
+    with pytest.raises(ValueError, match="intrinsics"):
+        make_tracker(PoseSettings()).track(1, np.ones((10, 10), np.float32), CAMERA, None)
+
+
+def test_redkitchen_poses() -> None:
+    data = Path(os.environ.get("SPOT3D_DATA", Path(__file__).parents[2] / "../shared/data")) / "redkitchen"
+    if not data.is_dir():
+        pytest.skip(f"no data in {data}")
+    camera = Intrinsics(292.5, 292.5, 160.0, 120.0, 320, 240)
+    tracker = make_tracker(PoseSettings())
+    true, estimated = [], []
+    for index in range(30):
+        millimetres = cv2.imread(str(data / f"frame-{index:06d}.depth.png"), cv2.IMREAD_UNCHANGED)[::2, ::2]
+        depth = np.where(millimetres == 65535, 0, millimetres).astype(np.float32) * np.float32(0.001)
+        true.append(np.loadtxt(data / f"frame-{index:06d}.pose.txt"))
+        estimate = tracker.track(1 + index * FRAME_NS, depth, camera, true[0])
+        assert estimate.status == "ok"
+        estimated.append(estimate.T_world_camera)
+    translation, rotation = rpe(np.array(true), np.array(estimated))
+    assert translation["rmse"] < 0.0045
+    assert np.degrees(rotation["rmse"]) < 0.15
