@@ -1,0 +1,128 @@
+"""One thin edge map from colour and depth: gradients of colour, jumps and creases of inverse depth."""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spot3d.proposals.inverse_depth import depth_strength, fill_inverse_depth
+from spot3d.proposals.settings import EdgeSettings
+
+ALONG = 2.0  # standard deviation, pixels, of the smoothing whose ridges give the edges' orientation
+
+
+class EdgeMap(NamedTuple):
+    """Edges one pixel wide: magnitude (h, w) float32 in [0, 1], 0 = none, and orientation (h, w) float32.
+
+    The orientation is that of the edge's normal, radians in [0, pi), 0 along x.
+    """
+
+    magnitude: NDArray[np.float32]
+    orientation: NDArray[np.float32]
+
+
+def detect_edges(
+    colour: NDArray[np.uint8], depth: NDArray[np.float32], focal_length: float, settings: EdgeSettings
+) -> EdgeMap:
+    """Thin edges of a registered RGB-D frame: the stronger of colour and depth at each pixel, thinned.
+
+    colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; focal_length: pixels. Colour alone
+    counts, at full weight, where no pixel has depth.
+    """
+    least = np.float32(settings.min_magnitude)
+    has_depth = bool(depth.any())
+    smooth = np.asarray(cv2.GaussianBlur(colour, (5, 5), 1.0), np.uint8)
+    weight = np.float32(settings.colour_weight if has_depth else 1)
+    strength = colour_strength(smooth, weight, np.float32(settings.colour_contrast), least)
+    if has_depth:
+        raise_to_depth(strength, depth_strength(fill_inverse_depth(depth), focal_length, settings), depth, least)
+    ridges = np.asarray(cv2.GaussianBlur(strength, (0, 0), ALONG), np.float32)
+    return EdgeMap(*thin(strength, ridges))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def colour_strength(
+    smooth: NDArray[np.uint8], weight: np.float32, contrast: np.float32, least: np.float32
+) -> NDArray[np.float32]:
+    """Strength (h, w) float32 of colour edges: weight * g / (g + contrast), 0 below `least`.
+
+    g is the largest gradient of the three channels, grey levels per pixel. smooth: (h, w, 3) uint8.
+    """
+    h, w = smooth.shape[0], smooth.shape[1]
+    strength = np.zeros((h, w), np.float32)
+    if weight <= least:
+        return strength
+    weakest = np.int32(4 * (contrast * least / (weight - least)) ** 2)
+    for y in range(1, h - 1):
+        for x in range(1, w - 1):
+            best = np.int32(0)
+            for k in range(3):
+                gx = np.int32(smooth[y, x + 1, k]) - np.int32(smooth[y, x - 1, k])
+                gy = np.int32(smooth[y + 1, x, k]) - np.int32(smooth[y - 1, x, k])
+                squared = gx * gx + gy * gy
+                if squared > best:
+                    best = squared
+            if best > weakest:
+                g = np.float32(0.5) * np.sqrt(np.float32(best))
+                strength[y, x] = weight * g / (g + contrast)
+    return strength
+
+
+@njit(cache=True, nogil=True)
+def raise_to_depth(
+    strength: NDArray[np.float32], other: NDArray[np.float32], depth: NDArray[np.float32], least: np.float32
+) -> None:
+    """Raise `strength` to `other` (both (h, w) float32) where that is `least` or more and depth was measured.
+
+    Edges further than a pixel from measured depth belong to what was filled in.
+    """
+    h, w = strength.shape
+    for y in range(1, h - 1):
+        for x in range(1, w - 1):
+            value = other[y, x]
+            if value < least or value <= strength[y, x]:
+                continue
+            seen = depth[y, x] > 0 or depth[y, x - 1] > 0 or depth[y, x + 1] > 0
+            if seen or depth[y - 1, x] > 0 or depth[y + 1, x] > 0:
+                strength[y, x] = value
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def thin(strength: NDArray[np.float32], smooth: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Keep the pixels that are maxima across their edge; its normal is the sharpest bend of the smoothed map.
+
+    strength, smooth: (h, w) float32. Returns the two fields of EdgeMap; the outermost pixels have no edges.
+    """
+    h, w = strength.shape
+    magnitude, orientation = np.zeros((h, w), np.float32), np.zeros((h, w), np.float32)
+    one, half, quarter = np.float32(1), np.float32(0.5), np.float32(0.25)
+    for y in range(1, h - 1):
+        for x in range(1, w - 1):
+            s = strength[y, x]
+            if s == 0:
+                continue
+            # Eigenvector of the most negative second derivative: across the ridge.
+            diff = half * (smooth[y, x + 1] + smooth[y, x - 1] - smooth[y + 1, x] - smooth[y - 1, x])
+            cross = smooth[y + 1, x + 1] + smooth[y - 1, x - 1] - smooth[y + 1, x - 1] - smooth[y - 1, x + 1]
+            cross *= quarter
+            spread = np.sqrt(diff * diff + cross * cross)
+            nx, ny = (-cross, diff + spread) if diff > 0 else (spread - diff, -cross)
+            ax, ay = abs(nx), abs(ny)
+            # Neighbours one step along the normal's larger component, interpolated across the smaller.
+            if ax >= ay:
+                t = ay / max(ax, np.float32(1e-12))
+                dy = 1 if nx * ny > 0 else -1
+                ahead = (one - t) * strength[y, x + 1] + t * strength[y + dy, x + 1]
+                behind = (one - t) * strength[y, x - 1] + t * strength[y - dy, x - 1]
+            else:
+                t = ax / ay
+                dx = 1 if nx * ny > 0 else -1
+                ahead = (one - t) * strength[y + 1, x] + t * strength[y + 1, x + dx]
+                behind = (one - t) * strength[y - 1, x] + t * strength[y - 1, x - dx]
+            if s > ahead and s >= behind:  # of two equal neighbours, one stays
+                angle = np.arctan2(ny, nx)
+                magnitude[y, x] = s
+                orientation[y, x] = angle if angle >= 0 else max(angle + np.float32(np.pi), np.float32(0))
+    return magnitude, orientation

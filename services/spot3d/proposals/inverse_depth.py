@@ -1,0 +1,132 @@
+"""Depth edges: inverse depth is linear on planes, so its jumps and bends are edges of objects."""
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spot3d.proposals.settings import EdgeSettings
+
+FINE, COARSE = 1.0, 2.0  # standard deviations of the two smoothings, pixels
+SUPPORT = 13  # width of the coarser filter, pixels
+# What the filters answer, at their peak, to a unit step or a unit change of slope, and to noise of one (the
+# crease's is three times that of white noise: neighbouring pixels of a depth camera err together).
+JUMP_RESPONSE, JUMP_NOISE = np.float32(0.133), np.float32(0.15)
+CREASE_RESPONSE, CREASE_NOISE = np.float32(0.2), np.float32(0.09)
+LOBES = np.float32(0.5)  # curvature beside a jump over the jump's own answer
+
+
+@njit(cache=True, nogil=True)
+def fill_inverse_depth(depth: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Inverse depth whose holes take the farther of their two ends along the row.
+
+    A hole beside an object is background that the projector or the second eye does not see, so the farther
+    end is right and the object keeps its outline. Rows without any depth repeat the nearest row above, or
+    below at the top. depth: (h, w) float32 metres, 0 = invalid. Returns (h, w) float32 1/m, 0 if all is 0.
+    """
+    h, w = depth.shape
+    inverse = np.zeros((h, w), np.float32)
+    last_filled = -1
+    for y in range(h):
+        start = 0  # first pixel of the current hole
+        left = np.float32(0)
+        for x in range(w):
+            if depth[y, x] > 0:
+                value = np.float32(1) / depth[y, x]
+                inverse[y, x] = value
+                if start < x:
+                    inverse[y, start:x] = min(left, value) if left > 0 else value
+                left = value
+                start = x + 1
+        if left > 0:
+            inverse[y, start:] = left
+            if last_filled < 0:
+                inverse[:y] = inverse[y]
+            last_filled = y
+        elif last_filled >= 0:
+            inverse[y] = inverse[last_filled]
+    return inverse
+
+
+def depth_strength(inverse: NDArray[np.float32], focal_length: float, settings: EdgeSettings) -> NDArray[np.float32]:
+    """Strength (h, w) float32 of the jump or crease at each pixel: v / sqrt(1 + v^2), v = 1 for a full edge.
+
+    Inverse depth is linear on planes: a peak of its gradient above the slope around it is a jump, a peak of
+    its curvature a crease; both are judged against the sensor's noise at that depth.
+    inverse: (h, w) float32 1/m without holes; focal_length: pixels.
+    """
+    fine = np.asarray(cv2.GaussianBlur(inverse, (7, 7), FINE), np.float32)
+    coarse = np.asarray(cv2.GaussianBlur(inverse, (SUPPORT, SUPPORT), COARSE), np.float32)
+    jumps, creases = jumps_and_creases(fine, coarse, np.float32(settings.convex_weight))
+    scale = (
+        focal_length / (JUMP_RESPONSE * settings.jump_slope),
+        focal_length / (CREASE_RESPONSE * settings.crease_slope),
+        settings.noise_gate * settings.noise_floor,
+        settings.noise_gate * settings.noise_growth,
+    )
+    # Curvature has a lobe on either side of a jump: what is no stronger than that is no crease.
+    near_jumps = np.asarray(cv2.dilate(jumps, np.ones((SUPPORT, SUPPORT), np.uint8)), np.float32)
+    return judge(jumps, creases, near_jumps, coarse, np.array(scale, np.float32))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def jumps_and_creases(
+    fine: NDArray[np.float32], coarse: NDArray[np.float32], convex: np.float32
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Answers (h, w) float32 of the filters for jumps and for creases, 1/m per pixel and per pixel squared.
+
+    fine, coarse: (h, w) float32 1/m, inverse depth smoothed with FINE and COARSE; convex: weight of convex
+    creases.
+    """
+    h, w = coarse.shape
+    jumps, creases = np.zeros((h, w), np.float32), np.zeros((h, w), np.float32)
+    tiny, quarter, half, two = np.float32(1e-12), np.float32(0.25), np.float32(0.5), np.float32(2)
+    for y in range(1, h - 1):
+        jump_row, crease_row = jumps[y], creases[y]
+        f0, f1, f2 = fine[y - 1], fine[y], fine[y + 1]
+        c0, c1, c2 = coarse[y - 1], coarse[y], coarse[y + 1]
+        for x in range(1, w - 1):  # free of branches, so that it runs several pixels at once
+            # The difference of the two smoothings is zero on planes, so grazing surfaces are no jumps; beside
+            # a jump it runs against the slope and counts as negative.
+            gx, gy = half * (c1[x + 1] - c1[x - 1]), half * (c2[x] - c0[x])
+            jx, jy = half * (f1[x + 1] - f1[x - 1]) - gx, half * (f2[x] - f0[x]) - gy
+            jump_row[x] = (jx * gx + jy * gy) / np.sqrt(gx * gx + gy * gy + tiny)
+            c = c1[x]
+            cxx = c1[x + 1] - two * c + c1[x - 1]
+            cyy = c2[x] - two * c + c0[x]
+            cxy = quarter * (c2[x + 1] - c2[x - 1] - c0[x + 1] + c0[x - 1])
+            mean, diff = half * (cxx + cyy), half * (cxx - cyy)
+            spread = np.sqrt(diff * diff + cxy * cxy)
+            crease_row[x] = max(mean + spread, convex * (spread - mean))
+    return jumps, creases
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def judge(
+    jumps: NDArray[np.float32],
+    creases: NDArray[np.float32],
+    near_jumps: NDArray[np.float32],
+    coarse: NDArray[np.float32],
+    scale: NDArray[np.float32],
+) -> NDArray[np.float32]:
+    """Strength (h, w) float32 of edges from the filters' answers, their noise taken off.
+
+    jumps, creases, near_jumps (largest jump around), coarse: (h, w) float32; scale: (4,) float32 = what one
+    jump and one crease are multiplied by, noise of depth at 0.4 m and its growth, both gated.
+    """
+    h, w = jumps.shape
+    strength = np.empty((h, w), np.float32)
+    jump_scale, crease_scale, floor, growth = scale
+    zero, one = np.float32(0), np.float32(1)
+    for y in range(h):
+        row, jump, crease, near, inverse = strength[y], jumps[y], creases[y], near_jumps[y], coarse[y]
+        for x in range(w):
+            c = inverse[x]
+            beyond = one - np.float32(0.4) * c
+            noise = floor * c * c + growth * beyond * beyond  # sigma_z / z^2: the noise of inverse depth
+            jumped = (jump[x] - JUMP_NOISE * noise) * jump_scale
+            lobe = LOBES * max(near[x] - JUMP_NOISE * noise, zero)
+            bent = (crease[x] - lobe - CREASE_NOISE * noise) * crease_scale
+            v = max(max(jumped, bent), zero) / c
+            row[x] = v / np.sqrt(one + v * v)
+    return strength

@@ -1,0 +1,80 @@
+"""The proposals stage's core: a registered RGB-D frame becomes M generic boxes."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.proposals.edges import EdgeMap, detect_edges
+from spot3d.proposals.groups import group_edges
+from spot3d.proposals.metric_size import DepthRange, depth_range
+from spot3d.proposals.nms import suppress
+from spot3d.proposals.scoring import MIN_AFFINITY
+from spot3d.proposals.settings import ProposalSettings
+from spot3d.proposals.window_index import index_windows
+from spot3d.proposals.windows import best_windows, refine, scan, window_shapes
+
+
+def propose(
+    colour: NDArray[np.uint8],
+    depth_m: NDArray[np.float32],
+    intrinsics: Intrinsics,
+    settings: ProposalSettings,
+) -> NDArray[np.float32]:
+    """Boxes that are likely to hold an object (paper, Sec. III, Eq. 1; Zitnick and Dollar, ECCV 2014).
+
+    colour: (h, w, 3) uint8 RGB, registered with depth_m: (h, w) float32 metres, 0 = invalid. Returns (M, 5)
+    float32 [x, y, w, h, c], pixels x..x + w - 1 and y..y + h - 1, best first; c is EdgeBoxes' score. M is at
+    most `settings.max_boxes`, 0 for a picture without edges. Raises ValueError for wrong shapes or dtypes
+    and for depth that is negative or not finite.
+    """
+    if colour.shape != (*intrinsics.shape, 3) or colour.dtype != np.uint8:
+        raise ValueError(f"colour is {colour.dtype} {colour.shape}; expected uint8 {(*intrinsics.shape, 3)}")
+    if depth_m.shape != intrinsics.shape or depth_m.dtype != np.float32:
+        raise ValueError(f"depth is {depth_m.dtype} {depth_m.shape}; expected float32 {intrinsics.shape}")
+    if not 0 <= depth_m.min() <= depth_m.max() < np.inf:
+        raise ValueError("depth must be finite and not negative; 0 marks invalid pixels")
+    edges = detect_edges(np.ascontiguousarray(colour), np.ascontiguousarray(depth_m), intrinsics.fx, settings.edges)
+    ranges = metric_limits(depth_m, intrinsics, settings)
+    return boxes_from_edges(edges, ranges, settings)
+
+
+def metric_limits(depth: NDArray[np.float32], intrinsics: Intrinsics, settings: ProposalSettings) -> DepthRange:
+    """Depth ranges for culling windows by metric size; they let all pass without depth or by the settings."""
+    wanted = settings.metric_culling and bool(depth.any())
+    return depth_range(
+        np.ascontiguousarray(depth),
+        np.float32(intrinsics.fx if wanted else 0),
+        np.float32(intrinsics.fy),
+        np.float32(settings.min_size),
+        np.float32(settings.max_size),
+    )
+
+
+def boxes_from_edges(edges: EdgeMap, ranges: DepthRange, settings: ProposalSettings) -> NDArray[np.float32]:
+    """EdgeBoxes on a thin edge map: groups, search, refinement, suppression. Returns `propose`'s boxes."""
+    height, width = edges.magnitude.shape
+    groups = group_edges(
+        edges.magnitude,
+        edges.orientation,
+        merge_threshold=settings.edge_merge_threshold,
+        min_group_magnitude=settings.cluster_min_magnitude,
+        gamma=settings.gamma,
+        min_affinity=MIN_AFFINITY,
+    )
+    index = index_windows(edges.magnitude, groups, settings.kappa)
+    min_area = settings.min_box_area * (width * height) / (640 * 480)
+    shapes = window_shapes(width, height, settings.alpha, settings.max_aspect_ratio, min_area)
+    candidates, limits = scan(index, ranges, shapes, np.float32(settings.min_score))
+    # Twice as many as asked for, so that enough are left when those that overlap are gone.
+    pool = max(2 * settings.max_boxes, settings.refined)
+    windows, scores = best_windows(index, candidates, limits, pool, np.float32(settings.min_score))
+    place_step = (1 - settings.alpha) / (1 + settings.alpha)
+    best = np.argsort(-scores, kind="stable")[: settings.refined]
+    windows[best], scores[best] = refine(index, windows[best], scores[best], np.float32(place_step))
+    order = np.argsort(-scores, kind="stable")
+    kept = suppress(windows, order, np.float32(settings.beta), np.float32(settings.eta), settings.max_boxes)
+    boxes = np.empty((kept.size, 5), np.float32)
+    boxes[:, :2] = windows[kept, :2]
+    boxes[:, 2:4] = windows[kept, 2:] - windows[kept, :2]
+    boxes[:, 4] = scores[kept]
+    return boxes

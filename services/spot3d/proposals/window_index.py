@@ -1,0 +1,91 @@
+"""Tables that answer a window's questions without looking at its pixels."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spot3d.proposals.groups import EdgeGroups
+
+
+class WindowIndex(NamedTuple):
+    """What `score_window` takes, in its order; n groups, e grouped pixels, k affinities.
+
+    sums: (h + 1, w + 1, 2) float32, integral images of the groups' magnitudes, each at its group's anchor,
+    and of the grouped pixels' magnitudes.
+    norm: (h + w + 1,) float32, 1 / ((width + height) / 2)^kappa by width + height.
+    starts: (h + 1, w + 1, 2) int32, place in `lines` of the first grouped pixel at or after (y, x) along its
+    row and along its column.
+    lines: (2, e) int32, the grouped pixels' groups row by row and column by column.
+    groups: (n, 4) int32, anchor x and y, begin and end of the group's affinities.
+    magnitude: (n,) float32. neighbour: (k,) int32 and affinity: (k,) float32, a group's strongest first.
+    met: (n + 1, 3) int32 and removed: (n,) float32, working memory: the last window that met the group,
+    whether it waits in the queue, the queue; 1 - the group's weight in that window. The last row of `met`
+    counts the windows.
+    """
+
+    sums: NDArray[np.float32]
+    norm: NDArray[np.float32]
+    starts: NDArray[np.int32]
+    lines: NDArray[np.int32]
+    groups: NDArray[np.int32]
+    magnitude: NDArray[np.float32]
+    neighbour: NDArray[np.int32]
+    affinity: NDArray[np.float32]
+    met: NDArray[np.int32]
+    removed: NDArray[np.float32]
+
+
+def index_windows(magnitude: NDArray[np.float32], groups: EdgeGroups, kappa: float) -> WindowIndex:
+    """Index of an edge map (h, w) float32 and its groups for scoring with the size exponent kappa."""
+    h, w = magnitude.shape
+    sides = np.maximum(np.arange(h + w + 1, dtype=np.float32), 1)
+    norm = ((sides / 2) ** np.float32(-kappa)).astype(np.float32)
+    count = groups.magnitude.size
+    table = np.column_stack((groups.anchor, groups.first[:-1], groups.first[1:])).astype(np.int32)
+    sums, starts, lines = build_tables(magnitude, groups.label, groups.magnitude, groups.anchor)
+    working_memory = np.zeros((count + 1, 3), np.int32), np.zeros(count, np.float32)
+    return WindowIndex(
+        sums, norm, starts, lines, table, groups.magnitude, groups.neighbour, groups.affinity, *working_memory
+    )
+
+
+@njit(cache=True, nogil=True)
+def build_tables(
+    magnitude: NDArray[np.float32],
+    label: NDArray[np.int32],
+    group_magnitude: NDArray[np.float32],
+    anchor: NDArray[np.int32],
+) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.int32]]:
+    """`sums`, `starts` and `lines` of WindowIndex: one pass over the image, and one to count the columns."""
+    h, w = label.shape
+    sums, starts = np.empty((h + 1, w + 1, 2), np.float32), np.empty((h + 1, w + 1, 2), np.int32)
+    sums[0], sums[:, 0], starts[h, w] = 0, 0, 0
+    column = np.zeros(w + 1, np.int32)  # next place in each column
+    for y in range(h):
+        for x in range(w):
+            if label[y, x] >= 0:
+                column[x + 1] += 1
+    for x in range(w):
+        column[x + 1] += column[x]
+    lines = np.empty((2, column[w]), np.int32)
+    n = 0
+    for y in range(h):
+        in_row_groups, in_row_edges = np.float32(0), np.float32(0)
+        for x in range(w):
+            starts[y, x, 0], starts[y, x, 1] = n, column[x]
+            g = label[y, x]
+            if g >= 0:
+                lines[0, n], lines[1, column[x]] = g, g
+                n += 1
+                column[x] += 1
+                in_row_edges += magnitude[y, x]
+                if anchor[g, 0] == x and anchor[g, 1] == y:
+                    in_row_groups += group_magnitude[g]
+            sums[y + 1, x + 1, 0] = sums[y, x + 1, 0] + in_row_groups
+            sums[y + 1, x + 1, 1] = sums[y, x + 1, 1] + in_row_edges
+        starts[y, w, 0], starts[y, w, 1] = n, 0
+    for x in range(w):
+        starts[h, x, 0], starts[h, x, 1] = n, column[x]
+    return sums, starts, lines

@@ -1,0 +1,181 @@
+"""The search: a grid of window places, sizes and shapes; refinement of the best (EdgeBoxes, Sec. 3.3)."""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spot3d.proposals.metric_size import DepthRange, surely_rejected
+from spot3d.proposals.scoring import score_limit, score_window
+from spot3d.proposals.window_index import WindowIndex
+
+LAST_STEP = 1  # finest move of a window's side, pixels
+MIN_SIDE = 4  # of a window, pixels
+BINS = 256  # of score limits, for visiting windows in roughly descending order
+
+
+def window_shapes(
+    width: int, height: int, alpha: float, max_aspect_ratio: float, min_box_area: float
+) -> NDArray[np.int32]:
+    """Widths, heights and steps (n, 4) int32 [w, h, step x, step y] of the search windows, small to large.
+
+    Neighbours in place, size or shape overlap with an IoU of alpha.
+    """
+    size_step = math.sqrt(1 / alpha)
+    shape_step = (1 + alpha) / (2 * alpha)
+    place_step = (1 - alpha) / (1 + alpha)
+    shapes = int(math.log(max_aspect_ratio) / (2 * math.log(shape_step)))
+    least = math.sqrt(min_box_area)
+    sizes = max(1, math.ceil(math.log(max(width, height) / least) / math.log(size_step)))
+    found = []
+    for s in range(sizes):
+        for a in range(-shapes, shapes + 1):
+            side, stretch = least * size_step**s, shape_step**a
+            w, h = int(side * stretch), int(side / stretch)
+            if MIN_SIDE <= w <= width and MIN_SIDE <= h <= height:
+                found.append((w, h, max(2, int(w * place_step)), max(2, int(h * place_step))))
+    return np.array(found, np.int32).reshape(-1, 4)
+
+
+@njit(cache=True, nogil=True)
+def scan(
+    index: WindowIndex, ranges: DepthRange, shapes: NDArray[np.int32], min_score: np.float32
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """Windows (n, 4) int32 [x0, y0, x1, y1] that may score above `min_score`, and each score's limit (n,)."""
+    h, w = index.sums.shape[0] - 1, index.sums.shape[1] - 1
+    sums, norm = index.sums, index.norm
+    most = 0
+    for s in range(shapes.shape[0]):
+        most += (w // shapes[s, 2] + 2) * (h // shapes[s, 3] + 2)
+    windows, limits = np.empty((most, 4), np.int32), np.empty(most, np.float32)
+    n = 0
+    for s in range(shapes.shape[0]):
+        bw, bh, step_x, step_y = shapes[s]
+        for y in range(0, h - bh + step_y, step_y):
+            y1 = min(y + bh, h)
+            for x in range(0, w - bw + step_x, step_x):
+                x1 = min(x + bw, w)
+                limit = score_limit(sums, norm, x, y, x1, y1)
+                if limit > min_score and not surely_rejected(ranges, x, y, x1, y1):
+                    windows[n, 0], windows[n, 1], windows[n, 2], windows[n, 3] = x, y, x1, y1
+                    limits[n] = limit
+                    n += 1
+    return windows[:n], limits[:n]
+
+
+@njit(cache=True, nogil=True)
+def best_windows(
+    index: WindowIndex,
+    windows: NDArray[np.int32],
+    limits: NDArray[np.float32],
+    count: int,
+    min_score: np.float32,
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """The `count` windows of the highest score above `min_score`, unordered, with their scores.
+
+    Windows of a high limit come first, so that most others are known to be too low without being scored.
+    """
+    sums, norm, starts, lines, groups, magnitude, neighbour, affinity, met, removed = index
+    top = np.float32(0)
+    for i in range(limits.size):
+        top = max(top, limits[i])
+    scale = BINS / (top + np.float32(1e-6))
+    start = np.zeros(BINS + 1, np.int64)
+    for i in range(limits.size):
+        start[BINS - int(limits[i] * scale)] += 1
+    start = np.cumsum(start)
+    order = np.empty(limits.size, np.int32)
+    for i in range(limits.size - 1, -1, -1):
+        b = BINS - int(limits[i] * scale)
+        start[b] -= 1
+        order[start[b]] = i
+    heap, chosen = np.zeros(count, np.float32), np.full(count, -1, np.int32)  # a min-heap of the best scores
+    heap[:] = min_score
+    for k in range(order.size):
+        i = order[k]
+        x0, y0, x1, y1 = windows[i]
+        score = score_window(
+            sums,
+            norm,
+            starts,
+            lines,
+            groups,
+            magnitude,
+            neighbour,
+            affinity,
+            met,
+            removed,
+            x0,
+            y0,
+            x1,
+            y1,
+            heap[0],
+        )
+        if score == 0:
+            continue
+        parent = 0
+        while True:
+            child = 2 * parent + 1
+            if child >= count:
+                break
+            if child + 1 < count and heap[child + 1] < heap[child]:
+                child += 1
+            if heap[child] >= score:
+                break
+            heap[parent], chosen[parent] = heap[child], chosen[child]
+            parent = child
+        heap[parent], chosen[parent] = score, i
+    full = chosen >= 0
+    return windows[chosen[full]], heap[full]
+
+
+@njit(cache=True, nogil=True)
+def refine(
+    index: WindowIndex,
+    windows: NDArray[np.int32],
+    scores: NDArray[np.float32],
+    place_step: np.float32,
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """Move each window's four sides wherever its score gains, by steps that halve down to LAST_STEP.
+
+    windows: (n, 4) int32 [x0, y0, x1, y1]; scores: (n,) float32; place_step: the search's step by side.
+    Returns the moved windows and their scores, in the same order and in the memory of the given ones.
+    """
+    h, w = index.sums.shape[0] - 1, index.sums.shape[1] - 1
+    sums, norm, starts, lines, groups, magnitude, neighbour, affinity, met, removed = index
+    for i in range(scores.size):
+        box = windows[i]
+        step_x, step_y = int((box[2] - box[0]) * place_step) // 2, int((box[3] - box[1]) * place_step) // 2
+        while step_x >= LAST_STEP or step_y >= LAST_STEP:
+            for side in (1, 3, 0, 2):
+                step = max(1, step_y if side % 2 else step_x)
+                outwards = -step if side < 2 else step
+                for move in (outwards, -outwards):
+                    old = box[side]
+                    box[side] = min(max(old + move, 0), h if side % 2 else w)
+                    score = np.float32(0)
+                    if box[2] - box[0] >= MIN_SIDE and box[3] - box[1] >= MIN_SIDE:
+                        score = score_window(
+                            sums,
+                            norm,
+                            starts,
+                            lines,
+                            groups,
+                            magnitude,
+                            neighbour,
+                            affinity,
+                            met,
+                            removed,
+                            box[0],
+                            box[1],
+                            box[2],
+                            box[3],
+                            scores[i],
+                        )
+                    if score > scores[i]:
+                        scores[i] = score
+                        break
+                    box[side] = old
+            step_x, step_y = step_x // 2, step_y // 2
+    return windows, scores

@@ -1,0 +1,98 @@
+import numpy as np
+import pytest
+from scenes import WALL, camera, squares
+
+from spot3d.proposals.edges import detect_edges
+from spot3d.proposals.inverse_depth import fill_inverse_depth
+from spot3d.proposals.settings import EdgeSettings
+
+BOX = (100, 80, 80, 60)
+GREY = np.full((240, 320, 3), 128, np.uint8)
+
+
+def depth_edges(depth):
+    return detect_edges(GREY, depth, camera().fx, EdgeSettings())
+
+
+@pytest.mark.parametrize(
+    ("row", "filled"),
+    [
+        ([0, 0, 0, 0], [0, 0, 0, 0]),
+        ([0, 2, 0, 0], [2, 2, 2, 2]),
+        ([1, 0, 0, 4], [1, 4, 4, 4]),
+        ([4, 0, 1, 0], [4, 4, 1, 1]),
+    ],
+)
+def test_holes_take_the_farther_end(row, filled):
+    inverse = fill_inverse_depth(np.array([row], np.float32))
+    expected = np.array([filled], np.float32)
+    np.testing.assert_allclose(inverse, np.divide(1, expected, where=expected > 0, out=expected * 0))
+
+
+def test_empty_rows_repeat_the_nearest():
+    depth = np.array([[0, 0], [1, 2], [0, 0], [4, 4]], np.float32)
+    np.testing.assert_allclose(fill_inverse_depth(depth), [[1, 0.5], [1, 0.5], [1, 0.5], [0.25, 0.25]])
+
+
+def test_a_jump_is_one_thin_closed_line_with_its_normal():
+    _, depth = squares(BOX)
+    edges = depth_edges(depth)
+    x, y, w, h = BOX
+    crossing = edges.magnitude[y + h // 2] > 0
+    assert crossing.sum() == 2
+    np.testing.assert_allclose(np.nonzero(crossing)[0], [x, x + w - 1], atol=1)
+    assert np.abs(np.sin(edges.orientation[y + h // 2, crossing])).max() < 0.1
+    assert edges.magnitude.max() <= 1
+    assert edges.orientation.min() >= 0
+    assert edges.orientation.max() < np.pi
+
+
+def slanted_plane(tilt):
+    v = (np.arange(240, dtype=np.float32)[:, None] - camera().cy) / camera().fy
+    return (1.5 / (1 + tilt * v) + np.zeros((1, 320), np.float32)).astype(np.float32)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 1.0, 1.5])
+def test_planes_have_no_edges_however_grazing(tilt):
+    assert not depth_edges(slanted_plane(tilt)).magnitude[6:-6, 6:-6].any()
+
+
+def test_noise_of_a_kinect_is_no_edge():
+    rng = np.random.default_rng(0)
+    for z in (0.8, 1.5, 3.0):
+        depth = z + rng.normal(0, 0.0012 + 0.0019 * (z - 0.4) ** 2, (240, 320)).astype(np.float32)
+        assert (depth_edges(depth.astype(np.float32)).magnitude > 0).mean() < 0.002
+
+
+def test_a_concave_bend_is_an_edge_and_a_convex_one_a_weaker():
+    bend = np.maximum(slanted_plane(1.0), 0)
+    concave = np.minimum(slanted_plane(1.0), slanted_plane(-1.0))
+    convex = np.maximum(slanted_plane(1.0), slanted_plane(-1.0))
+    strongest = [depth_edges(z).magnitude[100:140, 100:200].max() for z in (bend, concave, convex)]
+    assert strongest[0] == 0
+    assert strongest[2] != strongest[1]
+    assert max(strongest) > 0.3
+
+
+def test_the_shadow_beside_an_object_does_not_widen_it():
+    _, depth = squares(BOX)
+    x, y, w, h = BOX
+    depth[y : y + h, x - 12 : x] = 0
+    edges = np.nonzero(depth_edges(depth).magnitude[y + h // 2])[0]
+    np.testing.assert_allclose(edges, [x, x + w - 1], atol=1)
+
+
+def test_holes_in_a_wall_have_no_edges():
+    rng = np.random.default_rng(1)
+    depth = np.full((240, 320), WALL, np.float32)
+    depth[rng.random(depth.shape) < 0.3] = 0
+    depth[50:90, 200:260] = 0
+    assert not depth_edges(depth).magnitude.any()
+
+
+def test_colour_counts_less_beside_depth():
+    colour, depth = squares(BOX)
+    flat = np.full_like(depth, WALL)
+    alone = detect_edges(colour, np.zeros_like(depth), camera().fx, EdgeSettings()).magnitude.max()
+    beside = detect_edges(colour, flat, camera().fx, EdgeSettings()).magnitude.max()
+    assert alone == pytest.approx(2 * beside)

@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+from scenes import camera, overlaps, squares
+
+from spot3d.proposals.propose import propose
+from spot3d.proposals.settings import ProposalSettings
+
+LEFT, RIGHT = (60, 70, 70, 90), (190, 100, 60, 60)
+
+
+@pytest.mark.parametrize(
+    ("objects", "with_depth"),
+    [
+        ((), True),
+        ((), False),
+        ((LEFT,), True),
+        ((LEFT,), False),
+        ((LEFT, RIGHT), True),
+        ((LEFT, RIGHT), False),
+    ],
+)
+def test_the_best_boxes_are_the_objects(objects, with_depth):
+    colour, depth = squares(*objects)
+    boxes = propose(colour, depth if with_depth else np.zeros_like(depth), camera(), ProposalSettings())
+    assert boxes.dtype == np.float32
+    assert boxes.shape[1] == 5
+    assert (boxes.size == 0) == (not objects)
+    for one in objects:
+        assert overlaps(boxes[: 5 * len(objects)], one).max() > 0.7
+
+
+def textured_frame():
+    rng = np.random.default_rng(3)
+    colour, depth = squares(LEFT, RIGHT, (20, 180, 40, 50))
+    return np.clip(colour + rng.normal(0, 25, colour.shape), 0, 255).astype(np.uint8), depth
+
+
+@pytest.mark.parametrize("most", [1, 7, 200])
+def test_boxes_lie_in_the_image_sorted_and_no_more_than_asked_for(most):
+    colour, depth = textured_frame()
+    boxes = propose(colour, depth, camera(), ProposalSettings(max_boxes=most))
+    assert 0 < len(boxes) <= most
+    assert (boxes[:, :2] >= 0).all()
+    assert (boxes[:, 0] + boxes[:, 2] <= 320).all()
+    assert (boxes[:, 1] + boxes[:, 3] <= 240).all()
+    assert (boxes[:, 2:4] > 0).all()
+    assert (np.diff(boxes[:, 4]) <= 0).all()
+    assert boxes[-1, 4] > ProposalSettings().min_score
+
+
+def test_same_frame_same_boxes_and_inputs_untouched():
+    colour, depth = textured_frame()
+    before = colour.copy(), depth.copy()
+    first = propose(colour, depth, camera(), ProposalSettings(max_boxes=100))
+    np.testing.assert_array_equal(first, propose(colour, depth, camera(), ProposalSettings(max_boxes=100)))
+    np.testing.assert_array_equal(colour, before[0])
+    np.testing.assert_array_equal(depth, before[1])
+
+
+def test_no_two_boxes_overlap_by_more_than_beta():
+    boxes = propose(*textured_frame(), camera(), ProposalSettings(max_boxes=150, beta=0.6))
+    for k, (x, y, w, h, _) in enumerate(boxes):
+        assert overlaps(boxes[k + 1 :], (x, y, w, h)).max(initial=0) <= 0.6 + 1e-6
+
+
+def test_the_papers_settings_find_the_objects_too():
+    boxes = propose(*squares(LEFT, RIGHT), camera(), ProposalSettings.PAPER)
+    assert min(overlaps(boxes[:10], one).max() for one in (LEFT, RIGHT)) > 0.7
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda c, z: (c[:, :, 0], z), "colour is uint8"),
+        (lambda c, z: (c.astype(np.float32), z), "colour is float32"),
+        (lambda c, z: (c[:100], z), "colour is uint8"),
+        (lambda c, z: (c, z.astype(np.float64)), "depth is float64"),
+        (lambda c, z: (c, z[:, :10]), "depth is float32"),
+        (lambda c, z: (c, z * np.float32(np.nan)), "finite"),
+        (lambda c, z: (c, z - np.float32(5)), "finite and not negative"),
+    ],
+)
+def test_wrong_frames_are_refused(spoil, says):
+    with pytest.raises(ValueError, match=says):
+        propose(*spoil(*squares(LEFT)), camera(), ProposalSettings())
