@@ -1,0 +1,81 @@
+"""The paper's steps as one would write them down in NumPy: readable, slow, and what the kernels must equal."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics, back_project
+
+
+def weighted_heat(
+    depth: NDArray[np.float32],
+    camera: Intrinsics,
+    boxes: NDArray[np.float32],
+    depth_range_min: float = 0.5,
+    size_min: float = 0.02,
+    size_max: float = 1.0,
+) -> NDArray[np.float64]:
+    """H_2D of Eqs. 1-5, not normalised: (h, w). depth: (h, w) metres, 0 = invalid; boxes: (M, 5)."""
+    heat = np.zeros(depth.shape)
+    for x, y, w, h, c in boxes:
+        u0, v0, u1, v1 = (int(np.rint(value)) for value in (x, y, x + w, y + h))
+        inside = np.zeros(depth.shape, bool)
+        inside[max(v0, 0) : max(v1, 0), max(u0, 0) : max(u1, 0)] = True
+        valid = depth[inside & (depth > 0)]
+        if len(valid) == 0:
+            continue
+        near, far = valid.min(), valid.max()
+        middle = (near + far) / 2
+        size = np.array([w * middle / camera.fx, h * middle / camera.fy])
+        if (size < size_min).all() or (size > size_max).all():
+            continue
+        background = (depth > middle) & (far - near > depth_range_min)
+        heat += c * (inside & ~background)
+    return heat
+
+
+def dominant_plane(
+    points: NDArray[np.float32], distance: float, triples: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], int]:
+    """The plane of most inliers among triples of points (Eqs. 8-9). points: (n, 3); triples: (k, 3) rows.
+
+    Returns the plane (4,) with b >= 0 and its number of inliers.
+    """
+    best, most = np.zeros(4), -1
+    for a, b, c in points[triples].astype(np.float64):
+        normal = np.cross(b - a, c - a)
+        length = np.linalg.norm(normal)
+        if length == 0:
+            continue
+        plane = np.append(normal, -normal @ a) / length
+        inliers = int(np.count_nonzero(np.abs(points @ plane[:3] + plane[3]) < distance))
+        if inliers > most:
+            best, most = plane if plane[3] >= 0 else -plane, inliers
+    return best, most
+
+
+def warp(
+    last_index: NDArray[np.int32],
+    last_depth: NDArray[np.float32],
+    last_colour: NDArray[np.uint8],
+    depth: NDArray[np.float32],
+    colour: NDArray[np.uint8],
+    T_camera_last: NDArray[np.float64],
+    camera: Intrinsics,
+    colour_gate: float,
+    depth_gate: float,
+) -> NDArray[np.int32]:
+    """The index map warped into the next frame (Eqs. 11-13): (h, w) rows of the map, -1 = no match."""
+    h, w = depth.shape
+    index = np.full((h, w), -1, np.int32)
+    nearest = np.full((h, w), np.inf)
+    points = back_project(last_depth, camera).reshape(-1, 3)
+    moved = points @ T_camera_last[:3, :3].T + T_camera_last[:3, 3]
+    for pixel in np.flatnonzero((last_index.ravel() >= 0) & (moved[:, 2] > 0)):
+        x, y, z = moved[pixel]
+        u, v = int(np.rint(camera.fx * x / z + camera.cx)), int(np.rint(camera.fy * y / z + camera.cy))
+        if not (0 <= u < w and 0 <= v < h) or z >= nearest[v, u]:
+            continue
+        difference = colour[v, u].astype(float) - last_colour.reshape(-1, 3)[pixel]
+        if np.linalg.norm(difference) / 255 <= colour_gate and abs(depth[v, u] - z) <= depth_gate:
+            nearest[v, u], index[v, u] = z, last_index.ravel()[pixel]
+    return index

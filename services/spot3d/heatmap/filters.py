@@ -1,0 +1,107 @@
+"""Soft and hard filtering: what each proposal keeps of its box, by its depth (paper, Sec. III-B, III-C)."""
+
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.heatmap.pyramid import TILE, DepthTiles
+from spot3d.heatmap.settings import HeatmapSettings
+
+
+@dataclass(frozen=True, slots=True)
+class FilteredProposals:
+    """Proposals with the verdict of both filters.
+
+    windows: (M, 4) int32 pixel ranges [u0, v0, u1, v1), clipped to the image.
+    confidence: (M,) float32, c^j; 0 where the hard filter rejects (delta_h^j = 0).
+    cut: (M,) float32 metres, the depth Z_mu^j beyond which the soft filter masks; +inf where it masks nothing.
+    """
+
+    windows: NDArray[np.int32]
+    confidence: NDArray[np.float32]
+    cut: NDArray[np.float32]
+
+    @property
+    def rejected(self) -> int:
+        """Proposals that the hard filter rejects."""
+        return int(np.count_nonzero(self.confidence == 0))
+
+    @property
+    def masked(self) -> int:
+        """Accepted proposals that the soft filter masks in part."""
+        return int(np.count_nonzero((self.confidence > 0) & np.isfinite(self.cut)))
+
+    @property
+    def accepted(self) -> int:
+        """Proposals accepted whole."""
+        return int(np.count_nonzero((self.confidence > 0) & np.isinf(self.cut)))
+
+
+def filter_proposals(
+    boxes: NDArray[np.float32], tiles: DepthTiles, camera: Intrinsics, settings: HeatmapSettings
+) -> FilteredProposals:
+    """Judge every proposal by the depth inside it (paper, Eqs. 3 and 4).
+
+    boxes: (M, 5) float32 [x, y, w, h, c] pixels. A pixel belongs to a box when x <= u < x + w (rounded).
+    A box without any valid depth is rejected, whichever filters are on.
+    """
+    windows = _pixel_windows(boxes, camera)
+    near, far = _depth_ranges(windows, tiles.depth, tiles.near, tiles.far)
+    middle = (near + far) / 2
+    width_m = boxes[:, 2] * middle / np.float32(camera.fx)
+    height_m = boxes[:, 3] * middle / np.float32(camera.fy)
+    rejected = ~np.isfinite(near) | ~(boxes[:, 4] > 0)
+    if settings.hard_filter:
+        rejected |= (width_m < settings.size_min) & (height_m < settings.size_min)
+        rejected |= (width_m > settings.size_max) & (height_m > settings.size_max)
+    masks = (far - near > settings.depth_range_min) & settings.soft_filter
+    return FilteredProposals(
+        windows,
+        np.where(rejected, 0, boxes[:, 4]).astype(np.float32),
+        np.where(masks, middle, np.inf).astype(np.float32),
+    )
+
+
+def _pixel_windows(boxes: NDArray[np.float32], camera: Intrinsics) -> NDArray[np.int32]:
+    corners = np.concatenate((boxes[:, :2], boxes[:, :2] + boxes[:, 2:4]), axis=1)
+    limits = np.array([camera.width, camera.height, camera.width, camera.height])
+    windows: NDArray[np.int32] = np.clip(np.rint(corners), 0, limits).astype(np.int32)
+    return windows
+
+
+@nb.njit("Tuple((f4[::1], f4[::1]))(i4[:,::1], f4[:,::1], f4[:,::1], f4[:,::1])", cache=True, nogil=True)
+def _depth_ranges(
+    windows: NDArray[np.int32],
+    depth: NDArray[np.float32],
+    near: NDArray[np.float32],
+    far: NDArray[np.float32],
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Smallest and largest valid depth of every window; (inf, 0) where it has none.
+
+    Tiles wholly inside are read first: then most tiles on the rim can add nothing and are passed over.
+    """
+    count = len(windows)
+    smallest = np.empty(count, np.float32)
+    largest = np.empty(count, np.float32)
+    for j in range(count):
+        u0, v0, u1, v1 = windows[j]
+        lo, hi = np.float32(np.inf), np.float32(0)
+        for tile_v in range((v0 + TILE - 1) // TILE, v1 // TILE):
+            for tile_u in range((u0 + TILE - 1) // TILE, u1 // TILE):
+                lo = min(lo, near[tile_v, tile_u])
+                hi = max(hi, far[tile_v, tile_u])
+        for tile_v in range(v0 // TILE, (v1 + TILE - 1) // TILE):
+            for tile_u in range(u0 // TILE, (u1 + TILE - 1) // TILE):
+                if near[tile_v, tile_u] >= lo and far[tile_v, tile_u] <= hi:
+                    continue
+                for v in range(max(v0, tile_v * TILE), min(v1, tile_v * TILE + TILE)):
+                    for u in range(max(u0, tile_u * TILE), min(u1, tile_u * TILE + TILE)):
+                        z = depth[v, u]
+                        if z > 0:
+                            lo = min(lo, z)
+                            hi = max(hi, z)
+        smallest[j], largest[j] = lo, hi
+    return smallest, largest

@@ -1,0 +1,23 @@
+"""Settings of the heatmap stage."""
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class HeatmapSettings(BaseModel):
+    """Thresholds of the depth filters (paper, Sec. III-B and III-C)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    depth_range_min: float = Field(
+        0.5,
+        ge=0,
+        description="eps_delta: depth range in metres above which a proposal's background is masked",
+    )
+    size_min: float = Field(
+        0.02, ge=0, description="eps_min: a proposal smaller than this (metres) both ways is rejected"
+    )
+    size_max: float = Field(
+        1.0, gt=0, description="eps_max: a proposal larger than this (metres) both ways is rejected"
+    )
+    soft_filter: bool = Field(True, description="mask the background of proposals (off: ablation noSFilt)")
+    hard_filter: bool = Field(True, description="reject odd-sized proposals (off: ablation noHFilt)")
