@@ -1,0 +1,117 @@
+"""Upright boxes around clusters of points (paper, Sec. IV-D, Eq. 15)."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.boxes import Box3D, iou_matrix_3d
+
+_SAMPLE = 1000
+"""About as many points of a cluster tell its rough box, and how much of it lies in another's."""
+_MARGIN = 0.005
+"""The two faces of a thin wall (a bowl's, a mug's) lie about this far apart, metres."""
+
+
+def rotation_to_upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation R_upright_world that turns `up` (unit, world) into +z by the shortest way (paper, Eq. 15).
+
+    The paper turns the normal into y; z is the robot world's up. (3, 3) float64.
+    """
+    target = np.array([0.0, 0.0, 1.0])
+    v, c = np.cross(up, target), float(up @ target)
+    if c < -1 + 1e-9:
+        return np.diag([1.0, -1.0, -1.0])
+    skew = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    rotation: NDArray[np.float64] = np.eye(3) + skew + skew @ skew / (1 + c)
+    return rotation
+
+
+def upright_box(points: NDArray[np.float32], up: NDArray[np.float64], turn: bool, trim: float = 0.0) -> Box3D:
+    """The tight box of (n, 3) world points whose third axis is `up`.
+
+    turn: choose the yaw of the smallest footprint (else the axes of Eq. 15 are kept). trim: share of the points
+    left out at each end of each axis, so that a few stray points do not stretch the box.
+    """
+    R = rotation_to_upright(up)
+    upright = points.astype(np.float64) @ R.T
+    if turn:
+        yaw = _smallest_yaw(upright[:, :2])
+        c, s = np.cos(yaw), np.sin(yaw)
+        R = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ R
+        upright = points.astype(np.float64) @ R.T
+    low, high = np.quantile(upright, [trim, 1 - trim], axis=0)
+    return Box3D(R.T @ ((low + high) / 2), high - low, R.T)
+
+
+def _smallest_yaw(footprint: NDArray[np.float64]) -> float:
+    """Angle of the smallest rectangle around (n, 2) points (rotating calipers)."""
+    middle = footprint.mean(axis=0)
+    _, _, degrees = cv2.minAreaRect((footprint - middle).astype(np.float32))
+    return float(np.deg2rad(degrees))
+
+
+def with_bottom(box: Box3D, height: float) -> Box3D:
+    """The same upright box with its bottom at `height` along its third axis (metres), its top unchanged."""
+    up = box.rotation[:, 2]
+    top = float(up @ box.centre) + box.size[2] / 2
+    size = np.array([box.size[0], box.size[1], max(0.0, top - height)])
+    return Box3D(box.centre + (top - size[2] / 2 - float(up @ box.centre)) * up, size, box.rotation)
+
+
+def merge_intersecting(
+    clusters: list[NDArray[np.int64]], points: NDArray[np.float32], up: NDArray[np.float64]
+) -> list[NDArray[np.int64]]:
+    """Join clusters whose boxes intersect, until none do (paper, Sec. IV-D). Clusters are rows of `points`."""
+    clusters = list(clusters)
+    while True:
+        boxes = [upright_box(points[rows], up, turn=False) for rows in clusters]
+        overlap = np.triu(iou_matrix_3d(boxes, boxes), 1)
+        pairs = np.argwhere(overlap > 0)
+        if len(pairs) == 0:
+            return clusters
+        a, b = pairs[0]
+        clusters[a] = np.concatenate((clusters[a], clusters[b]))
+        del clusters[b]
+
+
+def merge_contained(
+    clusters: list[NDArray[np.int64]],
+    holds: list[bool],
+    points: NDArray[np.float32],
+    up: NDArray[np.float64],
+    share: float,
+) -> list[NDArray[np.int64]]:
+    """Join a cluster with the larger one in whose box at least `share` of its points lie.
+
+    The inside of a bowl and its outside are one object, though no surface connects them; objects that only
+    touch stay apart. Clusters are rows of `points`; the smallest joins first, into the box that holds most of it.
+    holds: whether each cluster may take others in.
+    """
+    order = sorted(range(len(clusters)), key=lambda k: len(clusters[k]))
+    parts, holds = [clusters[k] for k in order], [holds[k] for k in order]
+    boxes = [upright_box(points[_some(rows)], up, turn=True) for rows in parts]
+    centre = np.array([box.centre for box in boxes]).reshape(-1, 3)
+    radius = np.array([np.linalg.norm(box.size) / 2 for box in boxes])
+    gone = np.zeros(len(parts), np.bool_)
+    for i in range(len(parts)):
+        sample = points[_some(parts[i])]
+        near = np.linalg.norm(centre - centre[i], axis=1) < radius + radius[i]
+        holders = [j for j in range(i + 1, len(parts)) if holds[j] and near[j]]
+        inside = [share_inside(sample, boxes[j], _MARGIN) for j in holders]
+        if inside and max(inside) >= share:
+            j = holders[int(np.argmax(inside))]
+            gone[i] = True
+            parts[j] = np.concatenate((parts[j], parts[i]))
+            boxes[j] = upright_box(points[_some(parts[j])], up, turn=True)
+            centre[j], radius[j] = boxes[j].centre, np.linalg.norm(boxes[j].size) / 2
+    return [rows for rows, joined in zip(parts, gone, strict=True) if not joined]
+
+
+def _some(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    return rows[:: max(1, len(rows) // _SAMPLE)]
+
+
+def share_inside(points: NDArray[np.float32], box: Box3D, margin: float = 0.0) -> float:
+    """Share of (n, 3) world points that lie in the box, or within `margin` metres of it."""
+    local = np.abs((points - box.centre) @ box.rotation)
+    return float(np.mean((local <= box.size / 2 + margin).all(axis=1)))

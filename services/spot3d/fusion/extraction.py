@@ -1,0 +1,139 @@
+"""From the points of the 3D heatmap to objects: the paper's way, and over whole surfaces (paper, Sec. IV-D)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.cluster import DBSCAN
+
+from spot3d.boxes import Box3D
+from spot3d.fusion.boxes import merge_contained, merge_intersecting, upright_box, with_bottom
+from spot3d.fusion.identity import FoundObject
+from spot3d.fusion.segments import split_at_creases
+from spot3d.fusion.selection import MapPoints
+from spot3d.fusion.settings import FusionSettings
+from spot3d.fusion.sheet import StructureSheet, find_sheets, lying_flat, on_sheets
+from spot3d.fusion.structure import StructurePlane
+from spot3d.fusion.surface import Surface, gather_cells, keep_cells
+
+_TRIM = 0.005
+"""Share of an object's points that may lie beyond each face of its box."""
+_STANDING = 0.03
+"""An object whose lowest points are this near above a level sheet stands on it, metres."""
+_CLEARANCE_SHARE = 0.1
+"""The clearance never takes more than this share of an object's height."""
+_LEVEL = 0.95
+"""Cosine to the up direction (18 degrees) from which a sheet is level."""
+_COARSE = 0.03
+"""Edge of the cells in which planes are looked for, metres."""
+_WARM = 0.2
+"""Points below this share of eps belong to no object and are not looked at."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cluster:
+    """Rows of the points that belong together, and the box around them."""
+
+    rows: NDArray[np.int64]
+    box: Box3D
+
+
+def find_objects(points: MapPoints, planes: list[StructurePlane], settings: FusionSettings) -> list[FoundObject]:
+    """Objects among the map's frequent points, most confident first, not yet numbered.
+
+    planes: the keyframes' distinct planes, the supporting one first; its normal is up. Without any there are no
+    objects: nothing is known to stand on anything.
+    """
+    objects = [_describe(cluster, points.take(cluster.rows)) for cluster in find_clusters(points, planes, settings)]
+    return sorted(objects, key=lambda item: -item.confidence)
+
+
+def find_clusters(points: MapPoints, planes: list[StructurePlane], settings: FusionSettings) -> list[Cluster]:
+    """The clusters of points that are objects by their heat and size. planes: as in `find_objects`."""
+    if not planes or len(points) == 0:
+        return []
+    by = _by_density if settings.clustering == "density" else _by_surface
+    return [cluster for cluster in by(points, planes, settings) if _plausible(cluster.box, settings)]
+
+
+def _by_density(points: MapPoints, planes: list[StructurePlane], settings: FusionSettings) -> list[Cluster]:
+    """Threshold, removal of the keyframes' planes, DBSCAN, merging of intersecting boxes (the paper)."""
+    rows = np.flatnonzero(points.heat >= settings.heat_min)
+    for item in planes if settings.plane_removal else []:
+        if item.removed_share > 0:
+            rows = rows[np.abs(points.xyz[rows] @ item.plane[:3] + item.plane[3]) >= settings.plane_distance]
+    if len(rows) == 0:
+        return []
+    hot = points.xyz[rows]
+    labels = DBSCAN(eps=settings.density_radius, min_samples=settings.density_points).fit_predict(hot)
+    clusters = [np.flatnonzero(labels == label) for label in range(labels.max() + 1)]
+    up = planes[0].plane[:3]
+    clusters = merge_intersecting(clusters, hot, up)
+    return [Cluster(rows[cluster], upright_box(hot[cluster], up, turn=False)) for cluster in clusters]
+
+
+def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: FusionSettings) -> list[Cluster]:
+    """Whole surfaces between creases and structure, each judged by its mean heat, boxed down to its support."""
+    up = planes[0].plane[:3]
+    rows = np.flatnonzero(points.heat >= _WARM * settings.heat_min)
+    warm = points.take(rows)
+    surface = gather_cells(warm.xyz, warm.normal, warm.heat, settings.cell)
+    levels: list[StructureSheet] = []
+    if settings.plane_removal:
+        coarse = gather_cells(points.xyz, points.normal, points.heat, _COARSE)
+        sheets = find_sheets(coarse, planes, settings)
+        coarse_cell = np.empty(len(surface.centre), np.int32)
+        coarse_cell[surface.cell_of_point] = coarse.cell_of_point[rows]
+        surface = keep_cells(surface, ~on_sheets(surface, coarse_cell, sheets))
+        levels = [item for item in sheets if item.sheet.plane[:3] @ up > _LEVEL]
+    segments = split_at_creases(surface, lying_flat(surface, levels), settings.crease, settings.segment_cells)
+    segment_of_point = np.append(segments, np.int32(-1))[surface.cell_of_point]
+    clusters = _clusters(segment_of_point, _kept_segments(segments, surface, settings))
+    hot = [float(warm.heat[cluster].mean()) >= settings.heat_min for cluster in clusters]
+    found = []
+    for cluster in merge_contained(clusters, hot, warm.xyz, up, settings.contained_share):
+        if float(warm.heat[cluster].mean()) >= settings.heat_min:
+            box = upright_box(warm.xyz[cluster], up, turn=True, trim=_TRIM)
+            found.append(Cluster(rows[cluster], _standing(box, levels, settings.standing_clearance)))
+    return found
+
+
+def _kept_segments(segments: NDArray[np.int32], surface: Surface, settings: FusionSettings) -> NDArray[np.bool_]:
+    """Segments warm and large enough to be an object or part of one; one more, false, for index -1."""
+    size = np.bincount(segments)
+    heat = np.bincount(segments, surface.heat) / np.maximum(size, 1)
+    return np.append((heat >= settings.heat_min / 2) & (size >= settings.segment_cells), False)
+
+
+def _clusters(labels: NDArray[np.int32], kept: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+    """The rows of each kept label."""
+    rows = np.flatnonzero(kept[labels])
+    order = rows[np.argsort(labels[rows], kind="stable")]
+    borders = np.flatnonzero(np.diff(labels[order])) + 1
+    return [cluster for cluster in np.split(order, borders) if len(cluster)]
+
+
+def _standing(box: Box3D, levels: list[StructureSheet], clearance: float) -> Box3D:
+    """The box with its bottom on the level sheet next to it, if there is one, but for the sheet's noise."""
+    up = box.rotation[:, 2]
+    middle, half = float(up @ box.centre), float(box.size[2]) / 2
+    for item in levels:
+        support = middle - float(item.sheet.distance(box.centre[None].astype(np.float32))[0])
+        if abs(middle - half - support) < _STANDING and middle + half > support:
+            noise = min(max(clearance, item.thickness), _CLEARANCE_SHARE * (middle + half - support))
+            return with_bottom(box, support + noise)
+    return box
+
+
+def _describe(cluster: Cluster, members: MapPoints) -> FoundObject:
+    """The object that the members form, not yet numbered."""
+    confidence = float(np.clip(members.heat.mean(), 0, 1))
+    views = int(members.frequency.max())
+    colour = members.colour.mean(axis=0).astype(np.float64)
+    return FoundObject(0, cluster.box, confidence, views, len(members), colour)
+
+
+def _plausible(box: Box3D, settings: FusionSettings) -> bool:
+    """Whether a box has an object's size: eps_min and eps_max in 3D, and the paper's least volume."""
+    longest = float(box.size.max())
+    return settings.size_min <= longest <= settings.size_max and box.volume >= settings.volume_min

@@ -1,0 +1,128 @@
+"""The fusion stage's core: frames with heat and pose in, 3D objects with stable numbers out (paper, Sec. IV)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics, back_project, invert
+from spot3d.fusion.extraction import find_objects
+from spot3d.fusion.heatmap3d import Heatmap3D
+from spot3d.fusion.identity import FoundObject, Identities
+from spot3d.fusion.index_map import IndexMap, Registration
+from spot3d.fusion.lattice import to_lattice
+from spot3d.fusion.planes import dominant_planes, on_plane, supporting_plane, transform_plane
+from spot3d.fusion.selection import MapPoints, frequent_points
+from spot3d.fusion.settings import FusionSettings
+from spot3d.fusion.structure import KeyframePlane, PlaneMemory
+
+
+@dataclass(frozen=True, slots=True)
+class Objects:
+    """The objects of one update; up: (3,) unit, world; frame_count: frames fused so far."""
+
+    objects: list[FoundObject]
+    up: NDArray[np.float64]
+    frame_count: int
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectsTask:
+    """Finds the objects of one moment. Tasks run one at a time, in the order of their snapshots."""
+
+    points: MapPoints
+    planes: PlaneMemory
+    identities: Identities
+    settings: FusionSettings
+    frame_count: int
+
+    def run(self) -> Objects:
+        """The objects, numbered as in the tasks that ran before."""
+        middle = self.points.xyz.mean(axis=0, dtype=np.float64) if len(self.points) else np.zeros(3)
+        planes = self.planes.distinct(middle)
+        found = self.identities.assign(find_objects(self.points, planes, self.settings))
+        up = planes[0].plane[:3] if planes else np.array([0.0, 0.0, 1.0])
+        return Objects(found, up, self.frame_count)
+
+
+class Fusion:
+    """Fuses frames into the 3D heatmap and finds the objects in it."""
+
+    def __init__(self, settings: FusionSettings) -> None:
+        self.settings = settings
+        self.heatmap = Heatmap3D(settings.map_limit, settings.voxel)
+        self.frame_count = 0
+        self._index_map = IndexMap(settings)
+        self._memory = PlaneMemory()
+        self._identities = Identities()
+        self._candidates = np.zeros((0, 4))
+        self._supporting: NDArray[np.float64] | None = None
+
+    def reset(self) -> None:
+        """Forget everything; object numbers start anew."""
+        self.heatmap.clear()
+        self._index_map.clear()
+        self._memory.clear()
+        self._identities = Identities()
+        self._candidates, self._supporting, self.frame_count = np.zeros((0, 4)), None, 0
+
+    def fuse(
+        self,
+        colour: NDArray[np.uint8],
+        depth: NDArray[np.float32],
+        heat: NDArray[np.uint8],
+        camera: Intrinsics,
+        T_world_camera: NDArray[np.float64],
+    ) -> Registration:
+        """Take in one frame: supporting plane, its removal from the heat, registration with the map.
+
+        colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths;
+        T_world_camera: (4, 4) float64.
+        """
+        frame = to_lattice(colour, depth, heat, camera, self.settings.lattice_width)
+        warm = frame.heat
+        if self.settings.plane_removal:
+            points = back_project(frame.depth, frame.camera)
+            if self.frame_count % self.settings.keyframe_interval == 0:
+                self._keyframe(points, frame.heat, T_world_camera)
+            if self._supporting is not None:
+                plane = transform_plane(self._supporting, invert(T_world_camera))
+                warm = np.where(on_plane(plane, points, self.settings), np.uint8(0), frame.heat)
+        elif self._supporting is None:
+            self._keyframe(back_project(frame.depth, frame.camera), frame.heat, T_world_camera)
+        self.frame_count += 1
+        return self._index_map.register(
+            self.heatmap, self.frame_count, frame.colour, frame.depth, warm, frame.camera, T_world_camera
+        )
+
+    def frequent_points(self) -> MapPoints:
+        """A copy of the map's points that were seen often enough."""
+        return frequent_points(self.heatmap.points(), self.frame_count, self.settings)
+
+    def snapshot(self) -> "ObjectsTask":
+        """What finding the objects needs, copied: it may run beside the fusing of further frames."""
+        return ObjectsTask(
+            self.frequent_points(), self._memory.copy(), self._identities, self.settings, self.frame_count
+        )
+
+    def objects(self) -> Objects:
+        """The objects as the map now shows them."""
+        return self.snapshot().run()
+
+    def _keyframe(
+        self, points: NDArray[np.float32], heat: NDArray[np.uint8], T_world_camera: NDArray[np.float64]
+    ) -> None:
+        """Estimate the supporting plane anew, from the planes known here, and remember all (paper, Sec. IV-A)."""
+        T_camera_world = invert(T_world_camera)
+        known = np.array([transform_plane(plane, T_camera_world) for plane in self._candidates]).reshape(-1, 4)
+        rng = np.random.default_rng((self.settings.seed, self.frame_count))
+        planes = dominant_planes(points, self.settings, rng, known)
+        chosen = supporting_plane(planes, points, heat, self.settings)
+        self._candidates = np.array([transform_plane(plane, T_world_camera) for plane in planes]).reshape(-1, 4)
+        if chosen is None:
+            return
+        for plane, in_world in zip(planes, self._candidates, strict=True):
+            removed = plane is chosen[0] or bool(np.array_equal(plane, chosen[0]))
+            self._memory.add(KeyframePlane(in_world, chosen[1] if removed else 0.0, removed))
+            if removed:
+                self._supporting = in_world

@@ -1,0 +1,292 @@
+"""Registration of a frame with the 3D heatmap through the index map (paper, Sec. IV-B)."""
+
+from dataclasses import dataclass, replace
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics, invert
+from spot3d.fusion.heatmap3d import (
+    FREQUENCY,
+    HEAT,
+    LAST,
+    NORMAL,
+    WEIGHT,
+    Heatmap3D,
+    R,
+    X,
+    find_slot,
+    voxel_key,
+)
+from spot3d.fusion.normals import surface_normals
+from spot3d.fusion.settings import FusionSettings
+from spot3d.sensor import axial_noise_kernel
+
+_EVICTED_SHARE = 0.2
+"""Share of the points that go at once when the map is full, so that this is rare."""
+
+
+@dataclass(frozen=True, slots=True)
+class Registration:
+    """How a frame's valid pixels met the map: warped from the last frame, found by voxel, or new."""
+
+    warped: int
+    found: int
+    appended: int
+
+
+@dataclass(frozen=True, slots=True)
+class _LastFrame:
+    index: NDArray[np.int32]
+    depth: NDArray[np.float32]
+    colour: NDArray[np.uint8]
+    camera: Intrinsics
+    T_world_camera: NDArray[np.float64]
+
+
+class IndexMap:
+    """For each pixel of the last fused frame, the row of its map point (paper: indexMap)."""
+
+    def __init__(self, settings: FusionSettings) -> None:
+        self.settings = settings
+        self._last: _LastFrame | None = None
+
+    def clear(self) -> None:
+        """Forget the last frame: the next one meets the map through the voxels only."""
+        self._last = None
+
+    def register(
+        self,
+        heatmap: Heatmap3D,
+        frame_number: int,
+        colour: NDArray[np.uint8],
+        depth: NDArray[np.float32],
+        heat: NDArray[np.uint8],
+        camera: Intrinsics,
+        T_world_camera: NDArray[np.float64],
+    ) -> Registration:
+        """Fuse one frame into the map: match pixels to points, update running means, append what is new.
+
+        colour: (h, w, 3) uint8; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8 255ths.
+        A point's heat and frequency grow once a frame, however many pixels fall on it.
+        """
+        settings = self.settings
+        if heatmap.count > 0 and heatmap.count + depth.size > heatmap.limit:
+            self._make_room(heatmap)
+        last = self._last
+        if last is None or last.camera != camera:
+            candidates = np.full(depth.shape, -1, np.int32)
+        else:
+            T_camera_last = invert(T_world_camera) @ last.T_world_camera
+            candidates = warp(
+                last.index,
+                last.depth,
+                last.colour,
+                depth,
+                colour,
+                T_camera_last.astype(np.float32),
+                *_pinhole(camera),
+                np.float32((255 * settings.colour_gate) ** 2),
+                np.float32(settings.depth_gate),
+                np.float32(settings.noise_gate),
+            )
+        index, count, warped, found = merge(
+            heatmap.rows,
+            heatmap.count,
+            heatmap.keys,
+            heatmap.slot_rows,
+            candidates,
+            depth,
+            colour,
+            heat,
+            surface_normals(depth, camera),
+            T_world_camera.astype(np.float32),
+            *_pinhole(camera),
+            np.float32(1 / heatmap.voxel),
+            np.float32(settings.noise_gate),
+            np.float32(settings.range_max),
+            np.float32(frame_number),
+        )
+        appended = count - heatmap.count
+        heatmap.count = count
+        self._last = _LastFrame(index, depth, colour, camera, T_world_camera)
+        return Registration(warped, found, appended)
+
+    def _make_room(self, heatmap: Heatmap3D) -> None:
+        """Evict the least useful points; what a frame brings beyond the room that makes is left out."""
+        moved = heatmap.evict(_EVICTED_SHARE, self.settings.tau)
+        if self._last is not None:
+            index = self._last.index
+            self._last = replace(self._last, index=np.where(index >= 0, moved[index], -1).astype(np.int32))
+
+
+def _pinhole(camera: Intrinsics) -> tuple[np.float32, np.float32, np.float32, np.float32]:
+    return np.float32(camera.fx), np.float32(camera.fy), np.float32(camera.cx), np.float32(camera.cy)
+
+
+@nb.njit(
+    "i4[:,::1](i4[:,::1], f4[:,::1], u1[:,:,::1], f4[:,::1], u1[:,:,::1], f4[:,::1], f4, f4, f4, f4, f4, f4, f4)",
+    cache=True,
+    nogil=True,
+)
+def warp(
+    last_index: NDArray[np.int32],
+    last_depth: NDArray[np.float32],
+    last_colour: NDArray[np.uint8],
+    depth: NDArray[np.float32],
+    colour: NDArray[np.uint8],
+    T_camera_last: NDArray[np.float32],
+    fx: np.float32,
+    fy: np.float32,
+    cx: np.float32,
+    cy: np.float32,
+    colour_gate: np.float32,
+    depth_gate: np.float32,
+    noise_gate: np.float32,
+) -> NDArray[np.int32]:
+    """Warp the last frame's pixels into this one and keep the matches (paper, Eqs. 11-13).
+
+    A match agrees in colour (squared L2 distance of RGB 0..255 within `colour_gate`) and in depth; of several
+    on one pixel the nearest wins. Returns (h, w) int32 rows of the map, -1 = no match.
+    """
+    h, w = depth.shape
+    index = np.full((h, w), -1, np.int32)
+    nearest = np.full((h, w), np.inf, np.float32)
+    T = T_camera_last
+    for v in range(h):
+        for u in range(w):
+            row = last_index[v, u]
+            if row < 0:
+                continue
+            z = last_depth[v, u]
+            x, y = (u - cx) * z / fx, (v - cy) * z / fy
+            zw = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+            if zw <= 0:
+                continue
+            uw = int(np.rint(fx * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) / zw + cx))
+            vw = int(np.rint(fy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / zw + cy))
+            if uw < 0 or uw >= w or vw < 0 or vw >= h or zw >= nearest[vw, uw]:
+                continue
+            if abs(depth[vw, uw] - zw) > max(depth_gate, noise_gate * axial_noise_kernel(zw)):
+                continue
+            difference = np.float32(0)
+            for i in range(3):
+                d = np.float32(colour[vw, uw, i]) - np.float32(last_colour[v, u, i])
+                difference += d * d
+            if difference <= colour_gate:
+                nearest[vw, uw] = zw
+                index[vw, uw] = row
+    return index
+
+
+@nb.njit("i4(i8[::1], i4[::1], f4, f4, f4, f4[:,::1], f4, f4, f4)", cache=True, nogil=True)
+def _find_along_ray(
+    keys: NDArray[np.int64],
+    slot_rows: NDArray[np.int32],
+    x: np.float32,
+    y: np.float32,
+    z: np.float32,
+    T_world_camera: NDArray[np.float32],
+    distance: np.float32,
+    reach: np.float32,
+    per_metre: np.float32,
+) -> np.int32:
+    """Row of the point nearest along the viewing ray within `reach` metres (depth errs along it), or -1."""
+    T = T_world_camera
+    scale = np.float32(1) / (distance * per_metre)
+    sx, sy, sz = (x - T[0, 3]) * scale, (y - T[1, 3]) * scale, (z - T[2, 3]) * scale
+    steps = int(reach * per_metre)
+    for step in range(steps + 1):
+        for sign in range(2):
+            if step == 0 and sign == 1:
+                continue
+            s = np.float32(step if sign == 0 else -step)
+            slot = find_slot(keys, voxel_key(x + s * sx, y + s * sy, z + s * sz, per_metre))
+            if keys[slot] != np.int64(-1):
+                return np.int32(slot_rows[slot])
+    return np.int32(-1)
+
+
+@nb.njit(
+    "Tuple((i4[:,::1], i8, i8, i8))(f4[:,::1], i8, i8[::1], i4[::1], i4[:,::1], f4[:,::1], u1[:,:,::1], u1[:,::1],"
+    " f4[:,:,::1], f4[:,::1], f4, f4, f4, f4, f4, f4, f4, f4)",
+    cache=True,
+    nogil=True,
+)
+def merge(
+    rows: NDArray[np.float32],
+    count: int,
+    keys: NDArray[np.int64],
+    slot_rows: NDArray[np.int32],
+    candidates: NDArray[np.int32],
+    depth: NDArray[np.float32],
+    colour: NDArray[np.uint8],
+    heat: NDArray[np.uint8],
+    normals: NDArray[np.float32],
+    T_world_camera: NDArray[np.float32],
+    fx: np.float32,
+    fy: np.float32,
+    cx: np.float32,
+    cy: np.float32,
+    per_metre: np.float32,
+    noise_gate: np.float32,
+    range_max: np.float32,
+    frame_number: np.float32,
+) -> tuple[NDArray[np.int32], int, int, int]:
+    """Give every valid pixel its map point: the candidate, one in the voxels that noise can reach, or a new one.
+
+    Position, colour and normal are running means weighted by 1 / sigma_z^2. Once the rows are full, new points
+    are left out. Returns the index map, the map's new count, and how many pixels were warped and found.
+    """
+    h, w = depth.shape
+    index = np.full((h, w), -1, np.int32)
+    T = T_world_camera
+    warped, found = 0, 0
+    for v in range(h):
+        for u in range(w):
+            z = depth[v, u]
+            if not 0 < z <= range_max:
+                continue
+            dx, dy = (u - cx) / fx, (v - cy) / fy
+            # In single precision, as the look-up has it: else a point on a voxel's border is entered in the next.
+            x = np.float32((T[0, 0] * dx + T[0, 1] * dy + T[0, 2]) * z + T[0, 3])
+            y = np.float32((T[1, 0] * dx + T[1, 1] * dy + T[1, 2]) * z + T[1, 3])
+            zw = np.float32((T[2, 0] * dx + T[2, 1] * dy + T[2, 2]) * z + T[2, 3])
+            sigma = axial_noise_kernel(z)
+            row = candidates[v, u]
+            if row >= 0:
+                warped += 1
+            else:
+                row = _find_along_ray(keys, slot_rows, x, y, zw, T, z, noise_gate * sigma, per_metre)
+                if row >= 0:
+                    found += 1
+                elif count == len(rows):
+                    continue
+                else:
+                    row = np.int32(count)
+                    count += 1
+                    key = voxel_key(x, y, zw, per_metre)
+                    slot = find_slot(keys, key)
+                    keys[slot] = key
+                    slot_rows[slot] = row
+                    rows[row, :] = np.float32(0)
+                    rows[row, LAST] = np.float32(-1)
+            index[v, u] = row
+            weight = np.float32(1e-6) / (sigma * sigma)
+            total = rows[row, WEIGHT] + weight
+            share = weight / total
+            rows[row, WEIGHT] = total
+            rows[row, X] += share * (x - rows[row, X])
+            rows[row, X + 1] += share * (y - rows[row, X + 1])
+            rows[row, X + 2] += share * (zw - rows[row, X + 2])
+            for i in range(3):
+                rows[row, R + i] += share * (colour[v, u, i] - rows[row, R + i])
+            nx, ny, nz = normals[v, u, 0], normals[v, u, 1], normals[v, u, 2]
+            for i in range(3):
+                rows[row, NORMAL + i] += weight * (T[i, 0] * nx + T[i, 1] * ny + T[i, 2] * nz)
+            if rows[row, LAST] != frame_number:
+                rows[row, LAST] = frame_number
+                rows[row, FREQUENCY] += np.float32(1)
+                rows[row, HEAT] += heat[v, u] / np.float32(255)
+    return index, count, warped, found

@@ -1,0 +1,61 @@
+"""Surface normals of a depth image."""
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.sensor import axial_noise_kernel
+
+_REACH = 3
+"""Pixels between the centre and each end of the differences."""
+
+
+def surface_normals(depth: NDArray[np.float32], camera: Intrinsics) -> NDArray[np.float32]:
+    """Unit normals towards the camera, from central differences of depth.
+
+    depth: (h, w) float32 metres, 0 = invalid.
+    Returns (h, w, 3) float32, camera frame; zeros where the surface is not continuous.
+    """
+    pinhole = (np.float32(value) for value in (camera.fx, camera.fy, camera.cx, camera.cy))
+    normals: NDArray[np.float32] = _normals(np.require(depth, np.float32, ["C", "W"]), *pinhole)
+    return normals
+
+
+@nb.njit("f4[:,:,::1](f4[:,::1], f4, f4, f4, f4)", cache=True, nogil=True)
+def _normals(
+    depth: NDArray[np.float32], fx: np.float32, fy: np.float32, cx: np.float32, cy: np.float32
+) -> NDArray[np.float32]:
+    """Cross product of the horizontal and the vertical difference; one-sided at the rims of surfaces."""
+    h, w = depth.shape
+    normals = np.zeros((h, w, 3), np.float32)
+    for v in range(h):
+        for u in range(w):
+            z = depth[v, u]
+            if not z > 0:
+                continue
+            # A surface seen at 80 degrees slopes by tan(80 deg) pixel footprints; more is a jump.
+            jump = np.float32(6) * _REACH * z / fx + np.float32(4) * axial_noise_kernel(z)
+            left, right, up, down = u, u, v, v
+            if u >= _REACH and depth[v, u - _REACH] > 0 and abs(depth[v, u - _REACH] - z) < jump:
+                left = u - _REACH
+            if u + _REACH < w and depth[v, u + _REACH] > 0 and abs(depth[v, u + _REACH] - z) < jump:
+                right = u + _REACH
+            if v >= _REACH and depth[v - _REACH, u] > 0 and abs(depth[v - _REACH, u] - z) < jump:
+                up = v - _REACH
+            if v + _REACH < h and depth[v + _REACH, u] > 0 and abs(depth[v + _REACH, u] - z) < jump:
+                down = v + _REACH
+            if left == right or up == down:
+                continue
+            za, zb, zc, zd = depth[v, left], depth[v, right], depth[up, u], depth[down, u]
+            ax = ((right - cx) * zb - (left - cx) * za) / fx
+            ay = (v - cy) * (zb - za) / fy
+            az = zb - za
+            bx = (u - cx) * (zd - zc) / fx
+            by = ((down - cy) * zd - (up - cy) * zc) / fy
+            bz = zd - zc
+            nx, ny, nz = az * by - ay * bz, ax * bz - az * bx, ay * bx - ax * by
+            length = np.sqrt(nx * nx + ny * ny + nz * nz)
+            if length > 0:
+                normals[v, u, 0], normals[v, u, 1], normals[v, u, 2] = nx / length, ny / length, nz / length
+    return normals

@@ -1,0 +1,185 @@
+"""Dominant planes of a frame, and the one that supports objects (paper, Sec. IV-A)."""
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.fusion.settings import FusionSettings
+from spot3d.sensor import axial_noise
+
+_NEIGHBOUR_SHARE = 1 / 16
+"""The three points of a triple lie within this share of the image's width: far enough apart to beat the noise."""
+_COARSE, _FINE = 200, 4000
+"""Points on which every triple, and then the best of them, are scored."""
+_SHORTLIST = 50
+"""Triples that are scored on the fine sample."""
+_LEAST_SHARE = 0.02
+"""A dominant plane holds at least this share of the valid points."""
+_SAME_ANGLE, _SAME_DISTANCE = np.cos(np.deg2rad(10.0)), 0.04
+"""Two planes closer than this in direction and (metres) in position are one."""
+
+
+def plane_tolerance(depth: NDArray[np.float32], settings: FusionSettings) -> NDArray[np.float32]:
+    """eps_p, but never below what the noise at that depth allows. depth: metres; the same shape back."""
+    noise = np.float32(settings.noise_gate) * axial_noise(depth)
+    tolerance: NDArray[np.float32] = np.maximum(np.float32(settings.plane_distance), noise)
+    return tolerance
+
+
+def dominant_planes(
+    points: NDArray[np.float32],
+    settings: FusionSettings,
+    rng: np.random.Generator,
+    known: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
+    """The distinct planes with most inliers, by RANSAC over triples of neighbouring pixels (paper, Eq. 9).
+
+    points: (h, w, 3) float32 metres, camera frame; z = 0 is invalid. known: (k, 4) planes expected here (those
+    of earlier keyframes), which compete with a tenth of the usual number of triples.
+    Returns (n, 4) float64 [n_x, n_y, n_z, b], n unit and towards the camera (b >= 0), n.x + b = 0 on the
+    plane, most inliers first (each counted among the points that the planes before it leave), n <= `plane_candidates`.
+    """
+    flat = points.reshape(-1, 3)
+    valid = np.flatnonzero(flat[:, 2] > 0)
+    if len(valid) < 100:
+        return np.zeros((0, 4))
+    count = settings.plane_triples if known is None or len(known) == 0 else settings.plane_triples // 10
+    planes = _triple_planes(points, _neighbour_triples(points.shape, valid, count, rng))
+    if known is not None:
+        planes = np.concatenate((known, planes))
+    if len(planes) == 0:
+        return planes
+    sample = flat[valid[rng.integers(0, len(valid), _FINE)]]
+    tolerance = plane_tolerance(sample[:, 2], settings)
+    distinct: list[NDArray[np.float64]] = []
+    while len(distinct) < settings.plane_candidates and len(sample) > _FINE * _LEAST_SHARE:
+        plane = _most_inliers(planes, sample, tolerance)
+        distinct.append(refine_plane(plane, sample, tolerance))
+        free = np.abs(sample @ distinct[-1][:3].astype(np.float32) + np.float32(distinct[-1][3])) >= tolerance
+        if np.count_nonzero(~free) < _FINE * _LEAST_SHARE:
+            distinct.pop()
+            break
+        sample, tolerance = sample[free], tolerance[free]
+    return np.array(distinct).reshape(-1, 4)
+
+
+def _most_inliers(
+    planes: NDArray[np.float64], points: NDArray[np.float32], tolerance: NDArray[np.float32]
+) -> NDArray[np.float64]:
+    """The plane with most inliers: all are scored on a few of the points, the best of them on all."""
+    step = max(1, len(points) // _COARSE)
+    few, few_tolerance = np.ascontiguousarray(points[::step]), np.ascontiguousarray(tolerance[::step])
+    coarse = count_inliers(planes.astype(np.float32), few, few_tolerance)
+    best = planes[np.argsort(-coarse, kind="stable")[:_SHORTLIST]]
+    fine = count_inliers(best.astype(np.float32), points, tolerance)
+    plane: NDArray[np.float64] = best[int(np.argmax(fine))]
+    return plane
+
+
+def supporting_plane(
+    planes: NDArray[np.float64],
+    points: NDArray[np.float32],
+    heat: NDArray[np.uint8],
+    settings: FusionSettings,
+) -> tuple[NDArray[np.float64], float] | None:
+    """The plane whose inliers hold most heat (paper, Eq. 10), with that heat (sum of H_2D); None without any.
+
+    planes: (n, 4); points: (h, w, 3) float32, camera frame, z = 0 invalid; heat: (h, w) uint8, 255ths.
+    """
+    if len(planes) == 0:
+        return None
+    sums = [float(heat[on_plane(plane, points, settings)].sum(dtype=np.int64)) / 255 for plane in planes]
+    best = int(np.argmax(sums))
+    return planes[best], sums[best]
+
+
+def on_plane(plane: NDArray[np.float64], points: NDArray[np.float32], settings: FusionSettings) -> NDArray[np.bool_]:
+    """Which valid points lie on the plane within the tolerance of their depth (paper, Eq. 9). Camera frame."""
+    n = plane[:3].astype(np.float32)
+    z = points[..., 2]
+    distance = np.abs(points @ n + np.float32(plane[3]))
+    inliers: NDArray[np.bool_] = (distance < plane_tolerance(z, settings)) & (z > 0)
+    return inliers
+
+
+def same_plane(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+    """Whether two planes are one, within 10 degrees and 4 cm (measured at their points next to the camera)."""
+    if a[:3] @ b[:3] < _SAME_ANGLE:
+        return False
+    offset = max(abs(b[:3] @ (-a[3] * a[:3]) + b[3]), abs(a[:3] @ (-b[3] * b[:3]) + a[3]))
+    return bool(offset < _SAME_DISTANCE)
+
+
+def refine_plane(
+    plane: NDArray[np.float64], points: NDArray[np.float32], tolerance: NDArray[np.float32]
+) -> NDArray[np.float64]:
+    """Least squares on the inliers, each weighted by the inverse of its variance. points (n, 3), tolerance (n,)."""
+    for _ in range(2):
+        inliers = np.abs(points @ plane[:3].astype(np.float32) + np.float32(plane[3])) < tolerance
+        if np.count_nonzero(inliers) < 3:
+            return plane
+        plane = fit_plane(points[inliers], 1 / tolerance[inliers] ** 2, towards=plane[:3])
+    return plane
+
+
+def fit_plane(
+    points: NDArray[np.float32], weights: NDArray[np.float32], towards: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Weighted least-squares plane (4,) of (n, 3) points, its normal on the side of `towards`."""
+    total = weights.sum(dtype=np.float64)
+    mean = (weights @ points.astype(np.float64)) / total
+    centred = points - mean
+    covariance = (centred * weights[:, None]).T @ centred / total
+    normal = np.linalg.eigh(covariance)[1][:, 0]
+    if normal @ towards < 0:
+        normal = -normal
+    return np.append(normal, -normal @ mean)
+
+
+def transform_plane(plane: NDArray[np.float64], T_target_source: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same plane in the target frame: p' = p T^-1."""
+    moved: NDArray[np.float64] = plane @ np.linalg.inv(T_target_source)
+    return moved
+
+
+def _neighbour_triples(
+    shape: tuple[int, ...], valid: NDArray[np.int64], count: int, rng: np.random.Generator
+) -> NDArray[np.int64]:
+    """(count, 3) flat pixel numbers: a random valid pixel and two others near it (perhaps invalid)."""
+    h, w = shape[:2]
+    reach = max(2, int(w * _NEIGHBOUR_SHARE))
+    first = valid[rng.integers(0, len(valid), count)]
+    v, u = np.divmod(first, w)
+    dv, du = rng.integers(-reach, reach + 1, (2, 2, count))
+    others = np.clip(v + dv, 0, h - 1) * w + np.clip(u + du, 0, w - 1)
+    return np.stack((first, others[0], others[1]), axis=1)
+
+
+def _triple_planes(points: NDArray[np.float32], triples: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Planes through triples of valid, not collinear points, (n, 4) with normals towards the camera."""
+    a, b, c = (points.reshape(-1, 3)[triples[:, i]].astype(np.float64) for i in range(3))
+    normals = np.cross(b - a, c - a)
+    length = np.linalg.norm(normals, axis=1)
+    spread = np.linalg.norm(b - a, axis=1) * np.linalg.norm(c - a, axis=1)
+    good = (a[:, 2] > 0) & (b[:, 2] > 0) & (c[:, 2] > 0) & (length > 0.2 * spread)
+    normals = normals[good] / length[good, None]
+    offsets = -np.einsum("ij,ij->i", normals, a[good])
+    planes = np.column_stack((normals, offsets))
+    planes[offsets < 0] *= -1
+    return planes
+
+
+@nb.njit("i4[::1](f4[:,::1], f4[:,::1], f4[::1])", cache=True, nogil=True)
+def count_inliers(
+    planes: NDArray[np.float32], points: NDArray[np.float32], tolerance: NDArray[np.float32]
+) -> NDArray[np.int32]:
+    """How many of (n, 3) points lie within their tolerance of each of (m, 4) planes: (m,) int32."""
+    counts = np.zeros(len(planes), np.int32)
+    xs, ys, zs = points[:, 0].copy(), points[:, 1].copy(), points[:, 2].copy()
+    for j in range(len(planes)):
+        a, b, c, d = planes[j]
+        inliers = 0
+        for i in range(len(xs)):
+            inliers += abs(a * xs[i] + b * ys[i] + c * zs[i] + d) < tolerance[i]
+        counts[j] = inliers
+    return counts

@@ -1,0 +1,71 @@
+"""Settings of the fusion stage."""
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class FusionSettings(BaseModel):
+    """Plane removal, registration, point selection, clustering and boxes (paper, Sec. IV)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    plane_distance: float = Field(
+        0.005, gt=0, description="eps_p: distance in metres within which a point lies on a plane"
+    )
+    plane_triples: int = Field(
+        10_000, ge=10, le=1_000_000, description="triples of neighbouring pixels that RANSAC tries"
+    )
+    plane_candidates: int = Field(5, ge=1, le=20, description="dominant planes among which heat decides")
+    keyframe_interval: int = Field(10, ge=1, description="frames between two estimates of the supporting plane")
+    plane_removal: bool = Field(True, description="remove supporting planes (off: ablation noPlRem)")
+
+    colour_gate: float = Field(
+        0.2, gt=0, description="eps_I: largest colour difference of matching pixels, RGB in [0, 1], L2 norm"
+    )
+    depth_gate: float = Field(0.01, gt=0, description="eps_Z: largest depth difference of matching pixels, metres")
+    noise_gate: float = Field(
+        3.0, ge=0, description="gates never close below this many standard deviations of the depth noise"
+    )
+    lattice_width: int = Field(
+        320,
+        ge=40,
+        description="a frame is fused at about this many samples across, each the mean of its block",
+    )
+    voxel: float = Field(0.005, gt=0.001, le=0.1, description="edge of the look-up voxels of map points, metres")
+    map_limit: int = Field(2_000_000, ge=1000, le=20_000_000, description="most points that the 3D heatmap holds")
+    range_max: float = Field(4.0, gt=0, description="depth beyond this is not fused, metres")
+
+    frequency_min: int = Field(5, ge=1, description="points seen in fewer frames are dropped, or ...")
+    frequency_share: float = Field(
+        0.05, ge=0, le=1, description="... seen in less than this share of the frames, whichever is lower"
+    )
+    tau: float = Field(10.0, ge=0, description="tau: favours points seen more often")
+    heat_min: float = Field(0.12, ge=0, le=1, description="eps: pseudo-average confidence from which something is kept")
+
+    clustering: Literal["density", "surface"] = Field(
+        "surface",
+        description="density: threshold, plane clean-up, DBSCAN (the paper); surface: whole surfaces, split at "
+        "creases, judged by their mean heat",
+    )
+    density_radius: float = Field(0.02, gt=0, description="DBSCAN's radius, metres")
+    density_points: int = Field(20, ge=1, description="DBSCAN's least neighbours of a core point")
+    cell: float = Field(0.005, gt=0.001, le=0.1, description="edge of the cells of a surface, metres")
+    crease: float = Field(10.0, gt=0, description="concavity from which a surface is split, 1/m")
+    segment_cells: int = Field(40, ge=1, description="a region between creases smaller than this joins a neighbour")
+    contained_share: float = Field(
+        0.5, gt=0, le=1, description="a segment with this share of its points in another's box joins it"
+    )
+    size_min: float = Field(0.02, ge=0, description="an object's longest edge is at least this, metres")
+    size_max: float = Field(1.0, gt=0, description="an object's longest edge is at most this, metres")
+    volume_min: float = Field(1e-6, ge=0, description="boxes below this volume are dropped, cubic metres")
+    standing_clearance: float = Field(
+        0.01,
+        ge=0,
+        description="a box ends this far above its support: three sigma of a table seen at 1.5 m, metres",
+    )
+    seed: int = Field(0, ge=0, description="seed of RANSAC's choice of triples")
+
+
+PAPER = FusionSettings(colour_gate=0.05, noise_gate=0.0, clustering="density", lattice_width=640, voxel=0.005)
+"""The paper's values (Sec. V-A) and its own clustering."""

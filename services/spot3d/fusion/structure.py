@@ -1,0 +1,81 @@
+"""What is no object: supporting planes and walls, remembered from the keyframes (paper, Sec. IV-A and IV-D)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.cluster import KMeans
+
+_REMEMBERED = 10_000
+"""Most keyframe planes kept; beyond, every second one goes."""
+_SAME_ANGLE, _SAME_DISTANCE = np.cos(np.deg2rad(12.0)), 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class KeyframePlane:
+    """A plane of one keyframe: (4,) float64 in the world frame, its heat, and whether it was the one removed."""
+
+    plane: NDArray[np.float64]
+    heat: float
+    removed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class StructurePlane:
+    """Keyframe planes that are one: (4,) world frame, the share of keyframes that removed it, its heat."""
+
+    plane: NDArray[np.float64]
+    removed_share: float
+    heat: float
+
+
+class PlaneMemory:
+    """The matrix P* of the paper: the planes of the keyframes."""
+
+    def __init__(self) -> None:
+        self._planes: list[KeyframePlane] = []
+
+    def add(self, plane: KeyframePlane) -> None:
+        """Remember one keyframe's plane."""
+        self._planes.append(plane)
+        if len(self._planes) > _REMEMBERED:
+            self._planes = self._planes[::2]
+
+    def clear(self) -> None:
+        """Forget every plane."""
+        self._planes = []
+
+    def copy(self) -> "PlaneMemory":
+        """A memory of its own with the same planes."""
+        other = PlaneMemory()
+        other._planes = list(self._planes)
+        return other
+
+    def distinct(self, around: NDArray[np.float64]) -> list[StructurePlane]:
+        """The different planes among all, by K-means, those with most removed heat first (paper, Sec. IV-D).
+
+        around: (3,) world point near the scene's middle, where positions of planes are compared. The number of
+        clusters is that of the planes which differ by more than 12 degrees or 5 cm.
+        """
+        if not self._planes:
+            return []
+        stack = np.array([item.plane for item in self._planes])
+        position = stack[:, :3] @ around + stack[:, 3]
+        features = np.column_stack((stack[:, :3] * _SAME_DISTANCE / np.sqrt(2 - 2 * _SAME_ANGLE), position))
+        centres: list[NDArray[np.float64]] = []
+        for feature in features:
+            if all(np.linalg.norm(feature - centre) > _SAME_DISTANCE for centre in centres):
+                centres.append(feature)
+        labels = KMeans(len(centres), init=np.array(centres), n_init=1).fit_predict(features)
+        groups = []
+        for label in np.unique(labels):
+            members = np.flatnonzero(labels == label)
+            normal = stack[members, :3].mean(axis=0)
+            normal /= np.linalg.norm(normal)
+            offset = float(np.median(position[members])) - normal @ around
+            removed = [self._planes[k] for k in members if self._planes[k].removed]
+            keyframes = max(1, sum(item.removed for item in self._planes))
+            groups.append(
+                StructurePlane(np.append(normal, offset), len(removed) / keyframes, sum(item.heat for item in removed))
+            )
+        return sorted(groups, key=lambda group: -group.heat)

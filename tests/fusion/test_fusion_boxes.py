@@ -1,0 +1,123 @@
+"""Upright boxes (Eq. 15), and the joining of clusters by their boxes."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from fusion_room import Cuboid, rotation_z, sampled
+from scipy.spatial.transform import Rotation
+
+from spot3d.boxes import Box3D, iou_matrix_3d
+from spot3d.fusion.boxes import (
+    merge_contained,
+    merge_intersecting,
+    rotation_to_upright,
+    share_inside,
+    upright_box,
+    with_bottom,
+)
+
+UP = np.array([0.0, 0.0, 1.0])
+TILTED = np.array([0.36, -0.48, 0.8])
+
+
+def corners(centre: tuple[float, float, float], size: tuple[float, float, float], R: np.ndarray) -> np.ndarray:
+    signs = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), -1).reshape(-1, 3)
+    return ((signs * size) @ R.T + centre).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    "up", [UP, -UP, TILTED, -TILTED, np.array([1.0, 0, 0]), np.array([0, np.sin(1e-6), -np.cos(1e-6)])]
+)
+def test_rotation_turns_up_into_z(up: np.ndarray) -> None:
+    R = rotation_to_upright(up)
+    np.testing.assert_allclose(R @ up, [0, 0, 1], atol=1e-5)
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-7)
+    assert np.linalg.det(R) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("up", [UP, -UP, TILTED])
+@pytest.mark.parametrize("yaw", [0.0, 0.3, 1.2, -0.7])
+def test_the_box_of_a_rotated_cuboid_is_exact(up: np.ndarray, yaw: float) -> None:
+    R = rotation_to_upright(up).T @ rotation_z(yaw)
+    truth = Box3D(np.array([0.4, -0.2, 0.9]), np.array([0.3, 0.12, 0.2]), R)
+    box = upright_box(corners((0.4, -0.2, 0.9), (0.3, 0.12, 0.2), R), up, turn=True)
+    np.testing.assert_allclose(box.rotation[:, 2], up, atol=1e-9)
+    assert iou_matrix_3d([box], [truth])[0, 0] > 0.999
+
+
+def test_without_turning_the_axes_of_eq_15_are_kept() -> None:
+    box = upright_box(corners((0, 0, 0), (0.2, 0.2, 0.1), rotation_z(np.pi / 4)), UP, turn=False)
+    np.testing.assert_allclose(box.rotation, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(box.size, [0.2 * np.sqrt(2), 0.2 * np.sqrt(2), 0.1], atol=1e-6)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_few_points_have_a_flat_box(count: int) -> None:
+    points = np.array([[1, 2, 3], [1.5, 2, 3], [2, 2, 3]], np.float32)[:count]
+    box = upright_box(points, UP, turn=True)
+    assert box.volume == pytest.approx(0, abs=1e-6)
+    np.testing.assert_allclose(box.centre, points.mean(axis=0), atol=1e-6)
+
+
+def test_trimming_forgets_strays() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-0.1, 0.1, (1000, 3)).astype(np.float32)
+    points[:2] = [[3, 3, 3], [-3, -3, -3]]
+    assert upright_box(points, UP, turn=False, trim=0.005).size.max() < 0.21
+
+
+@pytest.mark.parametrize(("height", "expected"), [(-0.1, 0.2), (0.0, 0.1), (0.06, 0.04), (0.5, 0.0)])
+def test_a_new_bottom_leaves_the_top(height: float, expected: float) -> None:
+    R = rotation_to_upright(TILTED).T
+    box = with_bottom(Box3D(0.07 * TILTED, np.array([0.1, 0.2, 0.06]), R), height)
+    assert box.size[2] == pytest.approx(expected)
+    assert TILTED @ box.centre + box.size[2] / 2 == pytest.approx(0.1)
+    np.testing.assert_allclose(box.centre, (TILTED @ box.centre) * TILTED, atol=1e-12)
+
+
+def clusters_of(*cuboids: Cuboid) -> tuple[list[np.ndarray], np.ndarray]:
+    parts = [sampled((cuboid,)).xyz for cuboid in cuboids]
+    borders = np.cumsum([0] + [len(part) for part in parts])
+    return [np.arange(a, b) for a, b in pairwise(borders)], np.concatenate(parts)
+
+
+def hot(x: float, z: float, size: tuple[float, float, float]) -> Cuboid:
+    return Cuboid((x, 0, z), size, heat=1.0)
+
+
+def test_boxes_that_intersect_become_one_and_those_that_do_not_stay() -> None:
+    clusters, points = clusters_of(*(hot(x, 0, (0.2, 0.1, 0.1)) for x in (0.0, 1.0, 0.3, 0.15)))
+    merged = merge_intersecting(clusters, points, UP)
+    assert sorted(map(len, merged)) == sorted([len(clusters[1]), sum(len(clusters[i]) for i in (0, 2, 3))])
+
+
+BOWL, INSIDE = hot(0, 0.05, (0.2, 0.2, 0.1)), hot(0, 0.06, (0.1, 0.1, 0.06))
+BESIDE = hot(0.17, 0.05, (0.13, 0.2, 0.1))
+
+
+@pytest.mark.parametrize(
+    ("name", "holds", "sets"),
+    [
+        ("all may hold", [True, True, True], [{0, 1}, {2}]),
+        ("the outer one may not", [False, True, True], [{0}, {1}, {2}]),
+    ],
+)
+def test_a_part_inside_joins_and_a_neighbour_does_not(name: str, holds: list[bool], sets: list[set[int]]) -> None:
+    clusters, points = clusters_of(BOWL, INSIDE, BESIDE)
+    owner = np.repeat([0, 1, 2], [len(rows) for rows in clusters])
+    merged = merge_contained(clusters, holds, points, UP, 0.5)
+    assert sorted(sorted(set(owner[rows])) for rows in merged) == [sorted(part) for part in sets], name
+    assert np.array_equal(np.sort(np.concatenate(merged)), np.arange(len(points)))
+
+
+def test_without_clusters_nothing_is_merged() -> None:
+    points = np.zeros((0, 3), np.float32)
+    assert merge_contained([], [], points, UP, 0.5) == merge_intersecting([], points, UP) == []
+
+
+def test_share_inside_a_rotated_box() -> None:
+    R = Rotation.from_rotvec([0.3, 0.4, 0.5]).as_matrix()
+    box = Box3D(np.array([1.0, 2, 3]), np.array([0.2, 0.2, 0.2]), R)
+    points = (np.array([[0, 0, 0], [0.09, 0, 0], [0.11, 0, 0], [0, 0, -0.3]]) @ R.T + box.centre).astype(np.float32)
+    assert share_inside(points, box) == 0.5

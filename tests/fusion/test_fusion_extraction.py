@@ -1,0 +1,125 @@
+"""From map points to objects: found whole, and nothing else."""
+
+import numpy as np
+import pytest
+from fusion_room import BACKDROP_PLANE, COARSE, COARSE_PAPER, FINE, STAGE, TABLE_PLANE, THREE, Cuboid, sampled, standing
+
+from spot3d.boxes import iou_matrix_3d
+from spot3d.fusion.extraction import find_objects
+from spot3d.fusion.selection import MapPoints
+from spot3d.fusion.settings import FusionSettings
+
+PLANES = [TABLE_PLANE, BACKDROP_PLANE]
+LARGE = standing(0.10, 0.0, (0.20, 0.26, 0.20), colour=(0, 200, 0))
+FACE_TO_FACE = (standing(-0.05, 0.0, (0.10, 0.10, 0.10)), LARGE)
+EDGE_TO_FACE = (standing(-0.07, 0.0, (0.10, 0.10, 0.10), 0.785), LARGE)
+STACKED = (
+    standing(0, 0, (0.24, 0.24, 0.10), 0.4, colour=(0, 200, 0)),
+    Cuboid((0.01, 0.02, 0.15), (0.10, 0.10, 0.10), 0.9, (200, 0, 0), heat=1.0),
+)
+BOOK = standing(0.4, 0.1, (0.16, 0.22, 0.022), 0.3)
+
+
+def overlaps(points: MapPoints, truth: tuple[Cuboid, ...], settings: FusionSettings = COARSE) -> np.ndarray:
+    """IoU (true objects, found objects)."""
+    found = find_objects(points, PLANES, settings)
+    return iou_matrix_3d([cuboid.box() for cuboid in truth], [item.box for item in found])
+
+
+@pytest.mark.parametrize(
+    ("name", "truth"),
+    [
+        ("nothing", ()),
+        ("three boxes", THREE),
+        ("one far from the rest", (*THREE, standing(-0.5, -0.4, (0.06, 0.06, 0.06)))),
+    ],
+)
+def test_each_object_is_found_once_and_nothing_else(name: str, truth: tuple[Cuboid, ...]) -> None:
+    iou = overlaps(sampled(STAGE + truth), truth)
+    assert iou.shape == (len(truth), len(truth)), name
+    assert (iou.max(axis=1, initial=0) >= 0.5).all() or not truth
+
+
+def test_a_flat_book_is_found() -> None:
+    assert overlaps(sampled((*STAGE, BOOK)), (BOOK,)).max(initial=0) >= 0.5
+
+
+@pytest.mark.parametrize("truth", [FACE_TO_FACE, EDGE_TO_FACE, STACKED])
+def test_neighbouring_objects_are_split_where_density_alone_joins_them(truth: tuple[Cuboid, ...]) -> None:
+    iou = overlaps(sampled(STAGE + truth, step=0.003), truth, FINE)
+    assert iou.shape == (2, 2)
+    assert (iou.max(axis=1) >= 0.7).all()
+    assert overlaps(sampled(STAGE + truth, step=0.005), truth, COARSE_PAPER).shape[1] == 1
+
+
+@pytest.mark.parametrize("gap", [0.003, 0.006, 0.01])
+def test_an_object_broken_in_two_by_pose_error_is_one(gap: float) -> None:
+    """Half of the views put the object `gap` metres aside: two shells, one in the other."""
+    truth = standing(0.0, 0.0, (0.14, 0.12, 0.16), 0.4)
+    shift = np.zeros((3, 3))
+    whole = sampled((*STAGE, truth))
+    shift[2] = [gap, -gap, 0]
+    again = sampled((*STAGE, truth), shift=shift)
+    moved = again.take(again.heat > 0.4)
+    both = MapPoints(*(np.concatenate((getattr(whole, f), getattr(moved, f))) for f in MapPoints.__dataclass_fields__))
+    iou = overlaps(both, (truth,))
+    assert iou.shape == (1, 1)
+    assert iou[0, 0] >= 0.5
+
+
+def test_structure_is_no_object_even_when_it_kept_heat() -> None:
+    points = sampled(STAGE + THREE, cold=0.4)
+    iou = overlaps(points, THREE)
+    assert (iou.max(axis=1) >= 0.5).all()
+    assert iou.shape == (3, 3)
+
+
+def test_the_papers_clustering_finds_separated_objects() -> None:
+    iou = overlaps(sampled(STAGE + THREE), THREE, COARSE_PAPER)
+    assert iou.shape == (3, 3)
+    assert (iou.max(axis=1) > 0.4).all()  # boxes along fixed axes are larger than turned ones
+
+
+@pytest.mark.parametrize("base", [COARSE, COARSE_PAPER])
+def test_without_removing_planes_the_table_spoils_the_result(base: FusionSettings) -> None:
+    points = sampled(STAGE + THREE, cold=0.4)
+    points = points.take((np.abs(points.xyz[:, 0]) < 0.45) & (np.abs(points.xyz[:, 1]) < 0.3))
+    iou = [overlaps(points, THREE, base.model_copy(update={"plane_removal": on})) for on in (True, False)]
+    assert iou[0].shape == (3, 3)
+    assert (iou[0].max(axis=1) > 0.4).all()
+    assert iou[1].shape != (3, 3)  # the table is one more object, or all are one with it
+
+
+@pytest.mark.parametrize("settings", [COARSE, COARSE_PAPER])
+def test_cold_things_are_no_objects(settings: FusionSettings) -> None:
+    assert find_objects(sampled(STAGE + THREE, heat=0.8 * settings.heat_min), PLANES, settings) == []
+
+
+@pytest.mark.parametrize("settings", [COARSE, COARSE_PAPER])
+def test_an_empty_map_and_a_map_without_planes_have_no_objects(settings: FusionSettings) -> None:
+    points = sampled(STAGE + THREE)
+    assert find_objects(points.take(np.zeros(len(points), bool)), PLANES, settings) == []
+    assert find_objects(points, [], settings) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "count"),
+    [
+        ("an object", (0.2, 0.2, 0.2), 1),
+        ("too large", (1.1, 0.3, 0.2), 0),
+        ("too small", (0.014, 0.014, 0.014), 0),
+    ],
+)
+def test_size_decides(name: str, size: tuple[float, float, float], count: int) -> None:
+    lone = standing(0.0, 0.0, size)
+    assert len(find_objects(sampled((*STAGE, lone)), PLANES, COARSE)) == count, name
+
+
+def test_an_object_is_described_by_its_points() -> None:
+    found = find_objects(sampled(STAGE + THREE, heat=0.6), PLANES, COARSE)
+    assert [item.confidence for item in found] == sorted((item.confidence for item in found), reverse=True)
+    truth = iou_matrix_3d([item.box for item in found], [cuboid.box() for cuboid in THREE]).argmax(axis=1)
+    for item, number in zip(found, truth, strict=True):
+        assert item.confidence == pytest.approx(0.6, abs=0.02)
+        assert item.views == 20
+        np.testing.assert_allclose(item.colour, THREE[number].colour, atol=8)

@@ -1,0 +1,103 @@
+"""The fusion stage's core on a room of cuboids, seen by a noisy camera."""
+
+import numpy as np
+import pytest
+from fusion_room import CAMERA, COARSE, COARSE_PAPER, ROOM, THREE, Cuboid, look_at, orbit, view
+
+from spot3d.boxes import iou_matrix_3d
+from spot3d.fusion.fusion import Fusion, Objects
+
+
+def run(fusion: Fusion, objects: tuple[Cuboid, ...] = THREE, frames: int = 10, seed: int = 0) -> Fusion:
+    rng = np.random.default_rng(seed)
+    for pose in orbit(frames):
+        seen = view(pose, ROOM + objects, rng)
+        fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, pose)
+    return fusion
+
+
+@pytest.fixture(scope="module")
+def fused() -> Fusion:
+    return run(Fusion(COARSE))
+
+
+def described(update: Objects) -> list[tuple[object, ...]]:
+    return [
+        (o.id, o.confidence, o.views, o.points, *o.colour, *o.box.centre, *o.box.size, *o.box.rotation.ravel())
+        for o in update.objects
+    ]
+
+
+def test_before_the_first_frame_there_is_nothing() -> None:
+    update = Fusion(COARSE).objects()
+    assert (update.objects, update.frame_count) == ([], 0)
+    np.testing.assert_array_equal(update.up, [0, 0, 1])
+
+
+def test_every_object_is_found_and_nothing_else(fused: Fusion) -> None:
+    update = fused.objects()
+    iou = iou_matrix_3d([cuboid.box() for cuboid in THREE], [item.box for item in update.objects])
+    assert iou.shape == (3, 3)
+    assert (iou.max(axis=1) >= 0.5).all()
+    assert update.up[2] > np.cos(np.deg2rad(1))
+    assert update.frame_count == 10
+
+
+def test_the_same_input_gives_the_same_objects(fused: Fusion) -> None:
+    again = run(Fusion(COARSE))
+    np.testing.assert_array_equal(again.heatmap.points(), fused.heatmap.points())
+    assert described(again.objects()) == described(fused.objects())
+
+
+def test_numbers_stay_from_update_to_update(fused: Fusion) -> None:
+    first, second = fused.objects(), fused.objects()
+    assert described(first) == described(second)
+    assert [item.id for item in first.objects] == [1, 2, 3]
+
+
+def test_reset_starts_anew(fused: Fusion) -> None:
+    fusion = run(Fusion(COARSE), frames=3, seed=9)
+    fusion.objects()
+    fusion.reset()
+    assert (fusion.frame_count, fusion.heatmap.count, fusion.objects().objects) == (0, 0, [])
+    assert described(run(fusion).objects()) == described(fused.objects())
+
+
+def test_a_snapshot_does_not_change_when_fusing_goes_on() -> None:
+    fusion = run(Fusion(COARSE))
+    expected = described(fusion.objects())
+    task = fusion.snapshot()
+    run(fusion, objects=THREE[:1], frames=4, seed=5)
+    late = task.run()
+    assert described(late) == expected
+    assert late.frame_count == 10
+
+
+def test_the_papers_preset_finds_separated_objects() -> None:
+    fusion = run(Fusion(COARSE_PAPER))
+    iou = iou_matrix_3d([c.box() for c in THREE], [item.box for item in fusion.objects().objects])
+    assert (iou.max(axis=1, initial=0) > 0.3).all()
+
+
+def test_removing_the_plane_takes_its_heat() -> None:
+    kept = run(Fusion(COARSE.model_copy(update={"plane_removal": False})), frames=6)
+    removed = run(Fusion(COARSE), frames=6)
+    table = [
+        p.heat[(np.abs(p.xyz[:, 2]) < 0.005) & (np.abs(p.xyz[:, :2]) < 0.5).all(axis=1)].mean()
+        for p in (kept.frequent_points(), removed.frequent_points())
+    ]
+    assert table[1] < 0.2 * table[0]
+    assert kept.objects().up[2] > 0.99  # even then the direction of up is known
+
+
+@pytest.mark.parametrize("width", [160, 80])
+def test_frames_without_depth_and_read_only_frames_are_taken(width: int) -> None:
+    fusion = Fusion(COARSE.model_copy(update={"lattice_width": width}))
+    pose = look_at((0.0, -0.95, 0.7))
+    seen = view(pose, ROOM + THREE)
+    for array in (seen.colour, seen.depth, seen.heat):
+        array.setflags(write=False)
+    assert fusion.fuse(seen.colour, np.zeros_like(seen.depth), seen.heat, CAMERA, pose).appended == 0
+    assert fusion.objects().objects == []
+    assert fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, pose).appended > 0
+    assert fusion.frame_count == 2

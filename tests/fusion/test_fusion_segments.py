@@ -1,0 +1,139 @@
+"""Surfaces are split at concave creases and nowhere else."""
+
+import numpy as np
+import pytest
+from fusion_room import Cuboid, sampled, standing
+
+from spot3d.fusion.segments import concavity, connected_cells, smooth_normals, split_at_creases
+from spot3d.fusion.surface import Surface, gather_cells, keep_cells, near_pairs
+
+EDGE, CREASE, SMALLEST = 0.005, 10.0, 40
+
+
+def surface_of(xyz: np.ndarray, normal: np.ndarray) -> Surface:
+    return gather_cells(xyz.astype(np.float32), normal.astype(np.float32), np.ones(len(xyz), np.float32), EDGE)
+
+
+def split(surface: Surface, flat: np.ndarray | None = None) -> np.ndarray:
+    flat = np.zeros(len(surface.centre), bool) if flat is None else flat
+    return split_at_creases(surface, flat, CREASE, SMALLEST)
+
+
+def ball(radius: float, hollow: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    count = int(4 * np.pi * radius**2 / 0.002**2)
+    z = 1 - (2 * np.arange(count) + 1) / count
+    around = np.arange(count) * np.pi * (3 - np.sqrt(5))
+    out = np.column_stack((np.sqrt(1 - z * z) * np.cos(around), np.sqrt(1 - z * z) * np.sin(around), z))
+    return radius * out, -out if hollow else out
+
+
+def box_surface(*cuboids: Cuboid) -> tuple[Surface, np.ndarray]:
+    """The cuboids' cells, and which cuboid most of each cell's points are of (told by the red channel)."""
+    points = sampled(cuboids, step=0.002)
+    surface = surface_of(points.xyz, points.normal)
+    owner = np.bincount(surface.cell_of_point, points.colour[:, 0]) / np.bincount(surface.cell_of_point)
+    return surface, owner
+
+
+@pytest.mark.parametrize(
+    ("name", "surface", "sign"),
+    [
+        ("ball", surface_of(*ball(0.06)), -1),
+        ("hollow", surface_of(*ball(0.06, hollow=True)), 1),
+    ],
+)
+def test_concavity_is_the_mean_curvature(name: str, surface: Surface, sign: int) -> None:
+    bend = concavity(surface.centre, surface.normal, near_pairs(surface))
+    assert np.median(bend) == pytest.approx(sign / 0.06, rel=0.15), name
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.3, 0.8])
+def test_a_convex_box_is_one(yaw: float) -> None:
+    surface, _ = box_surface(standing(0.011, 0.023, (0.2, 0.12, 0.15), yaw))
+    assert set(split(surface)) == {0}
+
+
+@pytest.mark.parametrize("radius", [0.03, 0.06, 0.15])
+def test_a_ball_is_one(radius: float) -> None:
+    assert set(split(surface_of(*ball(radius)))) == {0}
+
+
+BLACK, RED = (0, 0, 0), (200, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        pytest.param(
+            standing(-0.05, 0, (0.1, 0.1, 0.1), colour=BLACK),
+            standing(0.1, 0, (0.2, 0.26, 0.2), colour=RED),
+            id="against a larger face",
+        ),
+        pytest.param(
+            standing(-0.06, 0, (0.12, 0.1, 0.14), colour=BLACK),
+            standing(0.05, 0, (0.1, 0.16, 0.2), colour=RED),
+            id="a T",
+        ),
+        pytest.param(
+            standing(0, 0, (0.24, 0.24, 0.1), 0.4, colour=BLACK),
+            Cuboid((0.01, 0.02, 0.15), (0.1, 0.1, 0.1), 0.9, RED, heat=1.0),
+            id="one on the other",
+        ),
+    ],
+)
+def test_two_boxes_that_touch_are_split_at_the_crease(first: Cuboid, second: Cuboid) -> None:
+    surface, owner = box_surface(first, second)
+    labels = split(surface)
+    most = [np.bincount(labels[part]).argmax() for part in (owner < 20, owner > 180)]
+    assert most[0] != most[1]
+    assert np.mean(labels[owner < 20] == most[0]) > 0.9
+    assert np.mean(labels[owner > 180] == most[1]) > 0.9
+
+
+def test_inside_and_outside_of_a_bowl_stay_whole_each() -> None:
+    # Its inside bends by 1 / radius, which a crease must exceed.
+    parts = [(xyz[xyz[:, 2] < 0], normal[xyz[:, 2] < 0]) for xyz, normal in (ball(0.16), ball(0.13, hollow=True))]
+    surface = surface_of(*(np.concatenate(both) for both in zip(*parts, strict=True)))
+    labels = split(surface)
+    for side in (np.linalg.norm(surface.centre, axis=1) < 0.145, np.linalg.norm(surface.centre, axis=1) > 0.145):
+        assert np.bincount(labels[side]).max() > 0.95 * side.sum()
+
+
+def test_what_was_taken_out_parts_the_rest() -> None:
+    surface, _ = box_surface(standing(0.0, 0.0, (0.3, 0.02, 0.02)))
+    labels = split(keep_cells(surface, np.abs(surface.centre[:, 0]) > 0.02))
+    assert set(labels) == {0, 1}
+
+
+def test_what_lies_flat_is_a_region_of_its_own() -> None:
+    surface, _ = box_surface(standing(0, 0, (0.3, 0.3, 0.01)))
+    flat = surface.centre[:, 0] > 0
+    labels = split(surface, flat=flat)
+    assert set(labels[flat]).isdisjoint(labels[~flat])
+
+
+def test_no_points_no_segments() -> None:
+    assert len(split(surface_of(np.zeros((0, 3)), np.zeros((0, 3))))) == 0
+
+
+def test_normals_are_smoothed_but_not_over_an_edge() -> None:
+    surface, _ = box_surface(standing(0, 0, (0.2, 0.2, 0.2)))
+    rng = np.random.default_rng(0)
+    noisy = surface.normal + rng.normal(0, 0.08, surface.normal.shape).astype(np.float32)
+    noisy /= np.linalg.norm(noisy, axis=1, keepdims=True)
+    clean = np.abs(surface.normal).max(axis=1) > 0.999
+    smooth = smooth_normals(noisy.astype(np.float32), near_pairs(surface))
+    error = [np.mean((found[clean] - surface.normal[clean]) ** 2) for found in (noisy, smooth)]
+    assert error[1] < 0.3 * error[0]
+
+
+def test_components_do_not_depend_on_the_order_of_the_links() -> None:
+    rng = np.random.default_rng(1)
+    links = rng.integers(0, 200, (150, 2)).astype(np.int32)
+    member = rng.random(200) < 0.9
+    labels = connected_cells(links, member)
+    assert (labels[~member] == -1).all()
+    assert set(labels[member]) == set(range(labels.max() + 1))
+    both = links[member[links].all(axis=1)]
+    assert (labels[both[:, 0]] == labels[both[:, 1]]).all()
+    np.testing.assert_array_equal(connected_cells(links[rng.permutation(150)][:, ::-1].copy(), member), labels)

@@ -1,0 +1,91 @@
+"""Supporting planes as the map holds them: slightly warped, and not lifted by what stands on them."""
+
+import numpy as np
+import pytest
+from fusion_room import BACKDROP_PLANE, STAGE, TABLE_PLANE, THREE, sampled, standing
+
+from spot3d.fusion.settings import FusionSettings
+from spot3d.fusion.sheet import find_sheets, fit_sheet, on_sheets
+from spot3d.fusion.structure import StructurePlane
+from spot3d.fusion.surface import Surface, gather_cells
+
+SETTINGS = FusionSettings()
+PLANE = np.array([0.0, 0.0, 1.0, 0.0])
+
+
+def warped_table(seed: int, objects: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points of a table with a bend of 8 mm and 2 mm of noise, their normals, and which are the table's."""
+    rng = np.random.default_rng(seed)
+    xy = rng.uniform(-0.6, 0.6, (8000, 2))
+    z = 0.008 * (xy[:, 0] / 0.6) ** 2 - 0.004 * xy[:, 1] / 0.6 + rng.normal(0, 0.002, 8000)
+    xyz, of_table = np.column_stack((xy, z)), np.ones(8000, bool)
+    if objects:  # books: their tops face as the table does, within reach of its plane
+        of_table = ~((np.abs(xy[:, 0]) < 0.25) & (np.abs(xy[:, 1] - 0.1) < 0.2))
+        xyz[~of_table, 2] += 0.02
+    return xyz.astype(np.float32), np.tile(np.float32([0, 0, 1]), (8000, 1)), of_table
+
+
+@pytest.mark.parametrize("objects", [False, True])
+def test_a_warped_sheet_is_followed_whatever_lies_on_it(objects: bool) -> None:
+    xyz, normals, of_table = warped_table(0, objects)
+    sheet = fit_sheet(PLANE, xyz, normals, 0.03, warped=True)
+    assert sheet is not None
+    distance = sheet.distance(xyz)
+    assert np.sqrt(np.mean(distance[of_table] ** 2)) < 0.003
+    if objects:
+        assert np.median(distance[~of_table]) > 0.015
+
+
+def test_a_rigid_sheet_keeps_the_bend_as_its_spread() -> None:
+    xyz, normals, _ = warped_table(1, objects=False)
+    rigid, bent = (fit_sheet(PLANE, xyz, normals, 0.03, warped=warped) for warped in (False, True))
+    assert rigid is not None
+    assert bent is not None
+    assert not rigid.warp[3:].any()
+    assert bent.spread < rigid.spread
+
+
+@pytest.mark.parametrize(
+    ("name", "height", "facing"), [("too far", 0.2, 1.0), ("the other side", 0.0, -1.0), ("upright", 0.0, 0.0)]
+)
+def test_without_points_near_that_face_its_way_there_is_no_sheet(name: str, height: float, facing: float) -> None:
+    xyz, normals, _ = warped_table(2, objects=False)
+    assert fit_sheet(PLANE, xyz + np.float32([0, 0, height]), normals * np.float32(facing), 0.03, True) is None, name
+
+
+def test_no_points_no_sheet() -> None:
+    assert fit_sheet(PLANE, np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), 0.03, True) is None
+
+
+def cells_of_stage() -> tuple[Surface, Surface, np.ndarray]:
+    points = sampled(STAGE + THREE)
+    fine = gather_cells(points.xyz, points.normal, points.heat, 0.008)
+    coarse = gather_cells(points.xyz, points.normal, points.heat, 0.03)
+    coarse_cell = np.empty(len(fine.centre), np.int32)
+    coarse_cell[fine.cell_of_point] = coarse.cell_of_point
+    return fine, coarse, coarse_cell
+
+
+def test_table_and_wall_are_structure_and_objects_are_not() -> None:
+    fine, coarse, coarse_cell = cells_of_stage()
+    sheets = find_sheets(coarse, [TABLE_PLANE, BACKDROP_PLANE], SETTINGS)
+    assert len(sheets) == 2
+    structure = on_sheets(fine, coarse_cell, sheets)
+    hot = fine.heat > 0.4
+    high = hot & (fine.centre[:, 2] > 0.012)
+    assert structure[~hot & (np.abs(fine.centre[:, 2]) < 0.004) & (fine.normal[:, 2] > 0.9)].all()
+    assert structure[(fine.centre[:, 1] > 0.69) & (fine.normal[:, 1] < -0.99)].mean() > 0.95
+    assert not structure[high].any()
+
+
+def test_a_plane_that_the_map_no_longer_shows_is_no_sheet() -> None:
+    _, coarse, _ = cells_of_stage()
+    gone = StructurePlane(np.array([0, 0, 1.0, -0.4]), removed_share=1.0, heat=5.0)
+    assert find_sheets(coarse, [gone], SETTINGS) == []
+
+
+def test_a_small_plane_that_was_never_removed_is_an_objects_face() -> None:
+    points = sampled((*STAGE, standing(0, 0, (0.4, 0.3, 0.2))))
+    coarse = gather_cells(points.xyz, points.normal, points.heat, 0.03)
+    top = StructurePlane(np.array([0, 0, 1.0, -0.2]), removed_share=0.0, heat=0.0)
+    assert find_sheets(coarse, [top], SETTINGS) == []

@@ -1,0 +1,56 @@
+"""Cells of a surface and the pairs of near ones, against brute force."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from spot3d.fusion.surface import gather_cells, keep_cells, near_pairs
+
+EDGE = 0.125  # exact in binary: cells are where plain division says
+
+
+def cloud(count: int, seed: int, spread: float = 1.0) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-spread, spread, (count, 3)).astype(np.float32)
+
+
+def ordered(pairs: np.ndarray) -> set[tuple[int, int]]:
+    return {(int(min(pair)), int(max(pair))) for pair in pairs}
+
+
+@pytest.mark.parametrize(("count", "spread"), [(0, 1.0), (1, 1.0), (50, 0.4), (600, 1.0), (3000, 0.3), (500, 5.0)])
+def test_cells_and_pairs_are_complete(count: int, spread: float) -> None:
+    points = cloud(count, count, spread)
+    surface = gather_cells(points, np.ones_like(points), np.ones(count, np.float32), EDGE)
+    keys, cells = np.unique(np.floor(points / EDGE).astype(int).reshape(-1, 3), axis=0, return_inverse=True)
+    assert len(surface.centre) == len(keys)
+    ours = np.zeros(len(keys), int)
+    ours[cells.ravel()] = surface.cell_of_point  # unique's numbering to ours
+    np.testing.assert_array_equal(ours[cells.ravel()], surface.cell_of_point)
+    expected = cKDTree(keys).query_pairs(2.0 + 1e-9) if len(keys) else set()
+    pairs = near_pairs(surface)
+    assert ordered(pairs) == {(min(ours[a], ours[b]), max(ours[a], ours[b])) for a, b in expected}
+    assert len(pairs) == len(expected)
+
+
+def test_cells_hold_the_means_of_their_points() -> None:
+    points = np.array([[0.01, 0.01, 0.01], [0.03, 0.05, 0.07], [-0.01, 0, 0]], np.float32)
+    normals = np.array([[0, 0, 3], [0, 4, 0], [0, 0, 0]], np.float32)
+    surface = gather_cells(points, normals, np.array([0.2, 0.4, 0.9], np.float32), EDGE)
+    np.testing.assert_array_equal(surface.cell_of_point, [0, 0, 1])
+    np.testing.assert_allclose(surface.centre, [[0.02, 0.03, 0.04], [-0.01, 0, 0]], atol=1e-7)
+    np.testing.assert_allclose(surface.normal, [[0, 0.8, 0.6], [0, 0, 0]], atol=1e-6)
+    np.testing.assert_allclose(surface.heat, [0.3, 0.9], atol=1e-6)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_kept_cells_keep_their_points_and_pairs(share: float) -> None:
+    points = cloud(400, 1, 0.5)
+    surface = gather_cells(points, np.ones_like(points), np.ones(400, np.float32), EDGE)
+    keep = np.random.default_rng(0).random(len(surface.centre)) < share
+    kept = keep_cells(surface, keep)
+    np.testing.assert_array_equal(kept.cell_of_point >= 0, keep[surface.cell_of_point])
+    held = kept.cell_of_point >= 0
+    np.testing.assert_array_equal(kept.centre[kept.cell_of_point[held]], surface.centre[surface.cell_of_point[held]])
+    places = np.flatnonzero(keep)
+    pairs = near_pairs(surface)
+    assert ordered(places[near_pairs(kept)]) == ordered(pairs[keep[pairs].all(axis=1)])
