@@ -1,0 +1,1 @@
+"""The process around a core: Zenoh sessions, topics, joins, credit and health."""

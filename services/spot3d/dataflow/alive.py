@@ -1,0 +1,63 @@
+"""Which stages are alive, by their liveliness tokens."""
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import zenoh
+from zenoh.handlers import FifoChannel, Handler
+
+from spot3d.dataflow.stopping import end_threads
+from spot3d_schemas import alive_key
+
+
+class Alive:
+    """The stages whose processes are there now."""
+
+    def __init__(self) -> None:
+        self._stages: set[str] = set()
+        self._changed = threading.Condition()
+
+    def __contains__(self, stage: str) -> bool:
+        with self._changed:
+            return stage in self._stages
+
+    def note(self, stage: str, there: bool) -> None:
+        """A stage has come or gone."""
+        with self._changed:
+            (self._stages.add if there else self._stages.discard)(stage)
+            self._changed.notify_all()
+
+    def missing(self, stages: tuple[str, ...], limit_s: float, stop: threading.Event) -> tuple[str, ...]:
+        """Wait until all `stages` are there; returns those absent after `limit_s` or at a stop."""
+        end_s = time.monotonic() + limit_s
+        with self._changed:
+            while absent := tuple(stage for stage in stages if stage not in self._stages):
+                left_s = end_s - time.monotonic()
+                if left_s <= 0 or stop.is_set():
+                    return absent
+                self._changed.wait(min(left_s, 0.1))
+        return ()
+
+
+@contextmanager
+def watch_alive(session: zenoh.Session, robot: str) -> Iterator[Alive]:
+    """Watches the stages of a robot, those included that are there already."""
+    alive = Alive()
+    channel: FifoChannel[zenoh.Sample] = FifoChannel(64)
+    tokens = alive_key(robot, "*")
+    with session.liveliness().declare_subscriber(tokens, channel, history=True) as subscriber:
+        follower = threading.Thread(target=_follow, args=(subscriber.handler, alive), name="alive", daemon=True)
+        follower.start()
+        yield alive
+    end_threads((follower,))
+
+
+def _follow(handler: Handler[zenoh.Sample], alive: Alive) -> None:
+    while True:
+        try:
+            sample = handler.recv()
+        except zenoh.ZError:
+            return  # nobody watches any more
+        alive.note(str(sample.key_expr).split("/")[2], sample.kind == zenoh.SampleKind.PUT)

@@ -1,0 +1,31 @@
+"""Errors go to the log at a limited rate, however many there are."""
+
+import logging
+import threading
+
+_INTERVAL_S = 10.0
+"""Least time between two lines of one reason."""
+_REASONS = 64
+"""Reasons that are told apart; senders of nonsense can make up any number."""
+
+
+class Complaints:
+    """Logs each reason at once, and then at most every ten seconds with the number of times."""
+
+    def __init__(self, log: logging.Logger) -> None:
+        self._log = log
+        self._said: dict[str, tuple[float, int]] = {}
+        self._lock = threading.Lock()
+
+    def say(self, reason: str, text: str, now_s: float) -> bool:
+        """Complain about `reason`; returns whether it was logged. now_s: monotonic seconds."""
+        with self._lock:
+            if reason not in self._said and len(self._said) >= _REASONS:
+                reason = "many reasons"
+            last_s, silent = self._said.get(reason, (float("-inf"), 0))
+            if now_s - last_s < _INTERVAL_S:
+                self._said[reason] = (last_s, silent + 1)
+                return False
+            self._said[reason] = (now_s, 0)
+        self._log.warning("%s%s", text, f" ({silent} more of these since)" if silent else "")
+        return True

@@ -1,0 +1,100 @@
+"""What a stage counts about itself, and the health message that it becomes."""
+
+import os
+import threading
+from collections import Counter, deque
+
+import numpy as np
+
+from spot3d.dataflow.process_use import ProcessUse
+from spot3d_schemas import Header, Health
+
+_REMEMBERED = 300
+"""Latencies and steps that the percentiles are taken over: the last ten seconds of a camera."""
+
+
+class Counters:
+    """Counts of one stage's process; any thread may add to them. Times are monotonic seconds."""
+
+    def __init__(self, stage: str, now_s: float) -> None:
+        self._stage = stage
+        self._started_s = self._asked_s = now_s
+        self._received = self._published = self._errors = self._steps = 0
+        self._last_error = ""
+        self._drops: Counter[str] = Counter()
+        self._events: Counter[str] = Counter()
+        self._latencies_ms: deque[float] = deque(maxlen=_REMEMBERED)
+        self._steps_ms: deque[float] = deque(maxlen=_REMEMBERED)
+        self._lock = threading.Lock()
+
+    def received(self) -> None:
+        """A valid message came."""
+        with self._lock:
+            self._received += 1
+
+    def published(self) -> None:
+        """A message was sent."""
+        with self._lock:
+            self._published += 1
+
+    def drop(self, reason: str, count: int = 1) -> None:
+        """Messages that are not worked on."""
+        if count:
+            with self._lock:
+                self._drops[reason] += count
+
+    def event(self, kind: str) -> None:
+        """Something worth knowing that lost nothing."""
+        with self._lock:
+            self._events[kind] += 1
+
+    def error(self, text: str) -> None:
+        """A message that was refused, or a step that failed."""
+        with self._lock:
+            self._errors += 1
+            self._last_error = text
+
+    def step(self, seconds: float) -> None:
+        """The core handled one frame."""
+        with self._lock:
+            self._steps += 1
+            self._steps_ms.append(1e3 * seconds)
+
+    def latency(self, nanoseconds: int) -> None:
+        """Time from the source's publishing to this stage's own, by wall clock."""
+        with self._lock:
+            self._latencies_ms.append(1e-6 * nanoseconds)
+
+    def health(self, header: Header, now_s: float, use: ProcessUse) -> Health:
+        """The message. The rate is that of the steps since the last call."""
+        with self._lock:
+            elapsed_s, steps = now_s - self._asked_s, self._steps
+            self._asked_s, self._steps = now_s, 0
+            latency, step = _percentiles(self._latencies_ms), _percentiles(self._steps_ms)
+            return Health(
+                header=header,
+                stage=self._stage,
+                pid=os.getpid(),
+                uptime_s=max(0.0, now_s - self._started_s),
+                received=self._received,
+                published=self._published,
+                drops=dict(self._drops),
+                events=dict(self._events),
+                errors=self._errors,
+                last_error=self._last_error,
+                rate_hz=steps / elapsed_s if elapsed_s > 0 else None,
+                latency_ms_p50=latency[0],
+                latency_ms_p99=latency[1],
+                step_ms_p50=step[0],
+                step_ms_p99=step[1],
+                cpu_s=use.cpu_s,
+                rss_bytes=use.rss_bytes,
+                threads=use.threads,
+            )
+
+
+def _percentiles(values: deque[float]) -> tuple[float, float] | tuple[None, None]:
+    if not values:
+        return None, None
+    p50, p99 = np.percentile(values, (50, 99))
+    return float(p50), float(p99)

@@ -1,0 +1,217 @@
+"""The process around a core: one Zenoh session, the stage's topics, its health and its end."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any, Generic, Self, TypeVar
+
+import zenoh
+from zenoh.handlers import FifoChannel, Handler
+
+from spot3d.dataflow.complaints import Complaints
+from spot3d.dataflow.counters import Counters
+from spot3d.dataflow.endpoints import declare_publisher, declare_subscriber, keeps_newest, waiting
+from spot3d.dataflow.inbox import Inbox, Tray
+from spot3d.dataflow.order import StreamOrder
+from spot3d.dataflow.process_use import process_use, stay_single_threaded
+from spot3d.dataflow.session import open_session
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.stopping import end_threads
+from spot3d_schemas import (
+    TOPICS,
+    CodecError,
+    Header,
+    Message,
+    alive_key,
+    decode,
+    encode,
+    encoding,
+    key,
+    refuse_encoding,
+)
+
+M_co = TypeVar("M_co", bound=Message, covariant=True)
+
+_PER_FRAME = frozenset(("source/frame", "pose/pose", "proposals/boxes", "heatmap/heat"))
+"""Topics with one message a capture, whose stamps therefore ascend."""
+_QUERIES_WAITING = 4
+_IDLE_S = 0.1
+"""Longest that a stage does not look whether it is to stop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Received(Generic[M_co]):
+    """A valid message and when it came, wall clock."""
+
+    message: M_co
+    received_ns: int
+
+
+class Node:
+    """A stage's connection to the others; enter it to go on line, leave it to be gone.
+
+    Each input has a thread that decodes, refuses, counts and puts into the inbox; the stage's own thread
+    reads it by `next`. The liveliness token follows the subscriptions: who sees it can send.
+    """
+
+    def __init__(
+        self,
+        stage: str,
+        link: LinkSettings,
+        stop: threading.Event,
+        inputs: tuple[str, ...] = (),
+        outputs: tuple[str, ...] = (),
+        queries: tuple[str, ...] = (),
+    ) -> None:
+        self.stage, self.link, self.stop = stage, link, stop
+        self.counters = Counters(stage, time.monotonic())
+        self._inputs, self._queries = inputs, queries
+        self._outputs = (*outputs, f"{stage}/health")
+        trays = {topic: Tray(waiting(topic, link), keeps_newest(topic, link)) for topic in inputs}
+        self._inbox = Inbox(trays | {topic: Tray(_QUERIES_WAITING, False) for topic in queries})
+        self._orders = {topic: StreamOrder() for topic in inputs if topic in _PER_FRAME}
+        self._seqs = dict.fromkeys((*self._outputs, *queries), 0)
+        self._log = logging.getLogger(f"spot3d.{stage}")
+        self._complaints = Complaints(self._log)
+        self._gone = threading.Event()
+        self._exit = ExitStack()
+
+    def __enter__(self) -> Self:
+        stay_single_threaded()
+        with ExitStack() as stack:
+            session = stack.enter_context(open_session(self.link, self.stop))
+            self.session = session
+            self._publishers = {topic: declare_publisher(session, topic, self.link) for topic in self._outputs}
+            threads = [threading.Thread(target=self._report, name="health", daemon=True)]
+            stack.callback(end_threads, threads)
+            for topic in self._inputs:
+                subscriber = declare_subscriber(session, topic, self.link)
+                stack.callback(subscriber.undeclare)
+                threads.append(_reader(self._receive, topic, subscriber.handler))
+            for topic in self._queries:
+                channel: FifoChannel[zenoh.Query] = FifoChannel(_QUERIES_WAITING)
+                queryable = session.declare_queryable(key(self.link.robot, topic), channel, complete=True)
+                stack.callback(queryable.undeclare)
+                threads.append(_reader(self._ask, topic, queryable.handler))
+            token = session.liveliness().declare_token(alive_key(self.link.robot, self.stage))
+            stack.callback(token.undeclare)
+            for thread in threads:
+                thread.start()
+            stack.callback(self._leave)
+            self._exit = stack.pop_all()
+        self._log.info("%s of %s is on line", self.stage, self.link.robot)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._exit.close()
+
+    def next(self, timeout_s: float = _IDLE_S) -> tuple[str, Any] | None:
+        """The next input: its topic and a `Received`, or a zenoh.Query; None where nothing came in time."""
+        return self._inbox.get(min(timeout_s, _IDLE_S))
+
+    def header(self, topic: str, given: Received[Message]) -> Header:
+        """The header of this stage's answer on `topic` to a message: same capture, one more hop."""
+        header = given.message.header
+        return self.numbered(topic, header.with_hop(self.stage, given.received_ns, time.time_ns()))
+
+    def numbered(self, topic: str, header: Header) -> Header:
+        """The header with this robot's name and the topic's next sequence number."""
+        seq = self._seqs[topic]
+        self._seqs[topic] = seq + 1
+        return header.model_copy(update={"robot": self.link.robot, "seq": seq})
+
+    def publish(self, topic: str, message: Message) -> bool:
+        """Send a message; returns whether it went out. What cannot be sent is counted as an error."""
+        try:
+            payload = encode(message, thin_link=self.link.thin_link, jpeg_quality=self.link.jpeg_quality)
+            self._publishers[topic].put(payload)
+        except (CodecError, zenoh.ZError) as error:
+            self.failed(topic, f"cannot send {topic}: {error}")
+            return False
+        self.counters.published()
+        return True
+
+    def measure_latency(self, header: Header) -> None:
+        """Count the time since the frame of this header left its source, for messages that are sent now."""
+        if len(header.trace) > 1:
+            self.counters.latency(header.trace[-1].sent_ns - header.trace[0].sent_ns)
+
+    def reply(self, query: zenoh.Query, topic: str, message: Message) -> None:
+        """Answer a query."""
+        with query:
+            try:
+                query.reply(key(self.link.robot, topic), encode(message), encoding=encoding(type(message)))
+            except (CodecError, zenoh.ZError) as error:
+                self.failed(topic, f"cannot answer {topic}: {error}")
+
+    def failed(self, reason: str, text: str) -> None:
+        """Count an error and log it, if this reason was not just logged."""
+        self.counters.error(text)
+        self._complaints.say(reason, text, time.monotonic())
+
+    def note(self, kind: str, text: str) -> None:
+        """Count an event that lost nothing and log it, if this kind was not just logged."""
+        self.counters.event(kind)
+        self._complaints.say(kind, text, time.monotonic())
+
+    def _receive(self, topic: str, handler: Handler[zenoh.Sample]) -> None:
+        expected = TOPICS[topic].message
+        order = self._orders.get(topic)
+        while True:
+            try:
+                sample = handler.recv()
+            except zenoh.ZError:
+                return  # the subscription has ended
+            received_ns = time.time_ns()
+            try:
+                refuse_encoding(str(sample.encoding), expected)
+                message = decode(sample.payload.to_bytes(), expected)
+            except CodecError as error:
+                self.failed(f"{topic} {str(error).partition(':')[0]}", f"{topic}: refused: {error}")
+                continue
+            self.counters.received()
+            if order is not None and not self._in_order(topic, order, message.header):
+                continue
+            pushed_out = self._inbox.put(topic, Received(message, received_ns))
+            self.counters.drop(f"{topic} busy", pushed_out)
+
+    def _in_order(self, topic: str, order: StreamOrder, header: Header) -> bool:
+        arrival = order.check(header.seq, header.stamp_ns)
+        self.counters.drop(f"{topic} lost on the way", arrival.missing)
+        if arrival.restarted:
+            self.note("another recording", f"{topic}: stamps went back: another recording begins")
+        if arrival.refused:
+            self.counters.drop(f"{topic} {arrival.refused}")
+        return not arrival.refused
+
+    def _ask(self, topic: str, handler: Handler[zenoh.Query]) -> None:
+        while True:
+            try:
+                query = handler.recv()
+            except zenoh.ZError:
+                return  # the queryable has ended
+            self._inbox.put(topic, query)
+
+    def _report(self) -> None:
+        while not self._gone.wait(self.link.health_interval_s):
+            self._publish_health()
+
+    def _publish_health(self) -> None:
+        topic = f"{self.stage}/health"
+        now_ns = time.time_ns()
+        header = Header(robot=self.link.robot, seq=0, stamp_ns=now_ns, frame_id=self.stage)
+        health = self.counters.health(self.numbered(topic, header), time.monotonic(), process_use())
+        self.publish(topic, health)
+
+    def _leave(self) -> None:
+        self._gone.set()
+        self._inbox.close()
+        # The last counts, so that whoever collects them misses nothing.
+        self._publish_health()
+
+
+def _reader(target: Callable[[str, Handler[Any]], None], topic: str, handler: Handler[Any]) -> threading.Thread:
+    return threading.Thread(target=target, args=(topic, handler), name=topic, daemon=True)

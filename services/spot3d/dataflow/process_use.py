@@ -1,0 +1,48 @@
+"""What this process uses, and how it is kept to one thread."""
+
+import os
+import resource
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+SINGLE_THREADED = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "NUMBA_NUM_THREADS": "1",
+}
+"""Environment of a stage's process; libraries read it when they are loaded, so it is the parent's to set."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessUse:
+    """cpu_s: user and system time so far; rss_bytes: memory now (peak where the system does not say)."""
+
+    cpu_s: float
+    rss_bytes: int
+    threads: int
+
+
+def process_use() -> ProcessUse:
+    """What this process uses now."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        threads = len(list(Path("/proc/self/task").iterdir()))
+        return ProcessUse(time.process_time(), pages * os.sysconf("SC_PAGE_SIZE"), threads)
+    except OSError:
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        return ProcessUse(
+            time.process_time(), peak * (1 if sys.platform == "darwin" else 1024), threading.active_count()
+        )
+
+
+def stay_single_threaded() -> None:
+    """Keep the libraries that are loaded already, and those to come, from starting threads of their own."""
+    for name, value in SINGLE_THREADED.items():
+        os.environ.setdefault(name, value)
+    cv2 = sys.modules.get("cv2")
+    if cv2 is not None:
+        cv2.setNumThreads(1)

@@ -1,0 +1,72 @@
+"""Opens Zenoh sessions as the link settings say."""
+
+import json
+import logging
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import zenoh
+
+from spot3d.dataflow.settings import LinkSettings
+
+log = logging.getLogger(__name__)
+
+_CONNECT_MS = 1000
+"""One try to reach the router; between two tries a stop request is noticed."""
+_LEASE_MS = 2000
+"""A peer that is silent for this long counts as gone."""
+
+
+class StoppedError(Exception):
+    """The process was asked to stop before it had a session."""
+
+
+def zenoh_config(link: LinkSettings) -> zenoh.Config:
+    """Zenoh's configuration of a link. Raises zenoh.ZError where an endpoint is not understood."""
+    config = zenoh.Config()
+    values: dict[str, object] = {
+        "mode": link.mode,
+        "connect/endpoints": link.connect,
+        "listen/endpoints": link.listen,
+        # Routers and peers start alone if need be; a client is nothing without its router.
+        "connect/exit_on_failure": link.mode == "client",
+        "connect/timeout_ms": _CONNECT_MS,
+        "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
+        "scouting/multicast/enabled": False,
+        "timestamping/enabled": True,
+        "transport/link/tx/lease": _LEASE_MS,
+        # Frames in shared memory can change under a reader that stalls.
+        "transport/shared_memory/enabled": False,
+    }
+    for key, value in values.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+@contextmanager
+def open_session(link: LinkSettings, stop: threading.Event | None = None) -> Iterator[zenoh.Session]:
+    """A session that is closed in the end; a client waits for its router, and says so.
+
+    Raises StoppedError where `stop` is set while waiting, zenoh.ZError where a router or peer cannot open.
+    """
+    zenoh.init_log_from_env_or("error")
+    # A session that is left open keeps the interpreter from ending.
+    with _open(link, stop) as session:
+        yield session
+
+
+def _open(link: LinkSettings, stop: threading.Event | None) -> zenoh.Session:
+    tries = 0
+    while stop is None or not stop.is_set():
+        try:
+            return zenoh.open(zenoh_config(link))
+        except zenoh.ZError as error:
+            if link.mode != "client":
+                raise
+            if tries % 10 == 0:
+                log.warning("no router at %s yet, trying again: %s", ", ".join(link.connect), error)
+            tries += 1
+            if stop is not None:
+                stop.wait(0.1)
+    raise StoppedError

@@ -1,0 +1,43 @@
+"""A stage's process ends by SIGINT, SIGTERM or its stop event."""
+
+import signal
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from types import FrameType
+
+_THREADS_END_S = 2.0
+
+
+@contextmanager
+def stop_on_signals(stop: threading.Event | None) -> Iterator[threading.Event]:
+    """The event that says stop: the given one or a new one, set by SIGINT and SIGTERM too.
+
+    Outside the main thread signals are left to whoever handles them there.
+    """
+    event = stop or threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield event
+        return
+
+    def set_event(_number: int, _frame: FrameType | None) -> None:
+        event.set()
+
+    before = {number: signal.signal(number, set_event) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield event
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def end_threads(threads: Sequence[threading.Thread]) -> None:
+    """Wait for threads that have been told to end, two seconds in all at most.
+
+    An interpreter that ends while a thread is in foreign code aborts the process.
+    """
+    end_s = time.monotonic() + _THREADS_END_S
+    for thread in threads:
+        if thread.ident is not None:
+            thread.join(max(0.0, end_s - time.monotonic()))

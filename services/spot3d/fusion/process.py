@@ -1,0 +1,188 @@
+"""The fusion stage's process: joins heat with poses, fuses, and tells what it has found and how far it is."""
+
+import threading
+import time
+from contextlib import closing
+
+import numpy as np
+import zenoh
+
+from spot3d.dataflow.cadence import Cadence
+from spot3d.dataflow.conversion import rgbd_frame
+from spot3d.dataflow.join import Join, Outcome
+from spot3d.dataflow.ledger import Ledger
+from spot3d.dataflow.node import Node, Received
+from spot3d.dataflow.session import StoppedError
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.fusion.fusion import Fusion
+from spot3d.fusion.settings import FusionSettings
+from spot3d.fusion.updates import Updates, take_update
+from spot3d_schemas import CameraIntrinsics, End, Header, Heat, MapPoints, Message, Pose, Progress
+from spot3d_schemas.limits import MAX_MAP_POINTS
+
+_HEAT, _POSE, _END = "heatmap/heat", "pose/pose", "source/end"
+_OBJECTS, _PROGRESS = "fusion/objects", "fusion/progress"
+_MAP, _RESET = "fusion/map", "fusion/reset"
+_HEATS_WAITING = 8
+"""Live: heats that wait for their poses, which mostly come first; 15 MB at VGA."""
+_POSES_WAITING = 256
+
+LOST, NO_HEAT, NO_POSE, FAILED = "lost pose", "no heat", "no pose", "error"
+"""Why a frame is skipped."""
+
+
+def run(link: LinkSettings, settings: FusionSettings, stop: threading.Event | None = None) -> None:
+    """Fuse every frame whose heat and pose come, until stopped by `stop`, SIGINT or SIGTERM.
+
+    Publishes progress for every frame, the objects at the cadence of capture time, and both once more when
+    a stream is complete. Answers `fusion/map` (parameter `limit`: most points) and `fusion/reset`.
+    """
+    with stop_on_signals(stop) as stopped:
+        try:
+            inputs, outputs, queries = (_HEAT, _POSE, _END), (_OBJECTS, _PROGRESS), (_MAP, _RESET)
+            with (
+                Node("fusion", link, stopped, inputs, outputs, queries) as node,
+                closing(Updates(node)) as updates,
+            ):
+                _Stage(node, Fusion(settings), updates).serve()
+        except StoppedError:
+            return
+
+
+class _Stage:
+    def __init__(self, node: Node, fusion: Fusion, updates: Updates) -> None:
+        self.node, self.fusion, self.updates = node, fusion, updates
+        self.join: Join[Received[Heat], Received[Pose]] = Join(
+            max(_HEATS_WAITING, 2 * node.link.in_flight), _POSES_WAITING
+        )
+        self.cadence = Cadence(node.link.object_interval_s)
+        self.ledger = Ledger(node.link.credit_timeout_s)
+        self.camera: CameraIntrinsics | None = None
+        self.last: Received[Message] | None = None
+
+    def serve(self) -> None:
+        """Work on what comes, one thing at a time."""
+        while not self.node.stop.is_set():
+            item = self.node.next()
+            if item is not None:
+                topic, given = item
+                if topic == _HEAT:
+                    self._joined(self.join.add_left(given.message.header.stamp_ns, given), given)
+                elif topic == _POSE:
+                    self._joined(self.join.add_right(given.message.header.stamp_ns, given), given)
+                elif topic == _END:
+                    self._ended(given)
+                elif topic == _MAP:
+                    self._answer_map(given)
+                else:
+                    self._answer_reset(given)
+            if self.ledger.due(time.monotonic()):
+                self._complete()
+
+    def _joined(self, outcome: Outcome[Received[Heat], Received[Pose]], given: Received[Heat] | Received[Pose]) -> None:
+        now_s = time.monotonic()
+        skipped = [(stamp, NO_HEAT) for stamp in outcome.without_left]
+        skipped += [(stamp, NO_POSE) for stamp in outcome.without_right]
+        for stamp_ns, reason in sorted(skipped):
+            self.ledger.skip(reason, stamp_ns, now_s)
+            self.node.counters.drop(reason)
+        if outcome.pair is not None:
+            self._fuse(*outcome.pair)
+        if skipped or outcome.pair is not None:
+            self._publish_progress(self.node.header(_PROGRESS, given))
+
+    def _fuse(self, heat: Received[Heat], pose: Received[Pose]) -> None:
+        message, stamp_ns = heat.message, heat.message.header.stamp_ns
+        if pose.message.status == "lost":
+            self.ledger.skip(LOST, stamp_ns, time.monotonic())
+            return
+        if self.camera not in (None, message.intrinsics):
+            self.node.note("intrinsics changed", f"the camera has become {message.intrinsics}")
+        self.camera = message.intrinsics
+        frame = rgbd_frame(message)
+        start_s = time.perf_counter()
+        try:
+            self.fusion.fuse(
+                frame.colour.copy(),
+                frame.depth_metres(),
+                message.heat.copy(),
+                frame.intrinsics,
+                pose.message.T_world_camera.copy(),
+            )
+        except Exception as error:
+            text = f"cannot fuse the frame at {stamp_ns} ns: {type(error).__name__}: {error}"
+            self.node.failed(f"fuse {type(error).__name__}", text)
+            self.ledger.skip(FAILED, stamp_ns, time.monotonic())
+            return
+        self.node.counters.step(time.perf_counter() - start_s)
+        self.ledger.fuse(stamp_ns, time.monotonic())
+        self.last = heat
+        self.node.measure_latency(message.header.with_hop("fusion", heat.received_ns, time.time_ns()))
+        if self.cadence.due(stamp_ns):
+            self._update(heat)
+
+    def _update(self, heat: Received[Heat]) -> None:
+        """Start an update. Live it waits for a free moment; lossless it is made of exactly this frame."""
+        if self.node.link.delivery == "live" and self.updates.busy:
+            self.cadence.postpone()
+        elif self.updates.wait():
+            self.updates.submit(take_update(self.fusion, heat, complete=False))
+
+    def _ended(self, given: Received[End]) -> None:
+        end = given.message
+        self.last = self.last or given
+        if self.ledger.end(end.frames_sent, end.header.stamp_ns, time.monotonic()):
+            self._publish_progress(self.node.header(_PROGRESS, given))
+
+    def _complete(self) -> None:
+        """Everything is in: the last objects, then the word that they are the last."""
+        missing = self.ledger.close()
+        self.node.counters.drop("never arrived", missing)
+        if self.last is not None and self.updates.wait():
+            self.updates.submit(take_update(self.fusion, self.last, complete=True))
+            self.updates.wait()
+        self._publish_progress(self._own_header(_PROGRESS))
+
+    def _publish_progress(self, header: Header) -> None:
+        self.node.publish(_PROGRESS, self._progress(header))
+
+    def _progress(self, header: Header) -> Progress:
+        return Progress(
+            header=header,
+            fused=self.ledger.fused,
+            skipped=dict(self.ledger.skipped),
+            last_stamp_ns=self.ledger.last_stamp_ns,
+            complete=self.ledger.complete,
+        )
+
+    def _answer_map(self, query: zenoh.Query) -> None:
+        try:
+            limit = int(query.parameters.get("limit") or MAX_MAP_POINTS)
+        except ValueError:
+            limit = MAX_MAP_POINTS
+        points = self.fusion.frequent_points()
+        count = max(0, min(len(points), limit, MAX_MAP_POINTS))
+        # Spread over the map, which is in the order in which the points were first seen.
+        points = points.take(np.linspace(0, len(points) - 1, count).astype(np.int64))
+        message = MapPoints(
+            header=self._own_header(_MAP),
+            xyz=points.xyz,
+            rgb=np.clip(np.rint(points.colour), 0, 255).astype(np.uint8),
+            heat=points.heat,
+            frequency=points.frequency.astype(np.uint32),
+            total=self.fusion.heatmap.count,
+        )
+        self.node.reply(query, _MAP, message)
+
+    def _answer_reset(self, query: zenoh.Query) -> None:
+        self.updates.forget()
+        self.fusion.reset()
+        self.cadence.reset()
+        self.ledger.reset()
+        self.last = None
+        self.node.reply(query, _RESET, self._progress(self._own_header(_RESET)))
+
+    def _own_header(self, topic: str) -> Header:
+        header = Header(robot=self.node.link.robot, seq=0, stamp_ns=self.ledger.last_stamp_ns, frame_id="camera")
+        return self.node.numbered(topic, header)

@@ -1,0 +1,129 @@
+"""Updates of the objects, computed beside the fusing of further frames."""
+
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+
+from spot3d.dataflow.node import Node, Received
+from spot3d.dataflow.stopping import end_threads
+from spot3d.fusion.fusion import Fusion, ObjectsTask
+from spot3d.fusion.fusion import Objects as FoundObjects
+from spot3d.fusion.identity import FoundObject
+from spot3d_schemas import Message, Object3D, Objects
+
+_OUT = "fusion/objects"
+
+
+@dataclass(frozen=True, slots=True)
+class Update:
+    """One update to be computed: of the map as it was when `given` had been worked on."""
+
+    task: ObjectsTask
+    given: Received[Message]
+    map_points: int
+    map_limit_reached: bool
+    complete: bool
+
+
+def take_update(fusion: Fusion, given: Received[Message], complete: bool) -> Update:
+    """A snapshot of the map as it is now."""
+    return Update(fusion.snapshot(), given, fusion.heatmap.count, fusion.heatmap.evicted > 0, complete)
+
+
+class Updates:
+    """One thread that computes and publishes one update at a time, in their order."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._waiting: Update | None = None
+        self._busy = False
+        self._wanted: Update | None = None
+        self._changed = threading.Condition()
+        self._closed = False
+        self._thread = threading.Thread(target=self._work, name="objects", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread, after the update that it may be computing."""
+        with self._changed:
+            self._closed, self._wanted = True, None
+            self._changed.notify_all()
+        end_threads((self._thread,))
+
+    @property
+    def busy(self) -> bool:
+        """Whether an update is being computed."""
+        with self._changed:
+            return self._busy
+
+    def wait(self) -> bool:
+        """Wait until no update is being computed; returns False where the stage is to stop."""
+        with self._changed:
+            while self._busy and not self._node.stop.is_set():
+                self._changed.wait(0.1)
+            return not self._busy
+
+    def submit(self, update: Update) -> None:
+        """Compute and publish an update; only while not busy."""
+        with self._changed:
+            self._waiting = self._wanted = update
+            self._busy = True
+            self._changed.notify_all()
+
+    def forget(self) -> None:
+        """What is being computed is of a map that is no more: do not publish it."""
+        with self._changed:
+            self._wanted = None
+
+    def _work(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting is not None or self._closed)
+                update, self._waiting = self._waiting, None
+            if update is None:
+                return
+            self._compute(update)
+            with self._changed:
+                self._busy = False
+                self._changed.notify_all()
+
+    def _compute(self, update: Update) -> None:
+        try:
+            found = update.task.run()
+            message = _message(self._node, update, found)
+        except Exception as error:
+            text = f"no objects after {update.task.frame_count} frames: {type(error).__name__}: {error}"
+            self._node.failed(f"objects {type(error).__name__}", text)
+            return
+        with self._changed:
+            wanted = self._wanted is update
+        if wanted:
+            self._node.publish(_OUT, message)
+
+
+def _message(node: Node, update: Update, found: FoundObjects) -> Objects:
+    return Objects(
+        header=node.header(_OUT, update.given),
+        objects=tuple(object_message(item) for item in found.objects),
+        up=np.asarray(found.up, np.float64),
+        frame_count=found.frame_count,
+        map_points=update.map_points,
+        map_limit_reached=update.map_limit_reached,
+        complete=update.complete,
+    )
+
+
+def object_message(found: FoundObject) -> Object3D:
+    """A found object as messages state it; the colour is rounded to bytes."""
+    red, green, blue = (int(value) for value in np.clip(np.rint(found.colour), 0, 255))
+    return Object3D(
+        id=found.id,
+        confidence=float(found.confidence),
+        views=int(found.views),
+        centre=found.box.centre,
+        size=found.box.size,
+        rotation=found.box.rotation,
+        points=int(found.points),
+        colour=(red, green, blue),
+    )

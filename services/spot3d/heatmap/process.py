@@ -1,0 +1,89 @@
+"""The heatmap stage's process: joins frames with their boxes, and passes both on as heat."""
+
+import threading
+import time
+
+import numpy as np
+
+from spot3d.dataflow.conversion import rgbd_frame
+from spot3d.dataflow.join import Join, Outcome
+from spot3d.dataflow.node import Node, Received
+from spot3d.dataflow.session import StoppedError
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.heatmap.heat import Heat, weighted_heat
+from spot3d.heatmap.settings import HeatmapSettings
+from spot3d_schemas import Frame, Proposals
+from spot3d_schemas import Heat as HeatMessage
+
+_FRAME, _BOXES, _OUT = "source/frame", "proposals/boxes", "heatmap/heat"
+_FRAMES_WAITING = 16
+"""Live: frames that wait for their boxes, so that proposals may take half a second; 24 MB at VGA."""
+_BOXES_WAITING = 64
+
+Pair = tuple[Received[Frame], Received[Proposals]]
+
+
+def run(link: LinkSettings, settings: HeatmapSettings, stop: threading.Event | None = None) -> None:
+    """Publish the heat of every frame whose boxes come, until stopped by `stop`, SIGINT or SIGTERM.
+
+    A frame that fails counts as an error; in a lossless run its heat is empty, so that nobody waits for it.
+    """
+    with stop_on_signals(stop) as stopped:
+        try:
+            with Node("heatmap", link, stopped, (_FRAME, _BOXES), (_OUT,)) as node:
+                _serve(node, settings)
+        except StoppedError:
+            return
+
+
+def _serve(node: Node, settings: HeatmapSettings) -> None:
+    frames = max(_FRAMES_WAITING, 2 * node.link.in_flight)
+    join: Join[Received[Frame], Received[Proposals]] = Join(frames, _BOXES_WAITING)
+    while not node.stop.is_set():
+        item = node.next()
+        if item is None:
+            continue
+        topic, given = item
+        add = join.add_left if topic == _FRAME else join.add_right
+        outcome: Outcome[Received[Frame], Received[Proposals]] = add(given.message.header.stamp_ns, given)
+        node.counters.drop("no frame", len(outcome.without_left))
+        node.counters.drop("no boxes", len(outcome.without_right))
+        if outcome.pair is not None:
+            _publish_heat(node, outcome.pair, settings)
+
+
+def _publish_heat(node: Node, pair: Pair, settings: HeatmapSettings) -> None:
+    frame, boxes = pair[0].message, pair[1]
+    heat = _heat(node, frame, boxes.message, settings)
+    if heat is None:
+        if node.link.delivery == "live":
+            return
+        heat = Heat(np.zeros(frame.depth.shape, np.uint8), 0, 0, len(boxes.message.boxes))
+    # The boxes' trace is the longer one: it holds the source and the proposals.
+    message = HeatMessage(
+        header=node.header(_OUT, boxes),
+        intrinsics=frame.intrinsics,
+        depth_scale=frame.depth_scale,
+        colour=frame.colour,
+        depth=frame.depth,
+        heat=heat.heat,
+        accepted=heat.accepted,
+        masked=heat.masked,
+        rejected=heat.rejected,
+    )
+    if node.publish(_OUT, message):
+        node.measure_latency(message.header)
+
+
+def _heat(node: Node, frame: Frame, boxes: Proposals, settings: HeatmapSettings) -> Heat | None:
+    rgbd = rgbd_frame(frame)
+    start_s = time.perf_counter()
+    try:
+        heat = weighted_heat(rgbd.depth_metres(), rgbd.intrinsics, boxes.boxes, settings)
+    except Exception as error:
+        text = f"no heat for the frame at {rgbd.stamp_ns} ns: {type(error).__name__}: {error}"
+        node.failed(f"heatmap {type(error).__name__}", text)
+        return None
+    node.counters.step(time.perf_counter() - start_s)
+    return heat

@@ -1,0 +1,61 @@
+"""The proposals stage's process: the boxes of each frame."""
+
+import threading
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.dataflow.conversion import rgbd_frame
+from spot3d.dataflow.node import Node, Received
+from spot3d.dataflow.session import StoppedError
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.proposals.propose import propose
+from spot3d.proposals.settings import ProposalSettings
+from spot3d_schemas import Frame, Proposals
+
+_IN, _OUT = "source/frame", "proposals/boxes"
+
+
+def run(link: LinkSettings, settings: ProposalSettings, stop: threading.Event | None = None) -> None:
+    """Publish the boxes of every frame that comes, until stopped by `stop`, SIGINT or SIGTERM.
+
+    A frame that cannot be searched counts as an error; in a lossless run it has no boxes, so that nobody
+    waits for it.
+    """
+    with stop_on_signals(stop) as stopped:
+        try:
+            with Node("proposals", link, stopped, (_IN,), (_OUT,)) as node:
+                _serve(node, settings)
+        except StoppedError:
+            return
+
+
+def _serve(node: Node, settings: ProposalSettings) -> None:
+    while not node.stop.is_set():
+        item = node.next()
+        if item is None:
+            continue
+        given: Received[Frame] = item[1]
+        boxes = _propose(node, given.message, settings)
+        if boxes is None:
+            if node.link.delivery == "live":
+                continue
+            boxes = np.zeros((0, 5), np.float32)
+        proposals = Proposals(header=node.header(_OUT, given), boxes=boxes)
+        if node.publish(_OUT, proposals):
+            node.measure_latency(proposals.header)
+
+
+def _propose(node: Node, message: Frame, settings: ProposalSettings) -> NDArray[np.float32] | None:
+    frame = rgbd_frame(message)
+    start_s = time.perf_counter()
+    try:
+        boxes = propose(frame.colour.copy(), frame.depth_metres(), frame.intrinsics, settings)
+    except Exception as error:
+        text = f"no proposals for the frame at {frame.stamp_ns} ns: {type(error).__name__}: {error}"
+        node.failed(f"proposals {type(error).__name__}", text)
+        return None
+    node.counters.step(time.perf_counter() - start_s)
+    return boxes

@@ -1,0 +1,209 @@
+"""The source stage's process: plays a recording, or the built-in scene, to the others."""
+
+import logging
+import threading
+import time
+from collections.abc import Iterator
+
+from spot3d.dataflow.alive import Alive, watch_alive
+from spot3d.dataflow.conversion import intrinsics_message
+from spot3d.dataflow.credit import Credit
+from spot3d.dataflow.node import Node
+from spot3d.dataflow.session import StoppedError
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.frame import RgbdFrame
+from spot3d.source.sequence import FrameSequence
+from spot3d.source.settings import SourceSettings
+from spot3d_schemas import End, Frame, Header, Progress
+
+log = logging.getLogger(__name__)
+
+_OUT, _END, _PROGRESS = "source/frame", "source/end", "fusion/progress"
+EVERY_STAGE = ("pose", "proposals", "heatmap", "fusion")
+START_LIMIT_S = 180.0
+"""Longest wait for the stages before the first frame: a first start compiles kernels."""
+_END_LIMIT_S = 60.0
+"""Longest wait for fusion's last word."""
+_END_INTERVAL_S = 0.5
+_BEHIND_S = 0.5
+"""Live: whoever is later than this does not catch up in a burst."""
+
+
+class MissingStagesError(RuntimeError):
+    """Stages that a run needs are not there."""
+
+
+def run(
+    link: LinkSettings,
+    settings: SourceSettings,
+    sequence: FrameSequence,
+    rate_hz: float | None = None,
+    stop: threading.Event | None = None,
+    wait_for: tuple[str, ...] | None = None,
+) -> None:
+    """Publish every frame of `sequence`, then its end; returns when fusion has answered, or when stopped.
+
+    rate_hz: frames per second; None: `settings.rate_hz`, and with 0 there the recorded stamps (live) or as
+    fast as fusion's progress allows (lossless). wait_for: stages that must be alive before the first frame;
+    None: all of them in a lossless run, none in a live one. Raises MissingStagesError naming those that do
+    not come.
+    """
+    if wait_for is None:
+        wait_for = EVERY_STAGE if link.delivery == "lossless" else ()
+    with stop_on_signals(stop) as stopped:
+        try:
+            with (
+                Node("source", link, stopped, (_PROGRESS,), (_OUT, _END)) as node,
+                watch_alive(node.session, link.robot) as alive,
+            ):
+                _wait_for(node, alive, wait_for)
+                _Player(node, alive).play(sequence, rate_hz or settings.rate_hz or None)
+        except StoppedError:
+            return
+
+
+def _wait_for(node: Node, alive: Alive, stages: tuple[str, ...]) -> None:
+    missing = alive.missing(stages, START_LIMIT_S, node.stop)
+    if missing and not node.stop.is_set():
+        raise MissingStagesError(
+            f"no sign of {', '.join(missing)} for robot {node.link.robot!r} within {START_LIMIT_S:.0f} s; start "
+            f"{'it' if len(missing) == 1 else 'them'} on the router at {', '.join(node.link.connect)}"
+        )
+
+
+class _Player:
+    """One pass through a sequence."""
+
+    def __init__(self, node: Node, alive: Alive) -> None:
+        self.node, self.alive = node, alive
+        self.credit = Credit(node.link.in_flight)
+        self.sent = 0
+        self.last_stamp_ns = 0
+
+    def play(self, sequence: FrameSequence, rate_hz: float | None) -> None:
+        """Send the frames and the end."""
+        lossless = self.node.link.delivery == "lossless"
+        pace = _Pace(self.node, rate_hz, recorded=not lossless)
+        for frame, read_ns in self._frames(sequence):
+            if self.sent and frame.stamp_ns <= self.last_stamp_ns:
+                self.node.counters.drop("stamp not after the last one")
+                continue
+            pace.wait(self.sent, frame.stamp_ns)
+            if lossless:
+                self._wait_for_credit(self.credit.in_flight - 1)
+            else:
+                self._read_progress(0.0)
+            if self.node.stop.is_set():
+                return
+            self._send(frame, read_ns)
+        if lossless:
+            self._wait_for_credit(0)
+        self._end()
+
+    def _frames(self, sequence: FrameSequence) -> Iterator[tuple[RgbdFrame, int]]:
+        """The frames that can be read, with the wall clock before each was read."""
+        for index in range(len(sequence)):
+            if self.node.stop.is_set():
+                return
+            read_ns, start_s = time.time_ns(), time.perf_counter()
+            try:
+                frame = sequence[index]
+            except Exception as error:
+                text = f"frame {index} cannot be read: {type(error).__name__}: {error}"
+                self.node.failed(f"source {type(error).__name__}", text)
+                continue
+            self.node.counters.step(time.perf_counter() - start_s)
+            yield frame, read_ns
+
+    def _send(self, frame: RgbdFrame, read_ns: int) -> None:
+        header = Header(robot=self.node.link.robot, seq=0, stamp_ns=frame.stamp_ns, frame_id="camera")
+        message = Frame(
+            header=self.node.numbered(_OUT, header.with_hop("source", read_ns, time.time_ns())),
+            intrinsics=intrinsics_message(frame.intrinsics),
+            depth_scale=frame.depth_scale,
+            colour=frame.colour,
+            depth=frame.depth,
+            T_world_camera=frame.T_world_camera,
+        )
+        if self.node.link.delivery == "lossless":
+            self.credit.sent(frame.stamp_ns)
+        self.node.publish(_OUT, message)
+        self.sent += 1
+        self.last_stamp_ns = frame.stamp_ns
+
+    def _read_progress(self, timeout_s: float) -> Progress | None:
+        """The newest progress that is there, or comes within `timeout_s`; the credit follows it."""
+        newest: Progress | None = None
+        item = self.node.next(timeout_s)
+        while item is not None:
+            newest = item[1].message
+            self.credit.answered(newest.last_stamp_ns)
+            item = self.node.next(0.0)
+        return newest
+
+    def _wait_for_credit(self, most: int) -> None:
+        """Wait until at most `most` frames are on their way; without any progress for too long they are lost."""
+        limit_s = self.node.link.credit_timeout_s
+        since_s, before = time.monotonic(), self.credit.outstanding
+        self._read_progress(0.0)
+        while self.credit.outstanding > most and not self.node.stop.is_set():
+            self._read_progress(limit_s)
+            if self.credit.outstanding < before:
+                since_s, before = time.monotonic(), self.credit.outstanding
+            elif time.monotonic() - since_s >= limit_s:
+                lost = self.credit.give_up()
+                self.node.counters.drop("lost in flight", len(lost))
+                log.warning(
+                    "no progress for %.1f s: %d frames (%d to %d ns) count as lost; absent: %s",
+                    limit_s,
+                    len(lost),
+                    lost[0],
+                    lost[-1],
+                    ", ".join(stage for stage in EVERY_STAGE if stage not in self.alive) or "nobody",
+                )
+
+    def _end(self) -> None:
+        """Say that the stream has ended until fusion says that it is complete; without fusion, just say it."""
+        start_s = seen_s = time.monotonic()
+        said_s = float("-inf")
+        while not self.node.stop.is_set():
+            now_s = time.monotonic()
+            if "fusion" in self.alive:
+                seen_s = now_s
+            if now_s - start_s > _END_LIMIT_S or now_s - seen_s > self.node.link.credit_timeout_s:
+                log.warning("fusion has not confirmed the end of the stream after %.0f s", now_s - start_s)
+                return
+            if now_s - said_s >= _END_INTERVAL_S:
+                said_s = now_s
+                header = Header(robot=self.node.link.robot, seq=0, stamp_ns=self.last_stamp_ns, frame_id="camera")
+                self.node.publish(_END, End(header=self.node.numbered(_END, header), frames_sent=self.sent))
+            progress = self._read_progress(_END_INTERVAL_S)
+            if progress is not None and progress.complete and progress.last_stamp_ns >= self.last_stamp_ns:
+                return
+
+
+class _Pace:
+    """Keeps the recorded pace, a given rate, or none."""
+
+    def __init__(self, node: Node, rate_hz: float | None, recorded: bool) -> None:
+        self._node, self._rate_hz, self._recorded = node, rate_hz, recorded
+        self._start_s = 0.0
+        self._first_ns = 0
+
+    def wait(self, sent: int, stamp_ns: int) -> None:
+        """Sleep until the frame is due."""
+        if sent == 0:
+            self._start_s, self._first_ns = time.monotonic(), stamp_ns
+        if self._rate_hz is not None:
+            after_s = sent / self._rate_hz
+        elif self._recorded:
+            after_s = 1e-9 * (stamp_ns - self._first_ns)
+        else:
+            return
+        late_s = time.monotonic() - self._start_s - after_s
+        if late_s > _BEHIND_S:
+            self._start_s += late_s
+            self._node.note("behind", f"the source is {late_s:.1f} s behind its pace; it goes on from here")
+        elif late_s < 0:
+            self._node.stop.wait(-late_s)

@@ -1,0 +1,128 @@
+"""Counters, complaints, the inbox and the table of qualities."""
+
+import logging
+import os
+import threading
+
+import pytest
+
+from spot3d.dataflow.alive import Alive
+from spot3d.dataflow.complaints import Complaints
+from spot3d.dataflow.counters import Counters
+from spot3d.dataflow.endpoints import keeps_newest, quality, waiting
+from spot3d.dataflow.inbox import Inbox, Tray
+from spot3d.dataflow.process_use import ProcessUse, process_use
+from spot3d.dataflow.settings import LinkSettings
+from spot3d_schemas import TOPICS, Header
+
+HEADER = Header(robot="r", seq=0, stamp_ns=1, frame_id="pose")
+USE = ProcessUse(cpu_s=1.5, rss_bytes=1000, threads=3)
+
+
+def test_health_without_anything() -> None:
+    health = Counters("pose", 10.0).health(HEADER, 10.0, USE)
+    assert (health.received, health.published, health.drops, health.errors) == (0, 0, {}, 0)
+    assert (health.rate_hz, health.latency_ms_p50, health.step_ms_p99) == (None, None, None)
+    assert (health.pid, health.cpu_s, health.rss_bytes, health.threads) == (os.getpid(), 1.5, 1000, 3)
+
+
+def test_health_counts() -> None:
+    counters = Counters("pose", 10.0)
+    for milliseconds in range(1, 102):
+        counters.received()
+        counters.step(1e-3 * milliseconds)
+        counters.latency(2_000_000 * milliseconds)
+    counters.published()
+    counters.drop("busy", 0)
+    counters.drop("late", 2)
+    counters.drop("late")
+    counters.event("behind")
+    counters.error("first")
+    counters.error("second")
+    health = counters.health(HEADER, 12.0, USE)
+    assert (health.received, health.published, health.drops) == (101, 1, {"late": 3})
+    assert (health.events, health.errors, health.last_error) == ({"behind": 1}, 2, "second")
+    assert (health.uptime_s, health.rate_hz) == (2.0, 50.5)
+    assert health.step_ms_p50 == pytest.approx(51)
+    assert health.step_ms_p99 == pytest.approx(100)
+    assert health.latency_ms_p50 == pytest.approx(102)
+    assert counters.health(HEADER, 13.0, USE).rate_hz == 0.0, "the rate is that since the last report"
+
+
+def test_process_use() -> None:
+    use = process_use()
+    assert use.cpu_s > 0
+    assert use.rss_bytes > 10**6
+    assert use.threads >= 1
+
+
+def test_complaints_are_few(caplog: pytest.LogCaptureFixture) -> None:
+    complaints = Complaints(logging.getLogger("test"))
+    with caplog.at_level("WARNING"):
+        said = [complaints.say("a", f"a {i}", 0.1 * i) for i in range(150)]
+        assert [i for i, one in enumerate(said) if one] == [0, 100]
+        assert caplog.messages == ["a 0", "a 100 (99 more of these since)"]
+        assert complaints.say("b", "b", 0.0)
+        assert sum(complaints.say(f"reason {i}", "made up", 1.0) for i in range(10_000)) < 70
+
+
+def test_inbox_gives_in_the_order_of_arrival() -> None:
+    inbox = Inbox({"a": Tray(2, True), "b": Tray(2, False)})
+    assert inbox.get(0.0) is None
+    assert [inbox.put("a", 1), inbox.put("b", 2), inbox.put("a", 3), inbox.put("a", 4)] == [0, 0, 0, 1]
+    assert [inbox.get(0.0) for _ in range(4)] == [("b", 2), ("a", 3), ("a", 4), None]
+
+
+def test_a_full_tray_that_keeps_all_lets_the_sender_wait() -> None:
+    inbox = Inbox({"a": Tray(1, False)})
+    inbox.put("a", 1)
+    sender = threading.Thread(target=inbox.put, args=("a", 2), daemon=True)
+    sender.start()
+    assert inbox.get(5.0) == ("a", 1)
+    assert inbox.get(5.0) == ("a", 2)
+    sender.join(5)
+    assert not sender.is_alive()
+
+
+def test_a_closed_inbox_lets_go() -> None:
+    inbox = Inbox({"a": Tray(1, False)})
+    inbox.put("a", 1)
+    sender = threading.Thread(target=inbox.put, args=("a", 2), daemon=True)
+    sender.start()
+    inbox.close()
+    sender.join(5)
+    assert not sender.is_alive()
+
+
+def test_alive() -> None:
+    alive, stop = Alive(), threading.Event()
+    assert alive.missing((), 0.0, stop) == ()
+    alive.note("pose", True)
+    assert "pose" in alive
+    assert alive.missing(("pose", "fusion"), 0.0, stop) == ("fusion",)
+    alive.note("pose", False)
+    alive.note("pose", False)
+    assert "pose" not in alive
+    stop.set()
+    assert alive.missing(("pose",), 1e6, stop) == ("pose",)
+
+
+def test_every_published_topic_has_a_quality() -> None:
+    live, lossless = LinkSettings(), LinkSettings(delivery="lossless", in_flight=4)
+    for topic in (name for name, row in TOPICS.items() if row.kind == "pub"):
+        assert quality(topic) is not None
+        assert 1 <= waiting(topic, live) <= 64
+        assert waiting(topic, lossless) >= 1
+        assert not keeps_newest(topic, lossless)
+        if TOPICS[topic].delivery == "lossless":
+            assert not keeps_newest(topic, live)
+    assert waiting("source/frame", lossless) > lossless.in_flight
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"robot": "a/b"}, {"connect": ["127.0.0.1:7447"]}, {"in_flight": 0}, {"delivery": "fast"}, {"robots": 1}],
+)
+def test_wrong_link_settings_are_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        LinkSettings(**wrong)
