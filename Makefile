@@ -1,0 +1,62 @@
+# `make install` makes a virtual environment in this folder with everything; the other targets call it when needed.
+# PYTHON is only used to make that environment: make PYTHON=python3.12 install
+PYTHON ?= python3
+DATA ?= $(if $(SPOT3D_DATA),$(SPOT3D_DATA),data)
+VENV := .venv
+RUN := $(VENV)/bin/python -m
+
+# The stamp carries the folder's path: an environment that was copied or moved with its checkout installs the code
+# of the old place, and would be tested instead of this one.
+INSTALLED := $(VENV)/installed-$(shell printf '%s' '$(CURDIR)' | cksum | cut -d ' ' -f 1)
+
+# One thread for each process: the stages share the cores, a library's thread pool would only fight over them.
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+
+.PHONY: help install demo test lint check bench evaluate clean
+.DEFAULT_GOAL := help
+
+help:
+	@echo "make install   set up .venv with everything (again only when dependencies change)"
+	@echo "make demo      find the objects of the built-in scene and draw them"
+	@echo "make test      run the tests"
+	@echo "make check     format, lint, types and tests: what CI runs"
+	@echo "make bench     measure time and memory"
+	@echo "make evaluate  the paper's tables, for the data sets found in DATA (now: $(DATA))"
+	@echo "make clean     remove what the other targets made, except .venv"
+
+install: $(INSTALLED)
+
+$(INSTALLED): pyproject.toml constraints.txt
+	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	    echo "spot3d needs Python 3.11 or newer, and $(PYTHON) is not: name one, as in make PYTHON=python3.12 $(MAKECMDGOALS)" >&2; \
+	    exit 1; }
+	@$(RUN) pip --version >/dev/null 2>&1 || "$(PYTHON)" -m venv --clear $(VENV) || { \
+	    echo "$(PYTHON) cannot make a virtual environment: install its venv module (Debian, Ubuntu: apt install python3-venv)" >&2; \
+	    exit 1; }
+	$(RUN) pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[dev]'
+	@rm -f $(VENV)/installed-*
+	@touch $@
+
+demo: $(INSTALLED)
+	$(RUN) spot3d demo
+
+test: $(INSTALLED)
+	$(RUN) pytest
+
+lint: $(INSTALLED)
+	$(RUN) ruff check .
+	$(RUN) ruff format --check .
+	$(RUN) mypy
+
+check: lint test
+
+bench: $(INSTALLED)
+	$(RUN) spot3d bench
+
+evaluate: $(INSTALLED)
+	$(RUN) spot3d evaluate all "$(DATA)"
+
+clean:
+	rm -rf build dist out .mypy_cache .pytest_cache .ruff_cache .hypothesis *.egg-info
+	find services schemas tests deploy -name __pycache__ -type d -prune -exec rm -rf {} +

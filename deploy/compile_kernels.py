@@ -1,0 +1,108 @@
+"""Compiles the kernels of stages into numba's cache, by running their cores on the built-in scene.
+
+    python compile_kernels.py all|source|pose|proposals|heatmap|fusion
+
+Run once while an image is built, so that a container need not compile when it starts.
+"""
+
+import sys
+from collections.abc import Sequence
+
+import numpy as np
+
+from spot3d.frame import RgbdFrame
+from spot3d.source.scene import Scene
+
+FRAMES = 6
+"""One more than points need to be seen (FusionSettings.frequency_min), so that objects are clustered too."""
+
+
+def compile_source(scene: Scene) -> None:
+    """Renders the scene and registers colour to depth."""
+    from spot3d.source.calibration import ColourCamera
+    from spot3d.source.registration import ColourRegistration
+
+    frame = scene[0]
+    camera = ColourCamera(frame.intrinsics, np.eye(4))
+    ColourRegistration(frame.intrinsics, camera).register(frame.colour, frame.depth_metres())
+
+
+def compile_pose(scene: Scene) -> None:
+    """Tracks the scene."""
+    from spot3d.pose.providers import make_tracker
+    from spot3d.pose.settings import PoseSettings
+
+    tracker = make_tracker(PoseSettings())
+    for frame in scene:
+        tracker.track(frame.stamp_ns, frame.depth_metres(), frame.intrinsics, None)
+
+
+def compile_proposals(scene: Scene) -> None:
+    """Proposes boxes for one frame."""
+    from spot3d.proposals.propose import propose
+    from spot3d.proposals.settings import ProposalSettings
+
+    frame = scene[0]
+    propose(frame.colour, frame.depth_metres(), frame.intrinsics, ProposalSettings())
+
+
+def compile_heatmap(scene: Scene) -> None:
+    """Makes the heatmap of the true objects' outlines in one frame."""
+    from spot3d.heatmap.heat import weighted_heat
+    from spot3d.heatmap.settings import HeatmapSettings
+
+    frame = scene[0]
+    mask = scene.truth(0).instance
+    boxes = [_outline(mask == label) for label in np.unique(mask[mask > 0])]
+    weighted_heat(frame.depth_metres(), frame.intrinsics, np.array(boxes, np.float32), HeatmapSettings())
+
+
+def compile_fusion(scene: Scene) -> None:
+    """Fuses the scene with true heat and poses, and makes objects."""
+    from spot3d.fusion.fusion import Fusion
+    from spot3d.fusion.settings import FusionSettings
+
+    fusion = Fusion(FusionSettings())
+    for index, frame in enumerate(scene):
+        heat = np.where(scene.truth(index).instance > 0, 255, 0).astype(np.uint8)
+        fusion.fuse(frame.colour, frame.depth_metres(), heat, frame.intrinsics, _pose(frame))
+    fusion.objects()
+
+
+STAGES = {
+    "source": compile_source,
+    "pose": compile_pose,
+    "proposals": compile_proposals,
+    "heatmap": compile_heatmap,
+    "fusion": compile_fusion,
+}
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Compiles the stages named; returns the exit code."""
+    unknown = [name for name in arguments if name not in (*STAGES, "all")]
+    if unknown or not arguments:
+        sys.stderr.write(f"expected {', '.join(STAGES)} or all, got {' '.join(unknown) or 'nothing'}\n")
+        return 2
+    scene = Scene(frames=FRAMES)
+    for name, compile_stage in STAGES.items():
+        if name in arguments or "all" in arguments:
+            compile_stage(scene)
+    return 0
+
+
+def _outline(mask: np.ndarray) -> tuple[float, float, float, float, float]:
+    """Box [x, y, w, h, c] around a mask's pixels, with confidence 1."""
+    rows, columns = np.nonzero(mask)
+    x, y = columns.min(), rows.min()
+    return x, y, columns.max() - x + 1, rows.max() - y + 1, 1.0
+
+
+def _pose(frame: RgbdFrame) -> np.ndarray:
+    if frame.T_world_camera is None:
+        raise ValueError("the built-in scene knows its poses")
+    return frame.T_world_camera
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

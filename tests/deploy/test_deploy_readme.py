@@ -1,0 +1,112 @@
+"""The programs in README.md run as they stand, against a router of ours."""
+
+import queue
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zenoh
+
+from spot3d.dataflow.router import free_loopback_endpoint, open_router
+from spot3d_schemas import CameraIntrinsics, Frame, Header, Objects, Proposals, decode, encode, key
+
+README = (Path(__file__).parents[2] / "README.md").read_text()
+PROGRAMS = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+HEADER = Header(robot="robot", seq=1, stamp_ns=5, frame_id="camera")
+
+
+def program_with(text: str) -> str:
+    (found,) = [program for program in PROGRAMS if text in program]
+    return found
+
+
+@contextmanager
+def running(program: str, endpoint: str) -> Iterator[subprocess.Popen[str]]:
+    """The program as a process of its own, at our router instead of the usual one."""
+    text = program.replace("tcp/127.0.0.1:7447", endpoint)
+    assert text != program
+    with subprocess.Popen([sys.executable, "-c", text], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def wait_for_subscriber(session: zenoh.Session, topic: str) -> zenoh.Publisher:
+    """A publisher that has a subscriber."""
+    publisher = session.declare_publisher(key("robot", topic))
+    matching: queue.SimpleQueue[bool] = queue.SimpleQueue()
+    publisher.declare_matching_listener(lambda status: matching.put(status.matching))
+    if not publisher.matching_status.matching:
+        assert matching.get(timeout=20)
+    return publisher
+
+
+@pytest.fixture
+def endpoint() -> str:
+    return free_loopback_endpoint()
+
+
+@pytest.fixture
+def router(endpoint: str) -> Iterator[zenoh.Session]:
+    with open_router((endpoint,)) as session:
+        yield session
+
+
+def test_dashboard_prints_the_objects(router: zenoh.Session, endpoint: str) -> None:
+    message = Objects(
+        header=HEADER,
+        objects=(),
+        up=np.array([0.0, 0.0, 1.0]),
+        frame_count=12,
+        map_points=0,
+        map_limit_reached=False,
+        complete=False,
+    )
+    with running(program_with("fusion/objects"), endpoint) as process:
+        wait_for_subscriber(router, "fusion/objects").put(encode(message))
+        assert process.stdout is not None
+        assert process.stdout.readline() == "0 objects after 12 frames\n"
+
+
+def test_own_stage_answers_a_frame(router: zenoh.Session, endpoint: str) -> None:
+    frame = Frame(
+        header=HEADER,
+        intrinsics=CameraIntrinsics(fx=5.0, fy=5.0, cx=2.0, cy=1.0, width=6, height=4),
+        depth_scale=0.001,
+        colour=np.zeros((4, 6, 3), np.uint8),
+        depth=np.ones((4, 6), np.uint16),
+        T_world_camera=None,
+    )
+    arrived: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    router.declare_subscriber(key("robot", "proposals/boxes"), lambda sample: arrived.put(sample.payload.to_bytes()))
+    with running(program_with("proposals/boxes"), endpoint):
+        wait_for_subscriber(router, "source/frame").put(encode(frame))
+        answer = decode(arrived.get(timeout=20), Proposals)
+    assert answer.header.stamp_ns == frame.header.stamp_ns
+    assert answer.boxes.tolist() == [[0, 0, 6, 4, 1]]
+
+
+def test_cores_run_without_processes() -> None:
+    program = program_with("weighted_heat")
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert re.fullmatch(r"\d+ boxes: \d+ accepted, \d+ masked, \d+ rejected\n", run.stdout)
+
+
+def test_files_that_it_names_exist() -> None:
+    root = Path(__file__).parents[2]
+    named = set(re.findall(r"\bdeploy/(?:zenoh|settings)/[\w.-]+\w", README))
+    assert named
+    assert [name for name in sorted(named) if not (root / name).exists()] == []
+    table = README.partition("## Where each step")[2].partition("\n## ")[0]
+    for row in (line.split("|") for line in table.splitlines() if "`" in line and ".py" in line):
+        folder = ""
+        for path in re.findall(r"`([\w/]+\.py)`", row[3]):
+            folder = path.rpartition("/")[0] or folder
+            assert (root / "services" / "spot3d" / folder / Path(path).name).is_file(), path

@@ -1,0 +1,173 @@
+"""`spot3d run` with real processes: same result as in one process; nothing is left behind, however it ends."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from spot3d.dataflow.session import open_session
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.settings import without_settings
+from spot3d_schemas import Progress, decode, key
+
+STAGES = {"source", "pose", "proposals", "heatmap", "fusion"}
+START_S = 90.0
+"""A first start may compile kernels."""
+
+
+def arguments(out: Path, frames: int, *more: str) -> list[str]:
+    return [
+        *(sys.executable, "-m", "spot3d", "run", "scene", "--half"),
+        *("--frames", str(frames), "--out", str(out), *more),
+    ]
+
+
+def wait_until(condition: Callable[[], bool], limit_s: float, what: str) -> None:
+    end_s = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < end_s, f"{what}: not within {limit_s:.0f} s"
+        time.sleep(0.05)
+
+
+def stages_of(parent: int) -> dict[str, int]:
+    """Pid of each running stage that `parent` has started."""
+    found = {}
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = status.read_text().rpartition(")")[2].split()
+            words = (status.parent / "cmdline").read_bytes().split(b"\0")
+        except OSError:
+            continue  # it has just ended
+        if int(fields[1]) == parent and fields[0] != "Z" and b"spot3d" in words:
+            found[words[words.index(b"spot3d") + 1].decode()] = int(status.parent.name)
+    return found
+
+
+def is_running(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+class Run:
+    """A run in the background, and what it says."""
+
+    def __init__(self, out: Path) -> None:
+        self.out = out
+        self.process = subprocess.Popen(
+            arguments(out, 100_000),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=without_settings(os.environ) | {"PYTHONUNBUFFERED": "1"},
+        )
+        self.said = ""
+        self.reader = threading.Thread(target=self._read)
+        self.reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.said += line
+
+    def wait_for_stages(self) -> dict[str, int]:
+        wait_until(lambda: set(stages_of(self.process.pid)) == STAGES, 20, "all stages are started")
+        return stages_of(self.process.pid)
+
+    def endpoint(self) -> str:
+        pid = next(iter(stages_of(self.process.pid).values()))
+        match = re.search(r"tcp/127\.0\.0\.1:\d+", Path(f"/proc/{pid}/cmdline").read_text())
+        assert match
+        return match[0]
+
+
+@pytest.fixture
+def endless(tmp_path) -> Iterator[Run]:
+    if not Path("/proc/self/stat").exists():
+        pytest.skip("needs /proc to see the processes")
+    run = Run(tmp_path / "out")
+    children: dict[str, int] = {}
+    try:
+        children = run.wait_for_stages()
+        yield run
+    finally:
+        run.process.kill()
+        run.process.wait()
+        run.reader.join(10)
+        assert run.process.stdout is not None
+        run.process.stdout.close()
+        for pid in {*children.values()}:
+            if is_running(pid):
+                os.kill(pid, signal.SIGKILL)
+
+
+def test_processes_give_the_same_objects_as_one_process(tmp_path):
+    alone, together = tmp_path / "alone", tmp_path / "together"
+    environment = without_settings(os.environ)
+    for out, more in ((alone, ["--in-process"]), (together, [])):
+        done = subprocess.run(
+            arguments(out, 12, *more), capture_output=True, text=True, timeout=START_S, check=False, env=environment
+        )
+        assert done.returncode == 0, done.stderr
+        assert "12 of 12 frames" in done.stdout
+        assert "none dropped" in done.stdout
+    assert (alone / "objects.json").read_bytes() == (together / "objects.json").read_bytes()
+    assert json.loads((together / "objects.json").read_text())["frame_count"] == 12
+    assert (alone / "trajectory.txt").read_bytes() == (together / "trajectory.txt").read_bytes()
+    assert (alone / "heatmap.ply").read_bytes() == (together / "heatmap.ply").read_bytes()
+    report = json.loads((together / "report.json").read_text())
+    assert report["frames"]["fused"] == 12
+    assert report["drops"] == {}
+    assert set(report["stages"]) == STAGES
+    assert report["latency_ms"]["source to fused"]["p50"] > 0
+    assert all(stage["step_ms"]["p50"] > 0 for stage in report["stages"].values())
+    assert (together / "overview.png").stat().st_size > 50_000
+    assert (together / "settings.toml").exists()
+
+
+def test_a_killed_stage_is_started_again_and_ctrl_c_ends_all(endless):
+    fused: list[int] = []
+    with open_session(LinkSettings(connect=(endless.endpoint(),))) as session:
+        subscriber = session.declare_subscriber(
+            key("robot", "fusion/progress"),
+            lambda sample: fused.append(decode(sample.payload.to_bytes(), Progress).fused),
+        )
+        # After that many frames of capture time objects have been published.
+        wait_until(lambda: bool(fused) and fused[-1] >= 15, START_S, "frames are fused")
+        before = endless.wait_for_stages()
+        at_kill = fused[-1]
+        os.kill(before["heatmap"], signal.SIGKILL)
+        wait_until(lambda: "heatmap was killed by SIGKILL; started again" in endless.said, 5, "the death is told")
+        wait_until(lambda: fused[-1] >= at_kill + 5, 40, "frames are fused again")
+        assert fused == sorted(fused), "fusion has lost nothing that it had fused"
+        subscriber.undeclare()
+    after = endless.wait_for_stages()
+    assert {stage for stage in STAGES if after[stage] != before[stage]} == {"heatmap"}
+
+    endless.process.send_signal(signal.SIGINT)
+    wait_until(lambda: not any(map(is_running, after.values())), 8, "every stage has ended")
+    assert endless.process.wait(20) == 130
+    objects = json.loads((endless.out / "objects.json").read_text())
+    assert objects["frame_count"] > 0
+    report = json.loads((endless.out / "report.json").read_text())
+    assert report["interrupted"]
+    assert report["restarts"] == {"heatmap": 1}
+    assert report["frames"]["fused"] >= at_kill + 5
+    assert (endless.out / "heatmap.ply").stat().st_size > 1000
+    assert (endless.out / "trajectory.txt").stat().st_size > 0
+    assert (endless.out / "overview.png").exists()
+
+
+def test_stages_end_with_a_run_that_is_killed(endless):
+    children = endless.wait_for_stages()
+    endless.process.kill()
+    wait_until(lambda: not any(map(is_running, children.values())), 20, "every stage has ended")
