@@ -1,0 +1,5 @@
+"""`python -m spot3d`."""
+
+from spot3d.cli import main
+
+main()

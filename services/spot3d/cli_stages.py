@@ -1,0 +1,161 @@
+"""One command for each stage and the router: the processes of the dataflow, on whatever device."""
+
+from typing import Annotated
+
+import typer
+
+from spot3d.cli_options import (
+    CommandError,
+    ConnectOption,
+    DeliveryOption,
+    EveryOption,
+    FramesOption,
+    HalfOption,
+    InputArgument,
+    IntrinsicsOption,
+    ListenOption,
+    PresetOption,
+    RateOption,
+    RobotOption,
+    SettingsOption,
+    SupervisedOption,
+    link_overrides,
+    play_overrides,
+    stage_started,
+)
+from spot3d.settings import load_settings
+
+
+def source(
+    input_name: InputArgument,
+    settings: SettingsOption = None,
+    preset: PresetOption = None,
+    robot: RobotOption = None,
+    connect: ConnectOption = None,
+    listen: ListenOption = None,
+    lossless: DeliveryOption = None,
+    frames: FramesOption = None,
+    every: EveryOption = 1,
+    half: HalfOption = False,
+    rate: RateOption = None,
+    intrinsics: IntrinsicsOption = None,
+    pose_from_elsewhere: Annotated[bool, typer.Option("--no-pose-stage", help="do not wait for a pose stage")] = False,
+    after_ns: Annotated[int | None, typer.Option(hidden=True)] = None,
+    supervised: SupervisedOption = False,
+) -> None:
+    """The source stage: play INPUT to the other stages."""
+    stop = stage_started(supervised)
+    overrides = play_overrides(half, rate) | link_overrides(robot, connect, listen, lossless)
+    resolved = load_settings(settings, preset, overrides)
+    from spot3d.run.selected import open_selection, selection
+    from spot3d.source.process import EVERY_STAGE, MissingStagesError
+    from spot3d.source.process import run as run_source
+
+    sequence = open_selection(selection(input_name, frames, every, intrinsics, after_ns), resolved)
+    # A live source is a camera: it waits for nobody, unless a run has started it together with the others.
+    wait_for: tuple[str, ...] = ()
+    if supervised or resolved.link.delivery == "lossless":
+        wait_for = tuple(stage for stage in EVERY_STAGE if stage != "pose" or not pose_from_elsewhere)
+    try:
+        run_source(resolved.link, resolved.source, sequence, stop=stop, wait_for=wait_for)
+    except MissingStagesError as error:
+        raise CommandError(str(error)) from error
+
+
+def pose(
+    settings: SettingsOption = None,
+    preset: PresetOption = None,
+    robot: RobotOption = None,
+    connect: ConnectOption = None,
+    listen: ListenOption = None,
+    lossless: DeliveryOption = None,
+    provider: Annotated[str | None, typer.Option(metavar="kiss|gicp|given", help="where poses come from")] = None,
+    supervised: SupervisedOption = False,
+) -> None:
+    """The pose stage: the camera's pose for each frame."""
+    stop = stage_started(supervised)
+    overrides = link_overrides(robot, connect, listen, lossless)
+    if provider is not None:
+        overrides["pose"] = {"provider": provider}
+    resolved = load_settings(settings, preset, overrides)
+    from spot3d.pose.process import run as run_pose
+
+    run_pose(resolved.link, resolved.pose, stop)
+
+
+def proposals(
+    settings: SettingsOption = None,
+    preset: PresetOption = None,
+    robot: RobotOption = None,
+    connect: ConnectOption = None,
+    listen: ListenOption = None,
+    lossless: DeliveryOption = None,
+    supervised: SupervisedOption = False,
+) -> None:
+    """The proposals stage: generic 2D boxes of each frame."""
+    stop = stage_started(supervised)
+    resolved = load_settings(settings, preset, link_overrides(robot, connect, listen, lossless))
+    from spot3d.proposals.process import run as run_proposals
+
+    run_proposals(resolved.link, resolved.proposals, stop)
+
+
+def heatmap(
+    settings: SettingsOption = None,
+    preset: PresetOption = None,
+    robot: RobotOption = None,
+    connect: ConnectOption = None,
+    listen: ListenOption = None,
+    lossless: DeliveryOption = None,
+    supervised: SupervisedOption = False,
+) -> None:
+    """The heatmap stage: how likely each pixel shows an object."""
+    stop = stage_started(supervised)
+    resolved = load_settings(settings, preset, link_overrides(robot, connect, listen, lossless))
+    from spot3d.heatmap.process import run as run_heatmap
+
+    run_heatmap(resolved.link, resolved.heatmap, stop)
+
+
+def fusion(
+    settings: SettingsOption = None,
+    preset: PresetOption = None,
+    robot: RobotOption = None,
+    connect: ConnectOption = None,
+    listen: ListenOption = None,
+    lossless: DeliveryOption = None,
+    supervised: SupervisedOption = False,
+) -> None:
+    """The fusion stage: frames with heat and pose become a map, and the objects in it."""
+    stop = stage_started(supervised)
+    resolved = load_settings(settings, preset, link_overrides(robot, connect, listen, lossless))
+    from spot3d.fusion.process import run as run_fusion
+
+    run_fusion(resolved.link, resolved.fusion, stop)
+
+
+def router(
+    listen: Annotated[list[str] | None, typer.Option(help="endpoints to listen on; may be repeated")] = None,
+    connect: Annotated[list[str] | None, typer.Option(help="other routers; may be repeated")] = None,
+    supervised: SupervisedOption = False,
+) -> None:
+    """A router that the stages meet at, where no zenohd runs; ends with Ctrl-C."""
+    stop = stage_started(supervised)
+    endpoints = tuple(listen or ["tcp/127.0.0.1:7447"])
+    # Checked as settings are, so that a slip of the pen is told as one.
+    load_settings(overrides={"link": {"mode": "router", "listen": endpoints, "connect": tuple(connect or ())}})
+    import zenoh
+
+    from spot3d.dataflow.router import open_router
+    from spot3d.dataflow.stopping import stop_on_signals
+
+    with stop_on_signals(stop) as stopped:
+        try:
+            with open_router(endpoints, tuple(connect or ())):
+                typer.echo(f"router at {', '.join(endpoints)}")
+                stopped.wait()
+        except zenoh.ZError as error:
+            raise CommandError(f"cannot listen at {', '.join(endpoints)}: {error}") from error
+
+
+COMMANDS = (source, pose, proposals, heatmap, fusion, router)

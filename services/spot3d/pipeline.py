@@ -1,0 +1,105 @@
+"""The five stages' cores in one process: the reference that a distributed run must equal."""
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from spot3d.dataflow.cadence import Cadence
+from spot3d.frame import RgbdFrame
+from spot3d.fusion.fusion import Fusion, Objects
+from spot3d.heatmap.heat import Heat, weighted_heat
+from spot3d.pose.estimate import PoseEstimate
+from spot3d.pose.providers import make_tracker
+from spot3d.proposals.propose import propose
+from spot3d.settings import Settings
+from spot3d.source.errors import SourceError
+from spot3d.source.sequence import FrameSequence
+
+LOST = "lost pose"
+UNREADABLE = "cannot be read"
+"""Why a frame is not fused: it has no trusted pose, or its files are missing or broken."""
+
+
+@dataclass(frozen=True, slots=True)
+class PipelineStep:
+    """What happened to one frame; `objects` only where this frame was due for an update of the objects."""
+
+    frame: RgbdFrame
+    pose: PoseEstimate
+    heat: Heat
+    objects: Objects | None
+
+
+@dataclass(slots=True)
+class PipelineResult:
+    """Everything a run leaves behind.
+
+    trajectory: stamp in ns and pose of each frame. skipped: frames that were not fused, by reason.
+    step_s: seconds that each stage's core took for each of its frames. heat_counts: proposals accepted,
+    masked and rejected in all frames. fusion: the final map.
+    """
+
+    fusion: Fusion
+    objects: Objects
+    trajectory: list[tuple[int, PoseEstimate]] = field(default_factory=list)
+    skipped: Counter[str] = field(default_factory=Counter)
+    step_s: dict[str, list[float]] = field(default_factory=dict)
+    heat_counts: Counter[str] = field(default_factory=Counter)
+
+
+def run_pipeline(
+    sequence: FrameSequence,
+    settings: Settings,
+    on_frame: Callable[[PipelineStep], None] | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+    clock: Callable[[], float] = time.perf_counter,
+) -> PipelineResult:
+    """Run every frame through all cores, in order, and find the objects whenever capture time says so.
+
+    A frame that cannot be read is skipped and counted, as it is in a distributed run.
+    `on_frame` is called after each frame; once `stopped` says so, the run ends early with what there is.
+    `clock` gives seconds and is read around each core only.
+    """
+    tracker, fusion = make_tracker(settings.pose), Fusion(settings.fusion)
+    cadence = Cadence(settings.link.object_interval_s)
+    result = PipelineResult(fusion, fusion.objects())
+    for index in range(len(sequence)):
+        if stopped():
+            break
+        try:
+            with _timed(result.step_s, "source", clock):
+                frame = sequence[index]
+        except SourceError:
+            result.skipped[UNREADABLE] += 1
+            continue
+        depth, camera = frame.depth_metres(), frame.intrinsics
+        with _timed(result.step_s, "pose", clock):
+            pose = tracker.track(frame.stamp_ns, depth, camera, frame.T_world_camera)
+        with _timed(result.step_s, "proposals", clock):
+            boxes = propose(frame.colour, depth, camera, settings.proposals)
+        with _timed(result.step_s, "heatmap", clock):
+            heat = weighted_heat(depth, camera, boxes, settings.heatmap)
+        result.trajectory.append((frame.stamp_ns, pose))
+        result.heat_counts.update(accepted=heat.accepted, masked=heat.masked, rejected=heat.rejected)
+        update = None
+        if pose.status == "ok":
+            with _timed(result.step_s, "fusion", clock):
+                fusion.fuse(frame.colour, depth, heat.heat, camera, pose.T_world_camera)
+            if cadence.due(frame.stamp_ns):
+                with _timed(result.step_s, "objects", clock):
+                    update = result.objects = fusion.objects()
+        else:
+            result.skipped[LOST] += 1
+        if on_frame is not None:
+            on_frame(PipelineStep(frame, pose, heat, update))
+    result.objects = fusion.objects()
+    return result
+
+
+@contextmanager
+def _timed(step_s: dict[str, list[float]], stage: str, clock: Callable[[], float]) -> Iterator[None]:
+    start = clock()
+    yield
+    step_s.setdefault(stage, []).append(clock() - start)

@@ -1,0 +1,1 @@
+"""A whole run on one machine: processes, supervision, results and the picture of them."""

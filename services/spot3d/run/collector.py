@@ -1,0 +1,164 @@
+"""What the run's own session hears of the stages: objects, poses, progress and health."""
+
+import time
+from collections import Counter
+from contextlib import ExitStack
+from typing import Self, TypeVar
+
+import zenoh
+from zenoh.handlers import FifoChannel, Handler
+
+from spot3d.boxes import Box3D
+from spot3d.evaluate.truth import FoundObject
+from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport
+from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, empty_snapshot
+from spot3d_schemas import (
+    STAGES,
+    TOPICS,
+    CodecError,
+    Header,
+    Health,
+    MapPoints,
+    Message,
+    Objects,
+    Pose,
+    Progress,
+    Proposals,
+    decode,
+    key,
+)
+
+_WAITING = 4096
+"""Small messages that may wait for this process: two minutes of a camera's poses."""
+
+_FUSED = ["heatmap", "fusion"]
+"""The last stages that a fused frame went through."""
+
+M = TypeVar("M", bound=Message)
+
+
+class Collector:
+    """Collects what a run reports; call `drain` often and read the attributes in between."""
+
+    def __init__(self, session: zenoh.Session, robot: str) -> None:
+        self.objects: Objects | None = None
+        self.progress: Progress | None = None
+        self.health: dict[str, Health] = {}
+        self.poses: dict[int, TrackedFrame] = {}
+        self.latency = HopTimes()
+        self.rate = FrameRate()
+        self._session = session
+        self._robot = robot
+        self._earlier: dict[str, Counter[str]] = {stage: Counter() for stage in STAGES}
+        self._exit = ExitStack()
+        self._inputs: dict[str, Handler[zenoh.Sample]] = {}
+
+    def __enter__(self) -> Self:
+        small = ("fusion/objects", "fusion/progress", "pose/pose", "proposals/boxes")
+        for topic in (*small, *(f"{stage}/health" for stage in STAGES)):
+            subscriber = self._session.declare_subscriber(key(self._robot, topic), FifoChannel(_WAITING))
+            self._exit.callback(subscriber.undeclare)
+            self._inputs[topic] = subscriber.handler
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._exit.close()
+
+    def drain(self) -> None:
+        """Take in everything that has come since the last call."""
+        for topic, handler in self._inputs.items():
+            while (sample := handler.try_recv()) is not None:
+                message = _decoded(sample, TOPICS[topic].message)
+                if message is not None:
+                    self._take(message)
+
+    def snapshot(self, timeout_s: float) -> MapSnapshot:
+        """The map as fusion answers now; empty where it does not answer."""
+        for reply in self._session.get(key(self._robot, "fusion/map"), timeout=timeout_s):
+            message = _decoded(reply.ok, MapPoints) if reply.ok is not None else None
+            if message is not None:
+                return MapSnapshot(message.xyz, message.rgb, message.heat, message.frequency, message.total)
+        return empty_snapshot()
+
+    def result(self, points: MapSnapshot) -> RunResult:
+        """The run's result as it is known now."""
+        trajectory = tuple(self.poses[stamp] for stamp in sorted(self.poses))
+        if self.objects is None:
+            return RunResult(trajectory=trajectory, points=points)
+        up = self.objects.up
+        return RunResult(
+            objects=tuple(
+                FoundObject(
+                    item.id, Box3D(item.centre, item.size, item.rotation), item.confidence, item.views, item.points
+                )
+                for item in self.objects.objects
+            ),
+            up=(float(up[0]), float(up[1]), float(up[2])),
+            frame_count=self.objects.frame_count,
+            trajectory=trajectory,
+            points=points,
+        )
+
+    def fill(self, report: RunReport, restarts: dict[str, int]) -> None:
+        """Enter what was counted into the report."""
+        if self.progress is not None:
+            report.fused, report.skipped = self.progress.fused, dict(self.progress.skipped)
+        report.lost_poses = sum(item.lost for item in self.poses.values())
+        report.ms_per_frame = self.rate.ms_per_frame()
+        report.latency_ms = self.latency.statistics()
+        for stage in STAGES:
+            health = self.health.get(stage)
+            item = StageReport(restarts=restarts.get(stage, 0))
+            if health is not None:
+                item.step_ms = {"p50": health.step_ms_p50, "p99": health.step_ms_p99}
+                item.cpu_s, item.rss_mb = health.cpu_s, health.rss_bytes / 2**20
+                item.errors, item.last_error = health.errors, health.last_error
+                report.drops[stage] = dict(self._earlier[stage] + Counter(health.drops))
+            report.stages[stage] = item
+
+    def _take(self, message: Message) -> None:
+        if isinstance(message, Objects):
+            self.objects = message
+        elif isinstance(message, Progress):
+            self.progress = message
+            hops = _hops(message.header)
+            # Not every progress tells of one frame's whole way: some tell of skipped frames or of the end.
+            self.latency.add(hops, whole="source to fused" if [hop[0] for hop in hops[-2:]] == _FUSED else "")
+            self.rate.add(message.fused + sum(message.skipped.values()), time.monotonic())
+        elif isinstance(message, Pose):
+            stamp = message.header.stamp_ns
+            self.poses[stamp] = TrackedFrame(stamp, message.T_world_camera, message.status == "lost")
+            self.latency.add(_hops(message.header))
+        elif isinstance(message, Proposals):
+            self.latency.add(_hops(message.header))
+        elif isinstance(message, Health):
+            last = self.health.get(message.stage)
+            if last is not None and last.pid != message.pid:
+                self._earlier[message.stage] += Counter(last.drops)
+            self.health[message.stage] = message
+
+
+def relay_poses(session: zenoh.Session, topic: str, robot: str) -> ExitStack:
+    """Pass on Pose messages of someone else's odometry, published at the key `topic`, as this robot's."""
+    stack = ExitStack()
+    publisher = session.declare_publisher(key(robot, "pose/pose"))
+    stack.callback(publisher.undeclare)
+
+    def pass_on(sample: zenoh.Sample) -> None:
+        publisher.put(sample.payload, encoding=sample.encoding)
+
+    subscriber = session.declare_subscriber(topic, pass_on)
+    stack.callback(subscriber.undeclare)
+    return stack
+
+
+def _hops(header: Header) -> list[tuple[str, int, int]]:
+    return [(hop.stage, hop.received_ns, hop.sent_ns) for hop in header.trace]
+
+
+def _decoded(sample: zenoh.Sample, expected: type[M]) -> M | None:
+    """The message, or None where it is none: whoever sends nonsense must not end the run."""
+    try:
+        return decode(sample.payload.to_bytes(), expected)
+    except CodecError:
+        return None

@@ -1,0 +1,58 @@
+"""`spot3d demo`: what was found in the built-in scene against what is there."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from rich.table import Table
+
+from spot3d.boxes import Box3D, iou_matrix_3d
+from spot3d.evaluate.truth import FoundObject
+
+FOUND_IOU = 0.25
+"""An object counts as found from this overlap on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """A true object with the found object that overlaps it most; found_id None: nothing overlaps it."""
+
+    name: str
+    iou: float
+    found_id: int | None
+
+    @property
+    def found(self) -> bool:
+        """Whether the overlap suffices."""
+        return self.iou >= FOUND_IOU
+
+
+def match_objects(
+    true: Sequence[tuple[str, Box3D]], found: Sequence[FoundObject]
+) -> tuple[list[Match], list[FoundObject]]:
+    """Each true object's best box, and the found objects that are no true object's (IoU < 0.25 with all)."""
+    iou = iou_matrix_3d([box for _, box in true], [item.box for item in found])
+    matches = []
+    for row, (name, _) in enumerate(true):
+        best = int(iou[row].argmax()) if found else 0
+        overlap = float(iou[row, best]) if found else 0.0
+        matches.append(Match(name, overlap, found[best].id if overlap > 0 else None))
+    best_of_found = iou.max(axis=0, initial=0.0)
+    return matches, [item for item, overlap in zip(found, best_of_found, strict=True) if overlap < FOUND_IOU]
+
+
+def demo_table(matches: Sequence[Match], strangers: Sequence[FoundObject]) -> Table:
+    """The table that the demo ends with."""
+    table = Table(title="found against true objects", title_justify="left")
+    for heading in ("object", "IoU", "found as", ""):
+        table.add_column(heading, justify="left" if heading in ("object", "") else "right")
+    for match in matches:
+        number = "-" if match.found_id is None else str(match.found_id)
+        verdict = "[green]found" if match.found else "[red]missed"
+        table.add_row(match.name, f"{match.iou:.2f}", number, verdict)
+    found = sum(match.found for match in matches)
+    mean = float(np.mean([match.iou for match in matches])) if matches else 0.0
+    table.add_section()
+    table.add_row(f"{found} of {len(matches)} found", f"{mean:.2f}", "", "mean IoU")
+    table.add_row("boxes that are no object", str(len(strangers)), "", "")
+    return table

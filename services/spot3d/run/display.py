@@ -1,0 +1,34 @@
+"""The progress bar of a run and the lines above it."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from spot3d.run.watcher import Watcher
+
+
+@contextmanager
+def progress_bar(total: int, console: Console) -> Iterator[Watcher]:
+    """A bar on the console (a terminal, or nothing but its events) that follows the frames fused."""
+    columns = (
+        TextColumn("[progress.description]{task.description}"),
+        BarColumn(bar_width=None),
+        MofNCompleteColumn(),
+        TextColumn("[cyan]{task.fields[objects]} objects"),
+        TextColumn("{task.fields[dropped]}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task("starting", total=total, objects=0, dropped="none dropped")
+
+        def follow(fused: int, dropped: int, objects: int) -> None:
+            text = f"[red]{dropped} not fused" if dropped else "none dropped"
+            bar.update(task, completed=fused + dropped, objects=objects, dropped=text, description="fusing")
+
+        def say(text: str) -> None:
+            console.print(text, style="yellow", markup=False, highlight=False, soft_wrap=True)
+
+        yield Watcher(follow, say)

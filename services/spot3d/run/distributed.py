@@ -1,0 +1,116 @@
+"""A run with each stage in a process of its own, all meeting at this process's router."""
+
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Event
+
+from spot3d.dataflow.router import free_loopback_endpoint, open_router
+from spot3d.run.collector import Collector, relay_poses
+from spot3d.run.report import RunReport
+from spot3d.run.results import RunResult, empty_snapshot
+from spot3d.run.selected import Selection
+from spot3d.run.supervisor import Supervisor
+from spot3d.run.watcher import Watcher
+from spot3d.settings import Settings
+from spot3d_schemas import STAGES, key
+
+_POLL_S = 0.05
+_FINAL_OBJECTS_S = 30.0
+"""Longest wait for the last update of the objects after the last frame."""
+_MAP_S, _MAP_INTERRUPTED_S = 30.0, 2.0
+"""Longest wait for the map, at the end and after Ctrl-C."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What to run. settings_file: the resolved settings; pose_topic: key of someone else's poses, or None."""
+
+    selection: Selection
+    settings: Settings
+    settings_file: Path
+    pose_topic: str | None = None
+    listen: tuple[str, ...] = ()
+
+
+def run_distributed(plan: Plan, report: RunReport, logs: Path, watcher: Watcher, stop: Event) -> RunResult:
+    """Run every stage as a process until the input ends, `stop` is set or a stage cannot go on.
+
+    Fills the report (`error` says why a run ended that should have gone on). No process is left behind.
+    """
+    robot = plan.settings.link.robot
+    endpoint = free_loopback_endpoint()
+    logs.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        session = stack.enter_context(open_router((endpoint, *plan.listen)))
+        collector = stack.enter_context(Collector(session, robot))
+        if plan.pose_topic is not None and plan.pose_topic != key(robot, "pose/pose"):
+            stack.enter_context(relay_poses(session, plan.pose_topic, robot))
+        supervisor = stack.enter_context(Supervisor(logs))
+        # The source last: by the time that its imports are done the others are nearly there.
+        for stage in reversed(STAGES):
+            if stage != "pose" or plan.pose_topic is None:
+                supervisor.start(stage, _arguments(plan, stage, endpoint))
+        _follow(plan, report, endpoint, supervisor, collector, watcher, stop)
+        points = empty_snapshot()
+        if collector.progress is not None:
+            points = collector.snapshot(_MAP_INTERRUPTED_S if stop.is_set() else _MAP_S)
+        supervisor.stop()
+        # Each stage says its last counts when it leaves.
+        collector.drain()
+        collector.fill(report, supervisor.restarts())
+        return collector.result(points)
+
+
+def _follow(
+    plan: Plan,
+    report: RunReport,
+    endpoint: str,
+    supervisor: Supervisor,
+    collector: Collector,
+    watcher: Watcher,
+    stop: Event,
+) -> None:
+    """Watch the stages until the source has ended and the last objects are here."""
+    ended_s: float | None = None
+    while not stop.wait(_POLL_S):
+        collector.drain()
+        progress, objects = collector.progress, collector.objects
+        after = None if progress is None else progress.last_stamp_ns
+        for death in supervisor.poll({"source": _arguments(plan, "source", endpoint, after)}):
+            report.events.append(death.message)
+            watcher.on_event(death.message)
+            if death.fatal:
+                report.error = death.message
+                return
+        if progress is not None:
+            found = 0 if objects is None else len(objects.objects)
+            watcher.on_progress(progress.fused, sum(progress.skipped.values()), found)
+        if supervisor.finished("source"):
+            ended_s = ended_s or time.monotonic()
+            if progress is None or progress.fused == 0 or (objects is not None and objects.complete):
+                return
+            if time.monotonic() - ended_s > _FINAL_OBJECTS_S:
+                report.error = "the last update of the objects did not come"
+                return
+    report.interrupted = True
+    supervisor.end("source")
+
+
+def _arguments(plan: Plan, stage: str, endpoint: str, after_ns: int | None = None) -> list[str]:
+    """Command line of one stage; `after_ns`: a source that is started again goes on after this stamp."""
+    arguments = ["--settings", str(plan.settings_file), "--connect", endpoint, "--supervised"]
+    if stage != "source":
+        return arguments
+    selection = plan.selection
+    arguments += ["--every", str(selection.every)]
+    if selection.frames is not None:
+        arguments += ["--frames", str(selection.frames)]
+    if selection.intrinsics is not None:
+        arguments += ["--intrinsics", ",".join(repr(value) for value in selection.intrinsics)]
+    if plan.pose_topic is not None:
+        arguments.append("--no-pose-stage")
+    if after_ns is not None:
+        arguments += ["--after-ns", str(after_ns)]
+    return [selection.name, *arguments]

@@ -1,0 +1,67 @@
+"""A run of the composed cores in this process, without Zenoh."""
+
+import time
+from threading import Event
+
+import numpy as np
+
+from spot3d.dataflow.process_use import process_use, stay_single_threaded
+from spot3d.evaluate.truth import FoundObject
+from spot3d.pipeline import PipelineResult, PipelineStep, run_pipeline
+from spot3d.run.report import FrameRate, RunReport, StageReport, statistics_ms
+from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame
+from spot3d.run.watcher import Watcher
+from spot3d.settings import Settings
+from spot3d.source.sequence import FrameSequence
+
+
+def run_in_process(
+    sequence: FrameSequence, settings: Settings, report: RunReport, watcher: Watcher, stop: Event
+) -> RunResult:
+    """Run every frame, or until `stop` is set; fills the report."""
+    stay_single_threaded()
+    fused = skipped = found = 0
+
+    rate = FrameRate()
+
+    def follow(step: PipelineStep) -> None:
+        nonlocal fused, skipped, found
+        fused, skipped = fused + (step.pose.status == "ok"), skipped + (step.pose.status != "ok")
+        found = found if step.objects is None else len(step.objects.objects)
+        rate.add(fused + skipped, time.monotonic())
+        watcher.on_progress(fused, skipped, found)
+
+    result = run_pipeline(sequence, settings, follow, stop.is_set)
+    use = process_use()
+    report.proposals = dict(result.heat_counts)
+    report.ms_per_frame = rate.ms_per_frame()
+    report.interrupted = stop.is_set()
+    report.fused, report.skipped = result.fusion.frame_count, dict(result.skipped)
+    report.lost_poses = sum(pose.status == "lost" for _, pose in result.trajectory)
+    report.stages = {
+        stage: StageReport(step_ms=dict(statistics_ms([1e3 * seconds for seconds in times])))
+        for stage, times in result.step_s.items()
+    }
+    report.stages["all"] = StageReport(cpu_s=use.cpu_s, rss_mb=use.rss_bytes / 2**20)
+    return _run_result(result)
+
+
+def _run_result(result: PipelineResult) -> RunResult:
+    points, objects = result.fusion.frequent_points(), result.objects
+    return RunResult(
+        objects=tuple(
+            FoundObject(item.id, item.box, item.confidence, item.views, item.points) for item in objects.objects
+        ),
+        up=(float(objects.up[0]), float(objects.up[1]), float(objects.up[2])),
+        frame_count=objects.frame_count,
+        trajectory=tuple(
+            TrackedFrame(stamp, pose.T_world_camera, pose.status == "lost") for stamp, pose in result.trajectory
+        ),
+        points=MapSnapshot(
+            points.xyz,
+            np.rint(points.colour).astype(np.uint8),
+            points.heat,
+            points.frequency.astype(np.uint32),
+            result.fusion.heatmap.count,
+        ),
+    )

@@ -1,0 +1,168 @@
+"""report.json: what a run did with its frames, and what it cost."""
+
+import os
+import platform
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import spot3d
+
+
+@dataclass(slots=True)
+class StageReport:
+    """One stage's cost. step_ms: p50, p99 and mean of its core's time for a frame; None: not measured."""
+
+    step_ms: dict[str, float | None] = field(default_factory=dict)
+    cpu_s: float | None = None
+    rss_mb: float | None = None
+    errors: int = 0
+    last_error: str = ""
+    restarts: int = 0
+
+
+@dataclass(slots=True)
+class RunReport:
+    """Counters of a run, in process or distributed.
+
+    played: frames that the input has; fused, skipped (by reason): what fusion did with them; drops: by stage and
+    reason; latency_ms: p50 and p99 of each hop and of the whole way, from the messages' traces; wall_s: the whole
+    run with the start of its processes; ms_per_frame: from the first frame done to the last, per frame.
+    """
+
+    input_name: str
+    mode: str
+    played: int
+    image: tuple[int, int]
+    fused: int = 0
+    skipped: dict[str, int] = field(default_factory=dict)
+    drops: dict[str, dict[str, int]] = field(default_factory=dict)
+    lost_poses: int = 0
+    proposals: dict[str, int] = field(default_factory=dict)
+    objects: int = 0
+    map_points: int = 0
+    wall_s: float = 0.0
+    ms_per_frame: float | None = None
+    interrupted: bool = False
+    stages: dict[str, StageReport] = field(default_factory=dict)
+    latency_ms: dict[str, dict[str, float]] = field(default_factory=dict)
+    events: list[str] = field(default_factory=list)
+    error: str = ""
+
+
+def report_document(report: RunReport) -> dict[str, Any]:
+    """The document of report.json."""
+    return {
+        "version": spot3d.__version__,
+        "input": report.input_name,
+        "mode": report.mode,
+        "image": {"width": report.image[0], "height": report.image[1]},
+        "frames": {
+            "input": report.played,
+            "fused": report.fused,
+            "skipped": report.skipped,
+            "lost_poses": report.lost_poses,
+        },
+        "proposals": report.proposals,
+        "drops": {stage: reasons for stage, reasons in report.drops.items() if reasons},
+        "objects": report.objects,
+        "map_points": report.map_points,
+        "interrupted": report.interrupted,
+        "error": report.error or None,
+        "wall_s": _rounded(report.wall_s),
+        "ms_per_frame": _rounded(report.ms_per_frame),
+        "restarts": {stage: item.restarts for stage, item in report.stages.items() if item.restarts},
+        "events": report.events,
+        "stages": {stage: _stage_document(item) for stage, item in report.stages.items()},
+        "latency_ms": {hop: {k: _rounded(v) for k, v in times.items()} for hop, times in report.latency_ms.items()},
+        "machine": machine(),
+    }
+
+
+def statistics_ms(milliseconds: Sequence[float]) -> dict[str, float]:
+    """p50, p99 and mean of times; empty without any."""
+    if not len(milliseconds):
+        return {}
+    values = np.asarray(milliseconds, dtype=np.float64)
+    p50, p99 = np.percentile(values, (50, 99))
+    return {"p50": float(p50), "p99": float(p99), "mean": float(values.mean())}
+
+
+class FrameRate:
+    """Time per frame of a stream of counts."""
+
+    def __init__(self) -> None:
+        self._first: tuple[int, float] | None = None
+        self._last: tuple[int, float] | None = None
+
+    def add(self, done: int, now_s: float) -> None:
+        """So many frames are done by now, monotonic seconds."""
+        if self._last is None or done != self._last[0]:
+            self._last = (done, now_s)
+            self._first = self._first or self._last
+
+    def ms_per_frame(self) -> float | None:
+        """Milliseconds per frame since the first; None before the second."""
+        if self._first is None or self._last is None or self._last[0] <= self._first[0]:
+            return None
+        return 1e3 * (self._last[1] - self._first[1]) / (self._last[0] - self._first[0])
+
+
+class HopTimes:
+    """Collects, per hop, the times between the stages of a trace."""
+
+    def __init__(self) -> None:
+        self._ms: dict[str, list[float]] = {}
+
+    def add(self, hops: Iterable[tuple[str, int, int]], whole: str = "") -> None:
+        """Take in one trace: (stage, received_ns, sent_ns) in the order of the dataflow.
+
+        `whole` names the time from the first stage's sending to the last one's.
+        """
+        trace = list(hops)
+        for (before, _, sent), (after, received, _) in pairwise(trace):
+            self._ms.setdefault(f"{before} to {after}", []).append((received - sent) / 1e6)
+        if whole and len(trace) > 1:
+            self._ms.setdefault(whole, []).append((trace[-1][2] - trace[0][2]) / 1e6)
+
+    def statistics(self) -> dict[str, dict[str, float]]:
+        """p50, p99 and mean of each hop."""
+        return {name: statistics_ms(values) for name, values in self._ms.items()}
+
+
+def machine() -> dict[str, Any]:
+    """The machine that numbers were measured on."""
+    return {
+        "cpu": _cpu_name(),
+        "cores": os.cpu_count(),
+        "system": platform.system(),
+        "python": platform.python_version(),
+    }
+
+
+def _cpu_name() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(named, platform.machine())
+
+
+def _stage_document(item: StageReport) -> dict[str, Any]:
+    return {
+        "step_ms": {name: _rounded(value) for name, value in item.step_ms.items()},
+        "cpu_s": _rounded(item.cpu_s),
+        "rss_mb": _rounded(item.rss_mb),
+        "errors": item.errors,
+        "last_error": item.last_error,
+        "restarts": item.restarts,
+    }
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 3)

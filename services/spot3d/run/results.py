@@ -1,0 +1,138 @@
+"""What a run leaves behind, and the files of it."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.evaluate.truth import FoundObject
+from spot3d.trajectory import write_tum
+
+
+@dataclass(frozen=True, slots=True)
+class MapSnapshot:
+    """Points of the 3D heatmap.
+
+    xyz: (n, 3) float32 world metres; rgb: (n, 3) uint8; heat: (n,) float32 pseudo-average confidence;
+    frequency: (n,) uint32 frames that saw the point; total: points of the whole map.
+    """
+
+    xyz: NDArray[np.float32]
+    rgb: NDArray[np.uint8]
+    heat: NDArray[np.float32]
+    frequency: NDArray[np.uint32]
+    total: int
+
+
+def empty_snapshot() -> MapSnapshot:
+    """The snapshot of a map without points."""
+    return MapSnapshot(
+        np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8), np.zeros(0, np.float32), np.zeros(0, np.uint32), 0
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedFrame:
+    """Pose of one frame: T_world_camera (4, 4), trusted only where `lost` is False."""
+
+    stamp_ns: int
+    T_world_camera: NDArray[np.float64]
+    lost: bool
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """up: (3,) unit normal of the supporting plane, world; frame_count: frames fused; trajectory: by stamp."""
+
+    objects: tuple[FoundObject, ...] = ()
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    frame_count: int = 0
+    trajectory: tuple[TrackedFrame, ...] = ()
+    points: MapSnapshot = field(default_factory=empty_snapshot)
+
+    def path(self) -> list[TrackedFrame]:
+        """The frames whose pose is trusted."""
+        return [item for item in self.trajectory if not item.lost]
+
+
+def write_results(folder: Path, result: RunResult) -> None:
+    """Write objects.json, trajectory.txt (TUM) and heatmap.ply. Each file appears whole or not at all."""
+    write_json(folder / "objects.json", objects_document(result))
+    path = result.path()
+    poses = np.array([item.T_world_camera for item in path]).reshape(-1, 4, 4)
+    write_tum(folder / "trajectory.txt", [item.stamp_ns for item in path], poses)
+    write_ply(folder / "heatmap.ply", result.points)
+
+
+def objects_document(result: RunResult) -> dict[str, Any]:
+    """The document of objects.json; metres, world frame, rotation by rows with the box's axes as columns."""
+    return {
+        "objects": [
+            {
+                "id": item.id,
+                "centre": item.box.centre.tolist(),
+                "size": item.box.size.tolist(),
+                "rotation": item.box.rotation.tolist(),
+                "points": item.points,
+                "confidence": item.confidence,
+                "views": item.views,
+            }
+            for item in result.objects
+        ],
+        "up": list(result.up),
+        "frame_count": result.frame_count,
+    }
+
+
+def write_json(path: Path, document: dict[str, Any]) -> None:
+    """Write a JSON document, indented. Raises ValueError for numbers that JSON does not know."""
+    with _whole_file(path) as stream:
+        stream.write((json.dumps(document, indent=2, allow_nan=False) + "\n").encode())
+
+
+def write_ply(path: Path, points: MapSnapshot) -> None:
+    """Write binary little-endian PLY: x y z (float), red green blue (uchar), heat (float), frequency (uint)."""
+    vertex = np.dtype(
+        [
+            *((axis, "<f4") for axis in "xyz"),
+            *((channel, "u1") for channel in ("red", "green", "blue")),
+            ("heat", "<f4"),
+            ("frequency", "<u4"),
+        ]
+    )
+    rows = np.empty(len(points.xyz), vertex)
+    for column, axis in enumerate("xyz"):
+        rows[axis] = points.xyz[:, column]
+    for column, channel in enumerate(("red", "green", "blue")):
+        rows[channel] = points.rgb[:, column]
+    rows["heat"], rows["frequency"] = points.heat, points.frequency
+    kinds = {"<f4": "float", "|u1": "uchar", "<u4": "uint"}
+    properties = [f"property {kinds[vertex[name].str]} {name}" for name in vertex.names or ()]
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment spot3d 3D heatmap, world frame, metres",
+        f"element vertex {len(rows)}",
+        *properties,
+        "end_header",
+    ]
+    with _whole_file(path) as stream:
+        stream.write(("\n".join(header) + "\n").encode("ascii"))
+        rows.tofile(stream)
+
+
+@contextmanager
+def _whole_file(path: Path) -> Iterator[IO[bytes]]:
+    """A file that takes its name only once it is complete: no reader meets half a result."""
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        with partial.open("wb") as stream:
+            yield stream
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)

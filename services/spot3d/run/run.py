@@ -1,0 +1,103 @@
+"""`spot3d run`: an input becomes a folder of results."""
+
+import shutil
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.run.display import progress_bar
+from spot3d.run.distributed import Plan, run_distributed
+from spot3d.run.in_process import run_in_process
+from spot3d.run.overview import (
+    ShownMap,
+    ShownObject,
+    candidate_indices,
+    draw_overview,
+    write_picture,
+)
+from spot3d.run.report import RunReport, report_document
+from spot3d.run.results import RunResult, write_json, write_results
+from spot3d.run.selected import Selection, open_selection
+from spot3d.settings import Settings, to_toml
+from spot3d.source.errors import SourceError
+from spot3d.source.sequence import FrameSequence
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """A run's result and report; `folder` holds the files, overview.png among them."""
+
+    folder: Path
+    sequence: FrameSequence
+    result: RunResult
+    report: RunReport
+
+
+def run(
+    selection: Selection,
+    settings: Settings,
+    folder: Path,
+    console: Console,
+    in_process: bool = False,
+    pose_topic: str | None = None,
+    listen: Sequence[str] = (),
+) -> Finished:
+    """Play the input through all stages and write every result file into `folder`.
+
+    Ctrl-C (SIGINT) or SIGTERM end the stages at once; what there is by then is written all the same.
+    Raises SourceError for an input that cannot be played and OSError where `folder` cannot be written.
+    """
+    sequence = open_selection(selection, settings)
+    if settings.pose.provider == "given" and not sequence.has_true_poses and pose_topic is None:
+        raise SourceError(f"{selection.name} has no true poses; choose --pose kiss or --pose gicp")
+    folder.mkdir(parents=True, exist_ok=True)
+    settings_file = folder / "settings.toml"
+    settings_file.write_text(to_toml(settings), encoding="utf-8")
+    camera = sequence.intrinsics
+    mode = "in process" if in_process else "processes"
+    report = RunReport(selection.name, mode, len(sequence), (camera.width, camera.height))
+    start_s = time.perf_counter()
+    with stop_on_signals(None) as stop, progress_bar(len(sequence), console) as watcher:
+        if in_process:
+            result = run_in_process(sequence, settings, report, watcher, stop)
+        else:
+            plan = Plan(selection, settings, settings_file, pose_topic, tuple(listen))
+            result = run_distributed(plan, report, folder / "logs", watcher, stop)
+    report.wall_s = time.perf_counter() - start_s
+    report.objects, report.map_points = len(result.objects), result.points.total
+    write_results(folder, result)
+    write_json(folder / "report.json", report_document(report))
+    if in_process:
+        # Logs of an earlier run's processes would be taken for this one's.
+        shutil.rmtree(folder / "logs", ignore_errors=True)
+    write_overview(folder / "overview.png", selection.name, sequence, result)
+    return Finished(folder, sequence, result, report)
+
+
+def write_overview(path: Path, name: str, sequence: FrameSequence, result: RunResult) -> None:
+    """Draw the overview picture of a finished run; a picture that no longer can be read is left out."""
+    index_of = {stamp: index for index, stamp in enumerate(sequence.stamps_ns)}
+    tracked = [item for item in result.path() if item.stamp_ns in index_of]
+    views = []
+    for chosen in candidate_indices(len(tracked)):
+        try:
+            frame = sequence[index_of[tracked[chosen].stamp_ns]]
+        except SourceError:
+            continue
+        views.append((frame, tracked[chosen].T_world_camera))
+    count = len(result.objects)
+    title = f"spot3d    {Path(name).name or name}    {count} object{'s' * (count != 1)} in {result.frame_count} frames"
+    picture = draw_overview(
+        title,
+        views,
+        [ShownObject(item.id, item.box, item.confidence, item.views) for item in result.objects],
+        ShownMap(result.points.xyz, result.points.rgb),
+        np.array([item.T_world_camera[:3, 3] for item in tracked]).reshape(-1, 3),
+        np.array(result.up),
+    )
+    write_picture(path, picture)

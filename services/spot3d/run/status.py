@@ -1,0 +1,129 @@
+"""`spot3d status`: how every stage of a robot fares now."""
+
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import ExitStack
+
+import zenoh
+from rich.box import SIMPLE_HEAD
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+from zenoh.handlers import Handler, RingChannel
+
+from spot3d.dataflow.alive import Alive, watch_alive
+from spot3d.dataflow.session import StoppedError, open_session
+from spot3d.dataflow.settings import LinkSettings
+from spot3d_schemas import STAGES, CodecError, Health, decode, key
+
+_CONNECT_S = 3.0
+"""Longest wait for the router."""
+_LISTEN_S = 2.5
+"""One shot: each stage says how it is once a second."""
+_REFRESH_S = 0.5
+
+
+def show_status(link: LinkSettings, console: Console, watch: bool) -> bool:
+    """Print the table once, or keep it up to date until Ctrl-C; returns whether every stage is alive.
+
+    Raises ConnectionError where no router answers.
+    """
+    stop = threading.Event()
+    impatience = threading.Timer(_CONNECT_S, stop.set)
+    impatience.daemon = True
+    impatience.start()
+    with ExitStack() as stack:
+        try:
+            session = stack.enter_context(open_session(link, stop))
+        except StoppedError:
+            where = ", ".join(link.connect)
+            raise ConnectionError(f"no router answers at {where}; is the dataflow running? (--connect)") from None
+        finally:
+            impatience.cancel()
+        alive = stack.enter_context(watch_alive(session, link.robot))
+        channels = [session.declare_subscriber(key(link.robot, f"{stage}/health"), RingChannel(1)) for stage in STAGES]
+        for channel in channels:
+            stack.callback(channel.undeclare)
+        health: dict[str, Health] = {}
+        if not watch:
+            _listen(channels, health, _LISTEN_S)
+            console.print(status_table(link.robot, {stage: stage in alive for stage in STAGES}, health))
+            return all(stage in alive for stage in STAGES)
+        _watch(link.robot, console, channels, alive, health)
+    return True
+
+
+def status_table(robot: str, alive: Mapping[str, bool], health: Mapping[str, Health]) -> Group:
+    """One row a stage: whether it lives, its rate, its core's time, its lag behind the source, what it dropped.
+
+    Below: why it dropped, and the last error. Fits into 80 columns.
+    """
+    table = Table(title=f"robot {robot}", title_justify="left", box=SIMPLE_HEAD)
+    for heading in ("stage", "alive", "frames/s", "step ms p50/p99", "lag ms p50/p99", "dropped", "errors", "MB"):
+        left = heading in ("stage", "alive")
+        table.add_column(heading, justify="left" if left else "right", no_wrap=" " not in heading)
+    details = []
+    for stage, there in alive.items():
+        state = "[green]yes" if there else "[red]no"
+        item = health.get(stage)
+        if item is None:
+            table.add_row(stage, state, *["-"] * 6)
+            continue
+        table.add_row(
+            stage,
+            state,
+            "-" if item.rate_hz is None else f"{item.rate_hz:.1f}",
+            _pair(item.step_ms_p50, item.step_ms_p99),
+            _pair(item.latency_ms_p50, item.latency_ms_p99),
+            str(sum(item.drops.values())),
+            str(item.errors),
+            f"{item.rss_bytes / 2**20:.0f}",
+        )
+        if item.drops:
+            reasons = ", ".join(f"{count} {reason}" for reason, count in item.drops.items())
+            details.append(Text(f"{stage} dropped: {reasons}", style="yellow"))
+        if item.errors:
+            details.append(Text(f"{stage}: {item.last_error}", style="red"))
+    return Group(table, *details)
+
+
+def _watch(
+    robot: str,
+    console: Console,
+    channels: list[zenoh.Subscriber[Handler[zenoh.Sample]]],
+    alive: Alive,
+    health: dict[str, Health],
+) -> None:
+    try:
+        with Live(console=console, auto_refresh=False) as live:
+            while True:
+                _listen(channels, health, _REFRESH_S)
+                there = {stage: stage in alive for stage in STAGES}
+                live.update(status_table(robot, there, health), refresh=True)
+    except KeyboardInterrupt:
+        return
+
+
+def _listen(
+    channels: list[zenoh.Subscriber[Handler[zenoh.Sample]]], health: dict[str, Health], duration_s: float
+) -> None:
+    """Take in what the stages say for a while, or until each has said something where none had before."""
+    end_s = time.monotonic() + duration_s
+    fresh = not health
+    while time.monotonic() < end_s and not (fresh and len(health) == len(STAGES)):
+        for channel in channels:
+            sample = channel.handler.try_recv()
+            if sample is None:
+                continue
+            try:
+                message = decode(sample.payload.to_bytes(), Health)
+            except CodecError:
+                continue
+            health[message.stage] = message
+        time.sleep(0.02)
+
+
+def _pair(p50: float | None, p99: float | None) -> str:
+    return "-" if p50 is None or p99 is None else f"{p50:.1f} / {p99:.0f}"

@@ -1,0 +1,171 @@
+"""All settings of spot3d in one model: presets, a TOML file, the environment and the command line."""
+
+import json
+import os
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, Field, ValidationError
+from pydantic_settings import BaseSettings, EnvSettingsSource, SettingsConfigDict, SettingsError
+
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.fusion.settings import PAPER as PAPER_FUSION
+from spot3d.fusion.settings import FusionSettings
+from spot3d.heatmap.settings import HeatmapSettings
+from spot3d.pose.settings import PoseSettings
+from spot3d.proposals.settings import ProposalSettings
+from spot3d.source.settings import SourceSettings
+
+Preset = Literal["default", "paper"]
+ENVIRONMENT_PREFIX = "SPOT3D_"
+
+Layer = dict[str, Any]
+
+
+class Settings(BaseSettings):
+    """Every stage's settings and the links between them; built by `load_settings`."""
+
+    model_config = SettingsConfigDict(
+        frozen=True, extra="forbid", env_prefix=ENVIRONMENT_PREFIX, env_nested_delimiter="__"
+    )
+
+    preset: Preset = Field(
+        "default", description="what is not set otherwise: default (measured better) or paper (its values)"
+    )
+    source: SourceSettings = SourceSettings()
+    pose: PoseSettings = PoseSettings()
+    proposals: ProposalSettings = ProposalSettings()
+    heatmap: HeatmapSettings = HeatmapSettings()
+    fusion: FusionSettings = FusionSettings()
+    link: LinkSettings = LinkSettings()
+
+
+PRESETS: dict[str, Layer] = {
+    "default": {},
+    "paper": {
+        "preset": "paper",
+        "proposals": ProposalSettings.PAPER.model_dump(exclude_unset=True),
+        "fusion": PAPER_FUSION.model_dump(exclude_unset=True),
+    },
+}
+
+
+class InvalidSettingsError(ValueError):
+    """A setting is unknown or has no valid value; the message names the field and where it was set."""
+
+
+def load_settings(
+    file: Path | None = None, preset: Preset | None = None, overrides: Mapping[str, Any] | None = None
+) -> Settings:
+    """Settings by precedence: `overrides` > environment > TOML `file` > preset.
+
+    overrides: nested by section, as the file is. The preset is `preset`, or what the environment or the file
+    names. Environment: `SPOT3D_FUSION__TAU=5`. Raises InvalidSettingsError.
+    """
+    layers = {"the command line": dict(overrides or {}), "the environment": _environment()}
+    if file is not None:
+        layers[str(file)] = read_toml(file)
+    named = preset or next((layer["preset"] for layer in layers.values() if "preset" in layer), "default")
+    if named not in PRESETS:
+        raise InvalidSettingsError(f"preset {named!r} does not exist; choose one of {', '.join(PRESETS)}")
+    merged: Layer = {}
+    for layer in (PRESETS[named], *reversed(layers.values()), {"preset": named}):
+        merged = _merged(merged, layer)
+    try:
+        return Settings(**merged)
+    except ValidationError as error:
+        raise InvalidSettingsError(_first_error(error, layers)) from error
+
+
+def read_toml(file: Path) -> Layer:
+    """The tables of a TOML file. Raises InvalidSettingsError, naming the file and what is wrong with it."""
+    try:
+        with file.open("rb") as stream:
+            return tomllib.load(stream)
+    except OSError as error:
+        raise InvalidSettingsError(f"cannot read settings from {file}: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InvalidSettingsError(f"{file} is no valid TOML: {error}") from error
+
+
+def to_toml(settings: BaseModel) -> str:
+    """TOML that `load_settings` reads back to equal settings; each value has its description as a comment."""
+    return "\n".join(_toml_lines(settings, "")) + "\n"
+
+
+def without_settings(environment: Mapping[str, str]) -> dict[str, str]:
+    """An environment without spot3d's settings, for processes that are given resolved settings as a file."""
+    return {name: value for name, value in environment.items() if not _is_setting(name)}
+
+
+def _is_setting(name: str) -> bool:
+    rest = name.upper().removeprefix(ENVIRONMENT_PREFIX)
+    return name.upper().startswith(ENVIRONMENT_PREFIX) and ("__" in rest or rest.lower() in Settings.model_fields)
+
+
+def _environment() -> Layer:
+    for name in filter(_is_setting, os.environ):
+        section = name.upper().removeprefix(ENVIRONMENT_PREFIX).split("__")[0].lower()
+        if section not in Settings.model_fields:
+            known = ", ".join(part.upper() for part in Settings.model_fields)
+            raise InvalidSettingsError(f"{name} in the environment: there is no section {section}; there are {known}")
+    try:
+        return EnvSettingsSource(Settings)()
+    except SettingsError as error:
+        raise InvalidSettingsError(f"the environment: {error}") from error
+
+
+def _merged(below: Layer, above: Layer) -> Layer:
+    """Both layers; where they disagree, the one above wins, table by table."""
+    result = dict(below)
+    for name, value in above.items():
+        old = result.get(name)
+        result[name] = _merged(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
+    return result
+
+
+def _first_error(error: ValidationError, layers: Mapping[str, Layer]) -> str:
+    """`section.field: what is wrong, got value (where it was set)`."""
+    first = error.errors()[0]
+    path = [str(part) for part in first["loc"]]
+    origin = next((name for name, layer in layers.items() if _holds(layer, path)), "the preset")
+    if first["type"] == "extra_forbidden":
+        return f"{'.'.join(path)}: there is no such setting (set in {origin})"
+    given = repr(first["input"])
+    return f"{'.'.join(path)}: {first['msg']}, got {given[:80]} (set in {origin})"
+
+
+def _holds(layer: Any, path: list[str]) -> bool:
+    for part in path:
+        if not isinstance(layer, dict):
+            break  # the rest of the path points into a value, such as an item of a list
+        if part not in layer:
+            return False
+        layer = layer[part]
+    return True
+
+
+def _toml_lines(model: BaseModel, table: str) -> list[str]:
+    lines = [f"\n[{table}]"] if table else []
+    inner: list[str] = []
+    for name, field in type(model).model_fields.items():
+        value = getattr(model, name)
+        if isinstance(value, BaseModel):
+            inner += _toml_lines(value, f"{table}.{name}" if table else name)
+        elif value is not None:  # TOML knows no null: absent means the default, which None always is here
+            comment = f"  # {' '.join(field.description.split())}" if field.description else ""
+            lines.append(f"{name} = {_toml_value(value)}{comment}")
+    return lines + inner
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_toml_value(item) for item in value)}]"
+    # A JSON string is a valid TOML basic string, except that TOML wants DEL escaped too.
+    return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007F")

@@ -1,0 +1,37 @@
+import io
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from spot3d.boxes import Box3D
+from spot3d.evaluate.truth import FoundObject
+from spot3d.run.demo import demo_table, match_objects
+
+
+def box(x: float, size: float = 0.1) -> Box3D:
+    return Box3D(np.array([x, 0.0, 0.0]), np.full(3, size), np.eye(3))
+
+
+def found(number: int, x: float) -> FoundObject:
+    return FoundObject(number, box(x), 0.5, 10, 100)
+
+
+@pytest.mark.parametrize(
+    ("true", "seen", "ids", "verdicts", "strangers"),
+    [
+        ([], [], [], [], []),
+        ([], [found(1, 0)], [], [], [1]),
+        ([("mug", box(0))], [], [None], [False], []),
+        ([("mug", box(0)), ("box", box(1))], [found(4, 0.01), found(5, 3)], [4, None], [True, False], [5]),
+        ([("mug", box(0))], [found(4, 0.09)], [4], [False], [4]),
+    ],
+)
+def test_matches(true, seen, ids, verdicts, strangers):
+    matches, others = match_objects(true, seen)
+    assert [match.found_id for match in matches] == ids
+    assert [match.found for match in matches] == verdicts
+    assert [item.id for item in others] == strangers
+    text = io.StringIO()
+    Console(file=text, width=80).print(demo_table(matches, others))
+    assert all(name in text.getvalue() for name, _ in true)

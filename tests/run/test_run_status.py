@@ -1,0 +1,48 @@
+import io
+
+import pytest
+from rich.console import Console
+
+from spot3d.run.status import status_table
+from spot3d_schemas import STAGES, Header, Health
+
+
+def health(stage: str, drops: dict[str, int], step: float | None) -> Health:
+    return Health(
+        header=Header(robot="robot", seq=0, stamp_ns=1, frame_id=stage),
+        stage=stage,
+        pid=1,
+        uptime_s=1.0,
+        received=10,
+        published=9,
+        drops=drops,
+        events={},
+        errors=1 if drops else 0,
+        last_error="it broke [oddly]" if drops else "",
+        rate_hz=None if step is None else 29.97,
+        latency_ms_p50=step,
+        latency_ms_p99=step,
+        step_ms_p50=step,
+        step_ms_p99=step,
+        cpu_s=1.0,
+        rss_bytes=200 * 2**20,
+        threads=9,
+    )
+
+
+@pytest.mark.parametrize(
+    ("known", "said"),
+    [
+        ({}, ("source", "no", "-")),
+        ({"pose": health("pose", {}, None)}, ("pose", "200")),
+        ({"fusion": health("fusion", {"no heat": 3}, 12.34)}, ("30.0", "12.3 / 12", "3 no heat", "it broke [oddly]")),
+    ],
+)
+def test_status_fits_a_terminal(known, said):
+    text = io.StringIO()
+    alive = {stage: stage in known for stage in STAGES}
+    Console(file=text, width=80).print(status_table("robot", alive, known))
+    for part in said:
+        assert part in text.getvalue()
+    assert all(stage in text.getvalue() for stage in STAGES), "no name is cut"
+    assert max(map(len, text.getvalue().splitlines())) <= 80

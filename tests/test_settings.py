@@ -1,0 +1,106 @@
+import math
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from spot3d.settings import PRESETS, InvalidSettingsError, load_settings, to_toml, without_settings
+
+
+@pytest.fixture(autouse=True)
+def no_settings_in_the_environment(monkeypatch):
+    import os
+
+    for name in set(os.environ) - set(without_settings(os.environ)):
+        monkeypatch.delenv(name)
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_each_layer_wins_over_the_one_below(tmp_path, monkeypatch):
+    assert load_settings().fusion.colour_gate == 0.2
+    assert load_settings(preset="paper").fusion.colour_gate == 0.05
+    file = written(tmp_path, 'preset = "paper"\n[fusion]\ncolour_gate = 0.07\ntau = 3.0\n')
+    assert load_settings(file).fusion.colour_gate == 0.07
+    monkeypatch.setenv("SPOT3D_FUSION__COLOUR_GATE", "0.08")
+    assert load_settings(file).fusion.colour_gate == 0.08
+    settings = load_settings(file, overrides={"fusion": {"colour_gate": 0.09}})
+    assert settings.fusion.colour_gate == 0.09
+    assert settings.fusion.tau == 3.0, "a layer above replaces single values, not tables"
+    assert settings.fusion.clustering == "density", "and the preset that the file names stays below all"
+
+
+def test_nested_and_listed_values_come_from_the_environment(monkeypatch):
+    monkeypatch.setenv("SPOT3D_PROPOSALS__EDGES__NOISE_GATE", "1.5")
+    monkeypatch.setenv("SPOT3D_LINK__CONNECT", '["tcp/10.0.0.1:7447"]')
+    monkeypatch.setenv("SPOT3D_PRESET", "paper")
+    settings = load_settings()
+    assert settings.proposals.edges.noise_gate == 1.5
+    assert settings.link.connect == ("tcp/10.0.0.1:7447",)
+    assert settings.preset == "paper"
+    assert settings.proposals.alpha == 0.65
+
+
+@pytest.mark.parametrize("preset", sorted(PRESETS))
+def test_toml_round_trip(preset, tmp_path):
+    settings = load_settings(preset=preset, overrides={"link": {"robot": 'dröhne"1\\', "listen": ["tcp/[::]:1"]}})
+    text = to_toml(settings)
+    assert load_settings(written(tmp_path, text)) == settings
+    assert tomllib.loads(text)["fusion"]["tau"] == settings.fusion.tau
+    assert "eps_Z" in text, "the paper's symbols are in the file"
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("[fusion]\ntau = -1\n", ("fusion.tau", "-1", "mine.toml")),
+        ("[fusion]\ntua = 1\n", ("fusion.tua", "no such setting", "mine.toml")),
+        ("[proposals.edges]\nmin_magnitude = 'x'\n", ("proposals.edges.min_magnitude", "'x'")),
+        ("[link]\nconnect = ['tcp/a:1', 'nonsense']\n", ("link.connect.1", "nonsense", "mine.toml")),
+        ("[heat]\n", ("heat", "no such setting")),
+        ("preset = 'mine'\n", ("preset", "mine", "default, paper")),
+        ("[fusion\n", ("no valid TOML",)),
+    ],
+)
+def test_errors_name_the_field_and_the_place(text, named, tmp_path):
+    with pytest.raises(InvalidSettingsError) as error:
+        load_settings(written(tmp_path, text))
+    assert "\n" not in str(error.value)
+    for part in named:
+        assert part in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "named"),
+    [
+        ("SPOT3D_FUSION__TAU", "much", ("fusion.tau", "'much'", "the environment")),
+        ("SPOT3D_FUSOIN__TAU", "1", ("SPOT3D_FUSOIN__TAU", "no section", "FUSION")),
+        ("SPOT3D_LINK__CONNECT", "[", ("environment", "link")),
+    ],
+)
+def test_errors_in_the_environment(name, value, named, monkeypatch):
+    monkeypatch.setenv(name, value)
+    with pytest.raises(InvalidSettingsError) as error:
+        load_settings()
+    for part in named:
+        assert part in str(error.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(InvalidSettingsError, match=r"nowhere\.toml"):
+        load_settings(tmp_path / "nowhere.toml")
+
+
+def test_what_is_not_finite_round_trips(tmp_path):
+    # TOML knows inf; JSON would not.
+    text = to_toml(load_settings(overrides={"fusion": {"range_max": math.inf}}))
+    assert load_settings(written(tmp_path, text)).fusion.range_max == math.inf
+
+
+def test_other_variables_are_left_alone():
+    environment = {"SPOT3D_DATA": "d", "SPOT3D_FUSION__TAU": "1", "SPOT3D_PRESET": "paper", "HOME": "h"}
+    assert without_settings(environment) == {"SPOT3D_DATA": "d", "HOME": "h"}
