@@ -1,0 +1,87 @@
+"""`spot3d evaluate`: the paper's tables on data sets that are there."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from spot3d.cli_options import CommandError, EveryOption, FramesOption, HalfOption, PresetOption, SettingsOption
+from spot3d.settings import load_settings
+from spot3d.source.errors import SourceError
+
+ALL = "all"
+BUILT_IN = ("scenes:5",)
+"""Measured by `evaluate all` beside the data sets below its root."""
+
+
+def evaluate(
+    table: Annotated[
+        str,
+        typer.Argument(help="proposals, filters, objects, ablations, points, time, poses, stability; or: all"),
+    ],
+    path: Annotated[
+        str, typer.Argument(metavar="PATH", help="a data set's folder, scene:SEED or scenes:5; for all: their root")
+    ],
+    json_file: Annotated[Path | None, typer.Option("--json", help="write the numbers and their record here")] = None,
+    plots: Annotated[Path | None, typer.Option(help="folder for pictures of recall over IoU")] = None,
+    pose: Annotated[
+        Literal["given", "kiss", "gicp"],
+        typer.Option(help="where poses come from; given: the data's true ones (kiss where it has none)"),
+    ] = "given",
+    every: EveryOption = 1,
+    frames: FramesOption = None,
+    half: HalfOption = False,
+    settings: SettingsOption = None,
+    preset: PresetOption = None,
+) -> None:
+    """Measure as the paper does: print TABLE in Markdown for the data set at PATH, or all tables for all data."""
+    from spot3d.dataflow.process_use import stay_single_threaded
+    from spot3d.evaluate.datasets import at_half_size, datasets_below, open_dataset
+    from spot3d.evaluate.plots import write_plots
+    from spot3d.evaluate.record import data_checksum, record
+    from spot3d.evaluate.table import to_document, to_markdown
+    from spot3d.evaluate.tables import TABLES, make_tables
+
+    if table != ALL and table not in TABLES:
+        raise CommandError(f"there is no table {table!r}; there are {', '.join(TABLES)}, and all")
+    stay_single_threaded()
+    names = [path] if table != ALL else [*BUILT_IN, *map(str, datasets_below(Path(path)))]
+    resolved = load_settings(settings, preset, {"pose": {"provider": pose}})
+    datasets = []
+    for name in names:
+        try:
+            dataset = open_dataset(name, resolved, every, frames)
+        except SourceError as error:
+            if table != ALL:
+                raise
+            _say(f"left out: {error}")
+            continue
+        datasets.append(at_half_size(dataset) if half else dataset)
+    made = []
+    for one in make_tables(list(TABLES) if table == ALL else [table], datasets, resolved, _say):
+        made.append(one)
+        typer.echo(to_markdown(one))
+    options = {"table": table, "every": every, "frames": frames, "half": half, "pose": pose}
+    kept = record(resolved, {name: data_checksum(name) for name in names}, options)
+    typer.echo(_measured_on(kept))
+    if json_file is not None:
+        document = {"record": kept, "tables": [to_document(one) for one in made]}
+        json_file.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    if plots is not None:
+        write_plots(plots, made)
+
+
+def _measured_on(kept: dict[str, Any]) -> str:
+    machine, options = kept["machine"], kept["options"]
+    given = ", ".join(f"{name} {value}" for name, value in options.items() if value not in (None, False))
+    data = "; ".join(f"{name} ({checksum[:12]})" for name, checksum in kept["data"].items())
+    return (
+        f"spot3d {kept['version']}, preset {kept['settings']['preset']}, on {machine['cpu']}, "
+        f"{machine['cores']} cores, Python {machine['python']}. Options: {given}. Data, with checksum: {data}."
+    )
+
+
+def _say(message: str) -> None:
+    """Progress goes to standard error, so that the tables can be piped."""
+    typer.echo(message, err=True)

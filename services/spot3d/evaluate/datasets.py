@@ -1,0 +1,115 @@
+"""Opens a data set for evaluation by its path or name."""
+
+from pathlib import Path
+
+import numpy as np
+
+from spot3d.evaluate.labelled import DataSet, LabelledFrame, LabelledFrames, LabelledSequence, joined
+from spot3d.evaluate.osd import is_osd, open_osd
+from spot3d.evaluate.rgbd_scenes import is_rgbd_scenes, open_rgbd_scenes
+from spot3d.evaluate.scenes import open_scene, scene_names
+from spot3d.evaluate.truth import LabelledScene, read_cuboids, read_labelled_scene
+from spot3d.evaluate.uw_scenes import is_uw_scenes, open_uw_scenes
+from spot3d.run.selected import Selection, open_selection
+from spot3d.settings import Settings
+from spot3d.source.errors import SourceError
+from spot3d.source.halving import Halved, halve
+from spot3d.source.seven_scenes import is_seven_scenes
+from spot3d.source.tum import is_tum
+
+LAYOUTS = "7-Scenes, TUM RGB-D, OSD, RGB-D Scenes 2011 or RGB-D Scenes v2"
+DEPTH = 2
+"""Folders below a root in which data sets are looked for."""
+
+
+def open_dataset(name: str, settings: Settings, every: int = 1, frames: int | None = None) -> DataSet:
+    """The data set in a folder, by its layout, or the built-in scene: `scene:SEED`, `scenes:COUNT` (seeds 0 ..).
+
+    every: only each so-manieth frame of a sequence; frames: at most so many of what is left of it. Truth of
+    7-Scenes is `labels.json` with `labelled_cloud.npz`, that of TUM RGB-D `truth_objects.txt`; without it, poses
+    are compared only. Raises SourceError, saying what is missing.
+    """
+    scenes = scene_names(name)
+    if scenes is not None:
+        opened = [open_scene(scene, settings, every, frames) for scene in scenes]
+        return DataSet(name, "built-in scene", joined([f for _, f in opened]), tuple(s for s, _ in opened))
+    folder = Path(name)
+    if not folder.is_dir():
+        raise SourceError(f"{folder} is no folder; give a data set's folder ({LAYOUTS}), scene or scenes:5")
+    kind = dataset_kind(folder)
+    if kind == "OSD":
+        return DataSet(folder.name, kind, frames=open_osd(folder, every, frames))
+    if kind == "RGB-D Scenes 2011":
+        return DataSet(folder.name, kind, frames=open_rgbd_scenes(folder, every, frames))
+    if kind == "RGB-D Scenes v2":
+        return DataSet(folder.name, kind, sequences=open_uw_scenes(folder, every, frames))
+    if kind is None:
+        raise SourceError(f"{folder} is none of the data sets {LAYOUTS}; the README says how each is laid out")
+    sequence = open_selection(Selection(name, frames, every), settings)
+    return DataSet(folder.name, kind, sequences=(LabelledSequence(folder.name, sequence, _truth_of(folder)),))
+
+
+def dataset_kind(folder: Path) -> str | None:
+    """Which data set's layout a folder has, complete or not; None: none of those known."""
+    if is_osd(folder):
+        return "OSD"
+    if is_uw_scenes(folder):
+        return "RGB-D Scenes v2"
+    if is_tum(folder):
+        return "TUM RGB-D"
+    if is_seven_scenes(folder):
+        return "7-Scenes"
+    return "RGB-D Scenes 2011" if is_rgbd_scenes(folder) else None
+
+
+def datasets_below(root: Path) -> list[Path]:
+    """Folders of data sets: the root itself, or those up to two folders below it, by name."""
+    if not root.is_dir():
+        raise SourceError(f"{root} is no folder; give the one that holds the data sets")
+    level, found = [root], list[Path]()
+    for _ in range(DEPTH + 1):
+        found += [folder for folder in level if dataset_kind(folder) is not None]
+        level = [
+            inner for folder in level if folder not in found for inner in sorted(folder.iterdir()) if inner.is_dir()
+        ]
+    return found
+
+
+def at_half_size(dataset: DataSet) -> DataSet:
+    """The same data set with every second pixel; 3D truth stays as it is."""
+    frames = dataset.frames
+    sequences = tuple(LabelledSequence(s.name, Halved(s.sequence), s.truth) for s in dataset.sequences)
+    if frames is None:
+        return DataSet(dataset.name, dataset.kind, None, sequences, halved=True)
+
+    def read(index: int) -> LabelledFrame:
+        full = frames.read(index)
+        return LabelledFrame(halve(full.frame), full.boxes / 2)
+
+    return DataSet(dataset.name, dataset.kind, LabelledFrames(frames.count, read), sequences, halved=True)
+
+
+def both_sizes(datasets: list[DataSet]) -> list[tuple[DataSet, str]]:
+    """Each data set with sequences as it is and at half size (unless it is halved already), with its image size."""
+    pairs = []
+    for dataset in datasets:
+        for sized in (dataset,) if dataset.halved else (dataset, at_half_size(dataset)):
+            if sized.sequences:
+                camera = sized.sequences[0].sequence.intrinsics
+                pairs.append((sized, f"{camera.width}x{camera.height}"))
+    return pairs
+
+
+def _truth_of(folder: Path) -> LabelledScene | None:
+    try:
+        if (folder / "labels.json").is_file():
+            return read_labelled_scene(folder)
+        if (folder / "truth_objects.txt").is_file():
+            boxes = read_cuboids(folder / "truth_objects.txt")
+            names = tuple(f"cuboid {number}" for number in range(1, len(boxes) + 1))
+            labels = tuple(range(1, len(boxes) + 1))
+            up = np.array((0.0, 0.0, 1.0))
+            return LabelledScene(names, labels, boxes, up, np.zeros((0, 3), np.float32), np.zeros(0, np.uint8))
+    except ValueError as error:
+        raise SourceError(str(error)) from error
+    return None

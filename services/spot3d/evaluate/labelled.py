@@ -1,0 +1,71 @@
+"""What a data set for evaluation offers: single frames with true 2D boxes, sequences with true 3D boxes."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.evaluate.truth import LabelledScene
+from spot3d.frame import RgbdFrame
+from spot3d.source.sequence import FrameSequence
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelledFrame:
+    """One frame and the (n, 4) float64 boxes [x, y, w, h] around its true objects, pixels."""
+
+    frame: RgbdFrame
+    boxes: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class LabelledFrames:
+    """`count` frames, each read when asked for by its number."""
+
+    count: int
+    read: Callable[[int], LabelledFrame]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelledSequence:
+    """A sequence with the truth of its scene, in the world of the sequence's true poses; None: poses only."""
+
+    name: str
+    sequence: FrameSequence
+    truth: LabelledScene | None
+
+
+@dataclass(frozen=True, slots=True)
+class DataSet:
+    """A data set with what it offers; halved: its images are those of another at half size."""
+
+    name: str
+    kind: str
+    frames: LabelledFrames | None = None
+    sequences: tuple[LabelledSequence, ...] = ()
+    halved: bool = False
+
+
+def joined(parts: list[LabelledFrames]) -> LabelledFrames:
+    """Several sets of frames as one, in their order."""
+    ends = np.cumsum([part.count for part in parts])
+
+    def read(index: int) -> LabelledFrame:
+        part = int(np.searchsorted(ends, index, side="right"))
+        return parts[part].read(index - int(ends[part]) + parts[part].count)
+
+    return LabelledFrames(int(ends[-1]) if parts else 0, read)
+
+
+def mask_boxes(instance: NDArray[np.integer], first: int, pixels_min: int = 1) -> NDArray[np.float64]:
+    """Boxes (n, 4) [x, y, w, h] around the instances numbered `first` and up in an (h, w) mask.
+
+    Instances of fewer than `pixels_min` pixels are left out.
+    """
+    boxes = []
+    for number in np.unique(instance[instance >= first]):
+        v, u = np.nonzero(instance == number)
+        if len(u) >= pixels_min:
+            boxes.append((u.min(), v.min(), np.ptp(u) + 1, np.ptp(v) + 1))
+    return np.array(boxes, dtype=np.float64).reshape(-1, 4)

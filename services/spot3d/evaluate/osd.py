@@ -1,0 +1,72 @@
+"""The Object Segmentation Database (Richtsfeld et al. 2012): single frames with instance masks."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.evaluate.labelled import LabelledFrame, LabelledFrames, mask_boxes
+from spot3d.frame import RgbdFrame
+from spot3d.source.errors import SourceError
+from spot3d.source.images import read_colour, read_depth
+
+FOCAL, CENTRE = 525.0, (319.5, 239.5)
+METRES_PER_UNIT = 0.001
+# Label 0 is nothing, 1 the table.
+FIRST_OBJECT = 2
+# The published `disparity` images hold millimetres all the same; the folder's name is the data set's own.
+DEPTH_FOLDERS = ("depth", "disparity")
+
+
+def is_osd(folder: Path) -> bool:
+    """Whether the folder has the data set's layout, complete or not."""
+    return (folder / "image_color").is_dir() or (folder / "annotation").is_dir()
+
+
+def open_osd(folder: Path, every: int = 1, frames: int | None = None) -> LabelledFrames:
+    """Frames with boxes around their instance masks (label 2 and up), every so-manieth, at most `frames`.
+
+    Layout: `image_color/NAME.png`, `annotation/NAME.png`, and `depth/NAME.png` or `disparity/NAME.png`, 16-bit
+    millimetres registered with colour. Raises SourceError for what is missing.
+    """
+    for needed in ("image_color", "annotation"):
+        if not (folder / needed).is_dir():
+            raise SourceError(f"{folder} is no complete OSD: the folder {needed} is missing")
+    depth_folder = next((folder / name for name in DEPTH_FOLDERS if (folder / name).is_dir()), None)
+    if depth_folder is None:
+        raise SourceError(f"{folder} is no complete OSD: it needs a folder {' or '.join(DEPTH_FOLDERS)}")
+    names = sorted((path.name for path in (folder / "image_color").glob("*.png")), key=_natural)[::every][:frames]
+    if not names:
+        raise SourceError(f"{folder / 'image_color'} holds no PNG files")
+    for name in names:
+        for inner in (depth_folder, folder / "annotation"):
+            if not (inner / name).is_file():
+                raise SourceError(f"{inner / name} is missing, while image_color has it")
+
+    def read(index: int) -> LabelledFrame:
+        name = names[index]
+        annotation = _read_annotation(folder / "annotation" / name)
+        colour, depth = read_colour(folder / "image_color" / name), read_depth(depth_folder / name)
+        height, width = depth.shape
+        if colour.shape[:2] != depth.shape or annotation.shape != depth.shape:
+            raise SourceError(f"size mismatch: {name} differs between image_color, {depth_folder.name} and annotation")
+        camera = Intrinsics(FOCAL, FOCAL, *CENTRE, width, height)
+        return LabelledFrame(
+            RgbdFrame(index, colour, depth, METRES_PER_UNIT, camera), mask_boxes(annotation, FIRST_OBJECT)
+        )
+
+    return LabelledFrames(len(names), read)
+
+
+def _read_annotation(path: Path) -> NDArray[np.integer]:
+    mask = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if mask is None or mask.ndim != 2 or mask.dtype not in (np.uint8, np.uint16):
+        raise SourceError(f"{path} is no one-channel mask of instances")
+    return np.asarray(mask, np.int64)
+
+
+def _natural(name: str) -> tuple[int, str]:
+    """learn2 before learn10."""
+    return len(name), name

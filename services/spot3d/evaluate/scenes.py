@@ -1,0 +1,72 @@
+"""The built-in scene as a data set: what the renderer knows becomes boxes and a labelled cloud."""
+
+import re
+
+import numpy as np
+
+from spot3d.boxes import Box3D
+from spot3d.camera import back_project
+from spot3d.evaluate.labelled import LabelledFrame, LabelledFrames, LabelledSequence, mask_boxes
+from spot3d.evaluate.truth import LabelledScene
+from spot3d.run.selected import Selection, open_selection
+from spot3d.settings import Settings
+from spot3d.source.scene import Scene
+
+SCENES = re.compile(r"scenes:(?P<count>[1-9]\d?)(?P<cluttered>:cluttered)?|scene(?::\d+)?(?::cluttered)?")
+TRUTH_VIEWS = 20
+TRUTH_VOXEL = 0.005
+PIXELS_MIN = 200
+"""An object with fewer visible pixels in a VGA frame is not there to be found."""
+
+
+def scene_names(name: str) -> list[str] | None:
+    """Scenes that a name stands for: `scenes:5` is `scene:0` .. `scene:4`; None if it names no scene."""
+    match = SCENES.fullmatch(name)
+    if match is None:
+        return None
+    if match["count"] is None:
+        return [name]
+    return [f"scene:{seed}{match['cluttered'] or ''}" for seed in range(int(match["count"]))]
+
+
+def open_scene(
+    name: str, settings: Settings, every: int = 1, frames: int | None = None
+) -> tuple[LabelledSequence, LabelledFrames]:
+    """The scene of this name as a labelled sequence, and its frames with boxes around the true masks."""
+    sequence = open_selection(Selection(name, frames, every), settings)
+    seed = re.search(r"\d+", name)
+    number = int(seed[0]) if seed else settings.source.scene_seed
+    scene = Scene(number, "cluttered" in name or settings.source.scene_cluttered, frames=every * len(sequence))
+
+    def read(index: int) -> LabelledFrame:
+        return LabelledFrame(sequence[index], mask_boxes(scene.truth(every * index).instance, 1, PIXELS_MIN))
+
+    truth = _scene_truth(scene, range(0, len(scene), every))
+    return LabelledSequence(name, sequence, truth), LabelledFrames(len(sequence), read)
+
+
+def _scene_truth(scene: Scene, indices: range) -> LabelledScene:
+    """Boxes of the objects that the frames show, and exact points of evenly spread frames, one in 5 mm."""
+    xyz, label = [np.zeros((0, 3), np.float32)], [np.zeros(0, np.uint8)]
+    pixels = np.zeros(256, np.int64)
+    for index in indices[:: max(1, len(indices) // TRUTH_VIEWS)]:
+        view, T_world_camera = scene.truth(index), scene.true_pose(index)
+        pixels = np.maximum(pixels, np.bincount(view.instance.ravel(), minlength=256))
+        points = back_project(view.depth, scene.intrinsics)[::2, ::2].reshape(-1, 3)
+        xyz.append((points @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]).astype(np.float32))
+        label.append(view.instance[::2, ::2].ravel().astype(np.uint8))
+    boxes = [box for box in scene.boxes if pixels[box.id] >= PIXELS_MIN]
+    points, labels = np.concatenate(xyz), np.concatenate(label)
+    # A voxel's point of interest wins over background, which would eat the rims of thin objects.
+    order = np.argsort(labels == 0, kind="stable")
+    i, j, k = (np.floor(points[order] / TRUTH_VOXEL).astype(np.int64) + (1 << 20)).T
+    _, first = np.unique((i << 42) | (j << 21) | k, return_index=True)
+    rows = order[first]
+    return LabelledScene(
+        tuple(box.name for box in boxes),
+        tuple(box.id for box in boxes),
+        tuple(Box3D(box.centre, box.size, box.rotation) for box in boxes),
+        scene.up,
+        points[rows],
+        labels[rows],
+    )

@@ -1,0 +1,36 @@
+"""The numbers that say how well boxes fit true ones (paper, Sec. V-A and Table III)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.boxes import detection_rate, mean_iou, mean_modified_iou, recall_curve, success_rate
+from spot3d.evaluate.table import Curve
+
+THRESHOLDS = np.linspace(0, 1, 41)
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectScores:
+    """Mean IoU over true objects, mean modified IoU over found ones, success and detection rate at 0.5."""
+
+    iou: float
+    iou_modified: float
+    success: float
+    detection: float
+
+    def cells(self) -> tuple[float, float, float, float]:
+        """In the order of the paper's Table III."""
+        return self.iou, self.iou_modified, self.success, self.detection
+
+
+def object_scores(scenes: Sequence[NDArray[np.float64]]) -> ObjectScores:
+    """Scores of IoU matrices (true, found), one for each scene or view; nan where there is nothing to count."""
+    return ObjectScores(mean_iou(scenes), mean_modified_iou(scenes), success_rate(scenes), detection_rate(scenes))
+
+
+def recall_of(data: str, name: str, scenes: Sequence[NDArray[np.float64]]) -> Curve:
+    """The recall curve of these IoU matrices of a data set, over thresholds 0 to 1."""
+    return Curve(data, name, THRESHOLDS, recall_curve(scenes, THRESHOLDS))

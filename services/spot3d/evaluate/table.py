@@ -1,0 +1,95 @@
+"""A table of numbers, as Markdown and as JSON."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Cell = str | int | float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column's heading, and the decimals of its numbers."""
+
+    name: str
+    digits: int = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """A recall curve of one data set: recall (t,) over the IoU thresholds (t,)."""
+
+    data: str
+    name: str
+    thresholds: NDArray[np.float64]
+    recall: NDArray[np.float64]
+
+
+@dataclass(slots=True)
+class Table:
+    """Rows under columns. name: the command's word for it; notes: what a reader must know, a sentence each."""
+
+    name: str
+    title: str
+    columns: tuple[Column, ...]
+    rows: list[tuple[Cell, ...]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    curves: list[Curve] = field(default_factory=list)
+
+    def add(self, *cells: Cell) -> None:
+        """Append a row. Raises ValueError unless it has a cell for each column."""
+        if len(cells) != len(self.columns):
+            raise ValueError(f"{len(cells)} cells for {len(self.columns)} columns")
+        self.rows.append(cells)
+
+
+def to_markdown(table: Table) -> str:
+    """The table in Markdown with its title and notes; what is undefined is a dash."""
+    heads = [column.name for column in table.columns]
+    rows = [[_text(cell, c.digits) for cell, c in zip(row, table.columns, strict=True)] for row in table.rows]
+    widths = [max(3, *(len(row[i]) for row in [heads, *rows])) for i in range(len(heads))]
+    words = [bool(table.rows) and isinstance(table.rows[0][i], str) for i in range(len(heads))]
+    rule = ["-" * width if word else "-" * (width - 1) + ":" for width, word in zip(widths, words, strict=True)]
+    lines = [f"### {table.title}", "", *(_line(row, widths, words) for row in [heads, rule, *rows])]
+    return "\n".join([*lines, *(["", *(f"- {note}" for note in table.notes)] if table.notes else [])]) + "\n"
+
+
+def to_document(table: Table) -> dict[str, Any]:
+    """The table for JSON: each row an object by column names, what is undefined null."""
+    names = [column.name for column in table.columns]
+    return {
+        "table": table.name,
+        "title": table.title,
+        "columns": names,
+        "rows": [dict(zip(names, map(_value, row), strict=True)) for row in table.rows],
+        "notes": table.notes,
+        "curves": [
+            {
+                "data": curve.data,
+                "name": curve.name,
+                "iou": curve.thresholds.tolist(),
+                "recall": [_value(value) for value in curve.recall.tolist()],
+            }
+            for curve in table.curves
+        ],
+    }
+
+
+def _line(cells: Iterable[str], widths: list[int], words: list[bool]) -> str:
+    padded = (c.ljust(w) if word else c.rjust(w) for c, w, word in zip(cells, widths, words, strict=True))
+    return f"| {' | '.join(padded)} |"
+
+
+def _text(cell: Cell, digits: int) -> str:
+    value = _value(cell)
+    if value is None:
+        return "-"
+    return f"{value:.{digits}f}" if isinstance(value, float) else str(value).replace("|", "\\|")
+
+
+def _value(cell: Cell) -> Cell:
+    return None if isinstance(cell, float) and not isfinite(cell) else cell

@@ -1,0 +1,157 @@
+"""`evaluate` end to end on the built-in scene and a made-up data set, with a handful of frames."""
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import typer
+from evaluate_samples import write_osd, write_uw_scenes
+from typer.testing import CliRunner
+
+from spot3d.boxes import Box3D
+from spot3d.evaluate.command import evaluate
+from spot3d.evaluate.cost_tables import STAGES
+from spot3d.evaluate.datasets import at_half_size, open_dataset
+from spot3d.evaluate.measured_run import MeasuredRun, Runs, on_ignored, world_alignment
+from spot3d.evaluate.object_tables import ablations
+from spot3d.evaluate.tables import TABLES
+from spot3d.evaluate.truth import LabelledScene
+from spot3d.pose.estimate import PoseEstimate
+from spot3d.settings import Settings, load_settings
+from spot3d.source.errors import SourceError
+
+app = typer.Typer(pretty_exceptions_enable=False)
+app.command()(evaluate)
+
+FRAMES = 2
+
+
+@pytest.fixture(scope="module")
+def all_tables(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict[str, Any], Path]:
+    """Markdown, JSON and plots of every table for two frames of a scene."""
+    folder = tmp_path_factory.mktemp("tables")
+    (folder / "empty").mkdir()
+    words = ["all", str(folder / "empty"), "--every", "12", "--frames", str(FRAMES), "--half"]
+    words += ["--json", str(folder / "numbers.json"), "--plots", str(folder)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("spot3d.evaluate.command.BUILT_IN", ("scene:2",))
+        patch.setattr("spot3d.evaluate.frame_tables.NUMBERS", (50, 100))
+        result = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.stdout, json.loads((folder / "numbers.json").read_text()), folder
+
+
+def test_markdown_and_json_say_the_same(all_tables: tuple[str, dict[str, Any], Path]) -> None:
+    markdown, document, _ = all_tables
+    assert [made["table"] for made in document["tables"]] == list(TABLES)
+    parts = markdown.split("### ")[1:]
+    for part, made in zip(parts, document["tables"], strict=True):
+        lines = [line for line in part.splitlines() if line.startswith("|")]
+        assert len(lines) == 2 + len(made["rows"])
+        assert {line.count("|") for line in lines} == {len(made["columns"]) + 1}
+        assert all(list(row) == made["columns"] for row in made["rows"])
+
+
+def test_rows_of_each_table(all_tables: tuple[str, dict[str, Any], Path]) -> None:
+    rows = {made["table"]: made["rows"] for made in all_tables[1]["tables"]}
+    assert [row["proposals"] for row in rows["proposals"]] == [50, 100]
+    assert [row["method"] for row in rows["ablations"]] == ["noHmap", "noSFilt", "noHFilt", "noPlRem", "whole"]
+    assert rows["objects"][0]["size"] == "320x240"
+    (overlap,) = rows["objects"]
+    assert overlap["left out"] == 0, "the scene's labels ignore nothing"
+    assert overlap["3D SR all"] == overlap["3D SR"]
+    for row in rows["filters"]:
+        assert row["accepted %"] + row["masked in part %"] + row["rejected %"] == pytest.approx(100)
+    (times,) = rows["time"]
+    assert times["all ms"] == pytest.approx(sum(times[f"{stage} ms"] for stage in STAGES))
+    assert min(times["proposals ms"], times["heatmap ms"], times["fusion ms"]) > 0
+    assert len(rows["stability"]) == rows["objects"][0]["true"]
+    assert {row["provider"] for row in rows["poses"]} >= {"kiss"}
+
+
+def test_record_and_plots(all_tables: tuple[str, dict[str, Any], Path]) -> None:
+    _, document, folder = all_tables
+    kept = document["record"]
+    assert {"version", "machine", "options", "data", "settings"} == set(kept)
+    assert (kept["options"]["every"], kept["data"]) == (12, {"scene:2": "built in"})
+    assert kept["settings"]["pose"]["provider"] == "given"
+    assert {path.name for path in folder.glob("*.png")} == {"proposals-scene-2.png", "objects-scene-2.png"}
+
+
+def test_all_tables_of_what_is_below_a_root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_osd(tmp_path / "osd")
+    write_uw_scenes(tmp_path / "uw")
+    (tmp_path / "uw" / "pc" / "01.ply").unlink()
+    monkeypatch.setattr("spot3d.evaluate.command.BUILT_IN", ())
+    result = CliRunner().invoke(app, ["all", str(tmp_path)], catch_exceptions=False)
+    assert result.exit_code == 0
+    assert result.stdout.count("###") == 2, "single frames give the tables of proposals and filters"
+    assert "left out" in result.stderr
+    assert "01.ply is missing" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("table", "message"), [("points", "labelled cloud"), ("poses", "true poses"), ("ablations", "true objects")]
+)
+def test_a_table_says_what_data_it_needs(tmp_path: Path, table: str, message: str) -> None:
+    write_osd(tmp_path)
+    with pytest.raises(SourceError, match=message):
+        CliRunner().invoke(app, [table, str(tmp_path)], catch_exceptions=False)
+
+
+def test_unknown_table(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["tables", str(tmp_path)])
+    assert "there is no table 'tables'" in str(result.exception)
+
+
+def test_runs_are_shared() -> None:
+    said: list[str] = []
+    runs, settings = Runs(said.append), load_settings(overrides={"pose": {"provider": "given"}})
+    (item,) = at_half_size(open_dataset("scene", settings, frames=1)).sequences
+    assert runs.run(item, settings) is runs.run(item, settings)
+    other = ablations(settings)["noPlRem"]
+    assert runs.run(item, other) is not runs.run(item, settings)
+    assert len(said) == 2
+
+
+def test_ablations_change_what_they_say() -> None:
+    whole = Settings()
+    variants = ablations(whole)
+    assert list(variants) == ["noHmap", "noSFilt", "noHFilt", "noPlRem", "whole"]
+    assert variants["whole"] == whole
+    filters = {name: (s.heatmap.soft_filter, s.heatmap.hard_filter) for name, s in variants.items()}
+    assert filters["noHmap"] == (False, False)
+    assert filters["noSFilt"] == (False, True)
+    assert filters["noHFilt"] == (True, False)
+    assert [s.fusion.plane_removal for s in variants.values()] == [True, True, True, False, True]
+    assert not variants["noHFilt"].proposals.metric_culling, "culling is the hard filter, applied earlier"
+
+
+def test_odometry_is_measured_in_the_true_world() -> None:
+    """Whatever world the poses found are in, the alignment brings them onto the true ones."""
+    sequence = open_dataset("scene", Settings(), every=20, frames=4).sequences[0].sequence
+    T_found_true = np.array([[0, -1, 0, 1], [0, 0, -1, 2], [1, 0, 0, 3], [0, 0, 0, 1]], np.float64)
+    trajectory = [
+        (stamp, PoseEstimate(T_found_true @ sequence.true_pose(index), "lost" if index == 2 else "ok"))
+        for index, stamp in enumerate(sequence.stamps_ns)
+    ]
+    trajectory[2][1].T_world_camera[:3, 3] += 7
+    T = world_alignment(sequence, trajectory)
+    np.testing.assert_allclose(T @ T_found_true, np.eye(4), atol=1e-9)
+    with pytest.raises(SourceError, match="no frame has both"):
+        world_alignment(sequence, trajectory[2:3])
+
+
+def test_boxes_on_ignored_points_are_left_out() -> None:
+    def box(x: float) -> Box3D:
+        return Box3D(np.array((x, 0.0, 0.0)), np.ones(3), np.eye(3))
+
+    xyz = np.array([[0, 0, 0], [0.1, 0, 0], [3, 0, 0], [3.1, 0, 0], [3.2, 0, 0]], np.float32)
+    label = np.array([1, 0, 255, 255, 0], np.uint8)
+    truth = LabelledScene(("mug",), (1,), (box(0),), np.array((0.0, 0.0, 1.0)), xyz, label)
+    assert [on_ignored(box(x), truth) for x in (0.0, 3.0, 9.0)] == [False, True, False]
+    run = MeasuredRun((box(0),), 3, [], np.array([[0.6]]), [], {}, Counter(), Counter(), 1)
+    assert run.success_of_all() == (1, 4)

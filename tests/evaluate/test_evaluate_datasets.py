@@ -1,0 +1,188 @@
+"""Loaders of data sets: made-up samples, and what each says when something is missing."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from evaluate_samples import uw_cloud, write_osd, write_rgbd_scenes, write_uw_scenes
+
+from spot3d.evaluate.datasets import at_half_size, both_sizes, dataset_kind, datasets_below, open_dataset
+from spot3d.evaluate.labelled import joined
+from spot3d.evaluate.ply import read_ply_points
+from spot3d.evaluate.scenes import scene_names
+from spot3d.settings import Settings
+from spot3d.source.errors import SourceError
+
+
+def test_osd(tmp_path: Path) -> None:
+    write_osd(tmp_path)
+    dataset = open_dataset(str(tmp_path), Settings())
+    assert (dataset.kind, dataset.sequences) == ("OSD", ())
+    assert dataset.frames is not None
+    assert dataset.frames.count == 2
+    first, second = (dataset.frames.read(index) for index in (0, 1))
+    np.testing.assert_array_equal(first.boxes, [[5, 10, 20, 10], [40, 30, 4, 1]])
+    assert second.boxes.shape == (0, 4), "learn10 comes after learn2"
+    assert first.frame.depth_metres()[0, 0] == pytest.approx(1.5)
+    assert first.frame.intrinsics.fx == 525
+    half = at_half_size(dataset)
+    assert half.frames is not None
+    np.testing.assert_array_equal(half.frames.read(0).boxes, [[2.5, 5, 10, 5], [20, 15, 2, 0.5]])
+
+
+def test_osd_disparity(tmp_path: Path) -> None:
+    write_osd(tmp_path)
+    (tmp_path / "depth").rename(tmp_path / "disparity")
+    frames = open_dataset(str(tmp_path), Settings(), every=2).frames
+    assert frames is not None
+    assert frames.count == 1
+    assert frames.read(0).frame.depth_metres()[0, 0] == pytest.approx(1.5)
+
+
+def test_rgbd_scenes(tmp_path: Path) -> None:
+    write_rgbd_scenes(tmp_path)
+    frames = open_dataset(str(tmp_path), Settings()).frames
+    assert frames is not None
+    boxes = [frames.read(index).boxes.tolist() for index in range(frames.count)]
+    assert boxes == [[[5, 10, 20, 10], [0, 0, 4, 2]], [], [[5, 11, 20, 9]]]
+    assert open_dataset(str(tmp_path / "desk" / "desk_1"), Settings()).frames is not None
+    assert frames.read(0).frame.intrinsics.fx == 570.3
+
+
+@pytest.mark.parametrize("units", [1000, 10_000])
+def test_uw_scenes(tmp_path: Path, units: int) -> None:
+    write_uw_scenes(tmp_path, units)
+    (item,) = open_dataset(str(tmp_path), Settings()).sequences
+    assert item.sequence[1].depth_metres()[0, 0] == pytest.approx(1.0)
+    assert item.truth is not None
+    assert item.truth.names == ("bowl", "bowl")
+    np.testing.assert_allclose(item.truth.up, [0, 0, -1], atol=1e-6)
+    for box in item.truth.boxes:
+        np.testing.assert_allclose(box.size, 0.05, atol=1e-3)
+    assert np.bincount(item.truth.label).tolist() == [2400, 216, 216]
+
+
+REMOVED: list[tuple[Callable[[Path], None], str, str]] = [
+    (write_osd, "annotation/learn2.png", "learn2.png is missing"),
+    (write_osd, "depth/learn10.png", "learn10.png is missing"),
+    (write_osd, "annotation", "the folder annotation is missing"),
+    (write_osd, "image_color", "the folder image_color is missing"),
+    (write_osd, "depth", "needs a folder depth or disparity"),
+    (write_rgbd_scenes, "desk/desk_1.mat", "desk_1.mat is missing: it holds the true boxes"),
+    (write_rgbd_scenes, "desk/desk_1/desk_1_2.png", "desk_1_2.png is missing"),
+    (write_uw_scenes, "pc/01.ply", "01.ply is missing"),
+    (write_uw_scenes, "pc/01.label", "01.label is missing"),
+    (write_uw_scenes, "pc/01.pose", "01.pose is missing"),
+    (write_uw_scenes, "imgs", "imgs/scene_NN is missing"),
+    (write_uw_scenes, "imgs/scene_01/00001-depth.png", "00001-depth.png is missing"),
+]
+
+
+@pytest.mark.parametrize(("write", "removed", "message"), REMOVED)
+def test_missing(tmp_path: Path, write: Callable[[Path], None], removed: str, message: str) -> None:
+    write(tmp_path)
+    (tmp_path / removed).rename(tmp_path.with_name(tmp_path.name + "-elsewhere"))
+    with pytest.raises(SourceError, match=message):
+        open_dataset(str(tmp_path), Settings())
+
+
+BROKEN: list[tuple[Callable[[Path], None], str, str, str]] = [
+    (write_rgbd_scenes, "desk/desk_1.mat", "no MATLAB file", "is no MATLAB file with bboxes"),
+    (write_uw_scenes, "pc/01.ply", "ply\nend_header\n", "has no vertices with x, y, z"),
+    (write_uw_scenes, "pc/01.ply", "solid", "is no PLY file"),
+    (write_uw_scenes, "pc/01.label", "3\n1\n2\n3\n", "does not fit its cloud"),
+    (write_uw_scenes, "pc/01.label", "a b", "not only whole numbers"),
+    (write_uw_scenes, "pc/01.label", "2832\n" + "11\n" * 2832, "unknown labels"),
+    (write_uw_scenes, "pc/01.pose", "1 0 0 0 0 0\n", "01.pose:1 is malformed"),
+    (write_uw_scenes, "pc/01.pose", "0 0 0 0 0 0 0\n", "01.pose:1 is malformed"),
+    (write_uw_scenes, "pc/01.pose", "\n", "holds no pose"),
+]
+
+
+@pytest.mark.parametrize(("write", "broken", "text", "message"), BROKEN)
+def test_broken(tmp_path: Path, write: Callable[[Path], None], broken: str, text: str, message: str) -> None:
+    write(tmp_path)
+    (tmp_path / broken).write_text(text)
+    with pytest.raises(SourceError, match=message):
+        open_dataset(str(tmp_path), Settings())
+
+
+def test_uw_scenes_with_depth_that_contradicts_the_cloud(tmp_path: Path) -> None:
+    write_uw_scenes(tmp_path, 3000)
+    with pytest.raises(SourceError, match="do not agree: 3000 units"):
+        open_dataset(str(tmp_path), Settings())
+
+
+def test_binary_ply(tmp_path: Path) -> None:
+    xyz = uw_cloud()[0]
+    rows = np.zeros(len(xyz), [("x", "<f8"), ("red", "u1"), ("y", "<f4"), ("z", "<f4")])
+    rows["x"], rows["y"], rows["z"] = xyz.T
+    properties = "property double x\nproperty uchar red\nproperty float y\nproperty float z\n"
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(xyz)}\n{properties}element face 0\n"
+    faces = "property list uchar int vertex_indices\nend_header\n"
+    path = tmp_path / "cloud.ply"
+    path.write_bytes((header + faces).encode() + rows.tobytes())
+    np.testing.assert_array_equal(read_ply_points(path), xyz)
+    path.write_bytes((header + faces).encode() + rows[:-1].tobytes())
+    with pytest.raises(SourceError, match=r"malformed|cut off"):
+        read_ply_points(path)
+
+
+def test_unknown_folder(tmp_path: Path) -> None:
+    assert dataset_kind(tmp_path) is None
+    with pytest.raises(SourceError, match="none of the data sets"):
+        open_dataset(str(tmp_path), Settings())
+    with pytest.raises(SourceError, match="is no folder"):
+        open_dataset(str(tmp_path / "nowhere"), Settings())
+    with pytest.raises(SourceError, match="is no folder"):
+        datasets_below(tmp_path / "nowhere")
+
+
+def test_datasets_below_a_root(tmp_path: Path) -> None:
+    assert datasets_below(tmp_path) == []
+    write_osd(tmp_path / "a")
+    write_rgbd_scenes(tmp_path / "b")
+    write_uw_scenes(tmp_path / "deeper" / "c")
+    assert datasets_below(tmp_path) == [tmp_path / "a", tmp_path / "b", tmp_path / "deeper" / "c"]
+    assert datasets_below(tmp_path / "a") == [tmp_path / "a"]
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("", None),
+        ("scene", ["scene"]),
+        ("scene:3:cluttered", ["scene:3:cluttered"]),
+        ("scenes:2", ["scene:0", "scene:1"]),
+        ("scenes:1:cluttered", ["scene:0:cluttered"]),
+        ("scenes:0", None),
+        ("scenery", None),
+    ],
+)
+def test_scene_names(name: str, expected: list[str] | None) -> None:
+    assert scene_names(name) == expected
+
+
+def test_scene() -> None:
+    dataset = open_dataset("scene:1", Settings(), every=40, frames=2)
+    (item,) = dataset.sequences
+    assert item.truth is not None
+    assert dataset.frames is not None
+    assert len(item.sequence) == dataset.frames.count == 2
+    labelled = dataset.frames.read(1)
+    assert labelled.frame.stamp_ns == item.sequence.stamps_ns[1]
+    assert 0 < len(labelled.boxes) <= len(item.truth.boxes)
+    assert set(np.unique(item.truth.label)) >= {0, *item.truth.labels}
+    sizes = [size for _, size in both_sizes([dataset])]
+    assert sizes == ["640x480", "320x240"]
+    assert [size for _, size in both_sizes([at_half_size(dataset)])] == ["320x240"]
+
+
+def test_joined_frames(tmp_path: Path) -> None:
+    assert joined([]).count == 0
+    write_osd(tmp_path)
+    frames = open_dataset(str(tmp_path), Settings()).frames
+    assert frames is not None
+    both = joined([frames, frames])
+    assert [len(both.read(index).boxes) for index in range(both.count)] == [2, 0, 2, 0]
