@@ -92,6 +92,10 @@ def test_boxes_that_intersect_become_one_and_those_that_do_not_stay() -> None:
     assert sorted(map(len, merged)) == sorted([len(clusters[1]), sum(len(clusters[i]) for i in (0, 2, 3))])
 
 
+def turned_box(points: np.ndarray) -> Box3D:
+    return upright_box(points, UP, turn=True)
+
+
 BOWL, INSIDE = hot(0, 0.05, (0.2, 0.2, 0.1)), hot(0, 0.06, (0.1, 0.1, 0.06))
 BESIDE = hot(0.17, 0.05, (0.13, 0.2, 0.1))
 
@@ -106,14 +110,14 @@ BESIDE = hot(0.17, 0.05, (0.13, 0.2, 0.1))
 def test_a_part_inside_joins_and_a_neighbour_does_not(name: str, holds: list[bool], sets: list[set[int]]) -> None:
     clusters, points = clusters_of(BOWL, INSIDE, BESIDE)
     owner = np.repeat([0, 1, 2], [len(rows) for rows in clusters])
-    merged = merge_contained(clusters, holds, points, UP, 0.5)
+    merged = merge_contained(clusters, holds, points, turned_box, 0.5)
     assert sorted(sorted(set(owner[rows])) for rows in merged) == [sorted(part) for part in sets], name
     assert np.array_equal(np.sort(np.concatenate(merged)), np.arange(len(points)))
 
 
 def test_without_clusters_nothing_is_merged() -> None:
     points = np.zeros((0, 3), np.float32)
-    assert merge_contained([], [], points, UP, 0.5) == merge_intersecting([], points, UP) == []
+    assert merge_contained([], [], points, turned_box, 0.5) == merge_intersecting([], points, UP) == []
 
 
 def test_share_inside_a_rotated_box() -> None:

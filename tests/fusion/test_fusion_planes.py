@@ -10,7 +10,6 @@ from spot3d.fusion.planes import (
     fit_plane,
     on_plane,
     refine_plane,
-    same_plane,
     supporting_plane,
     transform_plane,
 )
@@ -24,6 +23,11 @@ WALL_WORLD = np.array([0, -1.0, 0, 1.5])
 
 def room_points(seed: int = 0) -> np.ndarray:
     return back_project(view(POSE, ROOM, np.random.default_rng(seed)).depth, CAMERA)
+
+
+def same_plane(a: np.ndarray, b: np.ndarray) -> bool:
+    """Within 10 degrees, and 4 cm at the camera's distance."""
+    return bool(a[:3] @ b[:3] > np.cos(np.deg2rad(10)) and abs(a[3] - b[3]) < 0.04)
 
 
 def in_camera(plane: np.ndarray) -> np.ndarray:
@@ -76,7 +80,7 @@ def test_known_planes_are_found_with_few_triples() -> None:
 def test_heat_decides_which_plane_supports(expected: int) -> None:
     points = room_points()
     truths = np.array([in_camera(plane) for plane in (TABLE_WORLD, FLOOR_WORLD, WALL_WORLD)])
-    heat = np.where(on_plane(truths[expected], points, SETTINGS), 200, 10).astype(np.uint8)
+    heat = np.where(on_plane(truths[expected], points, SETTINGS), 100, 10).astype(np.uint8)
     chosen = supporting_plane(truths, points, heat, SETTINGS)
     assert chosen is not None
     np.testing.assert_array_equal(chosen[0], truths[expected])
@@ -87,6 +91,14 @@ def test_heat_decides_which_plane_supports(expected: int) -> None:
 def test_without_planes_none_supports() -> None:
     heat = np.zeros(CAMERA.shape, np.uint8)
     assert supporting_plane(np.zeros((0, 4)), room_points(), heat, SETTINGS) is None
+
+
+@pytest.mark.parametrize(("name", "value"), [("no heat at all", 0), ("an object's own face, hot all over", 200)])
+def test_a_plane_without_bare_and_warm_parts_supports_nothing(name: str, value: int) -> None:
+    points = room_points()
+    table = in_camera(TABLE_WORLD)
+    heat = np.where(on_plane(table, points, SETTINGS), value, 0).astype(np.uint8)
+    assert supporting_plane(table[None], points, heat, SETTINGS) is None, name
 
 
 def test_a_point_keeps_its_distance_when_its_plane_is_transformed() -> None:

@@ -1,5 +1,7 @@
 """Upright boxes around clusters of points (paper, Sec. IV-D, Eq. 15)."""
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -78,18 +80,18 @@ def merge_contained(
     clusters: list[NDArray[np.int64]],
     holds: list[bool],
     points: NDArray[np.float32],
-    up: NDArray[np.float64],
+    box_of: Callable[[NDArray[np.float32]], Box3D],
     share: float,
 ) -> list[NDArray[np.int64]]:
     """Join a cluster with the larger one in whose box at least `share` of its points lie.
 
     The inside of a bowl and its outside are one object, though no surface connects them; objects that only
     touch stay apart. Clusters are rows of `points`; the smallest joins first, into the box that holds most of it.
-    holds: whether each cluster may take others in.
+    holds: whether each cluster may take others in. box_of: the box of (n, 3) points.
     """
     order = sorted(range(len(clusters)), key=lambda k: len(clusters[k]))
     parts, holds = [clusters[k] for k in order], [holds[k] for k in order]
-    boxes = [upright_box(points[_some(rows)], up, turn=True) for rows in parts]
+    boxes = [box_of(points[_some(rows)]) for rows in parts]
     centre = np.array([box.centre for box in boxes]).reshape(-1, 3)
     radius = np.array([np.linalg.norm(box.size) / 2 for box in boxes])
     gone = np.zeros(len(parts), np.bool_)
@@ -102,7 +104,7 @@ def merge_contained(
             j = holders[int(np.argmax(inside))]
             gone[i] = True
             parts[j] = np.concatenate((parts[j], parts[i]))
-            boxes[j] = upright_box(points[_some(parts[j])], up, turn=True)
+            boxes[j] = box_of(points[_some(parts[j])])
             centre[j], radius[j] = boxes[j].centre, np.linalg.norm(boxes[j].size) / 2
     return [rows for rows, joined in zip(parts, gone, strict=True) if not joined]
 

@@ -90,12 +90,15 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
     segment_of_point = np.append(segments, np.int32(-1))[surface.cell_of_point]
     clusters = _clusters(segment_of_point, _kept_segments(segments, surface, settings))
     hot = [float(warm.heat[cluster].mean()) >= settings.heat_min for cluster in clusters]
-    found = []
-    for cluster in merge_contained(clusters, hot, warm.xyz, up, settings.contained_share):
-        if float(warm.heat[cluster].mean()) >= settings.heat_min:
-            box = upright_box(warm.xyz[cluster], up, turn=True, trim=_TRIM)
-            found.append(Cluster(rows[cluster], _standing(box, levels, settings.standing_clearance)))
-    return found
+
+    def box_of(members: NDArray[np.float32]) -> Box3D:
+        return _standing(upright_box(members, up, turn=True, trim=_TRIM), levels, settings.standing_clearance)
+
+    return [
+        Cluster(rows[cluster], box_of(warm.xyz[cluster]))
+        for cluster in merge_contained(clusters, hot, warm.xyz, box_of, settings.contained_share)
+        if float(warm.heat[cluster].mean()) >= settings.heat_min
+    ]
 
 
 def _kept_segments(segments: NDArray[np.int32], surface: Surface, settings: FusionSettings) -> NDArray[np.bool_]:
@@ -134,6 +137,6 @@ def _describe(cluster: Cluster, members: MapPoints) -> FoundObject:
 
 
 def _plausible(box: Box3D, settings: FusionSettings) -> bool:
-    """Whether a box has an object's size: eps_min and eps_max in 3D, and the paper's least volume."""
-    longest = float(box.size.max())
-    return settings.size_min <= longest <= settings.size_max and box.volume >= settings.volume_min
+    """Whether a box has an object's size: eps_min, as its cross-section, and eps_max in 3D, and the least volume."""
+    _, middle, longest = np.sort(box.size)
+    return bool(middle >= settings.size_min and longest <= settings.size_max and box.volume >= settings.volume_min)

@@ -115,6 +115,7 @@ class Fusion:
         """Estimate the supporting plane anew, from the planes known here, and remember all (paper, Sec. IV-A)."""
         T_camera_world = invert(T_world_camera)
         known = np.array([transform_plane(plane, T_camera_world) for plane in self._candidates]).reshape(-1, 4)
+        known = known[known[:, 3] > 0]  # what the camera has passed through faces away
         rng = np.random.default_rng((self.settings.seed, self.frame_count))
         planes = dominant_planes(points, self.settings, rng, known)
         chosen = supporting_plane(planes, points, heat, self.settings)

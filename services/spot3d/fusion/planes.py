@@ -15,8 +15,8 @@ _SHORTLIST = 50
 """Triples that are scored on the fine sample."""
 _LEAST_SHARE = 0.02
 """A dominant plane holds at least this share of the valid points."""
-_SAME_ANGLE, _SAME_DISTANCE = np.cos(np.deg2rad(10.0)), 0.04
-"""Two planes closer than this in direction and (metres) in position are one."""
+_ALL_HOT = 0.5
+"""A plane hotter than this on average is an object's own face: what supports objects is mostly bare."""
 
 
 def plane_tolerance(depth: NDArray[np.float32], settings: FusionSettings) -> NDArray[np.float32]:
@@ -82,15 +82,17 @@ def supporting_plane(
     heat: NDArray[np.uint8],
     settings: FusionSettings,
 ) -> tuple[NDArray[np.float64], float] | None:
-    """The plane whose inliers hold most heat (paper, Eq. 10), with that heat (sum of H_2D); None without any.
+    """The plane whose inliers hold most heat (paper, Eq. 10), with that heat (sum of H_2D); None if none holds any.
 
     planes: (n, 4); points: (h, w, 3) float32, camera frame, z = 0 invalid; heat: (h, w) uint8, 255ths.
     """
-    if len(planes) == 0:
-        return None
-    sums = [float(heat[on_plane(plane, points, settings)].sum(dtype=np.int64)) / 255 for plane in planes]
-    best = int(np.argmax(sums))
-    return planes[best], sums[best]
+    best, most = None, 0.0
+    for plane in planes:
+        inliers = heat[on_plane(plane, points, settings)]
+        total = float(inliers.sum(dtype=np.int64)) / 255
+        if total > most and total < _ALL_HOT * len(inliers):
+            best, most = plane, total
+    return None if best is None else (best, most)
 
 
 def on_plane(plane: NDArray[np.float64], points: NDArray[np.float32], settings: FusionSettings) -> NDArray[np.bool_]:
@@ -100,14 +102,6 @@ def on_plane(plane: NDArray[np.float64], points: NDArray[np.float32], settings: 
     distance = np.abs(points @ n + np.float32(plane[3]))
     inliers: NDArray[np.bool_] = (distance < plane_tolerance(z, settings)) & (z > 0)
     return inliers
-
-
-def same_plane(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
-    """Whether two planes are one, within 10 degrees and 4 cm (measured at their points next to the camera)."""
-    if a[:3] @ b[:3] < _SAME_ANGLE:
-        return False
-    offset = max(abs(b[:3] @ (-a[3] * a[:3]) + b[3]), abs(a[:3] @ (-b[3] * b[:3]) + a[3]))
-    return bool(offset < _SAME_DISTANCE)
 
 
 def refine_plane(

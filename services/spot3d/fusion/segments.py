@@ -13,6 +13,8 @@ from spot3d.fusion.surface import Surface, near_pairs
 
 _LIKE = np.float32(0.9)
 """Normals within this cosine (26 degrees) smooth each other."""
+_CONVEX = np.float32(-20.0)
+"""A pair counts as no more convex than this (1/m), so that a convex edge does not hide the crease that it meets."""
 _LINK = 1.6
 """Cells whose centres are within this many cell edges are connected: touching cubes, but for most corners."""
 _ROUNDS = 12
@@ -98,8 +100,9 @@ def _concavity(
             d = centre[j, axis] - centre[i, axis]
             turn -= (normals[j, axis] - normals[i, axis]) * d
             square += d * d
-        total[i] += turn / square
-        total[j] += turn / square
+        bend = max(turn / square, _CONVEX)
+        total[i] += bend
+        total[j] += bend
         count[i] += np.float32(1)
         count[j] += np.float32(1)
     for i in range(len(total)):

@@ -41,7 +41,7 @@ class FusionSettings(BaseModel):
         0.05, ge=0, le=1, description="... seen in less than this share of the frames, whichever is lower"
     )
     tau: float = Field(10.0, ge=0, description="tau: favours points seen more often")
-    heat_min: float = Field(0.12, ge=0, le=1, description="eps: pseudo-average confidence from which something is kept")
+    heat_min: float = Field(0.15, ge=0, le=1, description="eps: pseudo-average confidence from which something is kept")
 
     clustering: Literal["density", "surface"] = Field(
         "surface",
@@ -51,12 +51,12 @@ class FusionSettings(BaseModel):
     density_radius: float = Field(0.02, gt=0, description="DBSCAN's radius, metres")
     density_points: int = Field(20, ge=1, description="DBSCAN's least neighbours of a core point")
     cell: float = Field(0.005, gt=0.001, le=0.1, description="edge of the cells of a surface, metres")
-    crease: float = Field(10.0, gt=0, description="concavity from which a surface is split, 1/m")
+    crease: float = Field(12.0, gt=0, description="concavity from which a surface is split, 1/m")
     segment_cells: int = Field(40, ge=1, description="a region between creases smaller than this joins a neighbour")
     contained_share: float = Field(
         0.5, gt=0, le=1, description="a segment with this share of its points in another's box joins it"
     )
-    size_min: float = Field(0.02, ge=0, description="an object's longest edge is at least this, metres")
+    size_min: float = Field(0.02, ge=0, description="an object's second longest edge is at least this, metres")
     size_max: float = Field(1.0, gt=0, description="an object's longest edge is at most this, metres")
     volume_min: float = Field(1e-6, ge=0, description="boxes below this volume are dropped, cubic metres")
     standing_clearance: float = Field(
@@ -67,5 +67,21 @@ class FusionSettings(BaseModel):
     seed: int = Field(0, ge=0, description="seed of RANSAC's choice of triples")
 
 
-PAPER = FusionSettings(colour_gate=0.05, noise_gate=0.0, clustering="density", lattice_width=640, voxel=0.005)
+PAPER = FusionSettings(
+    plane_distance=0.005,
+    plane_triples=10_000,
+    plane_candidates=5,
+    keyframe_interval=10,
+    colour_gate=0.05,
+    depth_gate=0.01,
+    noise_gate=0.0,
+    lattice_width=640,
+    frequency_min=5,
+    frequency_share=0.05,
+    tau=10.0,
+    heat_min=0.25,
+    clustering="density",
+    size_min=0.0,
+    volume_min=1e-6,
+)
 """The paper's values (Sec. V-A) and its own clustering."""
