@@ -20,6 +20,7 @@ from spot3d.cli_options import (
     SettingsOption,
     SupervisedOption,
     link_overrides,
+    parse_anchor,
     play_overrides,
     stage_started,
 )
@@ -70,6 +71,9 @@ def pose(
     listen: ListenOption = None,
     lossless: DeliveryOption = None,
     provider: Annotated[str | None, typer.Option(metavar="kiss|gicp|given", help="where poses come from")] = None,
+    anchor: Annotated[
+        str | None, typer.Option(metavar="T|frame", help="started again: the first frame's pose, 16 values, or frame")
+    ] = None,
     supervised: SupervisedOption = False,
 ) -> None:
     """The pose stage: the camera's pose for each frame."""
@@ -80,7 +84,7 @@ def pose(
     resolved = load_settings(settings, preset, overrides)
     from spot3d.pose.process import run as run_pose
 
-    run_pose(resolved.link, resolved.pose, stop)
+    run_pose(resolved.link, resolved.pose, stop, parse_anchor(anchor))
 
 
 def proposals(

@@ -2,14 +2,18 @@
 
 import threading
 import time
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spot3d.dataflow.conversion import rgbd_frame
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.frame import RgbdFrame
 from spot3d.pose.estimate import PoseEstimate, PoseTracker
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
@@ -18,8 +22,20 @@ from spot3d_schemas import Frame, Pose
 _IN, _OUT = "source/frame", "pose/pose"
 
 
-def run(link: LinkSettings, settings: PoseSettings, stop: threading.Event | None = None) -> None:
+_HOMELESS = "started amid a run, whose world it cannot know: frames that carry a pose, or a new run, give it one"
+
+
+def run(
+    link: LinkSettings,
+    settings: PoseSettings,
+    stop: threading.Event | None = None,
+    anchor: NDArray[np.float64] | Literal["frame"] | None = None,
+) -> None:
     """Publish the pose of every frame that comes, until stopped by `stop`, SIGINT or SIGTERM.
+
+    anchor: where the world is, for a stage that is started again amid a run: T_world_camera (4, 4) of the frame that
+    comes first, or "frame": only frames that carry a pose can tell, and others are lost until one has. None: the
+    first frame's pose, or identity.
 
     A frame that the provider fails on counts as an error and has a "lost" pose, so that nobody waits for it.
     Raises ModuleNotFoundError where the provider's package is absent.
@@ -28,19 +44,29 @@ def run(link: LinkSettings, settings: PoseSettings, stop: threading.Event | None
     with stop_on_signals(stop) as stopped:
         try:
             with Node("pose", link, stopped, (_IN,), (_OUT,)) as node:
-                _serve(node, tracker, settings.provider)
+                _serve(node, tracker, settings.provider, anchor)
         except StoppedError:
             return
 
 
-def _serve(node: Node, tracker: PoseTracker, provider: str) -> None:
+def _serve(
+    node: Node, tracker: PoseTracker, provider: str, anchor: NDArray[np.float64] | Literal["frame"] | None
+) -> None:
     last = PoseEstimate(np.eye(4), "lost")
     while not node.stop.is_set():
         item = node.next()
         if item is None:
             continue
         given: Received[Frame] = item[1]
-        last = _track(node, tracker, given.message, last)
+        frame = rgbd_frame(given.message)
+        if isinstance(anchor, np.ndarray):
+            frame = replace(frame, T_world_camera=anchor)
+        if isinstance(anchor, str) and frame.T_world_camera is None:
+            last = PoseEstimate(last.T_world_camera, "lost", _HOMELESS)
+        else:
+            last = _track(node, tracker, frame, last)
+        if last.status == "ok":
+            anchor = None
         pose = Pose(
             header=node.header(_OUT, given),
             T_world_camera=last.T_world_camera,
@@ -52,8 +78,7 @@ def _serve(node: Node, tracker: PoseTracker, provider: str) -> None:
             node.measure_latency(pose.header)
 
 
-def _track(node: Node, tracker: PoseTracker, message: Frame, last: PoseEstimate) -> PoseEstimate:
-    frame = rgbd_frame(message)
+def _track(node: Node, tracker: PoseTracker, frame: RgbdFrame, last: PoseEstimate) -> PoseEstimate:
     start_s = time.perf_counter()
     try:
         estimate = tracker.track(frame.stamp_ns, frame.depth_metres(), frame.intrinsics, frame.T_world_camera)

@@ -77,8 +77,10 @@ def _follow(
     while not stop.wait(_POLL_S):
         collector.drain()
         progress, objects = collector.progress, collector.objects
-        after = None if progress is None else progress.last_stamp_ns
-        for death in supervisor.poll({"source": _arguments(plan, "source", endpoint, after)}):
+        again = {"source": _arguments(plan, "source", endpoint, None if progress is None else progress.last_stamp_ns)}
+        if collector.poses:
+            again["pose"] = [*_arguments(plan, "pose", endpoint), "--anchor", _anchor(plan, collector)]
+        for death in supervisor.poll(again):
             report.events.append(death.message)
             watcher.on_event(death.message)
             if death.fatal:
@@ -96,6 +98,18 @@ def _follow(
                 return
     report.interrupted = True
     supervisor.end("source")
+
+
+def _anchor(plan: Plan, collector: Collector) -> str:
+    """Where a pose stage that is started again finds the world of its map, which went with it.
+
+    In a lossless run the next frame is next to the last one that had a pose. In a live run the camera went on
+    meanwhile: only a frame that carries its pose can tell, and without one nothing is fused into the wrong place.
+    """
+    found = [item for item in collector.poses.values() if not item.lost]
+    if plan.settings.link.delivery == "live" or not found:
+        return "frame"
+    return ",".join(repr(float(value)) for value in max(found, key=lambda item: item.stamp_ns).T_world_camera.ravel())
 
 
 def _arguments(plan: Plan, stage: str, endpoint: str, after_ns: int | None = None) -> list[str]:

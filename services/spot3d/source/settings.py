@@ -4,7 +4,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 
 class SourceSettings(BaseModel):
-    """How an input is played. The paper plays recordings frame by frame, as `lossless` does."""
+    """How an input is played."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -12,13 +12,8 @@ class SourceSettings(BaseModel):
         0.0,
         ge=0,
         le=1000,
-        description="frames per second to play at; 0: the recorded rate (unused if lossless)",
+        description="frames per second to play at; 0: the recorded rate",
     )
-    lossless: bool = Field(
-        False,
-        description="wait for fusion's progress instead of a clock: nothing is dropped, however slow a stage",
-    )
-    in_flight: int = Field(4, ge=1, le=64, description="lossless: most frames sent and not yet fused")
     halved: bool = Field(False, description="play frames at half size")
     scene_frames: int = Field(300, ge=1, le=1_000_000, description="length of the built-in scene, frames at 30 Hz")
     scene_seed: int = Field(0, ge=0, le=2**31 - 1, description="which built-in scene, where the name gives no seed")
