@@ -1,5 +1,6 @@
 """The proposals stage's core: a registered RGB-D frame becomes M generic boxes."""
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,9 +34,28 @@ def propose(
         raise ValueError(f"depth is {depth_m.dtype} {depth_m.shape}; expected float32 {intrinsics.shape}")
     if not 0 <= depth_m.min() <= depth_m.max() < np.inf:
         raise ValueError("depth must be finite and not negative; 0 marks invalid pixels")
-    edges = detect_edges(np.ascontiguousarray(colour), np.ascontiguousarray(depth_m), intrinsics.fx, settings.edges)
-    ranges = metric_limits(depth_m, intrinsics, settings)
-    return boxes_from_edges(edges, ranges, settings)
+    colour, depth_m, camera, factor = _reduced(colour, depth_m, intrinsics, settings.search_width)
+    edges = detect_edges(colour, depth_m, camera.fx, settings.edges)
+    boxes = boxes_from_edges(edges, metric_limits(depth_m, camera, settings), settings)
+    boxes[:, :4] *= factor
+    return boxes
+
+
+def _reduced(
+    colour: NDArray[np.uint8], depth: NDArray[np.float32], camera: Intrinsics, width: int
+) -> tuple[NDArray[np.uint8], NDArray[np.float32], Intrinsics, int]:
+    """The frame at the whole fraction of its size that comes nearest to `width`, and that factor.
+
+    Colour is averaged over blocks; depth is each block's first pixel: an average would float between surfaces.
+    """
+    factor = max(1, round(camera.width / width))
+    w, h = camera.width // factor, camera.height // factor
+    small = Intrinsics(camera.fx / factor, camera.fy / factor, camera.cx / factor, camera.cy / factor, w, h)
+    if factor > 1:
+        whole = colour[: h * factor, : w * factor]
+        colour = cv2.resize(whole, (w, h), interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+        depth = depth[: h * factor : factor, : w * factor : factor]
+    return np.ascontiguousarray(colour), np.ascontiguousarray(depth), small, factor
 
 
 def metric_limits(depth: NDArray[np.float32], intrinsics: Intrinsics, settings: ProposalSettings) -> DepthRange:

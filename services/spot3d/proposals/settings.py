@@ -64,6 +64,9 @@ class ProposalSettings(BaseModel):
     gamma: float = Field(2.0, gt=0, description="gamma, exponent of the affinity of two edge groups")
     kappa: float = Field(1.5, gt=0, description="kappa, exponent of the window's size that the score is divided by")
     refined: int = Field(300, ge=0, le=1_000_000, description="how many of the best windows of the search are refined")
+    search_width: int = Field(
+        320, ge=40, description="larger images are searched at about this many pixels across: faster, and calmer edges"
+    )
     metric_culling: bool = Field(
         True, description="skip windows that the hard filter (paper, Sec. III-C, Eq. 4) would reject anyway"
     )
@@ -73,4 +76,6 @@ class ProposalSettings(BaseModel):
 
 
 # EdgeBoxes' own values; every window of the search that scores is refined, none is culled by its metric size.
-ProposalSettings.PAPER = ProposalSettings(alpha=0.65, cluster_min_magnitude=0.5, refined=200_000, metric_culling=False)
+ProposalSettings.PAPER = ProposalSettings(
+    alpha=0.65, cluster_min_magnitude=0.5, refined=200_000, search_width=4096, metric_culling=False
+)
