@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,14 +38,36 @@ def frequent_points(rows: NDArray[np.float32], frame_count: int, settings: Fusio
     rows: (n, 16) float32 map rows, of which columns are copied.
     """
     least = min(settings.frequency_min, settings.frequency_share * frame_count)
-    kept = rows[rows[:, FREQUENCY] >= max(1.0, least)]
-    normal = kept[:, NORMAL : NORMAL + 3]
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    frequency = kept[:, FREQUENCY]
-    return MapPoints(
-        np.ascontiguousarray(kept[:, X : X + 3]),
-        normal / np.maximum(length, np.float32(1e-9)),
-        np.ascontiguousarray(kept[:, R : R + 3]),
-        kept[:, HEAT] / (frequency + np.float32(settings.tau)),
-        frequency.copy(),
-    )
+    return MapPoints(*_frequent(rows, np.float32(max(1.0, least)), np.float32(settings.tau)))
+
+
+@nb.njit("Tuple((f4[:,::1], f4[:,::1], f4[:,::1], f4[::1], f4[::1]))(f4[:,::1], f4, f4)", cache=True, nogil=True)
+def _frequent(
+    rows: NDArray[np.float32], least: np.float32, tau: np.float32
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """One pass that counts and one that copies: fusing waits for it."""
+    count = 0
+    for row in range(len(rows)):
+        count += rows[row, FREQUENCY] >= least
+    xyz = np.empty((count, 3), np.float32)
+    normal = np.empty((count, 3), np.float32)
+    colour = np.empty((count, 3), np.float32)
+    heat = np.empty(count, np.float32)
+    frequency = np.empty(count, np.float32)
+    k = 0
+    for row in range(len(rows)):
+        f = rows[row, FREQUENCY]
+        if f < least:
+            continue
+        length = np.float32(1e-9)
+        for axis in range(3):
+            length += rows[row, NORMAL + axis] ** 2
+        scale = np.float32(1) / np.sqrt(length)
+        for axis in range(3):
+            xyz[k, axis] = rows[row, X + axis]
+            normal[k, axis] = rows[row, NORMAL + axis] * scale
+            colour[k, axis] = rows[row, R + axis]
+        heat[k] = rows[row, HEAT] / (f + tau)
+        frequency[k] = f
+        k += 1
+    return xyz, normal, colour, heat, frequency

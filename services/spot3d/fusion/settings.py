@@ -34,7 +34,9 @@ class FusionSettings(BaseModel):
     )
     voxel: float = Field(0.005, gt=0.001, le=0.1, description="edge of the look-up voxels of map points, metres")
     map_limit: int = Field(2_000_000, ge=1000, le=20_000_000, description="most points that the 3D heatmap holds")
-    range_max: float = Field(4.0, gt=0, description="depth beyond this is not fused, metres")
+    range_max: float = Field(
+        2.5, gt=0, description="depth beyond this, where noise exceeds half of eps_min, is not fused, metres"
+    )
 
     frequency_min: int = Field(5, ge=1, description="points seen in fewer frames are dropped, or ...")
     frequency_share: float = Field(
@@ -60,9 +62,9 @@ class FusionSettings(BaseModel):
     size_max: float = Field(1.0, gt=0, description="an object's longest edge is at most this, metres")
     volume_min: float = Field(1e-6, ge=0, description="boxes below this volume are dropped, cubic metres")
     standing_clearance: float = Field(
-        0.01,
+        0.005,
         ge=0,
-        description="a box ends this far above its support: three sigma of a table seen at 1.5 m, metres",
+        description="a box ends this far above its support, or as far as the support is thick, metres",
     )
     seed: int = Field(0, ge=0, description="seed of RANSAC's choice of triples")
 
