@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from spot3d import cli_stages
+from spot3d.bench.command import bench
 from spot3d.cli_options import (
     CommandError,
     ConnectOption,
@@ -38,7 +39,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (*cli_stages.COMMANDS, evaluate):
+for _command in (*cli_stages.COMMANDS, evaluate, bench):
     app.command()(_command)
 
 

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, back_project
+from spot3d.sensor import axial_noise
 
 
 def weighted_heat(
@@ -33,6 +34,36 @@ def weighted_heat(
     return heat
 
 
+def lattice_depth(depth: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
+    """Mean of each block's valid pixels within the noise of its nearest, 0 where none is. depth: (h, w) metres."""
+    h, w = depth.shape
+    padded = np.pad(depth, ((0, -h % factor), (0, -w % factor)))
+    blocks = padded.reshape(padded.shape[0] // factor, factor, -1, factor)
+    nearest = np.where(blocks > 0, blocks, np.inf).min(axis=(1, 3))
+    limit = np.where(np.isfinite(nearest), 1.005 * nearest + 4 * axial_noise(np.minimum(nearest, 1e3)), 0)
+    near = (blocks > 0) & (blocks <= limit[:, None, :, None])
+    count = near.sum(axis=(1, 3))
+    mean = (blocks * near).sum(axis=(1, 3)) / np.maximum(count, 1)
+    return np.asarray(mean, np.float32)
+
+
+def triple_plane(points: NDArray[np.float32], triple: NDArray[np.int64]) -> NDArray[np.float64] | None:
+    """The plane (4,) through three of the points, b >= 0; None if they are collinear."""
+    a, b, c = points[triple].astype(np.float64)
+    normal = np.cross(b - a, c - a)
+    length = np.linalg.norm(normal)
+    if length == 0:
+        return None
+    plane: NDArray[np.float64] = np.append(normal, -normal @ a) / length
+    return plane if plane[3] >= 0 else -plane
+
+
+def inliers(points: NDArray[np.float32], plane: NDArray[np.float64], distance: float) -> int:
+    """How many points lie within `distance` metres of a plane."""
+    n, b = plane[:3].astype(np.float32), np.float32(plane[3])
+    return int(np.count_nonzero(np.abs(points @ n + b) < distance))
+
+
 def dominant_plane(
     points: NDArray[np.float32], distance: float, triples: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], int]:
@@ -41,15 +72,11 @@ def dominant_plane(
     Returns the plane (4,) with b >= 0 and its number of inliers.
     """
     best, most = np.zeros(4), -1
-    for a, b, c in points[triples].astype(np.float64):
-        normal = np.cross(b - a, c - a)
-        length = np.linalg.norm(normal)
-        if length == 0:
-            continue
-        plane = np.append(normal, -normal @ a) / length
-        inliers = int(np.count_nonzero(np.abs(points @ plane[:3] + plane[3]) < distance))
-        if inliers > most:
-            best, most = plane if plane[3] >= 0 else -plane, inliers
+    for triple in triples:
+        plane = triple_plane(points, triple)
+        found = -1 if plane is None else inliers(points, plane, distance)
+        if plane is not None and found > most:
+            best, most = plane, found
     return best, most
 
 

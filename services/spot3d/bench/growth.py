@@ -1,0 +1,129 @@
+"""Cost as the work grows: fusing against map size, clustering against points, proposals against M and size."""
+
+import time
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from sklearn.cluster import DBSCAN
+
+from spot3d.bench.charts import Line, line_chart
+from spot3d.bench.material import Material, to_and_fro
+from spot3d.bench.timing import Timed, alternate, peak_memory_mb
+from spot3d.camera import Intrinsics
+from spot3d.dataflow.process_use import process_use
+from spot3d.evaluate.table import Column, Table
+from spot3d.fusion.fusion import Fusion
+from spot3d.fusion.settings import FusionSettings
+from spot3d.proposals.propose import propose
+from spot3d.proposals.settings import ProposalSettings
+from spot3d.run.drawing import Picture
+from spot3d.source.scene import KINECT, Scene
+
+ROOM = 6.0
+"""Distance between one pass through the frames and the next, metres: each sees a room of its own."""
+CHECKPOINTS = 8
+PROPOSALS = (100, 300, 1000, 3000)
+WIDTHS = (320, 480, 640, 960)
+DBSCAN_POINTS = 100_000
+"""With more points than this DBSCAN is not tried."""
+
+
+def map_growth(material: Material, length: int, settings: FusionSettings, say: Callable[[str], None]) -> Table:
+    """Fuse `length` frames on a path through ever new rooms; at checkpoints find the objects in the whole map."""
+    table = Table(
+        "map growth",
+        f"Cost against map size, {material.data} at {material.size} on a long path",
+        (
+            *(Column("frames"), Column("map points"), Column("fuse ms"), Column("fuse p99 ms")),
+            *(Column("frequent points"), Column("snapshot ms"), Column("objects ms", 1), Column("DBSCAN's points")),
+            *(Column("DBSCAN ms", 1), Column("memory MB", 0)),
+        ),
+    )
+    fusion, times = Fusion(settings), list[float]()
+    dbscan = DBSCAN(eps=settings.density_radius, min_samples=settings.density_points)
+    stops = {round(stop) for stop in np.geomspace(min(100, length), length, CHECKPOINTS)}
+    turn = max(1, len(material) - 1)
+    for step in range(length):
+        index = to_and_fro(len(material), step)
+        pose = material.pose(index).copy()
+        pose[0, 3] += ROOM * (step // turn)
+        start = time.perf_counter()
+        fusion.fuse(material.frames[index].colour, material.depth[index], material.heat[index], material.camera, pose)
+        times.append(time.perf_counter() - start)
+        if step + 1 not in stops:
+            continue
+        say(f"growth: {step + 1} frames ...")
+        points = fusion.frequent_points()
+        hot = points.xyz[points.heat >= settings.heat_min]
+        calls = [Timed(fusion.snapshot, 1), Timed(fusion.objects, 1)]
+        if 0 < len(hot) <= DBSCAN_POINTS:
+            calls.append(Timed(partial(dbscan.fit_predict, hot), 1))
+        found = alternate(calls, 1)
+        median, p99 = 1e3 * np.percentile(times[1:] or times, (50, 99))
+        times.clear()
+        table.add(
+            *(step + 1, fusion.heatmap.count, float(median), float(p99), len(points), found[0].median_ms),
+            *(found[1].median_ms, len(hot), found[2].median_ms if len(found) > 2 else None),
+            process_use().rss_bytes / 2**20,
+        )
+    table.notes.append(
+        f"Every {turn} frames the path goes on into another room, {ROOM:g} m further, so that the map grows for as "
+        f"long as it may (map_limit: {settings.map_limit}). Times are of the frames since the row before. Peak memory "
+        f"of this process: {peak_memory_mb():.0f} MB."
+    )
+    return table
+
+
+def proposals_growth(settings: ProposalSettings, say: Callable[[str], None]) -> Table:
+    """Proposals of a frame of the built-in scene at several sizes and numbers of boxes."""
+    say("growth: proposals ...")
+    table = Table(
+        "proposals growth",
+        "Proposals against M and image size",
+        (Column("size"), Column("M"), Column("ms"), Column("p99 ms"), Column("us a pixel", 3)),
+    )
+    for width in WIDTHS:
+        camera = _kinect_at(width)
+        frame = Scene(frames=1, intrinsics=camera)[0]
+        depth = frame.depth_metres()
+        wanted = [settings.model_copy(update={"max_boxes": number}) for number in PROPOSALS]
+        calls = [Timed(partial(propose, frame.colour, depth, camera, one), 3) for one in wanted]
+        for number, timing in zip(PROPOSALS, alternate(calls, 2), strict=True):
+            each = 1e3 * timing.median_ms / (camera.width * camera.height)
+            table.add(f"{camera.width}x{camera.height}", number, timing.median_ms, timing.p99_ms, each)
+    return table
+
+
+def _kinect_at(width: int) -> Intrinsics:
+    k, scale = KINECT, width / KINECT.width
+    return Intrinsics(k.fx * scale, k.fy * scale, k.cx * scale, k.cy * scale, width, round(k.height * scale))
+
+
+def charts(growth: Table, proposals: Table) -> dict[str, Picture]:
+    """Pictures of both tables, by their files' names."""
+
+    def line(name: str, table: Table, x: str, y: str, size: str | None = None) -> Line:
+        heads = [column.name for column in table.columns]
+        rows = [row for row in table.rows if size is None or row[0] == size]
+        cells = [(row[heads.index(x)], row[heads.index(y)]) for row in rows]
+        known = [(float(a), float(b)) for a, b in cells if isinstance(a, int | float) and isinstance(b, int | float)]
+        return Line(name, sorted(known))  # a full map loses points: it does not grow from row to row
+
+    sizes = dict.fromkeys(str(row[0]) for row in proposals.rows)
+    return {
+        "fusing": line_chart(
+            "fusing a frame against map size", "map points", "ms",
+            [line("median", growth, "map points", "fuse ms"), line("p99", growth, "map points", "fuse p99 ms")],
+        ),
+        "clustering": line_chart(
+            "clustering and boxes against points", "points", "ms",
+            [
+                line("clustering and boxes", growth, "frequent points", "objects ms"),
+                line("DBSCAN of the hot ones", growth, "frequent points", "DBSCAN ms"),
+            ],
+        ),
+        "proposals": line_chart(
+            "proposals against M", "M", "ms", [line(size, proposals, "M", "ms", size) for size in sizes]
+        ),
+    }  # fmt: skip

@@ -1,0 +1,117 @@
+"""One live run of the real processes, watched from a session of its own."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import zenoh
+from zenoh.handlers import FifoChannel
+
+from spot3d.dataflow.process_use import SINGLE_THREADED
+from spot3d.dataflow.router import free_loopback_endpoint
+from spot3d.dataflow.session import zenoh_config
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.settings import load_settings
+from spot3d_schemas import STAGES, Health, Progress, decode, key
+
+Reading = tuple[float, float]
+
+_POLL_S = 0.01
+_LIMIT_S = 300.0
+"""Beyond the time that the frames themselves take, a run is given up after this."""
+
+
+@dataclass(slots=True)
+class LiveRun:
+    """start_s: from the command to the first fused frame; rate_hz: frames fused a second from then to the last;
+    cores: CPU seconds of all stages a second in that time; report: the run's report.json; error: why there
+    is no result."""
+
+    start_s: float | None = None
+    rate_hz: float | None = None
+    cores: float | None = None
+    fused: float = 0
+    report: dict[str, Any] = field(default_factory=dict)
+    error: str = ""
+
+
+def live_run(name: str, rate_hz: float, seconds: float, folder: Path, environment: dict[str, str]) -> LiveRun:
+    """Play an input at a rate through the processes of `spot3d run --live`; its results go to `folder`."""
+    endpoint, frames = free_loopback_endpoint(), max(1, round(rate_hz * seconds))
+    command = [sys.executable, "-m", "spot3d", "run", name, "--live", "--rate", f"{rate_hz:g}", "--out", str(folder)]
+    command += ["--frames", str(frames), "--listen", endpoint]
+    start_s = time.monotonic()
+    with subprocess.Popen(
+        command, env=os.environ | SINGLE_THREADED | environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    ) as process:
+        try:
+            seen, cpu = _watch(process, endpoint, start_s + seconds + _LIMIT_S)
+        finally:
+            if process.poll() is None:
+                process.terminate()
+        said = process.communicate()[1].decode(errors="replace").strip()
+    result = LiveRun()
+    report = folder / "report.json"
+    if process.returncode != 0 or not report.exists() or not seen:
+        result.error = said.splitlines()[-1] if said else f"ended with exit code {process.returncode}"
+        return result
+    result.report = json.loads(report.read_text(encoding="utf-8"))
+    result.start_s, result.fused = seen[0][0] - start_s, seen[-1][1]
+    if len(seen) > 1:
+        result.rate_hz = (seen[-1][1] - seen[0][1]) / (seen[-1][0] - seen[0][0])
+        result.cores = sum(
+            _slope([item for item in readings if seen[0][0] <= item[0] <= seen[-1][0]]) for readings in cpu
+        )
+    return result
+
+
+def _watch(
+    process: subprocess.Popen[bytes], endpoint: str, deadline_s: float
+) -> tuple[list[Reading], list[list[Reading]]]:
+    """Follow the run until its process ends.
+
+    Returns monotonic seconds with frames fused, at each progress with another frame fused; and for each stage
+    monotonic seconds with its CPU seconds, at each of its health messages.
+    """
+    seen: list[Reading] = []
+    cpu: dict[str, list[Reading]] = {stage: [] for stage in STAGES}
+    robot = load_settings().link.robot
+    with ExitStack() as stack:
+        while process.poll() is None and time.monotonic() < deadline_s:
+            try:
+                session = stack.enter_context(zenoh.open(zenoh_config(LinkSettings(connect=(endpoint,)))))
+                break
+            except zenoh.ZError:  # the run's router is not up yet
+                time.sleep(_POLL_S)
+        else:
+            return seen, []
+        progress = session.declare_subscriber(key(robot, "fusion/progress"), FifoChannel(4096))
+        health = [session.declare_subscriber(key(robot, f"{stage}/health"), FifoChannel(64)) for stage in STAGES]
+        while process.poll() is None and time.monotonic() < deadline_s:
+            for subscriber in health:
+                if (sample := subscriber.handler.try_recv()) is not None:
+                    told = decode(sample.payload.to_bytes(), Health)
+                    cpu[told.stage].append((time.monotonic(), told.cpu_s))
+            sample = progress.handler.try_recv()
+            if sample is None:
+                time.sleep(_POLL_S)
+                continue
+            fused = decode(sample.payload.to_bytes(), Progress).fused
+            if fused > (seen[-1][1] if seen else 0):
+                seen.append((time.monotonic(), fused))
+    return seen, list(cpu.values())
+
+
+def _slope(readings: Sequence[Reading]) -> float:
+    """Growth a second from the first reading to the last."""
+    if len(readings) < 2:
+        return 0.0
+    (start_s, before), (end_s, after) = readings[0], readings[-1]
+    return (after - before) / (end_s - start_s)

@@ -1,0 +1,100 @@
+"""The transcriptions that stand beside the measurements agree with the kernels."""
+
+import numpy as np
+import pytest
+
+from spot3d.bench import reference, reference_map
+from spot3d.camera import Intrinsics, invert
+from spot3d.fusion.heatmap3d import FREQUENCY, HEAT, LAST, NORMAL, WEIGHT, Heatmap3D, R, X
+from spot3d.fusion.index_map import merge
+from spot3d.fusion.lattice import to_lattice
+from spot3d.fusion.normals import surface_normals
+from spot3d.fusion.planes import count_inliers
+from spot3d.fusion.settings import FusionSettings
+from spot3d.source.scene import Scene
+
+CAMERA = Intrinsics(73.0, 71.0, 39.2, 30.4, 80, 60)
+SETTINGS = FusionSettings()
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return Scene(seed=1, frames=6, intrinsics=CAMERA)
+
+
+def test_of_no_triples_there_is_no_plane() -> None:
+    points = np.ones((5, 3), np.float32)
+    plane, found = reference.dominant_plane(points, 0.01, np.zeros((0, 3), np.int64))
+    assert (plane.tolist(), found) == ([0, 0, 0, 0], -1)
+    assert reference.triple_plane(points, np.array([0, 1, 2])) is None
+
+
+@pytest.mark.parametrize("distance", [0.003, 0.05])
+def test_ransac_counts_the_same_inliers(distance: float) -> None:
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-1, 1, (700, 3)).astype(np.float32)
+    points[:400, 2] = 1.5 + rng.normal(0, 0.002, 400)
+    triples = rng.integers(0, len(points), (60, 3))
+    planes = [plane for triple in triples if (plane := reference.triple_plane(points, triple)) is not None]
+    counts = count_inliers(np.array(planes, np.float32), points, np.full(len(points), distance, np.float32))
+    plain = [reference.inliers(points, plane, distance) for plane in planes]
+    # A point within rounding of the limit may fall on either side.
+    assert np.abs(counts - plain).max() <= 1
+    best, most = reference.dominant_plane(points, distance, triples)
+    assert most == max(plain) > 150
+    assert abs(best[2]) > 0.99
+    assert best[3] > 0
+
+
+@pytest.mark.parametrize("factor", [2, 3])
+def test_lattice_depth_is_the_same(scene: Scene, factor: int) -> None:
+    frame = scene[0]
+    depth = frame.depth_metres()
+    lattice = to_lattice(frame.colour, depth, np.zeros(depth.shape, np.uint8), CAMERA, CAMERA.width // factor)
+    plain = reference.lattice_depth(depth, factor)
+    assert np.count_nonzero(plain) > 0.5 * plain.size
+    np.testing.assert_allclose(lattice.depth, plain, atol=1e-5)
+
+
+def test_normals_are_the_same(scene: Scene) -> None:
+    depth = scene[0].depth_metres()
+    plain = reference_map.surface_normals(depth, CAMERA)
+    assert np.count_nonzero(plain.any(axis=-1)) > 0.5 * depth.size
+    np.testing.assert_allclose(surface_normals(depth, CAMERA), plain, atol=2e-3)
+
+
+def test_frames_are_merged_the_same_way(scene: Scene) -> None:
+    rng, heatmap, plain = np.random.default_rng(0), Heatmap3D(40_000, 0.005), reference_map.empty_map(0.005)
+    candidates = np.full(CAMERA.shape, -1, np.int32)
+    pinhole = [np.float32(value) for value in (CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy)]
+    for number in range(1, 5):
+        frame, pose = scene[number], scene.true_pose(number)
+        depth, heat = frame.depth_metres(), rng.integers(0, 256, CAMERA.shape, np.uint8)
+        index, count, warped, found = merge(
+            heatmap.rows, heatmap.count, heatmap.keys, heatmap.slot_rows, candidates, depth, frame.colour, heat,
+            surface_normals(depth, CAMERA), pose.astype(np.float32), *pinhole, np.float32(1 / heatmap.voxel),
+            np.float32(SETTINGS.noise_gate), np.float32(SETTINGS.range_max), np.float32(number),
+        )  # fmt: skip
+        heatmap.count = count
+        plain_index, plain_warped, plain_found = reference_map.merge(
+            plain, candidates, depth, frame.colour, heat, pose, CAMERA, SETTINGS.noise_gate, SETTINGS.range_max, number
+        )
+        assert (warped, found, count) == (plain_warped, plain_found, len(plain.rows))
+        np.testing.assert_array_equal(index, plain_index)
+        _assert_same_rows(heatmap.points(), plain.rows)
+        following = scene[number + 1]
+        candidates = reference.warp(
+            index, depth, frame.colour, following.depth_metres(), following.colour,
+            invert(scene.true_pose(number + 1)) @ pose, CAMERA, SETTINGS.colour_gate, 0.03,
+        )  # fmt: skip
+    assert warped > 50
+    assert found > 50
+    assert reference_map.copy_of(heatmap).voxels == plain.voxels
+
+
+def _assert_same_rows(ours: np.ndarray, plain: np.ndarray) -> None:
+    for columns in (slice(X, X + 3), slice(R, R + 3), WEIGHT, HEAT, FREQUENCY, LAST):
+        np.testing.assert_allclose(ours[:, columns], plain[:, columns], rtol=1e-4, atol=1e-4)
+    lengths = np.linalg.norm(plain[:, NORMAL : NORMAL + 3], axis=1, keepdims=True)
+    difference = ours[:, NORMAL : NORMAL + 3] - plain[:, NORMAL : NORMAL + 3]
+    assert np.abs(difference).max() <= 5e-3 * max(1.0, float(lengths.max()))
