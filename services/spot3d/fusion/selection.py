@@ -38,7 +38,8 @@ def frequent_points(rows: NDArray[np.float32], frame_count: int, settings: Fusio
     rows: (n, 16) float32 map rows, of which columns are copied.
     """
     least = min(settings.frequency_min, settings.frequency_share * frame_count)
-    return MapPoints(*_frequent(rows, np.float32(max(1.0, least)), np.float32(settings.tau)))
+    tau = min(settings.tau, settings.tau_share * frame_count)
+    return MapPoints(*_frequent(rows, np.float32(max(1.0, least)), np.float32(tau)))
 
 
 @nb.njit("Tuple((f4[:,::1], f4[:,::1], f4[:,::1], f4[::1], f4[::1]))(f4[:,::1], f4, f4)", cache=True, nogil=True)

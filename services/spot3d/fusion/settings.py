@@ -42,7 +42,10 @@ class FusionSettings(BaseModel):
     frequency_share: float = Field(
         0.05, ge=0, le=1, description="... seen in less than this share of the frames, whichever is lower"
     )
-    tau: float = Field(10.0, ge=0, description="tau: favours points seen more often")
+    tau: float = Field(10.0, ge=0, description="tau: favours points seen more often; or ...")
+    tau_share: float = Field(
+        0.05, ge=0, le=1, description="... this share of the frames, whichever is lower: short runs count too"
+    )
     heat_min: float = Field(0.15, ge=0, le=1, description="eps: pseudo-average confidence from which something is kept")
 
     clustering: Literal["density", "surface"] = Field(
@@ -81,6 +84,7 @@ PAPER = FusionSettings(
     frequency_min=5,
     frequency_share=0.05,
     tau=10.0,
+    tau_share=1.0,
     heat_min=0.25,
     clustering="density",
     size_min=0.0,
