@@ -26,6 +26,8 @@ _LEVEL = 0.95
 """Cosine to the up direction (18 degrees) from which a sheet is level."""
 _COARSE = 0.03
 """Edge of the cells in which planes are looked for, metres."""
+_PEAK = 0.5
+"""Where even the hottest points are colder than this, eps falls in proportion: a frame's maximum wanders."""
 _WARM = 0.2
 """Points below this share of eps belong to no object and are not looked at."""
 
@@ -75,7 +77,8 @@ def _by_density(points: MapPoints, planes: list[StructurePlane], settings: Fusio
 def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: FusionSettings) -> list[Cluster]:
     """Whole surfaces between creases and structure, each judged by its mean heat, boxed down to its support."""
     up = planes[0].plane[:3]
-    rows = np.flatnonzero(points.heat >= _WARM * settings.heat_min)
+    heat_min = settings.heat_min * min(1.0, peak_heat(points) / _PEAK)
+    rows = np.flatnonzero(points.heat >= _WARM * heat_min)
     warm = points.take(rows)
     surface = gather_cells(warm.xyz, warm.normal, warm.heat, settings.cell)
     levels: list[StructureSheet] = []
@@ -88,8 +91,8 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
         levels = [item for item in sheets if item.sheet.plane[:3] @ up > _LEVEL]
     segments = split_at_creases(surface, lying_flat(surface, levels), settings.crease, settings.segment_cells)
     segment_of_point = np.append(segments, np.int32(-1))[surface.cell_of_point]
-    clusters = _clusters(segment_of_point, _kept_segments(segments, surface, settings))
-    hot = [float(warm.heat[cluster].mean()) >= settings.heat_min for cluster in clusters]
+    clusters = _clusters(segment_of_point, _kept_segments(segments, surface, heat_min, settings.segment_cells))
+    hot = [float(warm.heat[cluster].mean()) >= heat_min for cluster in clusters]
 
     def box_of(members: NDArray[np.float32]) -> Box3D:
         return _standing(upright_box(members, up, turn=True, trim=_TRIM), levels, settings.standing_clearance)
@@ -97,15 +100,21 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
     return [
         Cluster(rows[cluster], box_of(warm.xyz[cluster]))
         for cluster in merge_contained(clusters, hot, warm.xyz, box_of, settings.contained_share)
-        if float(warm.heat[cluster].mean()) >= settings.heat_min
+        if float(warm.heat[cluster].mean()) >= heat_min
     ]
 
 
-def _kept_segments(segments: NDArray[np.int32], surface: Surface, settings: FusionSettings) -> NDArray[np.bool_]:
+def peak_heat(points: MapPoints) -> float:
+    """The heat that the hottest hundredth of the points reaches: how hot this scene's objects get."""
+    sample = points.heat[:: max(1, len(points) // 10_000)]
+    return float(np.quantile(sample, 0.99))
+
+
+def _kept_segments(segments: NDArray[np.int32], surface: Surface, heat_min: float, cells_min: int) -> NDArray[np.bool_]:
     """Segments warm and large enough to be an object or part of one; one more, false, for index -1."""
     size = np.bincount(segments)
     heat = np.bincount(segments, surface.heat) / np.maximum(size, 1)
-    return np.append((heat >= settings.heat_min / 2) & (size >= settings.segment_cells), False)
+    return np.append((heat >= heat_min / 2) & (size >= cells_min), False)
 
 
 def _clusters(labels: NDArray[np.int32], kept: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
