@@ -7,7 +7,7 @@ from spot3d.fusion.heatmap3d import COLUMNS, FREQUENCY, HEAT, NORMAL, R, X
 from spot3d.fusion.selection import frequent_points
 from spot3d.fusion.settings import FusionSettings
 
-SETTINGS = FusionSettings(frequency_min=5, frequency_share=0.05, tau=10.0)
+SETTINGS = FusionSettings(frequency_min=5, frequency_share=0.05, tau=10.0, tau_share=1.0)
 
 
 def rows_seen(frequencies: list[int], heat: float = 0.0) -> np.ndarray:
@@ -30,7 +30,7 @@ def test_points_seen_too_seldom_are_dropped(frames: int, least: int) -> None:
     ("heat", "frequency", "tau", "expected"), [(0, 5, 10, 0), (5, 5, 10, 1 / 3), (90, 90, 10, 0.9), (3, 6, 0, 0.5)]
 )
 def test_pseudo_average_confidence(heat: float, frequency: int, tau: float, expected: float) -> None:
-    points = frequent_points(rows_seen([frequency], heat), 100, FusionSettings(tau=tau))
+    points = frequent_points(rows_seen([frequency], heat), 100, FusionSettings(tau=tau, tau_share=1.0))
     assert points.heat[0] == pytest.approx(expected)
 
 
@@ -48,3 +48,9 @@ def test_columns_are_copied_and_normals_are_unit_or_unknown() -> None:
     np.testing.assert_array_equal(points.colour, [[10, 20, 30]] * 2)
     np.testing.assert_allclose(points.normal, [[0, 0.6, 0.8], [0, 0, 0]], atol=1e-6)
     np.testing.assert_array_equal(points.take(np.array([False, True])).normal, [[0, 0, 0]])
+
+
+@pytest.mark.parametrize(("frames", "expected"), [(20, 6 / 7), (100, 6 / 11), (1000, 6 / 16)])
+def test_tau_grows_with_a_run_up_to_its_value(frames: int, expected: float) -> None:
+    settings = FusionSettings(tau=10.0, tau_share=0.05)
+    assert frequent_points(rows_seen([6], 6.0), frames, settings).heat[0] == pytest.approx(expected)

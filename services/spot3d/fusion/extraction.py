@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.cluster import DBSCAN
 
 from spot3d.boxes import Box3D
 from spot3d.fusion.boxes import merge_contained, merge_intersecting, upright_box, with_bottom
@@ -67,6 +66,8 @@ def _by_density(points: MapPoints, planes: list[StructurePlane], settings: Fusio
     if len(rows) == 0:
         return []
     hot = points.xyz[rows]
+    from sklearn.cluster import DBSCAN  # slow to import, and used by the paper's preset alone
+
     labels = DBSCAN(eps=settings.density_radius, min_samples=settings.density_points).fit_predict(hot)
     clusters = [np.flatnonzero(labels == label) for label in range(labels.max() + 1)]
     up = planes[0].plane[:3]

@@ -63,8 +63,24 @@ def connected_cells(link: NDArray[np.int32], member: NDArray[np.bool_]) -> NDArr
 
 def _links(surface: Surface, pairs: NDArray[np.int32]) -> NDArray[np.int32]:
     """The pairs whose cells touch."""
-    gap = surface.centre[pairs[:, 0]] - surface.centre[pairs[:, 1]]
-    return np.ascontiguousarray(pairs[np.einsum("ij,ij->i", gap, gap) < (_LINK * surface.edge) ** 2])
+    touching: NDArray[np.int32] = _closer(surface.centre, pairs, np.float32((_LINK * surface.edge) ** 2))
+    return touching
+
+
+@nb.njit("i4[:,::1](f4[:,::1], i4[:,::1], f4)", cache=True, nogil=True)
+def _closer(centre: NDArray[np.float32], pairs: NDArray[np.int32], square: np.float32) -> NDArray[np.int32]:
+    """The pairs whose centres are less than the root of `square` apart."""
+    kept = np.empty_like(pairs)
+    count = 0
+    for k in range(len(pairs)):
+        i, j = pairs[k]
+        gap = np.float32(0)
+        for axis in range(3):
+            gap += (centre[i, axis] - centre[j, axis]) ** 2
+        if gap < square:
+            kept[count] = pairs[k]
+            count += 1
+    return kept[:count].copy()
 
 
 @nb.njit("f4[:,::1](f4[:,::1], i4[:,::1])", cache=True, nogil=True)

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.cluster import KMeans
 
 _REMEMBERED = 10_000
 """Most keyframe planes kept; beyond, every second one goes."""
@@ -66,6 +65,9 @@ class PlaneMemory:
         for feature in features:
             if all(np.linalg.norm(feature - centre) > _SAME_DISTANCE for centre in centres):
                 centres.append(feature)
+        # A second or two of imports: later than the start, when nobody waits for the first frame any more.
+        from sklearn.cluster import KMeans
+
         labels = KMeans(len(centres), init=np.array(centres), n_init=1).fit_predict(features)
         groups = []
         for label in np.unique(labels):

@@ -1,5 +1,7 @@
 """Updates of the objects, computed beside the fusing of further frames."""
 
+import os
+import sys
 import threading
 from dataclasses import dataclass
 
@@ -13,6 +15,8 @@ from spot3d.fusion.identity import FoundObject
 from spot3d_schemas import Message, Object3D, Objects
 
 _OUT = "fusion/objects"
+_NICENESS = 5
+"""Frames come first: where the processors are busy, an update takes what the stages leave."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +81,8 @@ class Updates:
             self._wanted = None
 
     def _work(self) -> None:
+        if sys.platform == "linux":  # elsewhere the priority of a thread cannot be set alone
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._waiting is not None or self._closed)

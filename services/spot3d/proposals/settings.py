@@ -63,7 +63,7 @@ class ProposalSettings(BaseModel):
     min_box_area: float = Field(1000.0, ge=16, description="smallest window at 640x480, square pixels")
     gamma: float = Field(2.0, gt=0, description="gamma, exponent of the affinity of two edge groups")
     kappa: float = Field(1.5, gt=0, description="kappa, exponent of the window's size that the score is divided by")
-    refined: int = Field(300, ge=0, le=1_000_000, description="how many of the best windows of the search are refined")
+    refined: int = Field(150, ge=0, le=1_000_000, description="how many of the best windows of the search are refined")
     search_width: int = Field(
         320, ge=40, description="larger images are searched at about this many pixels across: faster, and calmer edges"
     )
