@@ -52,7 +52,7 @@ lint: $(INSTALLED)
 check: lint test
 
 bench: $(INSTALLED)
-	$(RUN) spot3d bench
+	$(RUN) spot3d bench $(if $(wildcard $(DATA)/redkitchen),--data "$(DATA)/redkitchen" --frames 300)
 
 evaluate: $(INSTALLED)
 	$(RUN) spot3d evaluate all "$(DATA)"

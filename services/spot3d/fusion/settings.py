@@ -46,7 +46,7 @@ class FusionSettings(BaseModel):
     tau_share: float = Field(
         0.05, ge=0, le=1, description="... this share of the frames, whichever is lower: short runs count too"
     )
-    heat_min: float = Field(0.15, ge=0, le=1, description="eps: pseudo-average confidence from which something is kept")
+    heat_min: float = Field(0.18, ge=0, le=1, description="eps: pseudo-average confidence from which something is kept")
 
     clustering: Literal["density", "surface"] = Field(
         "surface",
