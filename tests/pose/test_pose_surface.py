@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from spot3d.camera import Intrinsics
+from spot3d.camera import Intrinsics, invert
 from spot3d.pose.given import GivenPoses
 from spot3d.pose.motion import (
     checked_pose,
     extrapolated,
-    inverse,
     moved,
     rotation_from_vector,
     vector_from_rotation,
@@ -118,7 +117,7 @@ def test_constant_velocity() -> None:
     step = moved(np.eye(4), np.array([0.1, 0.0, -0.2, 0.0, 0.05, 0.02]))
     np.testing.assert_allclose(extrapolated(np.eye(4), step, 1.0), step @ step, atol=1e-12)
     np.testing.assert_allclose(extrapolated(np.eye(4), step, 0.0), step, atol=1e-12)
-    np.testing.assert_allclose(step @ inverse(step), np.eye(4), atol=1e-12)
+    np.testing.assert_allclose(step @ invert(step), np.eye(4), atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,8 @@ from kiss_icp.threshold import get_threshold_estimator
 from kiss_icp.voxelization import voxel_down_sample
 from numpy.typing import NDArray
 
-from spot3d.pose.motion import inverse, moved, nearest_rotation
+from spot3d.camera import invert
+from spot3d.pose.motion import moved, nearest_rotation
 from spot3d.pose.registration import Registration, judged
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface
@@ -62,7 +63,7 @@ class KissIcp:
         source = _thinned(surface, 0.5 * settings.kiss_voxel, 1.5 * settings.kiss_voxel)
         pose = self._registration.align_points_to_map(source, self._map, T_world_guess, 3 * sigma, sigma)
         pose = self._refine(surface, pose)
-        self._deviation = inverse(T_world_guess) @ pose
+        self._deviation = invert(T_world_guess) @ pose
         return judged(self._planes, surface, pose, settings.refine_distance)
 
     def insert(self, surface: Surface, T_world_camera: NDArray[np.float64]) -> None:

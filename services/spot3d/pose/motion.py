@@ -1,8 +1,9 @@
-"""Small rigid-body algebra: twists, inverses, extrapolation."""
+"""Small rigid-body algebra: twists, extrapolation."""
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.camera import invert
 from spot3d.trajectory import rotation_angle
 
 
@@ -23,14 +24,6 @@ def vector_from_rotation(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     return axis / (2 * float(np.sinc(float(rotation_angle(rotation)) / np.pi)))
 
 
-def inverse(T: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Inverse of a (4, 4) rigid transform."""
-    result = np.eye(4)
-    result[:3, :3] = T[:3, :3].T
-    result[:3, 3] = -T[:3, :3].T @ T[:3, 3]
-    return result
-
-
 def moved(T_world_camera: NDArray[np.float64], twist: NDArray[np.float64]) -> NDArray[np.float64]:
     """Pose after a small motion in world axes: twist (6,) = translation, rotation vector about the camera."""
     result = T_world_camera.copy()
@@ -49,7 +42,7 @@ def extrapolated(
     T_world_before: NDArray[np.float64], T_world_last: NDArray[np.float64], ratio: float
 ) -> NDArray[np.float64]:
     """Pose at constant velocity, `ratio` times as far beyond the last as that lies beyond the one before."""
-    step = inverse(T_world_before) @ T_world_last
+    step = invert(T_world_before) @ T_world_last
     motion = np.eye(4)
     motion[:3, :3] = rotation_from_vector(ratio * vector_from_rotation(step[:3, :3]))
     motion[:3, 3] = ratio * step[:3, 3]

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.camera import Intrinsics
+from spot3d.camera import Intrinsics, invert
 from spot3d.pose.estimate import PoseEstimate
-from spot3d.pose.motion import checked_pose, extrapolated, inverse, rotation_from_vector
+from spot3d.pose.motion import checked_pose, extrapolated, rotation_from_vector
 from spot3d.pose.registration import Registrar, Registration
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface, sample_surface, weakest_direction
@@ -34,7 +34,7 @@ def implausible(
 
     T_world_last: (4, 4) last good pose, `elapsed` seconds before.
     """
-    motion = inverse(T_world_last) @ registration.T_world_camera
+    motion = invert(T_world_last) @ registration.T_world_camera
     shift, turn = float(np.linalg.norm(motion[:3, 3])), float(rotation_angle(motion[:3, :3]))
     if registration.overlap < overlap_min:
         return f"{registration.overlap:.0%} of the points meet the map, {overlap_min:.0%} are needed"
@@ -156,5 +156,5 @@ class MapTracker:
 
 
 def _elsewhere(a: Registration, b: Registration) -> bool:
-    motion = inverse(a.T_world_camera) @ b.T_world_camera
+    motion = invert(a.T_world_camera) @ b.T_world_camera
     return bool(np.linalg.norm(motion[:3, 3]) > _SAME_PLACE or rotation_angle(motion[:3, :3]) > _SAME_TURN)
