@@ -1,5 +1,7 @@
 """From map points to objects: found whole, and nothing else."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fusion_room import BACKDROP_PLANE, COARSE, COARSE_PAPER, FINE, STAGE, TABLE_PLANE, THREE, Cuboid, sampled, standing
@@ -91,8 +93,17 @@ def test_without_removing_planes_the_table_spoils_the_result(base: FusionSetting
 
 
 @pytest.mark.parametrize("settings", [COARSE, COARSE_PAPER])
-def test_cold_things_are_no_objects(settings: FusionSettings) -> None:
-    assert find_objects(sampled(STAGE + THREE, heat=0.8 * settings.heat_min), PLANES, settings) == []
+def test_cold_things_beside_a_hot_one_are_no_objects(settings: FusionSettings) -> None:
+    hot, *others = THREE
+    things = (hot, *(replace(thing, heat=0.8 * settings.heat_min / 0.6) for thing in others))
+    found = find_objects(sampled(STAGE + things, heat=0.6), PLANES, settings)
+    assert len(found) == 1
+    assert iou_matrix_3d([found[0].box], [hot.box()])[0, 0] > 0.3
+
+
+def test_where_everything_is_cool_the_warmest_count() -> None:
+    points = sampled(STAGE + THREE, heat=0.8 * COARSE.heat_min, cold=0.002)
+    assert len(find_objects(points, PLANES, COARSE)) == len(THREE)
 
 
 @pytest.mark.parametrize("settings", [COARSE, COARSE_PAPER])
