@@ -58,20 +58,20 @@ def test_kernel_equals_reference_and_stays_below_its_limit(magnitude, orientatio
         windows.append((int(x[0]), int(y[0]), int(x[1]), int(y[1])))
     for window in windows:
         expected = reference_score(magnitude, groups, window, KAPPA)
-        got = score_window(*index, *window, np.float32(0))
+        got = score_window(index, *window, np.float32(0))
         assert got == pytest.approx(expected, rel=1e-3, abs=2e-4), window
-        assert got <= score_limit(index.sums, index.norm, *window) + 1e-4 or got == 0
+        assert got <= score_limit(index, *window) + 1e-4 or got == 0
         # A score that is asked to exceed itself is given up; one that does not need to is complete.
-        assert score_window(*index, *window, np.float32(expected + 1e-3)) == 0
+        assert score_window(index, *window, np.float32(expected + 1e-3)) == 0
         if expected > 0.01:
-            assert score_window(*index, *window, np.float32(expected - 5e-3)) == got
+            assert score_window(index, *window, np.float32(expected - 5e-3)) == got
 
 
 def test_a_window_around_an_outline_beats_one_that_cuts_it():
     magnitude, orientation = outline_edges()
     index = index_windows(magnitude, grouped(magnitude, orientation), KAPPA)
-    whole = score_window(*index, 29, 19, 72, 52, np.float32(0))
-    cut = score_window(*index, 29, 19, 60, 52, np.float32(0))
+    whole = score_window(index, 29, 19, 72, 52, np.float32(0))
+    cut = score_window(index, 29, 19, 60, 52, np.float32(0))
     assert whole > 2 * cut
 
 

@@ -12,7 +12,7 @@ from spot3d.proposals.nms import suppress
 from spot3d.proposals.scoring import MIN_AFFINITY
 from spot3d.proposals.settings import ProposalSettings
 from spot3d.proposals.window_index import index_windows
-from spot3d.proposals.windows import best_windows, refine, scan, window_shapes
+from spot3d.proposals.windows import refine, search, window_shapes
 
 
 def propose(
@@ -84,10 +84,7 @@ def boxes_from_edges(edges: EdgeMap, ranges: DepthRange, settings: ProposalSetti
     index = index_windows(edges.magnitude, groups, settings.kappa)
     min_area = settings.min_box_area * (width * height) / (640 * 480)
     shapes = window_shapes(width, height, settings.alpha, settings.max_aspect_ratio, min_area)
-    candidates, limits = scan(index, ranges, shapes, np.float32(settings.min_score))
-    # Twice as many as asked for, so that enough are left when those that overlap are gone.
-    pool = max(2 * settings.max_boxes, settings.refined)
-    windows, scores = best_windows(index, candidates, limits, pool, np.float32(settings.min_score))
+    windows, scores = search(index, ranges, shapes, np.float32(settings.min_score))
     place_step = (1 - settings.alpha) / (1 + settings.alpha)
     best = np.argsort(-scores, kind="stable")[: settings.refined]
     windows[best], scores[best] = refine(index, windows[best], scores[best], np.float32(place_step))

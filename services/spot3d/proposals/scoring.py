@@ -2,95 +2,92 @@
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from spot3d.proposals.window_index import WindowIndex
 
 MIN_AFFINITY = 0.05  # paths of a lower affinity do not connect
 
 
-@njit(cache=True, nogil=True)
-def score_limit(sums: NDArray[np.float32], norm: NDArray[np.float32], x0: int, y0: int, x1: int, y1: int) -> np.float32:
+@njit(cache=True, nogil=True, forceinline=True)
+def score_limit(index: WindowIndex, x0: int, y0: int, x1: int, y1: int) -> np.float32:
     """Most that the window x0..x1 - 1, y0..y1 - 1 can score: as if no contour crossed its border."""
+    sums = index.sums
     w, h = x1 - x0, y1 - y0
     inside = sums[y1, x1, 0] - sums[y0, x1, 0] - sums[y1, x0, 0] + sums[y0, x0, 0]
     x2, y2 = x0 + w // 4, y0 + h // 4
     x3, y3 = x2 + w // 2, y2 + h // 2
     centre = sums[y3, x3, 1] - sums[y2, x3, 1] - sums[y3, x2, 1] + sums[y2, x2, 1]
-    limit: np.float32 = (inside - centre) * norm[w + h]
+    limit: np.float32 = (inside - centre) * index.norm[w + h]
     return limit
 
 
-@njit(cache=True, nogil=True)
-def score_window(
-    sums: NDArray[np.float32],
-    norm: NDArray[np.float32],
-    starts: NDArray[np.int32],
-    lines: NDArray[np.int32],
-    groups: NDArray[np.int32],
-    magnitude: NDArray[np.float32],
-    neighbour: NDArray[np.int32],
-    affinity: NDArray[np.float32],
-    met: NDArray[np.int32],
-    removed: NDArray[np.float32],
-    x0: int,
-    y0: int,
-    x1: int,
-    y1: int,
-    least: np.float32,
-) -> np.float32:
+@njit(cache=True, nogil=True, forceinline=True)
+def anchored(index: WindowIndex, g: int, x0: int, y0: int, x1: int, y1: int) -> bool:
+    """Whether group g has its anchor in the window; without branches, which would be guessed wrong."""
+    x, y = index.anchor[g, 0], index.anchor[g, 1]
+    inside: bool = (x0 <= x) & (x < x1) & (y0 <= y) & (y < y1)
+    return inside
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def meet(index: WindowIndex, line: int, begin: int, end: int, now: int, tail: int) -> int:
+    """Queue the groups of `lines[line, begin:end]` that window `now` meets first here; returns the queue's end."""
+    for i in range(begin, end):
+        g = index.lines[line, i]
+        index.queue[tail] = g  # overwritten by the next one if it is not new
+        tail += index.met[g] != now
+        index.met[g] = now
+    return tail
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def score_window(index: WindowIndex, x0: int, y0: int, x1: int, y1: int, least: np.float32) -> np.float32:
     """Score of the window x0..x1 - 1, y0..y1 - 1, or 0 as soon as it is known to be no more than `least`.
 
     Groups with their anchor inside count with their magnitude times 1 - the best product of affinities along
     any path of groups from the window's border; edges in the centre of half the size are taken off; the rest
-    is divided by the mean side to the power kappa (EdgeBoxes, Eq. 2 to 4). The arrays are WindowIndex's.
+    is divided by the mean side to the power kappa (EdgeBoxes, Eq. 2 to 4).
     """
-    score = score_limit(sums, norm, x0, y0, x1, y1)
+    score: np.float32 = score_limit(index, x0, y0, x1, y1)
     if score <= least:
         return np.float32(0)
-    scale = norm[x1 - x0 + y1 - y0]
+    scale = index.norm[x1 - x0 + y1 - y0]
+    starts, met, queue, waits, removed = index.starts, index.met, index.queue, index.waits, index.removed
     size = removed.size
-    met[size, 0] += 1
-    now = met[size, 0]
-    tail = 0
-    for side in range(4):
-        if side < 2:
-            y = y0 if side == 0 else y1 - 1
-            line, begin, end = 0, starts[y, x0, 0], starts[y, x1, 0]
-        else:
-            x = x0 if side == 2 else x1 - 1
-            line, begin, end = 1, starts[y0, x, 1], starts[y1, x, 1]
-        for i in range(begin, end):
-            g = lines[line, i]
-            if met[g, 0] != now:
-                met[g, 0], met[g, 1], met[tail, 2] = now, 1, g
-                removed[g] = 1
-                tail += 1
-                if x0 <= groups[g, 0] < x1 and y0 <= groups[g, 1] < y1:
-                    score -= magnitude[g] * scale
+    now = met[size] + 1
+    met[size] = now
+    tail = meet(index, 0, starts[y0, x0, 0], starts[y0, x1, 0], now, 0)
+    tail = meet(index, 0, starts[y1 - 1, x0, 0], starts[y1 - 1, x1, 0], now, tail)
+    tail = meet(index, 1, starts[y0, x0, 1], starts[y1, x0, 1], now, tail)
+    tail = meet(index, 1, starts[y0, x1 - 1, 1], starts[y1, x1 - 1, 1], now, tail)
+    crossing = np.float32(0)
+    for i in range(tail):
+        g = queue[i]
+        removed[g], waits[g] = 1, 1
+        crossing += index.magnitude[g] * np.float32(anchored(index, g, x0, y0, x1, y1))
+    score -= crossing * scale
     if score <= least:
         return np.float32(0)
     head = 0
     while head != tail:
-        g = met[head, 2]
+        g = queue[head]
         head = head + 1 if head < size else 0
-        met[g, 1] = 0
-        weight_here = removed[g]
-        for k in range(groups[g, 2], groups[g, 3]):
-            weight = weight_here * affinity[k]
+        waits[g] = 0
+        for k in range(index.first[g], index.first[g + 1]):
+            weight = removed[g] * index.affinity[k]
             if weight < np.float32(MIN_AFFINITY):
                 break
-            q = neighbour[k]
-            if met[q, 0] != now:
-                if not (x0 <= groups[q, 0] < x1 and y0 <= groups[q, 1] < y1):
-                    continue
-                met[q, 0], met[q, 1] = now, 0
-                removed[q] = 0
+            q = index.neighbour[k]
+            if met[q] != now:
+                met[q], removed[q], waits[q] = now, 0, 0
             gain = weight - removed[q]
-            if gain > 0:
-                score -= gain * magnitude[q] * scale
+            if gain > 0 and anchored(index, q, x0, y0, x1, y1):
+                score -= gain * index.magnitude[q] * scale
                 if score <= least:
                     return np.float32(0)
                 removed[q] = weight
-                if met[q, 1] == 0:
-                    met[q, 1], met[tail, 2] = 1, q
+                queue[tail] = q
+                if waits[q] == 0:
+                    waits[q] = 1
                     tail = tail + 1 if tail < size else 0
     return score

@@ -10,30 +10,34 @@ from spot3d.proposals.groups import EdgeGroups
 
 
 class WindowIndex(NamedTuple):
-    """What `score_window` takes, in its order; n groups, e grouped pixels, k affinities.
+    """Tables of n groups, e grouped pixels and k affinities; indices are unsigned, which spares a test for < 0.
 
     sums: (h + 1, w + 1, 2) float32, integral images of the groups' magnitudes, each at its group's anchor,
     and of the grouped pixels' magnitudes.
     norm: (h + w + 1,) float32, 1 / ((width + height) / 2)^kappa by width + height.
-    starts: (h + 1, w + 1, 2) int32, place in `lines` of the first grouped pixel at or after (y, x) along its
+    starts: (h + 1, w + 1, 2) uint32, place in `lines` of the first grouped pixel at or after (y, x) along its
     row and along its column.
-    lines: (2, e) int32, the grouped pixels' groups row by row and column by column.
-    groups: (n, 4) int32, anchor x and y, begin and end of the group's affinities.
-    magnitude: (n,) float32. neighbour: (k,) int32 and affinity: (k,) float32, a group's strongest first.
-    met: (n + 1, 3) int32 and removed: (n,) float32, working memory: the last window that met the group,
-    whether it waits in the queue, the queue; 1 - the group's weight in that window. The last row of `met`
-    counts the windows.
+    lines: (2, e) uint32, the grouped pixels' groups row by row and column by column.
+    anchor: (n, 2) int32, x and y of the pixel that stands for the group's place. magnitude: (n,) float32.
+    first: (n + 1,) uint32, start of each group's row in neighbour: (k,) uint32 and affinity: (k,) float32,
+    strongest first.
+    met: (n + 1,) int32, queue: (n + 1,) uint32, waits: (n,) uint8, removed: (n,) float32, working memory: the
+    last window that met the group, at the end the count of windows; groups whose neighbours are to be
+    weighed; whether the group is one of them; 1 - the group's weight in that window.
     """
 
     sums: NDArray[np.float32]
     norm: NDArray[np.float32]
-    starts: NDArray[np.int32]
-    lines: NDArray[np.int32]
-    groups: NDArray[np.int32]
+    starts: NDArray[np.uint32]
+    lines: NDArray[np.uint32]
+    anchor: NDArray[np.int32]
     magnitude: NDArray[np.float32]
-    neighbour: NDArray[np.int32]
+    first: NDArray[np.uint32]
+    neighbour: NDArray[np.uint32]
     affinity: NDArray[np.float32]
     met: NDArray[np.int32]
+    queue: NDArray[np.uint32]
+    waits: NDArray[np.uint8]
     removed: NDArray[np.float32]
 
 
@@ -42,12 +46,22 @@ def index_windows(magnitude: NDArray[np.float32], groups: EdgeGroups, kappa: flo
     h, w = magnitude.shape
     sides = np.maximum(np.arange(h + w + 1, dtype=np.float32), 1)
     norm = ((sides / 2) ** np.float32(-kappa)).astype(np.float32)
-    count = groups.magnitude.size
-    table = np.column_stack((groups.anchor, groups.first[:-1], groups.first[1:])).astype(np.int32)
+    n = groups.magnitude.size
     sums, starts, lines = build_tables(magnitude, groups.label, groups.magnitude, groups.anchor)
-    working_memory = np.zeros((count + 1, 3), np.int32), np.zeros(count, np.float32)
     return WindowIndex(
-        sums, norm, starts, lines, table, groups.magnitude, groups.neighbour, groups.affinity, *working_memory
+        sums,
+        norm,
+        starts,
+        lines,
+        groups.anchor,
+        groups.magnitude,
+        groups.first.astype(np.uint32),
+        groups.neighbour.astype(np.uint32),
+        groups.affinity,
+        met=np.zeros(n + 1, np.int32),
+        queue=np.zeros(n + 1, np.uint32),
+        waits=np.zeros(n, np.uint8),
+        removed=np.zeros(n, np.float32),
     )
 
 
@@ -57,10 +71,10 @@ def build_tables(
     label: NDArray[np.int32],
     group_magnitude: NDArray[np.float32],
     anchor: NDArray[np.int32],
-) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.int32]]:
+) -> tuple[NDArray[np.float32], NDArray[np.uint32], NDArray[np.uint32]]:
     """`sums`, `starts` and `lines` of WindowIndex: one pass over the image, and one to count the columns."""
     h, w = label.shape
-    sums, starts = np.empty((h + 1, w + 1, 2), np.float32), np.empty((h + 1, w + 1, 2), np.int32)
+    sums, starts = np.empty((h + 1, w + 1, 2), np.float32), np.empty((h + 1, w + 1, 2), np.uint32)
     sums[0], sums[:, 0], starts[h, w] = 0, 0, 0
     column = np.zeros(w + 1, np.int32)  # next place in each column
     for y in range(h):
@@ -69,7 +83,7 @@ def build_tables(
                 column[x + 1] += 1
     for x in range(w):
         column[x + 1] += column[x]
-    lines = np.empty((2, column[w]), np.int32)
+    lines = np.empty((2, column[w]), np.uint32)
     n = 0
     for y in range(h):
         in_row_groups, in_row_edges = np.float32(0), np.float32(0)

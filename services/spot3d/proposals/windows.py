@@ -12,7 +12,6 @@ from spot3d.proposals.window_index import WindowIndex
 
 LAST_STEP = 1  # finest move of a window's side, pixels
 MIN_SIDE = 4  # of a window, pixels
-BINS = 256  # of score limits, for visiting windows in roughly descending order
 
 
 def window_shapes(
@@ -39,16 +38,19 @@ def window_shapes(
 
 
 @njit(cache=True, nogil=True)
-def scan(
+def search(
     index: WindowIndex, ranges: DepthRange, shapes: NDArray[np.int32], min_score: np.float32
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """Windows (n, 4) int32 [x0, y0, x1, y1] that may score above `min_score`, and each score's limit (n,)."""
+    """Windows (n, 4) int32 [x0, y0, x1, y1] of the grid that score above `min_score`, and their scores (n,).
+
+    shapes: (s, 4) int32 of `window_shapes`. They are visited place by place, so that neighbours find the
+    tables in the cache.
+    """
     h, w = index.sums.shape[0] - 1, index.sums.shape[1] - 1
-    sums, norm = index.sums, index.norm
     most = 0
     for s in range(shapes.shape[0]):
         most += (w // shapes[s, 2] + 2) * (h // shapes[s, 3] + 2)
-    windows, limits = np.empty((most, 4), np.int32), np.empty(most, np.float32)
+    windows, scores = np.empty((most, 4), np.int32), np.empty(most, np.float32)
     n = 0
     for s in range(shapes.shape[0]):
         bw, bh, step_x, step_y = shapes[s]
@@ -56,78 +58,14 @@ def scan(
             y1 = min(y + bh, h)
             for x in range(0, w - bw + step_x, step_x):
                 x1 = min(x + bw, w)
-                limit = score_limit(sums, norm, x, y, x1, y1)
-                if limit > min_score and not surely_rejected(ranges, x, y, x1, y1):
+                if score_limit(index, x, y, x1, y1) <= min_score or surely_rejected(ranges, x, y, x1, y1):
+                    continue
+                score = score_window(index, x, y, x1, y1, min_score)
+                if score > 0:
                     windows[n, 0], windows[n, 1], windows[n, 2], windows[n, 3] = x, y, x1, y1
-                    limits[n] = limit
+                    scores[n] = score
                     n += 1
-    return windows[:n], limits[:n]
-
-
-@njit(cache=True, nogil=True)
-def best_windows(
-    index: WindowIndex,
-    windows: NDArray[np.int32],
-    limits: NDArray[np.float32],
-    count: int,
-    min_score: np.float32,
-) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """The `count` windows of the highest score above `min_score`, unordered, with their scores.
-
-    Windows of a high limit come first, so that most others are known to be too low without being scored.
-    """
-    sums, norm, starts, lines, groups, magnitude, neighbour, affinity, met, removed = index
-    top = np.float32(0)
-    for i in range(limits.size):
-        top = max(top, limits[i])
-    scale = BINS / (top + np.float32(1e-6))
-    start = np.zeros(BINS + 1, np.int64)
-    for i in range(limits.size):
-        start[BINS - int(limits[i] * scale)] += 1
-    start = np.cumsum(start)
-    order = np.empty(limits.size, np.int32)
-    for i in range(limits.size - 1, -1, -1):
-        b = BINS - int(limits[i] * scale)
-        start[b] -= 1
-        order[start[b]] = i
-    heap, chosen = np.zeros(count, np.float32), np.full(count, -1, np.int32)  # a min-heap of the best scores
-    heap[:] = min_score
-    for k in range(order.size):
-        i = order[k]
-        x0, y0, x1, y1 = windows[i]
-        score = score_window(
-            sums,
-            norm,
-            starts,
-            lines,
-            groups,
-            magnitude,
-            neighbour,
-            affinity,
-            met,
-            removed,
-            x0,
-            y0,
-            x1,
-            y1,
-            heap[0],
-        )
-        if score == 0:
-            continue
-        parent = 0
-        while True:
-            child = 2 * parent + 1
-            if child >= count:
-                break
-            if child + 1 < count and heap[child + 1] < heap[child]:
-                child += 1
-            if heap[child] >= score:
-                break
-            heap[parent], chosen[parent] = heap[child], chosen[child]
-            parent = child
-        heap[parent], chosen[parent] = score, i
-    full = chosen >= 0
-    return windows[chosen[full]], heap[full]
+    return windows[:n], scores[:n]
 
 
 @njit(cache=True, nogil=True)
@@ -143,7 +81,6 @@ def refine(
     Returns the moved windows and their scores, in the same order and in the memory of the given ones.
     """
     h, w = index.sums.shape[0] - 1, index.sums.shape[1] - 1
-    sums, norm, starts, lines, groups, magnitude, neighbour, affinity, met, removed = index
     for i in range(scores.size):
         box = windows[i]
         step_x, step_y = int((box[2] - box[0]) * place_step) // 2, int((box[3] - box[1]) * place_step) // 2
@@ -156,23 +93,7 @@ def refine(
                     box[side] = min(max(old + move, 0), h if side % 2 else w)
                     score = np.float32(0)
                     if box[2] - box[0] >= MIN_SIDE and box[3] - box[1] >= MIN_SIDE:
-                        score = score_window(
-                            sums,
-                            norm,
-                            starts,
-                            lines,
-                            groups,
-                            magnitude,
-                            neighbour,
-                            affinity,
-                            met,
-                            removed,
-                            box[0],
-                            box[1],
-                            box[2],
-                            box[3],
-                            scores[i],
-                        )
+                        score = score_window(index, box[0], box[1], box[2], box[3], scores[i])
                     if score > scores[i]:
                         scores[i] = score
                         break
