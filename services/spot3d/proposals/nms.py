@@ -15,28 +15,24 @@ def suppress(
     it after each window kept, while it is above 0.5.
     """
     kept = np.empty(min(most, order.size), np.int64)
-    areas = np.empty(kept.size, np.float32)
+    left, top, right, bottom, areas = np.empty((5, kept.size), np.float32)
+    zero = np.float32(0)
     n = 0
     for k in range(order.size):
         if n == kept.size:
             break
-        i = order[k]
-        x0, y0, x1, y1 = windows[i]
-        area = np.float32(x1 - x0) * np.float32(y1 - y0)
-        clear = True
-        for j in range(n):
-            # The IoU is at most the ratio of the areas.
-            if areas[j] * beta > area or area * beta > areas[j]:
-                continue
-            other = windows[kept[j]]
-            w, h = min(x1, other[2]) - max(x0, other[0]), min(y1, other[3]) - max(y0, other[1])
-            if w > 0 and h > 0:
-                shared = np.float32(w * h)
-                if shared > beta * (area + areas[j] - shared):
-                    clear = False
-                    break
-        if clear:
-            kept[n], areas[n] = i, area
+        x0, y0 = np.float32(windows[order[k], 0]), np.float32(windows[order[k], 1])
+        x1, y1 = np.float32(windows[order[k], 2]), np.float32(windows[order[k], 3])
+        area = (x1 - x0) * (y1 - y0)
+        overlaps = False
+        for j in range(n):  # to the end and free of branches, so that it runs several boxes at once
+            w = (x1 if x1 < right[j] else right[j]) - (x0 if x0 > left[j] else left[j])
+            h = (y1 if y1 < bottom[j] else bottom[j]) - (y0 if y0 > top[j] else top[j])
+            shared = (w if w > zero else zero) * (h if h > zero else zero)
+            overlaps |= shared > beta * (area + areas[j] - shared)
+        if not overlaps:
+            kept[n] = order[k]
+            left[n], top[n], right[n], bottom[n], areas[n] = x0, y0, x1, y1, area
             n += 1
             if eta < 1 and beta > np.float32(0.5):
                 beta *= eta
