@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
-from spot3d.heatmap.pyramid import TILE, DepthTiles
+from spot3d.heatmap.pyramid import ORDERED, TILE, DepthTiles
 from spot3d.heatmap.settings import HeatmapSettings
 
 
@@ -49,7 +49,7 @@ def filter_proposals(
     A box without any valid depth is rejected, whichever filters are on.
     """
     windows = _pixel_windows(boxes, camera)
-    near, far = _depth_ranges(windows, tiles.depth, tiles.near, tiles.far)
+    near, far = _depth_ranges(windows, tiles.pixels, tiles.near, tiles.far)
     middle = (near + far) / 2
     width_m = boxes[:, 2] * middle / np.float32(camera.fx)
     height_m = boxes[:, 3] * middle / np.float32(camera.fy)
@@ -72,10 +72,12 @@ def _pixel_windows(boxes: NDArray[np.float32], camera: Intrinsics) -> NDArray[np
     return windows
 
 
-@nb.njit("Tuple((f4[::1], f4[::1]))(i4[:,::1], f4[:,::1], f4[:,::1], f4[:,::1])", cache=True, nogil=True)
+@nb.njit(
+    "Tuple((f4[::1], f4[::1]))(i4[:,::1], f4[:,:,::1], f4[:,::1], f4[:,::1])", cache=True, nogil=True, fastmath=ORDERED
+)
 def _depth_ranges(
     windows: NDArray[np.int32],
-    depth: NDArray[np.float32],
+    pixels: NDArray[np.float32],
     near: NDArray[np.float32],
     far: NDArray[np.float32],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -86,22 +88,31 @@ def _depth_ranges(
     count = len(windows)
     smallest = np.empty(count, np.float32)
     largest = np.empty(count, np.float32)
+    none = np.float32(np.inf)
     for j in range(count):
         u0, v0, u1, v1 = windows[j]
-        lo, hi = np.float32(np.inf), np.float32(0)
-        for tile_v in range((v0 + TILE - 1) // TILE, v1 // TILE):
-            for tile_u in range((u0 + TILE - 1) // TILE, u1 // TILE):
-                lo = min(lo, near[tile_v, tile_u])
-                hi = max(hi, far[tile_v, tile_u])
+        lo, hi = none, np.float32(0)
+        rows, columns = ((v0 + TILE - 1) // TILE, v1 // TILE), ((u0 + TILE - 1) // TILE, u1 // TILE)
+        for tile_v in range(rows[0], rows[1]):
+            for tile_u in range(columns[0], columns[1]):
+                lo = near[tile_v, tile_u] if near[tile_v, tile_u] < lo else lo
+                hi = far[tile_v, tile_u] if far[tile_v, tile_u] > hi else hi
+        last = (u1 + TILE - 1) // TILE - 1
         for tile_v in range(v0 // TILE, (v1 + TILE - 1) // TILE):
-            for tile_u in range(u0 // TILE, (u1 + TILE - 1) // TILE):
+            # Of rows wholly inside, only the first and the last tile can be on the rim.
+            step = max(1, last - u0 // TILE) if rows[0] <= tile_v < rows[1] else 1
+            for tile_u in range(u0 // TILE, last + 1, step):
                 if near[tile_v, tile_u] >= lo and far[tile_v, tile_u] <= hi:
                     continue
-                for v in range(max(v0, tile_v * TILE), min(v1, tile_v * TILE + TILE)):
-                    for u in range(max(u0, tile_u * TILE), min(u1, tile_u * TILE + TILE)):
-                        z = depth[v, u]
-                        if z > 0:
-                            lo = min(lo, z)
-                            hi = max(hi, z)
+                top, bottom = v0 - tile_v * TILE, v1 - tile_v * TILE
+                left, right = u0 - tile_u * TILE, u1 - tile_u * TILE
+                tile = pixels[tile_v, tile_u]
+                for i in range(TILE * TILE):
+                    v, u = i // TILE, i % TILE
+                    inside = (v >= top) & (v < bottom) & (u >= left) & (u < right)
+                    z = tile[i] if inside else np.float32(0)
+                    hi = z if z > hi else hi
+                    z = z if z > 0 else none
+                    lo = z if z < lo else lo
         smallest[j], largest[j] = lo, hi
     return smallest, largest

@@ -11,6 +11,9 @@ from spot3d.heatmap.filters import FilteredProposals, filter_proposals
 from spot3d.heatmap.pyramid import TILE, DepthTiles, depth_tiles
 from spot3d.heatmap.settings import HeatmapSettings
 
+ALL = 2.0**30
+"""Whole number that all confidences of a frame sum up to."""
+
 
 @dataclass(frozen=True, slots=True)
 class Heat:
@@ -45,85 +48,103 @@ def weighted_heat(
         raise ValueError("proposals hold values that are not finite")
     tiles = depth_tiles(depth)
     proposals = filter_proposals(boxes, tiles, camera, settings)
-    total = sum_proposals(proposals, tiles)
-    peak = float(total.max(initial=0.0))
-    scale = np.float32(255 / peak if peak > 0 else 0)
-    heat = np.rint(total * scale).astype(np.uint8)
+    heat = sum_proposals(proposals, tiles, depth.shape)
     return Heat(heat, proposals.accepted, proposals.masked, proposals.rejected)
 
 
-def sum_proposals(proposals: FilteredProposals, tiles: DepthTiles) -> NDArray[np.float32]:
+def sum_proposals(proposals: FilteredProposals, tiles: DepthTiles, shape: tuple[int, int]) -> NDArray[np.uint8]:
     """H_2D: the sum of the proposals' confidences at each pixel that they keep (paper, Eq. 5).
 
-    Returns (h, w) float32. Without any soft cut it is the baseline heatmap (Eqs. 1-2).
+    Returns (h, w) = `shape` uint8, in 255ths of its maximum. Without any soft cut it is the baseline heatmap
+    (Eqs. 1-2).
     """
     keep = proposals.confidence > 0
-    heat: NDArray[np.float32] = _sum_windows(
-        proposals.windows[keep],
-        proposals.confidence[keep],
-        proposals.cut[keep],
-        tiles.depth,
-        tiles.near,
-        tiles.far,
-        tiles.whole,
+    confidence = proposals.confidence[keep].astype(np.float64)
+    # Whole numbers add up exactly: nothing is left over where a box ends. All together they stay below 2^31.
+    amount = np.rint(confidence * (ALL / max(float(confidence.sum()), 1e-30))).astype(np.int32)
+    windows, cut = proposals.windows[keep], proposals.cut[keep]
+    soft = np.isfinite(cut)
+    masked, beyond = _sum_masked(
+        windows[soft], amount[soft], cut[soft], tiles.pixels, tiles.near, tiles.far, tiles.whole
     )
+    heat: NDArray[np.uint8] = _heat_image(windows, amount, masked, beyond, shape[0], shape[1])
     return heat
 
 
 @nb.njit(
-    "f4[:,::1](i4[:,::1], f4[::1], f4[::1], f4[:,::1], f4[:,::1], f4[:,::1], b1[:,::1])",
+    "Tuple((i4[:,:,::1], i4[:,::1]))(i4[:,::1], i4[::1], f4[::1], f4[:,:,::1], f4[:,::1], f4[:,::1], b1[:,::1])",
     cache=True,
     nogil=True,
 )
-def _sum_windows(
+def _sum_masked(
     windows: NDArray[np.int32],
-    confidence: NDArray[np.float32],
+    amount: NDArray[np.int32],
     cut: NDArray[np.float32],
-    depth: NDArray[np.float32],
+    pixels: NDArray[np.float32],
     near: NDArray[np.float32],
     far: NDArray[np.float32],
     whole: NDArray[np.bool_],
-) -> NDArray[np.float32]:
-    """Add every window, then take back what lies beyond its cut (invalid depth, 0, is kept: Eq. 3).
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """What the soft filter takes back: all that lies beyond a window's cut (invalid depth, 0, does not: Eq. 3).
 
-    Windows go into the corners of a difference image, integrated once at the end; a tile wholly inside a
-    window and wholly beyond its cut goes into `beyond`; pixels are visited only where a window's rim or its
-    cut runs through a tile.
+    Returns the sums of single pixels, in tiles as `pixels`, and of tiles wholly inside a window and wholly
+    beyond its cut: pixels are visited only where a window's rim or its cut runs through a tile.
     """
-    h, w = depth.shape
-    corners = np.zeros((h + 1, w + 1), np.float64)
-    beyond = np.zeros(near.shape, np.float64)
-    masked = np.zeros((h, w), np.float32)
+    masked, beyond = np.zeros(pixels.shape, np.int32), np.zeros(near.shape, np.int32)
     for j in range(len(windows)):
         u0, v0, u1, v1 = windows[j]
-        limit, c = cut[j], confidence[j]
-        corners[v0, u0] += c
-        corners[v1, u0] -= c
-        corners[v0, u1] -= c
-        corners[v1, u1] += c
-        if limit == np.inf:
-            continue
+        limit, c = cut[j], amount[j]
         for tile_v in range(v0 // TILE, (v1 + TILE - 1) // TILE):
-            top, bottom = max(v0, tile_v * TILE), min(v1, tile_v * TILE + TILE)
+            top, bottom = v0 - tile_v * TILE, v1 - tile_v * TILE
             for tile_u in range(u0 // TILE, (u1 + TILE - 1) // TILE):
                 if far[tile_v, tile_u] <= limit:
                     continue
-                left, right = max(u0, tile_u * TILE), min(u1, tile_u * TILE + TILE)
-                inside = right - left == TILE and bottom - top == TILE
+                left, right = u0 - tile_u * TILE, u1 - tile_u * TILE
+                inside = left <= 0 and right >= TILE and top <= 0 and bottom >= TILE
                 if inside and whole[tile_v, tile_u] and near[tile_v, tile_u] > limit:
                     beyond[tile_v, tile_u] += c
                     continue
-                for v in range(top, bottom):
-                    for u in range(left, right):
-                        masked[v, u] += c if depth[v, u] > limit else np.float32(0)
-    total = np.empty((h, w), np.float32)
+                depth, sums = pixels[tile_v, tile_u], masked[tile_v, tile_u]
+                for i in range(TILE * TILE):  # free of branches, so that it runs several pixels at once
+                    v, u = i // TILE, i % TILE
+                    taken = (depth[i] > limit) & (v >= top) & (v < bottom) & (u >= left) & (u < right)
+                    sums[i] += c if taken else np.int32(0)
+    return masked, beyond
+
+
+@nb.njit("u1[:,::1](i4[:,::1], i4[::1], i4[:,:,::1], i4[:,::1], i8, i8)", cache=True, nogil=True)
+def _heat_image(
+    windows: NDArray[np.int32],
+    amount: NDArray[np.int32],
+    masked: NDArray[np.int32],
+    beyond: NDArray[np.int32],
+    h: int,
+    w: int,
+) -> NDArray[np.uint8]:
+    """All windows less what is masked, (h, w) uint8 in 255ths of the largest sum.
+
+    Windows go into the corners of a difference image, which is integrated once.
+    """
+    total = np.zeros((h + 1, w + 1), np.int32)
+    for j in range(len(windows)):
+        u0, v0, u1, v1 = windows[j]
+        total[v0, u0] += amount[j]
+        total[v1, u0] -= amount[j]
+        total[v0, u1] -= amount[j]
+        total[v1, u1] += amount[j]
+    above, peak = np.zeros(w, np.int32), 1
     for v in range(h):
-        row = 0.0
+        row = np.int32(0)
         for u in range(w):
-            row += corners[v, u]
-            if v > 0:
-                corners[v, u] = row + corners[v - 1, u]
-            else:
-                corners[v, u] = row
-            total[v, u] = max(0.0, corners[v, u] - masked[v, u] - beyond[v // TILE, u // TILE])
-    return total
+            row += total[v, u]
+            above[u] += row
+        for u in range(w):
+            kept = above[u] - masked[v // TILE, u // TILE, v % TILE * TILE + u % TILE] - beyond[v // TILE, u // TILE]
+            total[v, u] = kept
+            peak = max(peak, kept)
+    heat = np.zeros((h, w), np.uint8)
+    scale = np.float32(255 / peak)
+    for v in range(h):
+        for u in range(w):
+            heat[v, u] = np.uint8(np.float32(total[v, u]) * scale + np.float32(0.5))
+    return heat

@@ -9,17 +9,21 @@ from numpy.typing import NDArray
 TILE = 8
 """Side of a tile in pixels."""
 
+ORDERED = {"nnan", "nsz"}
+"""What numba may take for granted of depths: none is nan, so that minima run over several values at once."""
+
 
 @dataclass(frozen=True, slots=True)
 class DepthTiles:
-    """A depth image with the depth range of each of its TILE x TILE tiles.
+    """A depth image in tiles of TILE x TILE pixels, each with its depth range.
 
-    depth: (h, w) float32 metres, 0 = invalid.
+    pixels: (ceil(h / TILE), ceil(w / TILE), TILE * TILE) float32 metres, 0 = invalid or beyond the image; each
+    tile's pixels lie together, row by row.
     near, far: (ceil(h / TILE), ceil(w / TILE)) float32, over valid pixels; inf and 0 where there is none.
     whole: the same shape, bool, true where no pixel of the tile is invalid.
     """
 
-    depth: NDArray[np.float32]
+    pixels: NDArray[np.float32]
     near: NDArray[np.float32]
     far: NDArray[np.float32]
     whole: NDArray[np.bool_]
@@ -27,29 +31,36 @@ class DepthTiles:
 
 def depth_tiles(depth: NDArray[np.float32]) -> DepthTiles:
     """Tile minima and maxima of a (h, w) float32 depth image in metres, 0 = invalid."""
-    depth = np.ascontiguousarray(depth, dtype=np.float32)
-    return DepthTiles(depth, *_tile_ranges(depth))
+    return DepthTiles(*_tile_ranges(np.ascontiguousarray(depth, dtype=np.float32)))
 
 
-@nb.njit("Tuple((f4[:,::1], f4[:,::1], b1[:,::1]))(f4[:,::1])", cache=True, nogil=True)
+@nb.njit("Tuple((f4[:,:,::1], f4[:,::1], f4[:,::1], b1[:,::1]))(f4[:,::1])", cache=True, nogil=True, fastmath=ORDERED)
 def _tile_ranges(
     depth: NDArray[np.float32],
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
-    """One pass over the rows; each tile's range over its valid pixels."""
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
+    """The fields of DepthTiles."""
     h, w = depth.shape
     shape = ((h + TILE - 1) // TILE, (w + TILE - 1) // TILE)
-    near = np.full(shape, np.inf, np.float32)
-    far = np.zeros(shape, np.float32)
-    whole = np.ones(shape, np.bool_)
+    pixels = np.zeros((*shape, TILE * TILE), np.float32)
+    near, far = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    whole = np.empty(shape, np.bool_)
     for v in range(h):
-        for tile in range(shape[1]):
-            lo, hi, valid = np.float32(np.inf), np.float32(0), True
-            for u in range(tile * TILE, min(w, tile * TILE + TILE)):
-                z = depth[v, u]
-                lo = min(lo, z if z > 0 else np.float32(np.inf))
-                hi = max(hi, z)
-                valid &= z > 0
-            near[v // TILE, tile] = min(near[v // TILE, tile], lo)
-            far[v // TILE, tile] = max(far[v // TILE, tile], hi)
-            whole[v // TILE, tile] &= valid
-    return near, far, whole
+        row = (v % TILE) * TILE
+        for tile in range(w // TILE):
+            for u in range(TILE):
+                pixels[v // TILE, tile, row + u] = depth[v, tile * TILE + u]
+        for u in range(w // TILE * TILE, w):
+            pixels[v // TILE, w // TILE, row + u % TILE] = depth[v, u]
+    none = np.float32(np.inf)
+    for tile_v in range(shape[0]):
+        for tile_u in range(shape[1]):
+            lo, hi, least = none, np.float32(0), none
+            for i in range(TILE * TILE):
+                z = pixels[tile_v, tile_u, i]
+                valid = z if z > 0 else none
+                least = z if z < least else least
+                lo = valid if valid < lo else lo
+                hi = z if z > hi else hi
+            near[tile_v, tile_u], far[tile_v, tile_u] = lo, hi
+            whole[tile_v, tile_u] = least > 0
+    return pixels, near, far, whole
