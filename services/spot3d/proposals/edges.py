@@ -97,32 +97,35 @@ def thin(strength: NDArray[np.float32], smooth: NDArray[np.float32]) -> tuple[ND
     """
     h, w = strength.shape
     magnitude, orientation = np.zeros((h, w), np.float32), np.zeros((h, w), np.float32)
-    one, half, quarter = np.float32(1), np.float32(0.5), np.float32(0.25)
-    for y in range(1, h - 1):
+    zero, one, half, quarter, tiny = np.float32(0), np.float32(1), np.float32(0.5), np.float32(0.25), np.float32(1e-30)
+    for y in range(1, h - 1):  # loops that are free of branches run several pixels at once
+        kept, slope = magnitude[y], orientation[y]
+        b0, b1, b2 = smooth[y - 1], smooth[y], smooth[y + 1]
         for x in range(1, w - 1):
-            s = strength[y, x]
-            if s == 0:
-                continue
             # Eigenvector of the most negative second derivative: across the ridge.
-            diff = half * (smooth[y, x + 1] + smooth[y, x - 1] - smooth[y + 1, x] - smooth[y - 1, x])
-            cross = smooth[y + 1, x + 1] + smooth[y - 1, x - 1] - smooth[y + 1, x - 1] - smooth[y - 1, x + 1]
-            cross *= quarter
-            spread = np.sqrt(diff * diff + cross * cross)
-            nx, ny = (-cross, diff + spread) if diff > 0 else (spread - diff, -cross)
-            ax, ay = abs(nx), abs(ny)
+            diff = half * (b1[x + 1] + b1[x - 1] - b2[x] - b0[x])
+            cross = quarter * (b2[x + 1] + b0[x - 1] - b2[x - 1] - b0[x + 1])
+            bend = np.sqrt(diff * diff + cross * cross) + abs(diff) + tiny
+            steep = diff > zero
+            slope[x] = (bend if steep else -cross) / (-cross if steep else bend)
+        s0, s1, s2 = strength[y - 1], strength[y], strength[y + 1]
+        for x in range(1, w - 1):
             # Neighbours one step along the normal's larger component, interpolated across the smaller.
-            if ax >= ay:
-                t = ay / max(ax, np.float32(1e-12))
-                dy = 1 if nx * ny > 0 else -1
-                ahead = (one - t) * strength[y, x + 1] + t * strength[y + dy, x + 1]
-                behind = (one - t) * strength[y, x - 1] + t * strength[y - dy, x - 1]
-            else:
-                t = ax / ay
-                dx = 1 if nx * ny > 0 else -1
-                ahead = (one - t) * strength[y + 1, x] + t * strength[y + 1, x + dx]
-                behind = (one - t) * strength[y - 1, x] + t * strength[y - 1, x - dx]
-            if s > ahead and s >= behind:  # of two equal neighbours, one stays
-                angle = np.arctan2(ny, nx)
-                magnitude[y, x] = s
-                orientation[y, x] = angle if angle >= 0 else max(angle + np.float32(np.pi), np.float32(0))
+            east, west, south, north = s1[x + 1], s1[x - 1], s2[x], s0[x]
+            south_east, north_west, south_west, north_east = s2[x + 1], s0[x - 1], s2[x - 1], s0[x + 1]
+            m = slope[x]
+            size = abs(m)
+            along_x, falling = size <= one, m > zero
+            t = size if along_x else one / size
+            ahead, behind = east if along_x else south, west if along_x else north
+            right, left = south_east if falling else north_east, north_west if falling else south_west
+            swap = falling | along_x  # the normal of a rising edge that points down points to the left
+            ahead = (one - t) * ahead + t * (right if swap else left)
+            behind = (one - t) * behind + t * (left if swap else right)
+            s = s1[x]
+            peak = (s > ahead) & (s >= behind)  # of two equal neighbours, one stays
+            kept[x] = s if peak else zero
+        for x in range(1, w - 1):
+            angle = np.arctan(slope[x]) if kept[x] > zero else zero
+            slope[x] = angle if angle >= zero else angle + np.float32(np.pi)
     return magnitude, orientation
