@@ -44,9 +44,9 @@ def group_edges(
     ys, xs = edge_pixels(magnitude)
     label, count = cluster(orientation, ys, xs, np.float32(merge_threshold))
     count = absorb_small(label, count, magnitude, orientation, ys, xs, np.float32(min_group_magnitude))
-    total, mean, angle, anchor = describe(label, count, magnitude, orientation, ys, xs)
+    total, mean, normal, anchor = describe(label, count, magnitude, orientation, ys, xs)
     first, neighbour, affinity = affinities(
-        label, count, ys, xs, mean, angle, np.float32(gamma), np.float32(min_affinity)
+        label, count, ys, xs, mean, normal, np.float32(gamma), np.float32(min_affinity)
     )
     return EdgeGroups(label, total, anchor, first, neighbour, affinity)
 
@@ -186,8 +186,8 @@ def describe(
     ys: NDArray[np.int32],
     xs: NDArray[np.int32],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
-    """Each group's total magnitude (n,), mean place (n, 2), mean orientation (n,) and last pixel (n, 2)."""
-    total, angle = np.zeros(count, np.float32), np.zeros(count, np.float32)
+    """Each group's total magnitude (n,), mean place (n, 2), mean unit normal (n, 2) and last pixel (n, 2)."""
+    total, normal = np.zeros(count, np.float32), np.empty((count, 2), np.float32)
     mean, double = np.zeros((count, 2), np.float32), np.zeros((count, 2), np.float32)
     anchor = np.zeros((count, 2), np.int32)
     for i in range(ys.size):
@@ -205,8 +205,9 @@ def describe(
         anchor[g, 0], anchor[g, 1] = x, y
     for g in range(count):
         mean[g] /= total[g]
-        angle[g] = np.arctan2(double[g, 1], double[g, 0]) / np.float32(2)
-    return total, mean, angle, anchor
+        angle = np.arctan2(double[g, 1], double[g, 0]) / np.float32(2)
+        normal[g, 0], normal[g, 1] = np.cos(angle), np.sin(angle)
+    return total, mean, normal, anchor
 
 
 @njit(cache=True, nogil=True)
@@ -216,7 +217,7 @@ def affinities(
     ys: NDArray[np.int32],
     xs: NDArray[np.int32],
     mean: NDArray[np.float32],
-    angle: NDArray[np.float32],
+    normal: NDArray[np.float32],
     gamma: np.float32,
     least: np.float32,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
@@ -251,8 +252,10 @@ def affinities(
                     if q < 0 or q == g or met[q] == g:
                         continue
                     met[q] = g
-                    line = np.arctan2(mean[q, 1] - mean[g, 1], mean[q, 0] - mean[g, 0]) + PI / 2
-                    a = abs(np.cos(angle[g] - line) * np.cos(angle[q] - line)) ** gamma
+                    dx, dy = mean[q, 0] - mean[g, 0], mean[q, 1] - mean[g, 1]
+                    # Products of normals with the line's, whose length is the means' distance.
+                    ours, theirs = normal[g, 1] * dx - normal[g, 0] * dy, normal[q, 1] * dx - normal[q, 0] * dy
+                    a = (abs(ours * theirs) / max(dx * dx + dy * dy, np.float32(1e-12))) ** gamma
                     if a < least:
                         continue
                     if n == neighbour.size:

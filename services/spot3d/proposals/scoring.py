@@ -73,8 +73,9 @@ def score_window(index: WindowIndex, x0: int, y0: int, x1: int, y1: int, least: 
         g = queue[head]
         head = head + 1 if head < size else 0
         waits[g] = 0
+        reached = removed[g]
         for k in range(index.first[g], index.first[g + 1]):
-            weight = removed[g] * index.affinity[k]
+            weight = reached * index.affinity[k]
             if weight < np.float32(MIN_AFFINITY):
                 break
             q = index.neighbour[k]
