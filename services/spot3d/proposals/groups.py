@@ -10,6 +10,18 @@ PI = np.float32(np.pi)
 REACH = 2  # groups that come this close, in pixels along both axes, have an affinity
 
 
+class EdgePixels(NamedTuple):
+    """An edge map, magnitude and orientation (h, w) float32, and where it has edges.
+
+    ys, xs: (e,) int32, the pixels above 0 in reading order, the image's border excepted.
+    """
+
+    magnitude: NDArray[np.float32]
+    orientation: NDArray[np.float32]
+    ys: NDArray[np.int32]
+    xs: NDArray[np.int32]
+
+
 class EdgeGroups(NamedTuple):
     """Groups 0..n-1 of edge pixels and their affinities as sparse rows, strongest first.
 
@@ -41,13 +53,11 @@ def group_edges(
     ends when its orientation differences sum to this, units of pi. min_group_magnitude: groups whose
     magnitudes sum to no more than this are given to their neighbours.
     """
-    ys, xs = edge_pixels(magnitude)
-    label, count = cluster(orientation, ys, xs, np.float32(merge_threshold))
-    count = absorb_small(label, count, magnitude, orientation, ys, xs, np.float32(min_group_magnitude))
-    total, mean, normal, anchor = describe(label, count, magnitude, orientation, ys, xs)
-    first, neighbour, affinity = affinities(
-        label, count, ys, xs, mean, normal, np.float32(gamma), np.float32(min_affinity)
-    )
+    pixels = EdgePixels(magnitude, orientation, *edge_pixels(magnitude))
+    label, count = cluster(pixels, np.float32(merge_threshold))
+    count = absorb_small(pixels, label, count, np.float32(min_group_magnitude))
+    total, mean, normal, anchor = describe(pixels, label, count)
+    first, neighbour, affinity = affinities(pixels, label, mean, normal, np.float32(gamma), np.float32(min_affinity))
     return EdgeGroups(label, total, anchor, first, neighbour, affinity)
 
 
@@ -73,13 +83,12 @@ def turn(a: np.float32, b: np.float32) -> np.float32:
 
 
 @njit(cache=True, nogil=True)
-def cluster(
-    orientation: NDArray[np.float32], ys: NDArray[np.int32], xs: NDArray[np.int32], threshold: np.float32
-) -> tuple[NDArray[np.int32], int]:
+def cluster(pixels: EdgePixels, threshold: np.float32) -> tuple[NDArray[np.int32], int]:
     """Grow groups greedily: always the bordering pixel of least turn, until the turns sum to `threshold`.
 
     Returns labels (h, w) int32 (-1 = no edge) and the number of groups.
     """
+    orientation, ys, xs = pixels.orientation, pixels.ys, pixels.xs
     h, w = orientation.shape
     free, none = -2, -1
     label = np.full((h, w), none, np.int32)
@@ -120,20 +129,13 @@ def cluster(
 
 
 @njit(cache=True, nogil=True)
-def absorb_small(
-    label: NDArray[np.int32],
-    count: int,
-    magnitude: NDArray[np.float32],
-    orientation: NDArray[np.float32],
-    ys: NDArray[np.int32],
-    xs: NDArray[np.int32],
-    min_total: np.float32,
-) -> int:
+def absorb_small(pixels: EdgePixels, label: NDArray[np.int32], count: int, min_total: np.float32) -> int:
     """Give the pixels of weak groups to the bordering group of least turn, and number the others anew.
 
     label: (h, w) int32, changed in place; pixels that border on no other group end as -1. Returns the new
     number of groups.
     """
+    magnitude, orientation, ys, xs = pixels
     free, none = -2, -1
     total = np.zeros(count, np.float32)
     for i in range(ys.size):
@@ -179,14 +181,10 @@ def absorb_small(
 
 @njit(cache=True, nogil=True)
 def describe(
-    label: NDArray[np.int32],
-    count: int,
-    magnitude: NDArray[np.float32],
-    orientation: NDArray[np.float32],
-    ys: NDArray[np.int32],
-    xs: NDArray[np.int32],
+    pixels: EdgePixels, label: NDArray[np.int32], count: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
     """Each group's total magnitude (n,), mean place (n, 2), mean unit normal (n, 2) and last pixel (n, 2)."""
+    magnitude, orientation, ys, xs = pixels
     total, normal = np.zeros(count, np.float32), np.empty((count, 2), np.float32)
     mean, double = np.zeros((count, 2), np.float32), np.zeros((count, 2), np.float32)
     anchor = np.zeros((count, 2), np.int32)
@@ -212,10 +210,8 @@ def describe(
 
 @njit(cache=True, nogil=True)
 def affinities(
+    pixels: EdgePixels,
     label: NDArray[np.int32],
-    count: int,
-    ys: NDArray[np.int32],
-    xs: NDArray[np.int32],
     mean: NDArray[np.float32],
     normal: NDArray[np.float32],
     gamma: np.float32,
@@ -223,10 +219,11 @@ def affinities(
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
     """Affinity |cos(t_i - t_ij) cos(t_j - t_ij)|^gamma of groups that come within REACH (EdgeBoxes, Eq. 1).
 
-    t_i, t_j: directions of the groups, t_ij: of the line between their means. Returns the sparse rows
-    `first`, `neighbour` and `affinity` of EdgeGroups.
+    t_i, t_j: directions of the groups, across their normals, t_ij: of the line between their means. Returns the
+    sparse rows `first`, `neighbour` and `affinity` of EdgeGroups.
     """
-    h, w = label.shape
+    ys, xs = pixels.ys, pixels.xs
+    h, w, count = *label.shape, mean.shape[0]
     size = np.zeros(count + 1, np.int32)
     for i in range(ys.size):
         size[label[ys[i], xs[i]] + 1] += 1
