@@ -6,18 +6,19 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+# Axial noise of the Kinect v1 (Nguyen, Izadi, Lovell 2012), quantisation included; the same law fits other sensors:
+# metres at SIGMA_AT metres, and metres per square metre beyond.
+SIGMA_0, SIGMA_2, SIGMA_AT = 0.0012, 0.0019, 0.4
+
 Metres = TypeVar("Metres", float, NDArray[np.float32])
 
 
 def axial_noise(z: Metres) -> Metres:
-    """Standard deviation of depth z, metres (Nguyen et al. 2012, Kinect v1; the same law fits other sensors).
-
-    It is 1.2 mm at 0.4 m and grows with the square of the range beyond.
-    """
-    return 0.0012 + 0.0019 * (z - 0.4) ** 2
+    """Standard deviation of depth z, metres: 1.2 mm at 0.4 m, growing with the square of the range beyond."""
+    return SIGMA_0 + SIGMA_2 * (z - SIGMA_AT) ** 2
 
 
 @nb.njit("f4(f4)", cache=True, nogil=True)
 def axial_noise_kernel(z: np.float32) -> np.float32:
     """`axial_noise` of one depth, for kernels."""
-    return np.float32(0.0012) + np.float32(0.0019) * (z - np.float32(0.4)) ** 2
+    return np.float32(SIGMA_0) + np.float32(SIGMA_2) * (z - np.float32(SIGMA_AT)) ** 2

@@ -6,6 +6,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spot3d.proposals.settings import EdgeSettings
+from spot3d.sensor import SIGMA_0, SIGMA_2, SIGMA_AT
 
 FINE, COARSE = 1.0, 2.0  # standard deviations of the two smoothings, pixels
 SUPPORT = 13  # width of the coarser filter, pixels
@@ -61,8 +62,8 @@ def depth_strength(inverse: NDArray[np.float32], focal_length: float, settings: 
     scale = (
         focal_length / (JUMP_RESPONSE * settings.jump_slope),
         focal_length / (CREASE_RESPONSE * settings.crease_slope),
-        settings.noise_gate * settings.noise_floor,
-        settings.noise_gate * settings.noise_growth,
+        settings.noise_gate * SIGMA_0,
+        settings.noise_gate * SIGMA_2,
     )
     # Curvature has a lobe on either side of a jump: what is no stronger than that is no crease.
     near_jumps = np.asarray(cv2.dilate(jumps, np.ones((SUPPORT, SUPPORT), np.uint8)), np.float32)
@@ -112,7 +113,7 @@ def judge(
     """Strength (h, w) float32 of edges from the filters' answers, their noise taken off.
 
     jumps, creases, near_jumps (largest jump around), coarse: (h, w) float32; scale: (4,) float32 = what one
-    jump and one crease are multiplied by, noise of depth at 0.4 m and its growth, both gated.
+    jump and one crease are multiplied by, SIGMA_0 and SIGMA_2, both gated.
     """
     h, w = jumps.shape
     strength = np.empty((h, w), np.float32)
@@ -122,7 +123,7 @@ def judge(
         row, jump, crease, near, inverse = strength[y], jumps[y], creases[y], near_jumps[y], coarse[y]
         for x in range(w):
             c = inverse[x]
-            beyond = one - np.float32(0.4) * c
+            beyond = one - np.float32(SIGMA_AT) * c
             noise = floor * c * c + growth * beyond * beyond  # sigma_z / z^2: the noise of inverse depth
             jumped = (jump[x] - JUMP_NOISE * noise) * jump_scale
             lobe = LOBES * max(near[x] - JUMP_NOISE * noise, zero)

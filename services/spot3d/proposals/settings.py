@@ -35,10 +35,6 @@ class EdgeSettings(BaseModel):
     noise_gate: float = Field(
         3.0, ge=0, description="standard deviations of depth noise that are subtracted from a depth edge"
     )
-    noise_floor: float = Field(0.0012, ge=0, description="depth noise sigma_z at 0.4 m, metres (Kinect v1)")
-    noise_growth: float = Field(
-        0.0019, ge=0, description="growth of sigma_z with (z - 0.4 m)^2, metres per square metre (Kinect v1)"
-    )
 
 
 class ProposalSettings(BaseModel):

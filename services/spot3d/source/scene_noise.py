@@ -4,14 +4,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spot3d.sensor import SIGMA_0, SIGMA_2, SIGMA_AT
+
 # Depth camera of the Kinect v1: focal length of its disparities (pixels) and baseline to the projector
 # (metres).
 FOCAL_PX, BASELINE_M = 585.0, 0.075
 # Disparity is reported in eighths of a pixel: a step of 2.85 mm/m2 * z^2.
 STEPS_PER_PX = 8.0
-# Axial noise (Nguyen, Izadi, Lovell 2012): sigma_z = 1.2 mm + 1.9 mm/m2 * (z - 0.4 m)^2, quantisation
-# included.
-SIGMA_0, SIGMA_2, SIGMA_AT = 0.0012, 0.0019, 0.4
 # The sensor matches blocks of pixels: neighbours share most of their noise. Measured on planes of real
 # frames: correlation 0.65 at one pixel, 0.2 at five, none from eight on; a 7 px block and the quantisation
 # give the same.
