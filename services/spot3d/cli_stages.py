@@ -1,5 +1,7 @@
 """One command for each stage and the router: the processes of the dataflow, on whatever device."""
 
+import threading
+from collections.abc import Callable
 from typing import Annotated
 
 import typer
@@ -24,7 +26,7 @@ from spot3d.cli_options import (
     play_overrides,
     stage_started,
 )
-from spot3d.settings import load_settings
+from spot3d.settings import Settings, load_settings
 
 
 def source(
@@ -87,55 +89,47 @@ def pose(
     run_pose(resolved.link, resolved.pose, stop, parse_anchor(anchor))
 
 
-def proposals(
-    settings: SettingsOption = None,
-    preset: PresetOption = None,
-    robot: RobotOption = None,
-    connect: ConnectOption = None,
-    listen: ListenOption = None,
-    lossless: DeliveryOption = None,
-    supervised: SupervisedOption = False,
-) -> None:
+Stage = Callable[[Settings, threading.Event], None]
+
+
+def linked(stage: Stage) -> Callable[..., None]:
+    """The command of a stage that has no options but those of every stage; its name and help are the stage's."""
+
+    def command(
+        settings: SettingsOption = None,
+        preset: PresetOption = None,
+        robot: RobotOption = None,
+        connect: ConnectOption = None,
+        listen: ListenOption = None,
+        lossless: DeliveryOption = None,
+        supervised: SupervisedOption = False,
+    ) -> None:
+        stop = stage_started(supervised)
+        stage(load_settings(settings, preset, link_overrides(robot, connect, listen, lossless)), stop)
+
+    command.__name__, command.__doc__ = stage.__name__, stage.__doc__
+    return command
+
+
+def proposals(settings: Settings, stop: threading.Event) -> None:
     """The proposals stage: generic 2D boxes of each frame."""
-    stop = stage_started(supervised)
-    resolved = load_settings(settings, preset, link_overrides(robot, connect, listen, lossless))
-    from spot3d.proposals.process import run as run_proposals
+    from spot3d.proposals.process import run
 
-    run_proposals(resolved.link, resolved.proposals, stop)
+    run(settings.link, settings.proposals, stop)
 
 
-def heatmap(
-    settings: SettingsOption = None,
-    preset: PresetOption = None,
-    robot: RobotOption = None,
-    connect: ConnectOption = None,
-    listen: ListenOption = None,
-    lossless: DeliveryOption = None,
-    supervised: SupervisedOption = False,
-) -> None:
+def heatmap(settings: Settings, stop: threading.Event) -> None:
     """The heatmap stage: how likely each pixel shows an object."""
-    stop = stage_started(supervised)
-    resolved = load_settings(settings, preset, link_overrides(robot, connect, listen, lossless))
-    from spot3d.heatmap.process import run as run_heatmap
+    from spot3d.heatmap.process import run
 
-    run_heatmap(resolved.link, resolved.heatmap, stop)
+    run(settings.link, settings.heatmap, stop)
 
 
-def fusion(
-    settings: SettingsOption = None,
-    preset: PresetOption = None,
-    robot: RobotOption = None,
-    connect: ConnectOption = None,
-    listen: ListenOption = None,
-    lossless: DeliveryOption = None,
-    supervised: SupervisedOption = False,
-) -> None:
+def fusion(settings: Settings, stop: threading.Event) -> None:
     """The fusion stage: frames with heat and pose become a map, and the objects in it."""
-    stop = stage_started(supervised)
-    resolved = load_settings(settings, preset, link_overrides(robot, connect, listen, lossless))
-    from spot3d.fusion.process import run as run_fusion
+    from spot3d.fusion.process import run
 
-    run_fusion(resolved.link, resolved.fusion, stop)
+    run(settings.link, settings.fusion, stop)
 
 
 def router(
@@ -162,4 +156,4 @@ def router(
             raise CommandError(f"cannot listen at {', '.join(endpoints)}: {error}") from error
 
 
-COMMANDS = (source, pose, proposals, heatmap, fusion, router)
+COMMANDS = (source, pose, linked(proposals), linked(heatmap), linked(fusion), router)
