@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scenes import WALL, camera, squares
 
-from spot3d.proposals.edges import detect_edges
+from spot3d.proposals.edges import detect_edges, thin
 from spot3d.proposals.inverse_depth import fill_inverse_depth
 from spot3d.proposals.settings import EdgeSettings
 from spot3d.sensor import axial_noise
@@ -97,3 +97,39 @@ def test_colour_counts_less_beside_depth():
     alone = detect_edges(colour, np.zeros_like(depth), camera().fx, EdgeSettings()).magnitude.max()
     beside = detect_edges(colour, flat, camera().fx, EdgeSettings()).magnitude.max()
     assert alone == pytest.approx(2 * beside)
+
+
+def plain_thin(strength, smooth):
+    """Maxima of strength across the ridges of `smooth`, pixel by pixel: the normal by eigenvectors."""
+    magnitude, orientation = np.zeros_like(strength), np.zeros_like(strength)
+    for y, x in np.ndindex(*np.subtract(strength.shape, 2)):
+        s, b = strength[y : y + 3, x : x + 3], smooth[y : y + 3, x : x + 3]
+        xx, yy = b[1, 2] + b[1, 0] - 2 * b[1, 1], b[2, 1] + b[0, 1] - 2 * b[1, 1]
+        xy = (b[2, 2] + b[0, 0] - b[2, 0] - b[0, 2]) / 4
+        nx, ny = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))[1][:, 0]
+        u, v = (1, ny / nx) if abs(nx) >= abs(ny) else (nx / ny, 1)
+
+        def beside(du, dv, s=s):
+            (c, p), (r, q) = divmod(1 + du, 1), divmod(1 + dv, 1)
+            c, r = int(c), int(r)
+            rows, columns = s[r : r + 2], slice(c, c + 2)
+            return float(np.array([1 - q, q])[: len(rows)] @ rows[:, columns] @ np.array([1 - p, p])[: 3 - c])
+
+        if s[1, 1] > beside(u, v) and s[1, 1] >= beside(-u, -v):
+            magnitude[y + 1, x + 1] = s[1, 1]
+            orientation[y + 1, x + 1] = np.arctan2(ny, nx) % np.pi
+    return magnitude, orientation
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_thinning_equals_the_plain_transcription(seed):
+    rng = np.random.default_rng(seed)
+    strength = rng.random((30, 41)).astype(np.float32)
+    strength[rng.random(strength.shape) < 0.3] = 0
+    smooth = rng.random(strength.shape).astype(np.float32)
+    magnitude, orientation = thin(strength, smooth)
+    expected = plain_thin(strength.astype(np.float64), smooth.astype(np.float64))
+    np.testing.assert_array_equal(magnitude > 0, expected[0] > 0)
+    np.testing.assert_allclose(magnitude, expected[0])
+    turned = np.abs(orientation - expected[1])[magnitude > 0]
+    assert np.minimum(turned, np.pi - turned).max() < 1e-3

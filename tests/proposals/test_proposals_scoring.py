@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from reference_edge_boxes import reference_score
 
-from spot3d.proposals.groups import EdgeGroups, group_edges
+from spot3d.proposals.groups import EdgeGroups, EdgePixels, affinities, edge_pixels, group_edges
 from spot3d.proposals.scoring import MIN_AFFINITY, score_limit, score_window
 from spot3d.proposals.window_index import index_windows
 
@@ -99,3 +99,14 @@ def test_affinity_of_two_pieces_on_a_line(turned, affinity):
     groups = grouped(magnitude, orientation)
     assert groups.magnitude.size == 2
     assert groups.affinity[:1].sum() == pytest.approx(affinity, abs=1e-5)
+
+
+def test_groups_around_the_same_place_have_no_affinity():
+    label = np.full((8, 8), -1, np.int32)
+    label[3, 2:5], label[4, 2:5] = 0, 1
+    edges = (label >= 0).astype(np.float32)
+    pixels = EdgePixels(edges, np.zeros_like(edges), *edge_pixels(edges))
+    mean, normal = np.full((2, 2), 3, np.float32), np.tile(np.array([0, 1], np.float32), (2, 1))
+    first, neighbour, affinity = affinities(pixels, label, mean, normal, np.float32(2), np.float32(MIN_AFFINITY))
+    assert first.tolist() == [0, 0, 0]
+    assert neighbour.size == affinity.size == 0
