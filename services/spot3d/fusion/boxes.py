@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import cv2
+import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +13,9 @@ _SAMPLE = 1000
 """About as many points of a cluster tell its rough box, and how much of it lies in another's."""
 _MARGIN = 0.005
 """The two faces of a thin wall (a bowl's, a mug's) lie about this far apart, metres."""
+
+_OCTAGON = np.array([[1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1]], np.float32)
+"""Eight directions, counter-clockwise."""
 
 
 def rotation_to_upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -35,21 +39,71 @@ def upright_box(points: NDArray[np.float32], up: NDArray[np.float64], turn: bool
     left out at each end of each axis, so that a few stray points do not stretch the box.
     """
     R = rotation_to_upright(up)
-    upright = points.astype(np.float64) @ R.T
+    upright = _turned(points, R)
     if turn:
-        yaw = _smallest_yaw(upright[:, :2])
+        yaw = _smallest_yaw(upright[:2])
         c, s = np.cos(yaw), np.sin(yaw)
         R = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ R
-        upright = points.astype(np.float64) @ R.T
-    low, high = np.quantile(upright, [trim, 1 - trim], axis=0)
+        upright = _turned(points, R)
+    low, high = _trimmed(upright, trim)
     return Box3D(R.T @ ((low + high) / 2), high - low, R.T)
 
 
 def _smallest_yaw(footprint: NDArray[np.float64]) -> float:
-    """Angle of the smallest rectangle around (n, 2) points (rotating calipers)."""
-    middle = footprint.mean(axis=0)
-    _, _, degrees = cv2.minAreaRect((footprint - middle).astype(np.float32))
+    """Angle of the smallest rectangle around (2, n) points (rotating calipers)."""
+    middle = footprint.mean(axis=1, keepdims=True)
+    _, _, degrees = cv2.minAreaRect(_outer((footprint - middle).astype(np.float32)))
     return float(np.deg2rad(degrees))
+
+
+def _trimmed(values: NDArray[np.float64], trim: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The quantiles `trim` and 1 - `trim` of each row of (k, n) values, interpolated between two values: (k,) each."""
+    last = values.shape[1] - 1
+    place = trim * last
+    inner, outer = min(int(place) + 1, last), int(place)
+    part = np.partition(values, sorted({outer, inner, last - inner, last - outer}), axis=1)
+    low, high = part[:, outer], part[:, last - outer]
+    share = place - outer
+    return low + share * (part[:, inner] - low), high + share * (part[:, last - inner] - high)
+
+
+@nb.njit("f8[:,::1](f4[:,:], f8[:,:])", cache=True, nogil=True)
+def _turned(points: NDArray[np.float32], R: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, n) float64: R times each of (n, 3) points."""
+    turned = np.empty((3, len(points)))
+    for i in range(len(points)):
+        x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
+        for axis in range(3):
+            turned[axis, i] = R[axis, 0] * x + R[axis, 1] * y + R[axis, 2] * z
+    return turned
+
+
+@nb.njit("f4[:,::1](f4[:,::1])", cache=True, nogil=True)
+def _outer(footprint: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Those of (2, n) points that may be corners of their convex hull: outside of the octagon of the outermost."""
+    n = footprint.shape[1]
+    corners = np.zeros(8, np.int64)
+    reach = np.full(8, -np.inf)
+    for i in range(n):
+        x, y = footprint[0, i], footprint[1, i]
+        for side in range(8):
+            along = _OCTAGON[side, 0] * x + _OCTAGON[side, 1] * y
+            if along > reach[side]:
+                reach[side], corners[side] = along, i
+    kept = np.empty((n, 2), np.float32)
+    count = 0
+    for i in range(n):
+        x, y = np.float64(footprint[0, i]), np.float64(footprint[1, i])
+        inside = True
+        for side in range(8):
+            a, b = corners[side], corners[(side + 1) % 8]
+            ax, ay = np.float64(footprint[0, a]), np.float64(footprint[1, a])
+            dx, dy = footprint[0, b] - ax, footprint[1, b] - ay
+            inside &= a == b or dx * (y - ay) > dy * (x - ax)
+        if not inside:
+            kept[count, 0], kept[count, 1] = x, y
+            count += 1
+    return kept[:count].copy()
 
 
 def with_bottom(box: Box3D, height: float) -> Box3D:
@@ -90,7 +144,7 @@ def merge_contained(
     holds: whether each cluster may take others in. box_of: the box of (n, 3) points.
     """
     order = sorted(range(len(clusters)), key=lambda k: len(clusters[k]))
-    parts, holds = [clusters[k] for k in order], [holds[k] for k in order]
+    parts, held = [clusters[k] for k in order], np.array([holds[k] for k in order], np.bool_)
     boxes = [box_of(points[_some(rows)]) for rows in parts]
     centre = np.array([box.centre for box in boxes]).reshape(-1, 3)
     radius = np.array([np.linalg.norm(box.size) / 2 for box in boxes])
@@ -98,7 +152,7 @@ def merge_contained(
     for i in range(len(parts)):
         sample = points[_some(parts[i])]
         near = np.linalg.norm(centre - centre[i], axis=1) < radius + radius[i]
-        holders = [j for j in range(i + 1, len(parts)) if holds[j] and near[j]]
+        holders = np.flatnonzero(near[i + 1 :] & held[i + 1 :]) + i + 1
         inside = [share_inside(sample, boxes[j], _MARGIN) for j in holders]
         if inside and max(inside) >= share:
             j = holders[int(np.argmax(inside))]
@@ -115,5 +169,18 @@ def _some(rows: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def share_inside(points: NDArray[np.float32], box: Box3D, margin: float = 0.0) -> float:
     """Share of (n, 3) world points that lie in the box, or within `margin` metres of it."""
-    local = np.abs((points - box.centre) @ box.rotation)
-    return float(np.mean((local <= box.size / 2 + margin).all(axis=1)))
+    return _share_inside(points, box.centre, box.rotation, box.size / 2 + margin)
+
+
+@nb.njit("f8(f4[:,:], f8[:], f8[:,:], f8[:])", cache=True, nogil=True)
+def _share_inside(
+    points: NDArray[np.float32], centre: NDArray[np.float64], rotation: NDArray[np.float64], half: NDArray[np.float64]
+) -> float:
+    inside = 0
+    for i in range(len(points)):
+        x, y, z = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
+        within = True
+        for axis in range(3):
+            within &= abs(rotation[0, axis] * x + rotation[1, axis] * y + rotation[2, axis] * z) <= half[axis]
+        inside += within
+    return inside / len(points)

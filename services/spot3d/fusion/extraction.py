@@ -13,7 +13,7 @@ from spot3d.fusion.selection import MapPoints
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet import StructureSheet, find_sheets, lying_flat, on_sheets
 from spot3d.fusion.structure import StructurePlane
-from spot3d.fusion.surface import Surface, gather_cells, keep_cells
+from spot3d.fusion.surface import Surface, cells_around, gather_cells, points_of_cells
 
 _TRIM = 0.005
 """Share of an object's points that may lie beyond each face of its box."""
@@ -79,29 +79,25 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
     """Whole surfaces between creases and structure, each judged by its mean heat, boxed down to its support."""
     up = planes[0].plane[:3]
     heat_min = settings.heat_min * min(1.0, peak_heat(points) / _PEAK)
-    rows = np.flatnonzero(points.heat >= _WARM * heat_min)
-    warm = points.take(rows)
-    surface = gather_cells(warm.xyz, warm.normal, warm.heat, settings.cell)
+    surface = gather_cells(points.xyz, points.normal, points.heat, settings.cell, _WARM * heat_min)
+    free = np.ones(len(surface.centre), np.bool_)
     levels: list[StructureSheet] = []
     if settings.plane_removal:
         coarse = gather_cells(points.xyz, points.normal, points.heat, _COARSE)
         sheets = find_sheets(coarse, planes, settings)
-        coarse_cell = np.empty(len(surface.centre), np.int32)
-        coarse_cell[surface.cell_of_point] = coarse.cell_of_point[rows]
-        surface = keep_cells(surface, ~on_sheets(surface, coarse_cell, sheets))
+        free = ~on_sheets(surface, cells_around(surface, coarse), sheets)
         levels = [item for item in sheets if item.sheet.plane[:3] @ up > _LEVEL]
-    segments = split_at_creases(surface, lying_flat(surface, levels), settings.crease, settings.segment_cells)
-    segment_of_point = np.append(segments, np.int32(-1))[surface.cell_of_point]
-    clusters = _clusters(segment_of_point, _kept_segments(segments, surface, heat_min, settings.segment_cells))
-    hot = [float(warm.heat[cluster].mean()) >= heat_min for cluster in clusters]
+    segments = split_at_creases(surface, free, lying_flat(surface, levels), settings.crease, settings.segment_cells)
+    clusters = _clusters(surface, segments, _kept_segments(segments, surface, heat_min, settings.segment_cells))
+    hot = [float(points.heat[cluster].mean()) >= heat_min for cluster in clusters]
 
     def box_of(members: NDArray[np.float32]) -> Box3D:
         return _standing(upright_box(members, up, turn=True, trim=_TRIM), levels, settings.standing_clearance)
 
     return [
-        Cluster(rows[cluster], box_of(warm.xyz[cluster]))
-        for cluster in merge_contained(clusters, hot, warm.xyz, box_of, settings.contained_share)
-        if float(warm.heat[cluster].mean()) >= heat_min
+        Cluster(cluster, box_of(points.xyz[cluster]))
+        for cluster in merge_contained(clusters, hot, points.xyz, box_of, settings.contained_share)
+        if float(points.heat[cluster].mean()) >= heat_min
     ]
 
 
@@ -113,17 +109,15 @@ def peak_heat(points: MapPoints) -> float:
 
 def _kept_segments(segments: NDArray[np.int32], surface: Surface, heat_min: float, cells_min: int) -> NDArray[np.bool_]:
     """Segments warm and large enough to be an object or part of one; one more, false, for index -1."""
-    size = np.bincount(segments)
-    heat = np.bincount(segments, surface.heat) / np.maximum(size, 1)
+    size = np.bincount(segments + 1, minlength=1)[1:]
+    heat = np.bincount(segments + 1, surface.heat, minlength=1)[1:] / np.maximum(size, 1)
     return np.append((heat >= heat_min / 2) & (size >= cells_min), False)
 
 
-def _clusters(labels: NDArray[np.int32], kept: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
-    """The rows of each kept label."""
-    rows = np.flatnonzero(kept[labels])
-    order = rows[np.argsort(labels[rows], kind="stable")]
-    borders = np.flatnonzero(np.diff(labels[order])) + 1
-    return [cluster for cluster in np.split(order, borders) if len(cluster)]
+def _clusters(surface: Surface, segments: NDArray[np.int32], kept: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+    """The points of each kept segment."""
+    number = np.where(kept, np.cumsum(kept) - 1, -1).astype(np.int32)
+    return points_of_cells(surface, number[segments], int(np.count_nonzero(kept)))
 
 
 def _standing(box: Box3D, levels: list[StructureSheet], clearance: float) -> Box3D:

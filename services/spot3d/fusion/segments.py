@@ -23,69 +23,77 @@ _ROUNDS = 12
 
 def smooth_normals(normals: NDArray[np.float32], pairs: NDArray[np.int32]) -> NDArray[np.float32]:
     """(n, 3) float32 unit normals averaged with those of near cells that face alike: noise falls, creases stay."""
-    smoothed: NDArray[np.float32] = _smooth(normals, pairs)
-    return smoothed
+    total = normals.copy()
+    _smooth(normals, pairs, total)
+    return total
 
 
 def concavity(
     centre: NDArray[np.float32], normals: NDArray[np.float32], pairs: NDArray[np.int32]
 ) -> NDArray[np.float32]:
     """(n,) float32 mean curvature towards the near cells, 1/m: positive in a hollow or crease, negative on a ball."""
-    bend: NDArray[np.float32] = _concavity(centre, normals, pairs)
-    return bend
+    sums = np.full((len(centre), 2), np.float32(0))
+    _concavity(centre, normals, pairs, sums)
+    return sums[:, 0] / np.maximum(sums[:, 1], 1)
 
 
-def split_at_creases(surface: Surface, flat: NDArray[np.bool_], crease: float, smallest: int) -> NDArray[np.int32]:
+def split_at_creases(
+    surface: Surface, member: NDArray[np.bool_], flat: NDArray[np.bool_], crease: float, smallest: int
+) -> NDArray[np.int32]:
     """Segments of a surface: connected regions without a crease, then the crease cells shared out.
 
-    flat: (n,) bool, cells of thin flat things, which form regions of their own: what lies on a table does not hold
-    together what stands on it. crease: concavity (1/m) from which a cell is a crease. smallest: cells a region
-    needs to count. Returns (n,) int32 segment of each cell.
+    member: (n,) bool, cells that are looked at. flat: (n,) bool, cells of thin flat things, which form regions of
+    their own: what lies on a table does not hold together what stands on it. crease: concavity (1/m) from which a
+    cell is a crease. smallest: cells a region needs to count. Returns (n,) int32 segment of each cell, -1 = no member.
     """
-    pairs = near_pairs(surface)
+    pairs = near_pairs(surface, member)
     link = _links(surface, pairs)
-    core = concavity(surface.centre, smooth_normals(surface.normal, pairs), pairs) < crease
-    labels = connected_cells(link[flat[link[:, 0]] == flat[link[:, 1]]], core)
+    core = member & (concavity(surface.centre, smooth_normals(surface.normal, pairs), pairs) < crease)
+    labels = connected_cells(link, np.where(core, np.where(flat, np.uint8(2), np.uint8(1)), np.uint8(0)))
     size = np.bincount(labels[core], minlength=1)
     labels[core & (size[np.maximum(labels, 0)] < smallest)] = -1
     _share_out(labels, link)
-    left = labels < 0
-    rest = connected_cells(link, left)
+    left = member & (labels < 0)
+    rest = connected_cells(link, left.view(np.uint8))
     labels[left] = rest[left] + len(labels)
-    return np.unique(labels, return_inverse=True)[1].astype(np.int32)
+    used = np.zeros(2 * len(labels) + 1, np.bool_)
+    used[labels] = True
+    number = np.cumsum(used, dtype=np.int32) - np.int32(1)
+    number[-1] = -1
+    return number[labels]
 
 
-def connected_cells(link: NDArray[np.int32], member: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Connected components of the members over linked pairs: (n,) int32, -1 for the others."""
-    labels: NDArray[np.int32] = _components(link, member)
+def connected_cells(link: NDArray[np.int32], group: NDArray[np.uint8]) -> NDArray[np.int32]:
+    """Connected components over linked pairs of cells of the same group: (n,) int32, -1 for those of group 0."""
+    labels: NDArray[np.int32] = _components(link, group)
     return labels
 
 
 def _links(surface: Surface, pairs: NDArray[np.int32]) -> NDArray[np.int32]:
     """The pairs whose cells touch."""
-    touching: NDArray[np.int32] = _closer(surface.centre, pairs, np.float32((_LINK * surface.edge) ** 2))
-    return touching
+    touching = np.empty_like(pairs)
+    return touching[: _closer(surface.centre, pairs, np.float32((_LINK * surface.edge) ** 2), touching)]
 
 
-@nb.njit("i4[:,::1](f4[:,::1], i4[:,::1], f4)", cache=True, nogil=True)
-def _closer(centre: NDArray[np.float32], pairs: NDArray[np.int32], square: np.float32) -> NDArray[np.int32]:
-    """The pairs whose centres are less than the root of `square` apart."""
-    kept = np.empty_like(pairs)
+@nb.njit("i8(f4[:,::1], i4[:,::1], f4, i4[:,::1])", cache=True, nogil=True)
+def _closer(
+    centre: NDArray[np.float32], pairs: NDArray[np.int32], square: np.float32, kept: NDArray[np.int32]
+) -> int:
+    """The pairs whose centres are less than the root of `square` apart, and how many they are."""
     count = 0
     for k in range(len(pairs)):
         i, j = pairs[k]
         gap = np.float32(0)
         for axis in range(3):
             gap += (centre[i, axis] - centre[j, axis]) ** 2
-        if gap < square:
-            kept[count] = pairs[k]
-            count += 1
-    return kept[:count].copy()
+        kept[count, 0], kept[count, 1] = i, j
+        count += gap < square
+    return count
 
 
-@nb.njit("f4[:,::1](f4[:,::1], i4[:,::1])", cache=True, nogil=True)
-def _smooth(normals: NDArray[np.float32], pairs: NDArray[np.int32]) -> NDArray[np.float32]:
-    total = normals.copy()
+@nb.njit("void(f4[:,::1], i4[:,::1], f4[:,::1])", cache=True, nogil=True)
+def _smooth(normals: NDArray[np.float32], pairs: NDArray[np.int32], total: NDArray[np.float32]) -> None:
+    """Add to each normal in `total` those of near cells that face alike; make them unit again."""
     for k in range(len(pairs)):
         i, j = pairs[k]
         like = np.float32(0)
@@ -100,15 +108,13 @@ def _smooth(normals: NDArray[np.float32], pairs: NDArray[np.int32]) -> NDArray[n
         if length > 0:
             for axis in range(3):
                 total[i, axis] /= length
-    return total
 
 
-@nb.njit("f4[::1](f4[:,::1], f4[:,::1], i4[:,::1])", cache=True, nogil=True)
+@nb.njit("void(f4[:,::1], f4[:,::1], i4[:,::1], f4[:,::1])", cache=True, nogil=True)
 def _concavity(
-    centre: NDArray[np.float32], normals: NDArray[np.float32], pairs: NDArray[np.int32]
-) -> NDArray[np.float32]:
-    total = np.zeros(len(centre), np.float32)
-    count = np.zeros(len(centre), np.float32)
+    centre: NDArray[np.float32], normals: NDArray[np.float32], pairs: NDArray[np.int32], sums: NDArray[np.float32]
+) -> None:
+    """Sum of the curvatures towards the near cells, and their number."""
     for k in range(len(pairs)):
         i, j = pairs[k]
         turn, square = np.float32(0), np.float32(1e-9)
@@ -117,23 +123,20 @@ def _concavity(
             turn -= (normals[j, axis] - normals[i, axis]) * d
             square += d * d
         bend = max(turn / square, _CONVEX)
-        total[i] += bend
-        total[j] += bend
-        count[i] += np.float32(1)
-        count[j] += np.float32(1)
-    for i in range(len(total)):
-        total[i] /= max(count[i], np.float32(1))
-    return total
+        sums[i, 0] += bend
+        sums[j, 0] += bend
+        sums[i, 1] += np.float32(1)
+        sums[j, 1] += np.float32(1)
 
 
-@nb.njit("i4[::1](i4[:,::1], b1[::1])", cache=True, nogil=True)
-def _components(link: NDArray[np.int32], member: NDArray[np.bool_]) -> NDArray[np.int32]:
+@nb.njit("i4[::1](i4[:,::1], u1[::1])", cache=True, nogil=True)
+def _components(link: NDArray[np.int32], group: NDArray[np.uint8]) -> NDArray[np.int32]:
     """Union-find with path halving; the smaller number is the root, so that labels do not depend on order."""
-    n = len(member)
+    n = len(group)
     root = np.arange(n).astype(np.int32)
     for k in range(len(link)):
         i, j = link[k]
-        if not (member[i] and member[j]):
+        if group[i] == 0 or group[i] != group[j]:
             continue
         while root[i] != i:
             root[i] = root[root[i]]
@@ -148,7 +151,7 @@ def _components(link: NDArray[np.int32], member: NDArray[np.bool_]) -> NDArray[n
     labels = np.full(n, -1, np.int32)
     count = 0
     for i in range(n):
-        if member[i]:
+        if group[i] > 0:
             r = i
             while root[r] != r:
                 r = root[r]
@@ -162,15 +165,24 @@ def _components(link: NDArray[np.int32], member: NDArray[np.bool_]) -> NDArray[n
 @nb.njit("void(i4[::1], i4[:,::1])", cache=True, nogil=True)
 def _share_out(labels: NDArray[np.int32], link: NDArray[np.int32]) -> None:
     """Give cells without a label that of a labelled neighbour, ring by ring (of several, the lowest)."""
+    open_link = link.copy()
+    count = len(link)
     for _ in range(_ROUNDS):
         reached = labels.copy()
+        kept = 0
         changed = False
-        for k in range(len(link)):
-            for side in range(2):
-                i, j = link[k, side], link[k, 1 - side]
-                if labels[i] < 0 and labels[j] >= 0 and (reached[i] < 0 or labels[j] < reached[i]):
-                    reached[i] = labels[j]
-                    changed = True
+        for k in range(count):
+            i, j = open_link[k]
+            if labels[i] >= 0 and labels[j] >= 0:
+                continue
+            open_link[kept] = open_link[k]
+            kept += 1
+            if labels[i] >= 0:
+                i, j = j, i
+            if labels[j] >= 0 and (reached[i] < 0 or labels[j] < reached[i]):
+                reached[i] = labels[j]
+                changed = True
+        count = kept
         labels[:] = reached
         if not changed:
             break

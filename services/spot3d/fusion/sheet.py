@@ -143,7 +143,7 @@ def lying_flat(surface: Surface, levels: list[StructureSheet]) -> NDArray[np.boo
 def _reaching(surface: Surface, pairs: NDArray[np.int32], member: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
     """The members whose connected component is longer than `reach`."""
     rows = np.flatnonzero(member)
-    labels = connected_cells(pairs, member)
+    labels = connected_cells(pairs, member.view(np.uint8))
     count = int(labels.max(initial=-1)) + 1
     low = np.full((count, 3), np.inf, np.float32)
     high = np.full((count, 3), -np.inf, np.float32)
