@@ -13,6 +13,9 @@ ROTATION_TOLERANCE = 1e-4
 _CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
 _FACES = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)])
 
+_AT_ONCE = 4096
+"""Pairs of boxes that are clipped together: about 10 MB."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Box3D:
@@ -79,24 +82,27 @@ def iou_matrix_3d(boxes_a: Sequence[Box3D], boxes_b: Sequence[Box3D]) -> NDArray
     result = np.zeros((len(boxes_a), len(boxes_b)))
     if result.size == 0:
         return result
-    centre_b = np.stack([box.centre for box in boxes_b])
-    half_b = np.stack([box.size for box in boxes_b]) / 2
-    rotation_b = np.stack([box.rotation for box in boxes_b])
-    volume_b = np.array([box.volume for box in boxes_b])
-    radius_b = np.linalg.norm(half_b, axis=1)
-    for row, box in zip(result, boxes_a, strict=True):
-        reach = float(np.linalg.norm(box.size)) / 2 + radius_b
-        near = np.flatnonzero(np.linalg.norm(centre_b - box.centre, axis=1) < reach)
-        if near.size:
-            corners = box.centre + (_CORNERS * box.size / 2) @ box.rotation.T
-            # Row vectors times R = R^T times column vectors: world corners in each other box's own axes.
-            local = (corners - centre_b[near, None]) @ rotation_b[near]
-            row[near] = _over_union(_clipped_volume(local, half_b[near]), box.volume, volume_b[near])
+    (centre_a, half_a, rotation_a), (centre_b, half_b, rotation_b) = _stacked(boxes_a), _stacked(boxes_b)
+    reach = np.linalg.norm(half_a, axis=1)[:, None] + np.linalg.norm(half_b, axis=1)
+    first, second = np.nonzero(np.linalg.norm(centre_a[:, None] - centre_b, axis=-1) < reach)
+    for start in range(0, len(first), _AT_ONCE):
+        i, j = first[start : start + _AT_ONCE], second[start : start + _AT_ONCE]
+        corners = centre_a[i, None] + (_CORNERS * half_a[i, None]) @ rotation_a[i].transpose(0, 2, 1)
+        # Row vectors times R = R^T times column vectors: world corners in the other box's own axes.
+        local = (corners - centre_b[j, None]) @ rotation_b[j]
+        volumes = 8 * np.prod(half_a[i], axis=1), 8 * np.prod(half_b[j], axis=1)
+        result[i, j] = _over_union(_clipped_volume(local, half_b[j]), *volumes)
     return result
 
 
+def _stacked(boxes: Sequence[Box3D]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Centres (n, 3), half sizes (n, 3) and rotations (n, 3, 3)."""
+    centres, halves = np.array([box.centre for box in boxes]), np.array([box.size for box in boxes]) / 2
+    return centres, halves, np.array([box.rotation for box in boxes])
+
+
 def _over_union(
-    intersection: NDArray[np.float64], size_a: NDArray[np.float64] | float, size_b: NDArray[np.float64]
+    intersection: NDArray[np.float64], size_a: NDArray[np.float64], size_b: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """IoU from areas or volumes; rounding cannot leave [0, 1], and nothing over nothing is 0."""
     inner = np.clip(intersection, 0, np.minimum(size_a, size_b))

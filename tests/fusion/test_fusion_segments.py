@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from fusion_room import Cuboid, sampled, standing
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from spot3d.fusion.segments import concavity, connected_cells, smooth_normals, split_at_creases
-from spot3d.fusion.surface import Surface, gather_cells, keep_cells, near_pairs
+from spot3d.fusion.surface import Surface, gather_cells, near_pairs
 
 EDGE, CREASE, SMALLEST = 0.005, 10.0, 40
 
@@ -14,9 +16,10 @@ def surface_of(xyz: np.ndarray, normal: np.ndarray) -> Surface:
     return gather_cells(xyz.astype(np.float32), normal.astype(np.float32), np.ones(len(xyz), np.float32), EDGE)
 
 
-def split(surface: Surface, flat: np.ndarray | None = None) -> np.ndarray:
+def split(surface: Surface, flat: np.ndarray | None = None, member: np.ndarray | None = None) -> np.ndarray:
     flat = np.zeros(len(surface.centre), bool) if flat is None else flat
-    return split_at_creases(surface, flat, CREASE, SMALLEST)
+    member = np.ones(len(surface.centre), bool) if member is None else member
+    return split_at_creases(surface, member, flat, CREASE, SMALLEST)
 
 
 def ball(radius: float, hollow: bool = False) -> tuple[np.ndarray, np.ndarray]:
@@ -101,8 +104,10 @@ def test_inside_and_outside_of_a_bowl_stay_whole_each() -> None:
 
 def test_what_was_taken_out_parts_the_rest() -> None:
     surface, _ = box_surface(standing(0.0, 0.0, (0.3, 0.02, 0.02)))
-    labels = split(keep_cells(surface, np.abs(surface.centre[:, 0]) > 0.02))
-    assert set(labels) == {0, 1}
+    member = np.abs(surface.centre[:, 0]) > 0.02
+    labels = split(surface, member=member)
+    assert set(labels[member]) == {0, 1}
+    assert set(labels[~member]) == {-1}
 
 
 def test_what_lies_flat_is_a_region_of_its_own() -> None:
@@ -129,11 +134,12 @@ def test_normals_are_smoothed_but_not_over_an_edge() -> None:
 
 def test_components_do_not_depend_on_the_order_of_the_links() -> None:
     rng = np.random.default_rng(1)
-    links = rng.integers(0, 200, (150, 2)).astype(np.int32)
-    member = rng.random(200) < 0.9
-    labels = connected_cells(links, member)
-    assert (labels[~member] == -1).all()
-    assert set(labels[member]) == set(range(labels.max() + 1))
-    both = links[member[links].all(axis=1)]
-    assert (labels[both[:, 0]] == labels[both[:, 1]]).all()
-    np.testing.assert_array_equal(connected_cells(links[rng.permutation(150)][:, ::-1].copy(), member), labels)
+    links = rng.integers(0, 200, (150, 2)).astype(np.uint32)
+    group = rng.choice(np.array([0, 1, 1, 1, 1, 2], np.uint8), 200)
+    labels = connected_cells(links, group)
+    joined = links[(group[links[:, 0]] == group[links[:, 1]]) & (group[links[:, 0]] > 0)]
+    graph = csr_array((np.ones(len(joined)), joined.T), (200, 200))
+    _, expected = connected_components(graph[group > 0][:, group > 0], directed=False)
+    np.testing.assert_array_equal(labels[group > 0], expected)
+    assert (labels[group == 0] == -1).all()
+    np.testing.assert_array_equal(connected_cells(links[rng.permutation(150)][:, ::-1].copy(), group), labels)

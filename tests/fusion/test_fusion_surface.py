@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from spot3d.fusion.surface import gather_cells, keep_cells, near_pairs
+from spot3d.fusion.surface import cells_around, gather_cells, near_pairs, points_of_cells
 
 EDGE = 0.125  # exact in binary: cells are where plain division says
 
@@ -42,15 +42,42 @@ def test_cells_hold_the_means_of_their_points() -> None:
     np.testing.assert_allclose(surface.heat, [0.3, 0.9], atol=1e-6)
 
 
+def test_points_that_are_too_cold_belong_to_no_cell() -> None:
+    points, heat = cloud(400, 2, 0.5), np.random.default_rng(2).random(400, np.float32)
+    surface = gather_cells(points, np.ones_like(points), heat, EDGE, 0.4)
+    warm = heat >= np.float32(0.4)
+    alone = gather_cells(points[warm], np.ones_like(points[warm]), heat[warm], EDGE)
+    assert (surface.cell_of_point[~warm] == -1).all()
+    np.testing.assert_array_equal(surface.cell_of_point[warm], alone.cell_of_point)
+    np.testing.assert_array_equal(surface.centre, alone.centre)
+
+
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
-def test_kept_cells_keep_their_points_and_pairs(share: float) -> None:
+def test_pairs_of_members_are_those_of_all_that_have_two(share: float) -> None:
     points = cloud(400, 1, 0.5)
     surface = gather_cells(points, np.ones_like(points), np.ones(400, np.float32), EDGE)
-    keep = np.random.default_rng(0).random(len(surface.centre)) < share
-    kept = keep_cells(surface, keep)
-    np.testing.assert_array_equal(kept.cell_of_point >= 0, keep[surface.cell_of_point])
-    held = kept.cell_of_point >= 0
-    np.testing.assert_array_equal(kept.centre[kept.cell_of_point[held]], surface.centre[surface.cell_of_point[held]])
-    places = np.flatnonzero(keep)
+    member = np.random.default_rng(0).random(len(surface.centre)) < share
     pairs = near_pairs(surface)
-    assert ordered(places[near_pairs(kept)]) == ordered(pairs[keep[pairs].all(axis=1)])
+    assert ordered(near_pairs(surface, member)) == ordered(pairs[member[pairs].all(axis=1)])
+
+
+def test_cells_of_a_coarser_surface_hold_the_same_points() -> None:
+    points = cloud(500, 3)
+    normals, heat = np.ones_like(points), np.random.default_rng(3).random(500, np.float32)
+    fine = gather_cells(points, normals, heat, EDGE, 0.5)
+    coarse = gather_cells(points, normals, heat, 2 * EDGE)
+    held = fine.cell_of_point >= 0
+    around = cells_around(fine, coarse)
+    np.testing.assert_array_equal(around[fine.cell_of_point[held]], coarse.cell_of_point[held])
+
+
+@pytest.mark.parametrize("groups", [0, 1, 5])
+def test_points_of_groups_of_cells_are_in_their_order(groups: int) -> None:
+    points, heat = cloud(300, 4), np.random.default_rng(4).random(300, np.float32)
+    surface = gather_cells(points, np.ones_like(points), heat, EDGE, 0.2)
+    group = np.random.default_rng(5).integers(-1, groups, len(surface.centre)).astype(np.int32)
+    of_point = np.append(group, np.int32(-1))[surface.cell_of_point]
+    found = points_of_cells(surface, group, groups)
+    assert len(found) == groups
+    for number, rows in enumerate(found):
+        np.testing.assert_array_equal(rows, np.flatnonzero(of_point == number))

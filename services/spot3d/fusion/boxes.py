@@ -14,20 +14,16 @@ _SAMPLE = 1000
 _MARGIN = 0.005
 """The two faces of a thin wall (a bowl's, a mug's) lie about this far apart, metres."""
 
-_OCTAGON = np.array([[1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1]], np.float32)
-"""Eight directions, counter-clockwise."""
-
 
 def rotation_to_upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rotation R_upright_world that turns `up` (unit, world) into +z by the shortest way (paper, Eq. 15).
 
     The paper turns the normal into y; z is the robot world's up. (3, 3) float64.
     """
-    target = np.array([0.0, 0.0, 1.0])
-    v, c = np.cross(up, target), float(up @ target)
+    x, y, c = up.tolist()
     if c < -1 + 1e-9:
         return np.diag([1.0, -1.0, -1.0])
-    skew = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    skew = np.array([[0, 0, -x], [0, 0, -y], [x, y, 0]])
     rotation: NDArray[np.float64] = np.eye(3) + skew + skew @ skew / (1 + c)
     return rotation
 
@@ -78,31 +74,28 @@ def _turned(points: NDArray[np.float32], R: NDArray[np.float64]) -> NDArray[np.f
     return turned
 
 
-@nb.njit("f4[:,::1](f4[:,::1])", cache=True, nogil=True)
 def _outer(footprint: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Those of (2, n) points that may be corners of their convex hull: outside of the octagon of the outermost."""
-    n = footprint.shape[1]
-    corners = np.zeros(8, np.int64)
-    reach = np.full(8, -np.inf)
-    for i in range(n):
-        x, y = footprint[0, i], footprint[1, i]
-        for side in range(8):
-            along = _OCTAGON[side, 0] * x + _OCTAGON[side, 1] * y
-            if along > reach[side]:
-                reach[side], corners[side] = along, i
-    kept = np.empty((n, 2), np.float32)
+    """Those of (2, n) points, as (m, 2), that may be corners of their convex hull: not inside the outermost eight."""
+    x, y = footprint
+    along = (x, x + y, y, y - x)
+    around = dict.fromkeys([*(values.argmax() for values in along), *(values.argmin() for values in along)])
+    return _not_inside(footprint, footprint[:, list(around)].astype(np.float64))
+
+
+@nb.njit("f4[:,::1](f4[:,::1], f8[:,:])", cache=True, nogil=True)
+def _not_inside(points: NDArray[np.float32], corners: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(m, 2): those of (2, n) points that are not inside a convex polygon; corners: (2, k), counter-clockwise."""
+    kept = np.empty((points.shape[1], 2), np.float32)
     count = 0
-    for i in range(n):
-        x, y = np.float64(footprint[0, i]), np.float64(footprint[1, i])
+    for i in range(points.shape[1]):
+        x, y = points[0, i], points[1, i]
         inside = True
-        for side in range(8):
-            a, b = corners[side], corners[(side + 1) % 8]
-            ax, ay = np.float64(footprint[0, a]), np.float64(footprint[1, a])
-            dx, dy = footprint[0, b] - ax, footprint[1, b] - ay
-            inside &= a == b or dx * (y - ay) > dy * (x - ax)
-        if not inside:
-            kept[count, 0], kept[count, 1] = x, y
-            count += 1
+        for k in range(corners.shape[1]):
+            ax, ay = corners[0, k - 1], corners[1, k - 1]
+            dx, dy = corners[0, k] - ax, corners[1, k] - ay
+            inside &= dx * (y - ay) > dy * (x - ax)
+        kept[count, 0], kept[count, 1] = x, y
+        count += not inside
     return kept[:count].copy()
 
 

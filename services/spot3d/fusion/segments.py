@@ -21,7 +21,7 @@ _ROUNDS = 12
 """Cells of a crease join the segments beside it within this many cells."""
 
 
-def smooth_normals(normals: NDArray[np.float32], pairs: NDArray[np.int32]) -> NDArray[np.float32]:
+def smooth_normals(normals: NDArray[np.float32], pairs: NDArray[np.uint32]) -> NDArray[np.float32]:
     """(n, 3) float32 unit normals averaged with those of near cells that face alike: noise falls, creases stay."""
     total = normals.copy()
     _smooth(normals, pairs, total)
@@ -29,12 +29,13 @@ def smooth_normals(normals: NDArray[np.float32], pairs: NDArray[np.int32]) -> ND
 
 
 def concavity(
-    centre: NDArray[np.float32], normals: NDArray[np.float32], pairs: NDArray[np.int32]
+    centre: NDArray[np.float32], normals: NDArray[np.float32], pairs: NDArray[np.uint32]
 ) -> NDArray[np.float32]:
     """(n,) float32 mean curvature towards the near cells, 1/m: positive in a hollow or crease, negative on a ball."""
     sums = np.full((len(centre), 2), np.float32(0))
     _concavity(centre, normals, pairs, sums)
-    return sums[:, 0] / np.maximum(sums[:, 1], 1)
+    bend: NDArray[np.float32] = sums[:, 0] / np.maximum(sums[:, 1], np.float32(1))
+    return bend
 
 
 def split_at_creases(
@@ -63,26 +64,26 @@ def split_at_creases(
     return number[labels]
 
 
-def connected_cells(link: NDArray[np.int32], group: NDArray[np.uint8]) -> NDArray[np.int32]:
+def connected_cells(link: NDArray[np.uint32], group: NDArray[np.uint8]) -> NDArray[np.int32]:
     """Connected components over linked pairs of cells of the same group: (n,) int32, -1 for those of group 0."""
     labels: NDArray[np.int32] = _components(link, group)
     return labels
 
 
-def _links(surface: Surface, pairs: NDArray[np.int32]) -> NDArray[np.int32]:
+def _links(surface: Surface, pairs: NDArray[np.uint32]) -> NDArray[np.uint32]:
     """The pairs whose cells touch."""
     touching = np.empty_like(pairs)
     return touching[: _closer(surface.centre, pairs, np.float32((_LINK * surface.edge) ** 2), touching)]
 
 
-@nb.njit("i8(f4[:,::1], i4[:,::1], f4, i4[:,::1])", cache=True, nogil=True)
+@nb.njit("i8(f4[:,::1], u4[:,::1], f4, u4[:,::1])", cache=True, nogil=True)
 def _closer(
-    centre: NDArray[np.float32], pairs: NDArray[np.int32], square: np.float32, kept: NDArray[np.int32]
+    centre: NDArray[np.float32], pairs: NDArray[np.uint32], square: np.float32, kept: NDArray[np.uint32]
 ) -> int:
     """The pairs whose centres are less than the root of `square` apart, and how many they are."""
     count = 0
     for k in range(len(pairs)):
-        i, j = pairs[k]
+        i, j = pairs[k, 0], pairs[k, 1]
         gap = np.float32(0)
         for axis in range(3):
             gap += (centre[i, axis] - centre[j, axis]) ** 2
@@ -91,11 +92,11 @@ def _closer(
     return count
 
 
-@nb.njit("void(f4[:,::1], i4[:,::1], f4[:,::1])", cache=True, nogil=True)
-def _smooth(normals: NDArray[np.float32], pairs: NDArray[np.int32], total: NDArray[np.float32]) -> None:
+@nb.njit("void(f4[:,::1], u4[:,::1], f4[:,::1])", cache=True, nogil=True)
+def _smooth(normals: NDArray[np.float32], pairs: NDArray[np.uint32], total: NDArray[np.float32]) -> None:
     """Add to each normal in `total` those of near cells that face alike; make them unit again."""
     for k in range(len(pairs)):
-        i, j = pairs[k]
+        i, j = pairs[k, 0], pairs[k, 1]
         like = np.float32(0)
         for axis in range(3):
             like += normals[i, axis] * normals[j, axis]
@@ -110,13 +111,13 @@ def _smooth(normals: NDArray[np.float32], pairs: NDArray[np.int32], total: NDArr
                 total[i, axis] /= length
 
 
-@nb.njit("void(f4[:,::1], f4[:,::1], i4[:,::1], f4[:,::1])", cache=True, nogil=True)
+@nb.njit("void(f4[:,::1], f4[:,::1], u4[:,::1], f4[:,::1])", cache=True, nogil=True, error_model="numpy")
 def _concavity(
-    centre: NDArray[np.float32], normals: NDArray[np.float32], pairs: NDArray[np.int32], sums: NDArray[np.float32]
+    centre: NDArray[np.float32], normals: NDArray[np.float32], pairs: NDArray[np.uint32], sums: NDArray[np.float32]
 ) -> None:
     """Sum of the curvatures towards the near cells, and their number."""
     for k in range(len(pairs)):
-        i, j = pairs[k]
+        i, j = pairs[k, 0], pairs[k, 1]
         turn, square = np.float32(0), np.float32(1e-9)
         for axis in range(3):
             d = centre[j, axis] - centre[i, axis]
@@ -129,13 +130,13 @@ def _concavity(
         sums[j, 1] += np.float32(1)
 
 
-@nb.njit("i4[::1](i4[:,::1], u1[::1])", cache=True, nogil=True)
-def _components(link: NDArray[np.int32], group: NDArray[np.uint8]) -> NDArray[np.int32]:
+@nb.njit("i4[::1](u4[:,::1], u1[::1])", cache=True, nogil=True)
+def _components(link: NDArray[np.uint32], group: NDArray[np.uint8]) -> NDArray[np.int32]:
     """Union-find with path halving; the smaller number is the root, so that labels do not depend on order."""
     n = len(group)
-    root = np.arange(n).astype(np.int32)
+    root = np.arange(n).astype(np.uint32)
     for k in range(len(link)):
-        i, j = link[k]
+        i, j = link[k, 0], link[k, 1]
         if group[i] == 0 or group[i] != group[j]:
             continue
         while root[i] != i:
@@ -152,7 +153,7 @@ def _components(link: NDArray[np.int32], group: NDArray[np.uint8]) -> NDArray[np
     count = 0
     for i in range(n):
         if group[i] > 0:
-            r = i
+            r = np.uint32(i)
             while root[r] != r:
                 r = root[r]
             if labels[r] < 0:
@@ -162,8 +163,8 @@ def _components(link: NDArray[np.int32], group: NDArray[np.uint8]) -> NDArray[np
     return labels
 
 
-@nb.njit("void(i4[::1], i4[:,::1])", cache=True, nogil=True)
-def _share_out(labels: NDArray[np.int32], link: NDArray[np.int32]) -> None:
+@nb.njit("void(i4[::1], u4[:,::1])", cache=True, nogil=True)
+def _share_out(labels: NDArray[np.int32], link: NDArray[np.uint32]) -> None:
     """Give cells without a label that of a labelled neighbour, ring by ring (of several, the lowest)."""
     open_link = link.copy()
     count = len(link)
@@ -172,10 +173,10 @@ def _share_out(labels: NDArray[np.int32], link: NDArray[np.int32]) -> None:
         kept = 0
         changed = False
         for k in range(count):
-            i, j = open_link[k]
+            i, j = open_link[k, 0], open_link[k, 1]
             if labels[i] >= 0 and labels[j] >= 0:
                 continue
-            open_link[kept] = open_link[k]
+            open_link[kept, 0], open_link[kept, 1] = i, j
             kept += 1
             if labels[i] >= 0:
                 i, j = j, i

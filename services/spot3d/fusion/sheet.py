@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +23,8 @@ _FLAT_FACING = 0.9
 """Cosine (26 degrees) within which the top of a flat thing faces as its support."""
 _FACING = 0.7
 """Cosine (45 degrees) within which a cell faces as the sheet it lies on."""
+_FIT_FACING = 0.8
+"""Cosine (37 degrees) within which a cell that takes part in the fit faces as the plane."""
 _FITS = 6
 """Rounds of reweighting."""
 
@@ -43,9 +46,13 @@ class Sheet:
 
     def distance(self, points: NDArray[np.float32]) -> NDArray[np.float64]:
         """Signed distances in metres of (n, 3) world points; beyond the sheet's extent its rim is continued."""
-        flat = points @ self.plane[:3] + self.plane[3]
-        distance: NDArray[np.float64] = flat - _terms(points, self.axes, self.middle) @ self.warp
+        distance: NDArray[np.float64] = _distances(points, *self.shape)
         return distance
+
+    @property
+    def shape(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """What kernels need: plane, axes, middle, warp."""
+        return self.plane, self.axes, self.middle, self.warp
 
 
 def fit_sheet(
@@ -60,28 +67,18 @@ def fit_sheet(
     points, normals: (n, 3) float32 world. warped: let it bend (else it only shifts and tilts).
     Iteratively reweighted least squares with Tukey's weights, so that what stands on the sheet does not lift it.
     """
-    distance = points @ plane[:3] + plane[3]
-    near = (np.abs(distance) < reach) & (normals @ plane[:3] > 0.8)
-    if np.count_nonzero(near) < 50:
+    near = _near(points, normals, plane, reach, _FIT_FACING)
+    if len(near) < 50:
         return None
-    points, distance = points[near].astype(np.float64), distance[near]
-    middle = np.quantile(points, [0.02, 0.98], axis=0).mean(axis=0)
+    fitted = points[near].astype(np.float64)
+    distance = fitted @ plane[:3] + plane[3]
+    middle = np.quantile(fitted, [0.02, 0.98], axis=0).mean(axis=0)
     axes = _in_plane_axes(plane[:3])
-    extent = np.quantile(np.abs((points - middle) @ axes.T), 0.98, axis=0)
+    extent = np.quantile(np.abs((fitted - middle) @ axes.T), 0.98, axis=0)
     axes = axes / np.maximum(extent, 0.05)[:, None]
-    terms = _terms(points, axes, middle)[:, : 6 if warped else 3]
-    warp = np.zeros(terms.shape[1])
-    scale = reach / 2
-    for _ in range(_FITS):
-        rest = distance - terms @ warp
-        weight = np.clip(1 - (rest / (3 * scale)) ** 2, 0, None) ** 2
-        weighted = terms * weight[:, None]
-        # A trace of the identity keeps the warp flat where a thin strip says nothing about it.
-        warp = np.linalg.solve(weighted.T @ terms + 1e-3 * len(points) * np.eye(len(warp)), weighted.T @ distance)
-        rest = distance - terms @ warp
-        inlier = np.abs(rest) < 3 * scale
-        scale = max(1e-3, 1.4826 * float(np.median(np.abs(rest[inlier]))))
-    return Sheet(plane, axes, middle, np.append(warp, np.zeros(6 - len(warp))), scale)
+    terms = _terms(fitted, axes, middle)[:, : 6 if warped else 3]
+    warp, spread = _reweighted(np.ascontiguousarray(terms), distance, reach / 2)
+    return Sheet(plane, axes, middle, np.append(warp, np.zeros(6 - len(warp))), spread)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,10 +120,9 @@ def on_sheets(surface: Surface, coarse_cell: NDArray[np.int32], sheets: list[Str
     """
     structure = np.zeros(len(surface.centre), np.bool_)
     for item in sheets:
-        rows = np.flatnonzero(item.cells[coarse_cell] & ~structure)
-        distance = np.abs(item.sheet.distance(surface.centre[rows]))
-        facing = surface.normal[rows] @ item.sheet.plane[:3].astype(np.float32) > _FACING
-        structure[rows] = (distance < item.thickness) & (facing | (distance < item.thickness / 2))
+        _mark_sheet(
+            structure, surface.centre, surface.normal, coarse_cell, item.cells, item.thickness, *item.sheet.shape
+        )
     return structure
 
 
@@ -134,13 +130,13 @@ def lying_flat(surface: Surface, levels: list[StructureSheet]) -> NDArray[np.boo
     """Cells of the tops of thin flat things: facing as a level sheet and a few centimetres above it. (n,) bool"""
     flat = np.zeros(len(surface.centre), np.bool_)
     for item in levels:
-        rows = np.flatnonzero(surface.normal @ item.sheet.plane[:3].astype(np.float32) > _FLAT_FACING)
-        height = item.sheet.distance(surface.centre[rows])
-        flat[rows] |= (height > 0) & (height < _FLAT_HEIGHT)
+        _mark_flat(flat, surface.centre, surface.normal, *item.sheet.shape)
     return flat
 
 
-def _reaching(surface: Surface, pairs: NDArray[np.int32], member: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
+def _reaching(
+    surface: Surface, pairs: NDArray[np.uint32], member: NDArray[np.bool_], reach: float
+) -> NDArray[np.bool_]:
     """The members whose connected component is longer than `reach`."""
     rows = np.flatnonzero(member)
     labels = connected_cells(pairs, member.view(np.uint8))
@@ -153,9 +149,7 @@ def _reaching(surface: Surface, pairs: NDArray[np.int32], member: NDArray[np.boo
     return large[labels]
 
 
-def _terms(
-    points: NDArray[np.float32] | NDArray[np.float64], axes: NDArray[np.float64], middle: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _terms(points: NDArray[np.float64], axes: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.float64]:
     x, y = np.clip((points - middle) @ axes.T, -1, 1).T
     return np.stack((np.ones_like(x), x, y, x * x, x * y, y * y), axis=1)
 
@@ -164,3 +158,118 @@ def _in_plane_axes(normal: NDArray[np.float64]) -> NDArray[np.float64]:
     first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
     first /= np.linalg.norm(first)
     return np.stack((first, np.cross(normal, first)))
+
+
+@nb.njit("i8[::1](f4[:,:], f4[:,:], f8[:], f8, f8)", cache=True, nogil=True)
+def _near(
+    points: NDArray[np.float32], normals: NDArray[np.float32], plane: NDArray[np.float64], reach: float, facing: float
+) -> NDArray[np.int64]:
+    """Rows of the points within `reach` of the plane that face its way."""
+    rows = np.empty(len(points), np.int64)
+    count = 0
+    for i in range(len(points)):
+        distance, cosine = plane[3], 0.0
+        for axis in range(3):
+            distance += plane[axis] * points[i, axis]
+            cosine += plane[axis] * normals[i, axis]
+        rows[count] = i
+        count += abs(distance) < reach and cosine > facing
+    return rows[:count].copy()
+
+
+@nb.njit("Tuple((f8[::1], f8))(f8[:,::1], f8[:], f8)", cache=True, nogil=True)
+def _reweighted(
+    terms: NDArray[np.float64], distance: NDArray[np.float64], scale: float
+) -> tuple[NDArray[np.float64], float]:
+    """Coefficients of the terms (n, k) that give the distances (n,), and the spread of the rest. scale: a first one."""
+    n, k = terms.shape
+    warp, rest = np.zeros(k), distance.copy()
+    for _ in range(_FITS):
+        # A trace of the identity keeps the warp flat where a thin strip says nothing about it.
+        square, right = 1e-3 * n * np.eye(k), np.zeros(k)
+        for i in range(n):
+            weight = max(0.0, 1 - (rest[i] / (3 * scale)) ** 2) ** 2
+            for a in range(k):
+                right[a] += weight * terms[i, a] * distance[i]
+                for b in range(k):
+                    square[a, b] += weight * terms[i, a] * terms[i, b]
+        warp = np.linalg.solve(square, right)
+        rest = distance - terms @ warp
+        off = np.abs(rest)
+        scale = max(1e-3, 1.4826 * np.median(off[off < 3 * scale]))
+    return warp, scale
+
+
+@nb.njit("f8(f4[:], f8[:], f8[:,:], f8[:], f8[:])", cache=True, nogil=True, inline="always")
+def _height(
+    point: NDArray[np.float32],
+    plane: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    middle: NDArray[np.float64],
+    warp: NDArray[np.float64],
+) -> float:
+    """Signed distance of a point from a sheet."""
+    height, x, y = plane[3], 0.0, 0.0
+    for axis in range(3):
+        height += plane[axis] * point[axis]
+        x += axes[0, axis] * (point[axis] - middle[axis])
+        y += axes[1, axis] * (point[axis] - middle[axis])
+    x, y = min(max(x, -1.0), 1.0), min(max(y, -1.0), 1.0)
+    return height - (warp[0] + warp[1] * x + warp[2] * y + warp[3] * x * x + warp[4] * x * y + warp[5] * y * y)
+
+
+@nb.njit("f8[::1](f4[:,:], f8[:], f8[:,:], f8[:], f8[:])", cache=True, nogil=True)
+def _distances(
+    points: NDArray[np.float32],
+    plane: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    middle: NDArray[np.float64],
+    warp: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    distances = np.empty(len(points))
+    for i in range(len(points)):
+        distances[i] = _height(points[i], plane, axes, middle, warp)
+    return distances
+
+
+@nb.njit(
+    "void(b1[:], f4[:,:], f4[:,:], i4[:], b1[:], f8, f8[:], f8[:,:], f8[:], f8[:])",
+    cache=True,
+    nogil=True,
+)
+def _mark_sheet(
+    structure: NDArray[np.bool_],
+    centre: NDArray[np.float32],
+    normal: NDArray[np.float32],
+    coarse_cell: NDArray[np.int32],
+    sheet_cells: NDArray[np.bool_],
+    thickness: float,
+    plane: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    middle: NDArray[np.float64],
+    warp: NDArray[np.float64],
+) -> None:
+    """Mark the cells that lie on a sheet (see `on_sheets`)."""
+    for i in range(len(structure)):
+        if structure[i] or not sheet_cells[coarse_cell[i]]:
+            continue
+        off = abs(_height(centre[i], plane, axes, middle, warp))
+        facing = plane[0] * normal[i, 0] + plane[1] * normal[i, 1] + plane[2] * normal[i, 2]
+        structure[i] = off < thickness and (facing > _FACING or off < thickness / 2)
+
+
+@nb.njit("void(b1[:], f4[:,:], f4[:,:], f8[:], f8[:,:], f8[:], f8[:])", cache=True, nogil=True)
+def _mark_flat(
+    flat: NDArray[np.bool_],
+    centre: NDArray[np.float32],
+    normal: NDArray[np.float32],
+    plane: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    middle: NDArray[np.float64],
+    warp: NDArray[np.float64],
+) -> None:
+    """Mark the cells that lie flat on a level sheet (see `lying_flat`)."""
+    for i in range(len(flat)):
+        if plane[0] * normal[i, 0] + plane[1] * normal[i, 1] + plane[2] * normal[i, 2] > _FLAT_FACING:
+            height = _height(centre[i], plane, axes, middle, warp)
+            flat[i] |= height > 0 and height < _FLAT_HEIGHT

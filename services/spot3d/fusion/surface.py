@@ -62,8 +62,13 @@ def gather_cells(
     colder than `least` belong to no cell.
     """
     # Large arrays are made here, not in the kernels: NumPy asks for huge pages, which are much faster to begin with.
-    number, place, keys = (np.empty(len(points), kind) for kind in (np.int32, np.uint16, np.int64))
-    keys = keys[: _find_blocks(points, heat, np.float32(1 / edge), np.float32(least), number, place, keys)].copy()
+    number, place, keys = (
+        np.empty(len(points), np.int32),
+        np.empty(len(points), np.uint16),
+        np.empty(len(points), np.int64),
+    )
+    count: int = _find_blocks(points, heat, np.float32(1 / edge), np.float32(least), number, place, keys)
+    keys = keys[:count].copy()
     first, cell_at = np.zeros(len(keys) + 1, np.int32), np.full((len(keys), _PLACES), _NONE)
     _number_cells(number, place, first, cell_at)
     cells = int(first[-1])
@@ -74,8 +79,8 @@ def gather_cells(
     return Surface(edge, centre, normal, mean, number, Blocks(keys, first, cell_place))
 
 
-def near_pairs(surface: Surface, member: NDArray[np.bool_] | None = None) -> NDArray[np.int32]:
-    """(m, 2) int32: pairs of cells no more than two cell edges apart, each pair once.
+def near_pairs(surface: Surface, member: NDArray[np.bool_] | None = None) -> NDArray[np.uint32]:
+    """(m, 2) uint32: pairs of cells no more than two cell edges apart, each pair once.
 
     member: (n,) bool, cells that take part; default: all.
     """
@@ -83,8 +88,9 @@ def near_pairs(surface: Surface, member: NDArray[np.bool_] | None = None) -> NDA
     if member is None:
         member = np.ones(len(blocks.place), np.bool_)
     member_at = np.full((len(blocks.first), _PLACES), _NONE)
-    pairs = np.empty((len(blocks.place) * _STEP_PLACE.shape[1] + 1, 2), np.int32)
-    return pairs[: _near_pairs(blocks.keys, blocks.first, blocks.place, member, member_at, pairs)]
+    pairs = np.empty((len(blocks.place) * _STEP_PLACE.shape[1] + 1, 2), np.uint32)
+    count: int = _near_pairs(blocks.keys, blocks.first, blocks.place, member, member_at, pairs)
+    return pairs[:count]
 
 
 def cells_around(surface: Surface, coarse: Surface) -> NDArray[np.int32]:
@@ -180,8 +186,8 @@ def _number_cells(
     """Number the cells of each block at its places, in the order of their first points, and the first of each block."""
     for i in range(len(block_of_point)):
         block, place = block_of_point[i], place_of_point[i]
-        if block >= 0 and cell_at[block, place] == _NONE:
-            cell_at[block, place] = first[block + 1]
+        if block >= 0 and cell_at[np.uint32(block), place] == _NONE:
+            cell_at[np.uint32(block), place] = first[block + 1]
             first[block + 1] += 1
     for block in range(len(cell_at)):
         first[block + 1] += first[block]
@@ -206,7 +212,7 @@ def _gather(
         block, place = number[i], place_of_point[i]
         if block < 0:
             continue
-        cell = first[block] + cell_at[block, place]
+        cell = np.uint32(first[block] + cell_at[np.uint32(block), place])
         number[i] = cell
         place_of_cell[cell] = place
         for axis in range(3):
@@ -227,14 +233,14 @@ def _means(sums: NDArray[np.float32], centre: NDArray[np.float32], normal: NDArr
             normal[cell, axis] = sums[cell, 3 + axis] / length
 
 
-@nb.njit("i8(i8[::1], i4[::1], u2[::1], b1[:], u2[:,::1], i4[:,::1])", cache=True, nogil=True)
+@nb.njit("i8(i8[::1], i4[::1], u2[::1], b1[:], u2[:,::1], u4[:,::1])", cache=True, nogil=True)
 def _near_pairs(
     keys: NDArray[np.int64],
     first: NDArray[np.int32],
     place_of_cell: NDArray[np.uint16],
     member: NDArray[np.bool_],
     member_at: NDArray[np.uint16],
-    pairs: NDArray[np.int32],
+    pairs: NDArray[np.uint32],
 ) -> int:
     """Enter the members at their places, look up the 27 blocks around each block, and its cells' surroundings there.
 
@@ -245,25 +251,26 @@ def _near_pairs(
             if member[cell]:
                 member_at[block, place_of_cell[cell]] = cell - first[block]
     table, numbers = _table(keys, len(keys))
-    around = np.empty(27, np.int32)
-    count = 0
+    around, first_around = np.empty(27, np.uint32), np.empty(27, np.int32)
+    count = np.uint64(0)  # without a sign, an index is not looked at for counting from the end
     for block in range(len(keys)):
         for side in range(27):
             x, y, z = np.int64(side // 9 - 1), np.int64(side // 3 % 3 - 1), np.int64(side % 3 - 1)
             key = keys[block] + ((x << np.int64(42)) + (y << np.int64(21)) + z) * np.int64(_SIDE)
             slot = find_slot(table, key)
             around[side] = numbers[slot] if table[slot] != np.int64(-1) else len(keys)
+            first_around[side] = first[around[side]]
         for cell in range(first[block], first[block + 1]):
             if not member[cell]:
                 continue
             place = place_of_cell[cell]
             for step in range(_STEP_PLACE.shape[1]):
-                other = around[_STEP_BLOCK[place, step]]
-                number = member_at[other, _STEP_PLACE[place, step]]
+                side = _STEP_BLOCK[place, step]
+                number = member_at[around[side], _STEP_PLACE[place, step]]
                 # Always written and then perhaps passed over: a branch would mostly be guessed wrong.
                 pairs[count, 0] = cell
-                pairs[count, 1] = first[other] + number
-                count += number != _NONE
+                pairs[count, 1] = first_around[side] + number
+                count += np.uint64(number != _NONE)
     return count
 
 
