@@ -54,13 +54,12 @@ def _smallest_yaw(footprint: NDArray[np.float64]) -> float:
 
 def _trimmed(values: NDArray[np.float64], trim: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The quantiles `trim` and 1 - `trim` of each row of (k, n) values, interpolated between two values: (k,) each."""
+    ordered = np.sort(values, axis=1)  # for all of them it is faster than a search for these four
     last = values.shape[1] - 1
-    place = trim * last
-    inner, outer = min(int(place) + 1, last), int(place)
-    part = np.partition(values, sorted({outer, inner, last - inner, last - outer}), axis=1)
-    low, high = part[:, outer], part[:, last - outer]
-    share = place - outer
-    return low + share * (part[:, inner] - low), high + share * (part[:, last - inner] - high)
+    outer, share = divmod(trim * last, 1)
+    o, i = int(outer), min(int(outer) + 1, last)
+    low, high = ordered[:, o], ordered[:, last - o]
+    return low + share * (ordered[:, i] - low), high + share * (ordered[:, last - i] - high)
 
 
 @nb.njit("f8[:,::1](f4[:,:], f8[:,:])", cache=True, nogil=True)

@@ -45,7 +45,7 @@ def find_objects(points: MapPoints, planes: list[StructurePlane], settings: Fusi
     planes: the keyframes' distinct planes, the supporting one first; its normal is up. Without any there are no
     objects: nothing is known to stand on anything.
     """
-    objects = [_describe(cluster, points.take(cluster.rows)) for cluster in find_clusters(points, planes, settings)]
+    objects = [_describe(cluster, points) for cluster in find_clusters(points, planes, settings)]
     return sorted(objects, key=lambda item: -item.confidence)
 
 
@@ -132,12 +132,13 @@ def _standing(box: Box3D, levels: list[StructureSheet], clearance: float) -> Box
     return box
 
 
-def _describe(cluster: Cluster, members: MapPoints) -> FoundObject:
-    """The object that the members form, not yet numbered."""
-    confidence = float(np.clip(members.heat.mean(), 0, 1))
-    views = int(members.frequency.max())
-    colour = members.colour.mean(axis=0).astype(np.float64)
-    return FoundObject(0, cluster.box, confidence, views, len(members), colour)
+def _describe(cluster: Cluster, points: MapPoints) -> FoundObject:
+    """The object that the cluster's points form, not yet numbered."""
+    rows = cluster.rows
+    confidence = float(np.clip(points.heat[rows].mean(), 0, 1))
+    views = int(points.frequency[rows].max())
+    colour = points.colour[rows].mean(axis=0).astype(np.float64)
+    return FoundObject(0, cluster.box, confidence, views, len(rows), colour)
 
 
 def _plausible(box: Box3D, settings: FusionSettings) -> bool:

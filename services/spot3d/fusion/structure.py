@@ -63,12 +63,13 @@ class PlaneMemory:
         features = np.column_stack((stack[:, :3] * _SAME_DISTANCE / np.sqrt(2 - 2 * _SAME_ANGLE), position))
         centres: list[NDArray[np.float64]] = []
         for feature in features:
-            if all(np.linalg.norm(feature - centre) > _SAME_DISTANCE for centre in centres):
+            if not centres or np.linalg.norm(np.array(centres) - feature, axis=1).min() > _SAME_DISTANCE:
                 centres.append(feature)
         # A second or two of imports: later than the start, when nobody waits for the first frame any more.
         from sklearn.cluster import KMeans
 
         labels = KMeans(len(centres), init=np.array(centres), n_init=1).fit_predict(features)
+        keyframes = max(1, sum(item.removed for item in self._planes))
         groups = []
         for label in np.unique(labels):
             members = np.flatnonzero(labels == label)
@@ -76,7 +77,6 @@ class PlaneMemory:
             normal /= np.linalg.norm(normal)
             offset = float(np.median(position[members])) - normal @ around
             removed = [self._planes[k] for k in members if self._planes[k].removed]
-            keyframes = max(1, sum(item.removed for item in self._planes))
             groups.append(
                 StructurePlane(np.append(normal, offset), len(removed) / keyframes, sum(item.heat for item in removed))
             )

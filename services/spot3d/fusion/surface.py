@@ -141,7 +141,7 @@ def _table(keys: NDArray[np.int64], room: int) -> tuple[NDArray[np.int64], NDArr
     return table, numbers
 
 
-@nb.njit("i8(f4[:,:], f4[:], f4, f4, i4[::1], u2[::1], i8[::1])", cache=True, nogil=True)
+@nb.njit("i8(f4[:,::1], f4[::1], f4, f4, i4[::1], u2[::1], i8[::1])", cache=True, nogil=True)
 def _find_blocks(
     points: NDArray[np.float32],
     heat: NDArray[np.float32],
@@ -194,7 +194,7 @@ def _number_cells(
 
 
 @nb.njit(
-    "void(f4[:,:], f4[:,:], f4[:], i4[::1], u2[::1], i4[::1], u2[:,::1], f4[:,::1], u2[::1])", cache=True, nogil=True
+    "void(f4[:,::1], f4[:,::1], f4[::1], i4[::1], u2[::1], i4[::1], u2[:,::1], f4[:,::1], u2[::1])", cache=True, nogil=True
 )
 def _gather(
     points: NDArray[np.float32],
