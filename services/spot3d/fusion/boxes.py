@@ -41,7 +41,7 @@ def upright_box(points: NDArray[np.float32], up: NDArray[np.float64], turn: bool
         c, s = np.cos(yaw), np.sin(yaw)
         R = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ R
         upright = _turned(points, R)
-    low, high = _trimmed(upright, trim)
+    low, high = trimmed(upright, trim)
     return Box3D(R.T @ ((low + high) / 2), high - low, R.T)
 
 
@@ -52,7 +52,7 @@ def _smallest_yaw(footprint: NDArray[np.float64]) -> float:
     return float(np.deg2rad(degrees))
 
 
-def _trimmed(values: NDArray[np.float64], trim: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def trimmed(values: NDArray[np.float64], trim: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The quantiles `trim` and 1 - `trim` of each row of (k, n) values, interpolated between two values: (k,) each."""
     ordered = np.sort(values, axis=1)  # for all of them it is faster than a search for these four
     last = values.shape[1] - 1
@@ -137,14 +137,16 @@ def merge_contained(
     """
     order = sorted(range(len(clusters)), key=lambda k: len(clusters[k]))
     parts, held = [clusters[k] for k in order], np.array([holds[k] for k in order], np.bool_)
-    boxes = [box_of(points[_some(rows)]) for rows in parts]
-    centre = np.array([box.centre for box in boxes]).reshape(-1, 3)
-    radius = np.array([np.linalg.norm(box.size) / 2 for box in boxes])
+    boxes = {j: box_of(points[_some(parts[j])]) for j in np.flatnonzero(held)}
+    centre, radius = np.zeros((len(parts), 3)), np.full(len(parts), -np.inf)  # of the spheres around the boxes
+    for j, box in boxes.items():
+        centre[j], radius[j] = box.centre, np.linalg.norm(box.size) / 2
     gone = np.zeros(len(parts), np.bool_)
     for i in range(len(parts)):
         sample = points[_some(parts[i])]
-        near = np.linalg.norm(centre - centre[i], axis=1) < radius + radius[i]
-        holders = np.flatnonzero(near[i + 1 :] & held[i + 1 :]) + i + 1
+        low, high = sample.min(axis=0), sample.max(axis=0)
+        reach = radius + np.linalg.norm(high - low) / 2
+        holders = np.flatnonzero(np.linalg.norm(centre - (low + high) / 2, axis=1)[i + 1 :] < reach[i + 1 :]) + i + 1
         inside = [share_inside(sample, boxes[j], _MARGIN) for j in holders]
         if inside and max(inside) >= share:
             j = holders[int(np.argmax(inside))]

@@ -6,6 +6,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.fusion.boxes import trimmed
 from spot3d.fusion.segments import connected_cells
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.structure import StructurePlane
@@ -25,6 +26,8 @@ _FACING = 0.7
 """Cosine (45 degrees) within which a cell faces as the sheet it lies on."""
 _FIT_FACING = 0.8
 """Cosine (37 degrees) within which a cell that takes part in the fit faces as the plane."""
+_RIM = 0.02
+"""Share of the points beyond each end of a sheet's extent."""
 _FITS = 6
 """Rounds of reweighting."""
 
@@ -72,9 +75,9 @@ def fit_sheet(
         return None
     fitted = points[near].astype(np.float64)
     distance = fitted @ plane[:3] + plane[3]
-    middle = np.quantile(fitted, [0.02, 0.98], axis=0).mean(axis=0)
+    middle = np.mean(trimmed(fitted.T, _RIM), axis=0)
     axes = _in_plane_axes(plane[:3])
-    extent = np.quantile(np.abs((fitted - middle) @ axes.T), 0.98, axis=0)
+    _, extent = trimmed(np.abs(axes @ (fitted - middle).T), _RIM)
     axes = axes / np.maximum(extent, 0.05)[:, None]
     terms = _terms(fitted, axes, middle)[:, : 6 if warped else 3]
     warp, spread = _reweighted(np.ascontiguousarray(terms), distance, reach / 2)
@@ -155,9 +158,11 @@ def _terms(points: NDArray[np.float64], axes: NDArray[np.float64], middle: NDArr
 
 
 def _in_plane_axes(normal: NDArray[np.float64]) -> NDArray[np.float64]:
-    first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
-    first /= np.linalg.norm(first)
-    return np.stack((first, np.cross(normal, first)))
+    x, y, z = normal
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])  # a matrix, as NumPy's own function is slow for one vector
+    first = cross[:, int(np.argmin(np.abs(normal)))]
+    first = first / np.linalg.norm(first)
+    return np.stack((first, cross @ first))
 
 
 @nb.njit("i8[::1](f4[:,:], f4[:,:], f8[:], f8, f8)", cache=True, nogil=True)
