@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 
+import cv2
 import numpy as np
 import pytest
 from fusion_room import Cuboid, rotation_z, sampled
@@ -58,6 +59,21 @@ def test_few_points_have_a_flat_box(count: int) -> None:
     box = upright_box(points, UP, turn=True)
     assert box.volume == pytest.approx(0, abs=1e-6)
     np.testing.assert_allclose(box.centre, points.mean(axis=0), atol=1e-6)
+
+
+@pytest.mark.parametrize("trim", [0.0, 0.005, 0.1])
+@pytest.mark.parametrize("count", [1, 2, 7, 300, 4000])
+def test_boxes_are_those_of_all_points_and_plain_quantiles(count: int, trim: float) -> None:
+    rng = np.random.default_rng(count)
+    points = (rng.normal(0, [0.3, 0.1, 0.05], (count, 3)) @ rotation_z(0.4).T).astype(np.float32)
+    points[count // 2 :] = np.clip(points[count // 2 :], -0.1, 0.1)  # corners, sides and points that coincide
+    footprint = points[:, :2] - points[:, :2].mean(axis=0, dtype=np.float64)
+    yaw = np.deg2rad(cv2.minAreaRect(footprint.astype(np.float32))[2])
+    turned = points.astype(np.float64) @ rotation_z(yaw)
+    low, high = np.quantile(turned, [trim, 1 - trim], axis=0)
+    box = upright_box(points, UP, turn=True, trim=trim)
+    np.testing.assert_allclose(box.size, high - low, atol=1e-9)
+    np.testing.assert_allclose(box.centre, rotation_z(yaw) @ ((low + high) / 2), atol=1e-9)
 
 
 def test_trimming_forgets_strays() -> None:

@@ -6,7 +6,7 @@ from fusion_room import Cuboid, sampled, standing
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from spot3d.fusion.segments import concavity, connected_cells, smooth_normals, split_at_creases
+from spot3d.fusion.segments import concavity, connected_cells, share_out, smooth_normals, split_at_creases
 from spot3d.fusion.surface import Surface, gather_cells, near_pairs
 
 EDGE, CREASE, SMALLEST = 0.005, 10.0, 40
@@ -130,6 +130,20 @@ def test_normals_are_smoothed_but_not_over_an_edge() -> None:
     smooth = smooth_normals(noisy.astype(np.float32), near_pairs(surface))
     error = [np.mean((found[clean] - surface.normal[clean]) ** 2) for found in (noisy, smooth)]
     assert error[1] < 0.3 * error[0]
+
+
+def test_a_label_spreads_ring_by_ring_and_the_lowest_wins() -> None:
+    rng = np.random.default_rng(2)
+    links = rng.integers(0, 300, (400, 2)).astype(np.uint32)
+    labels = np.where(rng.random(300) < 0.05, np.arange(300), -1).astype(np.int32)
+    expected = labels.copy()
+    for _ in range(12):
+        before = expected.copy()
+        for a, b in np.concatenate((links, links[:, ::-1])):
+            if before[a] < 0 <= before[b]:
+                expected[a] = before[b] if expected[a] < 0 else min(expected[a], before[b])
+    share_out(labels, links)
+    np.testing.assert_array_equal(labels, expected)
 
 
 def test_components_do_not_depend_on_the_order_of_the_links() -> None:

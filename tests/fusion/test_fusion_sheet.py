@@ -5,7 +5,7 @@ import pytest
 from fusion_room import BACKDROP_PLANE, STAGE, TABLE_PLANE, THREE, sampled, standing
 
 from spot3d.fusion.settings import FusionSettings
-from spot3d.fusion.sheet import find_sheets, fit_sheet, on_sheets
+from spot3d.fusion.sheet import Sheet, StructureSheet, find_sheets, fit_sheet, lying_flat, on_sheets
 from spot3d.fusion.structure import StructurePlane
 from spot3d.fusion.surface import Surface, gather_cells
 
@@ -89,3 +89,50 @@ def test_a_small_plane_that_was_never_removed_is_an_objects_face() -> None:
     coarse = gather_cells(points.xyz, points.normal, points.heat, 0.03)
     top = StructurePlane(np.array([0, 0, 1.0, -0.2]), removed_share=0.0, heat=0.0)
     assert find_sheets(coarse, [top], SETTINGS) == []
+
+
+def tilted_sheet() -> Sheet:
+    rng = np.random.default_rng(7)
+    axes = np.array([[2.0, 0, 0.4], [0, 3.0, 0]])
+    return Sheet(np.array([-0.196, 0, 0.98, 0.05]), axes, rng.normal(0, 0.1, 3), rng.normal(0, 0.005, 6), 0.002)
+
+
+def plain_distance(sheet: Sheet, points: np.ndarray) -> np.ndarray:
+    x, y = np.clip((points - sheet.middle) @ sheet.axes.T, -1, 1).T
+    warp = np.stack((np.ones_like(x), x, y, x * x, x * y, y * y), axis=1) @ sheet.warp
+    return points @ sheet.plane[:3] + sheet.plane[3] - warp
+
+
+def test_distances_and_what_follows_from_them_are_the_plain_formula() -> None:
+    rng, sheet = np.random.default_rng(8), tilted_sheet()
+    points = rng.uniform(-1, 1, (4000, 3)).astype(np.float32)
+    points[:, 2] = 0.2 * points[:, 0] - 0.05 + rng.normal(0, 0.02, 4000)
+    normals = (rng.normal(0, 0.5, (4000, 3)) + sheet.plane[:3]).astype(np.float32)
+    surface = gather_cells(points, normals, np.ones(4000, np.float32), 0.008)
+    distance, facing = plain_distance(sheet, surface.centre), surface.normal @ sheet.plane[:3]
+    np.testing.assert_allclose(sheet.distance(surface.centre), distance, atol=1e-12)
+    coarse_cell = rng.integers(0, 9, len(distance)).astype(np.int32)
+    item = StructureSheet(sheet, 0.01, np.arange(9) % 3 > 0)
+    off = np.abs(distance)
+    expected = item.cells[coarse_cell] & (off < 0.01) & ((facing > 0.7) | (off < 0.005))
+    np.testing.assert_array_equal(on_sheets(surface, coarse_cell, [item]), expected)
+    np.testing.assert_array_equal(lying_flat(surface, [item]), (facing > 0.9) & (distance > 0) & (distance < 0.03))
+
+
+@pytest.mark.parametrize("warped", [False, True])
+def test_a_fit_is_the_plain_reweighted_least_squares(warped: bool) -> None:
+    xyz, normals, _ = warped_table(3, objects=True)
+    sheet = fit_sheet(PLANE, xyz, normals, 0.03, warped)
+    assert sheet is not None
+    near = xyz[np.abs(xyz[:, 2]) < 0.03].astype(np.float64)
+    x, y = np.clip((near - sheet.middle) @ sheet.axes.T, -1, 1).T
+    terms = np.stack((np.ones_like(x), x, y, x * x, x * y, y * y), axis=1)[:, : 6 if warped else 3]
+    warp, scale = np.zeros(terms.shape[1]), 0.015
+    for _ in range(6):
+        weight = np.clip(1 - ((near[:, 2] - terms @ warp) / (3 * scale)) ** 2, 0, None) ** 2
+        square = (terms * weight[:, None]).T @ terms + 1e-3 * len(near) * np.eye(len(warp))
+        warp = np.linalg.solve(square, (terms * weight[:, None]).T @ near[:, 2])
+        off = np.abs(near[:, 2] - terms @ warp)
+        scale = max(1e-3, 1.4826 * np.median(off[off < 3 * scale]))
+    np.testing.assert_allclose(sheet.warp[: len(warp)], warp, atol=1e-9)
+    assert sheet.spread == pytest.approx(scale)

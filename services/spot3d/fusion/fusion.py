@@ -38,7 +38,8 @@ class ObjectsTask:
 
     def run(self) -> Objects:
         """The objects, numbered as in the tasks that ran before."""
-        middle = self.points.xyz.mean(axis=0, dtype=np.float64) if len(self.points) else np.zeros(3)
+        # Column by column, which is several times faster than `mean(axis=0)`.
+        middle = np.array([column.mean(dtype=np.float64) if len(column) else 0.0 for column in self.points.xyz.T])
         planes = self.planes.distinct(middle)
         found = self.identities.assign(find_objects(self.points, planes, self.settings))
         up = planes[0].plane[:3] if planes else np.array([0.0, 0.0, 1.0])

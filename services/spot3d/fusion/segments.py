@@ -32,9 +32,9 @@ def concavity(
     centre: NDArray[np.float32], normals: NDArray[np.float32], pairs: NDArray[np.uint32]
 ) -> NDArray[np.float32]:
     """(n,) float32 mean curvature towards the near cells, 1/m: positive in a hollow or crease, negative on a ball."""
-    sums = np.full((len(centre), 2), np.float32(0))
-    _concavity(centre, normals, pairs, sums)
-    bend: NDArray[np.float32] = sums[:, 0] / np.maximum(sums[:, 1], np.float32(1))
+    bend, count = np.zeros(len(centre), np.float32), np.zeros(len(centre), np.float32)
+    _concavity(centre, normals, pairs, bend, count)
+    bend /= np.maximum(count, 1)
     return bend
 
 
@@ -53,7 +53,7 @@ def split_at_creases(
     labels = connected_cells(link, np.where(core, np.where(flat, np.uint8(2), np.uint8(1)), np.uint8(0)))
     size = np.bincount(labels[core], minlength=1)
     labels[core & (size[np.maximum(labels, 0)] < smallest)] = -1
-    _share_out(labels, link)
+    share_out(labels, link)
     left = member & (labels < 0)
     rest = connected_cells(link, left.view(np.uint8))
     labels[left] = rest[left] + len(labels)
@@ -88,7 +88,7 @@ def _closer(
         for axis in range(3):
             gap += (centre[i, axis] - centre[j, axis]) ** 2
         kept[count, 0], kept[count, 1] = i, j
-        count += gap < square
+        count += int(gap < square)
     return count
 
 
@@ -111,9 +111,13 @@ def _smooth(normals: NDArray[np.float32], pairs: NDArray[np.uint32], total: NDAr
                 total[i, axis] /= length
 
 
-@nb.njit("void(f4[:,::1], f4[:,::1], u4[:,::1], f4[:,::1])", cache=True, nogil=True, error_model="numpy")
+@nb.njit("void(f4[:,::1], f4[:,::1], u4[:,::1], f4[::1], f4[::1])", cache=True, nogil=True, error_model="numpy")
 def _concavity(
-    centre: NDArray[np.float32], normals: NDArray[np.float32], pairs: NDArray[np.uint32], sums: NDArray[np.float32]
+    centre: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    pairs: NDArray[np.uint32],
+    total: NDArray[np.float32],
+    count: NDArray[np.float32],
 ) -> None:
     """Sum of the curvatures towards the near cells, and their number."""
     for k in range(len(pairs)):
@@ -124,10 +128,10 @@ def _concavity(
             turn -= (normals[j, axis] - normals[i, axis]) * d
             square += d * d
         bend = max(turn / square, _CONVEX)
-        sums[i, 0] += bend
-        sums[j, 0] += bend
-        sums[i, 1] += np.float32(1)
-        sums[j, 1] += np.float32(1)
+        total[i] += bend
+        total[j] += bend
+        count[i] += np.float32(1)
+        count[j] += np.float32(1)
 
 
 @nb.njit("i4[::1](u4[:,::1], u1[::1])", cache=True, nogil=True)
@@ -164,7 +168,7 @@ def _components(link: NDArray[np.uint32], group: NDArray[np.uint8]) -> NDArray[n
 
 
 @nb.njit("void(i4[::1], u4[:,::1])", cache=True, nogil=True)
-def _share_out(labels: NDArray[np.int32], link: NDArray[np.uint32]) -> None:
+def share_out(labels: NDArray[np.int32], link: NDArray[np.uint32]) -> None:
     """Give cells without a label that of a labelled neighbour, ring by ring (of several, the lowest)."""
     open_link = link.copy()
     count = len(link)

@@ -220,7 +220,7 @@ def _height(
         x += axes[0, axis] * (point[axis] - middle[axis])
         y += axes[1, axis] * (point[axis] - middle[axis])
     x, y = min(max(x, -1.0), 1.0), min(max(y, -1.0), 1.0)
-    return height - (warp[0] + warp[1] * x + warp[2] * y + warp[3] * x * x + warp[4] * x * y + warp[5] * y * y)
+    return float(height - (warp[0] + warp[1] * x + warp[2] * y + warp[3] * x * x + warp[4] * x * y + warp[5] * y * y))
 
 
 @nb.njit("f8[::1](f4[:,:], f8[:], f8[:,:], f8[:], f8[:])", cache=True, nogil=True)

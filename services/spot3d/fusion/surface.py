@@ -112,8 +112,9 @@ def _half_ball() -> NDArray[np.int64]:
     """Steps to the cells within two edges, one of each opposite pair: (16, 3)."""
     steps = np.arange(-2, 3)
     offsets = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
-    half = offsets[len(offsets) // 2 + 1 :]
-    return half[(half**2).sum(1) <= 4]
+    later = offsets[len(offsets) // 2 + 1 :]
+    half: NDArray[np.int64] = later[(later**2).sum(1) <= 4]
+    return half
 
 
 def _steps() -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
@@ -194,7 +195,9 @@ def _number_cells(
 
 
 @nb.njit(
-    "void(f4[:,::1], f4[:,::1], f4[::1], i4[::1], u2[::1], i4[::1], u2[:,::1], f4[:,::1], u2[::1])", cache=True, nogil=True
+    "void(f4[:,::1], f4[:,::1], f4[::1], i4[::1], u2[::1], i4[::1], u2[:,::1], f4[:,::1], u2[::1])",
+    cache=True,
+    nogil=True,
 )
 def _gather(
     points: NDArray[np.float32],
@@ -271,7 +274,7 @@ def _near_pairs(
                 pairs[count, 0] = cell
                 pairs[count, 1] = first_around[side] + number
                 count += np.uint64(number != _NONE)
-    return count
+    return int(count)
 
 
 @nb.njit("void(i4[::1], i4[::1], i8[::1], i8[::1])", cache=True, nogil=True)
