@@ -39,23 +39,31 @@ def frequent_points(rows: NDArray[np.float32], frame_count: int, settings: Fusio
     """
     least = min(settings.frequency_min, settings.frequency_share * frame_count)
     tau = min(settings.tau, settings.tau_share * frame_count)
-    return MapPoints(*_frequent(rows, np.float32(max(1.0, least)), np.float32(tau)))
+    # As much room as there could be need of: what stays empty costs no memory. NumPy's own arrays are on huge pages.
+    vectors = [np.empty((len(rows), 3), np.float32) for _ in range(3)]
+    scalars = [np.empty(len(rows), np.float32) for _ in range(2)]
+    count: int = _copy_frequent(rows, np.float32(max(1.0, least)), np.float32(tau), *vectors, *scalars)
+    return MapPoints(*(column[:count] for column in (*vectors, *scalars)))
 
 
-@nb.njit("Tuple((f4[:,::1], f4[:,::1], f4[:,::1], f4[::1], f4[::1]))(f4[:,::1], f4, f4)", cache=True, nogil=True)
-def _frequent(
-    rows: NDArray[np.float32], least: np.float32, tau: np.float32
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """One pass that counts and one that copies: fusing waits for it."""
-    count = 0
-    for row in range(len(rows)):
-        count += rows[row, FREQUENCY] >= least
-    xyz = np.empty((count, 3), np.float32)
-    normal = np.empty((count, 3), np.float32)
-    colour = np.empty((count, 3), np.float32)
-    heat = np.empty(count, np.float32)
-    frequency = np.empty(count, np.float32)
-    k = 0
+@nb.njit(
+    "i8(f4[:,::1], f4, f4, f4[:,::1], f4[:,::1], f4[:,::1], f4[::1], f4[::1])",
+    cache=True,
+    nogil=True,
+    error_model="numpy",
+)
+def _copy_frequent(
+    rows: NDArray[np.float32],
+    least: np.float32,
+    tau: np.float32,
+    xyz: NDArray[np.float32],
+    normal: NDArray[np.float32],
+    colour: NDArray[np.float32],
+    heat: NDArray[np.float32],
+    frequency: NDArray[np.float32],
+) -> int:
+    """Copy what was seen often enough, and say how much that is: one pass, as fusing waits for it."""
+    k = np.uint64(0)
     for row in range(len(rows)):
         f = rows[row, FREQUENCY]
         if f < least:
@@ -70,5 +78,5 @@ def _frequent(
             colour[k, axis] = rows[row, R + axis]
         heat[k] = rows[row, HEAT] / (f + tau)
         frequency[k] = f
-        k += 1
-    return xyz, normal, colour, heat, frequency
+        k += np.uint64(1)
+    return int(k)
