@@ -131,9 +131,9 @@ _STEP_BLOCK, _STEP_PLACE = _steps()
 
 @nb.njit("Tuple((i8[::1], i4[::1]))(i8[::1], i8)", cache=True, nogil=True)
 def _table(keys: NDArray[np.int64], room: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """A hash table of the keys and their numbers, with room for so many at most a quarter full."""
+    """A hash table of the keys and their numbers, with room for so many at most half full."""
     slots = 64
-    while slots < 4 * room:
+    while slots < 2 * room:
         slots *= 2
     table, numbers = np.full(slots, np.int64(-1)), np.empty(slots, np.int32)
     for number in range(len(keys)):
@@ -166,7 +166,7 @@ def _find_blocks(
         place_of_point[i] = (x * _SIDE + y) * _SIDE + z
         key &= high
         if key != last:  # neighbours on the map are mostly neighbours in space
-            if 4 * count >= len(table):
+            if 2 * count >= len(table):
                 table, numbers = _table(keys[:count], 2 * count)
             slot = find_slot(table, key)
             if table[slot] == np.int64(-1):
