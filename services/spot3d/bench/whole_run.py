@@ -49,7 +49,7 @@ def measure(name: str, frames: int | None, halved: bool) -> dict[str, Any]:
     points, task = result.fusion.frequent_points(), result.fusion.snapshot()
     hot = points.xyz[points.heat >= settings.fusion.heat_min]
     dbscan = DBSCAN(eps=settings.fusion.density_radius, min_samples=settings.fusion.density_points)
-    calls = [Timed(task.run, 5)]
+    calls = [Timed(task.run, 5), Timed(result.fusion.snapshot, 5)]
     if len(hot):
         calls.append(Timed(lambda: dbscan.fit_predict(hot), 1))
     clustering = alternate(calls, 2)
@@ -75,7 +75,8 @@ def measure(name: str, frames: int | None, halved: bool) -> dict[str, Any]:
         "clustering_ms": clustering[0].median_ms,
         "clustering_p99_ms": clustering[0].p99_ms,
         "clustering_cpu_ms": clustering[0].cpu_ms,
-        "dbscan_ms": clustering[1].median_ms if len(clustering) > 1 else None,
+        "snapshot_ms": clustering[1].median_ms,
+        "dbscan_ms": clustering[2].median_ms if len(clustering) > 2 else None,
     }
 
 
