@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.fusion.boxes import trimmed
 from spot3d.fusion.segments import connected_cells
 from spot3d.fusion.settings import FusionSettings
+from spot3d.fusion.sheet_kernels import FACING, distances, facing_rows, mark_flat, mark_sheet, reweighted
 from spot3d.fusion.structure import StructurePlane
 from spot3d.fusion.surface import Surface, near_pairs
 
@@ -18,18 +18,10 @@ _SPREADS = 2.5
 """A sheet is this many standard deviations of its points thick, each way."""
 _LASTING_SHARE = 0.1
 """A plane that this share of the keyframes removed is a supporting plane, whatever its extent."""
-_FLAT_HEIGHT = 0.03
-"""A thin flat thing (a book, a plate) is at most this high, metres."""
-_FLAT_FACING = 0.9
-"""Cosine (26 degrees) within which the top of a flat thing faces as its support."""
-_FACING = 0.7
-"""Cosine (45 degrees) within which a cell faces as the sheet it lies on."""
 _FIT_FACING = 0.8
 """Cosine (37 degrees) within which a cell that takes part in the fit faces as the plane."""
 _RIM = 0.02
 """Share of the points beyond each end of a sheet's extent."""
-_FITS = 6
-"""Rounds of reweighting."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +41,7 @@ class Sheet:
 
     def distance(self, points: NDArray[np.float32]) -> NDArray[np.float64]:
         """Signed distances in metres of (n, 3) world points; beyond the sheet's extent its rim is continued."""
-        distance: NDArray[np.float64] = _distances(points, *self.shape)
+        distance: NDArray[np.float64] = distances(points, *self.shape)
         return distance
 
     @property
@@ -70,7 +62,7 @@ def fit_sheet(
     points, normals: (n, 3) float32 world. warped: let it bend (else it only shifts and tilts).
     Iteratively reweighted least squares with Tukey's weights, so that what stands on the sheet does not lift it.
     """
-    near = _near(points, normals, plane, reach, _FIT_FACING)
+    near = facing_rows(points, normals, plane, reach, _FIT_FACING)
     if len(near) < 50:
         return None
     fitted = points[near].astype(np.float64)
@@ -80,7 +72,7 @@ def fit_sheet(
     _, extent = trimmed(np.abs(axes @ (fitted - middle).T), _RIM)
     axes = axes / np.maximum(extent, 0.05)[:, None]
     terms = _terms(fitted, axes, middle)[:, : 6 if warped else 3]
-    warp, spread = _reweighted(np.ascontiguousarray(terms), distance, reach / 2)
+    warp, spread = reweighted(np.ascontiguousarray(terms), distance, reach / 2)
     return Sheet(plane, axes, middle, np.append(warp, np.zeros(6 - len(warp))), spread)
 
 
@@ -109,7 +101,7 @@ def find_sheets(coarse: Surface, planes: list[StructurePlane], settings: FusionS
         thickness = float(np.clip(_SPREADS * sheet.spread, settings.plane_distance, 2 * settings.plane_distance))
         cells = np.abs(sheet.distance(coarse.centre)) < thickness + coarse.edge / 2
         if not lasting:
-            facing = coarse.normal @ sheet.plane[:3].astype(np.float32) > _FACING
+            facing = coarse.normal @ sheet.plane[:3].astype(np.float32) > FACING
             cells = _reaching(coarse, pairs, cells & facing, settings.size_max)
         if cells.any():
             sheets.append(StructureSheet(sheet, thickness, cells))
@@ -123,7 +115,7 @@ def on_sheets(surface: Surface, coarse_cell: NDArray[np.int32], sheets: list[Str
     """
     structure = np.zeros(len(surface.centre), np.bool_)
     for item in sheets:
-        _mark_sheet(
+        mark_sheet(
             structure, surface.centre, surface.normal, coarse_cell, item.cells, item.thickness, *item.sheet.shape
         )
     return structure
@@ -133,7 +125,7 @@ def lying_flat(surface: Surface, levels: list[StructureSheet]) -> NDArray[np.boo
     """Cells of the tops of thin flat things: facing as a level sheet and a few centimetres above it. (n,) bool"""
     flat = np.zeros(len(surface.centre), np.bool_)
     for item in levels:
-        _mark_flat(flat, surface.centre, surface.normal, *item.sheet.shape)
+        mark_flat(flat, surface.centre, surface.normal, *item.sheet.shape)
     return flat
 
 
@@ -163,118 +155,3 @@ def _in_plane_axes(normal: NDArray[np.float64]) -> NDArray[np.float64]:
     first = cross[:, int(np.argmin(np.abs(normal)))]
     first = first / np.linalg.norm(first)
     return np.stack((first, cross @ first))
-
-
-@nb.njit("i8[::1](f4[:,:], f4[:,:], f8[:], f8, f8)", cache=True, nogil=True)
-def _near(
-    points: NDArray[np.float32], normals: NDArray[np.float32], plane: NDArray[np.float64], reach: float, facing: float
-) -> NDArray[np.int64]:
-    """Rows of the points within `reach` of the plane that face its way."""
-    rows = np.empty(len(points), np.int64)
-    count = 0
-    for i in range(len(points)):
-        distance, cosine = plane[3], 0.0
-        for axis in range(3):
-            distance += plane[axis] * points[i, axis]
-            cosine += plane[axis] * normals[i, axis]
-        rows[count] = i
-        count += abs(distance) < reach and cosine > facing
-    return rows[:count].copy()
-
-
-@nb.njit("Tuple((f8[::1], f8))(f8[:,::1], f8[:], f8)", cache=True, nogil=True)
-def _reweighted(
-    terms: NDArray[np.float64], distance: NDArray[np.float64], scale: float
-) -> tuple[NDArray[np.float64], float]:
-    """Coefficients of the terms (n, k) that give the distances (n,), and the spread of the rest. scale: a first one."""
-    n, k = terms.shape
-    warp, rest = np.zeros(k), distance.copy()
-    for _ in range(_FITS):
-        # A trace of the identity keeps the warp flat where a thin strip says nothing about it.
-        square, right = 1e-3 * n * np.eye(k), np.zeros(k)
-        for i in range(n):
-            weight = max(0.0, 1 - (rest[i] / (3 * scale)) ** 2) ** 2
-            for a in range(k):
-                right[a] += weight * terms[i, a] * distance[i]
-                for b in range(k):
-                    square[a, b] += weight * terms[i, a] * terms[i, b]
-        warp = np.linalg.solve(square, right)
-        rest = distance - terms @ warp
-        off = np.abs(rest)
-        scale = max(1e-3, 1.4826 * np.median(off[off < 3 * scale]))
-    return warp, scale
-
-
-@nb.njit("f8(f4[:], f8[:], f8[:,:], f8[:], f8[:])", cache=True, nogil=True, inline="always")
-def _height(
-    point: NDArray[np.float32],
-    plane: NDArray[np.float64],
-    axes: NDArray[np.float64],
-    middle: NDArray[np.float64],
-    warp: NDArray[np.float64],
-) -> float:
-    """Signed distance of a point from a sheet."""
-    height, x, y = plane[3], 0.0, 0.0
-    for axis in range(3):
-        height += plane[axis] * point[axis]
-        x += axes[0, axis] * (point[axis] - middle[axis])
-        y += axes[1, axis] * (point[axis] - middle[axis])
-    x, y = min(max(x, -1.0), 1.0), min(max(y, -1.0), 1.0)
-    return float(height - (warp[0] + warp[1] * x + warp[2] * y + warp[3] * x * x + warp[4] * x * y + warp[5] * y * y))
-
-
-@nb.njit("f8[::1](f4[:,:], f8[:], f8[:,:], f8[:], f8[:])", cache=True, nogil=True)
-def _distances(
-    points: NDArray[np.float32],
-    plane: NDArray[np.float64],
-    axes: NDArray[np.float64],
-    middle: NDArray[np.float64],
-    warp: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    distances = np.empty(len(points))
-    for i in range(len(points)):
-        distances[i] = _height(points[i], plane, axes, middle, warp)
-    return distances
-
-
-@nb.njit(
-    "void(b1[:], f4[:,:], f4[:,:], i4[:], b1[:], f8, f8[:], f8[:,:], f8[:], f8[:])",
-    cache=True,
-    nogil=True,
-)
-def _mark_sheet(
-    structure: NDArray[np.bool_],
-    centre: NDArray[np.float32],
-    normal: NDArray[np.float32],
-    coarse_cell: NDArray[np.int32],
-    sheet_cells: NDArray[np.bool_],
-    thickness: float,
-    plane: NDArray[np.float64],
-    axes: NDArray[np.float64],
-    middle: NDArray[np.float64],
-    warp: NDArray[np.float64],
-) -> None:
-    """Mark the cells that lie on a sheet (see `on_sheets`)."""
-    for i in range(len(structure)):
-        if structure[i] or not sheet_cells[coarse_cell[i]]:
-            continue
-        off = abs(_height(centre[i], plane, axes, middle, warp))
-        facing = plane[0] * normal[i, 0] + plane[1] * normal[i, 1] + plane[2] * normal[i, 2]
-        structure[i] = off < thickness and (facing > _FACING or off < thickness / 2)
-
-
-@nb.njit("void(b1[:], f4[:,:], f4[:,:], f8[:], f8[:,:], f8[:], f8[:])", cache=True, nogil=True)
-def _mark_flat(
-    flat: NDArray[np.bool_],
-    centre: NDArray[np.float32],
-    normal: NDArray[np.float32],
-    plane: NDArray[np.float64],
-    axes: NDArray[np.float64],
-    middle: NDArray[np.float64],
-    warp: NDArray[np.float64],
-) -> None:
-    """Mark the cells that lie flat on a level sheet (see `lying_flat`)."""
-    for i in range(len(flat)):
-        if plane[0] * normal[i, 0] + plane[1] * normal[i, 1] + plane[2] * normal[i, 2] > _FLAT_FACING:
-            height = _height(centre[i], plane, axes, middle, warp)
-            flat[i] |= height > 0 and height < _FLAT_HEIGHT

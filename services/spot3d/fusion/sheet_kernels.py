@@ -1,0 +1,130 @@
+"""Kernels of `sheet`: fitting a sheet, and which cells lie on it."""
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+FACING = 0.7
+"""Cosine (45 degrees) within which a cell faces as the sheet it lies on."""
+_FLAT_HEIGHT = 0.03
+"""A thin flat thing (a book, a plate) is at most this high, metres."""
+_FLAT_FACING = 0.9
+"""Cosine (26 degrees) within which the top of a flat thing faces as its support."""
+_FITS = 6
+"""Rounds of reweighting."""
+
+
+@nb.njit("i8[::1](f4[:,:], f4[:,:], f8[:], f8, f8)", cache=True, nogil=True)
+def facing_rows(
+    points: NDArray[np.float32], normals: NDArray[np.float32], plane: NDArray[np.float64], reach: float, facing: float
+) -> NDArray[np.int64]:
+    """Rows of the points within `reach` of the plane that face its way."""
+    rows = np.empty(len(points), np.int64)
+    count = 0
+    for i in range(len(points)):
+        distance, cosine = plane[3], 0.0
+        for axis in range(3):
+            distance += plane[axis] * points[i, axis]
+            cosine += plane[axis] * normals[i, axis]
+        rows[count] = i
+        count += abs(distance) < reach and cosine > facing
+    return rows[:count].copy()
+
+
+@nb.njit("Tuple((f8[::1], f8))(f8[:,::1], f8[:], f8)", cache=True, nogil=True)
+def reweighted(
+    terms: NDArray[np.float64], distance: NDArray[np.float64], scale: float
+) -> tuple[NDArray[np.float64], float]:
+    """Coefficients of the terms (n, k) that give the distances (n,), and the spread of the rest. scale: a first one."""
+    n, k = terms.shape
+    warp, rest = np.zeros(k), distance.copy()
+    for _ in range(_FITS):
+        # A trace of the identity keeps the warp flat where a thin strip says nothing about it.
+        square, right = 1e-3 * n * np.eye(k), np.zeros(k)
+        for i in range(n):
+            weight = max(0.0, 1 - (rest[i] / (3 * scale)) ** 2) ** 2
+            for a in range(k):
+                right[a] += weight * terms[i, a] * distance[i]
+                for b in range(k):
+                    square[a, b] += weight * terms[i, a] * terms[i, b]
+        warp = np.linalg.solve(square, right)
+        rest = distance - terms @ warp
+        off = np.abs(rest)
+        scale = max(1e-3, 1.4826 * np.median(off[off < 3 * scale]))
+    return warp, scale
+
+
+@nb.njit("f8(f4[:], f8[:], f8[:,:], f8[:], f8[:])", cache=True, nogil=True, inline="always")
+def _height(
+    point: NDArray[np.float32],
+    plane: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    middle: NDArray[np.float64],
+    warp: NDArray[np.float64],
+) -> float:
+    """Signed distance of a point from a sheet."""
+    height, x, y = plane[3], 0.0, 0.0
+    for axis in range(3):
+        height += plane[axis] * point[axis]
+        x += axes[0, axis] * (point[axis] - middle[axis])
+        y += axes[1, axis] * (point[axis] - middle[axis])
+    x, y = min(max(x, -1.0), 1.0), min(max(y, -1.0), 1.0)
+    return float(height - (warp[0] + warp[1] * x + warp[2] * y + warp[3] * x * x + warp[4] * x * y + warp[5] * y * y))
+
+
+@nb.njit("f8[::1](f4[:,:], f8[:], f8[:,:], f8[:], f8[:])", cache=True, nogil=True)
+def distances(
+    points: NDArray[np.float32],
+    plane: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    middle: NDArray[np.float64],
+    warp: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Signed distances of (n, 3) points from a sheet (see `Sheet.distance`)."""
+    heights = np.empty(len(points))
+    for i in range(len(points)):
+        heights[i] = _height(points[i], plane, axes, middle, warp)
+    return heights
+
+
+@nb.njit(
+    "void(b1[:], f4[:,:], f4[:,:], i4[:], b1[:], f8, f8[:], f8[:,:], f8[:], f8[:])",
+    cache=True,
+    nogil=True,
+)
+def mark_sheet(
+    structure: NDArray[np.bool_],
+    centre: NDArray[np.float32],
+    normal: NDArray[np.float32],
+    coarse_cell: NDArray[np.int32],
+    sheet_cells: NDArray[np.bool_],
+    thickness: float,
+    plane: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    middle: NDArray[np.float64],
+    warp: NDArray[np.float64],
+) -> None:
+    """Mark the cells that lie on a sheet (see `on_sheets`)."""
+    for i in range(len(structure)):
+        if structure[i] or not sheet_cells[coarse_cell[i]]:
+            continue
+        off = abs(_height(centre[i], plane, axes, middle, warp))
+        facing = plane[0] * normal[i, 0] + plane[1] * normal[i, 1] + plane[2] * normal[i, 2]
+        structure[i] = off < thickness and (facing > FACING or off < thickness / 2)
+
+
+@nb.njit("void(b1[:], f4[:,:], f4[:,:], f8[:], f8[:,:], f8[:], f8[:])", cache=True, nogil=True)
+def mark_flat(
+    flat: NDArray[np.bool_],
+    centre: NDArray[np.float32],
+    normal: NDArray[np.float32],
+    plane: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    middle: NDArray[np.float64],
+    warp: NDArray[np.float64],
+) -> None:
+    """Mark the cells that lie flat on a level sheet (see `lying_flat`)."""
+    for i in range(len(flat)):
+        if plane[0] * normal[i, 0] + plane[1] * normal[i, 1] + plane[2] * normal[i, 2] > _FLAT_FACING:
+            height = _height(centre[i], plane, axes, middle, warp)
+            flat[i] |= height > 0 and height < _FLAT_HEIGHT
