@@ -16,6 +16,7 @@ from spot3d.dataflow.counters import Counters
 from spot3d.dataflow.endpoints import declare_publisher, declare_subscriber, keeps_newest, waiting
 from spot3d.dataflow.inbox import Inbox, Tray
 from spot3d.dataflow.order import StreamOrder
+from spot3d.dataflow.payload import intact_bytes
 from spot3d.dataflow.process_use import process_use, stay_single_threaded
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
@@ -168,7 +169,11 @@ class Node:
             received_ns = time.time_ns()
             try:
                 refuse_encoding(str(sample.encoding), expected)
-                message = decode(sample.payload.to_bytes(), expected)
+                payload = intact_bytes(sample.payload)
+                if payload is None:
+                    self.counters.drop(f"{topic} overwritten")
+                    continue
+                message = decode(payload, expected)
             except CodecError as error:
                 self.failed(f"{topic} {str(error).partition(':')[0]}", f"{topic}: refused: {error}")
                 continue

@@ -16,6 +16,8 @@ _CONNECT_MS = 1000
 """One try to reach the router; between two tries a stop request is noticed."""
 _LEASE_MS = 2000
 """A peer that is silent for this long counts as gone."""
+_LARGE_BYTES = 65536
+"""Messages that are at least so long go through shared memory between processes on one host."""
 
 
 class StoppedError(Exception):
@@ -36,8 +38,10 @@ def zenoh_config(link: LinkSettings) -> zenoh.Config:
         "scouting/multicast/enabled": False,
         "timestamping/enabled": True,
         "transport/link/tx/lease": _LEASE_MS,
-        # Frames in shared memory can change under a reader that stalls.
-        "transport/shared_memory/enabled": False,
+        "transport/shared_memory/enabled": link.shared_memory and link.delivery == "live",
+        # Images; with small messages it saves nothing, and the answer to a query cannot be repeated as a frame can.
+        "transport/shared_memory/transport_optimization/message_size_threshold": _LARGE_BYTES,
+        "transport/shared_memory/transport_optimization/messages": ["put"],
     }
     for key, value in values.items():
         config.insert_json5(key, json.dumps(value))

@@ -35,6 +35,9 @@ class LinkSettings(BaseModel):
     credit_timeout_s: float = Field(
         5.0, gt=0, description="lossless: without progress for this long the frames in flight count as lost"
     )
+    shared_memory: bool = Field(
+        True, description="live: images go through shared memory on one host; a stalled reader's are dropped, counted"
+    )
     thin_link: bool = Field(False, description="compress images: colour as JPEG, depth and heat lossless")
     jpeg_quality: int = Field(90, ge=1, le=100, description="thin_link: quality of the colour images")
     object_interval_s: float = Field(0.4, gt=0, description="capture time between two updates of the objects, seconds")
