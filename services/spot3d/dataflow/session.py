@@ -36,6 +36,8 @@ def zenoh_config(link: LinkSettings) -> zenoh.Config:
         "connect/timeout_ms": _CONNECT_MS,
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
         "scouting/multicast/enabled": False,
+        # Routers and peers wait this long for what multicast may find.
+        "scouting/delay": 0,
         "timestamping/enabled": True,
         "transport/link/tx/lease": _LEASE_MS,
         "transport/shared_memory/enabled": link.shared_memory and link.delivery == "live",

@@ -2,7 +2,9 @@
 
 import threading
 import time
+from collections.abc import Sequence
 from contextlib import closing
+from functools import partial
 
 import numpy as np
 import zenoh
@@ -15,6 +17,8 @@ from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.dataflow.warm_up import warm_up
+from spot3d.frame import RgbdFrame
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.updates import Updates, take_update
@@ -38,6 +42,7 @@ def run(link: LinkSettings, settings: FusionSettings, stop: threading.Event | No
     Publishes progress for every frame, the objects at the cadence of capture time, and both once more when
     a stream is complete. Answers `fusion/map` (parameter `limit`: most points) and `fusion/reset`.
     """
+    warm_up("fusion", partial(_fuse_all, Fusion(settings)))
     with stop_on_signals(stop) as stopped:
         try:
             inputs, outputs, queries = (_HEAT, _POSE, _END), (_OBJECTS, _PROGRESS), (_MAP, _RESET)
@@ -48,6 +53,15 @@ def run(link: LinkSettings, settings: FusionSettings, stop: threading.Event | No
                 _Stage(node, Fusion(settings), updates).serve()
         except StoppedError:
             return
+
+
+def _fuse_all(fusion: Fusion, frames: Sequence[RgbdFrame]) -> None:
+    for frame in frames:
+        depth = frame.depth_metres()
+        heat = np.where(np.abs(depth - 0.8) < 0.01, 255, 0).astype(np.uint8)
+        pose = np.eye(4) if frame.T_world_camera is None else frame.T_world_camera
+        fusion.fuse(frame.colour, depth, heat, frame.intrinsics, pose)
+    fusion.objects()
 
 
 class _Stage:

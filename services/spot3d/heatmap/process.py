@@ -2,6 +2,8 @@
 
 import threading
 import time
+from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -11,6 +13,8 @@ from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.dataflow.warm_up import warm_up
+from spot3d.frame import RgbdFrame
 from spot3d.heatmap.heat import Heat, weighted_heat
 from spot3d.heatmap.settings import HeatmapSettings
 from spot3d_schemas import Frame, Proposals
@@ -29,12 +33,18 @@ def run(link: LinkSettings, settings: HeatmapSettings, stop: threading.Event | N
 
     A frame that fails counts as an error; in a lossless run its heat is empty, so that nobody waits for it.
     """
+    warm_up("heatmap", partial(_heat_first, settings))
     with stop_on_signals(stop) as stopped:
         try:
             with Node("heatmap", link, stopped, (_FRAME, _BOXES), (_OUT,)) as node:
                 _serve(node, settings)
         except StoppedError:
             return
+
+
+def _heat_first(settings: HeatmapSettings, frames: Sequence[RgbdFrame]) -> None:
+    boxes = np.array([[60, 40, 40, 40, 1]], np.float32)
+    weighted_heat(frames[0].depth_metres(), frames[0].intrinsics, boxes, settings)
 
 
 def _serve(node: Node, settings: HeatmapSettings) -> None:

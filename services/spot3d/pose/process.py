@@ -2,7 +2,9 @@
 
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -13,6 +15,7 @@ from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
 from spot3d.pose.estimate import PoseEstimate, PoseTracker
 from spot3d.pose.providers import make_tracker
@@ -41,12 +44,18 @@ def run(
     Raises ModuleNotFoundError where the provider's package is absent.
     """
     tracker = make_tracker(settings)
+    warm_up("pose", partial(_track_all, make_tracker(settings)))
     with stop_on_signals(stop) as stopped:
         try:
             with Node("pose", link, stopped, (_IN,), (_OUT,)) as node:
                 _serve(node, tracker, settings.provider, anchor)
         except StoppedError:
             return
+
+
+def _track_all(tracker: PoseTracker, frames: Sequence[RgbdFrame]) -> None:
+    for frame in frames:
+        tracker.track(frame.stamp_ns, frame.depth_metres(), frame.intrinsics, frame.T_world_camera)
 
 
 def _serve(

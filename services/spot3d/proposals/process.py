@@ -2,6 +2,8 @@
 
 import threading
 import time
+from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,8 @@ from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.dataflow.warm_up import warm_up
+from spot3d.frame import RgbdFrame
 from spot3d.proposals.propose import propose
 from spot3d.proposals.settings import ProposalSettings
 from spot3d_schemas import Frame, Proposals
@@ -24,12 +28,17 @@ def run(link: LinkSettings, settings: ProposalSettings, stop: threading.Event | 
     A frame that cannot be searched counts as an error; in a lossless run it has no boxes, so that nobody
     waits for it.
     """
+    warm_up("proposals", partial(_propose_first, settings))
     with stop_on_signals(stop) as stopped:
         try:
             with Node("proposals", link, stopped, (_IN,), (_OUT,)) as node:
                 _serve(node, settings)
         except StoppedError:
             return
+
+
+def _propose_first(settings: ProposalSettings, frames: Sequence[RgbdFrame]) -> None:
+    propose(frames[0].colour, frames[0].depth_metres(), frames[0].intrinsics, settings)
 
 
 def _serve(node: Node, settings: ProposalSettings) -> None:

@@ -12,7 +12,6 @@ from rich.console import Console
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.run.display import progress_bar
 from spot3d.run.distributed import Plan, run_distributed
-from spot3d.run.in_process import run_in_process
 from spot3d.run.overview import (
     ShownMap,
     ShownObject,
@@ -64,6 +63,9 @@ def run(
     start_s = time.perf_counter()
     with stop_on_signals(None) as stop, progress_bar(len(sequence), console) as watcher:
         if in_process:
+            # The cores take a second to import, and the stages are not started before.
+            from spot3d.run.in_process import run_in_process
+
             result = run_in_process(sequence, settings, report, watcher, stop)
         else:
             plan = Plan(selection, settings, settings_file, pose_topic, tuple(listen))

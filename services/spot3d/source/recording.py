@@ -2,7 +2,9 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +14,9 @@ from spot3d.frame import RgbdFrame
 from spot3d.source.calibration import ColourCamera
 from spot3d.source.errors import SourceError
 from spot3d.source.images import read_colour, read_depth
-from spot3d.source.registration import ColourRegistration
+
+if TYPE_CHECKING:
+    from spot3d.source.registration import ColourRegistration
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +47,7 @@ class Recording:
         self.frames = frames
         self.intrinsics = intrinsics
         self.depth_scale = depth_scale
-        self.registration = ColourRegistration(intrinsics, colour_camera) if colour_camera else None
+        self._colour_camera = colour_camera
         self.invalid = invalid
 
     def __len__(self) -> int:
@@ -71,6 +75,16 @@ class Recording:
     def true_pose(self, index: int) -> NDArray[np.float64] | None:
         """T_world_camera (4, 4) float64 of a frame, without reading its images."""
         return self.frames[index].T_world_camera
+
+    @cached_property
+    def registration(self) -> "ColourRegistration | None":
+        """Registers colour with depth; None if it is registered already."""
+        if self._colour_camera is None:
+            return None
+        # Its kernels are slow to import, and who only asks for stamps and poses needs none.
+        from spot3d.source.registration import ColourRegistration
+
+        return ColourRegistration(self.intrinsics, self._colour_camera)
 
     def __getitem__(self, index: int) -> RgbdFrame:
         """Reads one frame. Raises SourceError if a file is missing, unreadable or of the wrong size."""

@@ -6,7 +6,6 @@ from pathlib import Path
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import Halved
 from spot3d.source.intrinsics_files import FocalAndCentre
-from spot3d.source.scene import Scene
 from spot3d.source.sequence import FrameSequence
 from spot3d.source.seven_scenes import is_seven_scenes, open_seven_scenes
 from spot3d.source.tum import is_tum, open_tum
@@ -31,6 +30,8 @@ def open_source(
     if match := SCENE_NAME.fullmatch(str(path_or_name)):
         if intrinsics is not None:
             raise SourceError("the built-in scene has its own camera; leave --intrinsics away")
+        from spot3d.source.scene import Scene  # its kernels are slow to import
+
         sequence = Scene(int(match["seed"] or 0), match["cluttered"] is not None, frames)
     else:
         sequence = _open_folder(Path(path_or_name), intrinsics)

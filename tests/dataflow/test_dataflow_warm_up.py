@@ -1,0 +1,72 @@
+"""After the warm-up, frames of a real scene find every kernel loaded."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from spot3d.dataflow.warm_up import warm_up
+
+KERNELS_AFTER = """
+import json, sys
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+from spot3d.dataflow.warm_up import warm_up
+from spot3d.source.halving import halve
+from spot3d.source.scene import Scene
+
+frames = [halve(halve(frame)) for frame in Scene(frames=6)]
+
+def loaded():
+    kernels = {}
+    for name, module in list(sys.modules.items()):
+        if name.startswith("spot3d."):
+            for kernel in vars(module).values():
+                if isinstance(kernel, Dispatcher):
+                    kernels[kernel.py_func.__qualname__, kernel.py_func.__module__] = len(kernel.signatures)
+    return kernels
+
+def missing(stage, work):
+    warm_up(stage, work)
+    before = loaded()
+    work(frames)
+    after = loaded()
+    return [list(name) for name, count in after.items() if count > before.get(name, 0)]
+
+from spot3d.pose.process import _track_all
+from spot3d.pose.providers import make_tracker
+from spot3d.pose.settings import PoseSettings
+from spot3d.proposals.process import _propose_first
+from spot3d.proposals.settings import ProposalSettings
+from spot3d.heatmap.process import _heat_first
+from spot3d.heatmap.settings import HeatmapSettings
+from spot3d.fusion.process import _fuse_all
+from spot3d.fusion.fusion import Fusion
+from spot3d.fusion.settings import FusionSettings
+print(json.dumps({
+    "pose": missing("pose", lambda frames: _track_all(make_tracker(PoseSettings()), frames)),
+    "proposals": missing("proposals", lambda frames: _propose_first(ProposalSettings(), frames)),
+    "heatmap": missing("heatmap", lambda frames: _heat_first(HeatmapSettings(), frames)),
+    "fusion": missing("fusion", lambda frames: _fuse_all(Fusion(FusionSettings()), frames)),
+    "objects": len(loaded()),
+}))
+"""
+
+
+def test_real_frames_find_every_kernel_loaded():
+    done = subprocess.run(
+        [sys.executable, "-c", KERNELS_AFTER], capture_output=True, text=True, timeout=180, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    missing = json.loads(done.stdout)
+    assert missing.pop("objects") > 30, "the kernels are found at all"
+    assert missing == {"pose": [], "proposals": [], "heatmap": [], "fusion": []}
+
+
+def test_a_core_that_fails_does_not_keep_its_stage_from_starting(caplog: pytest.LogCaptureFixture):
+    def fail(frames: object) -> None:
+        raise ZeroDivisionError("of the core")
+
+    warm_up("pose", fail)
+    assert "ZeroDivisionError: of the core" in caplog.text
