@@ -125,6 +125,8 @@ def test_processes_give_the_same_objects_as_one_process(tmp_path):
     assert (alone / "trajectory.txt").read_bytes() == (together / "trajectory.txt").read_bytes()
     assert (alone / "heatmap.ply").read_bytes() == (together / "heatmap.ply").read_bytes()
     report = json.loads((together / "report.json").read_text())
+    assert report["proposals"] == json.loads((alone / "report.json").read_text())["proposals"]
+    assert set(report["proposals"]) == {"accepted", "masked", "rejected"}
     assert report["frames"]["fused"] == 12
     assert report["drops"] == {}
     assert set(report["stages"]) == STAGES

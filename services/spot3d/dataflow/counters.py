@@ -43,10 +43,10 @@ class Counters:
             with self._lock:
                 self._drops[reason] += count
 
-    def event(self, kind: str) -> None:
+    def event(self, kind: str, count: int = 1) -> None:
         """Something worth knowing that lost nothing."""
         with self._lock:
-            self._events[kind] += 1
+            self._events[kind] += count
 
     def error(self, text: str) -> None:
         """A message that was refused, or a step that failed."""

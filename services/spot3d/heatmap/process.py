@@ -70,6 +70,8 @@ def _publish_heat(node: Node, pair: Pair, settings: HeatmapSettings) -> None:
         if node.link.delivery == "live":
             return
         heat = Heat(np.zeros(frame.depth.shape, np.uint8), 0, 0, len(boxes.message.boxes))
+    for what, count in (("accepted", heat.accepted), ("masked", heat.masked), ("rejected", heat.rejected)):
+        node.counters.event(what, count)
     # The boxes' trace is the longer one: it holds the source and the proposals.
     message = HeatMessage(
         header=node.header(_OUT, boxes),

@@ -9,6 +9,8 @@ import zenoh
 from zenoh.handlers import FifoChannel, Handler
 
 from spot3d.boxes import Box3D
+from spot3d.dataflow.endpoints import declare_publisher
+from spot3d.dataflow.settings import LinkSettings
 from spot3d.evaluate.truth import FoundObject
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, empty_snapshot
@@ -31,6 +33,9 @@ from spot3d_schemas import (
 _WAITING = 4096
 """Small messages that may wait for this process: two minutes of a camera's poses."""
 
+_BOXES = ("accepted", "masked", "rejected")
+"""What the heatmap stage counts of the proposals."""
+
 _FUSED = ["heatmap", "fusion"]
 """The last stages that a fused frame went through."""
 
@@ -50,6 +55,7 @@ class Collector:
         self._session = session
         self._robot = robot
         self._earlier: dict[str, Counter[str]] = {stage: Counter() for stage in STAGES}
+        self._earlier_boxes: Counter[str] = Counter()
         self._exit = ExitStack()
         self._inputs: dict[str, Handler[zenoh.Sample]] = {}
 
@@ -115,6 +121,12 @@ class Collector:
                 item.errors, item.last_error = health.errors, health.last_error
                 report.drops[stage] = dict(self._earlier[stage] + Counter(health.drops))
             report.stages[stage] = item
+        report.proposals = dict(self._earlier_boxes + self._boxes())
+
+    def _boxes(self) -> Counter[str]:
+        """Proposals accepted, masked and rejected by the heatmap stage's process of now."""
+        health = self.health.get("heatmap")
+        return Counter() if health is None else Counter({kind: health.events.get(kind, 0) for kind in _BOXES})
 
     def _take(self, message: Message) -> None:
         if isinstance(message, Objects):
@@ -135,13 +147,15 @@ class Collector:
             last = self.health.get(message.stage)
             if last is not None and last.pid != message.pid:
                 self._earlier[message.stage] += Counter(last.drops)
+                if message.stage == "heatmap":
+                    self._earlier_boxes += self._boxes()
             self.health[message.stage] = message
 
 
 def relay_poses(session: zenoh.Session, topic: str, robot: str) -> ExitStack:
     """Pass on Pose messages of someone else's odometry, published at the key `topic`, as this robot's."""
     stack = ExitStack()
-    publisher = session.declare_publisher(key(robot, "pose/pose"))
+    publisher = declare_publisher(session, "pose/pose", LinkSettings(robot=robot))
     stack.callback(publisher.undeclare)
 
     def pass_on(sample: zenoh.Sample) -> None:
