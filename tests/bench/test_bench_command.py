@@ -29,7 +29,7 @@ SMALL = Intrinsics(146.25, 146.25, 80.0, 60.0, 160, 120)
 @pytest.fixture
 def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
     """Small frames, one repetition."""
-    monkeypatch.setattr("spot3d.source.sequences.Scene", lambda *words: Scene(*words, intrinsics=SMALL))
+    monkeypatch.setattr("spot3d.source.scene.Scene", lambda *words: Scene(*words, intrinsics=SMALL))
     for name in ("REPEATS", "ROUNDS", "SLOW_ROUNDS"):
         monkeypatch.setattr(kernels, name, 1)
     monkeypatch.setattr(kernels, "TRIPLES", 20)

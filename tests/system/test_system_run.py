@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -13,10 +12,11 @@ from pathlib import Path
 
 import pytest
 
+from spot3d.dataflow.router import free_loopback_endpoint
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.settings import without_settings
-from spot3d_schemas import Progress, decode, key
+from spot3d_schemas import Objects, Progress, decode, key
 
 STAGES = {"source", "pose", "proposals", "heatmap", "fusion"}
 START_S = 90.0
@@ -38,17 +38,20 @@ def wait_until(condition: Callable[[], bool], limit_s: float, what: str) -> None
 
 
 def stages_of(parent: int) -> dict[str, int]:
-    """Pid of each running stage that `parent` has started."""
+    """Pid of each running stage of the run `parent`: forked from its nursery, and named after the stage."""
     found = {}
+    parents: dict[int, int] = {}
     for status in Path("/proc").glob("[0-9]*/stat"):
         try:
-            fields = status.read_text().rpartition(")")[2].split()
-            words = (status.parent / "cmdline").read_bytes().split(b"\0")
+            name, _, rest = status.read_text().partition("(")[2].rpartition(") ")
         except OSError:
             continue  # it has just ended
-        if int(fields[1]) == parent and fields[0] != "Z" and b"spot3d" in words:
-            found[words[words.index(b"spot3d") + 1].decode()] = int(status.parent.name)
-    return found
+        state, its_parent = rest.split()[:2]
+        parents[int(status.parent.name)] = int(its_parent)
+        for stage in STAGES:
+            if state != "Z" and name == f"spot3d {stage}"[:15]:  # as much of a name as the system keeps
+                found[int(status.parent.name)] = stage
+    return {stage: pid for pid, stage in found.items() if parents.get(parents[pid]) == parent}
 
 
 def is_running(pid: int) -> bool:
@@ -63,8 +66,9 @@ class Run:
 
     def __init__(self, out: Path) -> None:
         self.out = out
+        self.endpoint = free_loopback_endpoint()
         self.process = subprocess.Popen(
-            arguments(out, 100_000),
+            arguments(out, 100_000, "--listen", self.endpoint),
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -82,12 +86,6 @@ class Run:
     def wait_for_stages(self) -> dict[str, int]:
         wait_until(lambda: set(stages_of(self.process.pid)) == STAGES, 20, "all stages are started")
         return stages_of(self.process.pid)
-
-    def endpoint(self) -> str:
-        pid = next(iter(stages_of(self.process.pid).values()))
-        match = re.search(r"tcp/127\.0\.0\.1:\d+", Path(f"/proc/{pid}/cmdline").read_text())
-        assert match
-        return match[0]
 
 
 @pytest.fixture
@@ -138,13 +136,17 @@ def test_processes_give_the_same_objects_as_one_process(tmp_path):
 
 def test_a_killed_stage_is_started_again_and_ctrl_c_ends_all(endless):
     fused: list[int] = []
-    with open_session(LinkSettings(connect=(endless.endpoint(),))) as session:
+    updates: list[int] = []
+    with open_session(LinkSettings(connect=(endless.endpoint,))) as session:
         subscriber = session.declare_subscriber(
             key("robot", "fusion/progress"),
             lambda sample: fused.append(decode(sample.payload.to_bytes(), Progress).fused),
         )
-        # After that many frames of capture time objects have been published.
-        wait_until(lambda: bool(fused) and fused[-1] >= 15, START_S, "frames are fused")
+        others = session.declare_subscriber(
+            key("robot", "fusion/objects"),
+            lambda sample: updates.append(decode(sample.payload.to_bytes(), Objects).frame_count),
+        )
+        wait_until(lambda: bool(fused) and bool(updates), START_S, "frames are fused, and objects found")
         before = endless.wait_for_stages()
         at_kill = fused[-1]
         os.kill(before["heatmap"], signal.SIGKILL)
@@ -152,6 +154,7 @@ def test_a_killed_stage_is_started_again_and_ctrl_c_ends_all(endless):
         wait_until(lambda: fused[-1] >= at_kill + 5, 40, "frames are fused again")
         assert fused == sorted(fused), "fusion has lost nothing that it had fused"
         subscriber.undeclare()
+        others.undeclare()
     after = endless.wait_for_stages()
     assert {stage for stage in STAGES if after[stage] != before[stage]} == {"heatmap"}
 

@@ -35,7 +35,7 @@ def live_table(
             _add(table, material, "warm", rate_hz, done)
             if cold:
                 say(f"live: {material.data}, {material.size}, cold start ...")
-                environment = {"NUMBA_CACHE_DIR": str(scratch / f"cache-{material.size}")}
+                environment = {"NUMBA_CACHE_DIR": str(recording.with_suffix(".cache"))}
                 done = live_run(str(recording), rate_hz, 3.0, scratch / "out-cold", environment)
                 _add(table, material, "cold", rate_hz, done)
     table.notes += [

@@ -34,8 +34,10 @@ class Plan:
     listen: tuple[str, ...] = ()
 
 
-def run_distributed(plan: Plan, report: RunReport, logs: Path, watcher: Watcher, stop: Event) -> RunResult:
-    """Run every stage as a process until the input ends, `stop` is set or a stage cannot go on.
+def run_distributed(
+    plan: Plan, supervisor: Supervisor, report: RunReport, logs: Path, watcher: Watcher, stop: Event
+) -> RunResult:
+    """Run every stage as a process of the supervisor until the input ends, `stop` is set or a stage cannot go on.
 
     Fills the report (`error` says why a run ended that should have gone on). No process is left behind.
     """
@@ -47,11 +49,9 @@ def run_distributed(plan: Plan, report: RunReport, logs: Path, watcher: Watcher,
         collector = stack.enter_context(Collector(session, robot))
         if plan.pose_topic is not None and plan.pose_topic != key(robot, "pose/pose"):
             stack.enter_context(relay_poses(session, plan.pose_topic, robot))
-        supervisor = stack.enter_context(Supervisor(logs))
-        # The source last: by the time that its imports are done the others are nearly there.
-        for stage in reversed(STAGES):
+        for stage in STAGES:
             if stage != "pose" or plan.pose_topic is None:
-                supervisor.start(stage, _arguments(plan, stage, endpoint))
+                supervisor.start(stage, _arguments(plan, stage, endpoint), logs / f"{stage}.log")
         _follow(plan, report, endpoint, supervisor, collector, watcher, stop)
         points = empty_snapshot()
         if collector.progress is not None:

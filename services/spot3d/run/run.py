@@ -3,6 +3,7 @@
 import shutil
 import time
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from spot3d.run.overview import (
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import RunResult, write_json, write_results
 from spot3d.run.selected import Selection, open_selection
+from spot3d.run.supervisor import Supervisor
 from spot3d.settings import Settings, to_toml
 from spot3d.source.errors import SourceError
 from spot3d.source.sequence import FrameSequence
@@ -51,6 +53,20 @@ def run(
     Ctrl-C (SIGINT) or SIGTERM end the stages at once; what there is by then is written all the same.
     Raises SourceError for an input that cannot be played and OSError where `folder` cannot be written.
     """
+    with nullcontext() if in_process else Supervisor() as supervisor:
+        return _run(selection, settings, folder, console, supervisor, pose_topic, listen)
+
+
+def _run(
+    selection: Selection,
+    settings: Settings,
+    folder: Path,
+    console: Console,
+    supervisor: Supervisor | None,
+    pose_topic: str | None,
+    listen: Sequence[str],
+) -> Finished:
+    in_process = supervisor is None
     sequence = open_selection(selection, settings)
     if settings.pose.provider == "given" and not sequence.has_true_poses and pose_topic is None:
         raise SourceError(f"{selection.name} has no true poses; choose --pose kiss or --pose gicp")
@@ -62,14 +78,14 @@ def run(
     report = RunReport(selection.name, mode, len(sequence), (camera.width, camera.height))
     start_s = time.perf_counter()
     with stop_on_signals(None) as stop, progress_bar(len(sequence), console) as watcher:
-        if in_process:
+        if supervisor is None:
             # The cores take a second to import, and the stages are not started before.
             from spot3d.run.in_process import run_in_process
 
             result = run_in_process(sequence, settings, report, watcher, stop)
         else:
             plan = Plan(selection, settings, settings_file, pose_topic, tuple(listen))
-            result = run_distributed(plan, report, folder / "logs", watcher, stop)
+            result = run_distributed(plan, supervisor, report, folder / "logs", watcher, stop)
     report.wall_s = time.perf_counter() - start_s
     report.objects, report.map_points = len(result.objects), result.points.total
     write_results(folder, result)

@@ -1,15 +1,16 @@
 """Starts the stages' processes, restarts those that die, and leaves none behind."""
 
+import json
 import os
 import signal
 import subprocess
 import sys
-import time
+import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, Self
 
 from spot3d.dataflow.process_use import SINGLE_THREADED
 from spot3d.settings import without_settings
@@ -18,18 +19,21 @@ RESTARTS_MAX = 5
 """A stage that dies more often than this is given up."""
 USER_ERROR = 2
 """Exit code of a stage that cannot work as it was told to: starting it again would change nothing."""
-_TERMINATE_S = 3.0
-"""Time to end cleanly before a process is killed."""
+_END_S = 5.0
+"""Time for the nursery to end itself and all stages, by force if need be, before it is killed."""
+
+_ENVIRONMENT = {"PYTHONUNBUFFERED": "1", "PYDANTIC_DISABLE_PLUGINS": "__all__"}
+"""Looking for pydantic's plugins, of which there are none, takes a tenth of the time of all imports."""
 
 
 @dataclass(slots=True)
 class Child:
-    """One stage's process. Its standard input is a pipe that closes when this process ends, however it ends."""
+    """One stage's process; code: with which exit code it has ended, None while it runs."""
 
     stage: str
     arguments: list[str]
     log: Path
-    process: subprocess.Popen[bytes] | None = None
+    code: int | None = None
     restarts: int = 0
     finished: bool = False
 
@@ -43,25 +47,37 @@ class Death:
     fatal: bool
 
 
-@dataclass(slots=True)
 class Supervisor:
-    """Runs `python -m spot3d STAGE ARGUMENTS` for each stage; use it in a `with` block, which ends all."""
+    """Has `spot3d STAGE ARGUMENTS` run for each stage; use it in a `with` block, which ends all.
 
-    logs: Path
-    children: dict[str, Child] = field(default_factory=dict)
+    The stages are forked from the nursery, which imports what they need as soon as the block is entered.
+    """
 
-    def __enter__(self) -> "Supervisor":
+    def __init__(self) -> None:
+        self.children: dict[str, Child] = {}
+
+    def __enter__(self) -> Self:
+        environment = without_settings(os.environ) | SINGLE_THREADED | _ENVIRONMENT
+        self._nursery = subprocess.Popen(
+            [sys.executable, "-m", "spot3d.run.nursery"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=environment,
+            # Its own group: Ctrl-C in a terminal reaches the supervisor alone, which then ends the stages in order.
+            process_group=0,
+        )
+        self._listener = threading.Thread(target=self._listen, args=(self._nursery.stdout,), daemon=True)
+        self._listener.start()
         return self
 
     def __exit__(self, *_error: object) -> None:
         self.stop()
 
-    def start(self, stage: str, arguments: Sequence[str]) -> None:
-        """Start one stage; what it says goes to `<logs>/<stage>.log`."""
-        child = Child(stage, list(arguments), self.logs / f"{stage}.log")
-        child.log.unlink(missing_ok=True)
-        self.children[stage] = child
-        _launch(child)
+    def start(self, stage: str, arguments: Sequence[str], log: Path) -> None:
+        """Start one stage; what it says goes to the file `log`."""
+        log.unlink(missing_ok=True)
+        self.children[stage] = Child(stage, list(arguments), log)
+        self._launch(self.children[stage])
 
     def finished(self, stage: str) -> bool:
         """Whether the stage has ended of itself without an error."""
@@ -73,74 +89,74 @@ class Supervisor:
 
     def poll(self, restart_arguments: Mapping[str, Sequence[str]]) -> list[Death]:
         """Notice the dead and start them again, with other arguments where given; call it several times a second."""
+        code = self._nursery.poll()
+        if code is not None:
+            return [Death("nursery", f"the process that starts the stages {_how(code)}", fatal=True)]
         return [
             death
             for child in self.children.values()
-            if not child.finished and (death := _revive(child, restart_arguments.get(child.stage)))
+            if not child.finished and (death := self._revive(child, restart_arguments.get(child.stage)))
         ]
 
     def end(self, stage: str) -> None:
         """Ask one stage to end and do not start it again."""
-        child = self.children[stage]
-        child.finished = True
-        if child.process is not None and child.process.poll() is None:
-            child.process.terminate()
+        self.children[stage].finished = True
+        self._order({"end": stage})
 
     def stop(self) -> None:
         """End every process: first by asking, after three seconds by force."""
-        for stage in self.children:
-            self.end(stage)
-        deadline = time.monotonic() + _TERMINATE_S
         for child in self.children.values():
-            if child.process is None:
-                continue
-            try:
-                child.process.wait(max(0.0, deadline - time.monotonic()))
-            except subprocess.TimeoutExpired:
-                _kill(child.process)
-            _close(child.process.stdin)
+            child.finished = True
+        with suppress(OSError):  # it may be gone
+            _close(self._nursery.stdin)
+        if not self.children:
+            self._nursery.terminate()
+        try:
+            self._nursery.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            with suppress(ProcessLookupError):  # it may have ended just now
+                os.killpg(self._nursery.pid, signal.SIGKILL)
+            self._nursery.wait()
+        self._listener.join(_END_S)
+        _close(self._nursery.stdout)
 
+    def _launch(self, child: Child) -> None:
+        child.code = None
+        self._order({"start": child.stage, "arguments": child.arguments, "log": str(child.log.absolute())})
 
-def _launch(child: Child) -> None:
-    environment = without_settings(os.environ) | SINGLE_THREADED | {"PYTHONUNBUFFERED": "1"}
-    with child.log.open("ab") as log:
-        child.process = subprocess.Popen(
-            [sys.executable, "-m", "spot3d", child.stage, *child.arguments],
-            stdin=subprocess.PIPE,
-            stdout=log,
-            stderr=log,
-            env=environment,
-            # Its own group: Ctrl-C in a terminal reaches the supervisor alone, which then ends the stages in order.
-            process_group=0,
-        )
+    def _order(self, order: Mapping[str, object]) -> None:
+        pipe = self._nursery.stdin
+        if pipe is not None and not pipe.closed:
+            with suppress(BrokenPipeError):  # `poll` tells of a nursery that is gone
+                pipe.write(json.dumps(order).encode() + b"\n")
+                pipe.flush()
 
+    def _listen(self, told: IO[bytes]) -> None:
+        for line in told:
+            news = json.loads(line)
+            self.children[news["stage"]].code = news["code"]
 
-def _revive(child: Child, arguments: Sequence[str] | None) -> Death | None:
-    """Start the child again where it has died; says what happened, None where nothing did."""
-    process = child.process
-    code = None if process is None else process.poll()
-    if process is None or code is None:
-        return None
-    _close(process.stdin)
-    if code == 0 and child.stage == "source":
-        child.finished = True
-        return None
-    how = (
-        f"was killed by {signal.Signals(-code).name}"
-        if code < 0
-        else f"ended with exit code {code} ({last_line(child.log)})"
-    )
-    if code == USER_ERROR:
-        child.finished = True
-        return Death(child.stage, f"{child.stage}: {last_line(child.log)}", fatal=True)
-    if child.restarts == RESTARTS_MAX:
-        child.finished = True
-        message = f"{child.stage} {how} and was started {RESTARTS_MAX} times before; giving up, see {child.log}"
-        return Death(child.stage, message, fatal=True)
-    child.restarts += 1
-    child.arguments = child.arguments if arguments is None else list(arguments)
-    _launch(child)
-    return Death(child.stage, f"{child.stage} {how}; started again ({child.restarts} of {RESTARTS_MAX})", fatal=False)
+    def _revive(self, child: Child, arguments: Sequence[str] | None) -> Death | None:
+        """Start the child again where it has died; says what happened, None where nothing did."""
+        code = child.code
+        if code is None:
+            return None
+        if code == 0 and child.stage == "source":
+            child.finished = True
+            return None
+        how = _how(code) if code < 0 else f"{_how(code)} ({last_line(child.log)})"
+        if code == USER_ERROR:
+            child.finished = True
+            return Death(child.stage, f"{child.stage}: {last_line(child.log)}", fatal=True)
+        if child.restarts == RESTARTS_MAX:
+            child.finished = True
+            message = f"{child.stage} {how} and was started {RESTARTS_MAX} times before; giving up, see {child.log}"
+            return Death(child.stage, message, fatal=True)
+        child.restarts += 1
+        child.arguments = child.arguments if arguments is None else list(arguments)
+        self._launch(child)
+        text = f"{child.stage} {how}; started again ({child.restarts} of {RESTARTS_MAX})"
+        return Death(child.stage, text, fatal=False)
 
 
 def last_line(log: Path) -> str:
@@ -149,10 +165,8 @@ def last_line(log: Path) -> str:
     return lines[-1].removeprefix("error: ") if lines else f"no message, see {log}"
 
 
-def _kill(process: subprocess.Popen[bytes]) -> None:
-    with suppress(ProcessLookupError):  # it may have ended just now
-        os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+def _how(code: int) -> str:
+    return f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
 
 
 def _close(pipe: IO[bytes] | None) -> None:

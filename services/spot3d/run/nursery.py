@@ -1,0 +1,114 @@
+"""The process that the stages of a run are forked from: what they all import is imported once, not five times.
+
+    python -m spot3d.run.nursery
+
+Standard input: one JSON object a line, {"start": stage, "arguments": [...], "log": file} or {"end": stage}. Standard
+output: one a line, {"stage": name, "code": exit code} when a stage has ended. When standard input closes all stages
+are ended.
+"""
+
+import gc
+import importlib
+import json
+import os
+import select
+import signal
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NoReturn
+
+from spot3d.cli import main
+
+_IMPORTED = (
+    *("spot3d.source.process", "spot3d.source.registration", "spot3d.run.selected", "spot3d.pose.process"),
+    *("spot3d.pose.kiss", "spot3d.proposals.process", "spot3d.heatmap.process", "spot3d.fusion.process"),
+)
+_LOOK_S = 0.02
+"""How often it is looked whether a stage has ended."""
+_TERMINATE_S = 3.0
+"""Time to end cleanly before a process is killed."""
+
+
+class _Nursery:
+    """The stages' processes; the standard input of each is a pipe that closes when this process ends, however."""
+
+    def __init__(self) -> None:
+        self._stages: dict[int, str] = {}
+        self._lifelines: dict[int, int] = {}
+
+    def serve(self) -> None:
+        """Follow the orders until their pipe closes, then end every stage."""
+        orders = b""
+        while True:
+            if select.select([0], [], [], _LOOK_S)[0]:
+                read = os.read(0, 65536)
+                if not read:
+                    break
+                *lines, orders = (orders + read).split(b"\n")
+                for line in lines:
+                    self._obey(json.loads(line))
+            self._reap()
+        self._signal(signal.SIGTERM)
+        deadline_s = time.monotonic() + _TERMINATE_S
+        while self._stages and time.monotonic() < deadline_s:
+            time.sleep(_LOOK_S)
+            self._reap()
+        self._signal(signal.SIGKILL)
+
+    def _obey(self, order: dict[str, Any]) -> None:
+        if "start" in order:
+            self._fork(order["start"], order["arguments"], Path(order["log"]))
+        else:
+            self._signal(signal.SIGTERM, order["end"])
+
+    def _fork(self, stage: str, arguments: list[str], log: Path) -> None:
+        reading, writing = os.pipe()
+        pid = os.fork()
+        if pid == 0:
+            for other in (*self._lifelines.values(), writing):
+                os.close(other)
+            _become(stage, arguments, reading, log)
+        os.close(reading)
+        self._stages[pid], self._lifelines[pid] = stage, writing
+
+    def _reap(self) -> None:
+        """Tell of those that have ended."""
+        while self._stages:
+            pid, status = os.waitpid(-1, os.WNOHANG)
+            if pid == 0:
+                return
+            os.close(self._lifelines.pop(pid))
+            told = {"stage": self._stages.pop(pid), "code": os.waitstatus_to_exitcode(status)}
+            with suppress(BrokenPipeError):  # nobody is there to be told
+                os.write(1, json.dumps(told).encode() + b"\n")
+
+    def _signal(self, number: signal.Signals, stage: str | None = None) -> None:
+        """Send a signal to one stage, or all; one that has ended stays a process until it is reaped."""
+        for pid, name in self._stages.items():
+            if stage in (None, name):
+                os.kill(pid, number)
+
+
+def _become(stage: str, arguments: list[str], standard_input: int, log: Path) -> NoReturn:
+    """Go on as the process of a stage, as `spot3d STAGE ARGUMENTS` would be; what it says goes to the log."""
+    said = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    for old, new in ((standard_input, 0), (said, 1), (said, 2)):
+        os.dup2(old, new)
+    os.close(standard_input)
+    os.close(said)
+    with suppress(OSError):  # where the system knows no such file, all stages have one name
+        Path("/proc/self/comm").write_text(f"spot3d {stage}", encoding="ascii")
+    sys.argv = ["spot3d", stage, *arguments]
+    main()
+    sys.exit(0)
+
+
+if __name__ == "__main__":
+    for name in _IMPORTED:
+        with suppress(ImportError):  # the stage itself will say what it lacks
+            importlib.import_module(name)
+    # Objects that the collector never looks at are never written to, and stay shared between the stages.
+    gc.freeze()
+    _Nursery().serve()
