@@ -21,10 +21,11 @@ from typing import Any, NoReturn
 
 from spot3d.cli import main
 
-_IMPORTED = (
-    *("spot3d.source.process", "spot3d.source.registration", "spot3d.run.selected", "spot3d.pose.process"),
-    *("spot3d.pose.kiss", "spot3d.proposals.process", "spot3d.heatmap.process", "spot3d.fusion.process"),
-)
+_IMPORTED = ("cv2", "kiss_icp.config", "spot3d.run.selected", "spot3d.source.process", "spot3d.sensor")
+"""What several stages need: the libraries and, with a first small kernel, all that numba loads to load kernels.
+
+Not the stages: their own kernels may have to be compiled, which they do side by side.
+"""
 _LOOK_S = 0.02
 """How often it is looked whether a stage has ended."""
 _TERMINATE_S = 3.0
