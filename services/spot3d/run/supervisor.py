@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Self
 
-from spot3d.dataflow.process_use import SINGLE_THREADED
+from spot3d.dataflow.process_use import KEEPING_MEMORY, SINGLE_THREADED
 from spot3d.settings import without_settings
 
 RESTARTS_MAX = 5
@@ -57,7 +57,7 @@ class Supervisor:
         self.children: dict[str, Child] = {}
 
     def __enter__(self) -> Self:
-        environment = without_settings(os.environ) | SINGLE_THREADED | _ENVIRONMENT
+        environment = without_settings(os.environ) | SINGLE_THREADED | KEEPING_MEMORY | _ENVIRONMENT
         self._nursery = subprocess.Popen(
             [sys.executable, "-m", "spot3d.run.nursery"],
             stdin=subprocess.PIPE,
