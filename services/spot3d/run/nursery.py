@@ -26,7 +26,7 @@ _IMPORTED = ("cv2", "kiss_icp.config", "spot3d.run.selected", "spot3d.source.pro
 
 Not the stages: their own kernels may have to be compiled, which they do side by side.
 """
-_LOOK_S = 0.02
+_LOOK_S = 0.05
 """How often it is looked whether a stage has ended."""
 _TERMINATE_S = 3.0
 """Time to end cleanly before a process is killed."""

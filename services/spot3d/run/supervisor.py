@@ -73,6 +73,11 @@ class Supervisor:
     def __exit__(self, *_error: object) -> None:
         self.stop()
 
+    @property
+    def nursery_pid(self) -> int:
+        """The process that the stages are forked from."""
+        return self._nursery.pid
+
     def start(self, stage: str, arguments: Sequence[str], log: Path) -> None:
         """Start one stage; what it says goes to the file `log`."""
         log.unlink(missing_ok=True)
