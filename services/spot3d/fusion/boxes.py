@@ -10,6 +10,10 @@ from spot3d.boxes import Box3D, iou_matrix_3d
 
 _SAMPLE = 1000
 """About as many points of a cluster tell its rough box, and how much of it lies in another's."""
+_ELONGATED = 1.2
+"""A footprint whose principal spreads differ by this factor has a direction of its own."""
+_ROUND = 0.89
+"""Share of its smallest rectangle that a footprint fills: half-way between an ellipse (pi / 4) and a rectangle."""
 _MARGIN = 0.005
 """The two faces of a thin wall (a bowl's, a mug's) lie about this far apart, metres."""
 
@@ -31,13 +35,13 @@ def rotation_to_upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
 def upright_box(points: NDArray[np.float32], up: NDArray[np.float64], turn: bool, trim: float = 0.0) -> Box3D:
     """The tight box of (n, 3) world points whose third axis is `up`.
 
-    turn: choose the yaw of the smallest footprint (else the axes of Eq. 15 are kept). trim: share of the points
+    turn: choose the yaw by the footprint (else the axes of Eq. 15 are kept). trim: share of the points
     left out at each end of each axis, so that a few stray points do not stretch the box.
     """
     R = rotation_to_upright(up)
     upright = points.astype(np.float64) @ R.T
     if turn:
-        yaw = _smallest_yaw(upright[:, :2])
+        yaw = _footprint_yaw(upright[:, :2])
         c, s = np.cos(yaw), np.sin(yaw)
         R = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ R
         upright = points.astype(np.float64) @ R.T
@@ -45,10 +49,20 @@ def upright_box(points: NDArray[np.float32], up: NDArray[np.float64], turn: bool
     return Box3D(R.T @ ((low + high) / 2), high - low, R.T)
 
 
-def _smallest_yaw(footprint: NDArray[np.float64]) -> float:
-    """Angle of the smallest rectangle around (n, 2) points (rotating calipers)."""
-    middle = footprint.mean(axis=0)
-    _, _, degrees = cv2.minAreaRect((footprint - middle).astype(np.float32))
+def _footprint_yaw(footprint: NDArray[np.float64]) -> float:
+    """Direction of the sides of the rectangle around (n, 2) points, radians.
+
+    That of the smallest rectangle (rotating calipers), but for round things with a handle or of oval form: their
+    smallest rectangle hardly depends on its direction, and stands across them; they lie along their principal axes.
+    """
+    hull = cv2.convexHull((footprint - footprint.mean(axis=0)).astype(np.float32))
+    _, sides, degrees = cv2.minAreaRect(hull)
+    moments = cv2.moments(hull)
+    xx, yy, xy = moments["mu20"], moments["mu02"], moments["mu11"]
+    middle, radius = (xx + yy) / 2, float(np.hypot((xx - yy) / 2, xy))
+    elongated = middle + radius > _ELONGATED**2 * (middle - radius)
+    if elongated and moments["m00"] < _ROUND * sides[0] * sides[1]:
+        return float(np.arctan2(2 * xy, xx - yy) / 2)
     return float(np.deg2rad(degrees))
 
 
