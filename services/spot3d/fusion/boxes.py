@@ -52,8 +52,8 @@ def upright_box(points: NDArray[np.float32], up: NDArray[np.float64], turn: bool
 def _footprint_yaw(footprint: NDArray[np.float64]) -> float:
     """Direction of the sides of the rectangle around (n, 2) points, radians.
 
-    That of the smallest rectangle (rotating calipers), but for round things with a handle or of oval form: their
-    smallest rectangle hardly depends on its direction, and stands across them; they lie along their principal axes.
+    That of the smallest rectangle (rotating calipers), but for round things with a handle: their rectangle's area
+    hardly depends on its direction and is smallest across the handle; their sides follow the principal axes.
     """
     hull = cv2.convexHull((footprint - footprint.mean(axis=0)).astype(np.float32))
     _, sides, degrees = cv2.minAreaRect(hull)
@@ -97,10 +97,10 @@ def merge_contained(
     box_of: Callable[[NDArray[np.float32]], Box3D],
     share: float,
 ) -> list[NDArray[np.int64]]:
-    """Join a cluster with the larger one in whose box at least `share` of its points lie.
+    """Join a cluster with the larger one in whose box at least `share` of its points lie, or the other way round.
 
-    The inside of a bowl and its outside are one object, though no surface connects them; objects that only
-    touch stay apart. Clusters are rows of `points`; the smallest joins first, into the box that holds most of it.
+    The inside of a bowl and its outside are one object, though no surface connects them, and so are the top of a
+    book and its sides: two things never fill the same space. Objects that only touch stay apart. Clusters are rows of `points`; the smallest joins first, into the box that holds most of it.
     holds: whether each cluster may take others in. box_of: the box of (n, 3) points.
     """
     order = sorted(range(len(clusters)), key=lambda k: len(clusters[k]))
@@ -114,6 +114,9 @@ def merge_contained(
         near = np.linalg.norm(centre - centre[i], axis=1) < radius + radius[i]
         holders = [j for j in range(i + 1, len(parts)) if holds[j] and near[j]]
         inside = [share_inside(sample, boxes[j], _MARGIN) for j in holders]
+        if holds[i]:
+            around = [share_inside(points[_some(parts[j])], boxes[i], _MARGIN) for j in holders]
+            inside = [max(pair) for pair in zip(inside, around, strict=True)]
         if inside and max(inside) >= share:
             j = holders[int(np.argmax(inside))]
             gone[i] = True
