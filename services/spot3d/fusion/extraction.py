@@ -23,6 +23,8 @@ _CLEARANCE_SHARE = 0.1
 """The clearance never takes more than this share of an object's height."""
 _LEVEL = 0.95
 """Cosine to the up direction (18 degrees) from which a sheet is level."""
+_COVERED = 0.5
+"""An object's surface is seen over at least this share of its box's largest face; a triangle's is."""
 _COARSE = 0.03
 """Edge of the cells in which planes are looked for, metres."""
 _PEAK = 0.5
@@ -98,11 +100,13 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
     def box_of(members: NDArray[np.float32]) -> Box3D:
         return _standing(upright_box(members, up, turn=True, trim=_TRIM), levels, settings.standing_clearance)
 
-    return [
-        Cluster(rows[cluster], box_of(warm.xyz[cluster]))
-        for cluster in merge_contained(clusters, hot, warm.xyz, box_of, settings.contained_share)
-        if float(warm.heat[cluster].mean()) >= heat_min
-    ]
+    found = []
+    for cluster in merge_contained(clusters, hot, warm.xyz, box_of, settings.contained_share):
+        if float(warm.heat[cluster].mean()) >= heat_min:
+            box = box_of(warm.xyz[cluster])
+            if _covered(surface.cell_of_point[cluster], box, settings.cell):
+                found.append(Cluster(rows[cluster], box))
+    return found
 
 
 def peak_heat(points: MapPoints) -> float:
@@ -136,6 +140,13 @@ def _standing(box: Box3D, levels: list[StructureSheet], clearance: float) -> Box
             noise = min(max(clearance, item.thickness), _CLEARANCE_SHARE * (middle + half - support))
             return with_bottom(box, support + noise)
     return box
+
+
+def _covered(cell_of_point: NDArray[np.int32], box: Box3D, cell: float) -> bool:
+    """Whether the cells of an object's points would cover enough of the largest face of its box."""
+    _, middle, longest = np.sort(box.size)
+    area = float(len(np.unique(cell_of_point)) * cell**2)
+    return area >= _COVERED * float(middle * longest)
 
 
 def _describe(cluster: Cluster, members: MapPoints) -> FoundObject:
