@@ -100,7 +100,8 @@ def merge_contained(
     """Join a cluster with the larger one in whose box at least `share` of its points lie, or the other way round.
 
     The inside of a bowl and its outside are one object, though no surface connects them, and so are the top of a
-    book and its sides: two things never fill the same space. Objects that only touch stay apart. Clusters are rows of `points`; the smallest joins first, into the box that holds most of it.
+    book and its sides: two things never fill the same space. Objects that only touch stay apart. Clusters are rows
+    of `points`; the smallest joins first, into the box that holds most of it.
     holds: whether each cluster may take others in. box_of: the box of (n, 3) points.
     """
     order = sorted(range(len(clusters)), key=lambda k: len(clusters[k]))

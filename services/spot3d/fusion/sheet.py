@@ -108,9 +108,8 @@ def find_sheets(coarse: Surface, planes: list[StructurePlane], settings: FusionS
             continue  # no denser there than anywhere: the plane is gone, or never was one
         thickness = float(np.clip(_SPREADS * sheet.spread, settings.plane_distance, 2 * settings.plane_distance))
         cells = np.abs(sheet.distance(coarse.centre)) < thickness + coarse.edge / 2
-        if not lasting:
-            facing = coarse.normal @ sheet.plane[:3].astype(np.float32) > _FACING
-            cells = _reaching(coarse, pairs, cells & facing, settings.size_max)
+        facing = cells & (coarse.normal @ sheet.plane[:3].astype(np.float32) > _FACING)
+        cells &= _with_neighbours(pairs, facing) if lasting else _reaching(coarse, pairs, facing, settings.size_max)
         if cells.any():
             sheets.append(StructureSheet(sheet, thickness, cells))
     return sheets
@@ -130,14 +129,22 @@ def on_sheets(surface: Surface, coarse_cell: NDArray[np.int32], sheets: list[Str
     return structure
 
 
-def lying_flat(surface: Surface, levels: list[StructureSheet]) -> NDArray[np.bool_]:
+def lying_flat(surface: Surface, levels: list[Sheet]) -> NDArray[np.bool_]:
     """Cells of the tops of thin flat things: facing as a level sheet and a few centimetres above it. (n,) bool"""
     flat = np.zeros(len(surface.centre), np.bool_)
     for item in levels:
-        rows = np.flatnonzero(surface.normal @ item.sheet.plane[:3].astype(np.float32) > _FLAT_FACING)
-        height = item.sheet.distance(surface.centre[rows])
+        rows = np.flatnonzero(surface.normal @ item.plane[:3].astype(np.float32) > _FLAT_FACING)
+        height = item.distance(surface.centre[rows])
         flat[rows] |= (height > 0) & (height < _FLAT_HEIGHT)
     return flat
+
+
+def _with_neighbours(pairs: NDArray[np.int32], member: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The members and the cells near them. (n,) bool"""
+    near = member.copy()
+    near[pairs[member[pairs[:, 0]], 1]] = True
+    near[pairs[member[pairs[:, 1]], 0]] = True
+    return near
 
 
 def _reaching(surface: Surface, pairs: NDArray[np.int32], member: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
