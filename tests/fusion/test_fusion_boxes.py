@@ -53,7 +53,7 @@ def test_a_mug_is_boxed_along_its_handle(yaw: float) -> None:
     outline = np.concatenate((0.042 * np.column_stack((np.cos(angle), np.sin(angle))), grip))
     mug = np.column_stack((outline, np.tile([0.0, 0.1], len(outline) // 2)))
     R = rotation_z(yaw)
-    box = upright_box((mug @ R.T).astype(np.float32), UP, turn=True)
+    box = upright_box((mug @ R.T).astype(np.float32), UP, turn=True, lengthwise=True)
     longer = box.rotation[:, int(np.argmax(box.size[:2]))]
     assert abs(longer @ R[:, 0]) > np.cos(np.deg2rad(3))
     np.testing.assert_allclose(np.sort(box.size[:2]), [0.084, 0.114], atol=0.003)

@@ -32,16 +32,23 @@ def rotation_to_upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
     return rotation
 
 
-def upright_box(points: NDArray[np.float32], up: NDArray[np.float64], turn: bool, trim: float = 0.0) -> Box3D:
+def upright_box(
+    points: NDArray[np.float32],
+    up: NDArray[np.float64],
+    turn: bool,
+    trim: float = 0.0,
+    lengthwise: bool = False,
+) -> Box3D:
     """The tight box of (n, 3) world points whose third axis is `up`.
 
-    turn: choose the yaw by the footprint (else the axes of Eq. 15 are kept). trim: share of the points
-    left out at each end of each axis, so that a few stray points do not stretch the box.
+    turn: choose the yaw of the smallest footprint (else the axes of Eq. 15 are kept); lengthwise: that of a
+    round thing's length instead. trim: share of the points left out at each end of each axis, so that a few stray
+    points do not stretch the box.
     """
     R = rotation_to_upright(up)
     upright = points.astype(np.float64) @ R.T
     if turn:
-        yaw = _footprint_yaw(upright[:, :2])
+        yaw = _footprint_yaw(upright[:, :2], lengthwise)
         c, s = np.cos(yaw), np.sin(yaw)
         R = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ R
         upright = points.astype(np.float64) @ R.T
@@ -49,20 +56,21 @@ def upright_box(points: NDArray[np.float32], up: NDArray[np.float64], turn: bool
     return Box3D(R.T @ ((low + high) / 2), high - low, R.T)
 
 
-def _footprint_yaw(footprint: NDArray[np.float64]) -> float:
-    """Direction of the sides of the rectangle around (n, 2) points, radians.
+def _footprint_yaw(footprint: NDArray[np.float64], lengthwise: bool) -> float:
+    """Direction of the sides of the smallest rectangle around (n, 2) points (rotating calipers), radians.
 
-    That of the smallest rectangle (rotating calipers), but for round things with a handle: their rectangle's area
-    hardly depends on its direction and is smallest across the handle; their sides follow the principal axes.
+    The area of a round thing's rectangle hardly depends on its direction, and where it has a handle it is smallest
+    across: lengthwise, the sides follow the principal axes instead.
     """
     hull = cv2.convexHull((footprint - footprint.mean(axis=0)).astype(np.float32))
     _, sides, degrees = cv2.minAreaRect(hull)
-    moments = cv2.moments(hull)
-    xx, yy, xy = moments["mu20"], moments["mu02"], moments["mu11"]
-    middle, radius = (xx + yy) / 2, float(np.hypot((xx - yy) / 2, xy))
-    elongated = middle + radius > _ELONGATED**2 * (middle - radius)
-    if elongated and moments["m00"] < _ROUND * sides[0] * sides[1]:
-        return float(np.arctan2(2 * xy, xx - yy) / 2)
+    if lengthwise:
+        moments = cv2.moments(hull)
+        xx, yy, xy = moments["mu20"], moments["mu02"], moments["mu11"]
+        middle, radius = (xx + yy) / 2, float(np.hypot((xx - yy) / 2, xy))
+        elongated = middle + radius > _ELONGATED**2 * (middle - radius)
+        if elongated and moments["m00"] < _ROUND * sides[0] * sides[1]:
+            return float(np.arctan2(2 * xy, xx - yy) / 2)
     return float(np.deg2rad(degrees))
 
 

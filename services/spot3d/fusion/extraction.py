@@ -94,8 +94,11 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
     clusters = _clusters(segment_of_point, _kept_segments(segments, surface, heat_min, settings.segment_cells))
     hot = [float(warm.heat[cluster].mean()) >= heat_min for cluster in clusters]
 
-    def box_of(members: NDArray[np.float32]) -> Box3D:
+    def rough_box(members: NDArray[np.float32]) -> Box3D:
         return standing(upright_box(members, up, turn=True, trim=_TRIM), supports)
+
+    def box_of(members: NDArray[np.float32]) -> Box3D:
+        return standing(upright_box(members, up, turn=True, trim=_TRIM, lengthwise=True), supports)
 
     def whole_or_cut(cluster: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         through = crossed_by(box_of(warm.xyz[cluster]), coarse.cell_of_point[rows[cluster]], supports)
@@ -106,7 +109,7 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
         return [part for part in parts if len(part) > settings.segment_cells]
 
     found = []
-    for cluster in merge_contained(clusters, hot, warm.xyz, box_of, settings.contained_share):
+    for cluster in merge_contained(clusters, hot, warm.xyz, rough_box, settings.contained_share):
         for part in whole_or_cut(cluster):
             box = box_of(warm.xyz[part])
             own = np.unique(coarse.cell_of_point[rows[part]])
