@@ -20,6 +20,8 @@ _FLAT_HEIGHT = 0.03
 """A thin flat thing (a book, a plate) is at most this high, metres."""
 _FLAT_FACING = 0.9
 """Cosine (26 degrees) within which the top of a flat thing faces as its support."""
+_BOARD = 0.04
+"""A table's or a shelf's board is at most this thick, metres."""
 _FACING = 0.7
 """Cosine (45 degrees) within which a cell faces as the sheet it lies on."""
 _FITS = 6
@@ -86,11 +88,15 @@ def fit_sheet(
 
 @dataclass(frozen=True, slots=True)
 class StructureSheet:
-    """A sheet that is no object: thickness: half, metres; cells: (n,) bool, the coarse cells that it takes in."""
+    """A sheet that is no object: thickness: half, metres.
+
+    cells: (n,) bool, the coarse cells that it takes in; near: (n,) bool, those beside its surface as well.
+    """
 
     sheet: Sheet
     thickness: float
     cells: NDArray[np.bool_]
+    near: NDArray[np.bool_]
 
 
 def find_sheets(coarse: Surface, planes: list[StructurePlane], settings: FusionSettings) -> list[StructureSheet]:
@@ -109,23 +115,30 @@ def find_sheets(coarse: Surface, planes: list[StructurePlane], settings: FusionS
         thickness = float(np.clip(_SPREADS * sheet.spread, settings.plane_distance, 2 * settings.plane_distance))
         cells = np.abs(sheet.distance(coarse.centre)) < thickness + coarse.edge / 2
         facing = cells & (coarse.normal @ sheet.plane[:3].astype(np.float32) > _FACING)
-        cells &= _with_neighbours(pairs, facing) if lasting else _reaching(coarse, pairs, facing, settings.size_max)
+        if not lasting:
+            facing = _reaching(coarse, pairs, facing, settings.size_max)
+        near = _with_neighbours(pairs, facing)
+        cells &= near if lasting else facing
         if cells.any():
-            sheets.append(StructureSheet(sheet, thickness, cells))
+            sheets.append(StructureSheet(sheet, thickness, cells, near))
     return sheets
 
 
 def on_sheets(surface: Surface, coarse_cell: NDArray[np.int32], sheets: list[StructureSheet]) -> NDArray[np.bool_]:
     """Which cells lie on a sheet: within its thickness, facing its way unless very near, where it reaches.
 
+    What goes down from its rim is the side of the board that it is the top of.
     coarse_cell: (n,) the coarse cell that holds each cell of the surface. Returns (n,) bool.
     """
     structure = np.zeros(len(surface.centre), np.bool_)
     for item in sheets:
-        rows = np.flatnonzero(item.cells[coarse_cell] & ~structure)
-        distance = np.abs(item.sheet.distance(surface.centre[rows]))
+        rows = np.flatnonzero((item.cells | item.near)[coarse_cell] & ~structure)
+        signed = item.sheet.distance(surface.centre[rows])
+        distance = np.abs(signed)
         facing = surface.normal[rows] @ item.sheet.plane[:3].astype(np.float32) > _FACING
-        structure[rows] = (distance < item.thickness) & (facing | (distance < item.thickness / 2))
+        on = (distance < item.thickness) & (facing | (distance < item.thickness / 2))
+        side = (signed < 0) & (signed > -_BOARD)
+        structure[rows] = item.cells[coarse_cell[rows]] & on | item.near[coarse_cell[rows]] & side
     return structure
 
 

@@ -25,6 +25,7 @@ _SAMPLE = 20_000
 _CROSSED = 0.05
 """A support that covers this share of a box's footprint, inside the box, runs through it."""
 
+
 _RIM = 1.5
 """A coarse cell within this many edges of one of a support's touches it."""
 _RIM_SHARE = 0.5
