@@ -128,6 +128,19 @@ def test_a_part_inside_joins_and_a_neighbour_does_not(name: str, holds: list[boo
     assert np.array_equal(np.sort(np.concatenate(merged)), np.arange(len(points)))
 
 
+def test_a_small_part_around_a_larger_one_joins_it_if_it_may_hold_others() -> None:
+    """The sides of a book, of few points, around its top."""
+    sides = sampled((Cuboid((0, 0, 0.01), (0.2, 0.2, 0.02), heat=1.0),))
+    sides = sides.take(np.abs(sides.normal[:, 2]) < 0.1).xyz
+    top = sampled((hot(0, 0.0, (0.19, 0.19, 0.04)),), step=0.002)
+    top = top.take(top.normal[:, 2] > 0.9).xyz
+    points = np.concatenate((sides, top))
+    clusters = [np.arange(len(sides)), np.arange(len(sides), len(points))]
+    assert len(sides) < len(top)
+    for holds, count in (([True, True], 1), ([False, True], 2)):
+        assert len(merge_contained(clusters, holds, points, turned_box, 0.5)) == count
+
+
 def test_without_clusters_nothing_is_merged() -> None:
     points = np.zeros((0, 3), np.float32)
     assert merge_contained([], [], points, turned_box, 0.5) == merge_intersecting([], points, UP) == []

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fusion_room import BACKDROP_PLANE, STAGE, TABLE_PLANE, THREE, sampled, standing
+from fusion_room import BACKDROP_PLANE, STAGE, TABLE_PLANE, THREE, Cuboid, sampled, standing
 
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet import find_sheets, fit_sheet, on_sheets
@@ -76,6 +76,19 @@ def test_table_and_wall_are_structure_and_objects_are_not() -> None:
     assert structure[~hot & (np.abs(fine.centre[:, 2]) < 0.004) & (fine.normal[:, 2] > 0.9)].all()
     assert structure[(fine.centre[:, 1] > 0.69) & (fine.normal[:, 1] < -0.99)].mean() > 0.95
     assert not structure[high].any()
+
+
+def test_the_sides_of_a_board_are_structure_and_what_stands_beside_it_is_not() -> None:
+    beside = Cuboid((0.9, 0.0, 0.0), (0.1, 0.2, 0.4), heat=1.0)
+    points = sampled((*STAGE, beside))
+    fine = gather_cells(points.xyz, points.normal, points.heat, 0.008)
+    coarse = gather_cells(points.xyz, points.normal, points.heat, 0.03)
+    coarse_cell = np.empty(len(fine.centre), np.int32)
+    coarse_cell[fine.cell_of_point] = coarse.cell_of_point
+    structure = on_sheets(fine, coarse_cell, find_sheets(coarse, [TABLE_PLANE], SETTINGS))
+    x, y, z = fine.centre.T
+    assert structure[(z < -0.005) & (z > -0.038) & (np.abs(y + 0.6) < 0.002)].all()
+    assert not structure[x > 0.8].any()
 
 
 def test_a_plane_that_the_map_no_longer_shows_is_no_sheet() -> None:

@@ -12,8 +12,8 @@ from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet import Sheet, StructureSheet
 from spot3d.fusion.surface import Surface
 
-_STANDING = 0.03
-"""An object whose lowest points are this near above a level sheet stands on it, metres."""
+_STANDING = 0.04
+"""An object whose lowest points are this near to a level sheet stands on it: a board is as thick at most, metres."""
 _CLEARANCE_SHARE = 0.15
 """The clearance never takes more than this share of an object's height."""
 _LEVEL = 0.95
