@@ -59,6 +59,14 @@ def test_a_mug_is_boxed_along_its_handle(yaw: float) -> None:
     np.testing.assert_allclose(np.sort(box.size[:2]), [0.084, 0.114], atol=0.003)
 
 
+def test_a_sheet_with_two_corners_unseen_keeps_its_sides() -> None:
+    """Its principal axes are a third of a right angle off, and its hull fills little of its rectangle."""
+    outline = np.array([(-0.15, -0.13), (0.05, -0.13), (0.15, -0.03), (0.15, 0.13), (-0.05, 0.13), (-0.15, 0.03)])
+    points = np.column_stack((outline, np.zeros(6))).astype(np.float32)
+    box = upright_box(points, UP, turn=True, lengthwise=True)
+    np.testing.assert_allclose(np.sort(box.size), [0.0, 0.26, 0.30], atol=1e-4)
+
+
 def test_without_turning_the_axes_of_eq_15_are_kept() -> None:
     box = upright_box(corners((0, 0, 0), (0.2, 0.2, 0.1), rotation_z(np.pi / 4)), UP, turn=False)
     np.testing.assert_allclose(box.rotation, np.eye(3), atol=1e-12)

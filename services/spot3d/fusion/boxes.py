@@ -14,6 +14,8 @@ _ELONGATED = 1.2
 """A footprint whose principal spreads differ by this factor has a direction of its own."""
 _ROUND = 0.89
 """Share of its smallest rectangle that a footprint fills: half-way between an ellipse (pi / 4) and a rectangle."""
+_LENGTHWISE = 1.15
+"""A mug's rectangle along its handle is up to a ninth larger than that across it, and noise adds to that."""
 _MARGIN = 0.005
 """The two faces of a thin wall (a bowl's, a mug's) lie about this far apart, metres."""
 
@@ -69,8 +71,12 @@ def _footprint_yaw(footprint: NDArray[np.float64], lengthwise: bool) -> float:
         xx, yy, xy = moments["mu20"], moments["mu02"], moments["mu11"]
         middle, radius = (xx + yy) / 2, float(np.hypot((xx - yy) / 2, xy))
         elongated = middle + radius > _ELONGATED**2 * (middle - radius)
-        if elongated and moments["m00"] < _ROUND * sides[0] * sides[1]:
-            return float(np.arctan2(2 * xy, xx - yy) / 2)
+        smallest = float(sides[0] * sides[1])
+        yaw = float(np.arctan2(2 * xy, xx - yy) / 2)
+        axes = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+        along = float(np.prod(np.ptp(hull.reshape(-1, 2) @ axes.T, axis=0)))
+        if elongated and moments["m00"] < _ROUND * smallest and along < _LENGTHWISE * smallest:
+            return yaw
     return float(np.deg2rad(degrees))
 
 
