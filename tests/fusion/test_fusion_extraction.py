@@ -7,6 +7,7 @@ import pytest
 from fusion_room import BACKDROP_PLANE, COARSE, COARSE_PAPER, FINE, STAGE, TABLE_PLANE, THREE, Cuboid, sampled, standing
 
 from spot3d.boxes import iou_matrix_3d
+from spot3d.evaluate.points import points_in_boxes
 from spot3d.fusion.extraction import find_objects
 from spot3d.fusion.selection import MapPoints
 from spot3d.fusion.settings import FusionSettings
@@ -67,6 +68,46 @@ def test_an_object_broken_in_two_by_pose_error_is_one(gap: float) -> None:
     iou = overlaps(both, (truth,))
     assert iou.shape == (1, 1)
     assert iou[0, 0] >= 0.5
+
+
+def test_a_chair_beside_the_table_is_one_object() -> None:
+    """Its back reaches from below the table's height to above it, 15 cm from the table's edge."""
+    chair = Cuboid((0.88, 0.0, 0.0), (0.06, 0.4, 0.5), heat=1.0)
+    iou = overlaps(sampled((*STAGE, chair)), (chair,))
+    assert iou.shape == (1, 1)
+    assert iou[0, 0] > 0.7
+
+
+def test_no_box_holds_the_table_that_a_chair_is_pushed_under() -> None:
+    """Its seat is below the table, its back beside the table's edge."""
+    back = Cuboid((0.78, 0.0, 0.1), (0.04, 0.4, 0.6), heat=1.0)
+    seat = Cuboid((0.63, 0.0, -0.19), (0.30, 0.4, 0.02), heat=1.0)
+    points = sampled((*STAGE, back, seat))
+    found = find_objects(points, PLANES, COARSE)
+    table = points.xyz[(points.heat < 0.4) & (points.xyz[:, 2] == 0)]
+    assert len(found) == 2
+    assert sum(points_in_boxes(table, [item.box]).sum() for item in found) == 0
+    assert points_in_boxes(points.xyz[points.heat > 0.4], [item.box for item in found]).mean() > 0.7
+
+
+def test_a_thing_at_the_rim_of_a_board_ends_at_the_board() -> None:
+    """Its front goes on in the front of the board, which keeps heat."""
+    thing = standing(0.0, -0.54, (0.12, 0.12, 0.14))
+    points = sampled((*STAGE, thing))
+    front = (np.abs(points.xyz[:, 1] + 0.6) < 1e-3) & (np.abs(points.xyz[:, 0]) < 0.3)
+    points = replace(points, heat=np.where(front, np.float32(0.5), points.heat))
+    iou = overlaps(points, (thing,))
+    assert iou.shape == (1, 1)
+    assert iou[0, 0] > 0.9
+
+
+def test_a_surface_that_was_hardly_seen_is_no_object() -> None:
+    truth = standing(0.0, 0.0, (0.14, 0.12, 0.16))
+    points = sampled((*STAGE, truth))
+    # A strip around it.
+    strip = np.abs(points.xyz[:, 0] - points.xyz[:, 2] + 0.08) < 0.006
+    for seen, count in ((np.ones(len(points), bool), 1), ((points.heat < 0.4) | strip, 0)):
+        assert len(find_objects(points.take(seen), PLANES, COARSE)) == count
 
 
 def test_structure_is_no_object_even_when_it_kept_heat() -> None:

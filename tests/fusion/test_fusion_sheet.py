@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fusion_room import BACKDROP_PLANE, STAGE, TABLE_PLANE, THREE, sampled, standing
+from fusion_room import BACKDROP_PLANE, STAGE, TABLE_PLANE, THREE, Cuboid, sampled, standing
 
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet import Sheet, StructureSheet, find_sheets, fit_sheet, lying_flat, on_sheets
@@ -78,6 +78,19 @@ def test_table_and_wall_are_structure_and_objects_are_not() -> None:
     assert not structure[high].any()
 
 
+def test_the_sides_of_a_board_are_structure_and_what_stands_beside_it_is_not() -> None:
+    beside = Cuboid((0.9, 0.0, 0.0), (0.1, 0.2, 0.4), heat=1.0)
+    points = sampled((*STAGE, beside))
+    fine = gather_cells(points.xyz, points.normal, points.heat, 0.008)
+    coarse = gather_cells(points.xyz, points.normal, points.heat, 0.03)
+    coarse_cell = np.empty(len(fine.centre), np.int32)
+    coarse_cell[fine.cell_of_point] = coarse.cell_of_point
+    structure = on_sheets(fine, coarse_cell, find_sheets(coarse, [TABLE_PLANE], SETTINGS))
+    x, y, z = fine.centre.T
+    assert structure[(z < -0.005) & (z > -0.038) & (np.abs(y + 0.6) < 0.002)].all()
+    assert not structure[x > 0.8].any()
+
+
 def test_a_plane_that_the_map_no_longer_shows_is_no_sheet() -> None:
     _, coarse, _ = cells_of_stage()
     gone = StructurePlane(np.array([0, 0, 1.0, -0.4]), removed_share=1.0, heat=5.0)
@@ -112,11 +125,12 @@ def test_distances_and_what_follows_from_them_are_the_plain_formula() -> None:
     distance, facing = plain_distance(sheet, surface.centre), surface.normal @ sheet.plane[:3]
     np.testing.assert_allclose(sheet.distance(surface.centre), distance, atol=1e-12)
     coarse_cell = rng.integers(0, 9, len(distance)).astype(np.int32)
-    item = StructureSheet(sheet, 0.01, np.arange(9) % 3 > 0)
+    item = StructureSheet(sheet, 0.01, np.arange(9) % 3 > 0, np.arange(9) > 6)
     off = np.abs(distance)
     expected = item.cells[coarse_cell] & (off < 0.01) & ((facing > 0.7) | (off < 0.005))
+    expected |= item.near[coarse_cell] & (distance > -0.04) & (distance < 0)
     np.testing.assert_array_equal(on_sheets(surface, coarse_cell, [item]), expected)
-    np.testing.assert_array_equal(lying_flat(surface, [item]), (facing > 0.9) & (distance > 0) & (distance < 0.03))
+    np.testing.assert_array_equal(lying_flat(surface, [sheet]), (facing > 0.9) & (distance > 0) & (distance < 0.03))
 
 
 @pytest.mark.parametrize("warped", [False, True])

@@ -11,6 +11,12 @@ from spot3d.boxes import Box3D, iou_matrix_3d
 
 _SAMPLE = 1000
 """About as many points of a cluster tell its rough box, and how much of it lies in another's."""
+_ELONGATED = 1.2
+"""A footprint whose principal spreads differ by this factor has a direction of its own."""
+_ROUND = 0.89
+"""Share of its smallest rectangle that a footprint fills: half-way between an ellipse (pi / 4) and a rectangle."""
+_LENGTHWISE = 1.15
+"""A mug's rectangle along its handle is up to a ninth larger than that across it, and noise adds to that."""
 _MARGIN = 0.005
 """The two faces of a thin wall (a bowl's, a mug's) lie about this far apart, metres."""
 
@@ -28,16 +34,23 @@ def rotation_to_upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
     return rotation
 
 
-def upright_box(points: NDArray[np.float32], up: NDArray[np.float64], turn: bool, trim: float = 0.0) -> Box3D:
+def upright_box(
+    points: NDArray[np.float32],
+    up: NDArray[np.float64],
+    turn: bool,
+    trim: float = 0.0,
+    lengthwise: bool = False,
+) -> Box3D:
     """The tight box of (n, 3) world points whose third axis is `up`.
 
-    turn: choose the yaw of the smallest footprint (else the axes of Eq. 15 are kept). trim: share of the points
-    left out at each end of each axis, so that a few stray points do not stretch the box.
+    turn: choose the yaw of the smallest footprint (else the axes of Eq. 15 are kept); lengthwise: that of a
+    round thing's length instead. trim: share of the points left out at each end of each axis, so that a few stray
+    points do not stretch the box.
     """
     R = rotation_to_upright(up)
     upright = _turned(points, R)
     if turn:
-        yaw = _smallest_yaw(upright[:2])
+        yaw = _footprint_yaw(upright[:2], lengthwise)
         c, s = np.cos(yaw), np.sin(yaw)
         R = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ R
         upright = _turned(points, R)
@@ -45,10 +58,25 @@ def upright_box(points: NDArray[np.float32], up: NDArray[np.float64], turn: bool
     return Box3D(R.T @ ((low + high) / 2), high - low, R.T)
 
 
-def _smallest_yaw(footprint: NDArray[np.float64]) -> float:
-    """Angle of the smallest rectangle around (2, n) points (rotating calipers)."""
-    middle = footprint.mean(axis=1, keepdims=True)
-    _, _, degrees = cv2.minAreaRect(_outer((footprint - middle).astype(np.float32)))
+def _footprint_yaw(footprint: NDArray[np.float64], lengthwise: bool) -> float:
+    """Direction of the sides of the smallest rectangle around (2, n) points (rotating calipers), radians.
+
+    The area of a round thing's rectangle hardly depends on its direction, and where it has a handle it is smallest
+    across: lengthwise, the sides follow the principal axes instead.
+    """
+    hull = cv2.convexHull(_outer((footprint - footprint.mean(axis=1, keepdims=True)).astype(np.float32)))
+    _, sides, degrees = cv2.minAreaRect(hull)
+    if lengthwise:
+        moments = cv2.moments(hull)
+        xx, yy, xy = moments["mu20"], moments["mu02"], moments["mu11"]
+        middle, radius = (xx + yy) / 2, float(np.hypot((xx - yy) / 2, xy))
+        elongated = middle + radius > _ELONGATED**2 * (middle - radius)
+        smallest = float(sides[0] * sides[1])
+        yaw = float(np.arctan2(2 * xy, xx - yy) / 2)
+        axes = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+        along = float(np.prod(np.ptp(hull.reshape(-1, 2) @ axes.T, axis=0)))
+        if elongated and moments["m00"] < _ROUND * smallest and along < _LENGTHWISE * smallest:
+            return yaw
     return float(np.deg2rad(degrees))
 
 
@@ -129,15 +157,16 @@ def merge_contained(
     box_of: Callable[[NDArray[np.float32]], Box3D],
     share: float,
 ) -> list[NDArray[np.int64]]:
-    """Join a cluster with the larger one in whose box at least `share` of its points lie.
+    """Join a cluster with the larger one in whose box at least `share` of its points lie, or the other way round.
 
-    The inside of a bowl and its outside are one object, though no surface connects them; objects that only
-    touch stay apart. Clusters are rows of `points`; the smallest joins first, into the box that holds most of it.
+    The inside of a bowl and its outside are one object, though no surface connects them, and so are the top of a
+    book and its sides: two things never fill the same space. Objects that only touch stay apart. Clusters are rows
+    of `points`; the smallest joins first, into the box that holds most of it.
     holds: whether each cluster may take others in. box_of: the box of (n, 3) points.
     """
     order = sorted(range(len(clusters)), key=lambda k: len(clusters[k]))
     parts, held = [clusters[k] for k in order], np.array([holds[k] for k in order], np.bool_)
-    boxes = {j: box_of(points[_some(parts[j])]) for j in np.flatnonzero(held)}
+    boxes = {int(j): box_of(points[_some(parts[j])]) for j in np.flatnonzero(held)}
     centre, radius = np.zeros((len(parts), 3)), np.full(len(parts), -np.inf)  # of the spheres around the boxes
     for j, box in boxes.items():
         centre[j], radius[j] = box.centre, np.linalg.norm(box.size) / 2
@@ -146,8 +175,12 @@ def merge_contained(
         sample = points[_some(parts[i])]
         low, high = sample.min(axis=0), sample.max(axis=0)
         reach = radius + np.linalg.norm(high - low) / 2
-        holders = np.flatnonzero(np.linalg.norm(centre - (low + high) / 2, axis=1)[i + 1 :] < reach[i + 1 :]) + i + 1
+        near = np.linalg.norm(centre - (low + high) / 2, axis=1) < reach
+        holders = [j for j in range(i + 1, len(parts)) if near[j]]
         inside = [share_inside(sample, boxes[j], _MARGIN) for j in holders]
+        if (own := boxes.get(i)) is not None:
+            around = [share_inside(points[_some(parts[j])], own, _MARGIN) for j in holders]
+            inside = [max(pair) for pair in zip(inside, around, strict=True)]
         if inside and max(inside) >= share:
             j = holders[int(np.argmax(inside))]
             gone[i] = True

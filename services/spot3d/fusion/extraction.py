@@ -6,23 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
-from spot3d.fusion.boxes import merge_contained, merge_intersecting, upright_box, with_bottom
+from spot3d.fusion.boxes import merge_contained, merge_intersecting, upright_box
 from spot3d.fusion.identity import FoundObject
 from spot3d.fusion.segments import split_at_creases
 from spot3d.fusion.selection import MapPoints
 from spot3d.fusion.settings import FusionSettings
-from spot3d.fusion.sheet import StructureSheet, find_sheets, lying_flat, on_sheets
+from spot3d.fusion.sheet import find_sheets, lying_flat, on_sheets
 from spot3d.fusion.structure import StructurePlane
+from spot3d.fusion.support import Support, crossed_by, find_supports, is_rim, standing
 from spot3d.fusion.surface import Surface, cells_around, gather_cells, points_of_cells
 
 _TRIM = 0.005
 """Share of an object's points that may lie beyond each face of its box."""
-_STANDING = 0.03
-"""An object whose lowest points are this near above a level sheet stands on it, metres."""
-_CLEARANCE_SHARE = 0.1
-"""The clearance never takes more than this share of an object's height."""
-_LEVEL = 0.95
-"""Cosine to the up direction (18 degrees) from which a sheet is level."""
+_COVERED = 0.5
+"""An object's surface is seen over at least this share of its box's largest face; a triangle's is."""
 _COARSE = 0.03
 """Edge of the cells in which planes are looked for, metres."""
 _PEAK = 0.5
@@ -80,25 +77,44 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
     up = planes[0].plane[:3]
     heat_min = settings.heat_min * min(1.0, peak_heat(points) / _PEAK)
     surface = gather_cells(points.xyz, points.normal, points.heat, settings.cell, _WARM * heat_min)
+    coarse = gather_cells(points.xyz, points.normal, points.heat, _COARSE)
     free = np.ones(len(surface.centre), np.bool_)
-    levels: list[StructureSheet] = []
+    supports: list[Support] = []
     if settings.plane_removal:
-        coarse = gather_cells(points.xyz, points.normal, points.heat, _COARSE)
         sheets = find_sheets(coarse, planes, settings)
         free = ~on_sheets(surface, cells_around(surface, coarse), sheets)
-        levels = [item for item in sheets if item.sheet.plane[:3] @ up > _LEVEL]
-    segments = split_at_creases(surface, free, lying_flat(surface, levels), settings.crease, settings.segment_cells)
+        supports = find_supports(points, coarse, sheets, up, settings)
+    flat = lying_flat(surface, [item.sheet for item in supports])
+    segments = split_at_creases(surface, free, flat, settings.crease, settings.segment_cells)
     clusters = _clusters(surface, segments, _kept_segments(segments, surface, heat_min, settings.segment_cells))
     hot = [float(points.heat[cluster].mean()) >= heat_min for cluster in clusters]
 
-    def box_of(members: NDArray[np.float32]) -> Box3D:
-        return _standing(upright_box(members, up, turn=True, trim=_TRIM), levels, settings.standing_clearance)
+    def rough_box(members: NDArray[np.float32]) -> Box3D:
+        return standing(upright_box(members, up, turn=True, trim=_TRIM), supports)
 
-    return [
-        Cluster(cluster, box_of(points.xyz[cluster]))
-        for cluster in merge_contained(clusters, hot, points.xyz, box_of, settings.contained_share)
-        if float(points.heat[cluster].mean()) >= heat_min
-    ]
+    def box_of(members: NDArray[np.float32]) -> Box3D:
+        return standing(upright_box(members, up, turn=True, trim=_TRIM, lengthwise=True), supports)
+
+    def whole_or_cut(cluster: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+        through = crossed_by(box_of(points.xyz[cluster]), coarse.cell_of_point[cluster], supports)
+        if through is None:
+            return [cluster]
+        height = through.sheet.distance(points.xyz[cluster])
+        parts = (cluster[height > through.clearance], cluster[height < -through.clearance])
+        return [part for part in parts if len(part) > settings.segment_cells]
+
+    found = []
+    for cluster in merge_contained(clusters, hot, points.xyz, rough_box, settings.contained_share):
+        for part in whole_or_cut(cluster):
+            box = box_of(points.xyz[part])
+            own = np.unique(coarse.cell_of_point[part])
+            if (
+                float(points.heat[part].mean()) >= heat_min
+                and _covered(surface.cell_of_point[part], box, settings.cell)
+                and not is_rim(box, coarse.centre[own], supports)
+            ):
+                found.append(Cluster(part, box))
+    return found
 
 
 def peak_heat(points: MapPoints) -> float:
@@ -120,16 +136,11 @@ def _clusters(surface: Surface, segments: NDArray[np.int32], kept: NDArray[np.bo
     return points_of_cells(surface, number[segments], int(np.count_nonzero(kept)))
 
 
-def _standing(box: Box3D, levels: list[StructureSheet], clearance: float) -> Box3D:
-    """The box with its bottom on the level sheet next to it, if there is one, but for the sheet's noise."""
-    up = box.rotation[:, 2]
-    middle, half = float(up @ box.centre), float(box.size[2]) / 2
-    for item in levels:
-        support = middle - float(item.sheet.distance(box.centre[None].astype(np.float32))[0])
-        if abs(middle - half - support) < _STANDING and middle + half > support:
-            noise = min(max(clearance, item.thickness), _CLEARANCE_SHARE * (middle + half - support))
-            return with_bottom(box, support + noise)
-    return box
+def _covered(cell_of_point: NDArray[np.int32], box: Box3D, cell: float) -> bool:
+    """Whether the cells of an object's points would cover enough of the largest face of its box."""
+    _, middle, longest = np.sort(box.size)
+    area = float(len(np.unique(cell_of_point)) * cell**2)
+    return area >= _COVERED * float(middle * longest)
 
 
 def _describe(cluster: Cluster, points: MapPoints) -> FoundObject:
@@ -142,6 +153,12 @@ def _describe(cluster: Cluster, points: MapPoints) -> FoundObject:
 
 
 def _plausible(box: Box3D, settings: FusionSettings) -> bool:
-    """Whether a box has an object's size: eps_min, as its cross-section, and eps_max in 3D, and the least volume."""
-    _, middle, longest = np.sort(box.size)
-    return bool(middle >= settings.size_min and longest <= settings.size_max and box.volume >= settings.volume_min)
+    """Whether a box has an object's size: eps_min, as its cross-section, and eps_max in 3D, and the least volume.
+
+    What is thinner than eps_p is a piece of a plane.
+    """
+    shortest, middle, longest = np.sort(box.size)
+    thick = shortest >= settings.plane_distance
+    return bool(
+        thick and middle >= settings.size_min and longest <= settings.size_max and box.volume >= settings.volume_min
+    )

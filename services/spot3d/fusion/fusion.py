@@ -15,6 +15,7 @@ from spot3d.fusion.planes import dominant_planes, on_plane, supporting_plane, tr
 from spot3d.fusion.selection import MapPoints, frequent_points
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.structure import KeyframePlane, PlaneMemory
+from spot3d.fusion.views import Views, borne_out
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +33,7 @@ class ObjectsTask:
 
     points: MapPoints
     planes: PlaneMemory
+    views: Views
     identities: Identities
     settings: FusionSettings
     frame_count: int
@@ -41,9 +43,11 @@ class ObjectsTask:
         # Column by column, which is several times faster than `mean(axis=0)`.
         middle = np.array([column.mean(dtype=np.float64) if len(column) else 0.0 for column in self.points.xyz.T])
         planes = self.planes.distinct(middle)
-        found = self.identities.assign(find_objects(self.points, planes, self.settings))
+        found = find_objects(self.points, planes, self.settings)
+        if self.settings.clustering == "surface":
+            found = [item for item in found if borne_out(item, self.views, self.frame_count, self.settings)]
         up = planes[0].plane[:3] if planes else np.array([0.0, 0.0, 1.0])
-        return Objects(found, up, self.frame_count)
+        return Objects(self.identities.assign(found), up, self.frame_count)
 
 
 class Fusion:
@@ -55,6 +59,7 @@ class Fusion:
         self.frame_count = 0
         self._index_map = IndexMap(settings)
         self._memory = PlaneMemory()
+        self._views = Views()
         self._identities = Identities()
         self._candidates = np.zeros((0, 4))
         self._supporting: NDArray[np.float64] | None = None
@@ -64,6 +69,7 @@ class Fusion:
         self.heatmap.clear()
         self._index_map.clear()
         self._memory.clear()
+        self._views = Views()
         self._identities = Identities()
         self._candidates, self._supporting, self.frame_count = np.zeros((0, 4)), None, 0
 
@@ -91,6 +97,8 @@ class Fusion:
                 warm = np.where(on_plane(plane, points, self.settings), np.uint8(0), frame.heat)
         elif self._supporting is None:
             self._keyframe(back_project(frame.depth, frame.camera), frame.heat, T_world_camera)
+        if self.frame_count % self.settings.keyframe_interval == 0:
+            self._views.add(T_world_camera, frame.camera)
         self.frame_count += 1
         return self._index_map.register(
             self.heatmap, self.frame_count, frame.colour, frame.depth, warm, frame.camera, T_world_camera
@@ -103,7 +111,12 @@ class Fusion:
     def snapshot(self) -> "ObjectsTask":
         """What finding the objects needs, copied: it may run beside the fusing of further frames."""
         return ObjectsTask(
-            self.frequent_points(), self._memory.copy(), self._identities, self.settings, self.frame_count
+            self.frequent_points(),
+            self._memory.copy(),
+            self._views.copy(),
+            self._identities,
+            self.settings,
+            self.frame_count,
         )
 
     def objects(self) -> Objects:

@@ -67,7 +67,7 @@ class FusionSettings(BaseModel):
     standing_clearance: float = Field(
         0.005,
         ge=0,
-        description="a box ends this far above its support, or as far as the support is thick, metres",
+        description="a box ends this far above its support, or as far as the support's noise reaches, metres",
     )
     seed: int = Field(0, ge=0, description="seed of RANSAC's choice of triples")
 

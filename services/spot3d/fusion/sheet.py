@@ -78,11 +78,15 @@ def fit_sheet(
 
 @dataclass(frozen=True, slots=True)
 class StructureSheet:
-    """A sheet that is no object: thickness: half, metres; cells: (n,) bool, the coarse cells that it takes in."""
+    """A sheet that is no object: thickness: half, metres.
+
+    cells: (n,) bool, the coarse cells that it takes in; near: (n,) bool, those beside its surface as well.
+    """
 
     sheet: Sheet
     thickness: float
     cells: NDArray[np.bool_]
+    near: NDArray[np.bool_]
 
 
 def find_sheets(coarse: Surface, planes: list[StructurePlane], settings: FusionSettings) -> list[StructureSheet]:
@@ -100,33 +104,51 @@ def find_sheets(coarse: Surface, planes: list[StructurePlane], settings: FusionS
             continue  # no denser there than anywhere: the plane is gone, or never was one
         thickness = float(np.clip(_SPREADS * sheet.spread, settings.plane_distance, 2 * settings.plane_distance))
         cells = np.abs(sheet.distance(coarse.centre)) < thickness + coarse.edge / 2
+        facing = cells & (coarse.normal @ sheet.plane[:3].astype(np.float32) > FACING)
         if not lasting:
-            facing = coarse.normal @ sheet.plane[:3].astype(np.float32) > FACING
-            cells = _reaching(coarse, pairs, cells & facing, settings.size_max)
+            facing = _reaching(coarse, pairs, facing, settings.size_max)
+        near = _with_neighbours(pairs, facing)
+        cells &= near if lasting else facing
         if cells.any():
-            sheets.append(StructureSheet(sheet, thickness, cells))
+            sheets.append(StructureSheet(sheet, thickness, cells, near))
     return sheets
 
 
 def on_sheets(surface: Surface, coarse_cell: NDArray[np.int32], sheets: list[StructureSheet]) -> NDArray[np.bool_]:
     """Which cells lie on a sheet: within its thickness, facing its way unless very near, where it reaches.
 
+    What goes down from its rim is the side of the board that it is the top of.
     coarse_cell: (n,) the coarse cell that holds each cell of the surface. Returns (n,) bool.
     """
     structure = np.zeros(len(surface.centre), np.bool_)
     for item in sheets:
         mark_sheet(
-            structure, surface.centre, surface.normal, coarse_cell, item.cells, item.thickness, *item.sheet.shape
+            structure,
+            surface.centre,
+            surface.normal,
+            coarse_cell,
+            item.cells,
+            item.near,
+            item.thickness,
+            *item.sheet.shape,
         )
     return structure
 
 
-def lying_flat(surface: Surface, levels: list[StructureSheet]) -> NDArray[np.bool_]:
+def lying_flat(surface: Surface, levels: list[Sheet]) -> NDArray[np.bool_]:
     """Cells of the tops of thin flat things: facing as a level sheet and a few centimetres above it. (n,) bool"""
     flat = np.zeros(len(surface.centre), np.bool_)
     for item in levels:
-        mark_flat(flat, surface.centre, surface.normal, *item.sheet.shape)
+        mark_flat(flat, surface.centre, surface.normal, *item.shape)
     return flat
+
+
+def _with_neighbours(pairs: NDArray[np.uint32], member: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The members and the cells near them. (n,) bool"""
+    near = member.copy()
+    near[pairs[member[pairs[:, 0]], 1]] = True
+    near[pairs[member[pairs[:, 1]], 0]] = True
+    return near
 
 
 def _reaching(

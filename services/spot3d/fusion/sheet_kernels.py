@@ -10,6 +10,8 @@ _FLAT_HEIGHT = 0.03
 """A thin flat thing (a book, a plate) is at most this high, metres."""
 _FLAT_FACING = 0.9
 """Cosine (26 degrees) within which the top of a flat thing faces as its support."""
+_BOARD = 0.04
+"""A table's or a shelf's board is at most this thick, metres."""
 _FITS = 6
 """Rounds of reweighting."""
 
@@ -88,7 +90,7 @@ def distances(
 
 
 @nb.njit(
-    "void(b1[:], f4[:,:], f4[:,:], i4[:], b1[:], f8, f8[:], f8[:,:], f8[:], f8[:])",
+    "void(b1[:], f4[:,:], f4[:,:], i4[:], b1[:], b1[:], f8, f8[:], f8[:,:], f8[:], f8[:])",
     cache=True,
     nogil=True,
 )
@@ -97,20 +99,23 @@ def mark_sheet(
     centre: NDArray[np.float32],
     normal: NDArray[np.float32],
     coarse_cell: NDArray[np.int32],
-    sheet_cells: NDArray[np.bool_],
+    on: NDArray[np.bool_],
+    near: NDArray[np.bool_],
     thickness: float,
     plane: NDArray[np.float64],
     axes: NDArray[np.float64],
     middle: NDArray[np.float64],
     warp: NDArray[np.float64],
 ) -> None:
-    """Mark the cells that lie on a sheet (see `on_sheets`)."""
+    """Mark the cells that lie on a sheet or on its board's edge (see `on_sheets`). on, near: coarse cells."""
     for i in range(len(structure)):
-        if structure[i] or not sheet_cells[coarse_cell[i]]:
+        coarse = coarse_cell[i]
+        if structure[i] or not (on[coarse] or near[coarse]):
             continue
-        off = abs(_height(centre[i], plane, axes, middle, warp))
+        height = _height(centre[i], plane, axes, middle, warp)
         facing = plane[0] * normal[i, 0] + plane[1] * normal[i, 1] + plane[2] * normal[i, 2]
-        structure[i] = off < thickness and (facing > FACING or off < thickness / 2)
+        flush = abs(height) < thickness and (facing > FACING or abs(height) < thickness / 2)
+        structure[i] = (on[coarse] and flush) or (near[coarse] and -_BOARD < height < 0)
 
 
 @nb.njit("void(b1[:], f4[:,:], f4[:,:], f8[:], f8[:,:], f8[:], f8[:])", cache=True, nogil=True)

@@ -1,0 +1,109 @@
+"""What boxes stand on: the level sheets, how noisy they are, and what they do to the boxes at them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.boxes import Box3D
+from spot3d.fusion.boxes import with_bottom
+from spot3d.fusion.selection import MapPoints
+from spot3d.fusion.settings import FusionSettings
+from spot3d.fusion.sheet import Sheet, StructureSheet
+from spot3d.fusion.sheet_kernels import FACING
+from spot3d.fusion.surface import Surface
+
+_STANDING = 0.04
+"""An object whose lowest points are this near to a level sheet stands on it: a board is as thick at most, metres."""
+_CLEARANCE_SHARE = 0.15
+"""The clearance never takes more than this share of an object's height."""
+_LEVEL = 0.95
+"""Cosine to the up direction (18 degrees) from which a sheet is level."""
+_SAMPLE = 20_000
+"""About as many points tell how noisy a sheet is."""
+_CROSSED = 0.05
+"""A support that covers this share of a box's footprint, inside the box, runs through it."""
+_RIM = 1.5
+"""A coarse cell within this many edges of one of a support's touches it."""
+_RIM_SHARE = 0.5
+"""A thing that touches a support with this share of its cells is the support's own rim."""
+
+
+@dataclass(frozen=True, slots=True)
+class Support:
+    """A level sheet, and how far above it its own points reach: the clearance, metres.
+
+    cells: (n,) coarse cells of its upper side; centre: (n, 3) float32 metres; edge: of a cell, metres.
+    """
+
+    sheet: Sheet
+    clearance: float
+    cells: NDArray[np.int64]
+    centre: NDArray[np.float32]
+    edge: float
+
+    def below(self, box: Box3D) -> float:
+        """Height of the support under (or over) the box's middle, along the box's third axis."""
+        up = box.rotation[:, 2]
+        return float(up @ box.centre) - float(self.sheet.distance(box.centre[None].astype(np.float32))[0])
+
+
+def find_supports(
+    points: MapPoints, coarse: Surface, sheets: list[StructureSheet], up: NDArray[np.float64], settings: FusionSettings
+) -> list[Support]:
+    """The level ones among the sheets. points, coarse: all of the map, and its coarse cells."""
+    supports = []
+    for item in sheets:
+        normal = item.sheet.plane[:3].astype(np.float32)
+        if item.sheet.plane[:3] @ up <= _LEVEL:
+            continue
+        rows = np.flatnonzero(item.cells[coarse.cell_of_point])
+        rows = rows[:: max(1, len(rows) // _SAMPLE)]
+        rows = rows[points.normal[rows] @ normal > FACING]
+        distance = item.sheet.distance(points.xyz[rows])
+        noise = 1.4826 * float(np.median(np.abs(distance - np.median(distance)))) if len(rows) else 0.0
+        clearance = max(settings.standing_clearance, item.thickness, settings.noise_gate * noise)
+        cells = np.flatnonzero(item.cells & (coarse.normal @ normal > FACING))
+        supports.append(Support(item.sheet, clearance, cells, coarse.centre[cells], coarse.edge))
+    return supports
+
+
+def standing(box: Box3D, supports: list[Support]) -> Box3D:
+    """The box with its bottom on the support next to it, if there is one, but for the support's noise."""
+    up = box.rotation[:, 2]
+    middle, half = float(up @ box.centre), float(box.size[2]) / 2
+    for item in supports:
+        height = item.below(box)
+        if abs(middle - half - height) < _STANDING and middle + half > height:
+            return with_bottom(box, height + min(item.clearance, _CLEARANCE_SHARE * (middle + half - height)))
+    return box
+
+
+def crossed_by(box: Box3D, own: NDArray[np.int32], supports: list[Support]) -> Support | None:
+    """The support whose upper side runs through a box, if any does: no upright box holds the object alone then.
+
+    own: coarse cells of the object's points, which are not the support's.
+    """
+    for item in supports:
+        cells = item.centre[~np.isin(item.cells, own)]
+        inside = (np.abs((cells - box.centre) @ box.rotation) < box.size / 2).all(axis=1)
+        height = item.below(box) - float(box.rotation[:, 2] @ box.centre)
+        through = abs(height) < float(box.size[2]) / 2 - item.clearance
+        if through and np.count_nonzero(inside) * item.edge**2 > _CROSSED * float(box.size[0] * box.size[1]):
+            return item
+    return None
+
+
+def is_rim(box: Box3D, own: NDArray[np.float32], supports: list[Support]) -> bool:
+    """Whether a thing is a support's own front: it begins at the support's level, goes down, and keeps to its rim.
+
+    own: (n, 3) float32 centres of the coarse cells of the thing's points.
+    """
+    top = float(box.rotation[:, 2] @ box.centre) + float(box.size[2]) / 2
+    for item in supports:
+        if not -_STANDING < top - item.below(box) < item.clearance:
+            continue
+        gap = ((own[:, None] - item.centre[None]) ** 2).sum(axis=2).min(axis=1, initial=np.inf)
+        if np.mean(gap < (_RIM * item.edge) ** 2) > _RIM_SHARE:
+            return True
+    return False

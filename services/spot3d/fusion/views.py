@@ -1,0 +1,64 @@
+"""From where the scene was looked at, and what could be seen from there."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics, invert
+from spot3d.fusion.identity import FoundObject
+from spot3d.fusion.settings import FusionSettings
+from spot3d.sensor import axial_noise
+
+_REMEMBERED = 1000
+"""Most views kept; beyond, every second one goes, and only every second one more is taken in."""
+_SEEN_SHARE = 0.1
+"""An object is there in at least this share of the frames that look its way, whatever hides it now and then."""
+_BAND = 6.0
+"""Noise spreads a surface over three standard deviations each way: what is no wider may be noise alone."""
+
+
+class Views:
+    """Poses of evenly spread frames."""
+
+    def __init__(self) -> None:
+        self._T_camera_world: list[NDArray[np.float64]] = []
+        self._pinhole: list[tuple[float, float, float, float, int, int]] = []
+        self._offered, self._step = 0, 1
+
+    def add(self, T_world_camera: NDArray[np.float64], camera: Intrinsics) -> None:
+        """Remember one frame's pose."""
+        if self._offered % self._step == 0:
+            self._T_camera_world.append(invert(T_world_camera))
+            self._pinhole.append((camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height))
+        self._offered += 1
+        if len(self._pinhole) > _REMEMBERED:
+            self._T_camera_world, self._pinhole = self._T_camera_world[::2], self._pinhole[::2]
+            self._step *= 2
+
+    def copy(self) -> "Views":
+        """Views of its own with the same poses."""
+        other = Views()
+        other._T_camera_world, other._pinhole = list(self._T_camera_world), list(self._pinhole)
+        other._offered, other._step = self._offered, self._step
+        return other
+
+    def looking_at(self, point: NDArray[np.float64], range_max: float) -> tuple[float, float]:
+        """Share of the views that have a world point in the picture and in range, and its median depth there.
+
+        Where none has, the depth is `range_max`, metres.
+        """
+        if not self._pinhole:
+            return 0.0, range_max
+        T = np.array(self._T_camera_world)
+        fx, fy, cx, cy, width, height = np.array(self._pinhole).T
+        x, y, z = (T[:, :3, :3] @ point + T[:, :3, 3]).T
+        ahead = np.where((z > 0) & (z <= range_max), z, np.inf)
+        u, v = fx * x / ahead + cx, fy * y / ahead + cy
+        seen = np.isfinite(ahead) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
+        return float(np.mean(seen)), float(np.median(z[seen])) if seen.any() else range_max
+
+
+def borne_out(found: FoundObject, views: Views, frame_count: int, settings: FusionSettings) -> bool:
+    """Whether an object was seen often, of how often it could have been, and is wider than the noise at its range."""
+    share, depth = views.looking_at(found.box.centre, settings.range_max)
+    width = float(np.sort(found.box.size)[1])
+    return found.views >= _SEEN_SHARE * share * frame_count and width >= _BAND * axial_noise(depth)

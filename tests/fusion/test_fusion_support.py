@@ -1,0 +1,74 @@
+"""What level sheets do to the boxes at them."""
+
+import numpy as np
+import pytest
+from fusion_room import STAGE, TABLE_PLANE, Cuboid, sampled
+
+from spot3d.boxes import Box3D
+from spot3d.fusion.selection import MapPoints
+from spot3d.fusion.settings import FusionSettings
+from spot3d.fusion.sheet import find_sheets
+from spot3d.fusion.support import Support, crossed_by, find_supports, is_rim, standing
+from spot3d.fusion.surface import gather_cells
+
+SETTINGS = FusionSettings()
+UP = np.array([0.0, 0.0, 1.0])
+NOBODY = np.zeros(0, np.int32)
+
+
+def table(noise: float = 0.0) -> list[Support]:
+    """The supports of a room whose points are `noise` metres (standard deviation) off their surfaces."""
+    points = sampled(STAGE)
+    z = points.xyz + np.random.default_rng(0).normal(0, 1, (len(points), 1)) * points.normal * noise
+    noisy = MapPoints(z.astype(np.float32), points.normal, points.colour, points.heat, points.frequency)
+    coarse = gather_cells(noisy.xyz, noisy.normal, noisy.heat, 0.03)
+    return find_supports(noisy, coarse, find_sheets(coarse, [TABLE_PLANE], SETTINGS), UP, SETTINGS)
+
+
+def upright(x: float, bottom: float, size: tuple[float, float, float]) -> Box3D:
+    return Cuboid((x, 0.0, bottom + size[2] / 2), size).box()
+
+
+@pytest.mark.parametrize(("noise", "clearance"), [(0.0, 0.005), (0.004, 0.012)])
+def test_a_box_ends_above_the_noise_of_its_support(noise: float, clearance: float) -> None:
+    box = standing(upright(0.0, 0.02, (0.1, 0.1, 0.2)), table(noise))
+    assert box.centre[2] - box.size[2] / 2 == pytest.approx(clearance, abs=0.002)
+    assert box.centre[2] + box.size[2] / 2 == pytest.approx(0.22, abs=1e-9)
+
+
+def test_a_flat_thing_keeps_most_of_its_height() -> None:
+    box = standing(upright(0.0, 0.01, (0.1, 0.1, 0.01)), table(noise=0.004))
+    assert box.size[2] == pytest.approx(0.85 * 0.02, abs=0.001)
+
+
+def test_what_hangs_above_or_below_a_support_keeps_its_box() -> None:
+    for bottom in (0.1, -0.4):
+        box = upright(0.0, bottom, (0.1, 0.1, 0.2))
+        assert standing(box, table()) is box
+
+
+@pytest.mark.parametrize(
+    ("name", "box", "crossed"),
+    [
+        ("through the table", upright(0.0, -0.3, (0.4, 0.4, 0.6)), True),
+        ("on it", upright(0.0, 0.0, (0.4, 0.4, 0.6)), False),
+        ("below it", upright(0.0, -0.7, (0.4, 0.4, 0.6)), False),
+        ("beside it", upright(1.0, -0.3, (0.4, 0.4, 0.6)), False),
+    ],
+)
+def test_a_support_runs_through_a_box(name: str, box: Box3D, crossed: bool) -> None:
+    assert (crossed_by(box, NOBODY, table()) is not None) == crossed, name
+
+
+def test_cells_of_the_object_itself_are_no_support() -> None:
+    (support,) = table()
+    assert crossed_by(upright(0.0, -0.3, (0.4, 0.4, 0.6)), support.cells.astype(np.int32), [support]) is None
+
+
+@pytest.mark.parametrize(("name", "bottom", "rim"), [("its own front", -0.03, True), ("a drawer", -0.3, False)])
+def test_the_front_of_a_board_is_its_own(name: str, bottom: float, rim: bool) -> None:
+    """The table ends at y = -0.6."""
+    z = np.arange(bottom + 0.015, 0.0, 0.03)
+    own = np.stack(np.meshgrid(np.arange(-0.3, 0.3, 0.03), [-0.6], z), -1).reshape(-1, 3).astype(np.float32)
+    box = Cuboid((0.0, -0.6, bottom / 2), (0.6, 0.02, -bottom)).box()
+    assert is_rim(box, own, table()) == rim, name
