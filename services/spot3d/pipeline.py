@@ -76,7 +76,7 @@ def run_pipeline(
             continue
         depth, camera = frame.depth_metres(), frame.intrinsics
         with _timed(result.step_s, "pose", clock):
-            pose = tracker.track(frame.stamp_ns, depth, camera, frame.T_world_camera)
+            pose = tracker.track(frame.stamp_ns, depth, camera, frame.T_world_camera, frame.colour)
         with _timed(result.step_s, "proposals", clock):
             boxes = propose(frame.colour, depth, camera, settings.proposals)
         with _timed(result.step_s, "heatmap", clock):

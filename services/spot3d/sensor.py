@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 # metres at SIGMA_AT metres, and metres per square metre beyond.
 SIGMA_0, SIGMA_2, SIGMA_AT = 0.0012, 0.0019, 0.4
 
-Metres = TypeVar("Metres", float, NDArray[np.float32])
+Metres = TypeVar("Metres", float, NDArray[np.float32], NDArray[np.float64])
 
 
 def axial_noise(z: Metres) -> Metres:

@@ -14,7 +14,7 @@ from spot3d.pose.motion import (
     vector_from_rotation,
 )
 from spot3d.pose.settings import PoseSettings
-from spot3d.pose.surface import sample_surface, weakest_direction
+from spot3d.pose.surface import information, sample_surface, weakest_direction
 from spot3d.pose.surfel_map import SurfelMap
 from spot3d.sensor import axial_noise
 
@@ -73,8 +73,8 @@ def test_a_plane_leaves_directions_free_and_a_corner_does_not() -> None:
     corner = np.minimum(wall, plane_depth(np.array([0.8, 0.0, 0.6]), 0.9))
     positive = plane_depth(np.array([0.0, 0.8, 0.6]), 1.0)
     corner = np.minimum(corner, np.where(positive > 0, positive, np.inf)).astype(np.float32)
-    assert weakest_direction(sample_surface(wall, CAMERA, SETTINGS)) > SETTINGS.weakness_max
-    assert weakest_direction(sample_surface(corner, CAMERA, SETTINGS)) < SETTINGS.weakness_max
+    assert weakest_direction(information(sample_surface(wall, CAMERA, SETTINGS))) > SETTINGS.weakness_max
+    assert weakest_direction(information(sample_surface(corner, CAMERA, SETTINGS))) < SETTINGS.weakness_max
 
 
 def test_normal_equations_point_to_the_plane() -> None:

@@ -44,7 +44,7 @@ def _pose_row(
     for index, frame in enumerate(material.frames):
         depth = material.depth[index]
         with ours:
-            estimate = tracker.track(frame.stamp_ns, depth, frame.intrinsics, None)
+            estimate = tracker.track(frame.stamp_ns, depth, frame.intrinsics, None, frame.colour)
         with theirs:
             plain.register_frame(_every_second(depth, material), np.empty(0))
         with copy:

@@ -71,7 +71,7 @@ def _pose_cells(item: LabelledSequence, settings: PoseSettings) -> tuple[Cell, .
         frame = item.sequence[index]
         depth = frame.depth_metres()
         start = time.perf_counter()
-        pose = tracker.track(frame.stamp_ns, depth, frame.intrinsics, None)
+        pose = tracker.track(frame.stamp_ns, depth, frame.intrinsics, None, frame.colour)
         times.append(time.perf_counter() - start)
         if pose.status == "ok" and frame.T_world_camera is not None:
             true.append(frame.T_world_camera)

@@ -31,6 +31,10 @@ class PoseTracker(Protocol):
         depth_m: NDArray[np.float32],
         intrinsics: Intrinsics,
         given_T_world_camera: NDArray[np.float64] | None,
+        colour: NDArray[np.uint8] | None = None,
     ) -> PoseEstimate:
-        """Pose of the frame taken at `stamp_ns`; depth (h, w) float32 metres, 0 = invalid."""
+        """Pose of the frame taken at `stamp_ns`.
+
+        depth_m: (h, w) float32 metres, 0 = invalid; colour: (h, w, 3) uint8 RGB, registered with depth.
+        """
         ...

@@ -20,6 +20,7 @@ class GivenPoses:
         depth_m: NDArray[np.float32],
         intrinsics: Intrinsics,
         given_T_world_camera: NDArray[np.float64] | None,
+        colour: NDArray[np.uint8] | None = None,
     ) -> PoseEstimate:
         """The given pose with its rotation made exact, or the last good one with status "lost"."""
         if given_T_world_camera is None:

@@ -1,5 +1,7 @@
 """Small rigid-body algebra: twists, extrapolation."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,12 +11,11 @@ from spot3d.trajectory import rotation_angle
 
 def rotation_from_vector(vector: NDArray[np.float64]) -> NDArray[np.float64]:
     """(3, 3) rotation of a rotation vector, radians (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
+    angle = math.sqrt(float(vector @ vector))
     x, y, z = vector
     skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    # np.sinc is sin(pi t) / (pi t): no division by a vanishing angle.
-    sine = float(np.sinc(angle / np.pi))
-    versine = 0.5 * float(np.sinc(angle / (2 * np.pi))) ** 2
+    sine = math.sin(angle) / angle if angle > 0 else 1.0
+    versine = 0.5 * (2 * math.sin(angle / 2) / angle) ** 2 if angle > 0 else 0.5
     return np.asarray(np.eye(3) + sine * skew + versine * (skew @ skew))
 
 

@@ -90,7 +90,9 @@ def _serve(
 def _track(node: Node, tracker: PoseTracker, frame: RgbdFrame, last: PoseEstimate) -> PoseEstimate:
     start_s = time.perf_counter()
     try:
-        estimate = tracker.track(frame.stamp_ns, frame.depth_metres(), frame.intrinsics, frame.T_world_camera)
+        estimate = tracker.track(
+            frame.stamp_ns, frame.depth_metres(), frame.intrinsics, frame.T_world_camera, frame.colour
+        )
     except Exception as error:
         text = f"{type(error).__name__}: {error}"
         node.failed(f"pose {type(error).__name__}", f"no pose of the frame at {frame.stamp_ns} ns: {text}")

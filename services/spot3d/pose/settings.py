@@ -51,6 +51,10 @@ class PoseSettings(BaseModel):
         4.5, gt=0, description="scale of the robust kernel, in standard deviations of the depth noise"
     )
 
+    landmarks: bool = Field(True, description="kiss, gicp: correct the odometry's drift by visual landmarks")
+    features: int = Field(500, ge=50, le=5000, description="image features looked for in a frame")
+    landmark_limit: int = Field(20_000, ge=1000, le=500_000, description="most landmarks; those known last stay")
+
     gicp_downsampling: float = Field(0.03, gt=0.005, le=1, description="gicp: voxel of the source points, metres")
     gicp_voxel: float = Field(0.08, gt=0.01, le=2, description="gicp: voxel of the map of Gaussians, metres")
     gicp_distance: float = Field(0.10, gt=0.01, description="gicp: largest correspondence distance, metres")

@@ -53,16 +53,23 @@ def sample_surface(depth_m: NDArray[np.float32], camera: Intrinsics, settings: P
     return Surface(points[:count], normals[:count], sigma[:count])
 
 
-def weakest_direction(surface: Surface) -> float:
-    """Standard deviation of the pose in the direction that these points hold least, metres or radians.
+def information(surface: Surface) -> NDArray[np.float64]:
+    """Information (6, 6) on the pose that a point-to-plane registration of these points has, 1/m2 and 1/rad2.
 
-    Of a point-to-plane registration whose points had independent noise `sigma`; infinite where a direction
-    is free, as in front of a bare wall.
+    For a shift and a turn about the camera in its own axes, if the points had independent noise `sigma`.
     """
     # A share of the points tells the same, and is quick.
     points, normals = (array[::_SHARE].astype(np.float64) for array in (surface.points, surface.normals))
     J = np.hstack((normals, np.cross(points, normals))) / surface.sigma[::_SHARE, None]
-    least = float(np.linalg.eigvalsh(_SHARE * (J.T @ J))[0])
+    return np.asarray(_SHARE * (J.T @ J))
+
+
+def weakest_direction(information: NDArray[np.float64]) -> float:
+    """Standard deviation of the pose in the direction that its information holds least, metres or radians.
+
+    Infinite where a direction is free, as in front of a bare wall.
+    """
+    least = float(np.linalg.eigvalsh(information)[0])
     return float("inf") if least <= 0 else least**-0.5
 
 

@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, invert
+from spot3d.pose.drift import DriftCorrection
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.motion import checked_pose, extrapolated, rotation_from_vector
 from spot3d.pose.registration import Registrar, Registration
 from spot3d.pose.settings import PoseSettings
-from spot3d.pose.surface import Surface, sample_surface, weakest_direction
+from spot3d.pose.surface import Surface, information, sample_surface, weakest_direction
 from spot3d.trajectory import rotation_angle
 
 # Turns of the camera, in degrees about its x and y axes, that are tried from the last good pose while lost.
@@ -48,6 +49,17 @@ def implausible(
 
 
 @dataclass(frozen=True, slots=True)
+class _View:
+    """What one frame shows. information: (6, 6), which its surface has on the pose, in the camera's axes."""
+
+    colour: NDArray[np.uint8] | None
+    depth_m: NDArray[np.float32]
+    camera: Intrinsics
+    surface: Surface
+    information: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
 class _Fix:
     """A trusted pose and its stamp."""
 
@@ -64,6 +76,7 @@ class MapTracker:
         self._last: _Fix | None = None
         self._before: _Fix | None = None
         self._lost_frames = 0
+        self._drift = DriftCorrection(settings) if settings.landmarks else None
 
     def track(
         self,
@@ -71,8 +84,9 @@ class MapTracker:
         depth_m: NDArray[np.float32],
         intrinsics: Intrinsics,
         given_T_world_camera: NDArray[np.float64] | None,
+        colour: NDArray[np.uint8] | None = None,
     ) -> PoseEstimate:
-        """Pose of the frame; depth (h, w) float32 metres, 0 = invalid.
+        """Pose of the frame; depth (h, w) float32 metres, 0 = invalid; colour (h, w, 3) uint8 RGB, if there is.
 
         The first frame with enough surface starts the map; the world is anchored at its given pose, or at
         identity without a valid one. Later given poses are not used. ValueError: depth of another size than
@@ -84,32 +98,34 @@ class MapTracker:
             return self._lose(
                 f"too few points: {len(surface)} on smooth surfaces, {self._settings.points_min} are needed"
             )
-        if weakest_direction(surface) > self._settings.weakness_max:
+        held = information(surface)
+        if weakest_direction(held) > self._settings.weakness_max:
             return self._lose("the view does not hold the pose in every direction")
+        view = _View(colour, depth_m, intrinsics, surface, held)
         if last is None:
             anchor = checked_pose(given_T_world_camera)
-            return self._accept(stamp_ns, surface, np.eye(4) if anchor is None else anchor)
+            return self._accept(stamp_ns, view, np.eye(4) if anchor is None else anchor)
         if stamp_ns <= last.stamp_ns:
             return self._lose(f"stamp {stamp_ns} does not follow {last.stamp_ns}")
         if self._lost_frames:
-            return self._find_again(last, stamp_ns, surface)
-        return self._follow(last, stamp_ns, surface)
+            return self._find_again(last, stamp_ns, view)
+        return self._follow(last, stamp_ns, view)
 
-    def _follow(self, last: _Fix, stamp_ns: int, surface: Surface) -> PoseEstimate:
-        registration = self._registrar.register(surface, self._predicted(last, stamp_ns), False)
+    def _follow(self, last: _Fix, stamp_ns: int, view: _View) -> PoseEstimate:
+        registration = self._registrar.register(view.surface, self._predicted(last, stamp_ns), False)
         doubt = self._doubt(registration, last, stamp_ns, self._settings.overlap_min)
         if not doubt:
-            return self._accept(stamp_ns, surface, registration.T_world_camera)
+            return self._accept(stamp_ns, view, registration.T_world_camera)
         # Frames were dropped or the motion was fast: once more, from afar, before giving up.
-        found = self._find_again(last, stamp_ns, surface)
+        found = self._find_again(last, stamp_ns, view)
         return found if found.status == "ok" else PoseEstimate(found.T_world_camera, "lost", doubt)
 
-    def _find_again(self, last: _Fix, stamp_ns: int, surface: Surface) -> PoseEstimate:
+    def _find_again(self, last: _Fix, stamp_ns: int, view: _View) -> PoseEstimate:
         """Register from several starting poses; the best is trusted if no other place fits nearly as well."""
         if self._lost_frames > _PATIENCE and self._lost_frames % _SEARCH_INTERVAL:
             return self._lose(f"lost for {self._lost_frames} frames, searched for in every fifth")
         settings = self._settings
-        tried = [self._registrar.register(surface, guess, True) for guess in self._guesses(last, stamp_ns)]
+        tried = [self._registrar.register(view.surface, guess, True) for guess in self._guesses(last, stamp_ns)]
         best = max(tried, key=lambda registration: registration.overlap)
         doubt = self._doubt(best, last, stamp_ns, settings.recovery_overlap_min)
         if doubt:
@@ -117,7 +133,7 @@ class MapTracker:
         rivals = (other for other in tried if other.overlap > best.overlap - settings.recovery_margin)
         if any(_elsewhere(best, rival) for rival in rivals):
             return self._lose("not found again: the view fits the map in two places")
-        return self._accept(stamp_ns, surface, best.T_world_camera)
+        return self._accept(stamp_ns, view, best.T_world_camera)
 
     def _guesses(self, last: _Fix, stamp_ns: int) -> list[NDArray[np.float64]]:
         """Starting poses for a frame that is searched for, the likeliest first."""
@@ -142,13 +158,24 @@ class MapTracker:
         elapsed = (stamp_ns - last.stamp_ns) * 1e-9
         return implausible(registration, last.T_world_camera, elapsed, overlap_min, self._settings)
 
-    def _accept(self, stamp_ns: int, surface: Surface, pose: NDArray[np.float64]) -> PoseEstimate:
-        self._registrar.insert(surface, pose)
+    def _accept(self, stamp_ns: int, view: _View, pose: NDArray[np.float64]) -> PoseEstimate:
+        pose = self._corrected(stamp_ns, view, pose)
+        self._registrar.insert(view.surface, pose)
         # After a loss the old velocity says nothing.
         self._before = None if self._lost_frames else self._last
         self._last = _Fix(pose, stamp_ns)
         self._lost_frames = 0
         return PoseEstimate(pose, "ok")
+
+    def _corrected(self, stamp_ns: int, view: _View, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The registered pose without the drift that landmarks tell of."""
+        if self._drift is None or view.colour is None:
+            return pose
+        if self._lost_frames:
+            self._drift.restart()
+        elapsed = 0.0 if self._last is None else (stamp_ns - self._last.stamp_ns) * 1e-9
+        features = self._drift.detect(view.colour, view.depth_m, view.camera)
+        return self._drift.correct(features, view.camera, pose, view.information, elapsed)
 
     def _lose(self, reason: str) -> PoseEstimate:
         self._lost_frames += 1

@@ -1,0 +1,175 @@
+"""Correction of the odometry's drift by visual landmarks.
+
+Registration by depth alone slides along what is flat, and a depth camera's own distortion moves with it, which makes
+sideways motion seem too short. Image features know where they were. Their images are taken up to a frame apart from
+the depth images, so that each single frame is better placed by depth: the landmarks' correction is smoothed over time.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.pose.features import FeatureDetector, Features
+from spot3d.pose.landmark_map import LandmarkMap
+from spot3d.pose.motion import moved, nearest_rotation
+from spot3d.pose.settings import PoseSettings
+from spot3d.sensor import axial_noise
+
+# The correction follows the landmarks within about this time: a frame or two, by which colour and depth are apart.
+_SETTLING_S = 0.02
+# A pose by fewer landmarks than this is chance.
+_MATCHES_MIN = 12
+# The depth registration's information counts by this share against the landmarks': its points' errors are not
+# independent, but alike over large parts of the image.
+_DEPTH_SHARE = 0.03
+# A feature is found to about a pixel, and the map's depth is good to this beyond the noise, metres.
+_PIXEL, _MAP_NOISE = 1.0, 0.002
+# Corrections beyond this (metres, radians) are no drift: the landmarks are mistaken.
+_DRIFT_MAX = 0.1
+_STEPS, _STEP_MIN = 8, 1e-4
+# The ridge (1/m2, 1/rad2) only keeps an unconstrained direction where it is.
+_RIDGE = 1e3
+# Scale of the robust kernel, in standard deviations, and the weight above which a match fits the pose.
+_KERNEL, _FITS = 2.0, 0.3
+
+
+class DriftCorrection:
+    """Moves registered poses to where the landmarks say, smoothly."""
+
+    def __init__(self, settings: PoseSettings) -> None:
+        self.map = LandmarkMap(settings.landmark_limit)
+        self._detector = FeatureDetector(settings.features, settings.range_max)
+        self._correction = np.zeros(6)
+
+    def detect(self, colour: NDArray[np.uint8], depth_m: NDArray[np.float32], camera: Intrinsics) -> Features:
+        """Features of a frame: colour (h, w, 3) uint8 RGB registered with depth (h, w) float32 metres."""
+        return self._detector.detect(colour, depth_m, camera)
+
+    def correct(
+        self,
+        features: Features,
+        camera: Intrinsics,
+        T_world_registered: NDArray[np.float64],
+        information: NDArray[np.float64],
+        elapsed: float,
+    ) -> NDArray[np.float64]:
+        """The corrected pose (4, 4) of a registered frame, which enters the map of landmarks.
+
+        information: (6, 6) of the registration, 1/m2 and 1/rad2, for a shift and a turn about the camera in its own
+        axes; elapsed: seconds since the last corrected frame.
+        """
+        matches = self.map.match(features, camera, T_world_registered)
+        matched = np.flatnonzero(matches.landmark >= 0)
+        agreement = _Agreement(
+            features.points[matched],
+            features.blur[matched],
+            self.map.rows["position"][matches.landmark[matched]],
+            _PIXEL * 2 / (camera.fx + camera.fy),
+        )
+        if len(matched) >= _MATCHES_MIN:
+            turn = np.kron(np.eye(2), T_world_registered[:3, :3])
+            twist = agreement.twist(T_world_registered, _DEPTH_SHARE * turn @ information @ turn.T)
+            fits = np.count_nonzero(agreement.weights(moved(T_world_registered, twist)) > _FITS)
+            if fits >= _MATCHES_MIN and np.abs(twist).max() < _DRIFT_MAX:
+                self._correction += (1 - np.exp(-elapsed / _SETTLING_S)) * (twist - self._correction)
+        pose = moved(T_world_registered, self._correction)
+        pose[:3, :3] = nearest_rotation(pose[:3, :3])
+        trusted = np.zeros(len(features), np.bool_)
+        trusted[matched] = agreement.weights(pose) > _FITS
+        self.map.insert(features, matches, trusted, pose)
+        return pose
+
+    def restart(self) -> None:
+        """Forget the correction, not the landmarks: a pose that was found again is the map's own."""
+        self._correction = np.zeros(6)
+
+
+@dataclass(frozen=True, slots=True)
+class _Agreement:
+    """How matched features agree with their landmarks.
+
+    points: (n, 3) float64 metres, camera frame; blur: (n,) pixels; landmarks: (n, 3) metres, world;
+    pixel: radians that a pixel is wide.
+    """
+
+    points: NDArray[np.float64]
+    blur: NDArray[np.float64]
+    landmarks: NDArray[np.float64]
+    pixel: float
+
+    def twist(self, T_world_camera: NDArray[np.float64], prior: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The motion (6,) from a pose to where the landmarks are met best; prior: (6, 6) information of the pose."""
+        twist = np.zeros(6)
+        for _ in range(_STEPS):
+            H, g, _ = self._equations(moved(T_world_camera, twist))
+            step = np.linalg.solve(H + prior + _RIDGE * np.eye(6), g - prior @ twist)
+            twist += step
+            if np.abs(step).max() < _STEP_MIN:
+                break
+        return twist
+
+    def weights(self, T_world_camera: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) robust weight of each match at a pose, 0..1."""
+        return self._equations(T_world_camera)[2]
+
+    def _equations(
+        self, T_world_camera: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        H, g, weights = np.zeros((6, 6)), np.zeros(6), np.zeros(len(self.points))
+        lateral = self.pixel * self.blur * self.points[:, 2]
+        axial = axial_noise(self.points[:, 2]) + _MAP_NOISE
+        _normal_equations(
+            np.ascontiguousarray(T_world_camera), self.points, self.landmarks, lateral, axial, H, g, weights
+        )
+        return H, g, weights
+
+
+@njit(cache=True, nogil=True)
+def _normal_equations(
+    T: NDArray[np.float64],
+    points: NDArray[np.float64],
+    landmarks: NDArray[np.float64],
+    lateral: NDArray[np.float64],
+    axial: NDArray[np.float64],
+    H: NDArray[np.float64],
+    g: NDArray[np.float64],
+    weights: NDArray[np.float64],
+) -> None:
+    """Sum H and g of H x = g for the twist x that brings points to their landmarks; Geman-McClure weights.
+
+    The error of a point is `axial` (standard deviation, metres) along its ray and `lateral` across it.
+    """
+    J = np.zeros((3, 6))
+    J[0, 0] = J[1, 1] = J[2, 2] = 1.0
+    ray, r, lever = np.empty(3), np.empty(3), np.empty(3)
+    MJ = np.empty((3, 6))
+    for i in range(len(points)):
+        length = 0.0
+        for a in range(3):
+            lever[a] = T[a, 0] * points[i, 0] + T[a, 1] * points[i, 1] + T[a, 2] * points[i, 2]
+            r[a] = lever[a] + T[a, 3] - landmarks[i, a]
+            length += lever[a] * lever[a]
+        along = 0.0
+        for a in range(3):
+            ray[a] = lever[a] / np.sqrt(length)
+            along += r[a] * ray[a]
+        across = r[0] * r[0] + r[1] * r[1] + r[2] * r[2] - along * along
+        wide, deep = 1 / lateral[i] ** 2, 1 / axial[i] ** 2
+        # Across there are two directions: half the square is one's.
+        robust = 1 / (1 + (across * wide / 2 + along * along * deep) / _KERNEL**2)
+        weights[i] = robust * robust
+        J[0, 4], J[0, 5] = lever[2], -lever[1]
+        J[1, 3], J[1, 5] = -lever[2], lever[0]
+        J[2, 3], J[2, 4] = lever[1], -lever[0]
+        for b in range(6):
+            on_ray = (deep - wide) * (ray[0] * J[0, b] + ray[1] * J[1, b] + ray[2] * J[2, b])
+            for a in range(3):
+                MJ[a, b] = weights[i] * (wide * J[a, b] + on_ray * ray[a])
+        for b in range(6):
+            for a in range(3):
+                g[b] -= MJ[a, b] * r[a]
+            for c in range(6):
+                H[b, c] += J[0, c] * MJ[0, b] + J[1, c] * MJ[1, b] + J[2, c] * MJ[2, b]

@@ -1,0 +1,77 @@
+"""Image features with depth: corners that can be known again, and where they lie."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+
+# ORB's pyramid: features are known again from half to twice the distance.
+_LEVELS, _SCALE = 4, 1.4
+_CORNER = 15
+# A feature's neighbours at this distance (pixels) must lie on the same surface: no depth is known at an edge.
+_AROUND = 3
+# They may differ by a slope and by the noise, which grows with the square of the range: metres, 1/m.
+_STEP, _STEP_GROWTH = 0.01, 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """Features of one frame, all with depth.
+
+    pixels: (n, 2) float64, u and v inside the image; points: (n, 3) float64 metres in the camera frame;
+    descriptors: (n, 4) uint64, ORB's 256 bits; blur: (n,) float64, standard deviation of the pixel's coordinates.
+    """
+
+    pixels: NDArray[np.float64]
+    points: NDArray[np.float64]
+    descriptors: NDArray[np.uint64]
+    blur: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+
+class FeatureDetector:
+    """ORB (Rublee et al. 2011) on the grey image; features at depth edges or out of range are left out."""
+
+    def __init__(self, count: int, range_max: float) -> None:
+        self._orb = cv2.ORB.create(
+            nfeatures=count, scaleFactor=_SCALE, nlevels=_LEVELS, scoreType=cv2.ORB_FAST_SCORE, fastThreshold=_CORNER
+        )
+        self._range_max = range_max
+
+    def detect(self, colour: NDArray[np.uint8], depth_m: NDArray[np.float32], camera: Intrinsics) -> Features:
+        """Features of a frame: colour (h, w, 3) uint8 RGB, registered with depth (h, w) float32 metres, 0 = invalid."""
+        keypoints, found = self._orb.detectAndCompute(cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY), None)
+        pixels = np.asarray(cv2.KeyPoint.convert(keypoints), np.float64).reshape(-1, 2)
+        blur = _SCALE ** np.array([point.octave for point in keypoints], np.float64)
+        z = _depth_at(np.ascontiguousarray(depth_m, np.float32), pixels, self._range_max)
+        seen = z > 0
+        pixels, blur, z = pixels[seen], blur[seen], z[seen]
+        x, y = (pixels[:, 0] - camera.cx) / camera.fx * z, (pixels[:, 1] - camera.cy) / camera.fy * z
+        descriptors = np.zeros((0, 4), np.uint64) if found is None else np.asarray(found[seen]).view(np.uint64)
+        return Features(pixels, np.stack((x, y, z), axis=1), descriptors, blur)
+
+
+@njit(cache=True, nogil=True)
+def _depth_at(depth: NDArray[np.float32], pixels: NDArray[np.float64], range_max: float) -> NDArray[np.float64]:
+    """Mean depth (n,) of each pixel and its four neighbours, metres; 0 where they are not of one surface."""
+    rows, columns = depth.shape
+    mean = np.zeros(len(pixels))
+    for i in range(len(pixels)):
+        u, v = int(np.rint(pixels[i, 0])), int(np.rint(pixels[i, 1]))
+        if not (_AROUND <= u < columns - _AROUND and _AROUND <= v < rows - _AROUND):
+            continue
+        z = float(depth[v, u])
+        total, same = z, 0.0 < z < range_max
+        for du, dv in ((_AROUND, 0), (-_AROUND, 0), (0, _AROUND), (0, -_AROUND)):
+            near = float(depth[v + dv, u + du])
+            same = same and abs(near - z) < _STEP + _STEP_GROWTH * z * z
+            total += near
+        if same:
+            mean[i] = total / 5
+    return mean

@@ -1,0 +1,186 @@
+"""The map of landmarks: image features whose places in the world are known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics, invert
+from spot3d.pose.features import Features
+from spot3d.sensor import axial_noise
+
+# ORB descriptors of one corner differ in no more of their 256 bits, and clearly less than those of any other nearby.
+_BITS_MAX, _RATIO = 50, 0.85
+# A match lies within this share of the image's width of where it is expected, and within this depth (m, share).
+_REACH = 0.04
+_DEPTH_STEP, _DEPTH_SHARE = 0.1, 0.03
+# The mean of so many sightings is a landmark's place for good: a map that follows the camera holds no camera.
+_SETTLED = 5
+# Landmarks that were in view this often, but known again in less than this share of it, are chance corners;
+# they are looked for every so many frames.
+_TRIALS, _KNOWN_AGAIN, _TIDY_CYCLE = 15, 0.15, 15
+_NONE = -1
+
+LANDMARK = np.dtype(
+    [
+        ("position", np.float64, 3),  # metres, world
+        ("descriptor", np.uint64, 4),
+        ("weight", np.float64),  # of the position, 1/m2
+        ("sightings", np.int64),  # frames that knew it
+        ("views", np.int64),  # frames that had it in view
+        ("last", np.int64),  # frame that knew it last
+    ]
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Matches:
+    """Which landmark each feature of a frame is.
+
+    landmark: (n,) int64, row of the map, -1 = none; visible: (m,) int64, the landmarks that should be in view.
+    """
+
+    landmark: NDArray[np.int64]
+    visible: NDArray[np.int64]
+
+
+class LandmarkMap:
+    """A bounded map of landmarks: `rows` of the type LANDMARK, at most `limit`."""
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        self.rows = np.zeros(0, LANDMARK)
+        self._frames = 0
+
+    def match(self, features: Features, camera: Intrinsics, T_world_camera: NDArray[np.float64]) -> Matches:
+        """Match features with the landmarks near to where the pose expects them; each landmark at most once."""
+        lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+        size = np.array([camera.width, camera.height], np.float64)
+        reach = _REACH * camera.width
+        visible, expected = _in_view(self.rows["position"], invert(T_world_camera), lens, size)
+        descriptors = self.rows["descriptor"][visible]
+        found = _match(features.pixels, features.points, features.descriptors, expected, descriptors, size, reach)
+        return Matches(np.where(found >= 0, np.append(visible, _NONE)[found], _NONE), visible)
+
+    def insert(
+        self, features: Features, matches: Matches, trusted: NDArray[np.bool_], T_world_camera: NDArray[np.float64]
+    ) -> None:
+        """Take in a frame: landmarks known again settle, features that are none become one.
+
+        trusted: (n,) bool, the features whose match fits the pose. Makes `matches` invalid.
+        """
+        self._frames += 1
+        places = features.points @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
+        weights = 1 / axial_noise(features.points[:, 2]) ** 2
+        known = matches.landmark[trusted]
+        rows = self.rows
+        weight = np.where(rows["sightings"][known] < _SETTLED, weights[trusted], 0.0)
+        share = weight / (rows["weight"][known] + weight)
+        rows["position"][known] += share[:, None] * (places[trusted] - rows["position"][known])
+        rows["weight"][known] += weight
+        rows["sightings"][known] += 1
+        rows["last"][known] = self._frames
+        rows["views"][matches.visible] += 1
+        unknown = matches.landmark < 0
+        new = np.zeros(np.count_nonzero(unknown), LANDMARK)
+        new["position"], new["descriptor"] = places[unknown], features.descriptors[unknown]
+        new["weight"], new["sightings"], new["views"], new["last"] = weights[unknown], 1, 1, self._frames
+        new = new[: self.limit]
+        if self._frames % _TIDY_CYCLE == 0 or len(rows) + len(new) > self.limit:
+            rows = self._tidied(self.limit - len(new))
+        self.rows = np.concatenate((rows, new))
+
+    def _tidied(self, room: int) -> NDArray[np.void]:
+        """The landmarks without chance corners; where even these find no room, the half of it that was known last."""
+        rows = self.rows
+        rows = rows[(rows["views"] < _TRIALS) | (rows["sightings"] >= _KNOWN_AGAIN * rows["views"])]
+        if len(rows) > room:
+            rows = rows[np.argsort(-rows["last"], kind="stable")[: room // 2]]
+        return rows
+
+
+@njit(cache=True, nogil=True)
+def _in_view(
+    positions: NDArray[np.float64],
+    T_camera_world: NDArray[np.float64],
+    lens: NDArray[np.float64],
+    size: NDArray[np.float64],
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Rows of the positions that fall into the image, and where: (m, 3) float64, u and v in pixels, z in metres."""
+    fx, fy, cx, cy = lens
+    T = T_camera_world
+    rows = np.empty(len(positions), np.int64)
+    expected = np.empty((len(positions), 3))
+    count = 0
+    for i in range(len(positions)):
+        x, y, z = positions[i]
+        depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        if depth <= 0:
+            continue
+        u = fx * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) / depth + cx
+        v = fy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / depth + cy
+        if 0 <= u < size[0] and 0 <= v < size[1]:
+            rows[count] = i
+            expected[count, 0], expected[count, 1], expected[count, 2] = u, v, depth
+            count += 1
+    return rows[:count].copy(), expected[:count].copy()
+
+
+@njit(cache=True, nogil=True)
+def _match(
+    pixels: NDArray[np.float64],
+    points: NDArray[np.float64],
+    descriptors: NDArray[np.uint64],
+    expected: NDArray[np.float64],
+    known: NDArray[np.uint64],
+    size: NDArray[np.float64],
+    reach: float,
+) -> NDArray[np.int64]:
+    """Row of the expected landmark (m, 3) with the descriptor nearest to each feature's (n,), -1 = none.
+
+    Landmarks are looked up in cells of the image as wide as the reach, chained by `following`.
+    """
+    columns, lines = int(size[0] / reach) + 1, int(size[1] / reach) + 1
+    first = np.full((lines + 2, columns + 2), -1, np.int64)
+    following = np.empty(len(expected), np.int64)
+    for j in range(len(expected)):
+        column, line = int(expected[j, 0] / reach) + 1, int(expected[j, 1] / reach) + 1
+        following[j] = first[line, column]
+        first[line, column] = j
+    nearest = np.full(len(pixels), -1, np.int64)
+    owner = np.full(len(expected), -1, np.int64)
+    difference = np.full(len(expected), _BITS_MAX + 1, np.int64)
+    for i in range(len(pixels)):
+        column, line = int(pixels[i, 0] / reach) + 1, int(pixels[i, 1] / reach) + 1
+        best, second, landmark = 256, 256, np.int64(-1)
+        for cell in range(9):
+            j = first[line - 1 + cell // 3, column - 1 + cell % 3]
+            while j >= 0:
+                near = abs(pixels[i, 0] - expected[j, 0]) < reach and abs(pixels[i, 1] - expected[j, 1]) < reach
+                if near and abs(points[i, 2] - expected[j, 2]) < _DEPTH_STEP + _DEPTH_SHARE * points[i, 2]:
+                    bits = _bits(descriptors[i], known[j])
+                    if bits < best:
+                        best, second, landmark = bits, best, j
+                    elif bits < second:
+                        second = bits
+                j = following[j]
+        if landmark >= 0 and best < difference[landmark] and best < _RATIO * second:
+            # Of several features that claim a landmark, the one most like it has it.
+            if owner[landmark] >= 0:
+                nearest[owner[landmark]] = -1
+            owner[landmark], difference[landmark], nearest[i] = i, best, landmark
+    return nearest
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _bits(a: NDArray[np.uint64], b: NDArray[np.uint64]) -> int:
+    """How many bits of two descriptors differ."""
+    count = 0
+    for word in range(4):
+        x = a[word] ^ b[word]
+        x -= (x >> np.uint64(1)) & np.uint64(0x5555555555555555)
+        x = (x & np.uint64(0x3333333333333333)) + ((x >> np.uint64(2)) & np.uint64(0x3333333333333333))
+        x = (x + (x >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+        count += int((x * np.uint64(0x0101010101010101)) >> np.uint64(56))
+    return count
