@@ -95,26 +95,30 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
     def box_of(members: NDArray[np.float32]) -> Box3D:
         return standing(upright_box(members, up, turn=True, trim=_TRIM, lengthwise=True), supports)
 
-    def whole_or_cut(cluster: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-        through = crossed_by(box_of(points.xyz[cluster]), coarse.cell_of_point[cluster], supports)
-        if through is None:
-            return [cluster]
-        height = through.sheet.distance(points.xyz[cluster])
-        parts = (cluster[height > through.clearance], cluster[height < -through.clearance])
-        return [part for part in parts if len(part) > settings.segment_cells]
-
     found = []
     for cluster in merge_contained(clusters, hot, points.xyz, rough_box, settings.contained_share):
-        for part in whole_or_cut(cluster):
-            box = box_of(points.xyz[part])
-            own = np.unique(coarse.cell_of_point[part])
+        whole = Cluster(cluster, box_of(points.xyz[cluster]))
+        for part in _cut(whole, points, coarse, supports, settings.segment_cells):
+            item = whole if part is cluster else Cluster(part, box_of(points.xyz[part]))
             if (
                 float(points.heat[part].mean()) >= heat_min
-                and _covered(surface.cell_of_point[part], box, settings.cell)
-                and not is_rim(box, coarse.centre[own], supports)
+                and _covered(surface.cell_of_point[part], item.box, settings.cell)
+                and not is_rim(item.box, coarse.centre[np.unique(coarse.cell_of_point[part])], supports)
             ):
-                found.append(Cluster(part, box))
+                found.append(item)
     return found
+
+
+def _cut(
+    whole: Cluster, points: MapPoints, coarse: Surface, supports: list[Support], points_min: int
+) -> list[NDArray[np.int64]]:
+    """The rows of a cluster, or of what lies above and below a support that runs through its box."""
+    through = crossed_by(whole.box, coarse.cell_of_point[whole.rows], supports)
+    if through is None:
+        return [whole.rows]
+    height = through.sheet.distance(points.xyz[whole.rows])
+    parts = (whole.rows[height > through.clearance], whole.rows[height < -through.clearance])
+    return [part for part in parts if len(part) > points_min]
 
 
 def peak_heat(points: MapPoints) -> float:

@@ -8,7 +8,15 @@ from numpy.typing import NDArray
 from spot3d.fusion.boxes import trimmed
 from spot3d.fusion.segments import connected_cells
 from spot3d.fusion.settings import FusionSettings
-from spot3d.fusion.sheet_kernels import FACING, distances, facing_rows, mark_flat, mark_sheet, reweighted
+from spot3d.fusion.sheet_kernels import (
+    FACING,
+    distances,
+    facing_rows,
+    mark_flat,
+    mark_sheet,
+    reweighted,
+    with_neighbours,
+)
 from spot3d.fusion.structure import StructurePlane
 from spot3d.fusion.surface import Surface, near_pairs
 
@@ -107,7 +115,7 @@ def find_sheets(coarse: Surface, planes: list[StructurePlane], settings: FusionS
         facing = cells & (coarse.normal @ sheet.plane[:3].astype(np.float32) > FACING)
         if not lasting:
             facing = _reaching(coarse, pairs, facing, settings.size_max)
-        near = _with_neighbours(pairs, facing)
+        near = with_neighbours(pairs, facing)
         cells &= near if lasting else facing
         if cells.any():
             sheets.append(StructureSheet(sheet, thickness, cells, near))
@@ -141,14 +149,6 @@ def lying_flat(surface: Surface, levels: list[Sheet]) -> NDArray[np.bool_]:
     for item in levels:
         mark_flat(flat, surface.centre, surface.normal, *item.shape)
     return flat
-
-
-def _with_neighbours(pairs: NDArray[np.uint32], member: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The members and the cells near them. (n,) bool"""
-    near = member.copy()
-    near[pairs[member[pairs[:, 0]], 1]] = True
-    near[pairs[member[pairs[:, 1]], 0]] = True
-    return near
 
 
 def _reaching(

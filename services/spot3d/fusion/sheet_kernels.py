@@ -133,3 +133,14 @@ def mark_flat(
         if plane[0] * normal[i, 0] + plane[1] * normal[i, 1] + plane[2] * normal[i, 2] > _FLAT_FACING:
             height = _height(centre[i], plane, axes, middle, warp)
             flat[i] |= height > 0 and height < _FLAT_HEIGHT
+
+
+@nb.njit("b1[::1](u4[:,::1], b1[:])", cache=True, nogil=True)
+def with_neighbours(pairs: NDArray[np.uint32], member: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The members and the cells near them, (n,) bool. pairs: (m, 2), near cells."""
+    near = member.copy()
+    for k in range(len(pairs)):
+        i, j = pairs[k]
+        near[i] |= member[j]
+        near[j] |= member[i]
+    return near

@@ -85,11 +85,12 @@ def crossed_by(box: Box3D, own: NDArray[np.int32], supports: list[Support]) -> S
     own: coarse cells of the object's points, which are not the support's.
     """
     for item in supports:
-        cells = item.centre[~np.isin(item.cells, own)]
-        inside = (np.abs((cells - box.centre) @ box.rotation) < box.size / 2).all(axis=1)
         height = item.below(box) - float(box.rotation[:, 2] @ box.centre)
-        through = abs(height) < float(box.size[2]) / 2 - item.clearance
-        if through and np.count_nonzero(inside) * item.edge**2 > _CROSSED * float(box.size[0] * box.size[1]):
+        if abs(height) >= float(box.size[2]) / 2 - item.clearance:
+            continue
+        inside = np.flatnonzero((np.abs((item.centre - box.centre) @ box.rotation) < box.size / 2).all(axis=1))
+        foreign = np.count_nonzero(~np.isin(item.cells[inside], own))
+        if foreign * item.edge**2 > _CROSSED * float(box.size[0] * box.size[1]):
             return item
     return None
 
@@ -103,7 +104,9 @@ def is_rim(box: Box3D, own: NDArray[np.float32], supports: list[Support]) -> boo
     for item in supports:
         if not -_STANDING < top - item.below(box) < item.clearance:
             continue
-        gap = ((own[:, None] - item.centre[None]) ** 2).sum(axis=2).min(axis=1, initial=np.inf)
-        if np.mean(gap < (_RIM * item.edge) ** 2) > _RIM_SHARE:
+        touching = _RIM * item.edge
+        around = ((item.centre > own.min(axis=0) - touching) & (item.centre < own.max(axis=0) + touching)).all(axis=1)
+        gap = ((own[:, None] - item.centre[None, around]) ** 2).sum(axis=2).min(axis=1, initial=np.inf)
+        if np.mean(gap < touching**2) > _RIM_SHARE:
             return True
     return False
