@@ -18,15 +18,17 @@ from spot3d.pose.motion import moved, nearest_rotation
 from spot3d.pose.settings import PoseSettings
 from spot3d.sensor import axial_noise
 
-# The correction follows the landmarks within about this time: a frame or two, by which colour and depth are apart.
-_SETTLING_S = 0.02
+# The correction follows the landmarks within about this time: a frame, by which colour and depth may be apart.
+_SETTLING_S = 1 / 30
 # A pose by fewer landmarks than this is chance.
 _MATCHES_MIN = 12
 # The depth registration's information counts by this share against the landmarks': its points' errors are not
 # independent, but alike over large parts of the image.
-_DEPTH_SHARE = 0.03
+_DEPTH_SHARE = 0.01
 # A feature is found to about a pixel, and the map's depth is good to this beyond the noise, metres.
 _PIXEL, _MAP_NOISE = 1.0, 0.002
+# Drift that moves the image by less than this, pixels, is in doubt: where depth is good, it knows better.
+_DOUBT = 0.7
 # Corrections beyond this (metres, radians) are no drift: the landmarks are mistaken.
 _DRIFT_MAX = 0.1
 _STEPS, _STEP_MIN = 8, 1e-4
@@ -74,7 +76,9 @@ class DriftCorrection:
             twist = agreement.twist(T_world_registered, _DEPTH_SHARE * turn @ information @ turn.T)
             fits = np.count_nonzero(agreement.weights(moved(T_world_registered, twist)) > _FITS)
             if fits >= _MATCHES_MIN and np.abs(twist).max() < _DRIFT_MAX:
-                self._correction += (1 - np.exp(-elapsed / _SETTLING_S)) * (twist - self._correction)
+                square = agreement.displacement(T_world_registered, twist) ** 2
+                told = square / (square + _DOUBT**2) * twist
+                self._correction += (1 - np.exp(-elapsed / _SETTLING_S)) * (told - self._correction)
         pose = moved(T_world_registered, self._correction)
         pose[:3, :3] = nearest_rotation(pose[:3, :3])
         trusted = np.zeros(len(features), np.bool_)
@@ -110,6 +114,12 @@ class _Agreement:
             if np.abs(step).max() < _STEP_MIN:
                 break
         return twist
+
+    def displacement(self, T_world_camera: NDArray[np.float64], twist: NDArray[np.float64]) -> float:
+        """Root mean square motion of the points in the image by a twist, pixels, to first order."""
+        lever = self.points @ T_world_camera[:3, :3].T
+        motion = np.linalg.norm(twist[:3] + np.cross(twist[3:], lever), axis=1)
+        return float(np.sqrt(np.mean((motion / (self.pixel * self.points[:, 2])) ** 2)))
 
     def weights(self, T_world_camera: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) robust weight of each match at a pose, 0..1."""
