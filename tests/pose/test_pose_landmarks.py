@@ -5,12 +5,13 @@ import pytest
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, invert
-from spot3d.pose.drift import DriftCorrection
+from spot3d.pose.drift import Agreement, DriftCorrection
 from spot3d.pose.features import FeatureDetector, Features
 from spot3d.pose.landmark_map import LandmarkMap
 from spot3d.pose.motion import moved, rotation_from_vector
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
+from spot3d.sensor import axial_noise
 from spot3d.source.scene import Scene
 from spot3d.trajectory import rotation_angle
 
@@ -150,6 +151,43 @@ def test_landmarks_stop_the_drift_of_a_sideways_sweep(wrong: float) -> None:
     assert drift > 0.04
     assert left < 0.3 * drift
     assert rotation_angle(estimate[:3, :3].T @ true[:3, :3]) < np.radians(0.3)
+
+
+def test_a_registration_good_to_a_part_of_a_pixel_is_left_alone() -> None:
+    drift = DriftCorrection(PoseSettings())
+    for index in range(30):
+        T = pose(0.01 * index)
+        off = drift.correct(seen(T, seed=index), CAMERA, T, INFORMATION, FRAME_S)[:3, 3] - T[:3, 3]
+        assert np.linalg.norm(off) < 2e-4
+
+
+def gradient(
+    T: NDArray[np.float64], points: NDArray[np.float64], landmarks: NDArray[np.float64], blur: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """J^T M r of points with errors across and along their rays, weighted by Geman-McClure, one by one."""
+    total = np.zeros(6)
+    for point, landmark, b in zip(points, landmarks, blur, strict=True):
+        lever = T[:3, :3] @ point
+        r, ray = lever + T[:3, 3] - landmark, lever / np.linalg.norm(lever)
+        skew = np.array([[0, -lever[2], lever[1]], [lever[2], 0, -lever[0]], [-lever[1], lever[0], 0]])
+        wide, deep = (525 / (b * point[2])) ** 2, 1 / (axial_noise(point[2]) + 0.002) ** 2
+        M = wide * np.eye(3) + (deep - wide) * np.outer(ray, ray)
+        across, along = np.linalg.norm(r - (r @ ray) * ray), r @ ray
+        weight = 1 / (1 + (across**2 * wide / 2 + along**2 * deep) / 4) ** 2
+        total += weight * np.hstack((np.eye(3), -skew)).T @ M @ r
+    return total
+
+
+def test_the_twist_ends_where_the_plain_gradient_vanishes() -> None:
+    rng = np.random.default_rng(5)
+    T = moved(pose(0.3, 0.2), np.full(6, 0.01))
+    points = rng.uniform((-1, -1, 1), (1, 1, 3), (40, 3))
+    places = points @ T[:3, :3].T + T[:3, 3] + rng.normal(0, 0.003, (40, 3)) + (0.004, -0.003, 0.002)
+    blur = rng.uniform(1, 2, 40)
+    twist = Agreement(points, blur, places, 1 / 525).twist(T, np.zeros((6, 6)))
+    left = gradient(moved(T, twist), points, places, blur)
+    assert np.linalg.norm(twist) > 2e-3
+    assert np.linalg.norm(left) < 0.02 * np.linalg.norm(gradient(T, points, places, blur))
 
 
 def test_a_few_landmarks_do_not_move_the_pose() -> None:

@@ -65,20 +65,16 @@ class DriftCorrection:
         """
         matches = self.map.match(features, camera, T_world_registered)
         matched = np.flatnonzero(matches.landmark >= 0)
-        agreement = _Agreement(
+        agreement = Agreement(
             features.points[matched],
             features.blur[matched],
             self.map.rows["position"][matches.landmark[matched]],
             _PIXEL * 2 / (camera.fx + camera.fy),
         )
-        if len(matched) >= _MATCHES_MIN:
-            turn = np.kron(np.eye(2), T_world_registered[:3, :3])
-            twist = agreement.twist(T_world_registered, _DEPTH_SHARE * turn @ information @ turn.T)
-            fits = np.count_nonzero(agreement.weights(moved(T_world_registered, twist)) > _FITS)
-            if fits >= _MATCHES_MIN and np.abs(twist).max() < _DRIFT_MAX:
-                square = agreement.displacement(T_world_registered, twist) ** 2
-                told = square / (square + _DOUBT**2) * twist
-                self._correction += (1 - np.exp(-elapsed / _SETTLING_S)) * (told - self._correction)
+        turn = np.kron(np.eye(2), T_world_registered[:3, :3])
+        drift = agreement.drift(T_world_registered, _DEPTH_SHARE * turn @ information @ turn.T)
+        if drift is not None:
+            self._correction += (1 - np.exp(-elapsed / _SETTLING_S)) * (drift - self._correction)
         pose = moved(T_world_registered, self._correction)
         pose[:3, :3] = nearest_rotation(pose[:3, :3])
         trusted = np.zeros(len(features), np.bool_)
@@ -92,7 +88,7 @@ class DriftCorrection:
 
 
 @dataclass(frozen=True, slots=True)
-class _Agreement:
+class Agreement:
     """How matched features agree with their landmarks.
 
     points: (n, 3) float64 metres, camera frame; blur: (n,) pixels; landmarks: (n, 3) metres, world;
@@ -103,6 +99,17 @@ class _Agreement:
     blur: NDArray[np.float64]
     landmarks: NDArray[np.float64]
     pixel: float
+
+    def drift(self, T_world_camera: NDArray[np.float64], prior: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """The motion (6,) that corrects a pose, less where it is in doubt; None where too few landmarks agree."""
+        if len(self.points) < _MATCHES_MIN:
+            return None
+        twist = self.twist(T_world_camera, prior)
+        fits = np.count_nonzero(self.weights(moved(T_world_camera, twist)) > _FITS)
+        if fits < _MATCHES_MIN or np.abs(twist).max() > _DRIFT_MAX:
+            return None
+        square = self.displacement(T_world_camera, twist) ** 2
+        return np.asarray(square / (square + _DOUBT**2) * twist)
 
     def twist(self, T_world_camera: NDArray[np.float64], prior: NDArray[np.float64]) -> NDArray[np.float64]:
         """The motion (6,) from a pose to where the landmarks are met best; prior: (6, 6) information of the pose."""
