@@ -90,6 +90,16 @@ def test_no_box_holds_the_table_that_a_chair_is_pushed_under() -> None:
     assert points_in_boxes(points.xyz[points.heat > 0.4], [item.box for item in found]).mean() > 0.7
 
 
+def test_what_stands_on_the_table_is_no_part_of_the_chair_beneath_it() -> None:
+    """The box around the whole chair would hold the mug above its seat."""
+    back = Cuboid((0.78, 0.0, 0.1), (0.04, 0.4, 0.6), heat=1.0)
+    seat = Cuboid((0.61, 0.0, -0.19), (0.38, 0.4, 0.02), heat=1.0)
+    mug = standing(0.55, 0.0, (0.09, 0.09, 0.10))
+    iou = overlaps(sampled((*STAGE, back, seat, mug)), (mug,))
+    assert iou.shape == (1, 3)
+    assert iou.max() > 0.7
+
+
 def test_a_thing_at_the_rim_of_a_board_ends_at_the_board() -> None:
     """Its front goes on in the front of the board, which keeps heat."""
     thing = standing(0.0, -0.54, (0.12, 0.12, 0.14))

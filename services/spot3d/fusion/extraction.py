@@ -87,7 +87,6 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
     flat = lying_flat(surface, [item.sheet for item in supports])
     segments = split_at_creases(surface, free, flat, settings.crease, settings.segment_cells)
     clusters = _clusters(surface, segments, _kept_segments(segments, surface, heat_min, settings.segment_cells))
-    hot = [float(points.heat[cluster].mean()) >= heat_min for cluster in clusters]
 
     def rough_box(members: NDArray[np.float32]) -> Box3D:
         return standing(upright_box(members, up, turn=True, trim=_TRIM), supports)
@@ -95,17 +94,19 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
     def box_of(members: NDArray[np.float32]) -> Box3D:
         return standing(upright_box(members, up, turn=True, trim=_TRIM, lengthwise=True), supports)
 
+    # Before anything is joined: what stands on a support is no part of what stands beneath it, though one box be
+    # around both.
+    wholes = (Cluster(cluster, rough_box(points.xyz[cluster])) for cluster in clusters)
+    parts = [part for whole in wholes for part in _cut(whole, points, coarse, supports, settings.segment_cells)]
+    hot = [float(points.heat[part].mean()) >= heat_min for part in parts]
     found = []
-    for cluster in merge_contained(clusters, hot, points.xyz, rough_box, settings.contained_share):
-        whole = Cluster(cluster, box_of(points.xyz[cluster]))
-        for part in _cut(whole, points, coarse, supports, settings.segment_cells):
-            item = whole if part is cluster else Cluster(part, box_of(points.xyz[part]))
-            if (
-                float(points.heat[part].mean()) >= heat_min
-                and _covered(surface.cell_of_point[part], item.box, settings.cell)
-                and not is_rim(item.box, coarse.centre[np.unique(coarse.cell_of_point[part])], supports)
-            ):
-                found.append(item)
+    for rows in merge_contained(parts, hot, points.xyz, rough_box, settings.contained_share):
+        if float(points.heat[rows].mean()) < heat_min:
+            continue
+        box = box_of(points.xyz[rows])
+        own = coarse.centre[np.unique(coarse.cell_of_point[rows])]
+        if _covered(surface.cell_of_point[rows], box, settings.cell) and not is_rim(box, own, supports):
+            found.append(Cluster(rows, box))
     return found
 
 
