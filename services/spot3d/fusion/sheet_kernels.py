@@ -10,7 +10,7 @@ _FLAT_HEIGHT = 0.03
 """A thin flat thing (a book, a plate) is at most this high, metres."""
 _FLAT_FACING = 0.9
 """Cosine (26 degrees) within which the top of a flat thing faces as its support."""
-_BOARD = 0.04
+BOARD = 0.04
 """A table's or a shelf's board is at most this thick, metres."""
 _FITS = 6
 """Rounds of reweighting."""
@@ -115,7 +115,7 @@ def mark_sheet(
         height = _height(centre[i], plane, axes, middle, warp)
         facing = plane[0] * normal[i, 0] + plane[1] * normal[i, 1] + plane[2] * normal[i, 2]
         flush = abs(height) < thickness and (facing > FACING or abs(height) < thickness / 2)
-        structure[i] = (on[coarse] and flush) or (near[coarse] and -_BOARD < height < 0)
+        structure[i] = (on[coarse] and flush) or (near[coarse] and -BOARD < height < 0)
 
 
 @nb.njit("void(b1[:], f4[:,:], f4[:,:], f8[:], f8[:,:], f8[:], f8[:])", cache=True, nogil=True)

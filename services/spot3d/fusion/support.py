@@ -10,11 +10,9 @@ from spot3d.fusion.boxes import with_bottom
 from spot3d.fusion.selection import MapPoints
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet import Sheet, StructureSheet
-from spot3d.fusion.sheet_kernels import FACING
+from spot3d.fusion.sheet_kernels import BOARD, FACING
 from spot3d.fusion.surface import Surface
 
-_STANDING = 0.04
-"""An object whose lowest points are this near to a level sheet stands on it: a board is as thick at most, metres."""
 _CLEARANCE_SHARE = 0.15
 """The clearance never takes more than this share of an object's height."""
 _LEVEL = 0.95
@@ -69,12 +67,15 @@ def find_supports(
 
 
 def standing(box: Box3D, supports: list[Support]) -> Box3D:
-    """The box with its bottom on the support next to it, if there is one, but for the support's noise."""
+    """The box with its bottom on the support next to it, if there is one, but for the support's noise.
+
+    What ends within a board's thickness of a support's top stands on it.
+    """
     up = box.rotation[:, 2]
     middle, half = float(up @ box.centre), float(box.size[2]) / 2
     for item in supports:
         height = item.below(box)
-        if abs(middle - half - height) < _STANDING and middle + half > height:
+        if abs(middle - half - height) < BOARD and middle + half > height:
             return with_bottom(box, height + min(item.clearance, _CLEARANCE_SHARE * (middle + half - height)))
     return box
 
@@ -102,7 +103,7 @@ def is_rim(box: Box3D, own: NDArray[np.float32], supports: list[Support]) -> boo
     """
     top = float(box.rotation[:, 2] @ box.centre) + float(box.size[2]) / 2
     for item in supports:
-        if not -_STANDING < top - item.below(box) < item.clearance:
+        if not -BOARD < top - item.below(box) < item.clearance:
             continue
         touching = _RIM * item.edge
         around = ((item.centre > own.min(axis=0) - touching) & (item.centre < own.max(axis=0) + touching)).all(axis=1)
