@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 # Rotations pass through JSON and float32 messages; more than this is no rounding but another matrix.
 ROTATION_TOLERANCE = 1e-4
+_IDENTITY = np.eye(3)
 
 # Corners of a box in units of its half sizes, and its faces, counter-clockwise as seen from outside.
 _CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
@@ -32,13 +34,16 @@ class Box3D:
     def __post_init__(self) -> None:
         for name, shape in (("centre", (3,)), ("size", (3,)), ("rotation", (3, 3))):
             values = np.asarray(getattr(self, name), dtype=np.float64)
-            if values.shape != shape or not np.isfinite(values).all():
+            if values.shape != shape or not all(map(isfinite, values.ravel().tolist())):
                 raise ValueError(f"box {name} must be finite with shape {shape}, got {values.tolist()}")
             object.__setattr__(self, name, values)
-        if (self.size < 0).any():
+        if min(self.size.tolist()) < 0:
             raise ValueError(f"box size must not be negative, got {self.size.tolist()}")
-        skew = np.abs(self.rotation.T @ self.rotation - np.eye(3)).max()
-        if skew > ROTATION_TOLERANCE or np.linalg.det(self.rotation) < 0:
+        # In plain numbers where it can be: there are many boxes, and NumPy is slow for so few values.
+        (a, b, c), (d, e, f), (g, h, i) = self.rotation.tolist()
+        determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+        skew = (self.rotation.T @ self.rotation - _IDENTITY).ravel().tolist()
+        if max(map(abs, skew)) > ROTATION_TOLERANCE or determinant < 0:
             raise ValueError(f"box rotation is no right-handed rotation matrix: {self.rotation.tolist()}")
 
     @property
@@ -83,8 +88,11 @@ def iou_matrix_3d(boxes_a: Sequence[Box3D], boxes_b: Sequence[Box3D]) -> NDArray
     if result.size == 0:
         return result
     (centre_a, half_a, rotation_a), (centre_b, half_b, rotation_b) = _stacked(boxes_a), _stacked(boxes_b)
-    reach = np.linalg.norm(half_a, axis=1)[:, None] + np.linalg.norm(half_b, axis=1)
-    first, second = np.nonzero(np.linalg.norm(centre_a[:, None] - centre_b, axis=-1) < reach)
+    # Half the extents along the world's axes: only where these overlap can the boxes.
+    extent_a = (np.abs(rotation_a) @ half_a[:, :, None])[:, :, 0]
+    extent_b = (np.abs(rotation_b) @ half_b[:, :, None])[:, :, 0]
+    near = (np.abs(centre_a[:, None] - centre_b) < extent_a[:, None] + extent_b).all(axis=-1)
+    first, second = np.nonzero(near)
     for start in range(0, len(first), _AT_ONCE):
         i, j = first[start : start + _AT_ONCE], second[start : start + _AT_ONCE]
         corners = centre_a[i, None] + (_CORNERS * half_a[i, None]) @ rotation_a[i].transpose(0, 2, 1)

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from spot3d.boxes import Box3D, iou_matrix_3d
 from spot3d.fusion.boxes import (
+    Cluster,
     merge_contained,
     merge_intersecting,
     rotation_to_upright,
@@ -133,6 +134,11 @@ def turned_box(points: np.ndarray) -> Box3D:
     return upright_box(points, UP, turn=True)
 
 
+def merged_of(clusters: list[np.ndarray], holds: list[bool], points: np.ndarray) -> list[np.ndarray]:
+    parts = [Cluster(rows, turned_box(points[rows])) for rows in clusters]
+    return merge_contained(parts, holds, points, turned_box, 0.5)
+
+
 BOWL, INSIDE = hot(0, 0.05, (0.2, 0.2, 0.1)), hot(0, 0.06, (0.1, 0.1, 0.06))
 BESIDE = hot(0.17, 0.05, (0.13, 0.2, 0.1))
 
@@ -147,7 +153,7 @@ BESIDE = hot(0.17, 0.05, (0.13, 0.2, 0.1))
 def test_a_part_inside_joins_and_a_neighbour_does_not(name: str, holds: list[bool], sets: list[set[int]]) -> None:
     clusters, points = clusters_of(BOWL, INSIDE, BESIDE)
     owner = np.repeat([0, 1, 2], [len(rows) for rows in clusters])
-    merged = merge_contained(clusters, holds, points, turned_box, 0.5)
+    merged = merged_of(clusters, holds, points)
     assert sorted(sorted(set(owner[rows])) for rows in merged) == [sorted(part) for part in sets], name
     assert np.array_equal(np.sort(np.concatenate(merged)), np.arange(len(points)))
 
@@ -162,12 +168,12 @@ def test_a_small_part_around_a_larger_one_joins_it_if_it_may_hold_others() -> No
     clusters = [np.arange(len(sides)), np.arange(len(sides), len(points))]
     assert len(sides) < len(top)
     for holds, count in (([True, True], 1), ([False, True], 2)):
-        assert len(merge_contained(clusters, holds, points, turned_box, 0.5)) == count
+        assert len(merged_of(clusters, holds, points)) == count
 
 
 def test_without_clusters_nothing_is_merged() -> None:
     points = np.zeros((0, 3), np.float32)
-    assert merge_contained([], [], points, turned_box, 0.5) == merge_intersecting([], points, UP) == []
+    assert merged_of([], [], points) == merge_intersecting([], points, UP) == []
 
 
 def test_share_inside_a_rotated_box() -> None:

@@ -13,7 +13,7 @@ EDGE, CREASE, SMALLEST = 0.005, 10.0, 40
 
 
 def surface_of(xyz: np.ndarray, normal: np.ndarray) -> Surface:
-    return gather_cells(xyz.astype(np.float32), normal.astype(np.float32), np.ones(len(xyz), np.float32), EDGE)
+    return gather_cells(xyz.astype(np.float32), normal.astype(np.float32), np.ones(len(xyz), np.float32), EDGE)[0]
 
 
 def split(surface: Surface, flat: np.ndarray | None = None, member: np.ndarray | None = None) -> np.ndarray:
@@ -156,4 +156,8 @@ def test_components_do_not_depend_on_the_order_of_the_links() -> None:
     _, expected = connected_components(graph[group > 0][:, group > 0], directed=False)
     np.testing.assert_array_equal(labels[group > 0], expected)
     assert (labels[group == 0] == -1).all()
+    large = np.bincount(expected) >= 3
+    assert 0 < np.count_nonzero(large) < len(large)
+    number = np.where(large, np.cumsum(large) - 1, -1)
+    np.testing.assert_array_equal(connected_cells(links, group, 3)[group > 0], number[expected])
     np.testing.assert_array_equal(connected_cells(links[rng.permutation(150)][:, ::-1].copy(), group), labels)

@@ -6,6 +6,7 @@ from fusion_room import BACKDROP_PLANE, STAGE, TABLE_PLANE, THREE, Cuboid, sampl
 
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet import Sheet, StructureSheet, find_sheets, fit_sheet, lying_flat, on_sheets
+from spot3d.fusion.sheet_kernels import cells_at_sheet
 from spot3d.fusion.structure import StructurePlane
 from spot3d.fusion.surface import Surface, gather_cells
 
@@ -57,20 +58,16 @@ def test_no_points_no_sheet() -> None:
     assert fit_sheet(PLANE, np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), 0.03, True) is None
 
 
-def cells_of_stage() -> tuple[Surface, Surface, np.ndarray]:
+def cells_of_stage() -> tuple[Surface, Surface]:
     points = sampled(STAGE + THREE)
-    fine = gather_cells(points.xyz, points.normal, points.heat, 0.008)
-    coarse = gather_cells(points.xyz, points.normal, points.heat, 0.03)
-    coarse_cell = np.empty(len(fine.centre), np.int32)
-    coarse_cell[fine.cell_of_point] = coarse.cell_of_point
-    return fine, coarse, coarse_cell
+    return gather_cells(points.xyz, points.normal, points.heat, 0.005)
 
 
 def test_table_and_wall_are_structure_and_objects_are_not() -> None:
-    fine, coarse, coarse_cell = cells_of_stage()
+    fine, coarse = cells_of_stage()
     sheets = find_sheets(coarse, [TABLE_PLANE, BACKDROP_PLANE], SETTINGS)
     assert len(sheets) == 2
-    structure = on_sheets(fine, coarse_cell, sheets)
+    structure = on_sheets(fine, sheets)
     hot = fine.heat > 0.4
     high = hot & (fine.centre[:, 2] > 0.012)
     assert structure[~hot & (np.abs(fine.centre[:, 2]) < 0.004) & (fine.normal[:, 2] > 0.9)].all()
@@ -81,25 +78,22 @@ def test_table_and_wall_are_structure_and_objects_are_not() -> None:
 def test_the_sides_of_a_board_are_structure_and_what_stands_beside_it_is_not() -> None:
     beside = Cuboid((0.9, 0.0, 0.0), (0.1, 0.2, 0.4), heat=1.0)
     points = sampled((*STAGE, beside))
-    fine = gather_cells(points.xyz, points.normal, points.heat, 0.008)
-    coarse = gather_cells(points.xyz, points.normal, points.heat, 0.03)
-    coarse_cell = np.empty(len(fine.centre), np.int32)
-    coarse_cell[fine.cell_of_point] = coarse.cell_of_point
-    structure = on_sheets(fine, coarse_cell, find_sheets(coarse, [TABLE_PLANE], SETTINGS))
+    fine, coarse = gather_cells(points.xyz, points.normal, points.heat, 0.006)
+    structure = on_sheets(fine, find_sheets(coarse, [TABLE_PLANE], SETTINGS))
     x, y, z = fine.centre.T
     assert structure[(z < -0.005) & (z > -0.038) & (np.abs(y + 0.6) < 0.002)].all()
     assert not structure[x > 0.8].any()
 
 
 def test_a_plane_that_the_map_no_longer_shows_is_no_sheet() -> None:
-    _, coarse, _ = cells_of_stage()
+    _, coarse = cells_of_stage()
     gone = StructurePlane(np.array([0, 0, 1.0, -0.4]), removed_share=1.0, heat=5.0)
     assert find_sheets(coarse, [gone], SETTINGS) == []
 
 
 def test_a_small_plane_that_was_never_removed_is_an_objects_face() -> None:
     points = sampled((*STAGE, standing(0, 0, (0.4, 0.3, 0.2))))
-    coarse = gather_cells(points.xyz, points.normal, points.heat, 0.03)
+    _, coarse = gather_cells(points.xyz, points.normal, points.heat, 0.005)
     top = StructurePlane(np.array([0, 0, 1.0, -0.2]), removed_share=0.0, heat=0.0)
     assert find_sheets(coarse, [top], SETTINGS) == []
 
@@ -121,15 +115,18 @@ def test_distances_and_what_follows_from_them_are_the_plain_formula() -> None:
     points = rng.uniform(-1, 1, (4000, 3)).astype(np.float32)
     points[:, 2] = 0.2 * points[:, 0] - 0.05 + rng.normal(0, 0.02, 4000)
     normals = (rng.normal(0, 0.5, (4000, 3)) + sheet.plane[:3]).astype(np.float32)
-    surface = gather_cells(points, normals, np.ones(4000, np.float32), 0.008)
+    surface, _ = gather_cells(points, normals, np.ones(4000, np.float32), 0.008)
     distance, facing = plain_distance(sheet, surface.centre), surface.normal @ sheet.plane[:3]
     np.testing.assert_allclose(sheet.distance(surface.centre), distance, atol=1e-12)
-    coarse_cell = rng.integers(0, 9, len(distance)).astype(np.int32)
-    item = StructureSheet(sheet, 0.01, np.arange(9) % 3 > 0, np.arange(9) > 6)
+    block = surface.blocks.of_cells()
+    kind = rng.integers(0, 9, len(surface.blocks.keys))
+    item = StructureSheet(sheet, 0.01, kind % 3 > 0, kind > 6)
     off = np.abs(distance)
-    expected = item.cells[coarse_cell] & (off < 0.01) & ((facing > 0.7) | (off < 0.005))
-    expected |= item.near[coarse_cell] & (distance > -0.04) & (distance < 0)
-    np.testing.assert_array_equal(on_sheets(surface, coarse_cell, [item]), expected)
+    expected = item.cells[block] & (off < 0.01) & ((facing > 0.7) | (off < 0.005))
+    expected |= item.near[block] & (distance > -0.04) & (distance < 0)
+    np.testing.assert_array_equal(on_sheets(surface, [item]), expected)
+    near = cells_at_sheet(surface.centre, surface.normal, 0.02, *sheet.shape)
+    np.testing.assert_array_equal(near, (off < 0.02, (off < 0.02) & (facing > 0.7)))
     np.testing.assert_array_equal(lying_flat(surface, [sheet]), (facing > 0.9) & (distance > 0) & (distance < 0.03))
 
 

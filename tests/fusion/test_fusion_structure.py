@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from sklearn.cluster import KMeans
 
 from spot3d.fusion import structure
 from spot3d.fusion.structure import KeyframePlane, PlaneMemory
@@ -35,6 +36,12 @@ def test_planes_are_grouped_hottest_first(around: np.ndarray) -> None:
     for group, truth in zip(groups, (TABLE, SHELF, WALL), strict=True):
         np.testing.assert_allclose(group.plane, truth, atol=0.01)
         assert np.linalg.norm(group.plane[:3]) == pytest.approx(1)
+
+
+def test_k_means_are_those_of_scikit_learn() -> None:
+    features = np.random.default_rng(1).normal(0, 1, (300, 4))
+    labels = KMeans(7, init=features[:7], n_init=1, tol=0).fit_predict(features)
+    np.testing.assert_array_equal(structure._k_means(features, features[:7]), labels)
 
 
 def test_opposite_sides_are_two_planes() -> None:

@@ -5,6 +5,7 @@ import pytest
 from fusion_room import STAGE, TABLE_PLANE, Cuboid, sampled
 
 from spot3d.boxes import Box3D
+from spot3d.fusion import support
 from spot3d.fusion.selection import MapPoints
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet import find_sheets
@@ -21,7 +22,7 @@ def table(noise: float = 0.0) -> list[Support]:
     points = sampled(STAGE)
     z = points.xyz + np.random.default_rng(0).normal(0, 1, (len(points), 1)) * points.normal * noise
     noisy = MapPoints(z.astype(np.float32), points.normal, points.colour, points.heat, points.frequency)
-    coarse = gather_cells(noisy.xyz, noisy.normal, noisy.heat, 0.03)
+    _, coarse = gather_cells(noisy.xyz, noisy.normal, noisy.heat, 0.005)
     return find_supports(noisy, coarse, find_sheets(coarse, [TABLE_PLANE], SETTINGS), UP, SETTINGS)
 
 
@@ -72,3 +73,10 @@ def test_the_front_of_a_board_is_its_own(name: str, bottom: float, rim: bool) ->
     own = np.stack(np.meshgrid(np.arange(-0.3, 0.3, 0.03), [-0.6], z), -1).reshape(-1, 3).astype(np.float32)
     box = Cuboid((0.0, -0.6, bottom / 2), (0.6, 0.02, -bottom)).box()
     assert is_rim(box, own, table()) == rim, name
+
+
+def test_what_touches_is_counted_as_by_brute_force() -> None:
+    points, others = np.random.default_rng(1).random((2, 200, 3), np.float32)
+    gap = np.linalg.norm(points[:, None] - others, axis=2).min(axis=1)
+    assert support._touching(points, others, 0.1) == np.count_nonzero(gap < 0.1)
+    assert support._touching(points, others[:0], 0.1) == 0

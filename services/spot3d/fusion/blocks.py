@@ -1,4 +1,4 @@
-"""Where the cells of a surface are: blocks of 8 x 8 x 8.
+"""Where the cells of a surface are: blocks of 6 x 6 x 6, which are themselves the cells of a coarser surface.
 
 Only the blocks are looked up by hash, and the cells of a block are neighbours in memory too: what walks along the
 surface finds most of what it needs in the processor's cache.
@@ -10,13 +10,15 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.fusion.heatmap3d import find_slot, voxel_key
+from spot3d.fusion.heatmap3d import find_slot
 
-_SIDE = 8
-"""Cells along a block's edge: a power of two, so that a key's lowest bits are the place in the block."""
-PLACES = _SIDE**3
-NONE = np.uint16(0xFFFF)
+SIDE = 6
+"""Cells along a block's edge: a block's places, and one more value for none, fit a byte."""
+PLACES = SIDE**3
+NONE = np.uint8(0xFF)
 """Where a block has no cell."""
+_AXES = np.array([1 << 42, 1 << 21, 1])
+"""A place in the world is packed into one integer, 21 bits an axis (10 km at 5 mm: nothing wraps indoors)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,12 +26,27 @@ class Blocks:
     """Where cells are, in the order of their blocks.
 
     keys: (blocks,) int64, packed place of each block; first: (blocks + 1,) int32, its first cell; place: (cells,)
-    uint16, of each cell in its block.
+    uint8, of each cell in its block.
     """
 
     keys: NDArray[np.int64]
     first: NDArray[np.int32]
-    place: NDArray[np.uint16]
+    place: NDArray[np.uint8]
+
+    def of_cells(self) -> NDArray[np.int32]:
+        """The block of each cell, (cells,) int32."""
+        return np.repeat(np.arange(len(self.keys), dtype=np.int32), np.diff(self.first))
+
+    def cell_keys(self) -> NDArray[np.int64]:
+        """Packed place of each cell, (cells,) int64: its key where it is itself a block, of smaller cells."""
+        keys: NDArray[np.int64] = SIDE * self.keys[self.of_cells()] + _PLACE_KEY[self.place]
+        return keys
+
+
+def _xyz(places: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(n, 3) coordinates of places in a block."""
+    xyz: NDArray[np.int64] = np.stack(np.unravel_index(places, (SIDE,) * 3), -1)
+    return xyz
 
 
 def _half_ball() -> NDArray[np.int64]:
@@ -41,15 +58,15 @@ def _half_ball() -> NDArray[np.int64]:
     return half
 
 
-def _steps() -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
-    """From each place of a block by each step of the half ball: which of the 27 blocks around, and the place there."""
-    places = np.stack(np.unravel_index(np.arange(PLACES), (_SIDE,) * 3), -1)
-    reached = places[:, None] + _half_ball()
-    block = (reached // _SIDE + 1) @ (9, 3, 1)
-    place = (reached % _SIDE) @ (_SIDE**2, _SIDE, 1)
-    return block.astype(np.uint8), place.astype(np.uint16)
+def _steps() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """From each place of a block by each step of the half ball: which of the 18 blocks around, and the place there."""
+    reached = _xyz(np.arange(PLACES))[:, None] + _half_ball()  # never backwards along the first axis
+    block = (reached // SIDE + (0, 1, 1)) @ (9, 3, 1)
+    place = (reached % SIDE) @ (SIDE**2, SIDE, 1)
+    return block.astype(np.uint8), place.astype(np.uint8)
 
 
+_PLACE_KEY = _xyz(np.arange(PLACES)) @ _AXES
 _STEP_BLOCK, _STEP_PLACE = _steps()
 STEPS = _STEP_PLACE.shape[1]
 """Cells within two edges of a cell, one of each opposite pair."""
@@ -57,9 +74,9 @@ STEPS = _STEP_PLACE.shape[1]
 
 @nb.njit("Tuple((i8[::1], i4[::1]))(i8[::1], i8)", cache=True, nogil=True)
 def _table(keys: NDArray[np.int64], room: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """A hash table of the keys and their numbers, with room for so many at most half full."""
+    """A hash table of the keys and their numbers, with room for so many at most a quarter full."""
     slots = 64
-    while slots < 2 * room:
+    while slots < 4 * room:
         slots *= 2
     table, numbers = np.full(slots, np.int64(-1)), np.empty(slots, np.int32)
     for number in range(len(keys)):
@@ -68,68 +85,97 @@ def _table(keys: NDArray[np.int64], room: int) -> tuple[NDArray[np.int64], NDArr
     return table, numbers
 
 
-@nb.njit("i8(f4[:,::1], f4[::1], f4, f4, i4[::1], u2[::1], i8[::1])", cache=True, nogil=True)
+@nb.njit("i8(f4[:,::1], f4, i4[::1], u1[::1], u1[::1], i8[::1])", cache=True, nogil=True)
 def find_blocks(
     points: NDArray[np.float32],
-    heat: NDArray[np.float32],
     per_metre: np.float32,
-    least: np.float32,
     block_of_point: NDArray[np.int32],
-    place_of_point: NDArray[np.uint16],
+    outer_place: NDArray[np.uint8],
+    place: NDArray[np.uint8],
     keys: NDArray[np.int64],
 ) -> int:
-    """Each point's block (-1 = too cold) and place there, and the blocks' keys in the order of their first points."""
+    """Where points are at three sizes: cells, blocks of cells, and blocks of blocks.
+
+    Enters each point's place in its block, the block's place in its outer block, the outer block's number, and those
+    blocks' keys in the order of their first points. Returns how many they are. per_metre: cells.
+    """
+    side, half = np.uint64(SIDE), np.int64((1 << 20) // SIDE**2 * SIDE**2)
     table, numbers = _table(keys[:0], 0)
-    low = np.int64(_SIDE - 1)
-    high = ~((low << np.int64(42)) | (low << np.int64(21)) | low)
-    count, block, last = 0, np.int32(-1), np.int64(-1)
+    count = 0
     for i in range(len(points)):
-        block_of_point[i] = -1
-        if heat[i] < least:
-            continue
-        key = voxel_key(points[i, 0], points[i, 1], points[i, 2], per_metre)
-        x, y, z = (key >> np.int64(42)) & low, (key >> np.int64(21)) & low, key & low
-        place_of_point[i] = (x * _SIDE + y) * _SIDE + z
-        key &= high
-        if key != last:  # neighbours on the map are mostly neighbours in space
-            if 2 * count >= len(table):
+        packed, outer, inner = np.uint64(0), np.uint64(0), np.uint64(0)
+        for axis in range(3):
+            cell = np.uint64(np.int64(np.floor(points[i, axis] * per_metre)) + half)
+            block = cell // side
+            around = block // side
+            inner = inner * side + (cell - block * side)
+            outer = outer * side + (block - around * side)
+            packed = packed << np.uint64(21) | around
+        place[i], outer_place[i], key = inner, outer, np.int64(packed)
+        slot = find_slot(table, key)
+        if table[slot] == np.int64(-1):
+            if 4 * count >= len(table):
                 table, numbers = _table(keys[:count], 2 * count)
-            slot = find_slot(table, key)
-            if table[slot] == np.int64(-1):
-                table[slot], numbers[slot], keys[count] = key, count, key
-                count += 1
-            block, last = numbers[slot], key
-        block_of_point[i] = block
+                slot = find_slot(table, key)
+            table[slot], numbers[slot], keys[count] = key, count, key
+            count += 1
+        block_of_point[i] = numbers[slot]
     return count
 
 
-@nb.njit("void(i4[::1], u2[::1], i4[::1], u2[:,::1])", cache=True, nogil=True)
 def number_cells(
+    keys: NDArray[np.int64],
     block_of_point: NDArray[np.int32],
-    place_of_point: NDArray[np.uint16],
+    place: NDArray[np.uint8],
+    heat: NDArray[np.float32],
+    least: float,
+) -> tuple[Blocks, NDArray[np.int32]]:
+    """The cells that hold points at least so hot, numbered block by block, and the cell of each point, -1 = none."""
+    # Large arrays are made here, not in the kernels: NumPy asks for huge pages, which are much faster to begin with.
+    cell_of_point, place_of_cell = np.empty(len(place), np.int32), np.empty(len(place), np.uint8)
+    first, cell_at = np.zeros(len(keys) + 1, np.int32), np.full((len(keys), PLACES), NONE)
+    _number_cells(block_of_point, place, heat, np.float32(least), first, cell_at, cell_of_point, place_of_cell)
+    return Blocks(keys, first, place_of_cell[: first[-1]].copy()), cell_of_point
+
+
+@nb.njit("void(i4[::1], u1[::1], f4[::1], f4, i4[::1], u1[:,::1], i4[::1], u1[::1])", cache=True, nogil=True)
+def _number_cells(
+    block_of_point: NDArray[np.int32],
+    place: NDArray[np.uint8],
+    heat: NDArray[np.float32],
+    least: np.float32,
     first: NDArray[np.int32],
-    cell_at: NDArray[np.uint16],
+    cell_at: NDArray[np.uint8],
+    cell_of_point: NDArray[np.int32],
+    place_of_cell: NDArray[np.uint8],
 ) -> None:
     """Number the cells of each block at its places, in the order of their first points, and the first of each block."""
     for i in range(len(block_of_point)):
-        block, place = block_of_point[i], place_of_point[i]
-        if block >= 0 and cell_at[np.uint32(block), place] == NONE:
-            cell_at[np.uint32(block), place] = first[block + 1]
-            first[block + 1] += 1
-    for block in range(len(cell_at)):
-        first[block + 1] += first[block]
+        block, at = np.uint32(block_of_point[i]), place[i]
+        cell_of_point[i] = -1
+        if heat[i] >= least:
+            if cell_at[block, at] == NONE:
+                cell_at[block, at] = first[block + 1]
+                first[block + 1] += 1
+            cell_of_point[i] = cell_at[block, at]
+    for before in range(len(first) - 1):
+        first[before + 1] += first[before]
+    for i in range(len(block_of_point)):
+        if cell_of_point[i] >= 0:
+            cell_of_point[i] += first[np.uint32(block_of_point[i])]
+            place_of_cell[cell_of_point[i]] = place[i]
 
 
-@nb.njit("i8(i8[::1], i4[::1], u2[::1], b1[:], u2[:,::1], u4[:,::1])", cache=True, nogil=True)
+@nb.njit("i8(i8[::1], i4[::1], u1[::1], b1[:], u1[:,::1], u4[:,::1])", cache=True, nogil=True)
 def enter_pairs(
     keys: NDArray[np.int64],
     first: NDArray[np.int32],
-    place_of_cell: NDArray[np.uint16],
+    place_of_cell: NDArray[np.uint8],
     member: NDArray[np.bool_],
-    member_at: NDArray[np.uint16],
+    member_at: NDArray[np.uint8],
     pairs: NDArray[np.uint32],
 ) -> int:
-    """Enter the members at their places, look up the 27 blocks around each block, and its cells' surroundings there.
+    """Enter the members at their places, look up the 18 blocks around each block, and its cells' surroundings there.
 
     member_at: one block more than there are, all empty.
     """
@@ -138,13 +184,14 @@ def enter_pairs(
             if member[cell]:
                 member_at[block, place_of_cell[cell]] = cell - first[block]
     table, numbers = _table(keys, len(keys))
-    around, first_around = np.empty(27, np.uint32), np.empty(27, np.int32)
+    around, first_around = np.empty(18, np.uint32), np.empty(18, np.int32)
     count = np.uint64(0)  # without a sign, an index is not looked at for counting from the end
     for block in range(len(keys)):
-        for side in range(27):
-            x, y, z = np.int64(side // 9 - 1), np.int64(side // 3 % 3 - 1), np.int64(side % 3 - 1)
-            key = keys[block] + ((x << np.int64(42)) + (y << np.int64(21)) + z) * np.int64(_SIDE)
-            slot = find_slot(table, key)
+        if not member[first[block] : first[block + 1]].any():
+            continue
+        for side in range(18):
+            x, y, z = np.int64(side // 9), np.int64(side // 3 % 3 - 1), np.int64(side % 3 - 1)
+            slot = find_slot(table, keys[block] + (x << np.int64(42)) + (y << np.int64(21)) + z)
             around[side] = numbers[slot] if table[slot] != np.int64(-1) else len(keys)
             first_around[side] = first[around[side]]
         for cell in range(first[block], first[block + 1]):

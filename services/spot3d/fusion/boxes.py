@@ -1,6 +1,7 @@
 """Upright boxes around clusters of points (paper, Sec. IV-D, Eq. 15)."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import cv2
 import numba as nb
@@ -9,8 +10,8 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D, iou_matrix_3d
 
-_SAMPLE = 1000
-"""About as many points of a cluster tell its rough box, and how much of it lies in another's."""
+_SAMPLE = 500
+"""At most as many points of a cluster tell its rough box, and how much of it lies in another's."""
 _ELONGATED = 1.2
 """A footprint whose principal spreads differ by this factor has a direction of its own."""
 _ROUND = 0.89
@@ -19,6 +20,14 @@ _LENGTHWISE = 1.15
 """A mug's rectangle along its handle is up to a ninth larger than that across it, and noise adds to that."""
 _MARGIN = 0.005
 """The two faces of a thin wall (a bowl's, a mug's) lie about this far apart, metres."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cluster:
+    """Rows of the points that belong together, and the box around them."""
+
+    rows: NDArray[np.int64]
+    box: Box3D
 
 
 def rotation_to_upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -64,7 +73,7 @@ def _footprint_yaw(footprint: NDArray[np.float64], lengthwise: bool) -> float:
     The area of a round thing's rectangle hardly depends on its direction, and where it has a handle it is smallest
     across: lengthwise, the sides follow the principal axes instead.
     """
-    hull = cv2.convexHull(_outer((footprint - footprint.mean(axis=1, keepdims=True)).astype(np.float32)))
+    hull = cv2.convexHull((footprint - footprint.mean(axis=1, keepdims=True)).T.astype(np.float32, order="C"))
     _, sides, degrees = cv2.minAreaRect(hull)
     if lengthwise:
         moments = cv2.moments(hull)
@@ -101,31 +110,6 @@ def _turned(points: NDArray[np.float32], R: NDArray[np.float64]) -> NDArray[np.f
     return turned
 
 
-def _outer(footprint: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Those of (2, n) points, as (m, 2), that may be corners of their convex hull: not inside the outermost eight."""
-    x, y = footprint
-    along = (x, x + y, y, y - x)
-    around = dict.fromkeys([*(values.argmax() for values in along), *(values.argmin() for values in along)])
-    return _not_inside(footprint, footprint[:, list(around)].astype(np.float64))
-
-
-@nb.njit("f4[:,::1](f4[:,::1], f8[:,:])", cache=True, nogil=True)
-def _not_inside(points: NDArray[np.float32], corners: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(m, 2): those of (2, n) points that are not inside a convex polygon; corners: (2, k), counter-clockwise."""
-    kept = np.empty((points.shape[1], 2), np.float32)
-    count = 0
-    for i in range(points.shape[1]):
-        x, y = points[0, i], points[1, i]
-        inside = True
-        for k in range(corners.shape[1]):
-            ax, ay = corners[0, k - 1], corners[1, k - 1]
-            dx, dy = corners[0, k] - ax, corners[1, k] - ay
-            inside &= dx * (y - ay) > dy * (x - ax)
-        kept[count, 0], kept[count, 1] = x, y
-        count += not inside
-    return kept[:count].copy()
-
-
 def with_bottom(box: Box3D, height: float) -> Box3D:
     """The same upright box with its bottom at `height` along its third axis (metres), its top unchanged."""
     up = box.rotation[:, 2]
@@ -151,7 +135,7 @@ def merge_intersecting(
 
 
 def merge_contained(
-    clusters: list[NDArray[np.int64]],
+    clusters: list[Cluster],
     holds: list[bool],
     points: NDArray[np.float32],
     box_of: Callable[[NDArray[np.float32]], Box3D],
@@ -160,38 +144,36 @@ def merge_contained(
     """Join a cluster with the larger one in whose box at least `share` of its points lie, or the other way round.
 
     The inside of a bowl and its outside are one object, though no surface connects them, and so are the top of a
-    book and its sides: two things never fill the same space. Objects that only touch stay apart. Clusters are rows
-    of `points`; the smallest joins first, into the box that holds most of it.
-    holds: whether each cluster may take others in. box_of: the box of (n, 3) points.
+    book and its sides: two things never fill the same space. Objects that only touch stay apart. Clusters are of
+    rows of `points`; the smallest joins first, into the box that holds most of it. Returns the rows of each.
+    holds: whether each may take others in. box_of: the box of (n, 3) points.
     """
-    order = sorted(range(len(clusters)), key=lambda k: len(clusters[k]))
-    parts, held = [clusters[k] for k in order], np.array([holds[k] for k in order], np.bool_)
-    boxes = {int(j): box_of(points[_some(parts[j])]) for j in np.flatnonzero(held)}
-    centre, radius = np.zeros((len(parts), 3)), np.full(len(parts), -np.inf)  # of the spheres around the boxes
-    for j, box in boxes.items():
-        centre[j], radius[j] = box.centre, np.linalg.norm(box.size) / 2
+    order = sorted(range(len(clusters)), key=lambda k: len(clusters[k].rows))
+    held, parts, boxes = [holds[k] for k in order], [clusters[k].rows for k in order], [clusters[k].box for k in order]
+    samples = [sampled(points, rows) for rows in parts]
+    centre = np.array([box.centre for box in boxes]).reshape(-1, 3)
+    radius = np.array([np.linalg.norm(box.size) / 2 + _MARGIN for box in boxes])
     gone = np.zeros(len(parts), np.bool_)
     for i in range(len(parts)):
-        sample = points[_some(parts[i])]
-        low, high = sample.min(axis=0), sample.max(axis=0)
-        reach = radius + np.linalg.norm(high - low) / 2
-        near = np.linalg.norm(centre - (low + high) / 2, axis=1) < reach
-        holders = [j for j in range(i + 1, len(parts)) if near[j]]
-        inside = [share_inside(sample, boxes[j], _MARGIN) for j in holders]
-        if (own := boxes.get(i)) is not None:
-            around = [share_inside(points[_some(parts[j])], own, _MARGIN) for j in holders]
-            inside = [max(pair) for pair in zip(inside, around, strict=True)]
-        if inside and max(inside) >= share:
-            j = holders[int(np.argmax(inside))]
+        near = np.linalg.norm(centre[i + 1 :] - centre[i], axis=1) < radius[i + 1 :] + radius[i]
+        inside: dict[int, float] = {}
+        for j in (np.flatnonzero(near) + i + 1).tolist():
+            into = share_inside(samples[i], boxes[j], _MARGIN) if held[j] else 0.0
+            around = share_inside(samples[j], boxes[i], _MARGIN) if held[j] and held[i] else 0.0
+            inside[j] = max(into, around)
+        j = max(inside, key=inside.__getitem__, default=i)
+        if inside.get(j, 0.0) >= share:
             gone[i] = True
             parts[j] = np.concatenate((parts[j], parts[i]))
-            boxes[j] = box_of(points[_some(parts[j])])
-            centre[j], radius[j] = boxes[j].centre, np.linalg.norm(boxes[j].size) / 2
+            samples[j] = sampled(points, parts[j])
+            boxes[j] = box_of(samples[j])
+            centre[j], radius[j] = boxes[j].centre, np.linalg.norm(boxes[j].size) / 2 + _MARGIN
     return [rows for rows, joined in zip(parts, gone, strict=True) if not joined]
 
 
-def _some(rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    return rows[:: max(1, len(rows) // _SAMPLE)]
+def sampled(points: NDArray[np.float32], rows: NDArray[np.int64], most: int = _SAMPLE) -> NDArray[np.float32]:
+    """At most so many of these rows of (n, 3) points, evenly spread: by default as many as tell a rough box."""
+    return points[rows[:: -(-len(rows) // most) or 1]]
 
 
 def share_inside(points: NDArray[np.float32], box: Box3D, margin: float = 0.0) -> float:

@@ -1,12 +1,10 @@
 """From the points of the 3D heatmap to objects: the paper's way, and over whole surfaces (paper, Sec. IV-D)."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
-from spot3d.fusion.boxes import merge_contained, merge_intersecting, upright_box
+from spot3d.fusion.boxes import Cluster, merge_contained, merge_intersecting, sampled, upright_box
 from spot3d.fusion.identity import FoundObject
 from spot3d.fusion.segments import split_at_creases
 from spot3d.fusion.selection import MapPoints
@@ -14,26 +12,18 @@ from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet import find_sheets, lying_flat, on_sheets
 from spot3d.fusion.structure import StructurePlane
 from spot3d.fusion.support import Support, crossed_by, find_supports, is_rim, standing
-from spot3d.fusion.surface import Surface, cells_around, gather_cells, points_of_cells
+from spot3d.fusion.surface import Surface, gather_cells, points_of_cells, rows_of_groups
 
 _TRIM = 0.005
 """Share of an object's points that may lie beyond each face of its box."""
+_BOXED = 3000
+"""At most as many of an object's points, evenly spread, tell its box: of no more than the trimmed share of them, 15."""
 _COVERED = 0.5
 """An object's surface is seen over at least this share of its box's largest face; a triangle's is."""
-_COARSE = 0.03
-"""Edge of the cells in which planes are looked for, metres."""
 _PEAK = 0.5
 """Where even the hottest points are colder than this, eps falls in proportion: a frame's maximum wanders."""
 _WARM = 0.2
 """Points below this share of eps belong to no object and are not looked at."""
-
-
-@dataclass(frozen=True, slots=True)
-class Cluster:
-    """Rows of the points that belong together, and the box around them."""
-
-    rows: NDArray[np.int64]
-    box: Box3D
 
 
 def find_objects(points: MapPoints, planes: list[StructurePlane], settings: FusionSettings) -> list[FoundObject]:
@@ -76,50 +66,48 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
     """Whole surfaces between creases and structure, each judged by its mean heat, boxed down to its support."""
     up = planes[0].plane[:3]
     heat_min = settings.heat_min * min(1.0, peak_heat(points) / _PEAK)
-    surface = gather_cells(points.xyz, points.normal, points.heat, settings.cell, _WARM * heat_min)
-    coarse = gather_cells(points.xyz, points.normal, points.heat, _COARSE)
+    surface, coarse = gather_cells(points.xyz, points.normal, points.heat, settings.cell, _WARM * heat_min)
+    coarse_cell = surface.blocks.of_cells()
     free = np.ones(len(surface.centre), np.bool_)
     supports: list[Support] = []
     if settings.plane_removal:
         sheets = find_sheets(coarse, planes, settings)
-        free = ~on_sheets(surface, cells_around(surface, coarse), sheets)
+        free = ~on_sheets(surface, sheets)
         supports = find_supports(points, coarse, sheets, up, settings)
     flat = lying_flat(surface, [item.sheet for item in supports])
     segments = split_at_creases(surface, free, flat, settings.crease, settings.segment_cells)
-    clusters = _clusters(surface, segments, _kept_segments(segments, surface, heat_min, settings.segment_cells))
 
-    def rough_box(members: NDArray[np.float32]) -> Box3D:
-        return standing(upright_box(members, up, turn=True, trim=_TRIM), supports)
+    def hot(cells: NDArray[np.int64]) -> bool:
+        return float(surface.heat[cells] @ surface.size[cells]) >= heat_min * float(surface.size[cells].sum())
 
-    def box_of(members: NDArray[np.float32]) -> Box3D:
-        return standing(upright_box(members, up, turn=True, trim=_TRIM, lengthwise=True), supports)
+    def box_of(members: NDArray[np.float32], lengthwise: bool = False) -> Box3D:
+        return standing(upright_box(members, up, turn=True, trim=_TRIM, lengthwise=lengthwise), supports)
+
+    def boxed(cells: NDArray[np.int64]) -> Cluster:
+        return Cluster(cells, box_of(sampled(surface.centre, cells)))
 
     # Before anything is joined: what stands on a support is no part of what stands beneath it, though one box be
     # around both.
-    wholes = (Cluster(cluster, rough_box(points.xyz[cluster])) for cluster in clusters)
-    parts = [part for whole in wholes for part in _cut(whole, points, coarse, supports, settings.segment_cells)]
-    hot = [float(points.heat[part].mean()) >= heat_min for part in parts]
+    parts: list[Cluster] = []
+    for cells in _warm_segments(segments, surface, heat_min, settings.segment_cells):
+        whole = boxed(cells)
+        through = crossed_by(whole.box, coarse_cell[cells], supports)
+        if through is None:
+            parts.append(whole)
+        else:
+            sides = [cells[side] for side in through.sides(surface.centre[cells])]
+            parts += [boxed(side) for side in sides if len(side) >= settings.segment_cells]
+    holds = [hot(part.rows) for part in parts]
+    merged = merge_contained(parts, holds, surface.centre, box_of, settings.contained_share)
+    merged = [cells for cells in merged if hot(cells)]
     found = []
-    for rows in merge_contained(parts, hot, points.xyz, rough_box, settings.contained_share):
-        if float(points.heat[rows].mean()) < heat_min:
-            continue
-        box = box_of(points.xyz[rows])
-        own = coarse.centre[np.unique(coarse.cell_of_point[rows])]
-        if _covered(surface.cell_of_point[rows], box, settings.cell) and not is_rim(box, own, supports):
+    for cells, rows in zip(merged, points_of_cells(surface, merged), strict=True):
+        box = box_of(sampled(points.xyz, rows, _BOXED), lengthwise=True)
+        own = np.zeros(len(coarse.centre), np.bool_)
+        own[coarse_cell[cells]] = True
+        if _covered(len(cells) * settings.cell**2, box) and not is_rim(box, coarse.centre[own], supports):
             found.append(Cluster(rows, box))
     return found
-
-
-def _cut(
-    whole: Cluster, points: MapPoints, coarse: Surface, supports: list[Support], points_min: int
-) -> list[NDArray[np.int64]]:
-    """The rows of a cluster, or of what lies above and below a support that runs through its box."""
-    through = crossed_by(whole.box, coarse.cell_of_point[whole.rows], supports)
-    if through is None:
-        return [whole.rows]
-    height = through.sheet.distance(points.xyz[whole.rows])
-    parts = (whole.rows[height > through.clearance], whole.rows[height < -through.clearance])
-    return [part for part in parts if len(part) > points_min]
 
 
 def peak_heat(points: MapPoints) -> float:
@@ -128,23 +116,20 @@ def peak_heat(points: MapPoints) -> float:
     return float(np.quantile(sample, 0.99))
 
 
-def _kept_segments(segments: NDArray[np.int32], surface: Surface, heat_min: float, cells_min: int) -> NDArray[np.bool_]:
-    """Segments warm and large enough to be an object or part of one; one more, false, for index -1."""
+def _warm_segments(
+    segments: NDArray[np.int32], surface: Surface, heat_min: float, cells_min: int
+) -> list[NDArray[np.int64]]:
+    """The cells of each segment that is warm and large enough to be an object or part of one."""
     size = np.bincount(segments + 1, minlength=1)[1:]
     heat = np.bincount(segments + 1, surface.heat, minlength=1)[1:] / np.maximum(size, 1)
-    return np.append((heat >= heat_min / 2) & (size >= cells_min), False)
-
-
-def _clusters(surface: Surface, segments: NDArray[np.int32], kept: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
-    """The points of each kept segment."""
+    kept = np.append((heat >= heat_min / 2) & (size >= cells_min), False)  # one more for index -1
     number = np.where(kept, np.cumsum(kept) - 1, -1).astype(np.int32)
-    return points_of_cells(surface, number[segments], int(np.count_nonzero(kept)))
+    return rows_of_groups(number[segments], int(np.count_nonzero(kept)))
 
 
-def _covered(cell_of_point: NDArray[np.int32], box: Box3D, cell: float) -> bool:
-    """Whether the cells of an object's points would cover enough of the largest face of its box."""
+def _covered(area: float, box: Box3D) -> bool:
+    """Whether so much surface, square metres, would cover enough of the largest face of a box."""
     _, middle, longest = np.sort(box.size)
-    area = float(len(np.unique(cell_of_point)) * cell**2)
     return area >= _COVERED * float(middle * longest)
 
 
@@ -153,7 +138,7 @@ def _describe(cluster: Cluster, points: MapPoints) -> FoundObject:
     rows = cluster.rows
     confidence = float(np.clip(points.heat[rows].mean(), 0, 1))
     views = int(points.frequency[rows].max())
-    colour = points.colour[rows].mean(axis=0).astype(np.float64)
+    colour = sampled(points.colour, rows).mean(axis=0, dtype=np.float64)
     return FoundObject(0, cluster.box, confidence, views, len(rows), colour)
 
 

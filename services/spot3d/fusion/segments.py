@@ -45,28 +45,25 @@ def split_at_creases(
 
     member: (n,) bool, cells that are looked at. flat: (n,) bool, cells of thin flat things, which form regions of
     their own: what lies on a table does not hold together what stands on it. crease: concavity (1/m) from which a
-    cell is a crease. smallest: cells a region needs to count. Returns (n,) int32 segment of each cell, -1 = no member.
+    cell is a crease. smallest: cells a region needs to count. Returns (n,) int32 segment of each cell, -1 = no member;
+    a number between may be no cell's.
     """
     pairs = near_pairs(surface, member)
     link = _links(surface, pairs)
     core = member & (concavity(surface.centre, smooth_normals(surface.normal, pairs), pairs) < crease)
-    labels = connected_cells(link, np.where(core, np.where(flat, np.uint8(2), np.uint8(1)), np.uint8(0)))
-    size = np.bincount(labels[core], minlength=1)
-    labels[core & (size[np.maximum(labels, 0)] < smallest)] = -1
+    labels = connected_cells(link, core.view(np.uint8) * (1 + flat.view(np.uint8)), smallest)
     share_out(labels, link)
     left = member & (labels < 0)
     rest = connected_cells(link, left.view(np.uint8))
-    labels[left] = rest[left] + len(labels)
-    used = np.zeros(2 * len(labels) + 1, np.bool_)
-    used[labels] = True
-    number = np.cumsum(used, dtype=np.int32) - np.int32(1)
-    number[-1] = -1
-    return number[labels]
+    return np.where(left, rest + labels.max(initial=-1) + 1, labels)
 
 
-def connected_cells(link: NDArray[np.uint32], group: NDArray[np.uint8]) -> NDArray[np.int32]:
-    """Connected components over linked pairs of cells of the same group: (n,) int32, -1 for those of group 0."""
-    labels: NDArray[np.int32] = _components(link, group)
+def connected_cells(link: NDArray[np.uint32], group: NDArray[np.uint8], smallest: int = 1) -> NDArray[np.int32]:
+    """Connected components over linked pairs of cells of the same group: (n,) int32.
+
+    -1 for cells of group 0 and of components with fewer than `smallest` cells.
+    """
+    labels: NDArray[np.int32] = _components(link, group, smallest)
     return labels
 
 
@@ -134,8 +131,8 @@ def _concavity(
         count[j] += np.float32(1)
 
 
-@nb.njit("i4[::1](u4[:,::1], u1[::1])", cache=True, nogil=True)
-def _components(link: NDArray[np.uint32], group: NDArray[np.uint8]) -> NDArray[np.int32]:
+@nb.njit("i4[::1](u4[:,::1], u1[::1], i8)", cache=True, nogil=True)
+def _components(link: NDArray[np.uint32], group: NDArray[np.uint8], smallest: int) -> NDArray[np.int32]:
     """Union-find with path halving; the smaller number is the root, so that labels do not depend on order."""
     n = len(group)
     root = np.arange(n).astype(np.uint32)
@@ -153,17 +150,17 @@ def _components(link: NDArray[np.uint32], group: NDArray[np.uint8]) -> NDArray[n
             root[j] = i
         else:
             root[i] = j
-    labels = np.full(n, -1, np.int32)
+    size, labels = np.zeros(n, np.int32), np.full(n, -1, np.int32)
+    for i in range(n):
+        root[i] = root[root[i]]  # all before are found already, and a root comes before its cells
+        size[root[i]] += 1
     count = 0
     for i in range(n):
-        if group[i] > 0:
-            r = np.uint32(i)
-            while root[r] != r:
-                r = root[r]
-            if labels[r] < 0:
-                labels[r] = count
+        if group[i] > 0 and size[root[i]] >= smallest:
+            if root[i] == i:
+                labels[i] = count
                 count += 1
-            labels[i] = labels[r]
+            labels[i] = labels[root[i]]
     return labels
 
 

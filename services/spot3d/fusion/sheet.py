@@ -9,7 +9,7 @@ from spot3d.fusion.boxes import trimmed
 from spot3d.fusion.segments import connected_cells
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet_kernels import (
-    FACING,
+    cells_at_sheet,
     distances,
     facing_rows,
     mark_flat,
@@ -111,10 +111,9 @@ def find_sheets(coarse: Surface, planes: list[StructurePlane], settings: FusionS
         if sheet is None or sheet.spread > _REACH / 3:
             continue  # no denser there than anywhere: the plane is gone, or never was one
         thickness = float(np.clip(_SPREADS * sheet.spread, settings.plane_distance, 2 * settings.plane_distance))
-        cells = np.abs(sheet.distance(coarse.centre)) < thickness + coarse.edge / 2
-        facing = cells & (coarse.normal @ sheet.plane[:3].astype(np.float32) > FACING)
+        cells, facing = cells_at_sheet(coarse.centre, coarse.normal, thickness + coarse.edge / 2, *sheet.shape)
         if not lasting:
-            facing = _reaching(coarse, pairs, facing, settings.size_max)
+            facing = _reaching(coarse, facing, settings.size_max)
         near = with_neighbours(pairs, facing)
         cells &= near if lasting else facing
         if cells.any():
@@ -122,11 +121,11 @@ def find_sheets(coarse: Surface, planes: list[StructurePlane], settings: FusionS
     return sheets
 
 
-def on_sheets(surface: Surface, coarse_cell: NDArray[np.int32], sheets: list[StructureSheet]) -> NDArray[np.bool_]:
+def on_sheets(surface: Surface, sheets: list[StructureSheet]) -> NDArray[np.bool_]:
     """Which cells lie on a sheet: within its thickness, facing its way unless very near, where it reaches.
 
     What goes down from its rim is the side of the board that it is the top of.
-    coarse_cell: (n,) the coarse cell that holds each cell of the surface. Returns (n,) bool.
+    The sheets' cells are the blocks of the surface. Returns (n,) bool.
     """
     structure = np.zeros(len(surface.centre), np.bool_)
     for item in sheets:
@@ -134,7 +133,7 @@ def on_sheets(surface: Surface, coarse_cell: NDArray[np.int32], sheets: list[Str
             structure,
             surface.centre,
             surface.normal,
-            coarse_cell,
+            surface.blocks.first,
             item.cells,
             item.near,
             item.thickness,
@@ -151,12 +150,10 @@ def lying_flat(surface: Surface, levels: list[Sheet]) -> NDArray[np.bool_]:
     return flat
 
 
-def _reaching(
-    surface: Surface, pairs: NDArray[np.uint32], member: NDArray[np.bool_], reach: float
-) -> NDArray[np.bool_]:
+def _reaching(surface: Surface, member: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
     """The members whose connected component is longer than `reach`."""
     rows = np.flatnonzero(member)
-    labels = connected_cells(pairs, member.view(np.uint8))
+    labels = connected_cells(near_pairs(surface, member), member.view(np.uint8))
     count = int(labels.max(initial=-1)) + 1
     low = np.full((count, 3), np.inf, np.float32)
     high = np.full((count, 3), -np.inf, np.float32)

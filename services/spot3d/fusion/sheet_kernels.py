@@ -45,10 +45,13 @@ def reweighted(
         square, right = 1e-3 * n * np.eye(k), np.zeros(k)
         for i in range(n):
             weight = max(0.0, 1 - (rest[i] / (3 * scale)) ** 2) ** 2
-            for a in range(k):
-                right[a] += weight * terms[i, a] * distance[i]
-                for b in range(k):
-                    square[a, b] += weight * terms[i, a] * terms[i, b]
+            for a in range(k if weight > 0 else 0):
+                weighted = weight * terms[i, a]
+                right[a] += weighted * distance[i]
+                for b in range(a + 1):
+                    square[a, b] += weighted * terms[i, b]
+        for a in range(k):
+            square[:a, a] = square[a, :a]
         warp = np.linalg.solve(square, right)
         rest = distance - terms @ warp
         off = np.abs(rest)
@@ -89,6 +92,27 @@ def distances(
     return heights
 
 
+@nb.njit("Tuple((b1[::1], b1[::1]))(f4[:,:], f4[:,:], f8, f8[:], f8[:,:], f8[:], f8[:])", cache=True, nogil=True)
+def cells_at_sheet(
+    centre: NDArray[np.float32],
+    normal: NDArray[np.float32],
+    reach: float,
+    plane: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    middle: NDArray[np.float64],
+    warp: NDArray[np.float64],
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which cells lie within `reach` of a sheet, and which of those face its way: (n,) bool each."""
+    near, facing = np.zeros(len(centre), np.bool_), np.zeros(len(centre), np.bool_)
+    far = reach + np.abs(warp).sum()  # nothing is farther from a sheet than from its plane by more than its warp
+    for i in range(len(centre)):
+        height = plane[0] * centre[i, 0] + plane[1] * centre[i, 1] + plane[2] * centre[i, 2] + plane[3]
+        if abs(height) < far and abs(_height(centre[i], plane, axes, middle, warp)) < reach:
+            near[i] = True
+            facing[i] = plane[0] * normal[i, 0] + plane[1] * normal[i, 1] + plane[2] * normal[i, 2] > FACING
+    return near, facing
+
+
 @nb.njit(
     "void(b1[:], f4[:,:], f4[:,:], i4[:], b1[:], b1[:], f8, f8[:], f8[:,:], f8[:], f8[:])",
     cache=True,
@@ -98,7 +122,7 @@ def mark_sheet(
     structure: NDArray[np.bool_],
     centre: NDArray[np.float32],
     normal: NDArray[np.float32],
-    coarse_cell: NDArray[np.int32],
+    first: NDArray[np.int32],
     on: NDArray[np.bool_],
     near: NDArray[np.bool_],
     thickness: float,
@@ -107,15 +131,18 @@ def mark_sheet(
     middle: NDArray[np.float64],
     warp: NDArray[np.float64],
 ) -> None:
-    """Mark the cells that lie on a sheet or on its board's edge (see `on_sheets`). on, near: coarse cells."""
-    for i in range(len(structure)):
-        coarse = coarse_cell[i]
-        if structure[i] or not (on[coarse] or near[coarse]):
+    """Mark the cells that lie on a sheet or on its board's edge (see `on_sheets`).
+
+    first: the first cell of each coarse cell; on, near: coarse cells.
+    """
+    for coarse in range(len(on)):
+        if not (on[coarse] or near[coarse]):
             continue
-        height = _height(centre[i], plane, axes, middle, warp)
-        facing = plane[0] * normal[i, 0] + plane[1] * normal[i, 1] + plane[2] * normal[i, 2]
-        flush = abs(height) < thickness and (facing > FACING or abs(height) < thickness / 2)
-        structure[i] = (on[coarse] and flush) or (near[coarse] and -BOARD < height < 0)
+        for i in range(first[coarse], first[coarse + 1]):
+            height = _height(centre[i], plane, axes, middle, warp)
+            facing = plane[0] * normal[i, 0] + plane[1] * normal[i, 1] + plane[2] * normal[i, 2]
+            flush = abs(height) < thickness and (facing > FACING or abs(height) < thickness / 2)
+            structure[i] |= (on[coarse] and flush) or (near[coarse] and -BOARD < height < 0)
 
 
 @nb.njit("void(b1[:], f4[:,:], f4[:,:], f8[:], f8[:,:], f8[:], f8[:])", cache=True, nogil=True)

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 _REMEMBERED = 10_000
 """Most keyframe planes kept; beyond, every second one goes."""
+_ROUNDS = 100
+"""Most rounds of K-means."""
 _SAME_ANGLE, _SAME_DISTANCE = np.cos(np.deg2rad(12.0)), 0.05
 
 
@@ -26,6 +28,19 @@ class StructurePlane:
     plane: NDArray[np.float64]
     removed_share: float
     heat: float
+
+
+def _k_means(features: NDArray[np.float64], centres: NDArray[np.float64]) -> NDArray[np.int64]:
+    """The cluster of each of (n, d) features, by Lloyd's algorithm from the given centres (k, d): (n,) int64."""
+    labels = np.full(len(features), -1)
+    for _ in range(_ROUNDS):
+        nearest = np.argmin((centres**2).sum(axis=1) - 2 * features @ centres.T, axis=1)
+        if np.array_equal(nearest, labels):
+            break
+        labels, size = nearest, np.bincount(nearest, minlength=len(centres))[:, None]
+        sums = np.stack([np.bincount(labels, column, len(centres)) for column in features.T], axis=1)
+        centres = np.where(size > 0, sums / np.maximum(size, 1), centres)
+    return labels
 
 
 class PlaneMemory:
@@ -61,14 +76,12 @@ class PlaneMemory:
         stack = np.array([item.plane for item in self._planes])
         position = stack[:, :3] @ around + stack[:, 3]
         features = np.column_stack((stack[:, :3] * _SAME_DISTANCE / np.sqrt(2 - 2 * _SAME_ANGLE), position))
-        centres: list[NDArray[np.float64]] = []
-        for feature in features:
-            if not centres or np.linalg.norm(np.array(centres) - feature, axis=1).min() > _SAME_DISTANCE:
-                centres.append(feature)
-        # A second or two of imports: later than the start, when nobody waits for the first frame any more.
-        from sklearn.cluster import KMeans
-
-        labels = KMeans(len(centres), init=np.array(centres), n_init=1).fit_predict(features)
+        centres = np.zeros((0, 4))
+        far = np.ones(len(features), np.bool_)
+        while far.any():
+            centres = np.concatenate((centres, features[far][:1]))
+            far &= np.linalg.norm(features - centres[-1], axis=1) > _SAME_DISTANCE
+        labels = _k_means(features, centres)
         keyframes = max(1, sum(item.removed for item in self._planes))
         groups = []
         for label in np.unique(labels):

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,8 +18,8 @@ _CLEARANCE_SHARE = 0.15
 """The clearance never takes more than this share of an object's height."""
 _LEVEL = 0.95
 """Cosine to the up direction (18 degrees) from which a sheet is level."""
-_SAMPLE = 20_000
-"""About as many points tell how noisy a sheet is."""
+_SAMPLE = 50_000
+"""About as many of the map's points tell how noisy its sheets are."""
 _CROSSED = 0.05
 """A support that covers this share of a box's footprint, inside the box, runs through it."""
 _RIM = 1.5
@@ -45,18 +46,23 @@ class Support:
         up = box.rotation[:, 2]
         return float(up @ box.centre) - float(self.sheet.distance(box.centre[None].astype(np.float32))[0])
 
+    def sides(self, points: NDArray[np.float32]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which of (n, 3) points are clear above the support, and which below."""
+        height = self.sheet.distance(points)
+        return height > self.clearance, height < -self.clearance
+
 
 def find_supports(
     points: MapPoints, coarse: Surface, sheets: list[StructureSheet], up: NDArray[np.float64], settings: FusionSettings
 ) -> list[Support]:
     """The level ones among the sheets. points, coarse: all of the map, and its coarse cells."""
     supports = []
+    sample = np.arange(0, len(points), max(1, len(points) // _SAMPLE))
     for item in sheets:
         normal = item.sheet.plane[:3].astype(np.float32)
         if item.sheet.plane[:3] @ up <= _LEVEL:
             continue
-        rows = np.flatnonzero(item.cells[coarse.cell_of_point])
-        rows = rows[:: max(1, len(rows) // _SAMPLE)]
+        rows = sample[item.cells[coarse.cell_of_point[sample]]]
         rows = rows[points.normal[rows] @ normal > FACING]
         distance = item.sheet.distance(points.xyz[rows])
         noise = 1.4826 * float(np.median(np.abs(distance - np.median(distance)))) if len(rows) else 0.0
@@ -107,7 +113,19 @@ def is_rim(box: Box3D, own: NDArray[np.float32], supports: list[Support]) -> boo
             continue
         touching = _RIM * item.edge
         around = ((item.centre > own.min(axis=0) - touching) & (item.centre < own.max(axis=0) + touching)).all(axis=1)
-        gap = ((own[:, None] - item.centre[None, around]) ** 2).sum(axis=2).min(axis=1, initial=np.inf)
-        if np.mean(gap < touching**2) > _RIM_SHARE:
+        if _touching(own, item.centre[around], touching) > _RIM_SHARE * len(own):
             return True
     return False
+
+
+@nb.njit("i8(f4[:,:], f4[:,:], f8)", cache=True, nogil=True)
+def _touching(points: NDArray[np.float32], others: NDArray[np.float32], reach: float) -> int:
+    """How many of (n, 3) points are nearer than `reach` to one of the others, (m, 3)."""
+    count = 0
+    for i in range(len(points)):
+        for j in range(len(others)):
+            x, y, z = points[i, 0] - others[j, 0], points[i, 1] - others[j, 1], points[i, 2] - others[j, 2]
+            if x * x + y * y + z * z < reach * reach:
+                count += 1
+                break
+    return count

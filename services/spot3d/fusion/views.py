@@ -20,15 +20,17 @@ class Views:
     """Poses of evenly spread frames."""
 
     def __init__(self) -> None:
-        self._T_camera_world: list[NDArray[np.float64]] = []
-        self._pinhole: list[tuple[float, float, float, float, int, int]] = []
+        # Arrays that are replaced and never written to, so that copies may share them.
+        self._T_camera_world: NDArray[np.float64] = np.zeros((0, 4, 4))
+        self._pinhole: NDArray[np.float64] = np.zeros((0, 6))
         self._offered, self._step = 0, 1
 
     def add(self, T_world_camera: NDArray[np.float64], camera: Intrinsics) -> None:
         """Remember one frame's pose."""
         if self._offered % self._step == 0:
-            self._T_camera_world.append(invert(T_world_camera))
-            self._pinhole.append((camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height))
+            pinhole = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
+            self._T_camera_world = np.concatenate((self._T_camera_world, invert(T_world_camera)[None]))
+            self._pinhole = np.concatenate((self._pinhole, [pinhole]))
         self._offered += 1
         if len(self._pinhole) > _REMEMBERED:
             self._T_camera_world, self._pinhole = self._T_camera_world[::2], self._pinhole[::2]
@@ -37,7 +39,7 @@ class Views:
     def copy(self) -> "Views":
         """Views of its own with the same poses."""
         other = Views()
-        other._T_camera_world, other._pinhole = list(self._T_camera_world), list(self._pinhole)
+        other._T_camera_world, other._pinhole = self._T_camera_world, self._pinhole
         other._offered, other._step = self._offered, self._step
         return other
 
@@ -46,10 +48,10 @@ class Views:
 
         Where none has, the depth is `range_max`, metres.
         """
-        if not self._pinhole:
+        if len(self._pinhole) == 0:
             return 0.0, range_max
-        T = np.array(self._T_camera_world)
-        fx, fy, cx, cy, width, height = np.array(self._pinhole).T
+        T = self._T_camera_world
+        fx, fy, cx, cy, width, height = self._pinhole.T
         x, y, z = (T[:, :3, :3] @ point + T[:, :3, 3]).T
         ahead = np.where((z > 0) & (z <= range_max), z, np.inf)
         u, v = fx * x / ahead + cx, fy * y / ahead + cy
