@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D, iou_matrix_3d
 
-_SAMPLE = 500
-"""At most as many points of a cluster tell its rough box, and how much of it lies in another's."""
+_SAMPLE = 1000
+"""About as many points of a cluster tell its rough box, and how much of it lies in another's."""
 _ELONGATED = 1.2
 """A footprint whose principal spreads differ by this factor has a direction of its own."""
 _ROUND = 0.89
@@ -171,9 +171,9 @@ def merge_contained(
     return [rows for rows, joined in zip(parts, gone, strict=True) if not joined]
 
 
-def sampled(points: NDArray[np.float32], rows: NDArray[np.int64], most: int = _SAMPLE) -> NDArray[np.float32]:
-    """At most so many of these rows of (n, 3) points, evenly spread: by default as many as tell a rough box."""
-    return points[rows[:: -(-len(rows) // most) or 1]]
+def sampled(points: NDArray[np.float32], rows: NDArray[np.int64]) -> NDArray[np.float32]:
+    """Of these rows of (n, 3) points as many, evenly spread, as tell a rough box."""
+    return points[rows[:: max(1, len(rows) // _SAMPLE)]]
 
 
 def share_inside(points: NDArray[np.float32], box: Box3D, margin: float = 0.0) -> float:

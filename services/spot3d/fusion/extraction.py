@@ -16,8 +16,6 @@ from spot3d.fusion.surface import Surface, gather_cells, points_of_cells, rows_o
 
 _TRIM = 0.005
 """Share of an object's points that may lie beyond each face of its box."""
-_BOXED = 3000
-"""At most as many of an object's points, evenly spread, tell its box: of no more than the trimmed share of them, 15."""
 _COVERED = 0.5
 """An object's surface is seen over at least this share of its box's largest face; a triangle's is."""
 _PEAK = 0.5
@@ -102,7 +100,7 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
     merged = [cells for cells in merged if hot(cells)]
     found = []
     for cells, rows in zip(merged, points_of_cells(surface, merged), strict=True):
-        box = box_of(sampled(points.xyz, rows, _BOXED), lengthwise=True)
+        box = box_of(points.xyz[rows], lengthwise=True)
         own = np.zeros(len(coarse.centre), np.bool_)
         own[coarse_cell[cells]] = True
         if _covered(len(cells) * settings.cell**2, box) and not is_rim(box, coarse.centre[own], supports):
