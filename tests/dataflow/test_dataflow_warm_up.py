@@ -70,3 +70,10 @@ def test_a_core_that_fails_does_not_keep_its_stage_from_starting(caplog: pytest.
 
     warm_up("pose", fail)
     assert "ZeroDivisionError: of the core" in caplog.text
+
+
+def test_what_finds_objects_is_loaded_with_the_first_update():
+    """Its kernels take longer to compile than all others of fusion, and no frame needs them."""
+    script = "import sys, spot3d.fusion.process; print('spot3d.fusion.extraction' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == "False"

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, back_project, invert
-from spot3d.fusion.extraction import find_objects
 from spot3d.fusion.heatmap3d import Heatmap3D
 from spot3d.fusion.identity import FoundObject, Identities
 from spot3d.fusion.index_map import IndexMap, Registration
@@ -40,6 +39,9 @@ class ObjectsTask:
 
     def run(self) -> Objects:
         """The objects, numbered as in the tasks that ran before."""
+        # Loaded with the first task, beside the fusing: its kernels take longer to compile than those of the fusing.
+        from spot3d.fusion.extraction import find_objects
+
         # Column by column, which is several times faster than `mean(axis=0)`.
         middle = np.array([column.mean(dtype=np.float64) if len(column) else 0.0 for column in self.points.xyz.T])
         planes = self.planes.distinct(middle)

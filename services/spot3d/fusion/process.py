@@ -61,7 +61,7 @@ def _fuse_all(fusion: Fusion, frames: Sequence[RgbdFrame]) -> None:
         heat = np.where(np.abs(depth - 0.8) < 0.01, 255, 0).astype(np.uint8)
         pose = np.eye(4) if frame.T_world_camera is None else frame.T_world_camera
         fusion.fuse(frame.colour, depth, heat, frame.intrinsics, pose)
-    fusion.objects()
+    fusion.snapshot()
 
 
 class _Stage:
