@@ -2,9 +2,10 @@
 
 from typing import TypeVar
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
+
+from spot3d.kernel import kernel
 
 # Axial noise of the Kinect v1 (Nguyen, Izadi, Lovell 2012), quantisation included; the same law fits other sensors:
 # metres at SIGMA_AT metres, and metres per square metre beyond.
@@ -18,7 +19,7 @@ def axial_noise(z: Metres) -> Metres:
     return SIGMA_0 + SIGMA_2 * (z - SIGMA_AT) ** 2
 
 
-@nb.njit("f4(f4)", cache=True, nogil=True)
+@kernel("f4(f4)")
 def axial_noise_kernel(z: np.float32) -> np.float32:
     """`axial_noise` of one depth, for kernels."""
     return np.float32(SIGMA_0) + np.float32(SIGMA_2) * (z - np.float32(SIGMA_AT)) ** 2

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from numba import njit
 from reference_edge_boxes import reference_score
 
 from spot3d.proposals.groups import EdgeGroups, EdgePixels, affinities, edge_pixels, group_edges
@@ -7,6 +8,18 @@ from spot3d.proposals.scoring import MIN_AFFINITY, score_limit, score_window
 from spot3d.proposals.window_index import index_windows
 
 KAPPA = 1.5
+
+
+@njit
+def score_of(index, window, least):
+    """`score_window` as it is compiled into the search."""
+    return score_window(index, window[0], window[1], window[2], window[3], least)
+
+
+@njit
+def limit_of(index, window):
+    """`score_limit` as it is compiled into the search."""
+    return score_limit(index, window[0], window[1], window[2], window[3])
 
 
 def noise_edges(seed, density, shape=(60, 80)):
@@ -58,20 +71,20 @@ def test_kernel_equals_reference_and_stays_below_its_limit(magnitude, orientatio
         windows.append((int(x[0]), int(y[0]), int(x[1]), int(y[1])))
     for window in windows:
         expected = reference_score(magnitude, groups, window, KAPPA)
-        got = score_window(index, *window, np.float32(0))
+        got = score_of(index, window, np.float32(0))
         assert got == pytest.approx(expected, rel=1e-3, abs=2e-4), window
-        assert got <= score_limit(index, *window) + 1e-4 or got == 0
+        assert got <= limit_of(index, window) + 1e-4 or got == 0
         # A score that is asked to exceed itself is given up; one that does not need to is complete.
-        assert score_window(index, *window, np.float32(expected + 1e-3)) == 0
+        assert score_of(index, window, np.float32(expected + 1e-3)) == 0
         if expected > 0.01:
-            assert score_window(index, *window, np.float32(expected - 5e-3)) == got
+            assert score_of(index, window, np.float32(expected - 5e-3)) == got
 
 
 def test_a_window_around_an_outline_beats_one_that_cuts_it():
     magnitude, orientation = outline_edges()
     index = index_windows(magnitude, grouped(magnitude, orientation), KAPPA)
-    whole = score_window(index, 29, 19, 72, 52, np.float32(0))
-    cut = score_window(index, 29, 19, 60, 52, np.float32(0))
+    whole = score_of(index, (29, 19, 72, 52), np.float32(0))
+    cut = score_of(index, (29, 19, 60, 52), np.float32(0))
     assert whole > 2 * cut
 
 

@@ -1,8 +1,9 @@
 """The 3D heatmap H_3D: points with colour, normal, heat and frequency, found again by voxel (paper, Sec. IV-A)."""
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
+
+from spot3d.kernel import kernel
 
 # Columns of a map row. A row fills one cache line, so that updating a point costs one memory access.
 X, R, NORMAL, WEIGHT, HEAT, FREQUENCY, LAST = 0, 3, 6, 9, 10, 11, 12
@@ -63,7 +64,7 @@ class Heatmap3D:
         return moved
 
 
-@nb.njit("i8(f4, f4, f4, f4)", cache=True, nogil=True, inline="always")
+@kernel("i8(f4, f4, f4, f4)", forceinline=True)
 def voxel_key(x: np.float32, y: np.float32, z: np.float32, per_metre: np.float32) -> np.int64:
     """Voxel of a point, 21 bits an axis packed into one integer (10 km at 5 mm: nothing wraps indoors)."""
     half = np.int64(1 << 20)
@@ -73,7 +74,7 @@ def voxel_key(x: np.float32, y: np.float32, z: np.float32, per_metre: np.float32
     return (i << np.int64(42)) | (j << np.int64(21)) | k
 
 
-@nb.njit("i8(i8[::1], i8)", cache=True, nogil=True, inline="always")
+@kernel("i8(i8[::1], i8)", forceinline=True)
 def find_slot(keys: NDArray[np.int64], key: np.int64) -> np.int64:
     """Slot that holds the key, or the free slot where it belongs (linear probing; the table is never full)."""
     mask = np.int64(len(keys) - 1)
@@ -83,7 +84,7 @@ def find_slot(keys: NDArray[np.int64], key: np.int64) -> np.int64:
     return slot
 
 
-@nb.njit("void(f4[:,::1], i8, i8[::1], i4[::1], f4)", cache=True, nogil=True)
+@kernel("void(f4[:,::1], i8, i8[::1], i4[::1], f4)")
 def _insert_all(
     rows: NDArray[np.float32],
     count: int,

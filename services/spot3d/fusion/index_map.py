@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +20,7 @@ from spot3d.fusion.heatmap3d import (
 )
 from spot3d.fusion.normals import surface_normals
 from spot3d.fusion.settings import FusionSettings
+from spot3d.kernel import kernel
 from spot3d.sensor import axial_noise_kernel
 
 _EVICTED_SHARE = 0.2
@@ -125,11 +125,7 @@ def _pinhole(camera: Intrinsics) -> tuple[np.float32, np.float32, np.float32, np
     return np.float32(camera.fx), np.float32(camera.fy), np.float32(camera.cx), np.float32(camera.cy)
 
 
-@nb.njit(
-    "i4[:,::1](i4[:,::1], f4[:,::1], u1[:,:,::1], f4[:,::1], u1[:,:,::1], f4[:,::1], f4, f4, f4, f4, f4, f4, f4)",
-    cache=True,
-    nogil=True,
-)
+@kernel("i4[:,::1](i4[:,::1], f4[:,::1], u1[:,:,::1], f4[:,::1], u1[:,:,::1], f4[:,::1], f4, f4, f4, f4, f4, f4, f4)")
 def warp(
     last_index: NDArray[np.int32],
     last_depth: NDArray[np.float32],
@@ -180,7 +176,7 @@ def warp(
     return index
 
 
-@nb.njit("i4(i8[::1], i4[::1], f4, f4, f4, f4[:,::1], f4, f4, f4)", cache=True, nogil=True)
+@kernel("i4(i8[::1], i4[::1], f4, f4, f4, f4[:,::1], f4, f4, f4)")
 def _find_along_ray(
     keys: NDArray[np.int64],
     slot_rows: NDArray[np.int32],
@@ -208,11 +204,9 @@ def _find_along_ray(
     return np.int32(-1)
 
 
-@nb.njit(
+@kernel(
     "Tuple((i4[:,::1], i8, i8, i8))(f4[:,::1], i8, i8[::1], i4[::1], i4[:,::1], f4[:,::1], u1[:,:,::1], u1[:,::1],"
-    " f4[:,:,::1], f4[:,::1], f4, f4, f4, f4, f4, f4, f4, f4)",
-    cache=True,
-    nogil=True,
+    " f4[:,:,::1], f4[:,::1], f4, f4, f4, f4, f4, f4, f4, f4)"
 )
 def merge(
     rows: NDArray[np.float32],

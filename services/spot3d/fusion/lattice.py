@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
+from spot3d.kernel import kernel
 from spot3d.sensor import axial_noise_kernel
 
 
@@ -62,7 +62,7 @@ def to_lattice(
     )
 
 
-@nb.njit("f4[:,::1](f4[:,::1], i8)", cache=True, nogil=True)
+@kernel("f4[:,::1](f4[:,::1], i8)")
 def _mean_of_nearest(depth: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
     """Mean of each block's valid pixels within the noise of the block's nearest; 0 where none is valid."""
     h, w = depth.shape

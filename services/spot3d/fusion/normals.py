@@ -1,10 +1,10 @@
 """Surface normals of a depth image."""
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
+from spot3d.kernel import kernel
 from spot3d.sensor import axial_noise_kernel
 
 _REACH = 3
@@ -22,7 +22,7 @@ def surface_normals(depth: NDArray[np.float32], camera: Intrinsics) -> NDArray[n
     return normals
 
 
-@nb.njit("f4[:,:,::1](f4[:,::1], f4, f4, f4, f4)", cache=True, nogil=True)
+@kernel("f4[:,:,::1](f4[:,::1], f4, f4, f4, f4)")
 def _normals(
     depth: NDArray[np.float32], fx: np.float32, fy: np.float32, cx: np.float32, cy: np.float32
 ) -> NDArray[np.float32]:

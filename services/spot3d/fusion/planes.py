@@ -1,10 +1,10 @@
 """Dominant planes of a frame, and the one that supports objects (paper, Sec. IV-A)."""
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.fusion.settings import FusionSettings
+from spot3d.kernel import kernel
 from spot3d.sensor import axial_noise
 
 _NEIGHBOUR_SHARE = 1 / 16
@@ -163,7 +163,7 @@ def _triple_planes(points: NDArray[np.float32], triples: NDArray[np.int64]) -> N
     return planes
 
 
-@nb.njit("i4[::1](f4[:,::1], f4[:,::1], f4[::1])", cache=True, nogil=True)
+@kernel("i4[::1](f4[:,::1], f4[:,::1], f4[::1])")
 def count_inliers(
     planes: NDArray[np.float32], points: NDArray[np.float32], tolerance: NDArray[np.float32]
 ) -> NDArray[np.int32]:

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.fusion.heatmap3d import FREQUENCY, HEAT, NORMAL, R, X
 from spot3d.fusion.settings import FusionSettings
+from spot3d.kernel import kernel
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,12 +46,7 @@ def frequent_points(rows: NDArray[np.float32], frame_count: int, settings: Fusio
     return MapPoints(*(column[:count] for column in (*vectors, *scalars)))
 
 
-@nb.njit(
-    "i8(f4[:,::1], f4, f4, f4[:,::1], f4[:,::1], f4[:,::1], f4[::1], f4[::1])",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-)
+@kernel("i8(f4[:,::1], f4, f4, f4[:,::1], f4[:,::1], f4[:,::1], f4[::1], f4[::1])", error_model="numpy")
 def _copy_frequent(
     rows: NDArray[np.float32],
     least: np.float32,

@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
 from spot3d.heatmap.pyramid import ORDERED, TILE, DepthTiles
 from spot3d.heatmap.settings import HeatmapSettings
+from spot3d.kernel import kernel
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +72,7 @@ def _pixel_windows(boxes: NDArray[np.float32], camera: Intrinsics) -> NDArray[np
     return windows
 
 
-@nb.njit(
-    "Tuple((f4[::1], f4[::1]))(i4[:,::1], f4[:,:,::1], f4[:,::1], f4[:,::1])", cache=True, nogil=True, fastmath=ORDERED
-)
+@kernel("Tuple((f4[::1], f4[::1]))(i4[:,::1], f4[:,:,::1], f4[:,::1], f4[:,::1])", fastmath=ORDERED)
 def _depth_ranges(
     windows: NDArray[np.int32],
     pixels: NDArray[np.float32],

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +9,7 @@ from spot3d.camera import Intrinsics
 from spot3d.heatmap.filters import FilteredProposals, filter_proposals
 from spot3d.heatmap.pyramid import TILE, DepthTiles, depth_tiles
 from spot3d.heatmap.settings import HeatmapSettings
+from spot3d.kernel import kernel
 
 ALL = 2.0**30
 """Whole number that all confidences of a frame sum up to."""
@@ -71,11 +71,7 @@ def sum_proposals(proposals: FilteredProposals, tiles: DepthTiles, shape: tuple[
     return heat
 
 
-@nb.njit(
-    "Tuple((i4[:,:,::1], i4[:,::1]))(i4[:,::1], i4[::1], f4[::1], f4[:,:,::1], f4[:,::1], f4[:,::1], b1[:,::1])",
-    cache=True,
-    nogil=True,
-)
+@kernel("Tuple((i4[:,:,::1], i4[:,::1]))(i4[:,::1], i4[::1], f4[::1], f4[:,:,::1], f4[:,::1], f4[:,::1], b1[:,::1])")
 def _sum_masked(
     windows: NDArray[np.int32],
     amount: NDArray[np.int32],
@@ -112,7 +108,7 @@ def _sum_masked(
     return masked, beyond
 
 
-@nb.njit("u1[:,::1](i4[:,::1], i4[::1], i4[:,:,::1], i4[:,::1], i8, i8)", cache=True, nogil=True)
+@kernel("u1[:,::1](i4[:,::1], i4[::1], i4[:,:,::1], i4[:,::1], i8, i8)")
 def _heat_image(
     windows: NDArray[np.int32],
     amount: NDArray[np.int32],

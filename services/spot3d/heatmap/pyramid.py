@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
+
+from spot3d.kernel import kernel
 
 TILE = 8
 """Side of a tile in pixels."""
@@ -34,7 +35,7 @@ def depth_tiles(depth: NDArray[np.float32]) -> DepthTiles:
     return DepthTiles(*_tile_ranges(np.ascontiguousarray(depth, dtype=np.float32)))
 
 
-@nb.njit("Tuple((f4[:,:,::1], f4[:,::1], f4[:,::1], b1[:,::1]))(f4[:,::1])", cache=True, nogil=True, fastmath=ORDERED)
+@kernel("Tuple((f4[:,:,::1], f4[:,::1], f4[:,::1], b1[:,::1]))(f4[:,::1])", fastmath=ORDERED)
 def _tile_ranges(
     depth: NDArray[np.float32],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:

@@ -8,10 +8,10 @@ the depth images, so that each single frame is better placed by depth: the landm
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
+from spot3d.kernel import kernel
 from spot3d.pose.features import FeatureDetector, Features
 from spot3d.pose.landmark_map import LandmarkMap
 from spot3d.pose.motion import moved, nearest_rotation
@@ -144,7 +144,7 @@ class Agreement:
         return H, g, weights
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _normal_equations(
     T: NDArray[np.float64],
     points: NDArray[np.float64],

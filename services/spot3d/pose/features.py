@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
+from spot3d.kernel import kernel
 
 # ORB's pyramid: features are known again from half to twice the distance.
 _LEVELS, _SCALE = 4, 1.4
@@ -57,7 +57,7 @@ class FeatureDetector:
         return Features(pixels, np.stack((x, y, z), axis=1), descriptors, blur)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _depth_at(depth: NDArray[np.float32], pixels: NDArray[np.float64], range_max: float) -> NDArray[np.float64]:
     """Mean depth (n,) of each pixel and its four neighbours, metres; 0 where they are not of one surface."""
     rows, columns = depth.shape

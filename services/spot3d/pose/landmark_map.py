@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, invert
+from spot3d.kernel import kernel, part
 from spot3d.pose.features import Features
 from spot3d.sensor import axial_noise
 
@@ -100,7 +100,7 @@ class LandmarkMap:
         return rows
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _in_view(
     positions: NDArray[np.float64],
     T_camera_world: NDArray[np.float64],
@@ -127,7 +127,7 @@ def _in_view(
     return rows[:count].copy(), expected[:count].copy()
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _match(
     pixels: NDArray[np.float64],
     points: NDArray[np.float64],
@@ -173,7 +173,7 @@ def _match(
     return nearest
 
 
-@njit(cache=True, nogil=True, inline="always")
+@part()
 def _bits(a: NDArray[np.uint64], b: NDArray[np.uint64]) -> int:
     """How many bits of two descriptors differ."""
     count = 0

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
+from spot3d.kernel import kernel
 from spot3d.pose.settings import PoseSettings
 from spot3d.sensor import axial_noise_kernel
 
@@ -73,7 +73,7 @@ def weakest_direction(information: NDArray[np.float64]) -> float:
     return float("inf") if least <= 0 else least**-0.5
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _sum_cells(depth: NDArray[np.float32], cell: int, range_max: np.float32, sums: NDArray[np.float32]) -> None:
     """Sums of each cell x cell block of the (h, w) depth into (rows, columns, 10)."""
     centre = np.float32(0.5 * (cell - 1))
@@ -103,7 +103,7 @@ def _sum_cells(depth: NDArray[np.float32], cell: int, range_max: np.float32, sum
             s[5], s[6], s[7], s[8], s[9] = svv, sq, suq, svq, sqq
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _fit_planes(
     sums: NDArray[np.float32],
     cell: int,

@@ -1,9 +1,9 @@
 """The local map of planes: one surfel for each voxel and direction of its surface, found by hashing."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from spot3d.kernel import kernel, part
 from spot3d.pose.surface import Surface
 
 # A surfel fills one cache line: mean position (3), mean normal (3), weight, frame that saw it last.
@@ -89,7 +89,7 @@ class SurfelMap:
         self.count = len(keys)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@part()
 def _key(x: float, y: float, z: float, nx: float, ny: float, nz: float, voxel: float) -> np.int64:
     """Voxel of a point and the axis that its normal is nearest to: the two sides of a board never mix."""
     ax, ay, az = abs(nx), abs(ny), abs(nz)
@@ -106,7 +106,7 @@ def _key(x: float, y: float, z: float, nx: float, ny: float, nz: float, voxel: f
     return np.int64(((i << 20 | j) << 20 | k) << 3 | face) & np.int64(0x7FFFFFFFFFFFFFFF)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@part()
 def _slot(keys: NDArray[np.int64], key: np.int64) -> np.int64:
     """Slot of the key, or the free slot where it belongs (linear probing; the table is at most half full)."""
     mask = keys.shape[0] - 1
@@ -117,7 +117,7 @@ def _slot(keys: NDArray[np.int64], key: np.int64) -> np.int64:
     return h
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _restore(
     keys: NDArray[np.int64],
     surfels: NDArray[np.float64],
@@ -131,7 +131,7 @@ def _restore(
         surfels[h] = kept[i]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _insert(
     keys: NDArray[np.int64],
     surfels: NDArray[np.float64],
@@ -174,7 +174,7 @@ def _insert(
     return new
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _normal_equations(
     keys: NDArray[np.int64],
     surfels: NDArray[np.float64],

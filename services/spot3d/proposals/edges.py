@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from spot3d.kernel import kernel
 from spot3d.proposals.inverse_depth import depth_strength, fill_inverse_depth
 from spot3d.proposals.settings import EdgeSettings
 
@@ -42,7 +42,7 @@ def detect_edges(
     return EdgeMap(*thin(strength, ridges))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def colour_strength(
     smooth: NDArray[np.uint8], weight: np.float32, contrast: np.float32, least: np.float32
 ) -> NDArray[np.float32]:
@@ -70,7 +70,7 @@ def colour_strength(
     return strength
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def raise_to_depth(
     strength: NDArray[np.float32], other: NDArray[np.float32], depth: NDArray[np.float32], least: np.float32
 ) -> None:
@@ -89,7 +89,7 @@ def raise_to_depth(
                 strength[y, x] = value
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def thin(strength: NDArray[np.float32], smooth: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Keep the pixels that are maxima across their edge; its normal is the sharpest bend of the smoothed map.
 

@@ -3,8 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from spot3d.kernel import kernel, part
 
 PI = np.float32(np.pi)
 REACH = 2  # groups that come this close, in pixels along both axes, have an affinity
@@ -61,7 +62,7 @@ def group_edges(
     return EdgeGroups(label, total, anchor, first, neighbour, affinity)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def edge_pixels(magnitude: NDArray[np.float32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Rows and columns, (k,) int32 in reading order, of the pixels above 0, the image's border excepted."""
     h, w = magnitude.shape
@@ -75,14 +76,14 @@ def edge_pixels(magnitude: NDArray[np.float32]) -> tuple[NDArray[np.int32], NDAr
     return ys[:k].copy(), xs[:k].copy()
 
 
-@njit(cache=True, nogil=True)
+@part()
 def turn(a: np.float32, b: np.float32) -> np.float32:
     """Difference of two orientations in [0, pi), units of pi: 0 to 0.5."""
     d = abs(a - b) / PI
     return d if d <= np.float32(0.5) else np.float32(1) - d
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def cluster(pixels: EdgePixels, threshold: np.float32) -> tuple[NDArray[np.int32], int]:
     """Grow groups greedily: always the bordering pixel of least turn, until the turns sum to `threshold`.
 
@@ -128,7 +129,7 @@ def cluster(pixels: EdgePixels, threshold: np.float32) -> tuple[NDArray[np.int32
     return label, count
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def absorb_small(pixels: EdgePixels, label: NDArray[np.int32], count: int, min_total: np.float32) -> int:
     """Give the pixels of weak groups to the bordering group of least turn, and number the others anew.
 
@@ -179,7 +180,7 @@ def absorb_small(pixels: EdgePixels, label: NDArray[np.int32], count: int, min_t
     return kept
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def describe(
     pixels: EdgePixels, label: NDArray[np.int32], count: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
@@ -202,13 +203,13 @@ def describe(
         double[g, 1] += m * np.sin(2 * orientation[y, x])
         anchor[g, 0], anchor[g, 1] = x, y
     for g in range(count):
-        mean[g] /= total[g]
+        mean[g, 0], mean[g, 1] = mean[g, 0] / total[g], mean[g, 1] / total[g]
         angle = np.arctan2(double[g, 1], double[g, 0]) / np.float32(2)
         normal[g, 0], normal[g, 1] = np.cos(angle), np.sin(angle)
     return total, mean, normal, anchor
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def affinities(
     pixels: EdgePixels,
     label: NDArray[np.int32],

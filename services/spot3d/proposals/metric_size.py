@@ -3,8 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from spot3d.kernel import kernel, part
 
 CELL = 16  # side of the finest cell, pixels
 
@@ -22,7 +23,7 @@ class DepthRange(NamedTuple):
     limits: NDArray[np.float32]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def depth_range(
     depth: NDArray[np.float32], fx: np.float32, fy: np.float32, min_size: np.float32, max_size: np.float32
 ) -> DepthRange:
@@ -49,7 +50,7 @@ def depth_range(
     return DepthRange(nearest, farthest, np.array([fx, fy, min_size, max_size], np.float32))
 
 
-@njit(cache=True, nogil=True)
+@part()
 def surely_rejected(ranges: DepthRange, x0: int, y0: int, x1: int, y1: int) -> bool:
     """Whether Eq. 4 (paper, Sec. III-C) rejects the window x0..x1 - 1, y0..y1 - 1 whatever its mean depth is.
 

@@ -1,11 +1,12 @@
 """Non-maximum suppression of boxes by overlap, the threshold fixed or falling (EdgeBoxes, Sec. 3.4)."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from spot3d.kernel import kernel
 
-@njit(cache=True, nogil=True)
+
+@kernel()
 def suppress(
     windows: NDArray[np.int32], order: NDArray[np.int64], beta: np.float32, eta: np.float32, most: int
 ) -> NDArray[np.int64]:

@@ -1,15 +1,17 @@
 """The score of one window: contours wholly inside it, by its size (EdgeBoxes, Sec. 3.2 and 3.3)."""
 
 import numpy as np
-from numba import njit
 
+from spot3d.kernel import part
 from spot3d.proposals.window_index import WindowIndex
+
+Pixel = int | np.int64  # one type when compiled: other whole numbers would compile everything once more
 
 MIN_AFFINITY = 0.05  # paths of a lower affinity do not connect
 
 
-@njit(cache=True, nogil=True, forceinline=True)
-def score_limit(index: WindowIndex, x0: int, y0: int, x1: int, y1: int) -> np.float32:
+@part()
+def score_limit(index: WindowIndex, x0: Pixel, y0: Pixel, x1: Pixel, y1: Pixel) -> np.float32:
     """Most that the window x0..x1 - 1, y0..y1 - 1 can score: as if no contour crossed its border."""
     sums = index.sums
     w, h = x1 - x0, y1 - y0
@@ -21,15 +23,15 @@ def score_limit(index: WindowIndex, x0: int, y0: int, x1: int, y1: int) -> np.fl
     return limit
 
 
-@njit(cache=True, nogil=True, forceinline=True)
-def anchored(index: WindowIndex, g: int, x0: int, y0: int, x1: int, y1: int) -> bool:
+@part()
+def anchored(index: WindowIndex, g: int, x0: Pixel, y0: Pixel, x1: Pixel, y1: Pixel) -> bool:
     """Whether group g has its anchor in the window; without branches, which would be guessed wrong."""
     x, y = index.anchor[g, 0], index.anchor[g, 1]
     inside: bool = (x0 <= x) & (x < x1) & (y0 <= y) & (y < y1)
     return inside
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@part()
 def meet(index: WindowIndex, line: int, begin: int, end: int, now: int, tail: int) -> int:
     """Queue the groups of `lines[line, begin:end]` that window `now` meets first here; returns the queue's end."""
     for i in range(begin, end):
@@ -40,8 +42,8 @@ def meet(index: WindowIndex, line: int, begin: int, end: int, now: int, tail: in
     return tail
 
 
-@njit(cache=True, nogil=True, forceinline=True)
-def score_window(index: WindowIndex, x0: int, y0: int, x1: int, y1: int, least: np.float32) -> np.float32:
+@part()
+def score_window(index: WindowIndex, x0: Pixel, y0: Pixel, x1: Pixel, y1: Pixel, least: np.float32) -> np.float32:
     """Score of the window x0..x1 - 1, y0..y1 - 1, or 0 as soon as it is known to be no more than `least`.
 
     Groups with their anchor inside count with their magnitude times 1 - the best product of affinities along

@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from spot3d.kernel import kernel
 from spot3d.proposals.groups import EdgeGroups
 
 
@@ -65,7 +65,7 @@ def index_windows(magnitude: NDArray[np.float32], groups: EdgeGroups, kappa: flo
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def build_tables(
     magnitude: NDArray[np.float32],
     label: NDArray[np.int32],

@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from spot3d.kernel import kernel
 from spot3d.proposals.metric_size import DepthRange, surely_rejected
 from spot3d.proposals.scoring import score_limit, score_window
 from spot3d.proposals.window_index import WindowIndex
@@ -37,7 +37,7 @@ def window_shapes(
     return np.array(found, np.int32).reshape(-1, 4)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def search(
     index: WindowIndex, ranges: DepthRange, shapes: NDArray[np.int32], min_score: np.float32
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
@@ -68,7 +68,7 @@ def search(
     return windows[:n], scores[:n]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def refine(
     index: WindowIndex,
     windows: NDArray[np.int32],
@@ -93,7 +93,8 @@ def refine(
                     box[side] = min(max(old + move, 0), h if side % 2 else w)
                     score = np.float32(0)
                     if box[2] - box[0] >= MIN_SIDE and box[3] - box[1] >= MIN_SIDE:
-                        score = score_window(index, box[0], box[1], box[2], box[3], scores[i])
+                        x0, y0, x1, y1 = np.int64(box[0]), np.int64(box[1]), np.int64(box[2]), np.int64(box[3])
+                        score = score_window(index, x0, y0, x1, y1, scores[i])
                     if score > scores[i]:
                         scores[i] = score
                         break

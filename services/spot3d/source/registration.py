@@ -4,10 +4,10 @@ import math
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
+from spot3d.kernel import kernel
 from spot3d.source.calibration import ColourCamera
 from spot3d.source.errors import SourceError
 
@@ -81,7 +81,7 @@ def _pinhole_values(camera: Intrinsics) -> NDArray[np.float32]:
     return np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _complete_inverse_depth(depth: NDArray[np.float32], inverse: NDArray[np.float32]) -> None:
     """Writes inverse depth (h, w) 1/m, holes filled by the row's farther neighbour, else the nearest row."""
     # Rows are copied pixel by pixel: assigning them as arrays takes four seconds more to compile.
@@ -112,7 +112,7 @@ def _complete_inverse_depth(depth: NDArray[np.float32], inverse: NDArray[np.floa
         inverse[:] = 0
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _project(
     depth: NDArray[np.float32],
     inverse: NDArray[np.float32],
@@ -150,7 +150,7 @@ def _project(
             inverse_there[v, u] = q * scale
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _find_hidden(
     depth: NDArray[np.float32],
     inverse_there: NDArray[np.float32],
@@ -177,7 +177,7 @@ def _find_hidden(
             is_hidden[v, u] = nearest[row, column] - inverse_there[v, u] > hidden
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _fill_hidden(image: NDArray[np.uint8], inverse: NDArray[np.float32], hidden: NDArray[np.bool_]) -> None:
     """Hidden pixels of `image` (h, w, 3) take, in place, the visible row neighbour of most similar depth."""
     h, w = inverse.shape

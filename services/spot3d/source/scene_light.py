@@ -2,9 +2,9 @@
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from spot3d.kernel import kernel
 from spot3d.source.scene_intersect import hit
 from spot3d.source.scene_placement import SHELF_HEIGHT, TABLE_HEIGHT
 from spot3d.source.scene_shapes import ROOM, Solids
@@ -43,7 +43,7 @@ def shadow_maps(solids: Solids) -> tuple[NDArray[np.float64], NDArray[np.float32
     return areas, light
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _fill(
     areas: NDArray[np.float64],
     lamps: NDArray[np.float64],
@@ -70,7 +70,7 @@ def _fill(
                 light[m, row, column] = seen / lamps.shape[0]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _blocked(
     kind: NDArray[np.int32],
     form: NDArray[np.float64],

@@ -1,9 +1,9 @@
 """What a Kinect v1 makes of an exact view: noise, quantisation, shadows and holes; colour noise."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from spot3d.kernel import kernel, part
 from spot3d.sensor import SIGMA_0, SIGMA_2, SIGMA_AT
 
 # Depth camera of the Kinect v1: focal length of its disparities (pixels) and baseline to the projector
@@ -55,7 +55,7 @@ def _state(seed: int, index: int, stream: int) -> np.uint64:
     return np.uint64(np.random.SeedSequence((seed, index, stream)).generate_state(1, np.uint64)[0])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@part(error_model="numpy")
 def _next(state: np.uint64) -> np.uint64:
     """Next state of a xorshift generator; its upper bits are the random ones."""
     state ^= state << np.uint64(13)
@@ -63,7 +63,7 @@ def _next(state: np.uint64) -> np.uint64:
     return state ^ (state << np.uint64(17))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def block_noise(height: int, width: int, state: np.uint64) -> NDArray[np.float32]:
     """Noise (height, width) float32, mean 0, deviation 1, near normal: white noise averaged over 7x7 px."""
     state |= np.uint64(1)
@@ -99,7 +99,7 @@ def block_noise(height: int, width: int, state: np.uint64) -> NDArray[np.float32
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _measure(
     exact: NDArray[np.float32],
     cosine: NDArray[np.float32],
@@ -171,7 +171,7 @@ def _measure(
             out[v, u] = np.uint16(millimetres) if keep else np.uint16(0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _add_colour_noise(colour: NDArray[np.uint8], state: np.uint64, out: NDArray[np.uint8]) -> None:
     """Writes colour plus noise: sums of random nibbles, two common to the channels, one of each its own."""
     state |= np.uint64(1)

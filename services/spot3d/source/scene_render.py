@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
+from spot3d.kernel import kernel
 from spot3d.source.scene_intersect import FAR, hit_box, hit_cone, hit_ellipsoid
 from spot3d.source.scene_light import shadow_maps
 from spot3d.source.scene_model import SceneModel
-from spot3d.source.scene_shading import shade
+from spot3d.source.scene_shading import GAMMA, shade
 from spot3d.source.scene_shapes import BOX, CONE, ROOM
 from spot3d.source.scene_texture import noise_table
 
@@ -83,6 +83,7 @@ class Renderer:
             self._areas,
             self._light,
             self._table,
+            GAMMA,
             view.depth,
             which,
             view.cosine,
@@ -123,7 +124,7 @@ class Renderer:
         return np.stack(clipped, axis=1).astype(np.int32)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _cast(
     kind: NDArray[np.int32],
     form: NDArray[np.float64],

@@ -1,9 +1,9 @@
 """Colour of the built-in scene's surfaces as the lamp and the window light them, compiled."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from spot3d.kernel import kernel, part
 from spot3d.source.scene_intersect import outward_normal
 from spot3d.source.scene_light import LAMP_CENTRE
 from spot3d.source.scene_shapes import BOX, CONE, PLAIN, ROOM, SPECKLE, WOOD
@@ -13,9 +13,11 @@ AMBIENT, LAMP, WINDOW = 0.34, 0.72, 0.16
 WINDOW_DIRECTION = (0.75, -0.55, 0.37)
 # The carpet's period is 10 cm.
 CARPET_FREQUENCY = 10.0
+# Grey level of 1024 steps of brightness; the square root stands for the display's gamma.
+GAMMA = (255.0 * np.sqrt(np.arange(1024) / 1023.0)).astype(np.uint8)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@part(error_model="numpy")
 def _shadow(areas: NDArray[np.float64], light: NDArray[np.float32], x: float, y: float, z: float) -> float:
     """Visible share of the lamp at a world point on an upward surface, from its shadow map; 1 elsewhere."""
     for m in range(areas.shape[0]):
@@ -31,7 +33,7 @@ def _shadow(areas: NDArray[np.float64], light: NDArray[np.float32], x: float, y:
     return 1.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@part(error_model="numpy")
 def _face_coordinates(
     kind: int, face: int, plain: bool, form: NDArray[np.float64], p: int, x: float, y: float, z: float
 ) -> tuple[float, float, float, float]:
@@ -50,7 +52,7 @@ def _face_coordinates(
     return np.arctan2(y, x) * form[p, 1], z, np.pi * form[p, 1], half_height
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def shade(
     kinds: NDArray[np.int32],
     form: NDArray[np.float64],
@@ -64,6 +66,7 @@ def shade(
     areas: NDArray[np.float64],
     light: NDArray[np.float32],
     table: NDArray[np.float32],
+    gamma: NDArray[np.uint8],
     depth: NDArray[np.float32],
     which: NDArray[np.int32],
     cosine: NDArray[np.float32],
@@ -71,13 +74,11 @@ def shade(
 ) -> None:
     """Writes each pixel's cosine of incidence and its colour: pattern, Lambert's law, lamp shadows, gamma.
 
-    surface: pattern (n,), first and second colour (n, 3), patterns per metre (n,). depth, which: (h, w) as
-    cast. One primitive after the other, so that what belongs to it stays in registers.
+    surface: pattern (n,), first and second colour (n, 3), patterns per metre (n,). gamma: GAMMA. depth, which:
+    (h, w) as cast. One primitive after the other, so that what belongs to it stays in registers.
     """
     patterns, first, second, frequencies = surface
     fx, fy, cx, cy = pinhole
-    # The square root stands for the display's gamma.
-    gamma = (255.0 * np.sqrt(np.arange(1024) / 1023.0)).astype(np.uint8)
     for p in range(kinds.shape[0]):
         kind = kinds[p]
         m00, m01, m02 = to_local[p, 0, 0], to_local[p, 0, 1], to_local[p, 0, 2]
