@@ -34,7 +34,7 @@ def compile_pose(scene: Scene) -> None:
 
     tracker = make_tracker(PoseSettings())
     for frame in scene:
-        tracker.track(frame.stamp_ns, frame.depth_metres(), frame.intrinsics, None)
+        tracker.track(frame.stamp_ns, frame.depth_metres(), frame.intrinsics, None, frame.colour)
 
 
 def compile_proposals(scene: Scene) -> None:

@@ -100,7 +100,7 @@ class LandmarkMap:
         return rows
 
 
-@kernel()
+@kernel("Tuple((i8[::1], f8[:,::1]))(f8[:,:], f8[:,:], f8[::1], f8[::1])")
 def _in_view(
     positions: NDArray[np.float64],
     T_camera_world: NDArray[np.float64],

@@ -55,7 +55,7 @@ def run(
 
 def _track_all(tracker: PoseTracker, frames: Sequence[RgbdFrame]) -> None:
     for frame in frames:
-        tracker.track(frame.stamp_ns, frame.depth_metres(), frame.intrinsics, frame.T_world_camera)
+        tracker.track(frame.stamp_ns, frame.depth_metres(), frame.intrinsics, frame.T_world_camera, frame.colour)
 
 
 def _serve(
