@@ -46,7 +46,7 @@ def frequent_points(rows: NDArray[np.float32], frame_count: int, settings: Fusio
     return MapPoints(*(column[:count] for column in (*vectors, *scalars)))
 
 
-@kernel("i8(f4[:,::1], f4, f4, f4[:,::1], f4[:,::1], f4[:,::1], f4[::1], f4[::1])", error_model="numpy")
+@kernel("i8(f4[:,::1], f4, f4, f4[:,::1], f4[:,::1], f4[:,::1], f4[::1], f4[::1])")
 def _copy_frequent(
     rows: NDArray[np.float32],
     least: np.float32,

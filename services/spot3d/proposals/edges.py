@@ -42,7 +42,7 @@ def detect_edges(
     return EdgeMap(*thin(strength, ridges))
 
 
-@kernel(error_model="numpy")
+@kernel()
 def colour_strength(
     smooth: NDArray[np.uint8], weight: np.float32, contrast: np.float32, least: np.float32
 ) -> NDArray[np.float32]:
@@ -89,7 +89,7 @@ def raise_to_depth(
                 strength[y, x] = value
 
 
-@kernel(error_model="numpy")
+@kernel()
 def thin(strength: NDArray[np.float32], smooth: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Keep the pixels that are maxima across their edge; its normal is the sharpest bend of the smoothed map.
 

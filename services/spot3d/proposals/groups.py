@@ -257,8 +257,10 @@ def affinities(
                     if a < least:
                         continue
                     if n == neighbour.size:
-                        neighbour = np.concatenate((neighbour, np.empty_like(neighbour)))
-                        affinity = np.concatenate((affinity, np.empty_like(affinity)))
+                        more, as_strong = np.empty(2 * n, np.int32), np.empty(2 * n, np.float32)
+                        for old in range(n):
+                            more[old], as_strong[old] = neighbour[old], affinity[old]
+                        neighbour, affinity = more, as_strong
                     k_sorted = n
                     while k_sorted > first[g] and affinity[k_sorted - 1] < a:
                         neighbour[k_sorted], affinity[k_sorted] = (

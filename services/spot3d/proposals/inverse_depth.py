@@ -77,7 +77,7 @@ def depth_strength(inverse: NDArray[np.float32], focal_length: float, settings: 
     return judge(jumps, creases, near_jumps, coarse, np.array(scale, np.float32))
 
 
-@kernel(error_model="numpy")
+@kernel()
 def jumps_and_creases(
     fine: NDArray[np.float32], coarse: NDArray[np.float32], convex: np.float32
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -109,7 +109,7 @@ def jumps_and_creases(
     return jumps, creases
 
 
-@kernel(error_model="numpy")
+@kernel()
 def judge(
     jumps: NDArray[np.float32],
     creases: NDArray[np.float32],

@@ -11,7 +11,7 @@ FAR = 1e9
 FLOOR = 0.004
 
 
-@part(error_model="numpy")
+@part()
 def hit_box(
     hx: float,
     hy: float,
@@ -40,7 +40,7 @@ def hit_box(
     return t if near <= far and t > 0 else FAR
 
 
-@kernel(error_model="numpy")
+@kernel()
 def hit_cone(form: NDArray[np.float64], ox: float, oy: float, oz: float, dx: float, dy: float, dz: float) -> float:
     """Least positive ray parameter on a cone (half height, bottom and top radius, open); FAR if none."""
     half, bottom, top = form[0], form[1], form[2]
@@ -71,7 +71,7 @@ def hit_cone(form: NDArray[np.float64], ox: float, oy: float, oz: float, dx: flo
     return best
 
 
-@kernel(error_model="numpy")
+@kernel()
 def hit_ellipsoid(form: NDArray[np.float64], ox: float, oy: float, oz: float, dx: float, dy: float, dz: float) -> float:
     """Least positive ray parameter on a cut ellipsoid (a, b, c, z from, z to, open); FAR if none."""
     sx, sy, sz = 1.0 / form[0], 1.0 / form[1], 1.0 / form[2]
@@ -101,7 +101,7 @@ def hit_ellipsoid(form: NDArray[np.float64], ox: float, oy: float, oz: float, dx
     return best
 
 
-@part(error_model="numpy")
+@part()
 def hit(
     kind: int, form: NDArray[np.float64], ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
 ) -> float:
@@ -113,7 +113,7 @@ def hit(
     return hit_ellipsoid(form, ox, oy, oz, dx, dy, dz)
 
 
-@part(error_model="numpy")
+@part()
 def outward_normal(
     kind: int, form: NDArray[np.float64], p: int, x: float, y: float, z: float
 ) -> tuple[float, float, float, int]:

@@ -43,7 +43,7 @@ def shadow_maps(solids: Solids) -> tuple[NDArray[np.float64], NDArray[np.float32
     return areas, light
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _fill(
     areas: NDArray[np.float64],
     lamps: NDArray[np.float64],
@@ -70,7 +70,7 @@ def _fill(
                 light[m, row, column] = seen / lamps.shape[0]
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _blocked(
     kind: NDArray[np.int32],
     form: NDArray[np.float64],

@@ -55,7 +55,7 @@ def _state(seed: int, index: int, stream: int) -> np.uint64:
     return np.uint64(np.random.SeedSequence((seed, index, stream)).generate_state(1, np.uint64)[0])
 
 
-@part(error_model="numpy")
+@part()
 def _next(state: np.uint64) -> np.uint64:
     """Next state of a xorshift generator; its upper bits are the random ones."""
     state ^= state << np.uint64(13)
@@ -63,7 +63,7 @@ def _next(state: np.uint64) -> np.uint64:
     return state ^ (state << np.uint64(17))
 
 
-@kernel(error_model="numpy")
+@kernel()
 def block_noise(height: int, width: int, state: np.uint64) -> NDArray[np.float32]:
     """Noise (height, width) float32, mean 0, deviation 1, near normal: white noise averaged over 7x7 px."""
     state |= np.uint64(1)
@@ -99,7 +99,7 @@ def block_noise(height: int, width: int, state: np.uint64) -> NDArray[np.float32
     return out
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _measure(
     exact: NDArray[np.float32],
     cosine: NDArray[np.float32],
@@ -171,7 +171,7 @@ def _measure(
             out[v, u] = np.uint16(millimetres) if keep else np.uint16(0)
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _add_colour_noise(colour: NDArray[np.uint8], state: np.uint64, out: NDArray[np.uint8]) -> None:
     """Writes colour plus noise: sums of random nibbles, two common to the channels, one of each its own."""
     state |= np.uint64(1)

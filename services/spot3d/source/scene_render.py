@@ -124,7 +124,7 @@ class Renderer:
         return np.stack(clipped, axis=1).astype(np.int32)
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _cast(
     kind: NDArray[np.int32],
     form: NDArray[np.float64],

@@ -17,7 +17,7 @@ CARPET_FREQUENCY = 10.0
 GAMMA = (255.0 * np.sqrt(np.arange(1024) / 1023.0)).astype(np.uint8)
 
 
-@part(error_model="numpy")
+@part()
 def _shadow(areas: NDArray[np.float64], light: NDArray[np.float32], x: float, y: float, z: float) -> float:
     """Visible share of the lamp at a world point on an upward surface, from its shadow map; 1 elsewhere."""
     for m in range(areas.shape[0]):
@@ -33,7 +33,7 @@ def _shadow(areas: NDArray[np.float64], light: NDArray[np.float32], x: float, y:
     return 1.0
 
 
-@part(error_model="numpy")
+@part()
 def _face_coordinates(
     kind: int, face: int, plain: bool, form: NDArray[np.float64], p: int, x: float, y: float, z: float
 ) -> tuple[float, float, float, float]:
@@ -52,7 +52,7 @@ def _face_coordinates(
     return np.arctan2(y, x) * form[p, 1], z, np.pi * form[p, 1], half_height
 
 
-@kernel(error_model="numpy")
+@kernel()
 def shade(
     kinds: NDArray[np.int32],
     form: NDArray[np.float64],

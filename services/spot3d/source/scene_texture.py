@@ -17,7 +17,7 @@ def noise_table(seed: int) -> NDArray[np.float32]:
     return rng.uniform(-1, 1, (NOISE_SIDE, NOISE_SIDE)).astype(np.float32)
 
 
-@part(error_model="numpy")
+@part()
 def smooth_noise(table: NDArray[np.float32], u: float, v: float) -> float:
     """Bilinear look-up of the noise table at (u, v) in cells, in -1..1."""
     fu, fv = np.floor(u), np.floor(v)
@@ -31,7 +31,7 @@ def smooth_noise(table: NDArray[np.float32], u: float, v: float) -> float:
     return float(top + b * (bottom - top))
 
 
-@part(error_model="numpy")
+@part()
 def _print(table: NDArray[np.float32], a: float, b: float, lines: float) -> float:
     """Ink 0..1 of `lines` lines of words a period, at (a, b) in periods; gaps by the noise table."""
     row = np.floor(b * lines)
@@ -40,7 +40,7 @@ def _print(table: NDArray[np.float32], a: float, b: float, lines: float) -> floa
     return 1.0 if smooth_noise(table, 1.1 * lines * a + 31.7 * row, row * 5.3) > -0.25 else 0.0
 
 
-@part(error_model="numpy")
+@part()
 def pattern_at(
     pattern: int,
     table: NDArray[np.float32],
