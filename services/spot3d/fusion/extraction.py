@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
 from spot3d.fusion.boxes import Cluster, merge_contained, merge_intersecting, sampled, upright_box
+from spot3d.fusion.hollow import hollow_groups
 from spot3d.fusion.identity import FoundObject
 from spot3d.fusion.segments import split_at_creases
 from spot3d.fusion.selection import MapPoints
@@ -95,6 +96,8 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
         else:
             sides = [cells[side] for side in through.sides(surface.centre[cells])]
             parts += [boxed(side) for side in sides if len(side) >= settings.segment_cells]
+    groups = hollow_groups([part.rows for part in parts], surface.centre, surface.normal, up, settings.size_max)
+    parts = [boxed(np.concatenate([parts[k].rows for k in g])) if len(g) > 1 else parts[g[0]] for g in groups]
     holds = [hot(part.rows) for part in parts]
     merged = merge_contained(parts, holds, surface.centre, box_of, settings.contained_share)
     merged = [cells for cells in merged if hot(cells)]

@@ -5,32 +5,51 @@ from numpy.typing import NDArray
 
 from spot3d.fusion.boxes import upright_box
 
-_AGREE = 0.02
-"""Parts of one object agree in their tops, and in the line they stand on, within this many metres."""
+_LEVEL = 0.02
+"""The tops of an object's parts agree within this many metres."""
 _IN_FRONT = 0.02
 """What is this much nearer than the line between two parts hides what is there, metres."""
 _HIDDEN = 0.9
 """Share of the pixels between two parts that must be hidden."""
+_SEEN = 0.4
+"""Share of the length of what is joined that must be seen."""
+_UPRIGHT = 0.87
+"""A wall's normal is level to 30 degrees: so much of its length is."""
+_FLUSH, _ALIKE = 0.01, 0.85
+"""Points on one wall lie in its plane within this many metres, and their normals agree to this cosine."""
+_SHARED = 0.5
+"""Share of a part's wall points that lie on one wall of the other's; of its own, half of that make a wall."""
+_TRIED, _SAMPLE = 50, 500
+"""So many of a part's points are tried as a wall's, on about so many points."""
 
 
 def join_occluded(
     clusters: list[NDArray[np.int64]],
     points: NDArray[np.float32],
+    normals: NDArray[np.float32],
     up: NDArray[np.float64],
 ) -> list[NDArray[np.int64]]:
     """Clusters of pixels of one view, those joined that continue each other behind something nearer.
 
-    clusters: flat pixel numbers; points: (h, w, 3) float32 metres, camera frame, z = 0 invalid; up: (3,) unit, camera
-    frame. Two parts continue each other when their tops are level, together they are no thicker than both side by
-    side, and all that is seen between them is nearer than both.
+    clusters: flat pixel numbers; points: (h, w, 3) float32 metres, camera frame, z = 0 invalid; normals: their unit
+    normals; up: (3,) unit, camera frame. Two parts continue each other when their tops are level, one wall runs
+    through both, a good part of it is seen, and all that is seen between them is nearer than both.
     """
     parts = sorted(clusters, key=len, reverse=True)
-    flat = points.reshape(-1, 3)
+    flat, facing = points.reshape(-1, 3), normals.reshape(-1, 3)
+
+    def continues(a: NDArray[np.int64], b: NDArray[np.int64]) -> bool:
+        tops = [np.quantile(flat[part] @ up, 0.98) for part in (a, b)]
+        return bool(
+            abs(tops[0] - tops[1]) <= _LEVEL
+            and _mostly_seen(flat[a], flat[b], up)
+            and _hidden_between(a, b, flat, points.shape[1])
+            and _one_wall(_walls(flat[a], facing[a], up), _walls(flat[b], facing[b], up))
+        )
+
     i = 0
     while i < len(parts):
-        partner = next(
-            (j for j in range(i + 1, len(parts)) if _continues(parts[i], parts[j], flat, points.shape[1], up)), None
-        )
+        partner = next((j for j in range(i + 1, len(parts)) if continues(parts[i], parts[j])), None)
         if partner is None:
             i += 1
         else:
@@ -38,15 +57,45 @@ def join_occluded(
     return parts
 
 
-def _continues(
-    a: NDArray[np.int64], b: NDArray[np.int64], points: NDArray[np.float32], width: int, up: NDArray[np.float64]
+def _mostly_seen(a: NDArray[np.float32], b: NDArray[np.float32], up: NDArray[np.float64]) -> bool:
+    """Whether (n, 3) and (m, 3) points of two parts fill most of the length of both together."""
+    lengths = [upright_box(part, up, turn=True, trim=0.01).size[:2].max() for part in (a, b, np.concatenate((a, b)))]
+    return bool(lengths[0] + lengths[1] >= _SEEN * lengths[2])
+
+
+def _walls(
+    points: NDArray[np.float32], normals: NDArray[np.float32], up: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A sample of those points that lie on walls, and their normals made level: two (n, 3)."""
+    level = normals - (normals @ up)[:, None] * up
+    length = np.linalg.norm(level, axis=1)
+    rows = np.flatnonzero(length > _UPRIGHT)
+    rows = rows[:: max(1, len(rows) // _SAMPLE)]
+    return points[rows].astype(np.float64), level[rows] / length[rows, None]
+
+
+def _one_wall(
+    a: tuple[NDArray[np.float64], NDArray[np.float64]], b: tuple[NDArray[np.float64], NDArray[np.float64]]
 ) -> bool:
-    heights = [np.quantile(points[part] @ up, 0.98) for part in (a, b)]
-    if abs(heights[0] - heights[1]) > _AGREE or not _hidden_between(a, b, points, width):
+    """Whether most of the wall points of `b` lie on one wall of `a`. a, b: points and normals."""
+    if not len(a[0]) or not len(b[0]):
         return False
-    thick = [float(np.sort(upright_box(points[part], up, turn=True, trim=0.01).size[:2])[0]) for part in (a, b)]
-    union = upright_box(points[np.concatenate((a, b))], up, turn=True, trim=0.01)
-    return float(np.sort(union.size[:2])[0]) < sum(thick) + _AGREE
+    tried = slice(None, None, max(1, len(a[0]) // _TRIED))
+    place, normal = a[0][tried], a[1][tried]
+    # A point's own normal is noisy: that of the wall is the mean of those that agree with it.
+    own = _on_walls(*a, place, normal).astype(np.float64)
+    place, normal = own.T @ a[0] / own.sum(axis=0)[:, None], own.T @ a[1]
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    shares = [_on_walls(*part, place, normal).mean(axis=0) for part in (a, b)]
+    return bool(np.any((shares[0] >= _SHARED / 2) & (shares[1] >= _SHARED)))
+
+
+def _on_walls(
+    points: NDArray[np.float64], normals: NDArray[np.float64], place: NDArray[np.float64], normal: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """(n, k): which of n points, by their normals too, lie on which of k walls, given by a place and a normal each."""
+    height = points @ normal.T - np.sum(place * normal, axis=1)
+    return np.asarray((np.abs(height) < _FLUSH) & (normals @ normal.T > _ALIKE))
 
 
 def _hidden_between(a: NDArray[np.int64], b: NDArray[np.int64], points: NDArray[np.float32], width: int) -> bool:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, back_project
 from spot3d.fusion.extraction import find_clusters
+from spot3d.fusion.hanging import join_hanging
 from spot3d.fusion.lattice import to_lattice
 from spot3d.fusion.normals import surface_normals
 from spot3d.fusion.occlusion import join_occluded
@@ -46,9 +47,10 @@ def find_in_frame(
     if chosen is None:
         return SingleFrame(np.zeros((0, 4)), labels)
     pixels = np.flatnonzero((depth.ravel() > 0) & (depth.ravel() <= settings.range_max))
+    normals = surface_normals(depth, camera)
     seen = MapPoints(
         points.reshape(-1, 3)[pixels],
-        surface_normals(depth, camera).reshape(-1, 3)[pixels],
+        normals.reshape(-1, 3)[pixels],
         colour.reshape(-1, 3)[pixels].astype(np.float32),
         heat.ravel()[pixels].astype(np.float32) / np.float32(255),
         np.ones(len(pixels), np.float32),
@@ -58,7 +60,8 @@ def find_in_frame(
     # A part may be too cold alone and yet belong to an object that is not.
     lenient = settings.model_copy(update={"heat_min": settings.heat_min / 2})
     clusters = [pixels[cluster.rows] for cluster in find_clusters(seen, structure, lenient)]
-    clusters = join_occluded(clusters, points, chosen[0][:3])
+    clusters = join_hanging(clusters, points, chosen[0][:3])
+    clusters = join_occluded(clusters, points, normals, chosen[0][:3])
     clusters = [cluster for cluster in clusters if heat.ravel()[cluster].mean() >= 255 * settings.heat_min]
     boxes = np.zeros((len(clusters), 4))
     for number, cluster in enumerate(clusters):

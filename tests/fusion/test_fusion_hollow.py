@@ -1,0 +1,76 @@
+"""The inside and the outside of a vessel."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from spot3d.fusion.hollow import hollow_groups
+
+UP = np.array([0.0, 0.0, 1.0])
+RADIUS, HEIGHT = 0.04, 0.1
+Part = tuple[NDArray[np.float32], NDArray[np.float32]]
+
+
+def arc(
+    start: float, end: float, low: float, high: float, inside: bool, radius: float = RADIUS, x: float = 0.0
+) -> Part:
+    """Points and normals of the wall of an upright cylinder at (x, 0) between two angles, degrees, and two heights."""
+    angle, z = (
+        grid.ravel() for grid in np.meshgrid(np.deg2rad(np.arange(start, end, 5.0)), np.arange(low, high, 0.004))
+    )
+    outwards = np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), axis=1)
+    points = radius * outwards + np.stack((np.full_like(z, x), np.zeros_like(z), z), axis=1)
+    return points.astype(np.float32), (-outwards if inside else outwards).astype(np.float32)
+
+
+def joined(*parts: Part, size_max: float = 1.0) -> list[list[int]]:
+    """Which of the parts are joined, by number, seen with the noise of a depth camera."""
+    rng = np.random.default_rng(0)
+    points, normals = (np.concatenate(stacked) for stacked in zip(*parts, strict=True))
+    points = (points + rng.normal(0, 0.001, points.shape)).astype(np.float32)
+    normals = normals + rng.normal(0, 0.1, normals.shape).astype(np.float32)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    owner = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
+    rows = [np.flatnonzero(owner == number) for number in range(len(parts))]
+    return sorted(sorted(group) for group in hollow_groups(rows, points, normals, UP, size_max))
+
+
+# A mug seen from the front and above: its far inside above the near rim, and its near outside.
+INSIDE = arc(20, 160, HEIGHT - 0.03, HEIGHT, inside=True)
+OUTSIDE = arc(190, 350, 0.0, HEIGHT, inside=False, radius=RADIUS + 0.004)
+
+
+def test_the_inside_of_a_mug_belongs_to_its_outside() -> None:
+    assert joined(INSIDE, OUTSIDE) == [[0, 1]]
+
+
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [
+        ("a mug beside it", arc(190, 350, 0.0, HEIGHT, inside=False, x=2.2 * RADIUS)),
+        ("a can beneath it", arc(190, 350, -0.12, 0.0, inside=False, radius=0.03)),
+    ],
+)
+def test_another_thing_does_not(name: str, other: Part) -> None:
+    assert joined(INSIDE, other) == [[0], [1]], name
+
+
+def test_the_outside_of_one_thing_holds_nothing() -> None:
+    assert joined(arc(20, 160, 0, HEIGHT, inside=False), OUTSIDE) == [[0], [1]]
+
+
+def test_a_flat_wall_is_not_hollow() -> None:
+    x, z = (grid.ravel() for grid in np.meshgrid(np.arange(-0.05, 0.05, 0.004), np.arange(0, HEIGHT, 0.004)))
+    wall = np.stack((x, np.full_like(x, 0.05), z), axis=1).astype(np.float32)
+    assert joined((wall, np.tile(np.float32([0, -1, 0]), (len(wall), 1))), OUTSIDE) == [[0], [1]]
+
+
+def test_a_hollow_wider_than_an_object_is_a_corner_of_the_room() -> None:
+    room = arc(20, 160, 0, HEIGHT, inside=True, radius=0.6)
+    assert joined(room, OUTSIDE) == [[0], [1]]
+    assert joined(room, OUTSIDE, size_max=1.5) == [[0, 1]]
+
+
+def test_nothing_is_joined_where_there_is_nothing() -> None:
+    empty = np.zeros((0, 3), np.float32)
+    assert hollow_groups([], empty, empty, UP, 1.0) == []
