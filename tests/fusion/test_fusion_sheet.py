@@ -127,7 +127,22 @@ def test_distances_and_what_follows_from_them_are_the_plain_formula() -> None:
     np.testing.assert_array_equal(on_sheets(surface, [item]), expected)
     near = cells_at_sheet(surface.centre, surface.normal, 0.02, *sheet.shape)
     np.testing.assert_array_equal(near, (off < 0.02, (off < 0.02) & (facing > 0.7)))
-    np.testing.assert_array_equal(lying_flat(surface, [sheet]), (facing > 0.9) & (distance > 0) & (distance < 0.03))
+    flat = (facing > 0.9) & (distance > 0) & (distance < 0.03)
+    np.testing.assert_array_equal(lying_flat(surface, [(sheet, surface.centre)]), flat)
+
+
+def test_beyond_a_shelf_nothing_lies_on_it() -> None:
+    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(-1, 1, 0.02), np.arange(-1, 1, 0.02)))
+    tops = np.stack((x, y, np.full_like(x, 0.02)), axis=1).astype(np.float32)
+    up = np.tile(np.float32([0, 0, 1]), (len(tops), 1))
+    surface, _ = gather_cells(tops, up, np.ones(len(tops), np.float32), 0.008)
+    along = np.array([[0.8, 0.6, 0], [-0.6, 0.8, 0]])  # a shelf of 1 m by 0.2 m, at an angle
+    shelf = np.array([[a, b] for a in np.linspace(-0.5, 0.5, 50) for b in np.linspace(-0.1, 0.1, 10)]) @ along
+    sheet = Sheet(np.array([0.0, 0, 1, 0]), along / 0.5, np.zeros(3), np.zeros(6), 0.002)
+    beside = np.abs(surface.centre @ along.T)
+    clear = (np.abs(beside - (0.55, 0.11)) > 1e-3).all(axis=1)
+    flat = lying_flat(surface, [(sheet, shelf.astype(np.float32))])
+    np.testing.assert_array_equal(flat[clear], (beside < (0.55, 0.11)).all(axis=1)[clear])
 
 
 @pytest.mark.parametrize("warped", [False, True])

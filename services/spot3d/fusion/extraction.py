@@ -73,7 +73,7 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
         sheets = find_sheets(coarse, planes, settings)
         free = ~on_sheets(surface, sheets)
         supports = find_supports(points, coarse, sheets, up, settings)
-    flat = lying_flat(surface, [item.sheet for item in supports])
+    flat = lying_flat(surface, [(item.sheet, item.centre) for item in supports])
     segments = split_at_creases(surface, free, flat, settings.crease, settings.segment_cells)
 
     def hot(cells: NDArray[np.int64]) -> bool:

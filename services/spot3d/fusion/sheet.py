@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -142,11 +143,15 @@ def on_sheets(surface: Surface, sheets: list[StructureSheet]) -> NDArray[np.bool
     return structure
 
 
-def lying_flat(surface: Surface, levels: list[Sheet]) -> NDArray[np.bool_]:
-    """Cells of the tops of thin flat things: facing as a level sheet and a few centimetres above it. (n,) bool"""
+def lying_flat(surface: Surface, levels: list[tuple[Sheet, NDArray[np.float32]]]) -> NDArray[np.bool_]:
+    """Cells of the tops of thin flat things: facing as a level sheet and a few centimetres above it. (n,) bool
+
+    levels: sheets, and (m, 3) points of each, which tell how far it reaches: a shelf says nothing of a tall box
+    before it.
+    """
     flat = np.zeros(len(surface.centre), np.bool_)
-    for item in levels:
-        mark_flat(flat, surface.centre, surface.normal, *item.shape)
+    for item, points in levels:
+        mark_flat(flat, surface.centre, surface.normal, *item.shape, *_rectangle(item.plane[:3], points))
     return flat
 
 
@@ -166,6 +171,17 @@ def _reaching(surface: Surface, member: NDArray[np.bool_], reach: float) -> NDAr
 def _terms(points: NDArray[np.float64], axes: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.float64]:
     x, y = np.clip((points - middle) @ axes.T, -1, 1).T
     return np.stack((np.ones_like(x), x, y, x * x, x * y, y * y), axis=1)
+
+
+def _rectangle(
+    normal: NDArray[np.float64], points: NDArray[np.float32]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The smallest rectangle in a plane around (n, 3) points: axes over half extents (2, 3), and middle (3,)."""
+    axes = _in_plane_axes(normal)
+    middle, extents, degrees = cv2.minAreaRect((points @ axes.T).astype(np.float32))
+    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    half = np.maximum(np.array(extents), 1e-3) / 2
+    return np.array([[c, s], [-s, c]]) @ axes / half[:, None], np.array(middle) @ axes
 
 
 def _in_plane_axes(normal: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,8 +1,9 @@
 """Kernels of `sheet`: fitting a sheet, and which cells lie on it."""
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
+
+from spot3d.kernel import kernel, part
 
 FACING = 0.7
 """Cosine (45 degrees) within which a cell faces as the sheet it lies on."""
@@ -10,13 +11,15 @@ _FLAT_HEIGHT = 0.03
 """A thin flat thing (a book, a plate) is at most this high, metres."""
 _FLAT_FACING = 0.9
 """Cosine (26 degrees) within which the top of a flat thing faces as its support."""
+_EXTENT = 1.1
+"""Half extents of a sheet within which things lie on it: its own leave out a few per cent of its points."""
 BOARD = 0.04
 """A table's or a shelf's board is at most this thick, metres."""
 _FITS = 6
 """Rounds of reweighting."""
 
 
-@nb.njit("i8[::1](f4[:,:], f4[:,:], f8[:], f8, f8)", cache=True, nogil=True)
+@kernel("i8[::1](f4[:,:], f4[:,:], f8[:], f8, f8)")
 def facing_rows(
     points: NDArray[np.float32], normals: NDArray[np.float32], plane: NDArray[np.float64], reach: float, facing: float
 ) -> NDArray[np.int64]:
@@ -33,7 +36,7 @@ def facing_rows(
     return rows[:count].copy()
 
 
-@nb.njit("Tuple((f8[::1], f8))(f8[:,::1], f8[:], f8)", cache=True, nogil=True)
+@kernel("Tuple((f8[::1], f8))(f8[:,::1], f8[:], f8)")
 def reweighted(
     terms: NDArray[np.float64], distance: NDArray[np.float64], scale: float
 ) -> tuple[NDArray[np.float64], float]:
@@ -59,7 +62,7 @@ def reweighted(
     return warp, scale
 
 
-@nb.njit("f8(f4[:], f8[:], f8[:,:], f8[:], f8[:])", cache=True, nogil=True, inline="always")
+@part()
 def _height(
     point: NDArray[np.float32],
     plane: NDArray[np.float64],
@@ -77,7 +80,7 @@ def _height(
     return float(height - (warp[0] + warp[1] * x + warp[2] * y + warp[3] * x * x + warp[4] * x * y + warp[5] * y * y))
 
 
-@nb.njit("f8[::1](f4[:,:], f8[:], f8[:,:], f8[:], f8[:])", cache=True, nogil=True)
+@kernel("f8[::1](f4[:,:], f8[:], f8[:,:], f8[:], f8[:])")
 def distances(
     points: NDArray[np.float32],
     plane: NDArray[np.float64],
@@ -92,7 +95,7 @@ def distances(
     return heights
 
 
-@nb.njit("Tuple((b1[::1], b1[::1]))(f4[:,:], f4[:,:], f8, f8[:], f8[:,:], f8[:], f8[:])", cache=True, nogil=True)
+@kernel("Tuple((b1[::1], b1[::1]))(f4[:,:], f4[:,:], f8, f8[:], f8[:,:], f8[:], f8[:])")
 def cells_at_sheet(
     centre: NDArray[np.float32],
     normal: NDArray[np.float32],
@@ -113,11 +116,7 @@ def cells_at_sheet(
     return near, facing
 
 
-@nb.njit(
-    "void(b1[:], f4[:,:], f4[:,:], i4[:], b1[:], b1[:], f8, f8[:], f8[:,:], f8[:], f8[:])",
-    cache=True,
-    nogil=True,
-)
+@kernel("void(b1[:], f4[:,:], f4[:,:], i4[:], b1[:], b1[:], f8, f8[:], f8[:,:], f8[:], f8[:])")
 def mark_sheet(
     structure: NDArray[np.bool_],
     centre: NDArray[np.float32],
@@ -145,7 +144,19 @@ def mark_sheet(
             structure[i] |= (on[coarse] and flush) or (near[coarse] and -BOARD < height < 0)
 
 
-@nb.njit("void(b1[:], f4[:,:], f4[:,:], f8[:], f8[:,:], f8[:], f8[:])", cache=True, nogil=True)
+@kernel("b1(f4[:], f8[:,:], f8[:])", inline="always")
+def _above(point: NDArray[np.float32], extent: NDArray[np.float64], middle: NDArray[np.float64]) -> bool:
+    """Whether a point is over (or under) a rectangle; extent: its axes over its half extents (2, 3)."""
+    inside = True
+    for k in range(2):
+        along = 0.0
+        for axis in range(3):
+            along += extent[k, axis] * (point[axis] - middle[axis])
+        inside &= abs(along) <= _EXTENT
+    return inside
+
+
+@kernel("void(b1[:], f4[:,:], f4[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:])")
 def mark_flat(
     flat: NDArray[np.bool_],
     centre: NDArray[np.float32],
@@ -154,15 +165,17 @@ def mark_flat(
     axes: NDArray[np.float64],
     middle: NDArray[np.float64],
     warp: NDArray[np.float64],
+    extent: NDArray[np.float64],
+    centre_of_extent: NDArray[np.float64],
 ) -> None:
-    """Mark the cells that lie flat on a level sheet (see `lying_flat`)."""
+    """Mark the cells that lie flat on a level sheet (see `lying_flat`), over the rectangle in which it was seen."""
     for i in range(len(flat)):
         if plane[0] * normal[i, 0] + plane[1] * normal[i, 1] + plane[2] * normal[i, 2] > _FLAT_FACING:
             height = _height(centre[i], plane, axes, middle, warp)
-            flat[i] |= height > 0 and height < _FLAT_HEIGHT
+            flat[i] |= height > 0 and height < _FLAT_HEIGHT and _above(centre[i], extent, centre_of_extent)
 
 
-@nb.njit("b1[::1](u4[:,::1], b1[:])", cache=True, nogil=True)
+@kernel("b1[::1](u4[:,::1], b1[:])")
 def with_neighbours(pairs: NDArray[np.uint32], member: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The members and the cells near them, (n,) bool. pairs: (m, 2), near cells."""
     near = member.copy()
