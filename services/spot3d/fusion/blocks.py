@@ -6,11 +6,11 @@ surface finds most of what it needs in the processor's cache.
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.fusion.heatmap3d import find_slot
+from spot3d.kernel import kernel
 
 SIDE = 6
 """Cells along a block's edge: a block's places, and one more value for none, fit a byte."""
@@ -72,7 +72,7 @@ STEPS = _STEP_PLACE.shape[1]
 """Cells within two edges of a cell, one of each opposite pair."""
 
 
-@nb.njit("Tuple((i8[::1], i4[::1]))(i8[::1], i8)", cache=True, nogil=True)
+@kernel("Tuple((i8[::1], i4[::1]))(i8[::1], i8)")
 def _table(keys: NDArray[np.int64], room: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """A hash table of the keys and their numbers, with room for so many at most a quarter full."""
     slots = 64
@@ -85,7 +85,7 @@ def _table(keys: NDArray[np.int64], room: int) -> tuple[NDArray[np.int64], NDArr
     return table, numbers
 
 
-@nb.njit("i8(f4[:,::1], f4, i4[::1], u1[::1], u1[::1], i8[::1])", cache=True, nogil=True)
+@kernel("i8(f4[:,::1], f4, i4[::1], u1[::1], u1[::1], i8[::1])")
 def find_blocks(
     points: NDArray[np.float32],
     per_metre: np.float32,
@@ -138,7 +138,7 @@ def number_cells(
     return Blocks(keys, first, place_of_cell[: first[-1]].copy()), cell_of_point
 
 
-@nb.njit("void(i4[::1], u1[::1], f4[::1], f4, i4[::1], u1[:,::1], i4[::1], u1[::1])", cache=True, nogil=True)
+@kernel("void(i4[::1], u1[::1], f4[::1], f4, i4[::1], u1[:,::1], i4[::1], u1[::1])")
 def _number_cells(
     block_of_point: NDArray[np.int32],
     place: NDArray[np.uint8],
@@ -166,7 +166,7 @@ def _number_cells(
             place_of_cell[cell_of_point[i]] = place[i]
 
 
-@nb.njit("i8(i8[::1], i4[::1], u1[::1], b1[:], u1[:,::1], u4[:,::1])", cache=True, nogil=True)
+@kernel("i8(i8[::1], i4[::1], u1[::1], b1[:], u1[:,::1], u4[:,::1])")
 def enter_pairs(
     keys: NDArray[np.int64],
     first: NDArray[np.int32],

@@ -4,11 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D, iou_matrix_3d
+from spot3d.kernel import kernel
 
 _SAMPLE = 1000
 """About as many points of a cluster tell its rough box, and how much of it lies in another's."""
@@ -99,7 +99,7 @@ def trimmed(values: NDArray[np.float64], trim: float) -> tuple[NDArray[np.float6
     return low + share * (ordered[:, i] - low), high + share * (ordered[:, last - i] - high)
 
 
-@nb.njit("f8[:,::1](f4[:,:], f8[:,:])", cache=True, nogil=True)
+@kernel("f8[:,::1](f4[:,:], f8[:,:])")
 def _turned(points: NDArray[np.float32], R: NDArray[np.float64]) -> NDArray[np.float64]:
     """(3, n) float64: R times each of (n, 3) points."""
     turned = np.empty((3, len(points)))
@@ -181,7 +181,7 @@ def share_inside(points: NDArray[np.float32], box: Box3D, margin: float = 0.0) -
     return _share_inside(points, box.centre, box.rotation, box.size / 2 + margin)
 
 
-@nb.njit("f8(f4[:,:], f8[:], f8[:,:], f8[:])", cache=True, nogil=True)
+@kernel("f8(f4[:,:], f8[:], f8[:,:], f8[:])")
 def _share_inside(
     points: NDArray[np.float32], centre: NDArray[np.float64], rotation: NDArray[np.float64], half: NDArray[np.float64]
 ) -> float:

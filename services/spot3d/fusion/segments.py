@@ -5,11 +5,11 @@ object partitioning for robot applications*, ICRA 2014). Where the paper cluster
 neighbours that touch, this also looks at the surface's shape.
 """
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.fusion.surface import Surface, near_pairs
+from spot3d.kernel import kernel
 
 _LIKE = np.float32(0.9)
 """Normals within this cosine (26 degrees) smooth each other."""
@@ -73,7 +73,7 @@ def _links(surface: Surface, pairs: NDArray[np.uint32]) -> NDArray[np.uint32]:
     return touching[: _closer(surface.centre, pairs, np.float32((_LINK * surface.edge) ** 2), touching)]
 
 
-@nb.njit("i8(f4[:,::1], u4[:,::1], f4, u4[:,::1])", cache=True, nogil=True)
+@kernel("i8(f4[:,::1], u4[:,::1], f4, u4[:,::1])")
 def _closer(
     centre: NDArray[np.float32], pairs: NDArray[np.uint32], square: np.float32, kept: NDArray[np.uint32]
 ) -> int:
@@ -89,7 +89,7 @@ def _closer(
     return count
 
 
-@nb.njit("void(f4[:,::1], u4[:,::1], f4[:,::1])", cache=True, nogil=True)
+@kernel("void(f4[:,::1], u4[:,::1], f4[:,::1])")
 def _smooth(normals: NDArray[np.float32], pairs: NDArray[np.uint32], total: NDArray[np.float32]) -> None:
     """Add to each normal in `total` those of near cells that face alike; make them unit again."""
     for k in range(len(pairs)):
@@ -108,7 +108,7 @@ def _smooth(normals: NDArray[np.float32], pairs: NDArray[np.uint32], total: NDAr
                 total[i, axis] /= length
 
 
-@nb.njit("void(f4[:,::1], f4[:,::1], u4[:,::1], f4[::1], f4[::1])", cache=True, nogil=True, error_model="numpy")
+@kernel("void(f4[:,::1], f4[:,::1], u4[:,::1], f4[::1], f4[::1])", error_model="numpy")
 def _concavity(
     centre: NDArray[np.float32],
     normals: NDArray[np.float32],
@@ -131,7 +131,7 @@ def _concavity(
         count[j] += np.float32(1)
 
 
-@nb.njit("i4[::1](u4[:,::1], u1[::1], i8)", cache=True, nogil=True)
+@kernel("i4[::1](u4[:,::1], u1[::1], i8)")
 def _components(link: NDArray[np.uint32], group: NDArray[np.uint8], smallest: int) -> NDArray[np.int32]:
     """Union-find with path halving; the smaller number is the root, so that labels do not depend on order."""
     n = len(group)
@@ -164,7 +164,7 @@ def _components(link: NDArray[np.uint32], group: NDArray[np.uint8], smallest: in
     return labels
 
 
-@nb.njit("void(i4[::1], u4[:,::1])", cache=True, nogil=True)
+@kernel("void(i4[::1], u4[:,::1])")
 def share_out(labels: NDArray[np.int32], link: NDArray[np.uint32]) -> None:
     """Give cells without a label that of a labelled neighbour, ring by ring (of several, the lowest)."""
     open_link = link.copy()

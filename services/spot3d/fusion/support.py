@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +12,7 @@ from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet import Sheet, StructureSheet
 from spot3d.fusion.sheet_kernels import BOARD, FACING
 from spot3d.fusion.surface import Surface
+from spot3d.kernel import kernel
 
 _CLEARANCE_SHARE = 0.15
 """The clearance never takes more than this share of an object's height."""
@@ -118,7 +118,7 @@ def is_rim(box: Box3D, own: NDArray[np.float32], supports: list[Support]) -> boo
     return False
 
 
-@nb.njit("i8(f4[:,:], f4[:,:], f8)", cache=True, nogil=True)
+@kernel("i8(f4[:,:], f4[:,:], f8)")
 def _touching(points: NDArray[np.float32], others: NDArray[np.float32], reach: float) -> int:
     """How many of (n, 3) points are nearer than `reach` to one of the others, (m, 3)."""
     count = 0

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from itertools import pairwise
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.fusion.blocks import NONE, PLACES, SIDE, STEPS, Blocks, enter_pairs, find_blocks, number_cells
+from spot3d.kernel import kernel
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +86,7 @@ def points_of_cells(surface: Surface, groups: list[NDArray[np.int64]]) -> list[N
     return rows_of_groups(group[surface.cell_of_point], len(groups))
 
 
-@nb.njit("void(f4[:,::1], f4[:,::1], f4[::1], i4[::1], i4[::1], i4[::1], f4[:,::1])", cache=True, nogil=True)
+@kernel("void(f4[:,::1], f4[:,::1], f4[::1], i4[::1], i4[::1], i4[::1], f4[:,::1])")
 def _gather(
     points: NDArray[np.float32],
     normals: NDArray[np.float32],
@@ -112,7 +112,7 @@ def _gather(
                 sums[cells + block, column] += sums[cell, column]
 
 
-@nb.njit("void(f4[:,::1], f4[:,::1], f4[:,::1], f4[::1], f4[::1])", cache=True, nogil=True, error_model="numpy")
+@kernel("void(f4[:,::1], f4[:,::1], f4[:,::1], f4[::1], f4[::1])", error_model="numpy")
 def _means(
     sums: NDArray[np.float32],
     centre: NDArray[np.float32],
@@ -131,7 +131,7 @@ def _means(
         heat[cell], size[cell] = sums[cell, 6] * share, sums[cell, 7]
 
 
-@nb.njit("void(i4[::1], i8[::1], i8[::1])", cache=True, nogil=True)
+@kernel("void(i4[::1], i8[::1], i8[::1])")
 def _rows_of_groups(group: NDArray[np.int32], rows: NDArray[np.int64], borders: NDArray[np.int64]) -> None:
     """The rows sorted by their group, and where each group begins and the last one ends."""
     for number in group:
