@@ -11,6 +11,7 @@ import pytest
 
 from spot3d.source.calibration import SEVEN_SCENES_COLOUR
 from spot3d.source.errors import SourceError
+from spot3d.source.halving import halve
 from spot3d.source.recording import Recording
 from spot3d.source.sequences import open_source
 from spot3d.source.tum import nearest_in_time
@@ -255,3 +256,29 @@ def test_developer_data(folder: str, frames: int, focal: float) -> None:
     assert sequence.has_true_poses
     frame = sequence[frames // 2]
     assert 0.5 < np.median(frame.depth_metres()[frame.depth > 0]) < 5
+
+
+def test_colour_of_a_halved_recording_lies_where_it_lay_at_full_size(seven_scenes: Path) -> None:
+    rng = np.random.default_rng(3)
+    colour = cv2.GaussianBlur(rng.integers(0, 256, (HEIGHT + 5, WIDTH + 7, 3)).astype(np.uint8), (0, 0), 2.5)
+    T_colour_depth = np.eye(4)
+    T_colour_depth[0, 3] = -0.1
+    camera = {"fx": 24, "fy": 24, "cx": 15, "cy": 10, "width": WIDTH + 7, "height": HEIGHT + 5}
+    calibration = {"colour": camera, "T_colour_depth": T_colour_depth.tolist()}
+    (seven_scenes / "calibration.json").write_text(json.dumps(calibration))
+    write(seven_scenes / "frame-000000.color.png", colour)
+    full, half = open_source(seven_scenes)[0], open_source(seven_scenes, halved=True)[0]
+    expected = halve(full)
+    assert half.intrinsics == expected.intrinsics
+    np.testing.assert_array_equal(half.depth, expected.depth)
+    # Both smooth a little, each in its own way; a quarter of a pixel off would make a quarter of the step.
+    inner = (slice(1, -1), slice(1, -1))
+    difference = np.abs(half.colour.astype(int) - expected.colour)[inner]
+    step = np.abs(full.colour[::2, 2::2].astype(int) - full.colour[::2, :-2:2])[:-2, 1:]
+    assert difference.mean() < 0.1 * step.mean()
+
+
+def test_images_of_a_halved_recording_must_have_their_full_size(seven_scenes: Path) -> None:
+    write(seven_scenes / "frame-000001.color.png", colour_image(HEIGHT // 2, WIDTH // 2))
+    with pytest.raises(SourceError, match=r"size mismatch: .*frame-000001\.color\.png is 12x8"):
+        open_source(seven_scenes, halved=True)[1]

@@ -13,7 +13,8 @@ from spot3d.evaluate.uw_scenes import is_uw_scenes, open_uw_scenes
 from spot3d.run.selected import Selection, open_selection
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
-from spot3d.source.halving import Halved, halve
+from spot3d.source.halving import halve
+from spot3d.source.sequences import at_half_size as half_sequence
 from spot3d.source.seven_scenes import is_seven_scenes
 from spot3d.source.tum import is_tum
 
@@ -78,7 +79,7 @@ def datasets_below(root: Path) -> list[Path]:
 def at_half_size(dataset: DataSet) -> DataSet:
     """The same data set with every second pixel; 3D truth stays as it is."""
     frames = dataset.frames
-    sequences = tuple(LabelledSequence(s.name, Halved(s.sequence), s.truth) for s in dataset.sequences)
+    sequences = tuple(LabelledSequence(s.name, half_sequence(s.sequence), s.truth) for s in dataset.sequences)
     if frames is None:
         return DataSet(dataset.name, dataset.kind, None, sequences, halved=True)
 

@@ -23,6 +23,14 @@ class ColourCamera:
     intrinsics: Intrinsics
     T_colour_depth: NDArray[np.float64]
 
+    def averaged(self) -> "ColourCamera":
+        """The camera of the images whose pixels are the means of whole blocks of 2 x 2 pixels."""
+        full = self.intrinsics
+        # A block's centre lies half a pixel beyond its first pixel's.
+        centre = ((full.cx - 0.5) / 2, (full.cy - 0.5) / 2)
+        half = Intrinsics(full.fx / 2, full.fy / 2, *centre, full.width // 2, full.height // 2)
+        return ColourCamera(half, self.T_colour_depth)
+
 
 # The Kinect of 7-Scenes: its depth intrinsics by the data set's page; colour and transform by calibration,
 # checked by the depth edges falling on the objects' outlines in colour.

@@ -6,6 +6,7 @@ from pathlib import Path
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import Halved
 from spot3d.source.intrinsics_files import FocalAndCentre
+from spot3d.source.recording import Recording
 from spot3d.source.sequence import FrameSequence
 from spot3d.source.seven_scenes import is_seven_scenes, open_seven_scenes
 from spot3d.source.tum import is_tum, open_tum
@@ -35,7 +36,12 @@ def open_source(
         sequence = Scene(int(match["seed"] or 0), match["cluttered"] is not None, frames)
     else:
         sequence = _open_folder(Path(path_or_name), intrinsics)
-    return Halved(sequence) if halved else sequence
+    return at_half_size(sequence) if halved else sequence
+
+
+def at_half_size(sequence: FrameSequence) -> FrameSequence:
+    """The same frames at half size."""
+    return sequence.halved() if isinstance(sequence, Recording) else Halved(sequence)
 
 
 def _open_folder(folder: Path, intrinsics: FocalAndCentre | None) -> FrameSequence:
