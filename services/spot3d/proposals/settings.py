@@ -57,7 +57,7 @@ class ProposalSettings(BaseModel):
     )
     max_aspect_ratio: float = Field(3.0, ge=1, le=20, description="largest ratio of a window's sides")
     min_box_area: float = Field(1000.0, ge=16, description="smallest window at 640x480, square pixels")
-    gamma: float = Field(2.0, gt=0, description="gamma, exponent of the affinity of two edge groups")
+    gamma: float = Field(3.0, gt=0, description="gamma, exponent of the affinity of two edge groups")
     kappa: float = Field(1.5, gt=0, description="kappa, exponent of the window's size that the score is divided by")
     refined: int = Field(150, ge=0, le=1_000_000, description="how many of the best windows of the search are refined")
     search_width: int = Field(
@@ -73,5 +73,5 @@ class ProposalSettings(BaseModel):
 
 # EdgeBoxes' own values; every window of the search that scores is refined, none is culled by its metric size.
 ProposalSettings.PAPER = ProposalSettings(
-    alpha=0.65, cluster_min_magnitude=0.5, refined=200_000, search_width=4096, metric_culling=False
+    alpha=0.65, cluster_min_magnitude=0.5, gamma=2.0, refined=200_000, search_width=4096, metric_culling=False
 )

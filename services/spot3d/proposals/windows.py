@@ -10,7 +10,7 @@ from spot3d.proposals.metric_size import DepthRange, surely_rejected
 from spot3d.proposals.scoring import score_limit, score_window
 from spot3d.proposals.window_index import WindowIndex
 
-LAST_STEP = 1  # finest move of a window's side, pixels
+FINEST = 24  # last move of a window's side, as a part of the window: closer than that boxes mean the same object
 MIN_SIDE = 4  # of a window, pixels
 
 
@@ -75,7 +75,7 @@ def refine(
     scores: NDArray[np.float32],
     place_step: np.float32,
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """Move each window's four sides wherever its score gains, by steps that halve down to LAST_STEP.
+    """Move each window's four sides wherever its score gains, by steps that halve down to 1 / FINEST of it.
 
     windows: (n, 4) int32 [x0, y0, x1, y1]; scores: (n,) float32; place_step: the search's step by side.
     Returns the moved windows and their scores, in the same order and in the memory of the given ones.
@@ -84,7 +84,8 @@ def refine(
     for i in range(scores.size):
         box = windows[i]
         step_x, step_y = int((box[2] - box[0]) * place_step) // 2, int((box[3] - box[1]) * place_step) // 2
-        while step_x >= LAST_STEP or step_y >= LAST_STEP:
+        last_x, last_y = max(1, (box[2] - box[0]) // FINEST), max(1, (box[3] - box[1]) // FINEST)
+        while step_x >= last_x or step_y >= last_y:
             for side in (1, 3, 0, 2):
                 step = max(1, step_y if side % 2 else step_x)
                 outwards = -step if side < 2 else step
