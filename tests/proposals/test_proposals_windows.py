@@ -1,8 +1,11 @@
 import numpy as np
 import pytest
 
+from spot3d.proposals.groups import group_edges
 from spot3d.proposals.nms import suppress
-from spot3d.proposals.windows import window_shapes
+from spot3d.proposals.scoring import MIN_AFFINITY, score_window
+from spot3d.proposals.window_index import WindowIndex, index_windows
+from spot3d.proposals.windows import FINEST, refine, window_shapes
 
 
 @pytest.mark.parametrize(
@@ -47,3 +50,27 @@ def test_search_windows_cover_sizes_and_shapes_with_overlap_alpha(alpha):
 
 def test_an_image_smaller_than_any_window_has_none():
     assert window_shapes(3, 3, 0.5, 3.0, 1000.0).shape == (0, 4)
+
+
+def outline(x0: int, y0: int, x1: int, y1: int) -> WindowIndex:
+    """Index of a rectangle's outline, for which x0..x1 - 1, y0..y1 - 1 is the smallest window without a crossing."""
+    magnitude, orientation = np.zeros((240, 320), np.float32), np.zeros((240, 320), np.float32)
+    rows, columns = slice(y0 + 1, y1 - 1), slice(x0 + 1, x1 - 1)
+    magnitude[rows, [x0 + 1, x1 - 2]] = magnitude[[y0 + 1, y1 - 2], columns] = 1
+    orientation[[y0 + 1, y1 - 2], columns] = np.pi / 2
+    groups = group_edges(
+        magnitude, orientation, merge_threshold=0.5, min_group_magnitude=1.0, gamma=2.0, min_affinity=MIN_AFFINITY
+    )
+    return index_windows(magnitude, groups, 1.5)
+
+
+@pytest.mark.parametrize(("off", "moves"), [(9, True), (1, False)])
+def test_refinement_finds_an_outline_to_the_finest_move_and_no_closer(off, moves):
+    true = np.array([[100, 60, 196, 132]], np.int32)
+    index = outline(*true[0])
+    given = true + off * np.array([[-1, -1, 1, 1]], np.int32)
+    score = np.array([score_window(index, *given[0], np.float32(0))], np.float32)
+    found, better = refine(index, given.copy(), score.copy(), np.float32(1 / 3))
+    assert (better > score).all() == moves
+    assert (found != given).any() == moves
+    assert np.abs(found - true).max() <= (196 - 100 + 2 * off) // FINEST
