@@ -14,7 +14,7 @@ from spot3d.pose.motion import (
     vector_from_rotation,
 )
 from spot3d.pose.settings import PoseSettings
-from spot3d.pose.surface import information, sample_surface, weakest_direction
+from spot3d.pose.surface import _SUMS, _sum_cells, information, sample_surface, weakest_direction
 from spot3d.pose.surfel_map import SurfelMap
 from spot3d.sensor import axial_noise
 
@@ -31,6 +31,23 @@ def plane_depth(normal: NDArray[np.float64], offset: float) -> NDArray[np.float3
 
 def test_no_depth_gives_no_points() -> None:
     assert len(sample_surface(np.zeros(CAMERA.shape, np.float32), CAMERA, SETTINGS)) == 0
+
+
+def test_cell_sums_equal_the_plain_sums() -> None:
+    cell, range_max = 5, 4.0
+    rng = np.random.default_rng(2)
+    depth = rng.uniform(0.5, 5.0, (23, 34)).astype(np.float32)
+    depth[rng.random(depth.shape) < 0.3] = 0
+    sums = np.empty((4, 6, _SUMS), np.float32)
+    _sum_cells(depth, cell, np.float32(range_max), sums)
+    v, u = np.mgrid[:cell, :cell] - 0.5 * (cell - 1)
+    for row, column in np.ndindex(4, 6):
+        z = depth[row * cell : (row + 1) * cell, column * cell : (column + 1) * cell].astype(np.float64)
+        valid = (z > 0) & (z < range_max)
+        q = 1 / np.where(valid, z, np.inf)
+        one = valid.astype(np.float64)
+        terms = (one, u * one, v * one, u * u * one, u * v * one, v * v * one, q, u * q, v * q, q * q)
+        np.testing.assert_allclose(sums[row, column], [term.sum() for term in terms], rtol=1e-5, atol=1e-4)
 
 
 @pytest.mark.parametrize("tilt", [(0.0, 0.0, 1.0), (0.4, 0.0, 1.0), (-0.2, 0.5, 1.0)])

@@ -76,28 +76,40 @@ def weakest_direction(information: NDArray[np.float64]) -> float:
 @kernel()
 def _sum_cells(depth: NDArray[np.float32], cell: int, range_max: np.float32, sums: NDArray[np.float32]) -> None:
     """Sums of each cell x cell block of the (h, w) depth into (rows, columns, 10)."""
+    rows, columns = sums.shape[:2]
     centre = np.float32(0.5 * (cell - 1))
     one, zero = np.float32(1), np.float32(0)
-    for row in range(sums.shape[0]):
-        for column in range(sums.shape[1]):
+    down = np.empty((6, columns * cell), np.float32)
+    n0, n1, n2, q0, q1, q2 = down
+    for row in range(rows):
+        down[:] = 0
+        for j in range(cell):
+            v = np.float32(j) - centre
+            line = depth[row * cell + j]
+            for i in range(columns * cell):  # free of branches, so that it runs several pixels at once
+                valid = (line[i] > zero) & (line[i] < range_max)
+                n = one if valid else zero
+                q = one / line[i] if valid else zero
+                n0[i] += n
+                n1[i] += v * n
+                n2[i] += v * v * n
+                q0[i] += q
+                q1[i] += v * q
+                q2[i] += q * q
+        for column in range(columns):
             n = su = sv = suu = suv = svv = sq = suq = svq = sqq = zero
-            for j in range(cell):
-                v = np.float32(j) - centre
-                for i in range(cell):
-                    z = depth[row * cell + j, column * cell + i]
-                    if z > zero and z < range_max:
-                        q = one / z
-                        u = np.float32(i) - centre
-                        n += one
-                        su += u
-                        sv += v
-                        suu += u * u
-                        suv += u * v
-                        svv += v * v
-                        sq += q
-                        suq += u * q
-                        svq += v * q
-                        sqq += q * q
+            for k in range(cell):
+                u, i = np.float32(k) - centre, column * cell + k
+                n += n0[i]
+                su += u * n0[i]
+                sv += n1[i]
+                suu += u * u * n0[i]
+                suv += u * n1[i]
+                svv += n2[i]
+                sq += q0[i]
+                suq += u * q0[i]
+                svq += q1[i]
+                sqq += q2[i]
             s = sums[row, column]
             s[0], s[1], s[2], s[3], s[4] = n, su, sv, suu, suv
             s[5], s[6], s[7], s[8], s[9] = svv, sq, suq, svq, sqq
