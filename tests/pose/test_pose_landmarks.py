@@ -220,3 +220,35 @@ def test_the_tracker_uses_colour_where_there_is_some() -> None:
     assert (estimates[0] != estimates[1]).any()
     assert given is not None
     assert np.linalg.norm(estimates[0][:3, 3] - given[:3, 3]) < 0.003
+
+
+def test_frames_between_two_comparisons_keep_the_correction() -> None:
+    drift = DriftCorrection(PoseSettings())
+    for index in range(6):
+        drift.correct(seen(pose(0), seed=index), CAMERA, pose(0), INFORMATION, FRAME_S)
+    corrected = drift.correct(seen(pose(0), seed=9), CAMERA, pose(0.01), INFORMATION, FRAME_S)
+    assert abs(corrected[0, 3] - 0.01) > 2e-3
+    np.testing.assert_array_equal(drift.held(pose(0.01)), corrected)
+
+
+@pytest.mark.parametrize(("interval", "every", "compared"), [(0.0, 1, 12), (0.05, 1, 6), (0.05, 2, 6), (0.2, 1, 2)])
+def test_landmarks_are_looked_for_at_intervals_of_time(
+    monkeypatch: pytest.MonkeyPatch, interval: float, every: int, compared: int
+) -> None:
+    seen_at: list[int] = []
+    detect = DriftCorrection.detect
+
+    def counted(
+        drift: DriftCorrection, colour: NDArray[np.uint8], depth_m: NDArray[np.float32], camera: Intrinsics
+    ) -> Features:
+        seen_at.append(1)
+        return detect(drift, colour, depth_m, camera)
+
+    monkeypatch.setattr(DriftCorrection, "detect", counted)
+    scene = Scene(0, frames=12)
+    tracker = make_tracker(PoseSettings(landmark_interval=interval))
+    for index in range(0, 12, every):
+        frame = scene[index]
+        estimate = tracker.track(frame.stamp_ns, frame.depth_metres(), frame.intrinsics, None, frame.colour)
+        assert estimate.status == "ok"
+    assert len(seen_at) == compared

@@ -18,8 +18,8 @@ from spot3d.pose.motion import moved, nearest_rotation
 from spot3d.pose.settings import PoseSettings
 from spot3d.sensor import axial_noise
 
-# The correction follows the landmarks within about this time: a frame, by which colour and depth may be apart.
-_SETTLING_S = 1 / 30
+# The correction follows the landmarks within about this time, two frames: colour and depth may be one apart.
+_SETTLING_S = 1 / 15
 # A pose by fewer landmarks than this is chance.
 _MATCHES_MIN = 12
 # The depth registration's information counts by this share against the landmarks': its points' errors are not
@@ -75,11 +75,16 @@ class DriftCorrection:
         drift = agreement.drift(T_world_registered, _DEPTH_SHARE * turn @ information @ turn.T)
         if drift is not None:
             self._correction += (1 - np.exp(-elapsed / _SETTLING_S)) * (drift - self._correction)
-        pose = moved(T_world_registered, self._correction)
-        pose[:3, :3] = nearest_rotation(pose[:3, :3])
+        pose = self.held(T_world_registered)
         trusted = np.zeros(len(features), np.bool_)
         trusted[matched] = agreement.weights(pose) > _FITS
         self.map.insert(features, matches, trusted, pose)
+        return pose
+
+    def held(self, T_world_registered: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The pose (4, 4) of a registered frame with the correction as it stands, for a frame that is not compared."""
+        pose = moved(T_world_registered, self._correction)
+        pose[:3, :3] = nearest_rotation(pose[:3, :3])
         return pose
 
     def restart(self) -> None:

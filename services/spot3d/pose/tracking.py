@@ -77,6 +77,7 @@ class MapTracker:
         self._before: _Fix | None = None
         self._lost_frames = 0
         self._drift = DriftCorrection(settings) if settings.landmarks else None
+        self._compared_ns: int | None = None
 
     def track(
         self,
@@ -171,9 +172,12 @@ class MapTracker:
         """The registered pose without the drift that landmarks tell of."""
         if self._drift is None or view.colour is None:
             return pose
+        elapsed = 0.0 if self._compared_ns is None else (stamp_ns - self._compared_ns) * 1e-9
         if self._lost_frames:
             self._drift.restart()
-        elapsed = 0.0 if self._last is None else (stamp_ns - self._last.stamp_ns) * 1e-9
+        elif self._compared_ns is not None and elapsed < self._settings.landmark_interval:
+            return self._drift.held(pose)
+        self._compared_ns = stamp_ns
         features = self._drift.detect(view.colour, view.depth_m, view.camera)
         return self._drift.correct(features, view.camera, pose, view.information, elapsed)
 
