@@ -10,7 +10,7 @@ class EdgeSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    min_magnitude: float = Field(0.1, gt=0, lt=1, description="edges weaker than this are no edges")
+    min_magnitude: float = Field(0.2, gt=0, lt=1, description="edges weaker than this are no edges")
     colour_weight: float = Field(
         0.5, ge=0, le=1, description="largest magnitude of a colour edge in a frame that has depth"
     )
