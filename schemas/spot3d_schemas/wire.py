@@ -57,6 +57,9 @@ def _tags() -> tuple[_Tag | None, ...]:
 
 
 _TAGS = _tags()
+_PLAIN = tuple(0 if tag is None or tag.length_bytes or tag.children else tag.size for tag in _TAGS)
+"""Bytes of a value that is told by its first byte alone: most values are."""
+_TOO_MANY = "holds more values than are accepted; send less"
 _BIN_TAGS = frozenset((0xC4, 0xC5, 0xC6))
 _MAP_TAGS = frozenset((*range(0x80, 0x90), 0xDE, 0xDF))
 
@@ -66,6 +69,8 @@ def end_of(payload: memoryview, start: int, max_values: int) -> tuple[int, int]:
 
     Raises ValueError where it is cut off, or made of more than `max_values`.
     """
+    if max_values < 1:
+        raise ValueError(_TOO_MANY)
     at = start
     pending = 1
     seen = 0
@@ -73,7 +78,14 @@ def end_of(payload: memoryview, start: int, max_values: int) -> tuple[int, int]:
     while pending:
         if at >= limit:
             raise ValueError("the message is cut off")
-        tag = _TAGS[payload[at]]
+        first = payload[at]
+        plain = _PLAIN[first]
+        if plain:
+            at += plain
+            seen += 1
+            pending -= 1
+            continue
+        tag = _TAGS[first]
         if tag is None:
             raise ValueError("the message is not msgpack")
         length_bytes, size, children, per_count = tag
@@ -86,8 +98,9 @@ def end_of(payload: memoryview, start: int, max_values: int) -> tuple[int, int]:
         at += size
         seen += 1
         pending += children - 1
+        # Only here what is promised can grow.
         if seen + pending > max_values:
-            raise ValueError("holds more values than are accepted; send less")
+            raise ValueError(_TOO_MANY)
     if at > limit:
         raise ValueError("the message is cut off")
     return at, seen

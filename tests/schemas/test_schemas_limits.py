@@ -19,6 +19,7 @@ from spot3d_schemas.limits import (
     MAX_OBJECTS_BYTES,
     MAX_OBJECTS_VALUES,
 )
+from spot3d_schemas.wire import map_spans
 
 
 def refuse_within(payload: bytes, name: str, budget: int) -> str:
@@ -165,3 +166,13 @@ def test_a_giant_unknown_field_is_stepped_over() -> None:
     finally:
         tracemalloc.stop()
     assert peak < 100_000
+
+
+@pytest.mark.parametrize(("most", "accepted"), [(0, False), (1, False), (2, False), (4, False), (5, True)])
+def test_all_values_of_a_map_count(most: int, accepted: bool) -> None:
+    payload = memoryview(msgpack.packb({"a": 1, "b": 2.5, "c": [1, "two"]}))
+    if accepted:
+        assert list(map_spans(payload, (0, len(payload)), 3, most)) == ["a", "b", "c"]
+    else:
+        with pytest.raises(ValueError, match="more values than are accepted"):
+            map_spans(payload, (0, len(payload)), 3, most)
