@@ -199,8 +199,9 @@ def describe(
         mean[g, 0] += m * x
         mean[g, 1] += m * y
         # Orientations have period pi, so the mean is taken of the doubled angle.
-        double[g, 0] += m * np.cos(2 * orientation[y, x])
-        double[g, 1] += m * np.sin(2 * orientation[y, x])
+        angle = np.float32(2) * orientation[y, x]
+        double[g, 0] += m * np.cos(angle)
+        double[g, 1] += m * np.sin(angle)
         anchor[g, 0], anchor[g, 1] = x, y
     for g in range(count):
         mean[g, 0], mean[g, 1] = mean[g, 0] / total[g], mean[g, 1] / total[g]
