@@ -15,10 +15,17 @@ from spot3d.sensor import axial_noise
 
 CAMERA = Intrinsics(150.0, 150.0, 79.5, 59.5, 160, 120)
 COARSE = FusionSettings(
-    range_max=4.0, lattice_width=160, voxel=0.008, cell=0.008, segment_cells=15, crease=12.0, heat_min=0.25
+    range_max=4.0,
+    lattice_width=160,
+    voxel=0.008,
+    cell=0.008,
+    segment_cells=15,
+    seamed_cells=100,
+    crease=12.0,
+    heat_min=0.25,
 )
 """Settings for that camera, whose pixels are 7 mm wide at the table."""
-FINE = COARSE.model_copy(update={"cell": 0.005, "segment_cells": 40, "crease": 10.0})
+FINE = COARSE.model_copy(update={"cell": 0.005, "segment_cells": 40, "seamed_cells": 300, "crease": 10.0})
 """Cells for surfaces that are sampled every 3 mm."""
 COARSE_PAPER = PAPER.model_copy(update={"lattice_width": 160, "voxel": 0.008, "density_points": 8, "heat_min": 0.25})
 """DBSCAN's count follows the density."""

@@ -9,17 +9,19 @@ from scipy.sparse.csgraph import connected_components
 from spot3d.fusion.segments import concavity, connected_cells, share_out, smooth_normals, split_at_creases
 from spot3d.fusion.surface import Surface, gather_cells, near_pairs
 
-EDGE, CREASE, SMALLEST = 0.005, 10.0, 40
+EDGE, CREASE, SMALLEST, SEAMED = 0.005, 10.0, 40, 300
 
 
 def surface_of(xyz: np.ndarray, normal: np.ndarray) -> Surface:
     return gather_cells(xyz.astype(np.float32), normal.astype(np.float32), np.ones(len(xyz), np.float32), EDGE)[0]
 
 
-def split(surface: Surface, flat: np.ndarray | None = None, member: np.ndarray | None = None) -> np.ndarray:
+def split(
+    surface: Surface, flat: np.ndarray | None = None, member: np.ndarray | None = None, seamed: int = SEAMED
+) -> np.ndarray:
     flat = np.zeros(len(surface.centre), bool) if flat is None else flat
     member = np.ones(len(surface.centre), bool) if member is None else member
-    return split_at_creases(surface, member, flat, CREASE, SMALLEST)
+    return split_at_creases(surface, member, flat, CREASE, SMALLEST, seamed)
 
 
 def ball(radius: float, hollow: bool = False) -> tuple[np.ndarray, np.ndarray]:
@@ -91,6 +93,33 @@ def test_two_boxes_that_touch_are_split_at_the_crease(first: Cuboid, second: Cub
     assert most[0] != most[1]
     assert np.mean(labels[owner < 20] == most[0]) > 0.9
     assert np.mean(labels[owner > 180] == most[1]) > 0.9
+
+
+def valley(blur_in_the_middle: float, blur_at_the_ends: float) -> Surface:
+    """Two slopes of 35 degrees that meet in a valley along y, rounded over so many metres."""
+    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(-0.08, 0.08, 0.002), np.arange(-0.08, 0.08, 0.002)))
+    blur = blur_at_the_ends + (blur_in_the_middle - blur_at_the_ends) * np.clip(1 - (y / 0.05) ** 2, 0, 1)
+    slope = 0.7 * x / np.hypot(x, blur)
+    normal = np.column_stack((-slope, np.zeros_like(x), np.ones_like(x))) / np.sqrt(1 + slope**2)[:, None]
+    return surface_of(np.column_stack((x, y, 0.7 * (np.hypot(x, blur) - blur))), normal)
+
+
+@pytest.mark.parametrize(
+    ("name", "middle", "ends", "seamed", "count"),
+    [
+        ("sharp everywhere", 0.004, 0.004, SEAMED, 2),
+        ("faint in the middle", 0.035, 0.004, SEAMED, 2),
+        ("faint everywhere", 0.035, 0.035, SEAMED, 1),
+        ("faint in the middle, of parts too small for that", 0.035, 0.004, 2000, 1),
+        ("sharp everywhere, however small the parts", 0.004, 0.004, 2000, 2),
+    ],
+)
+def test_a_crease_is_followed_where_it_is_faint(name: str, middle: float, ends: float, seamed: int, count: int) -> None:
+    surface = valley(middle, ends)
+    segments = split(surface, seamed=seamed)
+    sides = [segments[surface.centre[:, 0] < -0.02], segments[surface.centre[:, 0] > 0.02]]
+    assert [len(set(side)) for side in sides] == [1, 1], name
+    assert len(set(np.concatenate(sides))) == count, name
 
 
 def test_inside_and_outside_of_a_bowl_stay_whole_each() -> None:

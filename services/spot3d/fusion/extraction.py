@@ -74,7 +74,7 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
         free = ~on_sheets(surface, sheets)
         supports = find_supports(points, coarse, sheets, up, settings)
     flat = lying_flat(surface, [(item.sheet, item.centre) for item in supports])
-    segments = split_at_creases(surface, free, flat, settings.crease, settings.segment_cells)
+    segments = split_at_creases(surface, free, flat, settings.crease, settings.segment_cells, settings.seamed_cells)
 
     def hot(cells: NDArray[np.int64]) -> bool:
         return float(surface.heat[cells] @ surface.size[cells]) >= heat_min * float(surface.size[cells].sum())

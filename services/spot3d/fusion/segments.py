@@ -15,6 +15,10 @@ _LIKE = np.float32(0.9)
 """Normals within this cosine (26 degrees) smooth each other."""
 _CONVEX = np.float32(-20.0)
 """A pair counts as no more convex than this (1/m), so that a convex edge does not hide the crease that it meets."""
+_FAINT = 0.5
+"""A crease is followed where it has this share of the concavity that begins one: noise and gaps blur its ends."""
+_SHARP = 0.1
+"""Share of a crease's cells that must have all of that concavity."""
 _LINK = 1.6
 """Cells whose centres are within this many cell edges are connected: touching cubes, but for most corners."""
 _ROUNDS = 12
@@ -39,23 +43,45 @@ def concavity(
 
 
 def split_at_creases(
-    surface: Surface, member: NDArray[np.bool_], flat: NDArray[np.bool_], crease: float, smallest: int
+    surface: Surface,
+    member: NDArray[np.bool_],
+    flat: NDArray[np.bool_],
+    crease: float,
+    smallest: int,
+    smallest_seamed: int,
 ) -> NDArray[np.int32]:
     """Segments of a surface: connected regions without a crease, then the crease cells shared out.
 
     member: (n,) bool, cells that are looked at. flat: (n,) bool, cells of thin flat things, which form regions of
     their own: what lies on a table does not hold together what stands on it. crease: concavity (1/m) from which a
-    cell is a crease. smallest: cells a region needs to count. Returns (n,) int32 segment of each cell, -1 = no member;
-    a number between may be no cell's.
+    cell is a crease. smallest: cells a region needs to count; smallest_seamed: where it ends at a faint crease.
+    Returns (n,) int32 segment of each cell, -1 = no member; a number between may be no cell's.
     """
     pairs = near_pairs(surface, member)
     link = _links(surface, pairs)
-    core = member & (concavity(surface.centre, smooth_normals(surface.normal, pairs), pairs) < crease)
-    labels = connected_cells(link, core.view(np.uint8) * (1 + flat.view(np.uint8)), smallest)
+    bend = concavity(surface.centre, smooth_normals(surface.normal, pairs), pairs)
+    sharp = member & (bend >= crease)
+    kind = np.uint8(1) + flat.view(np.uint8)
+    whole = connected_cells(link, (member & ~sharp) * kind, smallest)
+    part = connected_cells(
+        link, (member & ~_traced(link, member & (bend >= _FAINT * crease), sharp)) * kind, smallest_seamed
+    )
+    divided = np.zeros(whole.max(initial=-1) + 2, np.bool_)
+    divided[whole[part >= 0]] = True
+    undivided = (whole >= 0) & ~divided[whole]
+    labels = np.where(undivided, whole + part.max(initial=-1) + 1, part)
     share_out(labels, link)
     left = member & (labels < 0)
     rest = connected_cells(link, left.view(np.uint8))
     return np.where(left, rest + labels.max(initial=-1) + 1, labels)
+
+
+def _traced(link: NDArray[np.uint32], faint: NDArray[np.bool_], sharp: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(n,) bool: the faint creases of which a good part is sharp, traced as edges in images are (Canny, 1986)."""
+    line = connected_cells(link, faint.view(np.uint8))
+    count = line.max(initial=-1) + 2
+    meant = np.bincount(line[sharp], minlength=count) > _SHARP * np.bincount(line[faint], minlength=count)
+    return np.asarray(meant[line])
 
 
 def connected_cells(link: NDArray[np.uint32], group: NDArray[np.uint8], smallest: int = 1) -> NDArray[np.int32]:
