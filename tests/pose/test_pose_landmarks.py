@@ -134,6 +134,17 @@ def test_chance_corners_go_and_the_map_is_bounded() -> None:
     assert np.mean([tuple(row) in kept for row in lasting.descriptors.tolist()]) > 0.9
 
 
+def test_of_too_many_good_landmarks_it_tells_how_many_it_forgot() -> None:
+    landmarks, features = LandmarkMap(1000), seen(pose(0))
+    rooms = [pose(0), pose(0)]
+    rooms[1][:3, 3] += 100.0
+    for place in (*rooms, *rooms):
+        matches = landmarks.match(features, CAMERA, place)
+        landmarks.insert(features, matches, matches.landmark >= 0, place)
+    assert landmarks.forgotten > 0
+    assert len(landmarks.rows) <= 1000
+
+
 @pytest.mark.parametrize("wrong", [0.0, 0.3])
 def test_landmarks_stop_the_drift_of_a_sideways_sweep(wrong: float) -> None:
     """A registration that loses 5 % of each step to the side: what a depth camera's distortion does."""

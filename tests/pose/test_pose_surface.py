@@ -117,6 +117,7 @@ def test_a_full_map_forgets_what_it_has_not_seen_for_longest() -> None:
         planes.insert(surface, pose)
         assert planes.count <= planes.limit
         assert planes.count == np.count_nonzero(planes.keys != -1)
+    assert planes.forgotten > planes.limit
     matched_here = planes.normal_equations(surface, pose, 0.05, 3.0)[2][1]
     matched_first = planes.normal_equations(surface, np.eye(4), 0.05, 3.0)[2][1]
     assert matched_here > 0.9 * len(surface)

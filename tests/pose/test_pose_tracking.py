@@ -235,3 +235,10 @@ def test_redkitchen_poses() -> None:
     translation, rotation = rpe(np.array(true), np.array(estimated))
     assert translation["rmse"] < 0.0045
     assert np.degrees(rotation["rmse"]) < 0.15
+
+
+def test_a_full_map_is_told_with_the_frame_that_fills_it() -> None:
+    tracker = make_tracker(PoseSettings(surfel_limit=4000))
+    told = [tracker.track(1 + index * FRAME_NS, frame(index), CAMERA, None).forgotten for index in range(20)]
+    assert told[0] == 0
+    assert sum(told) > 0

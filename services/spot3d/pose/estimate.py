@@ -15,11 +15,13 @@ class PoseEstimate:
 
     T_world_camera: (4, 4) float64; while status is "lost" it is the last good pose and must not be fused.
     reason: why tracking is lost, for people; empty while status is "ok".
+    forgotten: surfels and landmarks that the full maps dropped for this frame's.
     """
 
     T_world_camera: NDArray[np.float64]
     status: Literal["ok", "lost"]
     reason: str = ""
+    forgotten: int = 0
 
 
 class PoseTracker(Protocol):

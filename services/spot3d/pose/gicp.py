@@ -53,6 +53,11 @@ class SmallGicp:
         self._coarse_map.insert(source, T_world_camera)
         self._planes.insert(surface, T_world_camera)
 
+    @property
+    def forgotten(self) -> int:
+        """How many surfels the full map of planes has dropped so far."""
+        return self._planes.forgotten
+
     def _source(self, surface: Surface) -> "small_gicp.PointCloud":
         if self._prepared is None or self._prepared[0] is not surface:
             cloud, _ = small_gicp.preprocess_points(

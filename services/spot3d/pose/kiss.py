@@ -74,6 +74,11 @@ class KissIcp:
         self._wide_map.update(_thinned(surface, 0.5 * _WIDE_VOXEL), T_world_camera)
         self._planes.insert(surface, T_world_camera)
 
+    @property
+    def forgotten(self) -> int:
+        """How many surfels the full map of planes has dropped so far."""
+        return self._planes.forgotten
+
     def _align_wide(self, surface: Surface, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """KISS-ICP from afar: first against the map of larger voxels."""
         voxel = self._settings.kiss_voxel

@@ -46,11 +46,12 @@ class Matches:
 
 
 class LandmarkMap:
-    """A bounded map of landmarks: `rows` of the type LANDMARK, at most `limit`."""
+    """A bounded map of landmarks: `rows` of the type LANDMARK, at most `limit`; `forgotten` have had to make room."""
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
         self.rows = np.zeros(0, LANDMARK)
+        self.forgotten = 0
         self._frames = 0
 
     def match(self, features: Features, camera: Intrinsics, T_world_camera: NDArray[np.float64]) -> Matches:
@@ -96,6 +97,7 @@ class LandmarkMap:
         rows = self.rows
         rows = rows[(rows["views"] < _TRIALS) | (rows["sightings"] >= _KNOWN_AGAIN * rows["views"])]
         if len(rows) > room:
+            self.forgotten += len(rows) - room // 2
             rows = rows[np.argsort(-rows["last"], kind="stable")[: room // 2]]
         return rows
 

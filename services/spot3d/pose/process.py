@@ -25,6 +25,7 @@ from spot3d_schemas import Frame, Pose
 _IN, _OUT = "source/frame", "pose/pose"
 
 
+_FORGOTTEN = "surfels and landmarks forgotten: the map's limit is reached"
 _HOMELESS = "started amid a run, whose world it cannot know: frames that carry a pose, or a new run, give it one"
 
 
@@ -98,4 +99,6 @@ def _track(node: Node, tracker: PoseTracker, frame: RgbdFrame, last: PoseEstimat
         node.failed(f"pose {type(error).__name__}", f"no pose of the frame at {frame.stamp_ns} ns: {text}")
         return PoseEstimate(last.T_world_camera, "lost", text)
     node.counters.step(time.perf_counter() - start_s)
+    if estimate.forgotten:
+        node.counters.event(_FORGOTTEN, estimate.forgotten)
     return estimate

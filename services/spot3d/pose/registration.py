@@ -37,6 +37,11 @@ class Registrar(Protocol):
         """Add a frame whose registration was accepted."""
         ...
 
+    @property
+    def forgotten(self) -> int:
+        """How many surfels a full map has dropped so far."""
+        ...
+
 
 def judged(planes: SurfelMap, surface: Surface, T_world_camera: NDArray[np.float64], distance: float) -> Registration:
     """How well a surface at a pose fits the map: a point meets it within `distance` metres of its plane."""

@@ -18,7 +18,8 @@ _WEIGHT_MAX = 1000.0
 class SurfelMap:
     """Bounded map of planes in the world frame.
 
-    keys: (slots,) int64, voxel coordinates and direction, -1 = free; surfels: (slots, 8) float64.
+    keys: (slots,) int64, voxel coordinates and direction, -1 = free; surfels: (slots, 8) float64; forgotten: how many
+    have had to make room.
     """
 
     def __init__(self, voxel: float, limit: int) -> None:
@@ -29,6 +30,7 @@ class SurfelMap:
         self.surfels = np.zeros((slots, _COLUMNS))
         self.count = 0
         self.frames = 0
+        self.forgotten = 0
 
     def insert(self, surface: Surface, T_world_camera: NDArray[np.float64]) -> None:
         """Average the surface points into their surfels, weighted by their noise."""
@@ -86,6 +88,7 @@ class SurfelMap:
         self.keys.fill(_FREE)
         self.surfels.fill(0)
         _restore(self.keys, self.surfels, keys, surfels)
+        self.forgotten += self.count - len(keys)
         self.count = len(keys)
 
 

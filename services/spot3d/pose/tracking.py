@@ -160,13 +160,17 @@ class MapTracker:
         return implausible(registration, last.T_world_camera, elapsed, overlap_min, self._settings)
 
     def _accept(self, stamp_ns: int, view: _View, pose: NDArray[np.float64]) -> PoseEstimate:
+        forgotten = self._forgotten()
         pose = self._corrected(stamp_ns, view, pose)
         self._registrar.insert(view.surface, pose)
         # After a loss the old velocity says nothing.
         self._before = None if self._lost_frames else self._last
         self._last = _Fix(pose, stamp_ns)
         self._lost_frames = 0
-        return PoseEstimate(pose, "ok")
+        return PoseEstimate(pose, "ok", forgotten=self._forgotten() - forgotten)
+
+    def _forgotten(self) -> int:
+        return self._registrar.forgotten + (0 if self._drift is None else self._drift.map.forgotten)
 
     def _corrected(self, stamp_ns: int, view: _View, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """The registered pose without the drift that landmarks tell of."""
