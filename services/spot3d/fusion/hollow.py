@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.fusion.boxes import rotation_to_upright, sampled
+from spot3d.kernel import kernel
 
 _LEVEL = 0.4
 """Normals with less than this of their length level are the bottom's, and say nothing of the axis."""
@@ -60,9 +61,17 @@ def hollow_groups(
 
 def _around(places: NDArray[np.float32], hollow: Hollow) -> bool:
     """Whether (n, 3) upright places lie around a hollow and reach up to its rim."""
-    distance = np.linalg.norm(places[:, :2] - hollow.axis, axis=1)
-    near = np.mean(distance < hollow.radius + _WALL) >= _WITHIN
-    return bool(near and _top(places) > hollow.rim - _RIM)
+    near = _share_near(places, hollow.axis, hollow.radius + _WALL) >= _WITHIN
+    return near and _top(places) > hollow.rim - _RIM
+
+
+@kernel("f8(f4[:,:], f8[:], f8)")
+def _share_near(places: NDArray[np.float32], axis: NDArray[np.float64], radius: float) -> float:
+    """Share of (n, 3) upright places nearer to an upright axis than `radius`, metres."""
+    near = 0
+    for i in range(len(places)):
+        near += (places[i, 0] - axis[0]) ** 2 + (places[i, 1] - axis[1]) ** 2 < radius * radius
+    return near / len(places)
 
 
 def _top(places: NDArray[np.float32]) -> float:
@@ -71,20 +80,41 @@ def _top(places: NDArray[np.float32]) -> float:
 
 def _hollow(places: NDArray[np.float32], normals: NDArray[np.float32]) -> Hollow | None:
     """What (n, 3) upright places with these normals are bent around: most normals' level parts meet its axis."""
-    length = np.linalg.norm(normals[:, :2], axis=1)
-    walls = length > _LEVEL
-    if np.count_nonzero(walls) < _WALLS_MIN:
+    x, y, aim = _aimed_at(places, normals)
+    if aim < _AIMED:
         return None
-    p, n = places[walls, :2], normals[walls, :2] / length[walls, None]
-    if np.linalg.norm(n.mean(axis=0)) > _BENT:
-        return None
-    # The point nearest to all lines along the normals.
-    across = np.eye(2) - n[:, :, None] * n[:, None, :]
-    total = across.sum(axis=0)
-    if np.linalg.det(total) < 1e-9 * len(p) ** 2:
-        return None
-    axis = np.linalg.solve(total, np.einsum("nij,nj->i", across, p))
-    inwards = axis - p
-    distance = np.linalg.norm(inwards, axis=1)
-    aim = float(np.mean(np.einsum("nj,nj->n", n, inwards) / np.maximum(distance, 1e-9)))
-    return Hollow(axis, float(np.quantile(distance, 0.95)), _top(places)) if aim >= _AIMED else None
+    axis = np.array([x, y])
+    walls = np.linalg.norm(normals[:, :2], axis=1) > _LEVEL
+    distance = np.linalg.norm(places[walls, :2] - axis, axis=1)
+    return Hollow(axis, float(np.quantile(distance, 0.95)), _top(places))
+
+
+@kernel("Tuple((f8, f8, f8))(f4[:,:], f4[:,:])")
+def _aimed_at(places: NDArray[np.float32], normals: NDArray[np.float32]) -> tuple[float, float, float]:
+    """The place that is nearest to all lines along the walls' normals, and the mean cosine of these towards it.
+
+    The cosine is -1 where the walls are too few or too flat to tell a place.
+    """
+    level = np.empty((len(places), 4))
+    count, nx, ny, xx, xy, yy, right_x, right_y = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(len(places)):
+        u, v = np.float64(normals[i, 0]), np.float64(normals[i, 1])
+        length = np.sqrt(u * u + v * v)
+        if length > _LEVEL:
+            x, y, u, v = np.float64(places[i, 0]), np.float64(places[i, 1]), u / length, v / length
+            level[count, 0], level[count, 1], level[count, 2], level[count, 3] = x, y, u, v
+            count += 1
+            nx, ny, xx, xy, yy = nx + u, ny + v, xx + v * v, xy - u * v, yy + u * u
+            right_x += v * v * x - u * v * y
+            right_y += u * u * y - u * v * x
+    flat = nx * nx + ny * ny > (_BENT * count) ** 2
+    determinant = xx * yy - xy * xy
+    if count < _WALLS_MIN or flat or determinant < 1e-9 * count**2:
+        return 0.0, 0.0, -1.0
+    axis_x, axis_y = (yy * right_x - xy * right_y) / determinant, (xx * right_y - xy * right_x) / determinant
+    aim = 0.0
+    for i in range(count):
+        inwards_x, inwards_y = axis_x - level[i, 0], axis_y - level[i, 1]
+        distance = max(np.sqrt(inwards_x**2 + inwards_y**2), 1e-9)
+        aim += (level[i, 2] * inwards_x + level[i, 3] * inwards_y) / distance
+    return axis_x, axis_y, aim / count
