@@ -119,7 +119,7 @@ def test_distances_and_what_follows_from_them_are_the_plain_formula() -> None:
     distance, facing = plain_distance(sheet, surface.centre), surface.normal @ sheet.plane[:3]
     np.testing.assert_allclose(sheet.distance(surface.centre), distance, atol=1e-12)
     block = surface.blocks.of_cells()
-    kind = rng.integers(0, 9, len(surface.blocks.keys))
+    kind = rng.integers(0, 9, len(surface.blocks))
     item = StructureSheet(sheet, 0.01, kind % 3 > 0, kind > 6)
     off = np.abs(distance)
     expected = item.cells[block] & (off < 0.01) & ((facing > 0.7) | (off < 0.005))

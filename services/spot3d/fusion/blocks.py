@@ -25,22 +25,37 @@ _AXES = np.array([1 << 42, 1 << 21, 1])
 class Blocks:
     """Where cells are, in the order of their blocks.
 
-    keys: (blocks,) int64, packed place of each block; first: (blocks + 1,) int32, its first cell; place: (cells,)
-    uint8, of each cell in its block.
+    around: (blocks, 18) int32, the blocks around each that are not before it along the first axis, and itself; where
+    there is none, the number of blocks. first: (blocks + 1,) int32, its first cell; place: (cells,) uint8, of each
+    cell in its block.
     """
 
-    keys: NDArray[np.int64]
+    around: NDArray[np.int32]
     first: NDArray[np.int32]
     place: NDArray[np.uint8]
 
+    def __len__(self) -> int:
+        return len(self.around)
+
     def of_cells(self) -> NDArray[np.int32]:
         """The block of each cell, (cells,) int32."""
-        return np.repeat(np.arange(len(self.keys), dtype=np.int32), np.diff(self.first))
+        return np.repeat(np.arange(len(self), dtype=np.int32), np.diff(self.first))
 
-    def cell_keys(self) -> NDArray[np.int64]:
-        """Packed place of each cell, (cells,) int64: its key where it is itself a block, of smaller cells."""
-        keys: NDArray[np.int64] = SIDE * self.keys[self.of_cells()] + _PLACE_KEY[self.place]
-        return keys
+    def cells_around(self) -> NDArray[np.int32]:
+        """The cells around each cell, (cells, 18) int32: what `around` is where it is a block of smaller ones."""
+        around = np.empty((len(self.place), _SIDES), np.int32)
+        everywhere = self.cell_at(np.ones(len(self.place), np.bool_))
+        _cells_around(self.around, self.first, self.place, everywhere, around)
+        return around
+
+    def cell_at(self, member: NDArray[np.bool_]) -> NDArray[np.uint8]:
+        """The cell at each place of each block and of one more that is empty, (blocks + 1, places), from its first.
+
+        member: (cells,) bool, cells that take part.
+        """
+        table = np.full((len(self) + 1, PLACES), NONE)
+        _enter(self.first, self.place, member, table)
+        return table
 
 
 def _xyz(places: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -58,16 +73,22 @@ def _half_ball() -> NDArray[np.int64]:
     return half
 
 
-def _steps() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """From each place of a block by each step of the half ball: which of the 18 blocks around, and the place there."""
-    reached = _xyz(np.arange(PLACES))[:, None] + _half_ball()  # never backwards along the first axis
+def _steps(steps: NDArray[np.int64]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """From each place of a block by each step: which of the 18 blocks around, and the place there.
+
+    steps: (k, 3), never backwards along the first axis.
+    """
+    reached = _xyz(np.arange(PLACES))[:, None] + steps
     block = (reached // SIDE + (0, 1, 1)) @ (9, 3, 1)
     place = (reached % SIDE) @ (SIDE**2, SIDE, 1)
     return block.astype(np.uint8), place.astype(np.uint8)
 
 
-_PLACE_KEY = _xyz(np.arange(PLACES)) @ _AXES
-_STEP_BLOCK, _STEP_PLACE = _steps()
+_SIDES = 18
+"""Blocks around a block that are not before it along the first axis, and itself."""
+_SIDE_STEP = np.stack(np.unravel_index(np.arange(_SIDES), (2, 3, 3)), -1) - (0, 1, 1)
+_STEP_BLOCK, _STEP_PLACE = _steps(_half_ball())
+_SIDE_BLOCK, _SIDE_PLACE = _steps(_SIDE_STEP)
 STEPS = _STEP_PLACE.shape[1]
 """Cells within two edges of a cell, one of each opposite pair."""
 
@@ -123,19 +144,29 @@ def find_blocks(
     return count
 
 
+def find_around(keys: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Which blocks are around each (see `Blocks`), from their packed places."""
+    around = np.empty((len(keys), _SIDES), np.int32)
+    _find_around(keys, _SIDE_STEP @ _AXES, around)
+    return around
+
+
 def number_cells(
-    keys: NDArray[np.int64],
+    around: NDArray[np.int32],
     block_of_point: NDArray[np.int32],
     place: NDArray[np.uint8],
     heat: NDArray[np.float32],
     least: float,
 ) -> tuple[Blocks, NDArray[np.int32]]:
-    """The cells that hold points at least so hot, numbered block by block, and the cell of each point, -1 = none."""
+    """The cells that hold points at least so hot, numbered block by block, and the cell of each point, -1 = none.
+
+    around: which blocks are around each (see `Blocks`).
+    """
     # Large arrays are made here, not in the kernels: NumPy asks for huge pages, which are much faster to begin with.
     cell_of_point, place_of_cell = np.empty(len(place), np.int32), np.empty(len(place), np.uint8)
-    first, cell_at = np.zeros(len(keys) + 1, np.int32), np.full((len(keys), PLACES), NONE)
+    first, cell_at = np.zeros(len(around) + 1, np.int32), np.full((len(around), PLACES), NONE)
     _number_cells(block_of_point, place, heat, np.float32(least), first, cell_at, cell_of_point, place_of_cell)
-    return Blocks(keys, first, place_of_cell[: first[-1]].copy()), cell_of_point
+    return Blocks(around, first, place_of_cell[: first[-1]].copy()), cell_of_point
 
 
 @kernel("void(i4[::1], u1[::1], f4[::1], f4, i4[::1], u1[:,::1], i4[::1], u1[::1])")
@@ -166,43 +197,65 @@ def _number_cells(
             place_of_cell[cell_of_point[i]] = place[i]
 
 
-@kernel("i8(i8[::1], i4[::1], u1[::1], b1[:], u1[:,::1], u4[:,::1])")
+@kernel("void(i8[::1], i8[::1], i4[:,::1])")
+def _find_around(keys: NDArray[np.int64], steps: NDArray[np.int64], around: NDArray[np.int32]) -> None:
+    """Look up which blocks are around each (see `Blocks`). keys: packed places; steps: ways to the 18 blocks around."""
+    table, numbers = _table(keys, len(keys))
+    for block in range(len(keys)):
+        for side in range(len(steps)):
+            slot = find_slot(table, keys[block] + steps[side])
+            around[block, side] = numbers[slot] if table[slot] != np.int64(-1) else len(keys)
+
+
+@kernel("void(i4[::1], u1[::1], b1[:], u1[:,::1])")
+def _enter(
+    first: NDArray[np.int32], place: NDArray[np.uint8], member: NDArray[np.bool_], cell_at: NDArray[np.uint8]
+) -> None:
+    """Enter the cells that are members at their places (see `Blocks.cell_at`)."""
+    for block in range(len(first) - 1):
+        for cell in range(first[block], first[block + 1]):
+            if member[cell]:
+                cell_at[block, place[cell]] = cell - first[block]
+
+
+@kernel("void(i4[:,::1], i4[::1], u1[::1], u1[:,::1], i4[:,::1])")
+def _cells_around(
+    around: NDArray[np.int32],
+    first: NDArray[np.int32],
+    place: NDArray[np.uint8],
+    cell_at: NDArray[np.uint8],
+    cells_around: NDArray[np.int32],
+) -> None:
+    """See `Blocks.cells_around`."""
+    for block in range(len(around)):
+        for cell in range(first[block], first[block + 1]):
+            for side in range(around.shape[1]):
+                other = np.uint32(around[block, _SIDE_BLOCK[place[cell], side]])
+                number = cell_at[other, _SIDE_PLACE[place[cell], side]]
+                cells_around[cell, side] = first[other] + number if number != NONE else len(place)
+
+
+@kernel("i8(i4[:,::1], i4[::1], u1[::1], b1[:], u1[:,::1], u4[:,::1])")
 def enter_pairs(
-    keys: NDArray[np.int64],
+    around: NDArray[np.int32],
     first: NDArray[np.int32],
     place_of_cell: NDArray[np.uint8],
     member: NDArray[np.bool_],
     member_at: NDArray[np.uint8],
     pairs: NDArray[np.uint32],
 ) -> int:
-    """Enter the members at their places, look up the 18 blocks around each block, and its cells' surroundings there.
-
-    member_at: one block more than there are, all empty.
-    """
-    for block in range(len(keys)):
-        for cell in range(first[block], first[block + 1]):
-            if member[cell]:
-                member_at[block, place_of_cell[cell]] = cell - first[block]
-    table, numbers = _table(keys, len(keys))
-    around, first_around = np.empty(18, np.uint32), np.empty(18, np.int32)
+    """Look up the surroundings of each member, and say how many pairs that are. member_at: see `Blocks.cell_at`."""
     count = np.uint64(0)  # without a sign, an index is not looked at for counting from the end
-    for block in range(len(keys)):
-        if not member[first[block] : first[block + 1]].any():
-            continue
-        for side in range(18):
-            x, y, z = np.int64(side // 9), np.int64(side // 3 % 3 - 1), np.int64(side % 3 - 1)
-            slot = find_slot(table, keys[block] + (x << np.int64(42)) + (y << np.int64(21)) + z)
-            around[side] = numbers[slot] if table[slot] != np.int64(-1) else len(keys)
-            first_around[side] = first[around[side]]
+    for block in range(len(around)):
         for cell in range(first[block], first[block + 1]):
             if not member[cell]:
                 continue
             place = place_of_cell[cell]
             for step in range(STEPS):
-                side = _STEP_BLOCK[place, step]
-                number = member_at[around[side], _STEP_PLACE[place, step]]
+                other = np.uint32(around[block, _STEP_BLOCK[place, step]])
+                number = member_at[other, _STEP_PLACE[place, step]]
                 # Always written and then perhaps passed over: a branch would mostly be guessed wrong.
                 pairs[count, 0] = cell
-                pairs[count, 1] = first_around[side] + number
+                pairs[count, 1] = first[other] + number
                 count += np.uint64(number != NONE)
     return int(count)

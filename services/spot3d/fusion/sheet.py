@@ -13,6 +13,7 @@ from spot3d.fusion.sheet_kernels import (
     cells_at_sheet,
     distances,
     facing_rows,
+    in_long_groups,
     mark_flat,
     mark_sheet,
     reweighted,
@@ -157,15 +158,8 @@ def lying_flat(surface: Surface, levels: list[tuple[Sheet, NDArray[np.float32]]]
 
 def _reaching(surface: Surface, member: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
     """The members whose connected component is longer than `reach`."""
-    rows = np.flatnonzero(member)
     labels = connected_cells(near_pairs(surface, member), member.view(np.uint8))
-    count = int(labels.max(initial=-1)) + 1
-    low = np.full((count, 3), np.inf, np.float32)
-    high = np.full((count, 3), -np.inf, np.float32)
-    np.minimum.at(low, labels[rows], surface.centre[rows])
-    np.maximum.at(high, labels[rows], surface.centre[rows])
-    large = np.append(np.linalg.norm(high - low, axis=1) > reach, False)
-    return large[labels]
+    return in_long_groups(surface.centre, labels, reach)
 
 
 def _terms(points: NDArray[np.float64], axes: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.float64]:

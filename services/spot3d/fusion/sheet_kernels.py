@@ -184,3 +184,22 @@ def with_neighbours(pairs: NDArray[np.uint32], member: NDArray[np.bool_]) -> NDA
         near[i] |= member[j]
         near[j] |= member[i]
     return near
+
+
+@kernel("b1[::1](f4[:,:], i4[:], f8)")
+def in_long_groups(centre: NDArray[np.float32], group: NDArray[np.int32], reach: float) -> NDArray[np.bool_]:
+    """Which cells are of a group whose extent, from corner to corner, is more than `reach`, (n,) bool.
+
+    group: (n,) int32, -1 = none.
+    """
+    count = group.max() + 1 if len(group) > 0 else 0
+    low, high = np.full((count, 3), np.float32(np.inf)), np.full((count, 3), np.float32(-np.inf))
+    for i in range(len(group)):
+        for axis in range(3 if group[i] >= 0 else 0):
+            low[group[i], axis] = min(low[group[i], axis], centre[i, axis])
+            high[group[i], axis] = max(high[group[i], axis], centre[i, axis])
+    long = np.empty(count + 1, np.bool_)
+    for k in range(count):
+        long[k] = ((high[k] - low[k]) ** 2).sum() > reach * reach
+    long[count] = False  # found at index -1
+    return long[group]

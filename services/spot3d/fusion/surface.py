@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.fusion.blocks import NONE, PLACES, SIDE, STEPS, Blocks, enter_pairs, find_blocks, number_cells
+from spot3d.fusion.blocks import SIDE, STEPS, Blocks, enter_pairs, find_around, find_blocks, number_cells
 from spot3d.kernel import kernel
 
 
@@ -43,8 +43,8 @@ def gather_cells(
     number, keys = np.empty(len(points), np.int32), np.empty(len(points), np.int64)
     outer_place, place = np.empty(len(points), np.uint8), np.empty(len(points), np.uint8)
     count: int = find_blocks(points, np.float32(1 / edge), number, outer_place, place, keys)
-    outer, coarse_of_point = number_cells(keys[:count].copy(), number, outer_place, heat, -np.inf)
-    blocks, cell_of_point = number_cells(outer.cell_keys(), coarse_of_point, place, heat, least)
+    outer, coarse_of_point = number_cells(find_around(keys[:count]), number, outer_place, heat, -np.inf)
+    blocks, cell_of_point = number_cells(outer.cells_around(), coarse_of_point, place, heat, least)
     cells = len(blocks.place)
     sums = np.full((cells + len(outer.place), 8), np.float32(0))
     centre, normal = np.empty((len(sums), 3), np.float32), np.empty((len(sums), 3), np.float32)
@@ -63,11 +63,9 @@ def near_pairs(surface: Surface, member: NDArray[np.bool_] | None = None) -> NDA
     member: (n,) bool, cells that take part; default: all.
     """
     blocks = surface.blocks
-    if member is None:
-        member = np.ones(len(blocks.place), np.bool_)
-    member_at = np.full((len(blocks.first), PLACES), NONE)
+    member = np.ones(len(blocks.place), np.bool_) if member is None else member
     pairs = np.empty((len(blocks.place) * STEPS + 1, 2), np.uint32)
-    count: int = enter_pairs(blocks.keys, blocks.first, blocks.place, member, member_at, pairs)
+    count: int = enter_pairs(blocks.around, blocks.first, blocks.place, member, blocks.cell_at(member), pairs)
     return pairs[:count]
 
 
