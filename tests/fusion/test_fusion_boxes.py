@@ -89,7 +89,7 @@ def test_boxes_are_those_of_all_points_and_plain_quantiles(count: int, trim: flo
     rng = np.random.default_rng(count)
     points = (rng.normal(0, [0.3, 0.1, 0.05], (count, 3)) @ rotation_z(0.4).T).astype(np.float32)
     points[count // 2 :] = np.clip(points[count // 2 :], -0.1, 0.1)  # corners, sides and points that coincide
-    footprint = points[:, :2] - points[:, :2].mean(axis=0, dtype=np.float64)
+    footprint = points[:, :2] - points[0, :2].astype(np.float64)
     yaw = np.deg2rad(cv2.minAreaRect(footprint.astype(np.float32))[2])
     turned = points.astype(np.float64) @ rotation_z(yaw)
     low, high = np.quantile(turned, [trim, 1 - trim], axis=0)
