@@ -239,7 +239,7 @@ def merge_contained(
 
 def sampled(points: NDArray[np.float32], rows: NDArray[np.int64]) -> NDArray[np.float32]:
     """Of these rows of (n, 3) points as many, evenly spread, as tell a rough box."""
-    return points[rows[:: max(1, len(rows) // _SAMPLE)]]
+    return points.take(rows[:: max(1, len(rows) // _SAMPLE)], axis=0)
 
 
 def share_inside(points: NDArray[np.float32], box: Box3D, margin: float = 0.0) -> float:

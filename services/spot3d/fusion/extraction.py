@@ -77,7 +77,8 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
     segments = split_at_creases(surface, free, flat, settings.crease, settings.segment_cells, settings.seamed_cells)
 
     def hot(cells: NDArray[np.int64]) -> bool:
-        return float(surface.heat[cells] @ surface.size[cells]) >= heat_min * float(surface.size[cells].sum())
+        size = surface.size.take(cells)
+        return float(surface.heat.take(cells) @ size) >= heat_min * float(size.sum())
 
     def box_of(members: NDArray[np.float32], lengthwise: bool = False) -> Box3D:
         return standing(upright_box(members, up, turn=True, trim=_TRIM, lengthwise=lengthwise), supports)
@@ -103,7 +104,7 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
     merged = [cells for cells in merged if hot(cells)]
     found = []
     for cells, rows in zip(merged, points_of_cells(surface, merged), strict=True):
-        box = box_of(points.xyz[rows], lengthwise=True)
+        box = box_of(points.xyz.take(rows, axis=0), lengthwise=True)
         own = np.zeros(len(coarse.centre), np.bool_)
         own[coarse_cell[cells]] = True
         if _covered(len(cells) * settings.cell**2, box) and not is_rim(box, coarse.centre[own], supports):
@@ -137,8 +138,8 @@ def _covered(area: float, box: Box3D) -> bool:
 def _describe(cluster: Cluster, points: MapPoints) -> FoundObject:
     """The object that the cluster's points form, not yet numbered."""
     rows = cluster.rows
-    confidence = float(np.clip(points.heat[rows].mean(), 0, 1))
-    views = int(points.frequency[rows].max())
+    confidence = float(np.clip(points.heat.take(rows).mean(), 0, 1))
+    views = int(points.frequency.take(rows).max())
     colour = sampled(points.colour, rows).mean(axis=0, dtype=np.float64)
     return FoundObject(0, cluster.box, confidence, views, len(rows), colour)
 

@@ -1,6 +1,6 @@
 """A real plane as the map holds it: flat, but for a slow warp from the lens and from drift."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -12,11 +12,12 @@ from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet_kernels import (
     cells_at_sheet,
     distances,
-    facing_rows,
+    facing_points,
     in_long_groups,
     mark_flat,
     mark_sheet,
     reweighted,
+    warp_terms,
     with_neighbours,
 )
 from spot3d.fusion.structure import StructurePlane
@@ -72,17 +73,15 @@ def fit_sheet(
     points, normals: (n, 3) float32 world. warped: let it bend (else it only shifts and tilts).
     Iteratively reweighted least squares with Tukey's weights, so that what stands on the sheet does not lift it.
     """
-    near = facing_rows(points, normals, plane, reach, _FIT_FACING)
-    if len(near) < 50:
+    fitted = facing_points(points, normals, plane, reach, _FIT_FACING)
+    if fitted.shape[1] < 50:
         return None
-    fitted = points[near].astype(np.float64)
-    distance = fitted @ plane[:3] + plane[3]
-    middle = np.mean(trimmed(fitted.T, _RIM), axis=0)
+    middle = np.mean(trimmed(fitted, _RIM), axis=0)
     axes = _in_plane_axes(plane[:3])
-    _, extent = trimmed(np.abs(axes @ (fitted - middle).T), _RIM)
+    _, extent = trimmed(np.abs(axes @ fitted - (axes @ middle)[:, None]), _RIM)
     axes = axes / np.maximum(extent, 0.05)[:, None]
-    terms = _terms(fitted, axes, middle)[:, : 6 if warped else 3]
-    warp, spread = reweighted(np.ascontiguousarray(terms), distance, reach / 2)
+    terms = warp_terms(fitted, axes, middle, 6 if warped else 3)
+    warp, spread = reweighted(terms, plane[:3] @ fitted + plane[3], reach / 2)
     return Sheet(plane, axes, middle, np.append(warp, np.zeros(6 - len(warp))), spread)
 
 
@@ -105,22 +104,20 @@ def find_sheets(coarse: Surface, planes: list[StructurePlane], settings: FusionS
     A plane counts where keyframes kept removing it, or where its connected surface reaches farther than an
     object can (eps_max). coarse: all of the map in cells of some centimetres.
     """
-    sheets = []
-    pairs = near_pairs(coarse)
-    for item in planes:
-        lasting = item.removed_share >= _LASTING_SHARE
-        sheet = fit_sheet(item.plane, coarse.centre, coarse.normal, _REACH, warped=lasting)
+    found: list[StructureSheet] = []
+    lasting = [item.removed_share >= _LASTING_SHARE for item in planes]
+    for item, warped in zip(planes, lasting, strict=True):
+        sheet = fit_sheet(item.plane, coarse.centre, coarse.normal, _REACH, warped)
         if sheet is None or sheet.spread > _REACH / 3:
             continue  # no denser there than anywhere: the plane is gone, or never was one
         thickness = float(np.clip(_SPREADS * sheet.spread, settings.plane_distance, 2 * settings.plane_distance))
         cells, facing = cells_at_sheet(coarse.centre, coarse.normal, thickness + coarse.edge / 2, *sheet.shape)
-        if not lasting:
-            facing = _reaching(coarse, facing, settings.size_max)
-        near = with_neighbours(pairs, facing)
-        cells &= near if lasting else facing
-        if cells.any():
-            sheets.append(StructureSheet(sheet, thickness, cells, near))
-    return sheets
+        if not warped:
+            cells = facing = _reaching(coarse, facing, settings.size_max)
+        if facing.any():
+            found.append(StructureSheet(sheet, thickness, cells, facing))
+    near = _with_neighbours(coarse, [item.near for item in found])
+    return [replace(item, cells=item.cells & beside, near=beside) for item, beside in zip(found, near, strict=True)]
 
 
 def on_sheets(surface: Surface, sheets: list[StructureSheet]) -> NDArray[np.bool_]:
@@ -156,15 +153,18 @@ def lying_flat(surface: Surface, levels: list[tuple[Sheet, NDArray[np.float32]]]
     return flat
 
 
+def _with_neighbours(surface: Surface, members: list[NDArray[np.bool_]]) -> list[NDArray[np.bool_]]:
+    """The members of each of several sets, (n,) bool, and the cells near them."""
+    if not members:
+        return []
+    near = with_neighbours(near_pairs(surface), np.packbits(np.stack(members, axis=1), axis=1))
+    return list(np.unpackbits(near, axis=1, count=len(members)).view(np.bool_).T)
+
+
 def _reaching(surface: Surface, member: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
     """The members whose connected component is longer than `reach`."""
     labels = connected_cells(near_pairs(surface, member), member.view(np.uint8))
     return in_long_groups(surface.centre, labels, reach)
-
-
-def _terms(points: NDArray[np.float64], axes: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.float64]:
-    x, y = np.clip((points - middle) @ axes.T, -1, 1).T
-    return np.stack((np.ones_like(x), x, y, x * x, x * y, y * y), axis=1)
 
 
 def _rectangle(

@@ -19,21 +19,39 @@ _FITS = 6
 """Rounds of reweighting."""
 
 
-@kernel("i8[::1](f4[:,:], f4[:,:], f8[:], f8, f8)")
-def facing_rows(
+@kernel("f8[:,:](f4[:,:], f4[:,:], f8[:], f8, f8)")
+def facing_points(
     points: NDArray[np.float32], normals: NDArray[np.float32], plane: NDArray[np.float64], reach: float, facing: float
-) -> NDArray[np.int64]:
-    """Rows of the points within `reach` of the plane that face its way."""
-    rows = np.empty(len(points), np.int64)
+) -> NDArray[np.float64]:
+    """The points within `reach` of the plane that face its way, (3, m)."""
+    chosen = np.empty((3, len(points)))
     count = 0
     for i in range(len(points)):
         distance, cosine = plane[3], 0.0
         for axis in range(3):
+            chosen[axis, count] = points[i, axis]
             distance += plane[axis] * points[i, axis]
             cosine += plane[axis] * normals[i, axis]
-        rows[count] = i
         count += abs(distance) < reach and cosine > facing
-    return rows[:count].copy()
+    return chosen[:, :count]
+
+
+@kernel("f8[:,::1](f8[:,:], f8[:,:], f8[:], i8)")
+def warp_terms(
+    points: NDArray[np.float64], axes: NDArray[np.float64], middle: NDArray[np.float64], count: int
+) -> NDArray[np.float64]:
+    """So many of the terms 1, x, y, x^2, xy, y^2 of a warp (see `Sheet`) at (3, n) points: (n, count)."""
+    terms = np.empty((points.shape[1], count))
+    for i in range(len(terms)):
+        x, y = 0.0, 0.0
+        for axis in range(3):
+            x += axes[0, axis] * (points[axis, i] - middle[axis])
+            y += axes[1, axis] * (points[axis, i] - middle[axis])
+        x, y = min(max(x, -1.0), 1.0), min(max(y, -1.0), 1.0)
+        for k, term in enumerate((1.0, x, y, x * x, x * y, y * y)):
+            if k < count:
+                terms[i, k] = term
+    return terms
 
 
 @kernel("Tuple((f8[::1], f8))(f8[:,::1], f8[:], f8)")
@@ -175,14 +193,17 @@ def mark_flat(
             flat[i] |= height > 0 and height < _FLAT_HEIGHT and _above(centre[i], extent, centre_of_extent)
 
 
-@kernel("b1[::1](u4[:,::1], b1[:])")
-def with_neighbours(pairs: NDArray[np.uint32], member: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The members and the cells near them, (n,) bool. pairs: (m, 2), near cells."""
+@kernel("u1[:,::1](u4[:,::1], u1[:,::1])")
+def with_neighbours(pairs: NDArray[np.uint32], member: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The members of sets of cells and the cells near them, (n, sets / 8) uint8, a bit a set. pairs: near cells."""
     near = member.copy()
     for k in range(len(pairs)):
-        i, j = pairs[k]
-        near[i] |= member[j]
-        near[j] |= member[i]
+        i, j = pairs[k, 0], pairs[k, 1]
+        for eight in range(member.shape[1]):
+            of_i, of_j = member[i, eight], member[j, eight]
+            if of_i != of_j:  # rare
+                near[i, eight] |= of_j
+                near[j, eight] |= of_i
     return near
 
 
