@@ -106,6 +106,45 @@ def _table(keys: NDArray[np.int64], room: int) -> tuple[NDArray[np.int64], NDArr
     return table, numbers
 
 
+@kernel("void(f4[:,::1], f4, u1[::1], u1[::1], i8[::1])")
+def _pack(
+    points: NDArray[np.float32],
+    per_metre: np.float32,
+    outer_place: NDArray[np.uint8],
+    place: NDArray[np.uint8],
+    keys: NDArray[np.int64],
+) -> None:
+    """Each point's places, and the key of its outer block (see `find_blocks`)."""
+    # In 32 bits and axis by axis, so that several points are computed at once.
+    side, half = np.uint32(SIDE), np.int32((1 << 20) // SIDE**2 * SIDE**2)
+    for i in range(len(points)):
+        x = np.uint32(np.int32(np.floor(points[i, 0] * per_metre)) + half)
+        y = np.uint32(np.int32(np.floor(points[i, 1] * per_metre)) + half)
+        z = np.uint32(np.int32(np.floor(points[i, 2] * per_metre)) + half)
+        u, v, w = np.uint32(x // side), np.uint32(y // side), np.uint32(z // side)
+        a, b, c = np.uint32(u // side), np.uint32(v // side), np.uint32(w // side)
+        place[i] = np.uint32(np.uint32(x - u * side) * side + (y - v * side)) * side + (z - w * side)
+        outer_place[i] = np.uint32(np.uint32(u - a * side) * side + (v - b * side)) * side + (w - c * side)
+        keys[i] = (np.int64(a) << np.int64(42)) | (np.int64(b) << np.int64(21)) | np.int64(c)
+
+
+@kernel("i8(i8[::1], i8, i8[::1], i4[::1], i4[::1])")
+def _look_up(
+    keys: NDArray[np.int64],
+    begin: int,
+    table: NDArray[np.int64],
+    numbers: NDArray[np.int32],
+    number_of_key: NDArray[np.int32],
+) -> int:
+    """Enter the numbers of the keys from `begin` on; returns where the first one is that the table does not hold."""
+    for i in range(begin, len(keys)):
+        slot = find_slot(table, keys[i])
+        if table[slot] == np.int64(-1):
+            return i
+        number_of_key[i] = numbers[slot]
+    return len(keys)
+
+
 @kernel("i8(f4[:,::1], f4, i4[::1], u1[::1], u1[::1], i8[::1])")
 def find_blocks(
     points: NDArray[np.float32],
@@ -120,27 +159,17 @@ def find_blocks(
     Enters each point's place in its block, the block's place in its outer block, the outer block's number, and those
     blocks' keys in the order of their first points. Returns how many they are. per_metre: cells.
     """
-    side, half = np.uint64(SIDE), np.int64((1 << 20) // SIDE**2 * SIDE**2)
+    _pack(points, per_metre, outer_place, place, keys)
     table, numbers = _table(keys[:0], 0)
     count = 0
-    for i in range(len(points)):
-        packed, outer, inner = np.uint64(0), np.uint64(0), np.uint64(0)
-        for axis in range(3):
-            cell = np.uint64(np.int64(np.floor(points[i, axis] * per_metre)) + half)
-            block = cell // side
-            around = block // side
-            inner = inner * side + (cell - block * side)
-            outer = outer * side + (block - around * side)
-            packed = packed << np.uint64(21) | around
-        place[i], outer_place[i], key = inner, outer, np.int64(packed)
-        slot = find_slot(table, key)
-        if table[slot] == np.int64(-1):
-            if 4 * count >= len(table):
-                table, numbers = _table(keys[:count], 2 * count)
-                slot = find_slot(table, key)
-            table[slot], numbers[slot], keys[count] = key, count, key
-            count += 1
-        block_of_point[i] = numbers[slot]
+    done = _look_up(keys, 0, table, numbers, block_of_point)
+    while done < len(points):
+        if 4 * count >= len(table):
+            table, numbers = _table(keys[:count], 2 * count)
+        slot = find_slot(table, keys[done])
+        table[slot], numbers[slot], keys[count] = keys[done], count, keys[done]  # the keys before are all read
+        count += 1
+        done = _look_up(keys, done, table, numbers, block_of_point)
     return count
 
 

@@ -74,13 +74,14 @@ def voxel_key(x: np.float32, y: np.float32, z: np.float32, per_metre: np.float32
     return (i << np.int64(42)) | (j << np.int64(21)) | k
 
 
-@kernel("i8(i8[::1], i8)", forceinline=True)
-def find_slot(keys: NDArray[np.int64], key: np.int64) -> np.int64:
+@kernel("u8(i8[::1], i8)", forceinline=True)
+def find_slot(keys: NDArray[np.int64], key: np.int64) -> np.uint64:
     """Slot that holds the key, or the free slot where it belongs (linear probing; the table is never full)."""
-    mask = np.int64(len(keys) - 1)
-    slot = ((key ^ (key >> np.int64(29))) * np.int64(0x2545F4914F6CDD1D) >> np.int64(20)) & mask
+    # Without a sign, an index is not looked at for counting from the end.
+    mask, place = np.uint64(len(keys) - 1), np.uint64(key)
+    slot = ((place ^ (place >> np.uint64(29))) * np.uint64(0x2545F4914F6CDD1D) >> np.uint64(20)) & mask
     while keys[slot] != _EMPTY and keys[slot] != key:
-        slot = (slot + 1) & mask
+        slot = (slot + np.uint64(1)) & mask
     return slot
 
 
