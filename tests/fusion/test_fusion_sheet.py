@@ -115,7 +115,7 @@ def test_distances_and_what_follows_from_them_are_the_plain_formula() -> None:
     points = rng.uniform(-1, 1, (4000, 3)).astype(np.float32)
     points[:, 2] = 0.2 * points[:, 0] - 0.05 + rng.normal(0, 0.02, 4000)
     normals = (rng.normal(0, 0.5, (4000, 3)) + sheet.plane[:3]).astype(np.float32)
-    surface, _ = gather_cells(points, normals, np.ones(4000, np.float32), 0.008)
+    surface, coarse = gather_cells(points, normals, np.ones(4000, np.float32), 0.008)
     distance, facing = plain_distance(sheet, surface.centre), surface.normal @ sheet.plane[:3]
     np.testing.assert_allclose(sheet.distance(surface.centre), distance, atol=1e-12)
     block = surface.blocks.of_cells()
@@ -128,20 +128,20 @@ def test_distances_and_what_follows_from_them_are_the_plain_formula() -> None:
     near = cells_at_sheet(surface.centre, surface.normal, 0.02, *sheet.shape)
     np.testing.assert_array_equal(near, (off < 0.02, (off < 0.02) & (facing > 0.7)))
     flat = (facing > 0.9) & (distance > 0) & (distance < 0.03)
-    np.testing.assert_array_equal(lying_flat(surface, [(sheet, surface.centre)]), flat)
+    np.testing.assert_array_equal(lying_flat(surface, coarse, [(sheet, surface.centre)]), flat)
 
 
 def test_beyond_a_shelf_nothing_lies_on_it() -> None:
     x, y = (grid.ravel() for grid in np.meshgrid(np.arange(-1, 1, 0.02), np.arange(-1, 1, 0.02)))
     tops = np.stack((x, y, np.full_like(x, 0.02)), axis=1).astype(np.float32)
     up = np.tile(np.float32([0, 0, 1]), (len(tops), 1))
-    surface, _ = gather_cells(tops, up, np.ones(len(tops), np.float32), 0.008)
+    surface, coarse = gather_cells(tops, up, np.ones(len(tops), np.float32), 0.008)
     along = np.array([[0.8, 0.6, 0], [-0.6, 0.8, 0]])  # a shelf of 1 m by 0.2 m, at an angle
     shelf = np.array([[a, b] for a in np.linspace(-0.5, 0.5, 50) for b in np.linspace(-0.1, 0.1, 10)]) @ along
     sheet = Sheet(np.array([0.0, 0, 1, 0]), along / 0.5, np.zeros(3), np.zeros(6), 0.002)
     beside = np.abs(surface.centre @ along.T)
     clear = (np.abs(beside - (0.55, 0.11)) > 1e-3).all(axis=1)
-    flat = lying_flat(surface, [(sheet, shelf.astype(np.float32))])
+    flat = lying_flat(surface, coarse, [(sheet, shelf.astype(np.float32))])
     np.testing.assert_array_equal(flat[clear], (beside < (0.55, 0.11)).all(axis=1)[clear])
 
 

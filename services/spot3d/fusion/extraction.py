@@ -13,7 +13,7 @@ from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet import find_sheets, lying_flat, on_sheets
 from spot3d.fusion.structure import StructurePlane
 from spot3d.fusion.support import Support, crossed_by, find_supports, is_rim, standing
-from spot3d.fusion.surface import Surface, gather_cells, points_of_cells, rows_of_groups
+from spot3d.fusion.surface import Surface, gather_cells, points_of_cells, rows_of_groups, sums_of_groups
 
 _TRIM = 0.005
 """Share of an object's points that may lie beyond each face of its box."""
@@ -73,7 +73,7 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
         sheets = find_sheets(coarse, planes, settings)
         free = ~on_sheets(surface, sheets)
         supports = find_supports(points, coarse, sheets, up, settings)
-    flat = lying_flat(surface, [(item.sheet, item.centre) for item in supports])
+    flat = lying_flat(surface, coarse, [(item.sheet, item.centre) for item in supports])
     segments = split_at_creases(surface, free, flat, settings.crease, settings.segment_cells, settings.seamed_cells)
 
     def hot(cells: NDArray[np.int64]) -> bool:
@@ -122,9 +122,8 @@ def _warm_segments(
     segments: NDArray[np.int32], surface: Surface, heat_min: float, cells_min: int
 ) -> list[NDArray[np.int64]]:
     """The cells of each segment that is warm and large enough to be an object or part of one."""
-    size = np.bincount(segments + 1, minlength=1)[1:]
-    heat = np.bincount(segments + 1, surface.heat, minlength=1)[1:] / np.maximum(size, 1)
-    kept = np.append((heat >= heat_min / 2) & (size >= cells_min), False)  # one more for index -1
+    size, heat = sums_of_groups(segments, surface.heat)
+    kept = np.append((heat >= heat_min / 2 * size) & (size >= cells_min), False)  # one more for index -1
     number = np.where(kept, np.cumsum(kept) - 1, -1).astype(np.int32)
     return rows_of_groups(number[segments], int(np.count_nonzero(kept)))
 

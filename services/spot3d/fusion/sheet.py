@@ -11,6 +11,7 @@ from spot3d.fusion.segments import connected_cells
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet_kernels import (
     cells_at_sheet,
+    distance_of,
     distances,
     facing_points,
     in_long_groups,
@@ -54,6 +55,10 @@ class Sheet:
         """Signed distances in metres of (n, 3) world points; beyond the sheet's extent its rim is continued."""
         distance: NDArray[np.float64] = distances(points, *self.shape)
         return distance
+
+    def distance_of(self, point: NDArray[np.float64]) -> float:
+        """Signed distance in metres of one (3,) world point."""
+        return float(distance_of(point, *self.shape))
 
     @property
     def shape(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -141,15 +146,18 @@ def on_sheets(surface: Surface, sheets: list[StructureSheet]) -> NDArray[np.bool
     return structure
 
 
-def lying_flat(surface: Surface, levels: list[tuple[Sheet, NDArray[np.float32]]]) -> NDArray[np.bool_]:
+def lying_flat(surface: Surface, coarse: Surface, levels: list[tuple[Sheet, NDArray[np.float32]]]) -> NDArray[np.bool_]:
     """Cells of the tops of thin flat things: facing as a level sheet and a few centimetres above it. (n,) bool
 
+    coarse: the blocks of the surface.
     levels: sheets, and (m, 3) points of each, which tell how far it reaches: a shelf says nothing of a tall box
     before it.
     """
     flat = np.zeros(len(surface.centre), np.bool_)
     for item, points in levels:
-        mark_flat(flat, surface.centre, surface.normal, *item.shape, *_rectangle(item.plane[:3], points))
+        rectangle = _rectangle(item.plane[:3], points)
+        first, reach = surface.blocks.first, np.sqrt(3) * coarse.edge
+        mark_flat(flat, surface.centre, surface.normal, first, coarse.centre, reach, *item.shape, *rectangle)
     return flat
 
 

@@ -82,7 +82,7 @@ def reweighted(
 
 @part()
 def _height(
-    point: NDArray[np.float32],
+    point: NDArray[np.floating],
     plane: NDArray[np.float64],
     axes: NDArray[np.float64],
     middle: NDArray[np.float64],
@@ -96,6 +96,18 @@ def _height(
         y += axes[1, axis] * (point[axis] - middle[axis])
     x, y = min(max(x, -1.0), 1.0), min(max(y, -1.0), 1.0)
     return float(height - (warp[0] + warp[1] * x + warp[2] * y + warp[3] * x * x + warp[4] * x * y + warp[5] * y * y))
+
+
+@kernel("f8(f8[:], f8[:], f8[:,:], f8[:], f8[:])")
+def distance_of(
+    point: NDArray[np.float64],
+    plane: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    middle: NDArray[np.float64],
+    warp: NDArray[np.float64],
+) -> float:
+    """Signed distance of one (3,) point from a sheet (see `Sheet.distance`)."""
+    return _height(point, plane, axes, middle, warp)
 
 
 @kernel("f8[::1](f4[:,:], f8[:], f8[:,:], f8[:], f8[:])")
@@ -174,11 +186,14 @@ def _above(point: NDArray[np.float32], extent: NDArray[np.float64], middle: NDAr
     return inside
 
 
-@kernel("void(b1[:], f4[:,:], f4[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:])")
+@kernel("void(b1[:], f4[:,:], f4[:,:], i4[:], f4[:,:], f8, f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:])")
 def mark_flat(
     flat: NDArray[np.bool_],
     centre: NDArray[np.float32],
     normal: NDArray[np.float32],
+    first: NDArray[np.int32],
+    coarse_centre: NDArray[np.float32],
+    reach: float,
     plane: NDArray[np.float64],
     axes: NDArray[np.float64],
     middle: NDArray[np.float64],
@@ -186,11 +201,18 @@ def mark_flat(
     extent: NDArray[np.float64],
     centre_of_extent: NDArray[np.float64],
 ) -> None:
-    """Mark the cells that lie flat on a level sheet (see `lying_flat`), over the rectangle in which it was seen."""
-    for i in range(len(flat)):
-        if plane[0] * normal[i, 0] + plane[1] * normal[i, 1] + plane[2] * normal[i, 2] > _FLAT_FACING:
-            height = _height(centre[i], plane, axes, middle, warp)
-            flat[i] |= height > 0 and height < _FLAT_HEIGHT and _above(centre[i], extent, centre_of_extent)
+    """Mark the cells that lie flat on a level sheet (see `lying_flat`), over the rectangle in which it was seen.
+
+    first: the first cell of each coarse cell; reach: none of its cells' centres is further from its own, metres.
+    """
+    for coarse in range(len(coarse_centre)):
+        above = _height(coarse_centre[coarse], plane, axes, middle, warp)
+        if not -2 * reach < above < _FLAT_HEIGHT + 2 * reach:  # a warp changes less than the place from cell to cell
+            continue
+        for i in range(first[coarse], first[coarse + 1]):
+            if plane[0] * normal[i, 0] + plane[1] * normal[i, 1] + plane[2] * normal[i, 2] > _FLAT_FACING:
+                height = _height(centre[i], plane, axes, middle, warp)
+                flat[i] |= height > 0 and height < _FLAT_HEIGHT and _above(centre[i], extent, centre_of_extent)
 
 
 @kernel("u1[:,::1](u4[:,::1], u1[:,::1])")

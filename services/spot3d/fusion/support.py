@@ -44,7 +44,7 @@ class Support:
     def below(self, box: Box3D) -> float:
         """Height of the support under (or over) the box's middle, along the box's third axis."""
         up = box.rotation[:, 2]
-        return float(up @ box.centre) - float(self.sheet.distance(box.centre[None].astype(np.float32))[0])
+        return float(up @ box.centre) - self.sheet.distance_of(box.centre)
 
     def sides(self, points: NDArray[np.float32]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which of (n, 3) points are clear above the support, and which below."""
@@ -58,12 +58,12 @@ def find_supports(
     """The level ones among the sheets. points, coarse: all of the map, and its coarse cells."""
     supports = []
     sample = np.arange(0, len(points), max(1, len(points) // _SAMPLE))
+    held_by, facing = coarse.cell_of_point[sample], points.normal[sample]
     for item in sheets:
         normal = item.sheet.plane[:3].astype(np.float32)
         if item.sheet.plane[:3] @ up <= _LEVEL:
             continue
-        rows = sample[item.cells[coarse.cell_of_point[sample]]]
-        rows = rows[points.normal[rows] @ normal > FACING]
+        rows = sample[item.cells[held_by] & (facing @ normal > FACING)]
         distance = item.sheet.distance(points.xyz[rows])
         noise = 1.4826 * float(np.median(np.abs(distance - np.median(distance)))) if len(rows) else 0.0
         clearance = max(settings.standing_clearance, item.thickness, settings.noise_gate * noise)

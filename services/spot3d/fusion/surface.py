@@ -129,6 +129,20 @@ def _means(
         heat[cell], size[cell] = sums[cell, 6] * share, sums[cell, 7]
 
 
+@kernel("Tuple((i8[::1], f8[::1]))(i4[::1], f4[::1])")
+def sums_of_groups(
+    group: NDArray[np.int32], values: NDArray[np.float32]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """How many values each group has, and their sum. group: (n,) int32, from 0, -1 = none."""
+    groups = group.max() + 1 if len(group) > 0 else 0
+    size, total = np.zeros(groups, np.int64), np.zeros(groups)
+    for i in range(len(group)):
+        if group[i] >= 0:
+            size[group[i]] += 1
+            total[group[i]] += values[i]
+    return size, total
+
+
 @kernel("void(i4[::1], i8[::1], i8[::1])")
 def _rows_of_groups(group: NDArray[np.int32], rows: NDArray[np.int64], borders: NDArray[np.int64]) -> None:
     """The rows sorted by their group, and where each group begins and the last one ends."""
