@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from spot3d.fusion.hollow import hollow_groups
+from spot3d.fusion.hollow import _aimed_at, _share_near, hollow_groups
 
 UP = np.array([0.0, 0.0, 1.0])
 RADIUS, HEIGHT = 0.04, 0.1
@@ -74,3 +74,18 @@ def test_a_hollow_wider_than_an_object_is_a_corner_of_the_room() -> None:
 def test_nothing_is_joined_where_there_is_nothing() -> None:
     empty = np.zeros((0, 3), np.float32)
     assert hollow_groups([], empty, empty, UP, 1.0) == []
+
+
+def test_the_axis_is_the_plain_least_squares_one() -> None:
+    rng = np.random.default_rng(1)
+    places, normals = INSIDE[0], INSIDE[1] + rng.normal(0, 0.3, INSIDE[1].shape).astype(np.float32)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    walls = np.linalg.norm(normals[:, :2], axis=1) > 0.4
+    lines = normals[walls, :2] / np.linalg.norm(normals[walls, :2], axis=1, keepdims=True)
+    across = np.eye(2) - lines[:, :, None] * lines[:, None, :]
+    axis = np.linalg.lstsq(across.reshape(-1, 2), (across @ places[walls, :2, None]).ravel(), rcond=None)[0]
+    inwards = axis - places[walls, :2]
+    aim = np.mean((lines * inwards).sum(axis=1) / np.linalg.norm(inwards, axis=1))
+    np.testing.assert_allclose(_aimed_at(places, normals), (*axis, aim), atol=1e-6)
+    distance = np.linalg.norm(places[:, :2] - axis, axis=1)
+    assert _share_near(places, axis, 0.04) == pytest.approx(np.mean(distance < 0.04))

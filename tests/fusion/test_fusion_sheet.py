@@ -6,7 +6,7 @@ from fusion_room import BACKDROP_PLANE, STAGE, TABLE_PLANE, THREE, Cuboid, sampl
 
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet import Sheet, StructureSheet, find_sheets, fit_sheet, lying_flat, on_sheets
-from spot3d.fusion.sheet_kernels import cells_at_sheet
+from spot3d.fusion.sheet_kernels import cells_at_sheet, in_long_groups, with_neighbours
 from spot3d.fusion.structure import StructurePlane
 from spot3d.fusion.surface import Surface, gather_cells
 
@@ -118,6 +118,7 @@ def test_distances_and_what_follows_from_them_are_the_plain_formula() -> None:
     surface, coarse = gather_cells(points, normals, np.ones(4000, np.float32), 0.008)
     distance, facing = plain_distance(sheet, surface.centre), surface.normal @ sheet.plane[:3]
     np.testing.assert_allclose(sheet.distance(surface.centre), distance, atol=1e-12)
+    assert sheet.distance_of(surface.centre[7].astype(np.float64)) == pytest.approx(distance[7])
     block = surface.blocks.of_cells()
     kind = rng.integers(0, 9, len(surface.blocks))
     item = StructureSheet(sheet, 0.01, kind % 3 > 0, kind > 6)
@@ -162,3 +163,23 @@ def test_a_fit_is_the_plain_reweighted_least_squares(warped: bool) -> None:
         scale = max(1e-3, 1.4826 * np.median(off[off < 3 * scale]))
     np.testing.assert_allclose(sheet.warp[: len(warp)], warp, atol=1e-9)
     assert sheet.spread == pytest.approx(scale)
+
+
+def test_the_cells_near_to_each_of_several_sets_are_marked() -> None:
+    rng = np.random.default_rng(5)
+    pairs = rng.integers(0, 300, (200, 2)).astype(np.uint32)
+    member = rng.random((300, 11)) < 0.2
+    expected = member.copy()
+    for i, j in pairs:
+        expected[i] |= member[j]
+        expected[j] |= member[i]
+    near = with_neighbours(pairs, np.packbits(member, axis=1))
+    np.testing.assert_array_equal(np.unpackbits(near, axis=1, count=11), expected)
+
+
+def test_a_group_is_long_from_corner_to_corner() -> None:
+    centre = np.array([[0, 0, 0], [0.6, 0.6, 0], [9, 0, 0], [0.7, 0, 0], [0, 0, 0.7]], np.float32)
+    group = np.array([1, 1, -1, 0, 0], np.int32)
+    np.testing.assert_array_equal(in_long_groups(centre, group, 0.8), [True, True, False, True, True])
+    np.testing.assert_array_equal(in_long_groups(centre, group, 1.0), [False, False, False, False, False])
+    assert len(in_long_groups(centre[:0], group[:0], 1.0)) == 0

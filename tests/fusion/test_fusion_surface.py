@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from spot3d.fusion.blocks import SIDE
-from spot3d.fusion.surface import gather_cells, near_pairs, points_of_cells, rows_of_groups
+from spot3d.fusion.surface import gather_cells, near_pairs, points_of_cells, rows_of_groups, sums_of_groups
 
 EDGE = 0.125  # exact in binary: cells are where plain division says
 
@@ -97,3 +97,10 @@ def test_points_of_groups_of_cells() -> None:
     groups = [np.arange(3, 40), np.array([60, 50]), np.zeros(0, np.int64)]
     for cells, rows in zip(groups, points_of_cells(surface, groups), strict=True):
         np.testing.assert_array_equal(rows, np.flatnonzero(np.isin(surface.cell_of_point, cells)))
+
+
+def test_sums_of_groups_leave_out_what_is_in_none() -> None:
+    size, total = sums_of_groups(np.array([2, -1, 0, 2], np.int32), np.array([1, 9, 5, 3], np.float32))
+    np.testing.assert_array_equal(size, [1, 0, 2])
+    np.testing.assert_array_equal(total, [5, 0, 4])
+    assert [len(part) for part in sums_of_groups(np.zeros(0, np.int32), np.zeros(0, np.float32))] == [0, 0]
