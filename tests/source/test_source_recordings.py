@@ -174,6 +174,13 @@ def _replace(name: str, content: str | np.ndarray | None) -> Callable[[Path], No
     return change
 
 
+def _calibration(x: float) -> str:
+    T_colour_depth = np.eye(4)
+    T_colour_depth[0, 3] = x
+    camera = {"fx": 20, "fy": 20, "cx": 12, "cy": 8, "width": WIDTH, "height": HEIGHT}
+    return json.dumps({"colour": camera, "T_colour_depth": T_colour_depth.tolist()})
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -196,6 +203,7 @@ def _replace(name: str, content: str | np.ndarray | None) -> Callable[[Path], No
         (_replace("calibration.json", "{"), "calibration.json is malformed"),
         (_replace("calibration.json", "{}"), "give .registered"),
         (_replace("calibration.json", '{"colour": {"fx": "wide"}}'), "colour.fx"),
+        (_replace("calibration.json", _calibration(float("nan"))), "no rotation and translation"),
     ],
 )
 def test_seven_scenes_errors(seven_scenes: Path, change: Callable[[Path], None], message: str) -> None:

@@ -107,6 +107,15 @@ def test_finer_colour_camera_leaves_no_gaps_in_its_depth_buffer() -> None:
     assert (hidden.any(axis=0) == hidden.all(axis=0)).all()
 
 
+def test_depth_whose_inverse_is_infinite_stays_within_the_colour_image() -> None:
+    camera = ColourCamera(colour_camera().intrinsics, np.eye(4) + 1e-3 * np.eye(4, k=3))
+    depth = np.full((60, 80), 1e-40, np.float32)
+    registration = ColourRegistration(DEPTH_CAMERA, camera)
+    registration.register(ramp_image(), depth)
+    column, row = registration._column, registration._row
+    assert ((column >= 0) & (column <= 79) & (row >= 0) & (row <= 59)).all()
+
+
 def test_wrong_size_is_refused() -> None:
     with pytest.raises(SourceError, match="size mismatch"):
         ColourRegistration(DEPTH_CAMERA, colour_camera()).register(

@@ -93,7 +93,8 @@ def load_calibration(folder: Path, depth: Intrinsics) -> ColourCamera | None:
             raise ValueError('give "registered": true, or both "colour" and "T_colour_depth"')
         T_colour_depth = np.array(entries.T_colour_depth)
         rotation = T_colour_depth[:3, :3]
-        if not np.allclose(rotation @ rotation.T, np.eye(3), atol=ROTATION_TOLERANCE):
+        turns = np.allclose(rotation @ rotation.T, np.eye(3), atol=ROTATION_TOLERANCE)
+        if not (turns and np.isfinite(T_colour_depth).all()):
             raise ValueError("T_colour_depth is no rotation and translation")
         return ColourCamera(Intrinsics(**entries.colour.model_dump()), T_colour_depth)
     except ValidationError as error:

@@ -139,8 +139,8 @@ def _project(
             scale = one / (z if z > least else least)
             uc = fx * (ray_x[u] + row_x + T[0, 3] * q) * scale + cx
             vc = fy * (ray_y[u] + row_y + T[1, 3] * q) * scale + cy
-            uc = zero if uc < zero else uc
-            vc = zero if vc < zero else vc
+            uc = uc if uc > zero else zero  # also where it is no number
+            vc = vc if vc > zero else zero
             column_of[v, u] = last_column if uc > last_column else uc
             row_of[v, u] = last_row if vc > last_row else vc
             inverse_there[v, u] = q * scale
