@@ -34,6 +34,12 @@ def test_each_layer_wins_over_the_one_below(tmp_path, monkeypatch):
     assert settings.fusion.clustering == "density", "and the preset that the file names stays below all"
 
 
+def test_the_papers_preset_keeps_the_papers_values_in_nested_settings():
+    assert load_settings(preset="paper").proposals.edges.min_magnitude == 0.1
+    edges = {"proposals": {"edges": {"noise_gate": 2.0}}}
+    assert load_settings(preset="paper", overrides=edges).proposals.edges.min_magnitude == 0.1
+
+
 def test_nested_and_listed_values_come_from_the_environment(monkeypatch):
     monkeypatch.setenv("SPOT3D_PROPOSALS__EDGES__NOISE_GATE", "1.5")
     monkeypatch.setenv("SPOT3D_LINK__CONNECT", '["tcp/10.0.0.1:7447"]')

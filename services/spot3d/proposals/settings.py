@@ -73,5 +73,11 @@ class ProposalSettings(BaseModel):
 
 # EdgeBoxes' own values; every window of the search that scores is refined, none is culled by its metric size.
 ProposalSettings.PAPER = ProposalSettings(
-    alpha=0.65, cluster_min_magnitude=0.5, gamma=2.0, refined=200_000, search_width=4096, metric_culling=False
+    alpha=0.65,
+    cluster_min_magnitude=0.5,
+    gamma=2.0,
+    refined=200_000,
+    search_width=4096,
+    metric_culling=False,
+    edges=EdgeSettings(min_magnitude=0.1),
 )
