@@ -11,7 +11,7 @@ from spot3d.frame import RgbdFrame
 
 _CAMERA = Intrinsics(140.0, 140.0, 79.5, 59.5, 160, 120)
 _FRAMES = 6
-"""One more than points need to be seen (FusionSettings.frequency_min), so that objects are clustered too."""
+"""Enough that some find landmarks of others, which are looked for at intervals (PoseSettings.landmark_interval)."""
 _SLOW_S = 5.0
 
 

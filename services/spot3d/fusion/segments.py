@@ -134,7 +134,7 @@ def _smooth(normals: NDArray[np.float32], pairs: NDArray[np.uint32], total: NDAr
                 total[i, axis] /= length
 
 
-@kernel("void(f4[:,::1], f4[:,::1], u4[:,::1], f4[::1], f4[::1])", error_model="numpy")
+@kernel("void(f4[:,::1], f4[:,::1], u4[:,::1], f4[::1], f4[::1])")
 def _concavity(
     centre: NDArray[np.float32],
     normals: NDArray[np.float32],

@@ -110,7 +110,7 @@ def _gather(
                 sums[cells + block, column] += sums[cell, column]
 
 
-@kernel("void(f4[:,::1], f4[:,::1], f4[:,::1], f4[::1], f4[::1])", error_model="numpy")
+@kernel("void(f4[:,::1], f4[:,::1], f4[:,::1], f4[::1], f4[::1])")
 def _means(
     sums: NDArray[np.float32],
     centre: NDArray[np.float32],

@@ -61,7 +61,7 @@ class DriftCorrection:
         """The corrected pose (4, 4) of a registered frame, which enters the map of landmarks.
 
         information: (6, 6) of the registration, 1/m2 and 1/rad2, for a shift and a turn about the camera in its own
-        axes; elapsed: seconds since the last corrected frame.
+        axes; elapsed: seconds since the last frame that was compared.
         """
         matches = self.map.match(features, camera, T_world_registered)
         matched = np.flatnonzero(matches.landmark >= 0)
