@@ -29,8 +29,9 @@ def plane_depth(normal: NDArray[np.float64], offset: float) -> NDArray[np.float3
     return (offset / (rays @ normal)).astype(np.float32)
 
 
-def test_no_depth_gives_no_points() -> None:
-    assert len(sample_surface(np.zeros(CAMERA.shape, np.float32), CAMERA, SETTINGS)) == 0
+@pytest.mark.parametrize("depth_m", [0.0, 1e-40, 1e30, np.nan, np.inf])
+def test_no_depth_that_a_camera_measures_gives_no_points(depth_m: float) -> None:
+    assert len(sample_surface(np.full(CAMERA.shape, depth_m, np.float32), CAMERA, SETTINGS)) == 0
 
 
 def test_cell_sums_equal_the_plain_sums() -> None:

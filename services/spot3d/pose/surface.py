@@ -163,8 +163,8 @@ def _fit_planes(
             z = 1.0 / mq
             noise = axial_noise_kernel(np.float32(z))
             # dz = z^2 dq turns the residual of the fit into metres.
-            if np.sqrt(max(cqq - a * cuq - b * cvq, 0.0)) * z * z > flatness * noise:
-                continue
+            if not np.sqrt(max(cqq - a * cuq - b * cvq, 0.0)) * z * z <= flatness * noise:
+                continue  # also where sums overflowed and it is no number
             u = column * cell + 0.5 * (cell - 1) + mu - cx
             v = row * cell + 0.5 * (cell - 1) + mv - cy
             # 1/z = a u + b v + c is the plane (a fx) x + (b fy) y + (mq - a u - b v) z = 1.
