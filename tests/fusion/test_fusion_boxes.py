@@ -98,6 +98,11 @@ def test_boxes_are_those_of_all_points_and_plain_quantiles(count: int, trim: flo
     np.testing.assert_allclose(box.centre, rotation_z(yaw) @ ((low + high) / 2), atol=1e-9)
 
 
+def test_without_points_there_is_no_box() -> None:
+    with pytest.raises(ValueError, match="no values"):
+        upright_box(np.zeros((0, 3), np.float32), UP, turn=False)
+
+
 def test_trimming_forgets_strays() -> None:
     rng = np.random.default_rng(0)
     points = rng.uniform(-0.1, 0.1, (1000, 3)).astype(np.float32)

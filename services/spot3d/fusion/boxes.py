@@ -125,8 +125,13 @@ def _outer(footprint: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def trimmed(values: NDArray[np.float64], trim: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The quantiles `trim` and 1 - `trim` of each row of (k, n) values, interpolated between two values: (k,) each."""
+    """The quantiles `trim` and 1 - `trim` of each row of (k, n) values, interpolated between two values: (k,) each.
+
+    Raises ValueError without values.
+    """
     last = values.shape[1] - 1
+    if last < 0:
+        raise ValueError("no values have no quantiles")
     outer, share = divmod(trim * last, 1)
     low, high = _ends(np.ascontiguousarray(values), int(outer), min(int(outer) + 1, last))
     return low[0] + share * (low[1] - low[0]), high[0] + share * (high[1] - high[0])
