@@ -78,6 +78,14 @@ def test_a_chair_beside_the_table_is_one_object() -> None:
     assert iou[0, 0] > 0.7
 
 
+def test_a_chair_that_touches_the_table_is_one_object() -> None:
+    """The board takes what is at its own level from the chair's back."""
+    chair = Cuboid((0.735, 0.0, 0.0), (0.06, 0.4, 0.5), heat=1.0)
+    iou = overlaps(sampled((*STAGE, chair)), (chair,))
+    assert iou.shape == (1, 1)
+    assert iou[0, 0] > 0.7
+
+
 def test_no_box_holds_the_table_that_a_chair_is_pushed_under() -> None:
     """Its seat is below the table, its back beside the table's edge."""
     back = Cuboid((0.78, 0.0, 0.1), (0.04, 0.4, 0.6), heat=1.0)

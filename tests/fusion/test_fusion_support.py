@@ -9,7 +9,7 @@ from spot3d.fusion import support
 from spot3d.fusion.selection import MapPoints
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet import find_sheets
-from spot3d.fusion.support import Support, crossed_by, find_supports, is_rim, standing
+from spot3d.fusion.support import Support, crossed_by, edge_groups, find_supports, is_rim, standing
 from spot3d.fusion.surface import gather_cells
 
 SETTINGS = FusionSettings()
@@ -80,3 +80,24 @@ def test_what_touches_is_counted_as_by_brute_force() -> None:
     gap = np.linalg.norm(points[:, None] - others, axis=2).min(axis=1)
     assert support._touching(points, others, 0.1) == np.count_nonzero(gap < 0.1)
     assert support._touching(points, others[:0], 0.1) == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "upper", "lower", "groups"),
+    [
+        ("a chair's back at the edge", (0.73, (0.06, 0.4, 0.2)), (0.74, (0.06, 0.36, 0.3)), [[0, 1]]),
+        ("what stands on the table over something", (0.60, (0.1, 0.1, 0.1)), (0.61, (0.1, 0.1, 0.3)), [[0], [1]]),
+        ("something else beneath the edge", (0.73, (0.06, 0.4, 0.2)), (0.55, (0.2, 0.2, 0.3)), [[0], [1]]),
+        ("far from any table", (1.40, (0.06, 0.4, 0.2)), (1.41, (0.06, 0.36, 0.3)), [[0], [1]]),
+    ],
+)
+def test_what_goes_on_beneath_a_thing_at_the_edge_is_part_of_it(
+    name: str,
+    upper: tuple[float, tuple[float, float, float]],
+    lower: tuple[float, tuple[float, float, float]],
+    groups: list[list[int]],
+) -> None:
+    boxes = [upright(upper[0], 0.01, upper[1]), upright(lower[0], -0.05 - lower[1][2], lower[1])]
+    rng = np.random.default_rng(0)
+    inside = [(box.centre + rng.uniform(-0.5, 0.5, (200, 3)) * box.size).astype(np.float32) for box in boxes]
+    assert edge_groups(boxes, inside, table()) == groups, name

@@ -1,5 +1,7 @@
 """From the points of the 3D heatmap to objects: the paper's way, and over whole surfaces (paper, Sec. IV-D)."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,7 +14,7 @@ from spot3d.fusion.selection import MapPoints
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet import find_sheets, lying_flat, on_sheets
 from spot3d.fusion.structure import StructurePlane
-from spot3d.fusion.support import Support, crossed_by, find_supports, is_rim, standing
+from spot3d.fusion.support import LEANT_ON, Support, crossed_by, edge_groups, find_supports, is_rim, standing
 from spot3d.fusion.surface import Surface, gather_cells, points_of_cells, rows_of_groups, sums_of_groups
 
 _TRIM = 0.005
@@ -74,7 +76,9 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
         free = ~on_sheets(surface, sheets)
         supports = find_supports(points, coarse, sheets, up, settings)
     flat = lying_flat(surface, coarse, [(item.sheet, item.centre) for item in supports])
-    segments = split_at_creases(surface, free, flat, settings.crease, settings.segment_cells, settings.seamed_cells)
+    labels = split_at_creases(surface, free, flat, settings.crease, settings.segment_cells, settings.seamed_cells)
+
+    segments = _warm_segments(labels, surface, heat_min, settings.segment_cells)
 
     def hot(cells: NDArray[np.int64]) -> bool:
         size = surface.size.take(cells)
@@ -83,22 +87,7 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
     def box_of(members: NDArray[np.float32], lengthwise: bool = False) -> Box3D:
         return standing(upright_box(members, up, turn=True, trim=_TRIM, lengthwise=lengthwise), supports)
 
-    def boxed(cells: NDArray[np.int64]) -> Cluster:
-        return Cluster(cells, box_of(sampled(surface.centre, cells)))
-
-    # Before anything is joined: what stands on a support is no part of what stands beneath it, though one box be
-    # around both.
-    parts: list[Cluster] = []
-    for cells in _warm_segments(segments, surface, heat_min, settings.segment_cells):
-        whole = boxed(cells)
-        through = crossed_by(whole.box, coarse_cell[cells], supports)
-        if through is None:
-            parts.append(whole)
-        else:
-            sides = [cells[side] for side in through.sides(surface.centre[cells])]
-            parts += [boxed(side) for side in sides if len(side) >= settings.segment_cells]
-    groups = hollow_groups([part.rows for part in parts], surface.centre, surface.normal, up, settings.size_max)
-    parts = [boxed(np.concatenate([parts[k].rows for k in g])) if len(g) > 1 else parts[g[0]] for g in groups]
+    parts = _parts(segments, surface, coarse_cell, supports, box_of, up, settings)
     holds = [hot(part.rows) for part in parts]
     merged = merge_contained(parts, holds, surface.centre, box_of, settings.contained_share)
     merged = [cells for cells in merged if hot(cells)]
@@ -110,6 +99,44 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
         if _covered(len(cells) * settings.cell**2, box) and not is_rim(box, coarse.centre[own], supports):
             found.append(Cluster(rows, box))
     return found
+
+
+def _parts(
+    segments: list[NDArray[np.int64]],
+    surface: Surface,
+    coarse_cell: NDArray[np.int32],
+    supports: list[Support],
+    box_of: Callable[[NDArray[np.float32]], Box3D],
+    up: NDArray[np.float64],
+    settings: FusionSettings,
+) -> list[Cluster]:
+    """Segments cut at the supports that run through them, and those joined that are one thing by their shape."""
+
+    def boxed(cells: NDArray[np.int64]) -> Cluster:
+        return Cluster(cells, box_of(sampled(surface.centre, cells)))
+
+    def together(group: list[int]) -> Cluster:
+        return boxed(np.concatenate([parts[k].rows for k in group])) if len(group) > 1 else parts[group[0]]
+
+    # Before anything is joined: what stands on a support is no part of what stands beneath it, though one box be
+    # around both.
+    parts: list[Cluster] = []
+    for whole in map(boxed, segments):
+        crossing = crossed_by(whole.box, coarse_cell[whole.rows], supports)
+        if crossing is None:
+            parts.append(whole)
+        else:
+            sides = [whole.rows[side] for side in crossing.sides(surface.centre[whole.rows])]
+            parts += [boxed(side) for side in sides if len(side) >= settings.segment_cells]
+    groups = hollow_groups([part.rows for part in parts], surface.centre, surface.normal, up, settings.size_max)
+    parts = [together(group) for group in groups]
+    groups = edge_groups([part.box for part in parts], [sampled(surface.centre, p.rows) for p in parts], supports)
+    joined: list[Cluster] = []
+    for group in groups:
+        whole = together(group)
+        split = len(group) > 1 and crossed_by(whole.box, coarse_cell[whole.rows], supports, LEANT_ON) is not None
+        joined += [parts[k] for k in group] if split else [whole]
+    return joined
 
 
 def peak_heat(points: MapPoints) -> float:

@@ -22,6 +22,16 @@ _SAMPLE = 50_000
 """About as many of the map's points tell how noisy its sheets are."""
 _CROSSED = 0.05
 """A support that covers this share of a box's footprint, inside the box, runs through it."""
+LEANT_ON = 0.5
+"""A support that covers less of the footprint of what stands at its edge is leant on, not crossed."""
+_BESIDE = 0.1
+"""So far beside a thing it is looked on which of its sides a support is, metres."""
+_ONE_SIDE = 0.75
+"""What has this share of a support's nearby cells on one side stands at its edge, not on it."""
+_LEAN = 0.02
+"""What goes on below a support may lean so far out of its upper part's footprint, metres."""
+_CONTINUED = 0.5
+"""Share of a thing's points beneath the footprint of one above that makes it that one's lower part."""
 _RIM = 1.5
 """A coarse cell within this many edges of one of a support's touches it."""
 _RIM_SHARE = 0.5
@@ -45,6 +55,12 @@ class Support:
         """Height of the support under (or over) the box's middle, along the box's third axis."""
         up = box.rotation[:, 2]
         return float(up @ box.centre) - self.sheet.distance_of(box.centre)
+
+    def is_beside(self, box: Box3D) -> bool:
+        """Whether the support is near to a box, but on one of its long sides only."""
+        near = self.centre[_over(self.centre, box, _BESIDE)]
+        side = (near - box.centre) @ box.rotation[:, int(np.argmin(box.size[:2]))] > 0
+        return bool(len(near) > 0 and max(np.mean(side), np.mean(~side)) >= _ONE_SIDE)
 
     def sides(self, points: NDArray[np.float32]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which of (n, 3) points are clear above the support, and which below."""
@@ -86,10 +102,11 @@ def standing(box: Box3D, supports: list[Support]) -> Box3D:
     return box
 
 
-def crossed_by(box: Box3D, own: NDArray[np.int32], supports: list[Support]) -> Support | None:
+def crossed_by(box: Box3D, own: NDArray[np.int32], supports: list[Support], share: float = _CROSSED) -> Support | None:
     """The support whose upper side runs through a box, if any does: no upright box holds the object alone then.
 
-    own: coarse cells of the object's points, which are not the support's.
+    own: coarse cells of the object's points, which are not the support's. share: of the box's footprint, which the
+    support must cover.
     """
     for item in supports:
         height = item.below(box) - float(box.rotation[:, 2] @ box.centre)
@@ -97,9 +114,37 @@ def crossed_by(box: Box3D, own: NDArray[np.int32], supports: list[Support]) -> S
             continue
         inside = np.flatnonzero((np.abs((item.centre - box.centre) @ box.rotation) < box.size / 2).all(axis=1))
         foreign = np.count_nonzero(~np.isin(item.cells[inside], own))
-        if foreign * item.edge**2 > _CROSSED * float(box.size[0] * box.size[1]):
+        if foreign * item.edge**2 > share * float(box.size[0] * box.size[1]):
             return item
     return None
+
+
+def edge_groups(boxes: list[Box3D], samples: list[NDArray[np.float32]], supports: list[Support]) -> list[list[int]]:
+    """Which things belong together: what stands at a support's edge, and what goes on beneath it below the board.
+
+    The board takes what is at its own level from a chair's back that touches it. samples: (n, 3) float32 metres,
+    points of each box's thing. Each number is in one group.
+    """
+    group_of = {k: [k] for k in range(len(boxes))}
+    for item in supports:
+        ends = []
+        for box in boxes:
+            middle, half = box.centre @ box.rotation[:, 2] - item.below(box), box.size[2] / 2
+            ends.append((middle - half, middle + half))
+        lower = [k for k, (_, top) in enumerate(ends) if -2 * BOARD < top < item.clearance]
+        for k, (bottom, top) in enumerate(ends):
+            if not (k in group_of and abs(bottom) < BOARD and top > item.clearance and item.is_beside(boxes[k])):
+                continue
+            for j in lower:
+                if j in group_of and np.mean(_over(samples[j], boxes[k], _LEAN)) >= _CONTINUED:
+                    group_of[k] += group_of.pop(j)
+    return list(group_of.values())
+
+
+def _over(points: NDArray[np.float32], box: Box3D, margin: float) -> NDArray[np.bool_]:
+    """(n,) bool: which of (n, 3) points lie over or under a box's footprint, or within `margin` metres of it."""
+    inside = np.abs((points - box.centre) @ box.rotation[:, :2]) < box.size[:2] / 2 + margin
+    return np.asarray(inside.all(axis=1))
 
 
 def is_rim(box: Box3D, own: NDArray[np.float32], supports: list[Support]) -> bool:
