@@ -174,7 +174,7 @@ def mark_sheet(
             structure[i] |= (on[coarse] and flush) or (near[coarse] and -BOARD < height < 0)
 
 
-@kernel("b1(f4[:], f8[:,:], f8[:])", inline="always")
+@part()
 def _above(point: NDArray[np.float32], extent: NDArray[np.float64], middle: NDArray[np.float64]) -> bool:
     """Whether a point is over (or under) a rectangle; extent: its axes over its half extents (2, 3)."""
     inside = True

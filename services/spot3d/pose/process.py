@@ -23,8 +23,6 @@ from spot3d.pose.settings import PoseSettings
 from spot3d_schemas import Frame, Pose
 
 _IN, _OUT = "source/frame", "pose/pose"
-
-
 _FORGOTTEN = "surfels and landmarks forgotten: the map's limit is reached"
 _HOMELESS = "started amid a run, whose world it cannot know: frames that carry a pose, or a new run, give it one"
 

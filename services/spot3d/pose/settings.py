@@ -53,7 +53,7 @@ class PoseSettings(BaseModel):
 
     landmarks: bool = Field(True, description="kiss, gicp: correct the odometry's drift by visual landmarks")
     landmark_interval: float = Field(
-        0.05, ge=0, description="least time between two frames that are compared with landmarks, seconds"
+        0.045, ge=0, description="least time between two frames that are compared with landmarks, seconds"
     )
     features: int = Field(500, ge=50, le=5000, description="image features looked for in a frame")
     landmark_limit: int = Field(20_000, ge=1000, le=500_000, description="most landmarks; those known last stay")
