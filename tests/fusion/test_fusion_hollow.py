@@ -48,6 +48,7 @@ def test_the_inside_of_a_mug_belongs_to_its_outside() -> None:
     ("name", "other"),
     [
         ("a mug beside it", arc(190, 350, 0.0, HEIGHT, inside=False, x=2.2 * RADIUS)),
+        ("a can on its rim", arc(190, 350, HEIGHT, HEIGHT + 0.06, inside=False, radius=0.03)),
         ("a can beneath it", arc(190, 350, -0.12, 0.0, inside=False, radius=0.03)),
     ],
 )
@@ -57,6 +58,18 @@ def test_another_thing_does_not(name: str, other: Part) -> None:
 
 def test_the_outside_of_one_thing_holds_nothing() -> None:
     assert joined(arc(20, 160, 0, HEIGHT, inside=False), OUTSIDE) == [[0], [1]]
+
+
+def test_thin_walls_seen_from_both_sides_are_a_vessel_too() -> None:
+    """Their normals tell no side; the rest of the wall comes with the handle that hangs on it."""
+    points, normals = arc(60, 330, 0, HEIGHT, inside=False)
+    walls = points, np.where(np.arange(len(points))[:, None] % 2, normals, -normals)
+    handle = (np.linspace((RADIUS, 0, 0.02), (RADIUS + 0.025, 0, HEIGHT - 0.015), 40)).astype(np.float32)
+    rest_points, rest_normals = arc(-30, 60, 0, HEIGHT, inside=False)
+    rest = np.concatenate((rest_points, handle)), np.concatenate((rest_normals, np.tile(rest_normals[:1], (40, 1))))
+    assert joined(walls, rest) == [[0, 1]]
+    half = arc(60, 200, 0, HEIGHT, inside=False)
+    assert joined((half[0], walls[1][: len(half[0])]), rest) == [[0], [1]]
 
 
 def test_a_flat_wall_is_not_hollow() -> None:

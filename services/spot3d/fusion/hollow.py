@@ -16,6 +16,10 @@ _BENT = 0.95
 """The normals of an arc of 60 degrees have a mean of this length; those of a flat patch a longer one."""
 _AIMED = 0.9
 """Normals point to the axis within 25 degrees in the mean."""
+_RING = 0.12
+"""The walls of a ring are this share of its radius thick, each way; a square's corners are farther out."""
+_SIDE, _SIDES = np.pi / 6, 7
+"""A ring is seen in so many of the twelve directions that are so wide, radians."""
 _WALL = 0.03
 """The outside of a vessel lies no further outside its inside than this: its wall, and the axis' error, metres."""
 _WITHIN = 0.8
@@ -50,7 +54,8 @@ def hollow_groups(
     """
     R = rotation_to_upright(up).T.astype(np.float32)
     upright = [(sampled(points, part) @ R, sampled(normals, part) @ R) for part in parts]
-    hollows = {k: hollow for k, (places, facing) in enumerate(upright) if (hollow := _hollow(places, facing))}
+    found = {k: _hollow(places, facing) or _ring(places) for k, (places, facing) in enumerate(upright)}
+    hollows = {k: hollow for k, hollow in found.items() if hollow is not None}
     group_of = {k: [k] for k in range(len(parts))}
     for k in sorted(hollows, key=lambda k: -len(parts[k])):
         if k in group_of and 2 * hollows[k].radius <= size_max:
@@ -60,9 +65,11 @@ def hollow_groups(
 
 
 def _around(places: NDArray[np.float32], hollow: Hollow) -> bool:
-    """Whether (n, 3) upright places lie around a hollow and reach up to its rim."""
-    near = _share_near(places, hollow.axis, hollow.radius + _WALL) >= _WITHIN
-    return near and _top(places) > hollow.rim - _RIM
+    """Whether (n, 3) upright places lie around a hollow, reach up to its rim and begin below it."""
+    if _share_near(places, hollow.axis, hollow.radius + _WALL) < _WITHIN:
+        return False
+    bottom, top = np.quantile(places[:, 2], (0.02, 0.98))
+    return bool(top > hollow.rim - _RIM and bottom < hollow.rim - _RIM)
 
 
 @kernel("f8(f4[:,:], f8[:], f8)")
@@ -87,6 +94,22 @@ def _hollow(places: NDArray[np.float32], normals: NDArray[np.float32]) -> Hollow
     walls = np.linalg.norm(normals[:, :2], axis=1) > _LEVEL
     distance = np.linalg.norm(places[walls, :2] - axis, axis=1)
     return Hollow(axis, float(np.quantile(distance, 0.95)), _top(places))
+
+
+def _ring(places: NDArray[np.float32]) -> Hollow | None:
+    """What (n, 3) upright places stand around on most sides, at one distance, as thin walls do seen from both sides."""
+    level = places[:, :2].astype(np.float64)
+    middle = level.mean(axis=0)
+    terms = np.column_stack((2 * (level - middle), np.ones(len(level))))
+    # The circle x^2 + y^2 = 2 a x + 2 b y + c through them, by least squares (Kasa, 1976).
+    a, b, c = np.linalg.lstsq(terms, np.sum((level - middle) ** 2, axis=1), rcond=None)[0]
+    around = level - middle - np.array((a, b))
+    distance, radius = np.linalg.norm(around, axis=1), float(np.sqrt(max(0.0, c + a * a + b * b)))
+    on = np.abs(distance - radius) < _RING * radius
+    sides = np.unique((np.arctan2(around[on, 1], around[on, 0]) // _SIDE).astype(np.int64))
+    if np.mean(on) < _WITHIN or len(sides) < _SIDES:
+        return None
+    return Hollow(middle + np.array((a, b)), float(np.quantile(distance, 0.95)), _top(places))
 
 
 @kernel("Tuple((f8, f8, f8))(f4[:,:], f4[:,:])")
