@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from spot3d.fusion.hollow import _aimed_at, _share_near, hollow_groups
+from spot3d.fusion.hollow import _aimed_at, _ring_of, _share_near, hollow_groups
 
 UP = np.array([0.0, 0.0, 1.0])
 RADIUS, HEIGHT = 0.04, 0.1
@@ -102,3 +102,24 @@ def test_the_axis_is_the_plain_least_squares_one() -> None:
     np.testing.assert_allclose(_aimed_at(places, normals), (*axis, aim), atol=1e-6)
     distance = np.linalg.norm(places[:, :2] - axis, axis=1)
     assert _share_near(places, axis, 0.04) == pytest.approx(np.mean(distance < 0.04))
+
+
+@pytest.mark.parametrize(("start", "end", "sides"), [(0.0, 360.0, 12), (10.0, 170.0, 6)])
+def test_a_ring_is_the_plain_least_squares_circle(start: float, end: float, sides: int) -> None:
+    rng = np.random.default_rng(1)
+    places = arc(start, end, 0, HEIGHT, inside=False, x=2.0)[0]
+    places = (places + rng.normal(0, 0.001, places.shape)).astype(np.float32)
+    level = places[:, :2].astype(np.float64)
+    a, b, c = np.linalg.lstsq(np.column_stack((2 * level, np.ones(len(level)))), (level**2).sum(1), rcond=None)[0]
+    radius = np.sqrt(c + a * a + b * b)
+    x, y, share, seen = _ring_of(places)
+    np.testing.assert_allclose((x, y), (a, b), atol=1e-6)
+    off = np.abs(np.linalg.norm(level - (a, b), axis=1) - radius)
+    assert share == pytest.approx(np.mean(off < 0.12 * radius))
+    assert seen == sides
+
+
+def test_a_line_and_a_point_are_no_rings() -> None:
+    line = np.column_stack((np.arange(20), np.arange(20), np.zeros(20))).astype(np.float32)
+    assert _ring_of(line)[2] == 0
+    assert _ring_of(line[:1])[2] == 0

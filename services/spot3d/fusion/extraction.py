@@ -77,7 +77,6 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
         supports = find_supports(points, coarse, sheets, up, settings)
     flat = lying_flat(surface, coarse, [(item.sheet, item.centre) for item in supports])
     labels = split_at_creases(surface, free, flat, settings.crease, settings.segment_cells, settings.seamed_cells)
-
     segments = _warm_segments(labels, surface, heat_min, settings.segment_cells)
 
     def hot(cells: NDArray[np.int64]) -> bool:

@@ -30,7 +30,7 @@ _RIM = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Hollow:
-    """A surface bent around an upright axis and seen from inside.
+    """A surface around an upright axis, seen from inside or from both sides.
 
     axis: (2,) its place; radius: its largest distance from there; rim: height of its top; all in metres.
     """
@@ -98,18 +98,42 @@ def _hollow(places: NDArray[np.float32], normals: NDArray[np.float32]) -> Hollow
 
 def _ring(places: NDArray[np.float32]) -> Hollow | None:
     """What (n, 3) upright places stand around on most sides, at one distance, as thin walls do seen from both sides."""
-    level = places[:, :2].astype(np.float64)
-    middle = level.mean(axis=0)
-    terms = np.column_stack((2 * (level - middle), np.ones(len(level))))
-    # The circle x^2 + y^2 = 2 a x + 2 b y + c through them, by least squares (Kasa, 1976).
-    a, b, c = np.linalg.lstsq(terms, np.sum((level - middle) ** 2, axis=1), rcond=None)[0]
-    around = level - middle - np.array((a, b))
-    distance, radius = np.linalg.norm(around, axis=1), float(np.sqrt(max(0.0, c + a * a + b * b)))
-    on = np.abs(distance - radius) < _RING * radius
-    sides = np.unique((np.arctan2(around[on, 1], around[on, 0]) // _SIDE).astype(np.int64))
-    if np.mean(on) < _WITHIN or len(sides) < _SIDES:
+    x, y, share, sides = _ring_of(places)
+    if share < _WITHIN or sides < _SIDES:
         return None
-    return Hollow(middle + np.array((a, b)), float(np.quantile(distance, 0.95)), _top(places))
+    axis = np.array([x, y])
+    distance = np.linalg.norm(places[:, :2] - axis, axis=1)
+    return Hollow(axis, float(np.quantile(distance, 0.95)), _top(places))
+
+
+@kernel("Tuple((f8, f8, f8, i8))(f4[:,:])")
+def _ring_of(places: NDArray[np.float32]) -> tuple[float, float, float, int]:
+    """The circle through (n, 3) places, seen from above, by least squares (Kasa, 1976).
+
+    Returns its middle's x and y, the share of the places that are on it, and on how many of its twelve sides they are.
+    The share is 0 where the places stand in a line, or at one point.
+    """
+    n, middle_x, middle_y = len(places), 0.0, 0.0
+    for i in range(n):
+        middle_x, middle_y = middle_x + places[i, 0] / n, middle_y + places[i, 1] / n
+    xx, xy, yy, right_x, right_y = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        x, y = places[i, 0] - middle_x, places[i, 1] - middle_y
+        square = x * x + y * y
+        xx, xy, yy = xx + x * x, xy + x * y, yy + y * y
+        right_x, right_y = right_x + square * x / 2, right_y + square * y / 2
+    determinant = xx * yy - xy * xy
+    if not determinant > 1e-9 * (xx + yy) ** 2:
+        return middle_x, middle_y, 0.0, 0
+    a, b = (yy * right_x - xy * right_y) / determinant, (xx * right_y - xy * right_x) / determinant
+    radius = np.sqrt((xx + yy) / n + a * a + b * b)
+    on, seen = 0, np.zeros(12, np.bool_)
+    for i in range(n):
+        x, y = places[i, 0] - middle_x - a, places[i, 1] - middle_y - b
+        if abs(np.sqrt(x * x + y * y) - radius) < _RING * radius:
+            on += 1
+            seen[int((np.arctan2(y, x) + np.pi) / _SIDE) % 12] = True
+    return middle_x + a, middle_y + b, on / n, seen.sum()
 
 
 @kernel("Tuple((f8, f8, f8))(f4[:,:], f4[:,:])")

@@ -12,7 +12,7 @@ _FLAT_HEIGHT = 0.03
 _FLAT_FACING = 0.9
 """Cosine (26 degrees) within which the top of a flat thing faces as its support."""
 _EXTENT = 1.1
-"""Half extents of a sheet within which things lie on it: its own leave out a few per cent of its points."""
+"""Half extents of a sheet's rectangle within which things lie on it: what overhangs its edge a little does too."""
 BOARD = 0.04
 """A table's or a shelf's board is at most this thick, metres."""
 _FITS = 6

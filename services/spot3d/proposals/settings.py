@@ -71,7 +71,8 @@ class ProposalSettings(BaseModel):
     edges: EdgeSettings = EdgeSettings()
 
 
-# EdgeBoxes' own values; every window of the search that scores is refined, none is culled by its metric size.
+# EdgeBoxes' own values, but for the last step of the refinement (`windows.FINEST`); every window of the search that
+# scores is refined, none is culled by its metric size.
 ProposalSettings.PAPER = ProposalSettings(
     alpha=0.65,
     cluster_min_magnitude=0.5,
