@@ -33,6 +33,15 @@ def test_cells_and_pairs_are_complete(count: int, spread: float) -> None:
     assert len(pairs) == len(expected)
 
 
+def test_a_point_as_far_as_a_map_grid_reaches_ends_the_search_for_blocks() -> None:
+    """There all bits of the packed place are ones, which means a free slot."""
+    half = (1 << 20) // SIDE**2 * SIDE**2
+    cells = np.array([[(1 << 22) - 1, (1 << 21) - 1, (1 << 21) - 1]]) * SIDE**2 + SIDE**2 // 2 - half
+    points = (cells / 200).astype(np.float32)
+    surface, _ = gather_cells(points, np.float32([[0, 0, 1]]), np.ones(1, np.float32), 0.005)
+    assert len(surface.centre) == 1
+
+
 def test_cells_hold_the_means_of_their_points() -> None:
     points = np.array([[0.01, 0.01, 0.01], [0.03, 0.05, 0.07], [-0.01, 0, 0]], np.float32)
     normals = np.array([[0, 0, 3], [0, 4, 0], [0, 0, 0]], np.float32)

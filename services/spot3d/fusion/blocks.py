@@ -125,7 +125,8 @@ def _pack(
         a, b, c = np.uint32(u // side), np.uint32(v // side), np.uint32(w // side)
         place[i] = np.uint32(np.uint32(x - u * side) * side + (y - v * side)) * side + (z - w * side)
         outer_place[i] = np.uint32(np.uint32(u - a * side) * side + (v - b * side)) * side + (w - c * side)
-        keys[i] = (np.int64(a) << np.int64(42)) | (np.int64(b) << np.int64(21)) | np.int64(c)
+        key = (np.int64(a) << np.int64(42)) | (np.int64(b) << np.int64(21)) | np.int64(c)
+        keys[i] = key & np.int64(0x7FFFFFFFFFFFFFFF)  # -1 is no key, however far the point
 
 
 @kernel("i8(i8[::1], i8, i8[::1], i4[::1], i4[::1])")

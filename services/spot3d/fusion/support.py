@@ -84,6 +84,8 @@ def find_supports(
         noise = 1.4826 * float(np.median(np.abs(distance - np.median(distance)))) if len(rows) else 0.0
         clearance = max(settings.standing_clearance, item.thickness, settings.noise_gate * noise)
         cells = np.flatnonzero(item.cells & (coarse.normal @ normal > FACING))
+        if not len(cells):
+            continue  # none of its upper side is seen
         supports.append(Support(item.sheet, clearance, cells, coarse.centre[cells], coarse.edge))
     return supports
 
