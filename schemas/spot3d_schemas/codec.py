@@ -1,7 +1,7 @@
 """Messages to bytes and back: one msgpack map, arrays inside it as {dtype, shape, encoding, data}."""
 
 import re
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, TypeVar
 
 import msgpack
@@ -18,6 +18,7 @@ from spot3d_schemas.wire import Span, bin_data, bin_header, map_spans, unpack
 _ALIGNMENT = 16
 """Raw arrays begin at a multiple of this, so that decoded views are aligned for every dtype."""
 
+_DATA_KEY = msgpack.packb("data")
 _VERSION = re.compile(r"(\d{1,4})\.(\d{1,4})", re.ASCII)
 
 M = TypeVar("M", bound=Message)
@@ -124,25 +125,19 @@ def array_fields(message: type[Message]) -> dict[str, ArraySpec]:
 def _array_pieces(name: str, array: NDArray[Any], code: str, jpeg_quality: int, at: int) -> list[bytes | memoryview]:
     """Key and value of an array field that begins at byte `at`; a raw array's bytes are not copied here."""
     data = encode_data(array, code, jpeg_quality)
+    described = _described(name, dtype_name(array), array.shape, code)
+    before_data = _DATA_KEY + bin_header(len(data))
+    padding = -(at + len(described) + 1 + len(before_data)) % _ALIGNMENT
+    return [b"".join((described, bytes((padding,)), bytes(padding), before_data)), data]
+
+
+@lru_cache(maxsize=100)
+def _described(name: str, dtype: str, shape: tuple[int, ...], code: str) -> bytes:
+    """An array field up to the length of its padding: of a camera's images the same again and again."""
     pack = msgpack.packb
-    shape = pack(list(array.shape))
-    described = b"".join(
-        (
-            pack(name),
-            b"\x85",
-            pack("dtype"),
-            pack(dtype_name(array)),
-            pack("shape"),
-            shape,
-            pack("encoding"),
-            pack(code),
-        )
-    )
+    values = ("dtype", dtype, "shape", list(shape), "encoding", code)
     # Readers skip `pad` as they skip any field that they do not know.
-    before_padding = described + pack("pad") + b"\xc4"
-    before_data = pack("data") + bin_header(len(data))
-    padding = -(at + len(before_padding) + 1 + len(before_data)) % _ALIGNMENT
-    return [before_padding + bytes((padding,)) + bytes(padding) + before_data, data]
+    return b"".join((pack(name), b"\x85", *map(pack, values), pack("pad"), b"\xc4"))
 
 
 def _field_spans(view: memoryview, max_values: int, schema: str) -> dict[str, Span]:

@@ -59,6 +59,7 @@ def _tags() -> tuple[_Tag | None, ...]:
 _TAGS = _tags()
 _PLAIN = tuple(0 if tag is None or tag.length_bytes or tag.children else tag.size for tag in _TAGS)
 """Bytes of a value that is told by its first byte alone: most values are."""
+_CUT_OFF = "the message is cut off"
 _TOO_MANY = "holds more values than are accepted; send less"
 _BIN_TAGS = frozenset((0xC4, 0xC5, 0xC6))
 _MAP_TAGS = frozenset((*range(0x80, 0x90), 0xDE, 0xDF))
@@ -71,38 +72,35 @@ def end_of(payload: memoryview, start: int, max_values: int) -> tuple[int, int]:
     """
     if max_values < 1:
         raise ValueError(_TOO_MANY)
-    at = start
-    pending = 1
-    seen = 0
-    limit = len(payload)
-    while pending:
-        if at >= limit:
-            raise ValueError("the message is cut off")
-        first = payload[at]
-        plain = _PLAIN[first]
-        if plain:
-            at += plain
+    plain, at, pending, seen = _PLAIN, start, 1, 0
+    try:
+        while pending:
+            first = payload[at]
+            if plain[first]:
+                at += plain[first]
+                seen += 1
+                pending -= 1
+                continue
+            tag = _TAGS[first]
+            if tag is None:
+                raise ValueError("the message is not msgpack")
+            length_bytes, size, children, per_count = tag
+            if length_bytes:
+                count = int.from_bytes(payload[at + 1 : at + 1 + length_bytes], "big")
+                if per_count:
+                    children = count * per_count
+                else:
+                    size += count
+            at += size
             seen += 1
-            pending -= 1
-            continue
-        tag = _TAGS[first]
-        if tag is None:
-            raise ValueError("the message is not msgpack")
-        length_bytes, size, children, per_count = tag
-        if length_bytes:
-            count = int.from_bytes(payload[at + 1 : at + 1 + length_bytes], "big")
-            if per_count:
-                children = count * per_count
-            else:
-                size += count
-        at += size
-        seen += 1
-        pending += children - 1
-        # Only here what is promised can grow.
-        if seen + pending > max_values:
-            raise ValueError(_TOO_MANY)
-    if at > limit:
-        raise ValueError("the message is cut off")
+            pending += children - 1
+            # Only here what is promised can grow.
+            if seen + pending > max_values:
+                raise ValueError(_TOO_MANY)
+    except IndexError:
+        raise ValueError(_CUT_OFF) from None
+    if at > len(payload):
+        raise ValueError(_CUT_OFF)
     return at, seen
 
 
