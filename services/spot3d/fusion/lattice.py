@@ -62,28 +62,45 @@ def to_lattice(
     )
 
 
-@kernel("f4[:,::1](f4[:,::1], i8)")
 def _mean_of_nearest(depth: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
     """Mean of each block's valid pixels within the noise of the block's nearest; 0 where none is valid."""
     h, w = depth.shape
     small = np.zeros(((h + factor - 1) // factor, (w + factor - 1) // factor), np.float32)
-    for v in range(small.shape[0]):
-        rows = range(v * factor, min(h, v * factor + factor))
-        for u in range(small.shape[1]):
-            columns = range(u * factor, min(w, u * factor + factor))
-            nearest = np.float32(np.inf)
-            for y in rows:
-                for x in columns:
-                    if depth[y, x] > 0:
-                        nearest = min(nearest, depth[y, x])
-            if nearest == np.inf:
-                continue
-            limit = nearest + np.float32(0.005) * nearest + np.float32(4) * axial_noise_kernel(nearest)
-            total, count = np.float32(0), 0
-            for y in rows:
-                for x in columns:
-                    if 0 < depth[y, x] <= limit:
-                        total += depth[y, x]
-                        count += 1
-            small[v, u] = total / count
+    limit, count = np.empty(small.shape[1], np.float32), np.empty(small.shape[1], np.float32)
+    _mean_within_noise(depth, factor, limit, count, small)
     return small
+
+
+@kernel("void(f4[:,::1], i8, f4[::1], f4[::1], f4[:,::1])")
+def _mean_within_noise(
+    depth: NDArray[np.float32],
+    factor: int,
+    limit: NDArray[np.float32],
+    count: NDArray[np.float32],
+    mean: NDArray[np.float32],
+) -> None:
+    """Add up the blocks' means in `mean`, which is zero. limit, count: room for a row of blocks."""
+    # Every loop over u does the same to all blocks of a row, so that several are computed at once.
+    none, one, far = np.float32(0), np.float32(1), np.float32(np.inf)
+    h, w = depth.shape
+    for v in range(mean.shape[0]):
+        rows = range(v * factor, min(h, v * factor + factor))
+        limit[:] = far
+        count[:] = none
+        for y in rows:
+            for x in range(factor):
+                for u in range((w - x + factor - 1) // factor):
+                    z = depth[y, u * factor + x]
+                    nearest = z if z > none else far
+                    limit[u] = nearest if nearest < limit[u] else limit[u]
+        for u in range(mean.shape[1]):
+            limit[u] += np.float32(0.005) * limit[u] + np.float32(4) * axial_noise_kernel(limit[u])
+        for y in rows:
+            for x in range(factor):
+                for u in range((w - x + factor - 1) // factor):
+                    z = depth[y, u * factor + x]
+                    near = (z > none) & (z <= limit[u]) & (z < far)
+                    mean[v, u] += z if near else none
+                    count[u] += one if near else none
+        for u in range(mean.shape[1]):
+            mean[v, u] /= max(count[u], one)
