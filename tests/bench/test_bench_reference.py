@@ -70,16 +70,16 @@ def test_frames_are_merged_the_same_way(scene: Scene) -> None:
     for number in range(1, 5):
         frame, pose = scene[number], scene.true_pose(number)
         depth, heat = frame.depth_metres(), rng.integers(0, 256, CAMERA.shape, np.uint8)
-        index, count, warped, found = merge(
-            heatmap.rows, heatmap.count, heatmap.keys, heatmap.slot_rows, candidates, depth, frame.colour, heat,
-            surface_normals(depth, CAMERA), pose.astype(np.float32), *pinhole, np.float32(1 / heatmap.voxel),
-            np.float32(SETTINGS.noise_gate), np.float32(SETTINGS.range_max), np.float32(number),
+        index, heatmap.used, _, (warped, found, _) = merge(
+            heatmap.rows, heatmap.used, heatmap.keys, heatmap.slot_rows, heatmap.row_slots, heatmap.free, 0,
+            candidates, depth, frame.colour, heat, surface_normals(depth, CAMERA), pose.astype(np.float32), *pinhole,
+            np.float32(1 / heatmap.voxel), np.float32(SETTINGS.noise_gate), np.float32(SETTINGS.range_max),
+            np.float32(number),
         )  # fmt: skip
-        heatmap.count = count
         plain_index, plain_warped, plain_found = reference_map.merge(
             plain, candidates, depth, frame.colour, heat, pose, CAMERA, SETTINGS.noise_gate, SETTINGS.range_max, number
         )
-        assert (warped, found, count) == (plain_warped, plain_found, len(plain.rows))
+        assert (warped, found, heatmap.used) == (plain_warped, plain_found, len(plain.rows))
         np.testing.assert_array_equal(index, plain_index)
         _assert_same_rows(heatmap.points(), plain.rows)
         following = scene[number + 1]

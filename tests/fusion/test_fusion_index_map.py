@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from spot3d.bench.reference import warp as reference_warp
 from spot3d.camera import Intrinsics, back_project
-from spot3d.fusion.heatmap3d import FREQUENCY, HEAT, LAST, WEIGHT, Heatmap3D, X, find_slot, voxel_key
+from spot3d.fusion.heatmap3d import FREQUENCY, HEAT, LAST, WEIGHT, Heatmap3D, X, find_slot
 from spot3d.fusion.index_map import IndexMap, Registration, warp
 
 POSE = look_at((0.0, -0.95, 0.7))
@@ -174,13 +174,19 @@ def test_a_full_map_stays_within_its_limit_and_consistent(limit: int) -> None:
         assert result.appended > 0
         assert (mapper.column(LAST) == mapper.frames).sum() >= result.appended
     assert mapper.heatmap.evicted > 0
-    used = np.flatnonzero(mapper.heatmap.keys >= 0)
-    assert np.unique(mapper.heatmap.slot_rows[used]).size == used.size
-    assert mapper.heatmap.slot_rows[used].max() < mapper.heatmap.count
-    mapper.heatmap.evict(0.0, 10.0)
-    for row in mapper.heatmap.points()[::37]:
-        slot = find_slot(mapper.heatmap.keys, voxel_key(*row[:3], np.float32(1 / mapper.heatmap.voxel)))
-        assert mapper.heatmap.keys[slot] >= 0
+    taken = np.flatnonzero(mapper.column(FREQUENCY) > 0)
+    assert mapper.heatmap.count == len(taken) == np.count_nonzero(mapper.heatmap.keys >= 0)
+    slots = mapper.heatmap.row_slots[taken]
+    np.testing.assert_array_equal(mapper.heatmap.slot_rows[slots], taken)
+    assert [find_slot(mapper.heatmap.keys, key) for key in mapper.heatmap.keys[slots]] == slots.tolist()
+
+
+def test_rows_that_points_have_left_are_taken_again() -> None:
+    limit = 20_000
+    mapper, rng = Mapper(map_limit=limit), np.random.default_rng(3)
+    added = sum(mapper.see(view(pose, ROOM + THREE, rng), pose).appended for pose in orbit(8, turn=4.0))
+    assert added > limit
+    assert mapper.heatmap.count == added - mapper.heatmap.evicted
 
 
 def test_a_point_lies_where_its_pixel_was() -> None:

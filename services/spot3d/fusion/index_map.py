@@ -23,9 +23,6 @@ from spot3d.fusion.settings import FusionSettings
 from spot3d.kernel import kernel
 from spot3d.sensor import axial_noise_kernel
 
-_EVICTED_SHARE = 0.2
-"""Share of the points that go at once when the map is full, so that this is rare."""
-
 
 @dataclass(frozen=True, slots=True)
 class Registration:
@@ -72,8 +69,9 @@ class IndexMap:
         A point's heat and frequency grow once a frame, however many pixels fall on it.
         """
         settings = self.settings
-        if heatmap.count > 0 and heatmap.count + depth.size > heatmap.limit:
-            self._make_room(heatmap)
+        lacking = heatmap.count + depth.size - heatmap.limit
+        if heatmap.count > 0 and lacking > 0:
+            self._make_room(heatmap, lacking)
         last = self._last
         if last is None or last.camera != camera:
             candidates = np.full(depth.shape, -1, np.int32)
@@ -91,11 +89,14 @@ class IndexMap:
                 np.float32(settings.depth_gate),
                 np.float32(settings.noise_gate),
             )
-        index, count, warped, found = merge(
+        index, heatmap.used, heatmap.free_count, registration = merge(
             heatmap.rows,
-            heatmap.count,
+            heatmap.used,
             heatmap.keys,
             heatmap.slot_rows,
+            heatmap.row_slots,
+            heatmap.free,
+            heatmap.free_count,
             candidates,
             depth,
             colour,
@@ -108,17 +109,15 @@ class IndexMap:
             np.float32(settings.range_max),
             np.float32(frame_number),
         )
-        appended = count - heatmap.count
-        heatmap.count = count
         self._last = _LastFrame(index, depth, colour, camera, T_world_camera)
-        return Registration(warped, found, appended)
+        return Registration(*registration)
 
-    def _make_room(self, heatmap: Heatmap3D) -> None:
+    def _make_room(self, heatmap: Heatmap3D, rows: int) -> None:
         """Evict the least useful points; what a frame brings beyond the room that makes is left out."""
-        moved = heatmap.evict(_EVICTED_SHARE, self.settings.tau)
-        if self._last is not None:
+        if heatmap.evict(rows, self.settings.tau) > 0 and self._last is not None:
             index = self._last.index
-            self._last = replace(self._last, index=np.where(index >= 0, moved[index], -1).astype(np.int32))
+            gone = heatmap.rows[index, FREQUENCY] == 0  # of index -1 whatever it says: it stays -1
+            self._last = replace(self._last, index=np.where(gone, np.int32(-1), index))
 
 
 def _pinhole(camera: Intrinsics) -> tuple[np.float32, np.float32, np.float32, np.float32]:
@@ -205,14 +204,17 @@ def _find_along_ray(
 
 
 @kernel(
-    "Tuple((i4[:,::1], i8, i8, i8))(f4[:,::1], i8, i8[::1], i4[::1], i4[:,::1], f4[:,::1], u1[:,:,::1], u1[:,::1],"
-    " f4[:,:,::1], f4[:,::1], f4, f4, f4, f4, f4, f4, f4, f4)"
+    "Tuple((i4[:,::1], i8, i8, UniTuple(i8, 3)))(f4[:,::1], i8, i8[::1], i4[::1], i4[::1], i4[::1], i8, i4[:,::1],"
+    " f4[:,::1], u1[:,:,::1], u1[:,::1], f4[:,:,::1], f4[:,::1], f4, f4, f4, f4, f4, f4, f4, f4)"
 )
 def merge(
     rows: NDArray[np.float32],
-    count: int,
+    used: int,
     keys: NDArray[np.int64],
     slot_rows: NDArray[np.int32],
+    row_slots: NDArray[np.int32],
+    free: NDArray[np.int32],
+    free_count: int,
     candidates: NDArray[np.int32],
     depth: NDArray[np.float32],
     colour: NDArray[np.uint8],
@@ -227,16 +229,17 @@ def merge(
     noise_gate: np.float32,
     range_max: np.float32,
     frame_number: np.float32,
-) -> tuple[NDArray[np.int32], int, int, int]:
+) -> tuple[NDArray[np.int32], int, int, tuple[int, int, int]]:
     """Give every valid pixel its map point: the candidate, one in the voxels that noise can reach, or a new one.
 
-    Position, colour and normal are running means weighted by 1 / sigma_z^2. Once the rows are full, new points
-    are left out. Returns the index map, the map's new count, and how many pixels were warped and found.
+    The map's arrays and numbers are those of `Heatmap3D`. Position, colour and normal are running means weighted by
+    1 / sigma_z^2. Once no row is free, new points are left out. Returns the index map, the map's new `used` and
+    `free_count`, and how many pixels were warped, found and new.
     """
     h, w = depth.shape
     index = np.full((h, w), -1, np.int32)
     T = T_world_camera
-    warped, found = 0, 0
+    warped, found, appended = 0, 0, 0
     for v in range(h):
         for u in range(w):
             z = depth[v, u]
@@ -255,15 +258,19 @@ def merge(
                 row = _find_along_ray(keys, slot_rows, x, y, zw, T, z, noise_gate * sigma, per_metre)
                 if row >= 0:
                     found += 1
-                elif count == len(rows):
+                elif free_count == 0 and used == len(rows):
                     continue
                 else:
-                    row = np.int32(count)
-                    count += 1
+                    if free_count > 0:
+                        free_count -= 1
+                        row = free[free_count]
+                    else:
+                        row = np.int32(used)
+                        used += 1
+                    appended += 1
                     key = voxel_key(x, y, zw, per_metre)
                     slot = find_slot(keys, key)
-                    keys[slot] = key
-                    slot_rows[slot] = row
+                    keys[slot], slot_rows[slot], row_slots[row] = key, row, slot
                     rows[row, :] = np.float32(0)
                     rows[row, LAST] = np.float32(-1)
             index[v, u] = row
@@ -283,4 +290,4 @@ def merge(
                 rows[row, LAST] = frame_number
                 rows[row, FREQUENCY] += np.float32(1)
                 rows[row, HEAT] += heat[v, u] / np.float32(255)
-    return index, count, warped, found
+    return index, used, free_count, (warped, found, appended)

@@ -177,7 +177,7 @@ class _Stage:
             limit = MAX_MAP_POINTS
         points = self.fusion.frequent_points()
         count = max(0, min(len(points), limit, MAX_MAP_POINTS))
-        # Spread over the map, which is in the order in which the points were first seen.
+        # Spread over the map, which is about in the order in which the points were first seen.
         points = points.take(np.linspace(0, len(points) - 1, count).astype(np.int64))
         message = MapPoints(
             header=self._own_header(_MAP),
