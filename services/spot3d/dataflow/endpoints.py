@@ -25,12 +25,13 @@ class Quality:
 
 
 _QUALITIES = {
-    "source/frame": Quality(CongestionControl.BLOCK_FIRST, Priority.DATA, newest=2),
+    "source/frame": Quality(CongestionControl.BLOCK_FIRST, Priority.DATA, newest=3),
     "source/end": Quality(CongestionControl.BLOCK, Priority.DATA_LOW),
     "pose/pose": Quality(CongestionControl.BLOCK, Priority.INTERACTIVE_HIGH, express=True),
     "proposals/boxes": Quality(CongestionControl.BLOCK_FIRST, Priority.DATA_HIGH, newest=8),
-    # Over a thin link heat must not delay poses and objects.
-    "heatmap/heat": Quality(CongestionControl.BLOCK_FIRST, Priority.DATA_LOW, newest=2),
+    # Over a thin link heat must not delay poses and objects. Fusion is faster than any camera, and catches up with what
+    # has waited while it was held up for a moment.
+    "heatmap/heat": Quality(CongestionControl.BLOCK_FIRST, Priority.DATA_LOW, newest=4),
     "fusion/objects": Quality(CongestionControl.BLOCK, Priority.DATA_HIGH),
     "fusion/progress": Quality(CongestionControl.BLOCK, Priority.INTERACTIVE_HIGH, express=True),
 }
