@@ -15,11 +15,11 @@ from spot3d.boxes import Box3D
 from spot3d.evaluate.command import evaluate
 from spot3d.evaluate.cost_tables import STAGES
 from spot3d.evaluate.datasets import at_half_size, open_dataset
-from spot3d.evaluate.measured_run import MeasuredRun, Runs, on_ignored, world_alignment
+from spot3d.evaluate.measured_run import MeasuredRun, Runs, moved, on_ignored, world_alignment
 from spot3d.evaluate.object_tables import ablations
 from spot3d.evaluate.tables import TABLES
-from spot3d.evaluate.truth import LabelledScene
-from spot3d.pose.estimate import PoseEstimate
+from spot3d.evaluate.truth import FoundObject, LabelledScene
+from spot3d.run.results import RunResult, TrackedFrame, write_results
 from spot3d.settings import Settings, load_settings
 from spot3d.source.errors import SourceError
 
@@ -134,15 +134,11 @@ def test_odometry_is_measured_in_the_true_world() -> None:
     """Whatever world the poses found are in, the alignment brings them onto the true ones."""
     sequence = open_dataset("scene", Settings(), every=20, frames=4).sequences[0].sequence
     T_found_true = np.array([[0, -1, 0, 1], [0, 0, -1, 2], [1, 0, 0, 3], [0, 0, 0, 1]], np.float64)
-    trajectory = [
-        (stamp, PoseEstimate(T_found_true @ sequence.true_pose(index), "lost" if index == 2 else "ok"))
-        for index, stamp in enumerate(sequence.stamps_ns)
-    ]
-    trajectory[2][1].T_world_camera[:3, 3] += 7
-    T = world_alignment(sequence, trajectory)
+    tracked = [(stamp, T_found_true @ sequence.true_pose(index)) for index, stamp in enumerate(sequence.stamps_ns)]
+    T = world_alignment(sequence, [*tracked, (-1, np.eye(4))])
     np.testing.assert_allclose(T @ T_found_true, np.eye(4), atol=1e-9)
     with pytest.raises(SourceError, match="no frame has both"):
-        world_alignment(sequence, trajectory[2:3])
+        world_alignment(sequence, [(-1, np.eye(4))])
 
 
 def test_boxes_on_ignored_points_are_left_out() -> None:
@@ -155,3 +151,36 @@ def test_boxes_on_ignored_points_are_left_out() -> None:
     assert [on_ignored(box(x), truth) for x in (0.0, 3.0, 9.0)] == [False, True, False]
     run = MeasuredRun((box(0),), 3, [], np.array([[0.6]]), [], {}, Counter(), Counter(), 1)
     assert run.success_of_all() == (1, 4)
+
+
+def test_a_finished_run_is_measured_from_its_folder(tmp_path: Path) -> None:
+    scene = open_dataset("scene:3", Settings(), every=20, frames=4)
+    sequence, truth = scene.sequences[0].sequence, scene.sequences[0].truth
+    assert truth is not None
+    T_found_true = np.array([[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]], np.float64)
+    found = [FoundObject(k + 1, moved(box, T_found_true), 0.5, 9, 100) for k, box in enumerate(truth.boxes)]
+    path = [
+        TrackedFrame(stamp, T_found_true @ sequence.true_pose(index), lost=index == 2)
+        for index, stamp in enumerate(sequence.stamps_ns)
+    ]
+    write_results(tmp_path, RunResult(tuple(found[1:]), trajectory=tuple(path)))
+    words = ["run", "scene:3", "--of", str(tmp_path), "--json", str(tmp_path / "numbers.json")]
+    result = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert result.exit_code == 0
+    (row,) = json.loads((tmp_path / "numbers.json").read_text())["tables"][0]["rows"]
+    count = len(found)
+    assert (row["poses"], row["found"], row["true"], row["left out"]) == (3, count - 1, count, 0)
+    assert row["3D DR"] == pytest.approx((count - 1) / count)
+    assert (row["3D SR"], row["3D IoU_o"]) == pytest.approx((1, 1))
+    assert row["AP"] == row["AP all"] > 90
+
+
+@pytest.mark.parametrize("words", [["run", "scene:3"], ["points", "scene:3", "--of", "out"]])
+def test_a_run_is_asked_for_in_one_way(words: list[str]) -> None:
+    result = CliRunner().invoke(app, words)
+    assert "spot3d evaluate run PATH --of FOLDER" in str(result.exception)
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match="holds no finished run"):
+        CliRunner().invoke(app, ["run", "scene:3", "--of", str(tmp_path)], catch_exceptions=False)

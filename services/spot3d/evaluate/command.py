@@ -10,7 +10,7 @@ from spot3d.cli_options import CommandError, EveryOption, FramesOption, HalfOpti
 from spot3d.settings import load_settings
 from spot3d.source.errors import SourceError
 
-ALL = "all"
+ALL, RUN = "all", "run"
 BUILT_IN = ("scenes:5",)
 """Measured by `evaluate all` beside the data sets below its root."""
 
@@ -18,7 +18,7 @@ BUILT_IN = ("scenes:5",)
 def evaluate(
     table: Annotated[
         str,
-        typer.Argument(help="proposals, filters, objects, ablations, points, time, poses, stability; or: all"),
+        typer.Argument(help="proposals, filters, objects, ablations, points, time, poses, stability; or: all, run"),
     ],
     path: Annotated[
         str, typer.Argument(metavar="PATH", help="a data set's folder, scene:SEED or scenes:5; for all: their root")
@@ -29,22 +29,29 @@ def evaluate(
         Literal["given", "kiss", "gicp"],
         typer.Option(help="where poses come from; given: the data's true ones (kiss where it has none)"),
     ] = "given",
+    of: Annotated[Path | None, typer.Option(help="for run: the folder of a finished run of PATH, live or not")] = None,
     every: EveryOption = 1,
     frames: FramesOption = None,
     half: HalfOption = False,
     settings: SettingsOption = None,
     preset: PresetOption = None,
 ) -> None:
-    """Measure as the paper does: print TABLE in Markdown for the data set at PATH, or all tables for all data."""
+    """Measure as the paper does: print TABLE in Markdown for the data set at PATH, or all tables for all data.
+
+    The table `run` is of a run that is over, live ones included: spot3d evaluate run PATH --of FOLDER.
+    """
     from spot3d.dataflow.process_use import stay_single_threaded
     from spot3d.evaluate.datasets import at_half_size, datasets_below, open_dataset
+    from spot3d.evaluate.finished_run import finished_table
     from spot3d.evaluate.plots import write_plots
     from spot3d.evaluate.record import data_checksum, record
     from spot3d.evaluate.table import to_document, to_markdown
     from spot3d.evaluate.tables import TABLES, make_tables
 
-    if table != ALL and table not in TABLES:
-        raise CommandError(f"there is no table {table!r}; there are {', '.join(TABLES)}, and all")
+    if table not in (ALL, RUN, *TABLES):
+        raise CommandError(f"there is no table {table!r}; there are {', '.join(TABLES)}, run, and all")
+    if (table == RUN) != (of is not None):
+        raise CommandError("a finished run is measured by: spot3d evaluate run PATH --of FOLDER")
     stay_single_threaded()
     names = [path] if table != ALL else [*BUILT_IN, *map(str, datasets_below(Path(path)))]
     resolved = load_settings(settings, preset, {"pose": {"provider": pose}})
@@ -59,10 +66,14 @@ def evaluate(
             continue
         datasets.append(at_half_size(dataset) if half else dataset)
     made = []
-    for one in make_tables(list(TABLES) if table == ALL else [table], datasets, resolved, _say):
+    if of is not None:
+        tables = iter([finished_table(dataset, of) for dataset in datasets])
+    else:
+        tables = make_tables(list(TABLES) if table == ALL else [table], datasets, resolved, _say)
+    for one in tables:
         made.append(one)
         typer.echo(to_markdown(one))
-    options = {"table": table, "every": every, "frames": frames, "half": half, "pose": pose}
+    options = {"table": table, "every": every, "frames": frames, "half": half, "pose": pose, "of": of and str(of)}
     kept = record(resolved, {name: data_checksum(name) for name in names}, options)
     typer.echo(_measured_on(kept))
     if json_file is not None:

@@ -14,7 +14,6 @@ from spot3d.evaluate.projection import box_surface, boxes_in_view, thinned
 from spot3d.evaluate.stability import Update
 from spot3d.evaluate.truth import LabelledScene
 from spot3d.pipeline import PipelineStep, run_pipeline
-from spot3d.pose.estimate import PoseEstimate
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
 from spot3d.source.sequence import FrameSequence
@@ -91,15 +90,11 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
             updates.append([(found.id, found.box) for found in step.objects.objects])
 
     result = run_pipeline(item.sequence, settings, follow)
-    T = (
-        np.eye(4)
-        if settings.pose.provider == "given" or not truth.boxes
-        else world_alignment(item.sequence, result.trajectory)
-    )
+    tracked = [(stamp, pose.T_world_camera) for stamp, pose in result.trajectory if pose.status == "ok"]
+    known = settings.pose.provider == "given" or not truth.boxes
+    T = np.eye(4) if known else world_alignment(item.sequence, tracked)
     found = [moved(found.box, T) for found in result.objects.objects]
-    hits = iou_matrix_3d(truth.boxes, found).max(axis=0, initial=0.0) >= HIT
-    counts = [bool(hit) or not on_ignored(box, truth) for box, hit in zip(found, hits, strict=True)]
-    boxes = tuple(box for box, counted in zip(found, counts, strict=True) if counted)
+    boxes = that_count(found, truth)
     xyz = result.fusion.frequent_points().xyz.astype(np.float64) @ T[:3, :3].T + T[:3, 3]
     return MeasuredRun(
         boxes=boxes,
@@ -127,24 +122,27 @@ def moved(box: Box3D, T_target_source: NDArray[np.float64]) -> Box3D:
     return Box3D(R @ box.centre + T_target_source[:3, 3], box.size, R @ box.rotation)
 
 
+def that_count(found: Sequence[Box3D], truth: LabelledScene) -> tuple[Box3D, ...]:
+    """The boxes that hit a true object, or lie where the labels tell that there is none."""
+    hits = iou_matrix_3d(truth.boxes, found).max(axis=0, initial=0.0) >= HIT
+    return tuple(box for box, hit in zip(found, hits, strict=True) if hit or not on_ignored(box, truth))
+
+
 def on_ignored(box: Box3D, truth: LabelledScene) -> bool:
     """Whether most labelled points in the box are ignored ones: nothing tells whether an object is there."""
     inside = truth.label[points_in_boxes(truth.xyz, [box])]
     return bool(np.count_nonzero(inside == IGNORED) > len(inside) / 2)
 
 
-def world_alignment(sequence: FrameSequence, trajectory: Sequence[tuple[int, PoseEstimate]]) -> NDArray[np.float64]:
-    """T_true_found (4, 4): mean rotation and shift that bring the trusted poses onto the true ones.
+def world_alignment(sequence: FrameSequence, tracked: Sequence[tuple[int, NDArray[np.float64]]]) -> NDArray[np.float64]:
+    """T_true_found (4, 4): mean rotation and shift that bring poses onto the true ones of the same stamps.
 
-    The rotation is the mean of all frames' (chordal, by SVD), so it is well defined for a straight path too.
-    Raises SourceError where no frame has both poses.
+    tracked: stamps and (4, 4) T_world_camera of the trusted poses. The rotation is the mean of all frames' (chordal, by
+    SVD), so it is well defined for a straight path too. Raises SourceError where no frame has both poses.
     """
-    pairs = []
     index_of = {stamp: index for index, stamp in enumerate(sequence.stamps_ns)}
-    for stamp, pose in trajectory:
-        true = sequence.true_pose(index_of[stamp])
-        if pose.status == "ok" and true is not None:
-            pairs.append((true, pose.T_world_camera))
+    both = [(sequence.true_pose(index_of[stamp]), pose) for stamp, pose in tracked if stamp in index_of]
+    pairs = [(true, found) for true, found in both if true is not None]
     if not pairs:
         raise SourceError("no frame has both a true pose and a tracked one")
     u, _, vt = np.linalg.svd(np.sum([true[:3, :3] @ found[:3, :3].T for true, found in pairs], axis=0))
