@@ -9,11 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 # Rotations pass through JSON and float32 messages; more than this is no rounding but another matrix.
 ROTATION_TOLERANCE = 1e-4
-_IDENTITY = np.eye(3)
 
-# Corners of a box in units of its half sizes, and its faces, counter-clockwise as seen from outside.
 _CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
-_FACES = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)])
+"""Corners of a box in units of its half sizes."""
 
 _AT_ONCE = 4096
 """Pairs of boxes that are clipped together: about 10 MB."""
@@ -32,6 +30,7 @@ class Box3D:
     rotation: NDArray[np.float64]
 
     def __post_init__(self) -> None:
+        # In plain numbers: there are many boxes, and NumPy is slow for so few values.
         for name, shape in (("centre", (3,)), ("size", (3,)), ("rotation", (3, 3))):
             values = np.asarray(getattr(self, name), dtype=np.float64)
             if values.shape != shape or not all(map(isfinite, values.ravel().tolist())):
@@ -39,11 +38,11 @@ class Box3D:
             object.__setattr__(self, name, values)
         if min(self.size.tolist()) < 0:
             raise ValueError(f"box size must not be negative, got {self.size.tolist()}")
-        # In plain numbers where it can be: there are many boxes, and NumPy is slow for so few values.
         (a, b, c), (d, e, f), (g, h, i) = self.rotation.tolist()
         determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-        skew = (self.rotation.T @ self.rotation - _IDENTITY).ravel().tolist()
-        if max(map(abs, skew)) > ROTATION_TOLERANCE or determinant < 0:
+        lengths = a * a + d * d + g * g - 1, b * b + e * e + h * h - 1, c * c + f * f + i * i - 1
+        cosines = a * b + d * e + g * h, a * c + d * f + g * i, b * c + e * f + h * i
+        if max(map(abs, lengths + cosines)) > ROTATION_TOLERANCE or determinant < 0:
             raise ValueError(f"box rotation is no right-handed rotation matrix: {self.rotation.tolist()}")
 
     @property
@@ -84,6 +83,8 @@ def iou_matrix_3d(boxes_a: Sequence[Box3D], boxes_b: Sequence[Box3D]) -> NDArray
     The first box's faces are clipped by the second's half-spaces and the volume follows from the divergence
     theorem; nothing is sampled. Returns (A, B) float64; a pair without volume (flat boxes) has IoU 0.
     """
+    from spot3d.box_clipping import clipped_volumes  # needs numba, and what only shows boxes goes without
+
     result = np.zeros((len(boxes_a), len(boxes_b)))
     if result.size == 0:
         return result
@@ -99,7 +100,7 @@ def iou_matrix_3d(boxes_a: Sequence[Box3D], boxes_b: Sequence[Box3D]) -> NDArray
         # Row vectors times R = R^T times column vectors: world corners in the other box's own axes.
         local = (corners - centre_b[j, None]) @ rotation_b[j]
         volumes = 8 * np.prod(half_a[i], axis=1), 8 * np.prod(half_b[j], axis=1)
-        result[i, j] = _over_union(_clipped_volume(local, half_b[j]), *volumes)
+        result[i, j] = _over_union(clipped_volumes(local, half_b[j]), *volumes)
     return result
 
 
@@ -116,54 +117,6 @@ def _over_union(
     inner = np.clip(intersection, 0, np.minimum(size_a, size_b))
     union = size_a + size_b - inner
     return np.divide(inner, union, out=np.zeros_like(union), where=union > 0)
-
-
-def _clipped_volume(corners: NDArray[np.float64], half: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Volume of the parts of P boxes, corners (P, 8, 3), inside [-half, half], half (P, 3); returns (P,) m^3.
-
-    Divergence theorem with the field (0, 0, z clamped to the slab): its flux out of the box's part within the
-    column |x|, |y| <= half is the volume sought. The column's walls are parallel to the field and the flux is
-    continuous where faces coincide, so no wall needs to be built and coplanar faces are no special case.
-    """
-    faces = corners[:, _FACES].reshape(-1, 4, 3)
-    limit = np.repeat(half, len(_FACES), axis=0)
-    for axis in (0, 1):
-        for sign in (1.0, -1.0):
-            faces = _clip(faces, axis, sign, limit[:, axis])
-    above_bottom = _clip(faces, 2, -1.0, limit[:, 2])
-    above_top = _clip(above_bottom, 2, -1.0, -limit[:, 2])
-    flux = _flux_above(above_bottom, -limit[:, 2]) - _flux_above(above_top, limit[:, 2])
-    return np.asarray(flux.reshape(-1, len(_FACES)).sum(axis=1))
-
-
-def _clip(polygons: NDArray[np.float64], axis: int, sign: float, limit: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sutherland-Hodgman: the parts of F convex polygons (F, V, 3) where sign * coordinate <= limit (F,).
-
-    Polygons with fewer vertices than the others repeat their first one, which adds no area.
-    """
-    distance = limit[:, None] - sign * polygons[:, :, axis]
-    following, distance_following = np.roll(polygons, -1, axis=1), np.roll(distance, -1, axis=1)
-    inside = distance >= 0
-    crossing = inside != np.roll(inside, -1, axis=1)
-    step = np.divide(distance, distance - distance_following, out=np.zeros_like(distance), where=crossing)
-    cut = polygons + step[:, :, None] * (following - polygons)
-
-    count, width = distance.shape
-    vertices = np.stack((polygons, cut), axis=2).reshape(count, 2 * width, 3)
-    valid = np.stack((inside, crossing), axis=2).reshape(count, 2 * width)
-    kept = max(int(valid.sum(axis=1).max()), 3)
-    order = np.argsort(~valid, axis=1, kind="stable")[:, :kept]
-    vertices = np.take_along_axis(vertices, order[:, :, None], axis=1)
-    return np.where(np.take_along_axis(valid, order, axis=1)[:, :, None], vertices, vertices[:, :1])
-
-
-def _flux_above(polygons: NDArray[np.float64], level: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Flux (F,) of the field (0, 0, z - level) through polygons (F, V, 3), as fans of triangles."""
-    first, second, third = polygons[:, :1], polygons[:, 1:-1], polygons[:, 2:]
-    p, q = second - first, third - first
-    area_xy = (p[:, :, 0] * q[:, :, 1] - p[:, :, 1] * q[:, :, 0]) / 2
-    mean_z = (first[:, :, 2] + second[:, :, 2] + third[:, :, 2]) / 3
-    return np.asarray((area_xy * (mean_z - level[:, None])).sum(axis=1))
 
 
 def iou_per_truth(iou: NDArray[np.float64]) -> NDArray[np.float64]:

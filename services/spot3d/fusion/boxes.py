@@ -3,21 +3,15 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D, iou_matrix_3d
+from spot3d.fusion.footprint import footprint_yaw, quantiles
 from spot3d.kernel import kernel, part
 
 _SAMPLE = 1000
 """About as many points of a cluster tell its rough box, and how much of it lies in another's."""
-_ELONGATED = 1.2
-"""A footprint whose principal spreads differ by this factor has a direction of its own."""
-_ROUND = 0.89
-"""Share of its smallest rectangle that a footprint fills: half-way between an ellipse (pi / 4) and a rectangle."""
-_LENGTHWISE = 1.15
-"""A mug's rectangle along its handle is up to a ninth larger than that across it, and noise adds to that."""
 _MARGIN = 0.005
 """The two faces of a thin wall (a bowl's, a mug's) lie about this far apart, metres."""
 
@@ -30,17 +24,58 @@ class Cluster:
     box: Box3D
 
 
+@kernel("f8[:,::1](f8[:])")
 def rotation_to_upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rotation R_upright_world that turns `up` (unit, world) into +z by the shortest way (paper, Eq. 15).
 
     The paper turns the normal into y; z is the robot world's up. (3, 3) float64.
     """
-    x, y, c = up.tolist()
+    x, y, c = up[0], up[1], up[2]
     if c < -1 + 1e-9:
-        return np.diag([1.0, -1.0, -1.0])
-    skew = np.array([[0, 0, -x], [0, 0, -y], [x, y, 0]])
-    rotation: NDArray[np.float64] = np.eye(3) + skew + skew @ skew / (1 + c)
-    return rotation
+        return np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
+    a, b, d = x * x / (1 + c), y * y / (1 + c), x * y / (1 + c)
+    return np.array([[1 - a, -d, -x], [-d, 1 - b, -y], [x, y, 1 - a - b]])
+
+
+@kernel("f8[:,::1](f4[:,:], f8[:,:])")
+def _turned(points: NDArray[np.float32], R: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, n) float64: R times each of (n, 3) points."""
+    turned = np.empty((3, len(points)))
+    for i in range(len(points)):
+        x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
+        for axis in range(3):
+            turned[axis, i] = R[axis, 0] * x + R[axis, 1] * y + R[axis, 2] * z
+    return turned
+
+
+@part()
+def _turn_level(columns: NDArray[np.float64], cosine: float, sine: float) -> None:
+    """Turn (3, n) columns about z, in place, so that what lay in this direction lies along x."""
+    for i in range(columns.shape[1]):
+        x, y = columns[0, i], columns[1, i]
+        columns[0, i], columns[1, i] = cosine * x + sine * y, cosine * y - sine * x
+
+
+@kernel("f8[:,::1](f4[:,:], f8[:], b1, f8, b1)")
+def _enclosed(
+    points: NDArray[np.float32], up: NDArray[np.float64], turn: bool, trim: float, lengthwise: bool
+) -> NDArray[np.float64]:
+    """Centre, size and rotation of the box around points (see `upright_box`), one below the other: (5, 3)."""
+    R = rotation_to_upright(up)
+    upright = _turned(points, R)
+    if turn:
+        yaw = footprint_yaw(upright[:2], lengthwise)
+        cosine, sine = np.cos(yaw), np.sin(yaw)
+        _turn_level(R, cosine, sine)
+        _turn_level(upright, cosine, sine)
+    ends, box = quantiles(upright, trim), np.zeros((5, 3))
+    for axis in range(3):
+        middle = (ends[0, axis] + ends[1, axis]) / 2
+        box[1, axis] = ends[1, axis] - ends[0, axis]
+        for k in range(3):
+            box[0, k] += R[axis, k] * middle
+            box[2 + k, axis] = R[axis, k]
+    return box
 
 
 def upright_box(
@@ -54,131 +89,12 @@ def upright_box(
 
     turn: choose the yaw of the smallest footprint (else the axes of Eq. 15 are kept); lengthwise: that of a
     round thing's length instead. trim: share of the points left out at each end of each axis, so that a few stray
-    points do not stretch the box.
+    points do not stretch the box. Raises ValueError without points.
     """
-    R = rotation_to_upright(up)
-    upright = _turned(points, R)
-    if turn:
-        yaw = _footprint_yaw(upright[:2], lengthwise)
-        c, s = np.cos(yaw), np.sin(yaw)
-        R = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ R
-        upright = _turned(points, R)
-    low, high = trimmed(upright, trim)
-    return Box3D(R.T @ ((low + high) / 2), high - low, R.T)
-
-
-def _footprint_yaw(footprint: NDArray[np.float64], lengthwise: bool) -> float:
-    """Direction of the sides of the smallest rectangle around (2, n) points (rotating calipers), radians.
-
-    The area of a round thing's rectangle hardly depends on its direction, and where it has a handle it is smallest
-    across: lengthwise, the sides follow the principal axes instead.
-    """
-    hull = cv2.convexHull(_outer(footprint))
-    _, sides, degrees = cv2.minAreaRect(hull)
-    if lengthwise:
-        moments = cv2.moments(hull)
-        xx, yy, xy = moments["mu20"], moments["mu02"], moments["mu11"]
-        middle, radius = (xx + yy) / 2, float(np.hypot((xx - yy) / 2, xy))
-        elongated = middle + radius > _ELONGATED**2 * (middle - radius)
-        smallest = float(sides[0] * sides[1])
-        yaw = float(np.arctan2(2 * xy, xx - yy) / 2)
-        axes = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
-        along = float(np.prod(np.ptp(hull.reshape(-1, 2) @ axes.T, axis=0)))
-        if elongated and moments["m00"] < _ROUND * smallest and along < _LENGTHWISE * smallest:
-            return yaw
-    return float(np.deg2rad(degrees))
-
-
-@kernel("f4[:,::1](f8[:,::1])")
-def _outer(footprint: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Those of (2, n) points that may be corners of their convex hull, from the first one: (m, 2) float32.
-
-    Left out are those within the octagon of the points that are outermost along the axes and the diagonals. A hull
-    is found by sorting, which takes far longer than this for many points.
-    """
-    n = footprint.shape[1]
-    outermost = np.zeros(8, np.int64)  # counter-clockwise
-    reached = np.full(8, -np.inf)
-    for i in range(n):
-        x, y = footprint[0, i], footprint[1, i]
-        for k, along in enumerate((x, x + y, y, y - x)):
-            if along > reached[k]:
-                reached[k], outermost[k] = along, i
-            if -along > reached[k + 4]:
-                reached[k + 4], outermost[k + 4] = -along, i
-    edges, count = np.empty((8, 3)), 0
-    for k in range(8):
-        a, b = outermost[k], outermost[(k + 1) % 8]
-        across, along = footprint[0, b] - footprint[0, a], footprint[1, b] - footprint[1, a]
-        if across != 0 or along != 0:
-            edges[count] = -along, across, along * footprint[0, a] - across * footprint[1, a]
-            count += 1
-    outer, kept = np.empty((n, 2), np.float32), 0
-    for i in range(n):
-        inside = count > 0
-        for k in range(count):
-            inside &= edges[k, 0] * footprint[0, i] + edges[k, 1] * footprint[1, i] + edges[k, 2] > 0
-        # Near the origin, where float32 is fine enough.
-        outer[kept, 0], outer[kept, 1] = footprint[0, i] - footprint[0, 0], footprint[1, i] - footprint[1, 0]
-        kept += not inside
-    return outer[:kept]
-
-
-def trimmed(values: NDArray[np.float64], trim: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The quantiles `trim` and 1 - `trim` of each row of (k, n) values, interpolated between two values: (k,) each.
-
-    Raises ValueError without values.
-    """
-    last = values.shape[1] - 1
-    if last < 0:
-        raise ValueError("no values have no quantiles")
-    outer, share = divmod(trim * last, 1)
-    low, high = _ends(np.ascontiguousarray(values), int(outer), min(int(outer) + 1, last))
-    return low[0] + share * (low[1] - low[0]), high[0] + share * (high[1] - high[0])
-
-
-@part()
-def _sink(heap: NDArray[np.float64], value: float) -> None:
-    """Put a smaller value in place of the largest, the first of a heap."""
-    place, child = 0, 1
-    while child < len(heap):
-        if child + 1 < len(heap) and heap[child + 1] > heap[child]:
-            child += 1
-        if heap[child] <= value:
-            break
-        heap[place] = heap[child]
-        place, child = child, 2 * child + 1
-    heap[place] = value
-
-
-@kernel("Tuple((f8[:,::1], f8[:,::1]))(f8[:,::1], i8, i8)")
-def _ends(values: NDArray[np.float64], outer: int, inner: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of each row of (k, n) values the two at these places from below, in their order, and from above: (2, k) each.
-
-    inner: the place after `outer`, or the same. For a few per cent at the ends it is faster than to sort all.
-    """
-    ends = np.empty((2, 2, len(values)))
-    heap = np.empty(inner + 1)
-    for row in range(len(values)):
-        for end, sign in enumerate((1.0, -1.0)):
-            heap[:] = np.inf  # the largest first: of those so far, what a smaller one drives out
-            for value in values[row]:
-                if sign * value < heap[0]:
-                    _sink(heap, sign * value)
-            ends[end, 1, row] = sign * heap[0]
-            ends[end, 0, row] = sign * heap[1 : min(3, inner + 1)].max() if inner > outer else sign * heap[0]
-    return ends[0], ends[1]
-
-
-@kernel("f8[:,::1](f4[:,:], f8[:,:])")
-def _turned(points: NDArray[np.float32], R: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, n) float64: R times each of (n, 3) points."""
-    turned = np.empty((3, len(points)))
-    for i in range(len(points)):
-        x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
-        for axis in range(3):
-            turned[axis, i] = R[axis, 0] * x + R[axis, 1] * y + R[axis, 2] * z
-    return turned
+    if len(points) == 0:
+        raise ValueError("no points have no box")
+    found = _enclosed(points, up, turn, trim, lengthwise)
+    return Box3D(found[0], found[1], found[2:])
 
 
 def with_bottom(box: Box3D, height: float) -> Box3D:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.fusion.boxes import trimmed
+from spot3d.fusion.footprint import quantiles
 from spot3d.fusion.segments import connected_cells
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet_kernels import (
@@ -81,9 +81,9 @@ def fit_sheet(
     fitted = facing_points(points, normals, plane, reach, _FIT_FACING)
     if fitted.shape[1] < 50:
         return None
-    middle = np.mean(trimmed(fitted, _RIM), axis=0)
+    middle = np.mean(quantiles(fitted, _RIM), axis=0)
     axes = _in_plane_axes(plane[:3])
-    _, extent = trimmed(np.abs(axes @ fitted - (axes @ middle)[:, None]), _RIM)
+    _, extent = quantiles(np.abs(axes @ fitted - (axes @ middle)[:, None]), _RIM)
     axes = axes / np.maximum(extent, 0.05)[:, None]
     terms = warp_terms(fitted, axes, middle, 6 if warped else 3)
     warp, spread = reweighted(terms, plane[:3] @ fitted + plane[3], reach / 2)
