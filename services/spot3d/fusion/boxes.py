@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D, iou_matrix_3d
-from spot3d.fusion.footprint import footprint_yaw, quantiles
+from spot3d.fusion.footprint import footprint_yaw
+from spot3d.fusion.order import quantiles
 from spot3d.kernel import kernel, part
 
 _SAMPLE = 1000

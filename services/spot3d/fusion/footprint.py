@@ -1,4 +1,4 @@
-"""Kernels of `boxes`: the sides of a footprint's smallest rectangle, and the ends of many values."""
+"""Kernels of `boxes`: the direction of the sides of a footprint's smallest rectangle."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,39 +136,3 @@ def footprint_yaw(footprint: NDArray[np.float64], lengthwise: bool) -> float:
         if elongated and area < _ROUND * smallest and along < _LENGTHWISE * smallest:
             return float(principal)
     return yaw
-
-
-@part()
-def _sink(heap: NDArray[np.float64], value: float) -> None:
-    """Put a smaller value in place of the largest, the first of a heap."""
-    place, child = 0, 1
-    while child < len(heap):
-        if child + 1 < len(heap) and heap[child + 1] > heap[child]:
-            child += 1
-        if heap[child] <= value:
-            break
-        heap[place] = heap[child]
-        place, child = child, 2 * child + 1
-    heap[place] = value
-
-
-@kernel("f8[:,::1](f8[:,:], f8)")
-def quantiles(values: NDArray[np.float64], trim: float) -> NDArray[np.float64]:
-    """The quantiles `trim` and 1 - `trim` of each row of (k, n) values, interpolated between two values: (2, k).
-
-    For a few per cent at the ends it is faster than to sort all. There must be values.
-    """
-    last = values.shape[1] - 1
-    outer = int(trim * last)
-    share = trim * last - outer
-    ends, heap = np.empty((2, len(values))), np.empty(min(outer + 1, last) + 1)
-    for row in range(len(values)):
-        for end, sign in enumerate((1.0, -1.0)):
-            heap[:] = np.inf  # the largest first: of those so far, what a smaller one drives out
-            for k in range(values.shape[1]):
-                if sign * values[row, k] < heap[0]:
-                    _sink(heap, sign * values[row, k])
-            inner = heap[0]
-            before = inner if len(heap) == outer + 1 else heap[1] if len(heap) == 2 else max(heap[1], heap[2])
-            ends[end, row] = sign * (before + share * (inner - before))
-    return ends

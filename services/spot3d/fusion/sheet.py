@@ -6,19 +6,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.fusion.footprint import quantiles
 from spot3d.fusion.segments import connected_cells
 from spot3d.fusion.settings import FusionSettings
+from spot3d.fusion.sheet_fit import FITTED_MIN, facing_points, fitted_warp, in_plane_axes
 from spot3d.fusion.sheet_kernels import (
     cells_at_sheet,
     distance_of,
     distances,
-    facing_points,
     in_long_groups,
     mark_flat,
     mark_sheet,
-    reweighted,
-    warp_terms,
     with_neighbours,
 )
 from spot3d.fusion.structure import StructurePlane
@@ -30,10 +27,6 @@ _SPREADS = 2.5
 """A sheet is this many standard deviations of its points thick, each way."""
 _LASTING_SHARE = 0.1
 """A plane that this share of the keyframes removed is a supporting plane, whatever its extent."""
-_FIT_FACING = 0.8
-"""Cosine (37 degrees) within which a cell that takes part in the fit faces as the plane."""
-_RIM = 0.02
-"""Share of the points beyond each end of a sheet's extent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,18 +69,12 @@ def fit_sheet(
     """Fit a sheet to the points that lie within `reach` metres of a plane and face its way; None if none do.
 
     points, normals: (n, 3) float32 world. warped: let it bend (else it only shifts and tilts).
-    Iteratively reweighted least squares with Tukey's weights, so that what stands on the sheet does not lift it.
+    By least squares that hardly weigh what is far off, so that what stands on the sheet does not lift it.
     """
-    fitted = facing_points(points, normals, plane, reach, _FIT_FACING)
-    if fitted.shape[1] < 50:
+    fitted = facing_points(points, normals, plane, reach)
+    if fitted.shape[1] < FITTED_MIN:
         return None
-    middle = np.mean(quantiles(fitted, _RIM), axis=0)
-    axes = _in_plane_axes(plane[:3])
-    _, extent = quantiles(np.abs(axes @ fitted - (axes @ middle)[:, None]), _RIM)
-    axes = axes / np.maximum(extent, 0.05)[:, None]
-    terms = warp_terms(fitted, axes, middle, 6 if warped else 3)
-    warp, spread = reweighted(terms, plane[:3] @ fitted + plane[3], reach / 2)
-    return Sheet(plane, axes, middle, np.append(warp, np.zeros(6 - len(warp))), spread)
+    return Sheet(plane, *fitted_warp(fitted, plane, reach, warped))
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +97,7 @@ def find_sheets(coarse: Surface, planes: list[StructurePlane], settings: FusionS
     object can (eps_max). coarse: all of the map in cells of some centimetres.
     """
     found: list[StructureSheet] = []
+    pairs = near_pairs(coarse)
     lasting = [item.removed_share >= _LASTING_SHARE for item in planes]
     for item, warped in zip(planes, lasting, strict=True):
         sheet = fit_sheet(item.plane, coarse.centre, coarse.normal, _REACH, warped)
@@ -118,10 +106,10 @@ def find_sheets(coarse: Surface, planes: list[StructurePlane], settings: FusionS
         thickness = float(np.clip(_SPREADS * sheet.spread, settings.plane_distance, 2 * settings.plane_distance))
         cells, facing = cells_at_sheet(coarse.centre, coarse.normal, thickness + coarse.edge / 2, *sheet.shape)
         if not warped:
-            cells = facing = _reaching(coarse, facing, settings.size_max)
+            cells = facing = _reaching(coarse, pairs, facing, settings.size_max)
         if facing.any():
             found.append(StructureSheet(sheet, thickness, cells, facing))
-    near = _with_neighbours(coarse, [item.near for item in found])
+    near = _with_neighbours(pairs, [item.near for item in found])
     return [replace(item, cells=item.cells & beside, near=beside) for item, beside in zip(found, near, strict=True)]
 
 
@@ -161,17 +149,19 @@ def lying_flat(surface: Surface, coarse: Surface, levels: list[tuple[Sheet, NDAr
     return flat
 
 
-def _with_neighbours(surface: Surface, members: list[NDArray[np.bool_]]) -> list[NDArray[np.bool_]]:
-    """The members of each of several sets, (n,) bool, and the cells near them."""
+def _with_neighbours(pairs: NDArray[np.uint32], members: list[NDArray[np.bool_]]) -> list[NDArray[np.bool_]]:
+    """The members of each of several sets of cells, (n,) bool, and those near them. pairs: near cells."""
     if not members:
         return []
-    near = with_neighbours(near_pairs(surface), np.packbits(np.stack(members, axis=1), axis=1))
+    near = with_neighbours(pairs, np.packbits(np.stack(members, axis=1), axis=1))
     return list(np.unpackbits(near, axis=1, count=len(members)).view(np.bool_).T)
 
 
-def _reaching(surface: Surface, member: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
-    """The members whose connected component is longer than `reach`."""
-    labels = connected_cells(near_pairs(surface, member), member.view(np.uint8))
+def _reaching(
+    surface: Surface, pairs: NDArray[np.uint32], member: NDArray[np.bool_], reach: float
+) -> NDArray[np.bool_]:
+    """The members whose connected component is longer than `reach`. pairs: near cells."""
+    labels = connected_cells(pairs, member.view(np.uint8))
     return in_long_groups(surface.centre, labels, reach)
 
 
@@ -179,16 +169,8 @@ def _rectangle(
     normal: NDArray[np.float64], points: NDArray[np.float32]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The smallest rectangle in a plane around (n, 3) points: axes over half extents (2, 3), and middle (3,)."""
-    axes = _in_plane_axes(normal)
+    axes = in_plane_axes(normal)
     middle, extents, degrees = cv2.minAreaRect((points @ axes.T).astype(np.float32))
     c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
     half = np.maximum(np.array(extents), 1e-3) / 2
     return np.array([[c, s], [-s, c]]) @ axes / half[:, None], np.array(middle) @ axes
-
-
-def _in_plane_axes(normal: NDArray[np.float64]) -> NDArray[np.float64]:
-    x, y, z = normal
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])  # a matrix, as NumPy's own function is slow for one vector
-    first = cross[:, int(np.argmin(np.abs(normal)))]
-    first = first / np.linalg.norm(first)
-    return np.stack((first, cross @ first))

@@ -1,4 +1,4 @@
-"""Kernels of `sheet`: fitting a sheet, and which cells lie on it."""
+"""Kernels of `sheet`: distances from a sheet, and which cells lie on it."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,69 +15,6 @@ _EXTENT = 1.1
 """Half extents of a sheet's rectangle within which things lie on it: what overhangs its edge a little does too."""
 BOARD = 0.04
 """A table's or a shelf's board is at most this thick, metres."""
-_FITS = 6
-"""Rounds of reweighting."""
-
-
-@kernel("f8[:,:](f4[:,:], f4[:,:], f8[:], f8, f8)")
-def facing_points(
-    points: NDArray[np.float32], normals: NDArray[np.float32], plane: NDArray[np.float64], reach: float, facing: float
-) -> NDArray[np.float64]:
-    """The points within `reach` of the plane that face its way, (3, m)."""
-    chosen = np.empty((3, len(points)))
-    count = 0
-    for i in range(len(points)):
-        distance, cosine = plane[3], 0.0
-        for axis in range(3):
-            chosen[axis, count] = points[i, axis]
-            distance += plane[axis] * points[i, axis]
-            cosine += plane[axis] * normals[i, axis]
-        count += abs(distance) < reach and cosine > facing
-    return chosen[:, :count]
-
-
-@kernel("f8[:,::1](f8[:,:], f8[:,:], f8[:], i8)")
-def warp_terms(
-    points: NDArray[np.float64], axes: NDArray[np.float64], middle: NDArray[np.float64], count: int
-) -> NDArray[np.float64]:
-    """So many of the terms 1, x, y, x^2, xy, y^2 of a warp (see `Sheet`) at (3, n) points: (n, count)."""
-    terms = np.empty((points.shape[1], count))
-    for i in range(len(terms)):
-        x, y = 0.0, 0.0
-        for axis in range(3):
-            x += axes[0, axis] * (points[axis, i] - middle[axis])
-            y += axes[1, axis] * (points[axis, i] - middle[axis])
-        x, y = min(max(x, -1.0), 1.0), min(max(y, -1.0), 1.0)
-        for k, term in enumerate((1.0, x, y, x * x, x * y, y * y)):
-            if k < count:
-                terms[i, k] = term
-    return terms
-
-
-@kernel("Tuple((f8[::1], f8))(f8[:,::1], f8[:], f8)")
-def reweighted(
-    terms: NDArray[np.float64], distance: NDArray[np.float64], scale: float
-) -> tuple[NDArray[np.float64], float]:
-    """Coefficients of the terms (n, k) that give the distances (n,), and the spread of the rest. scale: a first one."""
-    n, k = terms.shape
-    warp, rest = np.zeros(k), distance.copy()
-    for _ in range(_FITS):
-        # A trace of the identity keeps the warp flat where a thin strip says nothing about it.
-        square, right = 1e-3 * n * np.eye(k), np.zeros(k)
-        for i in range(n):
-            weight = max(0.0, 1 - (rest[i] / (3 * scale)) ** 2) ** 2
-            for a in range(k if weight > 0 else 0):
-                weighted = weight * terms[i, a]
-                right[a] += weighted * distance[i]
-                for b in range(a + 1):
-                    square[a, b] += weighted * terms[i, b]
-        for a in range(k):
-            square[:a, a] = square[a, :a]
-        warp = np.linalg.solve(square, right)
-        rest = distance - terms @ warp
-        off = np.abs(rest)
-        scale = max(1e-3, 1.4826 * np.median(off[off < 3 * scale]))
-    return warp, scale
 
 
 @part()

@@ -1,0 +1,65 @@
+"""Quantiles within kernels, by halving: counting is done for several values at once, sorting for one."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.kernel import kernel
+
+_HALVINGS = 40
+"""Values that are nearer to each other than this power of two of their range need not be told apart."""
+
+
+@kernel("i8(f8[::1], f8)")
+def _below(values: NDArray[np.float64], limit: float) -> int:
+    """How many values are below a limit."""
+    count = 0
+    for i in range(len(values)):
+        count += values[i] < limit
+    return count
+
+
+@kernel("UniTuple(f8, 2)(f8[::1], f8)")
+def _beside(values: NDArray[np.float64], limit: float) -> tuple[float, float]:
+    """The largest value below a limit and the smallest of the others; infinite where there is none."""
+    before, after = -np.inf, np.inf
+    for i in range(len(values)):
+        if values[i] < limit:
+            before = max(before, values[i])
+        else:
+            after = min(after, values[i])
+    return before, after
+
+
+@kernel("f8(f8[::1], f8)")
+def value_at(values: NDArray[np.float64], position: float) -> float:
+    """The value of (n,) at a position in their order, 0 to n - 1, interpolated between two; 0 without values."""
+    if len(values) == 0:
+        return 0.0
+    low, high = values[0], values[0]
+    for i in range(len(values)):
+        low, high = min(low, values[i]), max(high, values[i])
+    outer = int(position)
+    if outer >= len(values) - 1:
+        return float(high)
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        below = _below(values, middle)
+        if below == outer + 1:
+            before, after = _beside(values, middle)
+            return float(before + (position - outer) * (after - before))
+        if below <= outer:
+            low = middle
+        else:
+            high = middle
+    return float(_beside(values, low)[1])  # several times the same value
+
+
+@kernel("f8[:,::1](f8[:,::1], f8)")
+def quantiles(values: NDArray[np.float64], trim: float) -> NDArray[np.float64]:
+    """The quantiles `trim` and 1 - `trim` of each row of (k, n) values, interpolated between two values: (2, k)."""
+    last = values.shape[1] - 1
+    ends = np.empty((2, len(values)))
+    for row in range(len(values)):
+        ends[0, row] = value_at(values[row], trim * last)
+        ends[1, row] = value_at(values[row], last - trim * last)
+    return ends

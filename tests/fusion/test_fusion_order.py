@@ -1,0 +1,22 @@
+"""Quantiles by halving."""
+
+import numpy as np
+import pytest
+
+from spot3d.fusion.order import quantiles, value_at
+
+
+@pytest.mark.parametrize("trim", [0.0, 0.005, 0.02, 0.3, 0.5])
+@pytest.mark.parametrize("count", [1, 2, 3, 50, 1000])
+def test_quantiles_are_the_plain_ones(count: int, trim: float) -> None:
+    rng = np.random.default_rng(count)
+    values = rng.normal(0, [[1e-3], [1.0], [1.0], [1.0]], (4, count))
+    values[2] = np.round(values[2])  # the same value many times
+    values[3] = np.maximum(values[3], 0)
+    np.testing.assert_allclose(quantiles(values, trim), np.quantile(values, [trim, 1 - trim], axis=1), atol=1e-12)
+
+
+def test_of_equal_values_that_very_one_is_found() -> None:
+    assert value_at(np.repeat([0.1, 0.7, 0.9], 5), 7.5) == 0.7
+    assert value_at(np.full(9, 0.3), 4.0) == 0.3
+    assert value_at(np.zeros(0), 0.0) == 0.0
