@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from spot3d.boxes import Box3D, iou_matrix_3d
 from spot3d.fusion.boxes import (
-    Cluster,
+    Part,
     merge_contained,
     merge_intersecting,
     rotation_to_upright,
@@ -140,7 +140,7 @@ def turned_box(points: np.ndarray) -> Box3D:
 
 
 def merged_of(clusters: list[np.ndarray], holds: list[bool], points: np.ndarray) -> list[np.ndarray]:
-    parts = [Cluster(rows, turned_box(points[rows])) for rows in clusters]
+    parts = [Part(rows, points[rows], turned_box(points[rows])) for rows in clusters]
     return merge_contained(parts, holds, points, turned_box, 0.5)
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from spot3d.fusion.boxes import sampled
 from spot3d.fusion.hollow import _aimed_at, _ring_of, _share_near, hollow_groups
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -32,7 +33,8 @@ def joined(*parts: Part, size_max: float = 1.0) -> list[list[int]]:
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     owner = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
     rows = [np.flatnonzero(owner == number) for number in range(len(parts))]
-    return sorted(sorted(group) for group in hollow_groups(rows, points, normals, UP, size_max))
+    samples = [sampled(points, part) for part in rows]
+    return sorted(sorted(group) for group in hollow_groups(rows, samples, normals, UP, size_max))
 
 
 # A mug seen from the front and above: its far inside above the near rim, and its near outside.
@@ -85,8 +87,7 @@ def test_a_hollow_wider_than_an_object_is_a_corner_of_the_room() -> None:
 
 
 def test_nothing_is_joined_where_there_is_nothing() -> None:
-    empty = np.zeros((0, 3), np.float32)
-    assert hollow_groups([], empty, empty, UP, 1.0) == []
+    assert hollow_groups([], [], np.zeros((0, 3), np.float32), UP, 1.0) == []
 
 
 def test_the_axis_is_the_plain_least_squares_one() -> None:

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from fusion_room import STAGE, TABLE_PLANE, Cuboid, sampled
+from fusion_room import STAGE, TABLE_PLANE, Cuboid, rotation_z, sampled
 
 from spot3d.boxes import Box3D
-from spot3d.fusion import support
 from spot3d.fusion.selection import MapPoints
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet import find_sheets
 from spot3d.fusion.support import Support, crossed_by, edge_groups, find_supports, is_rim, standing
+from spot3d.fusion.support_kernels import count_touching
 from spot3d.fusion.surface import gather_cells
 
 SETTINGS = FusionSettings()
@@ -78,8 +78,8 @@ def test_the_front_of_a_board_is_its_own(name: str, bottom: float, rim: bool) ->
 def test_what_touches_is_counted_as_by_brute_force() -> None:
     points, others = np.random.default_rng(1).random((2, 200, 3), np.float32)
     gap = np.linalg.norm(points[:, None] - others, axis=2).min(axis=1)
-    assert support._touching(points, others, 0.1) == np.count_nonzero(gap < 0.1)
-    assert support._touching(points, others[:0], 0.1) == 0
+    assert count_touching(points, others, 0.1) == np.count_nonzero(gap < 0.1)
+    assert count_touching(points, others[:0], 0.1) == 0
 
 
 @pytest.mark.parametrize(
@@ -101,3 +101,29 @@ def test_what_goes_on_beneath_a_thing_at_the_edge_is_part_of_it(
     rng = np.random.default_rng(0)
     inside = [(box.centre + rng.uniform(-0.5, 0.5, (200, 3)) * box.size).astype(np.float32) for box in boxes]
     assert edge_groups(boxes, inside, table()) == groups, name
+
+
+def test_the_spread_about_a_sheet_is_that_of_its_points() -> None:
+    rng = np.random.default_rng(2)
+    points = rng.uniform(-0.5, 0.5, (5000, 3)).astype(np.float32)
+    normals = np.tile(np.float32([0, 0, 1]), (5000, 1)) * rng.choice([-1, 1], (5000, 1)).astype(np.float32)
+    cell, on = rng.integers(0, 9, 5000).astype(np.int32), np.arange(9) % 2 == 0
+    plane = np.array([0, 0, 1.0, 0.1]), np.eye(3)[:2], np.zeros(3), np.zeros(6)
+    rows = np.arange(0, 5000, 3)
+    z = points[rows[on[cell[rows]] & (normals[rows, 2] > 0)], 2].astype(np.float64)
+    spread = spread_about(points, normals, cell, on, 3, *plane)
+    assert spread == pytest.approx(np.median(np.abs(z - np.median(z))))
+    assert spread_about(points, normals, cell, np.zeros(9, bool), 3, *plane) == 0
+
+
+def test_what_is_inside_and_beside_a_box_is_counted_as_by_the_plain_formula() -> None:
+    rng = np.random.default_rng(3)
+    points, cells = rng.uniform(-1, 1, (3000, 3)).astype(np.float32), rng.integers(0, 3000, 3000)
+    own = rng.integers(0, 5000, 900).astype(np.int32)
+    box = Box3D(np.array([0.1, 0.2, 0.3]), np.array([0.9, 0.5, 0.7]), rotation_z(0.4))
+    local = (points - box.centre) @ box.rotation
+    inside = (np.abs(local) < box.size / 2).all(axis=1) & ~np.isin(cells, own)
+    assert count_foreign(points, cells, own, box.centre, box.rotation, box.size) == np.count_nonzero(inside)
+    over = local[(np.abs(local[:, :2]) < box.size[:2] / 2 + 0.1).all(axis=1), 1] > 0
+    counted = on_long_sides(points, box.centre, box.rotation, box.size, 0.1)
+    assert counted == (np.count_nonzero(~over), np.count_nonzero(over))

@@ -28,12 +28,12 @@ def found(width: float, count: int) -> FoundObject:
 
 def test_a_point_is_seen_from_where_it_is_in_the_picture_and_in_range() -> None:
     kept = views((0, -1, 0.5), (0, -2, 1.0), (0, -3, 1.0), (5, 5, 1.0))
-    share, depth = kept.looking_at(ORIGIN, 2.5)
-    assert share == 0.5
-    assert depth == pytest.approx(np.mean([np.hypot(1, 0.5), np.hypot(2, 1)]))
-    assert kept.looking_at(np.array([0, -1.0, 5.0]), 2.5) == (0.0, 2.5)
-    assert kept.looking_at(np.array([0, -4.0, 2.0]), 2.5) == (0.0, 2.5)  # behind all that look from near by
-    assert Views().looking_at(ORIGIN, 2.5) == (0.0, 2.5)
+    above, behind = (0, -1.0, 5.0), (0, -4.0, 2.0)  # behind all that look from near by
+    share, depth = kept.looking_at(np.array([ORIGIN, above, behind, (0, -0.2, 0.1)]), 2.5)
+    np.testing.assert_array_equal(share, [0.5, 0, 0, 0.5])
+    np.testing.assert_allclose(depth[:3], [np.mean([np.hypot(1, 0.5), np.hypot(2, 1)]), 2.5, 2.5])
+    np.testing.assert_array_equal(Views().looking_at(ORIGIN[None], 2.5), [[0.0], [2.5]])
+    np.testing.assert_allclose(views((0, -1, 0.5)).looking_at(ORIGIN[None], 2.5), [[1.0], [np.hypot(1, 0.5)]])
 
 
 @pytest.mark.parametrize(
@@ -51,12 +51,13 @@ def test_a_point_is_seen_from_where_it_is_in_the_picture_and_in_range() -> None:
 def test_evidence_is_judged_by_views_and_noise(
     name: str, eye: tuple[float, float, float], width: float, count: int, kept: bool
 ) -> None:
-    assert borne_out(found(width, count), views(eye), 100, SETTINGS) == kept, name
+    item = found(width, count)
+    assert borne_out([item], views(eye), 100, SETTINGS) == [item] * kept, name
 
 
 def test_views_are_bounded_and_stay_evenly_spread() -> None:
     kept = Views()
     for k in range(5000):
         kept.add(look_at((0, -1 if k < 2500 else -9, 0.5), (0, 0, 0)), CAMERA)
-    assert kept.looking_at(ORIGIN, 2.5)[0] == pytest.approx(0.5, abs=0.01)
+    assert kept.looking_at(ORIGIN[None], 2.5)[0] == pytest.approx(0.5, abs=0.01)
     assert len(kept._pinhole) <= 1000

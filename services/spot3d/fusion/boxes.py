@@ -25,6 +25,15 @@ class Cluster:
     box: Box3D
 
 
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Rows of the cells that belong together, a sample of their places (m, 3) (see `sampled`), and its box."""
+
+    rows: NDArray[np.int64]
+    sample: NDArray[np.float32]
+    box: Box3D
+
+
 @kernel("f8[:,::1](f8[:])")
 def rotation_to_upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rotation R_upright_world that turns `up` (unit, world) into +z by the shortest way (paper, Eq. 15).
@@ -101,9 +110,10 @@ def upright_box(
 def with_bottom(box: Box3D, height: float) -> Box3D:
     """The same upright box with its bottom at `height` along its third axis (metres), its top unchanged."""
     up = box.rotation[:, 2]
-    top = float(up @ box.centre) + box.size[2] / 2
-    size = np.array([box.size[0], box.size[1], max(0.0, top - height)])
-    return Box3D(box.centre + (top - size[2] / 2 - float(up @ box.centre)) * up, size, box.rotation)
+    length, width, tall = box.size.tolist()
+    middle = float(up @ box.centre)
+    rest = max(0.0, middle + tall / 2 - height)
+    return Box3D(box.centre + (tall - rest) / 2 * up, np.array([length, width, rest]), box.rotation)
 
 
 def merge_intersecting(
@@ -123,7 +133,7 @@ def merge_intersecting(
 
 
 def merge_contained(
-    clusters: list[Cluster],
+    clusters: list[Part],
     holds: list[bool],
     points: NDArray[np.float32],
     box_of: Callable[[NDArray[np.float32]], Box3D],
@@ -138,7 +148,7 @@ def merge_contained(
     """
     order = sorted(range(len(clusters)), key=lambda k: len(clusters[k].rows))
     held, parts, boxes = [holds[k] for k in order], [clusters[k].rows for k in order], [clusters[k].box for k in order]
-    samples = [sampled(points, rows) for rows in parts]
+    samples = [clusters[k].sample for k in order]
     centre = np.array([box.centre for box in boxes]).reshape(-1, 3)
     radius = np.array([np.linalg.norm(box.size) / 2 + _MARGIN for box in boxes])
     gone = np.zeros(len(parts), np.bool_)
@@ -164,8 +174,8 @@ def sampled(points: NDArray[np.float32], rows: NDArray[np.int64]) -> NDArray[np.
     return points.take(rows[:: max(1, len(rows) // _SAMPLE)], axis=0)
 
 
-def share_inside(points: NDArray[np.float32], box: Box3D, margin: float = 0.0) -> float:
-    """Share of (n, 3) world points that lie in the box, or within `margin` metres of it."""
+def share_inside(points: NDArray[np.float32], box: Box3D, margin: float | NDArray[np.float64] = 0.0) -> float:
+    """Share of (n, 3) world points that lie in the box, or within `margin` metres of it; (3,): along its axes."""
     return _share_inside(points, box.centre, box.rotation, box.size / 2 + margin)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
-from spot3d.fusion.boxes import Cluster, merge_contained, merge_intersecting, sampled, upright_box
+from spot3d.fusion.boxes import Cluster, Part, merge_contained, merge_intersecting, sampled, upright_box
 from spot3d.fusion.hollow import hollow_groups
 from spot3d.fusion.identity import FoundObject
 from spot3d.fusion.segments import split_at_creases
@@ -16,6 +16,7 @@ from spot3d.fusion.sheet import find_sheets, lying_flat, on_sheets
 from spot3d.fusion.structure import StructurePlane
 from spot3d.fusion.support import LEANT_ON, Support, crossed_by, edge_groups, find_supports, is_rim, standing
 from spot3d.fusion.surface import Surface, gather_cells, points_of_cells, rows_of_groups, sums_of_groups
+from spot3d.kernel import kernel
 
 _TRIM = 0.005
 """Share of an object's points that may lie beyond each face of its box."""
@@ -108,18 +109,19 @@ def _parts(
     box_of: Callable[[NDArray[np.float32]], Box3D],
     up: NDArray[np.float64],
     settings: FusionSettings,
-) -> list[Cluster]:
+) -> list[Part]:
     """Segments cut at the supports that run through them, and those joined that are one thing by their shape."""
 
-    def boxed(cells: NDArray[np.int64]) -> Cluster:
-        return Cluster(cells, box_of(sampled(surface.centre, cells)))
+    def boxed(cells: NDArray[np.int64]) -> Part:
+        sample = sampled(surface.centre, cells)
+        return Part(cells, sample, box_of(sample))
 
-    def together(group: list[int]) -> Cluster:
+    def together(group: list[int]) -> Part:
         return boxed(np.concatenate([parts[k].rows for k in group])) if len(group) > 1 else parts[group[0]]
 
     # Before anything is joined: what stands on a support is no part of what stands beneath it, though one box be
     # around both.
-    parts: list[Cluster] = []
+    parts: list[Part] = []
     for whole in map(boxed, segments):
         crossing = crossed_by(whole.box, coarse_cell[whole.rows], supports)
         if crossing is None:
@@ -127,10 +129,11 @@ def _parts(
         else:
             sides = [whole.rows[side] for side in crossing.sides(surface.centre[whole.rows])]
             parts += [boxed(side) for side in sides if len(side) >= settings.segment_cells]
-    groups = hollow_groups([part.rows for part in parts], surface.centre, surface.normal, up, settings.size_max)
+    samples = [part.sample for part in parts]
+    groups = hollow_groups([part.rows for part in parts], samples, surface.normal, up, settings.size_max)
     parts = [together(group) for group in groups]
-    groups = edge_groups([part.box for part in parts], [sampled(surface.centre, p.rows) for p in parts], supports)
-    joined: list[Cluster] = []
+    groups = edge_groups([part.box for part in parts], [part.sample for part in parts], supports)
+    joined: list[Part] = []
     for group in groups:
         whole = together(group)
         split = len(group) > 1 and crossed_by(whole.box, coarse_cell[whole.rows], supports, LEANT_ON) is not None
@@ -149,9 +152,9 @@ def _warm_segments(
 ) -> list[NDArray[np.int64]]:
     """The cells of each segment that is warm and large enough to be an object or part of one."""
     size, heat = sums_of_groups(segments, surface.heat)
-    kept = np.append((heat >= heat_min / 2 * size) & (size >= cells_min), False)  # one more for index -1
+    kept = (heat >= heat_min / 2 * size) & (size >= cells_min)
     number = np.where(kept, np.cumsum(kept) - 1, -1).astype(np.int32)
-    return rows_of_groups(number[segments], int(np.count_nonzero(kept)))
+    return rows_of_groups(segments, number, int(np.count_nonzero(kept)))
 
 
 def _covered(area: float, box: Box3D) -> bool:
@@ -163,10 +166,22 @@ def _covered(area: float, box: Box3D) -> bool:
 def _describe(cluster: Cluster, points: MapPoints) -> FoundObject:
     """The object that the cluster's points form, not yet numbered."""
     rows = cluster.rows
-    confidence = float(np.clip(points.heat.take(rows).mean(), 0, 1))
-    views = int(points.frequency.take(rows).max())
-    colour = sampled(points.colour, rows).mean(axis=0, dtype=np.float64)
-    return FoundObject(0, cluster.box, confidence, views, len(rows), colour)
+    heat, views = _heat_and_views(points.heat, points.frequency, rows)
+    # By columns, which is several times faster than `mean(axis=0)`.
+    colour = np.array([column.mean(dtype=np.float64) for column in sampled(points.colour, rows).T])
+    return FoundObject(0, cluster.box, min(max(heat, 0.0), 1.0), int(views), len(rows), colour)
+
+
+@kernel("UniTuple(f8, 2)(f4[::1], f4[::1], i8[:])")
+def _heat_and_views(
+    heat: NDArray[np.float32], frequency: NDArray[np.float32], rows: NDArray[np.int64]
+) -> tuple[float, float]:
+    """The mean of these rows' heat, and the most that one was seen."""
+    total, most = 0.0, np.float32(0)
+    for row in rows:
+        total += heat[row]
+        most = max(most, frequency[row])
+    return total / len(rows), float(most)
 
 
 def _plausible(box: Box3D, settings: FusionSettings) -> bool:

@@ -47,7 +47,7 @@ class ObjectsTask:
         planes = self.planes.distinct(middle)
         found = find_objects(self.points, planes, self.settings)
         if self.settings.clustering == "surface":
-            found = [item for item in found if borne_out(item, self.views, self.frame_count, self.settings)]
+            found = borne_out(found, self.views, self.frame_count, self.settings)
         up = planes[0].plane[:3] if planes else np.array([0.0, 0.0, 1.0])
         return Objects(self.identities.assign(found), up, self.frame_count)
 

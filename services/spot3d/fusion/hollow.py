@@ -42,18 +42,19 @@ class Hollow:
 
 def hollow_groups(
     parts: list[NDArray[np.int64]],
-    points: NDArray[np.float32],
+    samples: list[NDArray[np.float32]],
     normals: NDArray[np.float32],
     up: NDArray[np.float64],
     size_max: float,
 ) -> list[list[int]]:
     """Which parts belong together: what is bent around an upright axis, and all around the same axis no further away.
 
-    parts: rows of (n, 3) points in metres and of their unit normals, which point to the camera; size_max: a hollow
-    wider than this, metres, is no vessel's. Each part's number is in one group; the largest hollow chooses first.
+    parts: rows of points; samples: (m, 3) places of each part's, metres (see `sampled`); normals: (n, 3) unit normals
+    of all points, which point to the camera; size_max: a hollow wider than this, metres, is no vessel's.
+    Each part's number is in one group; the largest hollow chooses first.
     """
     R = rotation_to_upright(up).T.astype(np.float32)
-    upright = [(sampled(points, part) @ R, sampled(normals, part) @ R) for part in parts]
+    upright = [(places @ R, sampled(normals, part) @ R) for part, places in zip(parts, samples, strict=True)]
     found = {k: _hollow(places, facing) or _ring(places) for k, (places, facing) in enumerate(upright)}
     hollows = {k: hollow for k, hollow in found.items() if hollow is not None}
     group_of = {k: [k] for k in range(len(parts))}

@@ -18,7 +18,7 @@ BOARD = 0.04
 
 
 @part()
-def _height(
+def height_above(
     point: NDArray[np.floating],
     plane: NDArray[np.float64],
     axes: NDArray[np.float64],
@@ -44,7 +44,7 @@ def distance_of(
     warp: NDArray[np.float64],
 ) -> float:
     """Signed distance of one (3,) point from a sheet (see `Sheet.distance`)."""
-    return _height(point, plane, axes, middle, warp)
+    return height_above(point, plane, axes, middle, warp)
 
 
 @kernel("f8[::1](f4[:,:], f8[:], f8[:,:], f8[:], f8[:])")
@@ -58,7 +58,7 @@ def distances(
     """Signed distances of (n, 3) points from a sheet (see `Sheet.distance`)."""
     heights = np.empty(len(points))
     for i in range(len(points)):
-        heights[i] = _height(points[i], plane, axes, middle, warp)
+        heights[i] = height_above(points[i], plane, axes, middle, warp)
     return heights
 
 
@@ -77,7 +77,7 @@ def cells_at_sheet(
     far = reach + np.abs(warp).sum()  # nothing is farther from a sheet than from its plane by more than its warp
     for i in range(len(centre)):
         height = plane[0] * centre[i, 0] + plane[1] * centre[i, 1] + plane[2] * centre[i, 2] + plane[3]
-        if abs(height) < far and abs(_height(centre[i], plane, axes, middle, warp)) < reach:
+        if abs(height) < far and abs(height_above(centre[i], plane, axes, middle, warp)) < reach:
             near[i] = True
             facing[i] = plane[0] * normal[i, 0] + plane[1] * normal[i, 1] + plane[2] * normal[i, 2] > FACING
     return near, facing
@@ -105,7 +105,7 @@ def mark_sheet(
         if not (on[coarse] or near[coarse]):
             continue
         for i in range(first[coarse], first[coarse + 1]):
-            height = _height(centre[i], plane, axes, middle, warp)
+            height = height_above(centre[i], plane, axes, middle, warp)
             facing = plane[0] * normal[i, 0] + plane[1] * normal[i, 1] + plane[2] * normal[i, 2]
             flush = abs(height) < thickness and (facing > FACING or abs(height) < thickness / 2)
             structure[i] |= (on[coarse] and flush) or (near[coarse] and -BOARD < height < 0)
@@ -143,12 +143,12 @@ def mark_flat(
     first: the first cell of each coarse cell; reach: none of its cells' centres is further from its own, metres.
     """
     for coarse in range(len(coarse_centre)):
-        above = _height(coarse_centre[coarse], plane, axes, middle, warp)
+        above = height_above(coarse_centre[coarse], plane, axes, middle, warp)
         if not -2 * reach < above < _FLAT_HEIGHT + 2 * reach:  # a warp changes less than the place from cell to cell
             continue
         for i in range(first[coarse], first[coarse + 1]):
             if plane[0] * normal[i, 0] + plane[1] * normal[i, 1] + plane[2] * normal[i, 2] > _FLAT_FACING:
-                height = _height(centre[i], plane, axes, middle, warp)
+                height = height_above(centre[i], plane, axes, middle, warp)
                 flat[i] |= height > 0 and height < _FLAT_HEIGHT and _above(centre[i], extent, centre_of_extent)
 
 

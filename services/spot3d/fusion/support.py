@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
-from spot3d.fusion.boxes import with_bottom
+from spot3d.fusion.boxes import share_inside, with_bottom
 from spot3d.fusion.selection import MapPoints
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet import Sheet, StructureSheet
 from spot3d.fusion.sheet_kernels import BOARD, FACING
+from spot3d.fusion.support_kernels import count_foreign, count_touching, on_long_sides, spread_about
 from spot3d.fusion.surface import Surface
-from spot3d.kernel import kernel
 
 _CLEARANCE_SHARE = 0.15
 """The clearance never takes more than this share of an object's height."""
@@ -28,7 +28,7 @@ _BESIDE = 0.1
 """So far beside a thing it is looked on which of its sides a support is, metres."""
 _ONE_SIDE = 0.75
 """What has this share of a support's nearby cells on one side stands at its edge, not on it."""
-_LEAN = 0.02
+_BENEATH = np.array([0.02, 0.02, np.inf])
 """What goes on below a support may lean so far out of its upper part's footprint, metres."""
 _CONTINUED = 0.5
 """Share of a thing's points beneath the footprint of one above that makes it that one's lower part."""
@@ -51,16 +51,14 @@ class Support:
     centre: NDArray[np.float32]
     edge: float
 
-    def below(self, box: Box3D) -> float:
-        """Height of the support under (or over) the box's middle, along the box's third axis."""
-        up = box.rotation[:, 2]
-        return float(up @ box.centre) - self.sheet.distance_of(box.centre)
+    def above(self, box: Box3D) -> float:
+        """Height of the box's middle above the support, metres."""
+        return self.sheet.distance_of(box.centre)
 
     def is_beside(self, box: Box3D) -> bool:
         """Whether the support is near to a box, but on one of its long sides only."""
-        near = self.centre[_over(self.centre, box, _BESIDE)]
-        side = (near - box.centre) @ box.rotation[:, int(np.argmin(box.size[:2]))] > 0
-        return bool(len(near) > 0 and max(np.mean(side), np.mean(~side)) >= _ONE_SIDE)
+        low, high = on_long_sides(self.centre, box.centre, box.rotation, box.size, _BESIDE)
+        return bool(max(low, high) >= _ONE_SIDE * max(1, low + high))
 
     def sides(self, points: NDArray[np.float32]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which of (n, 3) points are clear above the support, and which below."""
@@ -73,15 +71,13 @@ def find_supports(
 ) -> list[Support]:
     """The level ones among the sheets. points, coarse: all of the map, and its coarse cells."""
     supports = []
-    sample = np.arange(0, len(points), max(1, len(points) // _SAMPLE))
-    held_by, facing = coarse.cell_of_point[sample], points.normal[sample]
+    step = max(1, len(points) // _SAMPLE)
     for item in sheets:
         normal = item.sheet.plane[:3].astype(np.float32)
         if item.sheet.plane[:3] @ up <= _LEVEL:
             continue
-        rows = sample[item.cells[held_by] & (facing @ normal > FACING)]
-        distance = item.sheet.distance(points.xyz[rows])
-        noise = 1.4826 * float(np.median(np.abs(distance - np.median(distance)))) if len(rows) else 0.0
+        spread = spread_about(points.xyz, points.normal, coarse.cell_of_point, item.cells, step, *item.sheet.shape)
+        noise = 1.4826 * spread
         clearance = max(settings.standing_clearance, item.thickness, settings.noise_gate * noise)
         cells = np.flatnonzero(item.cells & (coarse.normal @ normal > FACING))
         if not len(cells):
@@ -95,12 +91,12 @@ def standing(box: Box3D, supports: list[Support]) -> Box3D:
 
     What ends within a board's thickness of a support's top stands on it.
     """
-    up = box.rotation[:, 2]
-    middle, half = float(up @ box.centre), float(box.size[2]) / 2
+    half = float(box.size[2]) / 2
     for item in supports:
-        height = item.below(box)
-        if abs(middle - half - height) < BOARD and middle + half > height:
-            return with_bottom(box, height + min(item.clearance, _CLEARANCE_SHARE * (middle + half - height)))
+        above = item.above(box)
+        if abs(above - half) < BOARD and above + half > 0:
+            lift = min(item.clearance, _CLEARANCE_SHARE * (half + above))
+            return with_bottom(box, float(box.rotation[:, 2] @ box.centre) - above + lift)
     return box
 
 
@@ -111,11 +107,9 @@ def crossed_by(box: Box3D, own: NDArray[np.int32], supports: list[Support], shar
     support must cover.
     """
     for item in supports:
-        height = item.below(box) - float(box.rotation[:, 2] @ box.centre)
-        if abs(height) >= float(box.size[2]) / 2 - item.clearance:
+        if abs(item.above(box)) >= float(box.size[2]) / 2 - item.clearance:
             continue
-        inside = np.flatnonzero((np.abs((item.centre - box.centre) @ box.rotation) < box.size / 2).all(axis=1))
-        foreign = np.count_nonzero(~np.isin(item.cells[inside], own))
+        foreign = count_foreign(item.centre, item.cells, own, box.centre, box.rotation, box.size)
         if foreign * item.edge**2 > share * float(box.size[0] * box.size[1]):
             return item
     return None
@@ -129,24 +123,16 @@ def edge_groups(boxes: list[Box3D], samples: list[NDArray[np.float32]], supports
     """
     group_of = {k: [k] for k in range(len(boxes))}
     for item in supports:
-        ends = []
-        for box in boxes:
-            middle, half = box.centre @ box.rotation[:, 2] - item.below(box), box.size[2] / 2
-            ends.append((middle - half, middle + half))
+        above, half = [item.above(box) for box in boxes], [float(box.size[2]) / 2 for box in boxes]
+        ends = [(a - h, a + h) for a, h in zip(above, half, strict=True)]
         lower = [k for k, (_, top) in enumerate(ends) if -2 * BOARD < top < item.clearance]
         for k, (bottom, top) in enumerate(ends):
             if not (k in group_of and abs(bottom) < BOARD and top > item.clearance and item.is_beside(boxes[k])):
                 continue
             for j in lower:
-                if j in group_of and np.mean(_over(samples[j], boxes[k], _LEAN)) >= _CONTINUED:
+                if j in group_of and share_inside(samples[j], boxes[k], _BENEATH) >= _CONTINUED:
                     group_of[k] += group_of.pop(j)
     return list(group_of.values())
-
-
-def _over(points: NDArray[np.float32], box: Box3D, margin: float) -> NDArray[np.bool_]:
-    """(n,) bool: which of (n, 3) points lie over or under a box's footprint, or within `margin` metres of it."""
-    inside = np.abs((points - box.centre) @ box.rotation[:, :2]) < box.size[:2] / 2 + margin
-    return np.asarray(inside.all(axis=1))
 
 
 def is_rim(box: Box3D, own: NDArray[np.float32], supports: list[Support]) -> bool:
@@ -154,25 +140,11 @@ def is_rim(box: Box3D, own: NDArray[np.float32], supports: list[Support]) -> boo
 
     own: (n, 3) float32 centres of the coarse cells of the thing's points.
     """
-    top = float(box.rotation[:, 2] @ box.centre) + float(box.size[2]) / 2
     for item in supports:
-        if not -BOARD < top - item.below(box) < item.clearance:
+        if not -BOARD < item.above(box) + float(box.size[2]) / 2 < item.clearance:
             continue
         touching = _RIM * item.edge
         around = ((item.centre > own.min(axis=0) - touching) & (item.centre < own.max(axis=0) + touching)).all(axis=1)
-        if _touching(own, item.centre[around], touching) > _RIM_SHARE * len(own):
+        if count_touching(own, item.centre[around], touching) > _RIM_SHARE * len(own):
             return True
     return False
-
-
-@kernel("i8(f4[:,:], f4[:,:], f8)")
-def _touching(points: NDArray[np.float32], others: NDArray[np.float32], reach: float) -> int:
-    """How many of (n, 3) points are nearer than `reach` to one of the others, (m, 3)."""
-    count = 0
-    for i in range(len(points)):
-        for j in range(len(others)):
-            x, y, z = points[i, 0] - others[j, 0], points[i, 1] - others[j, 1], points[i, 2] - others[j, 2]
-            if x * x + y * y + z * z < reach * reach:
-                count += 1
-                break
-    return count

@@ -69,19 +69,22 @@ def near_pairs(surface: Surface, member: NDArray[np.bool_] | None = None) -> NDA
     return pairs[:count]
 
 
-def rows_of_groups(group: NDArray[np.int32], groups: int) -> list[NDArray[np.int64]]:
-    """The rows of each group, in their order. group: (n,) int32, 0 to groups - 1, -1 = none."""
-    rows, borders = np.empty(len(group), np.int64), np.zeros(groups + 1, np.int64)
-    _rows_of_groups(group, rows, borders)
+def rows_of_groups(member: NDArray[np.int32], group: NDArray[np.int32], groups: int) -> list[NDArray[np.int64]]:
+    """The rows of each group, in their order, by way of something smaller that each row is a member of.
+
+    member: (n,) int32, -1 = of none; group: (m,) int32 of each of those, 0 to groups - 1, -1 = none.
+    """
+    rows, borders = np.empty(len(member), np.int64), np.zeros(groups + 1, np.int64)
+    _rows_of_groups(member, group, rows, borders)
     return [rows[begin:end] for begin, end in pairwise(borders)]
 
 
 def points_of_cells(surface: Surface, groups: list[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
     """The rows of the points in each group of cells."""
-    group = np.full(len(surface.centre) + 1, np.int32(-1))  # one more for index -1
+    group = np.full(len(surface.centre), np.int32(-1))
     for number, cells in enumerate(groups):
         group[cells] = number
-    return rows_of_groups(group[surface.cell_of_point], len(groups))
+    return rows_of_groups(surface.cell_of_point, group, len(groups))
 
 
 @kernel("void(f4[:,::1], f4[:,::1], f4[::1], i4[::1], i4[::1], i4[::1], f4[:,::1])")
@@ -143,16 +146,23 @@ def sums_of_groups(
     return size, total
 
 
-@kernel("void(i4[::1], i8[::1], i8[::1])")
-def _rows_of_groups(group: NDArray[np.int32], rows: NDArray[np.int64], borders: NDArray[np.int64]) -> None:
+@kernel("void(i4[::1], i4[::1], i8[::1], i8[::1])")
+def _rows_of_groups(
+    member: NDArray[np.int32], group: NDArray[np.int32], rows: NDArray[np.int64], borders: NDArray[np.int64]
+) -> None:
     """The rows sorted by their group, and where each group begins and the last one ends."""
-    for number in group:
-        if number >= 0:
-            borders[number + 1] += 1
+    size = np.zeros(len(group), np.int64)
+    for of in member:
+        if of >= 0:
+            size[of] += 1
+    for of in range(len(group)):
+        if group[of] >= 0:
+            borders[group[of] + 1] += size[of]
     for number in range(1, len(borders)):
         borders[number] += borders[number - 1]
     filled = borders.copy()
-    for i in range(len(group)):
-        if group[i] >= 0:
-            rows[filled[group[i]]] = i
-            filled[group[i]] += 1
+    for i in range(len(member)):
+        number = group[member[i]] if member[i] >= 0 else -1
+        if number >= 0:
+            rows[filled[number]] = i
+            filled[number] += 1

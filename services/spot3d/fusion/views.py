@@ -43,24 +43,33 @@ class Views:
         other._offered, other._step = self._offered, self._step
         return other
 
-    def looking_at(self, point: NDArray[np.float64], range_max: float) -> tuple[float, float]:
-        """Share of the views that have a world point in the picture and in range, and its median depth there.
+    def looking_at(
+        self, points: NDArray[np.float64], range_max: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Share of the views that have each of (n, 3) world points in the picture and in range: (n,).
 
-        Where none has, the depth is `range_max`, metres.
+        And its median depth there, (n,) metres; where none has, that is `range_max`.
         """
         if len(self._pinhole) == 0:
-            return 0.0, range_max
+            return np.zeros(len(points)), np.full(len(points), range_max)
         T = self._T_camera_world
         fx, fy, cx, cy, width, height = self._pinhole.T
-        x, y, z = (T[:, :3, :3] @ point + T[:, :3, 3]).T
+        x, y, z = (points @ T[:, axis, :3].T + T[:, axis, 3] for axis in range(3))  # (n, views) each
         ahead = np.where((z > 0) & (z <= range_max), z, np.inf)
         u, v = fx * x / ahead + cx, fy * y / ahead + cy
         seen = np.isfinite(ahead) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
-        return float(np.mean(seen)), float(np.median(z[seen])) if seen.any() else range_max
+        count, depth = seen.sum(axis=1), np.sort(np.where(seen, z, np.inf), axis=1)
+        middle = np.stack((np.maximum(count - 1, 0) // 2, np.minimum(count // 2, len(T) - 1)), axis=1)
+        median = np.take_along_axis(depth, middle, axis=1).mean(axis=1)
+        return count / len(T), np.where(count > 0, median, range_max)
 
 
-def borne_out(found: FoundObject, views: Views, frame_count: int, settings: FusionSettings) -> bool:
-    """Whether an object was seen often, of how often it could have been, and is wider than the noise at its range."""
-    share, depth = views.looking_at(found.box.centre, settings.range_max)
-    width = float(np.sort(found.box.size)[1])
-    return found.views >= _SEEN_SHARE * share * frame_count and width >= _BAND * axial_noise(depth)
+def borne_out(found: list[FoundObject], views: Views, frame_count: int, settings: FusionSettings) -> list[FoundObject]:
+    """The objects seen often, of how often they could have been, and wider than the noise at their range."""
+    share, depth = views.looking_at(np.array([item.box.centre for item in found]).reshape(-1, 3), settings.range_max)
+    often, wide = _SEEN_SHARE * share * frame_count, _BAND * axial_noise(depth)
+    return [
+        item
+        for item, least, width in zip(found, often, wide, strict=True)
+        if item.views >= least and sorted(item.box.size.tolist())[1] >= width
+    ]
