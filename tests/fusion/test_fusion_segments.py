@@ -6,7 +6,8 @@ from fusion_room import Cuboid, sampled, standing
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from spot3d.fusion.segments import concavity, connected_cells, share_out, smooth_normals, split_at_creases
+from spot3d.fusion.components import in_good_part, refined, share_out
+from spot3d.fusion.segments import concavity, connected_cells, smooth_normals, split_at_creases
 from spot3d.fusion.surface import Surface, gather_cells, near_pairs
 
 EDGE, CREASE, SMALLEST, SEAMED = 0.005, 10.0, 40, 300
@@ -48,8 +49,11 @@ def box_surface(*cuboids: Cuboid) -> tuple[Surface, np.ndarray]:
     ],
 )
 def test_concavity_is_the_mean_curvature(name: str, surface: Surface, sign: int) -> None:
-    bend = concavity(surface.centre, surface.normal, near_pairs(surface))
+    pairs = near_pairs(surface)
+    bend, link = concavity(surface, surface.normal, pairs)
     assert np.median(bend) == pytest.approx(sign / 0.06, rel=0.15), name
+    gap = np.linalg.norm(surface.centre[pairs[:, 0]] - surface.centre[pairs[:, 1]], axis=1)
+    np.testing.assert_array_equal(link, pairs[gap < 1.6 * EDGE])
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.3, 0.8])
@@ -163,16 +167,33 @@ def test_normals_are_smoothed_but_not_over_an_edge() -> None:
 
 def test_a_label_spreads_ring_by_ring_and_the_lowest_wins() -> None:
     rng = np.random.default_rng(2)
-    links = rng.integers(0, 300, (400, 2)).astype(np.uint32)
+    links = np.append(rng.integers(0, 290, (400, 2)), [[290, 291]], axis=0).astype(np.uint32)
     labels = np.where(rng.random(300) < 0.05, np.arange(300), -1).astype(np.int32)
+    labels[290:] = -1
     expected = labels.copy()
     for _ in range(12):
         before = expected.copy()
         for a, b in np.concatenate((links, links[:, ::-1])):
             if before[a] < 0 <= before[b]:
                 expected[a] = before[b] if expected[a] < 0 else min(expected[a], before[b])
-    share_out(labels, links)
+    left = share_out(labels, links)
     np.testing.assert_array_equal(labels, expected)
+    between = links[(labels[links] < 0).all(axis=1)]
+    assert len(between) > 0
+    assert set(map(tuple, between.tolist())) <= set(map(tuple, left.tolist()))
+
+
+def test_parts_take_the_place_of_what_they_divide() -> None:
+    whole = np.array([0, 0, 0, 1, 1, 2, -1, -1], np.int32)
+    part = np.array([0, -1, 1, -1, -1, -1, 3, -1], np.int32)
+    np.testing.assert_array_equal(refined(whole, part), [0, -1, 1, 5, 5, 6, 3, -1])
+
+
+def test_the_members_of_a_tree_that_is_good_in_part() -> None:
+    root = np.array([0, 0, 1, 3, 3, 5], np.uint32)  # the third cell's root is found by way of the second
+    member, good = np.array([1, 1, 1, 1, 1, 0], bool), np.array([0, 0, 1, 0, 0, 1], bool)
+    np.testing.assert_array_equal(in_good_part(root, member, good, 0.3), [1, 1, 1, 0, 0, 0])
+    np.testing.assert_array_equal(in_good_part(root, member, good, 0.4), np.zeros(6))
 
 
 def test_components_do_not_depend_on_the_order_of_the_links() -> None:

@@ -9,7 +9,7 @@ from spot3d.fusion.selection import MapPoints
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet import find_sheets
 from spot3d.fusion.support import Support, crossed_by, edge_groups, find_supports, is_rim, standing
-from spot3d.fusion.support_kernels import count_touching
+from spot3d.fusion.support_kernels import count_foreign, count_touching, on_long_sides, spread_about
 from spot3d.fusion.surface import gather_cells
 
 SETTINGS = FusionSettings()

@@ -5,7 +5,16 @@ import pytest
 from scipy.spatial import cKDTree
 
 from spot3d.fusion.blocks import SIDE
-from spot3d.fusion.surface import gather_cells, near_pairs, points_of_cells, rows_of_groups, sums_of_groups
+from spot3d.fusion.surface import (
+    gather_cells,
+    mean_of_cells,
+    middle_of,
+    near_pairs,
+    points_of_cells,
+    rows_of_groups,
+    sums_of_groups,
+    taken,
+)
 
 EDGE = 0.125  # exact in binary: cells are where plain division says
 
@@ -95,7 +104,7 @@ def test_blocks_are_the_cells_of_a_coarser_surface_of_all_points(count: int, spr
 def test_rows_of_groups_are_in_their_order(groups: int) -> None:
     rng = np.random.default_rng(5)
     member, group = rng.integers(-1, 40, 300).astype(np.int32), rng.integers(-1, groups, 40).astype(np.int32)
-    found = rows_of_groups(member, group, groups)
+    found = rows_of_groups(member, np.bincount(member[member >= 0], minlength=40), group, groups)
     assert len(found) == groups
     for number, rows in enumerate(found):
         np.testing.assert_array_equal(rows, np.flatnonzero((member >= 0) & (group[member] == number)))
@@ -107,6 +116,15 @@ def test_points_of_groups_of_cells() -> None:
     groups = [np.arange(3, 40), np.array([60, 50]), np.zeros(0, np.int64)]
     for cells, rows in zip(groups, points_of_cells(surface, groups), strict=True):
         np.testing.assert_array_equal(rows, np.flatnonzero(np.isin(surface.cell_of_point, cells)))
+
+
+def test_means_and_rows_are_the_plain_ones() -> None:
+    points, rows = cloud(50, 6), np.array([3, 3, 49, 0, 7, 8])
+    np.testing.assert_allclose(middle_of(points), points.mean(axis=0, dtype=np.float64))
+    np.testing.assert_array_equal(middle_of(points[:0]), np.zeros(3))
+    np.testing.assert_array_equal(taken(points, rows[::2]), points[rows[::2]])
+    heat, size = points[:, 0].copy(), np.arange(1, 51, dtype=np.float32)
+    assert mean_of_cells(heat, size, rows) == pytest.approx(np.average(heat[rows], weights=size[rows]))
 
 
 def test_sums_of_groups_leave_out_what_is_in_none() -> None:

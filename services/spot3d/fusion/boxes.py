@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from spot3d.boxes import Box3D, iou_matrix_3d
 from spot3d.fusion.footprint import footprint_yaw
 from spot3d.fusion.order import quantiles
+from spot3d.fusion.surface import taken
 from spot3d.kernel import kernel, part
 
 _SAMPLE = 1000
@@ -171,7 +172,7 @@ def merge_contained(
 
 def sampled(points: NDArray[np.float32], rows: NDArray[np.int64]) -> NDArray[np.float32]:
     """Of these rows of (n, 3) points as many, evenly spread, as tell a rough box."""
-    return points.take(rows[:: max(1, len(rows) // _SAMPLE)], axis=0)
+    return taken(points, rows[:: max(1, len(rows) // _SAMPLE)])
 
 
 def share_inside(points: NDArray[np.float32], box: Box3D, margin: float | NDArray[np.float64] = 0.0) -> float:

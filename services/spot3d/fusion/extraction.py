@@ -15,7 +15,15 @@ from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet import find_sheets, lying_flat, on_sheets
 from spot3d.fusion.structure import StructurePlane
 from spot3d.fusion.support import LEANT_ON, Support, crossed_by, edge_groups, find_supports, is_rim, standing
-from spot3d.fusion.surface import Surface, gather_cells, points_of_cells, rows_of_groups, sums_of_groups
+from spot3d.fusion.surface import (
+    Surface,
+    gather_cells,
+    mean_of_cells,
+    points_of_cells,
+    rows_of_groups,
+    sums_of_groups,
+    taken,
+)
 from spot3d.kernel import kernel
 
 _TRIM = 0.005
@@ -81,8 +89,7 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
     segments = _warm_segments(labels, surface, heat_min, settings.segment_cells)
 
     def hot(cells: NDArray[np.int64]) -> bool:
-        size = surface.size.take(cells)
-        return float(surface.heat.take(cells) @ size) >= heat_min * float(size.sum())
+        return bool(mean_of_cells(surface.heat, surface.size, cells) >= heat_min)
 
     def box_of(members: NDArray[np.float32], lengthwise: bool = False) -> Box3D:
         return standing(upright_box(members, up, turn=True, trim=_TRIM, lengthwise=lengthwise), supports)
@@ -93,7 +100,7 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
     merged = [cells for cells in merged if hot(cells)]
     found = []
     for cells, rows in zip(merged, points_of_cells(surface, merged), strict=True):
-        box = box_of(points.xyz.take(rows, axis=0), lengthwise=True)
+        box = box_of(taken(points.xyz, rows), lengthwise=True)
         own = np.zeros(len(coarse.centre), np.bool_)
         own[coarse_cell[cells]] = True
         if _covered(len(cells) * settings.cell**2, box) and not is_rim(box, coarse.centre[own], supports):
@@ -154,7 +161,7 @@ def _warm_segments(
     size, heat = sums_of_groups(segments, surface.heat)
     kept = (heat >= heat_min / 2 * size) & (size >= cells_min)
     number = np.where(kept, np.cumsum(kept) - 1, -1).astype(np.int32)
-    return rows_of_groups(segments, number, int(np.count_nonzero(kept)))
+    return rows_of_groups(segments, size, number, int(np.count_nonzero(kept)))
 
 
 def _covered(area: float, box: Box3D) -> bool:

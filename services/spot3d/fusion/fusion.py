@@ -41,10 +41,9 @@ class ObjectsTask:
         """The objects, numbered as in the tasks that ran before."""
         # Loaded with the first task, beside the fusing: its kernels take longer to compile than those of the fusing.
         from spot3d.fusion.extraction import find_objects
+        from spot3d.fusion.surface import middle_of
 
-        # Column by column, which is several times faster than `mean(axis=0)`.
-        middle = np.array([column.mean(dtype=np.float64) if len(column) else 0.0 for column in self.points.xyz.T])
-        planes = self.planes.distinct(middle)
+        planes = self.planes.distinct(middle_of(self.points.xyz))
         found = find_objects(self.points, planes, self.settings)
         if self.settings.clustering == "surface":
             found = borne_out(found, self.views, self.frame_count, self.settings)

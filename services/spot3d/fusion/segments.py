@@ -8,6 +8,7 @@ neighbours that touch, this also looks at the surface's shape.
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.fusion.components import copy_links, in_good_part, join, label, refined, share_out
 from spot3d.fusion.surface import Surface, near_pairs
 from spot3d.kernel import kernel
 
@@ -21,8 +22,6 @@ _SHARP = 0.1
 """Share of a crease's cells that must have all of that concavity."""
 _LINK = 1.6
 """Cells whose centres are within this many cell edges are connected: touching cubes, but for most corners."""
-_ROUNDS = 12
-"""Cells of a crease join the segments beside it within this many cells."""
 
 
 def smooth_normals(normals: NDArray[np.float32], pairs: NDArray[np.uint32]) -> NDArray[np.float32]:
@@ -33,13 +32,17 @@ def smooth_normals(normals: NDArray[np.float32], pairs: NDArray[np.uint32]) -> N
 
 
 def concavity(
-    centre: NDArray[np.float32], normals: NDArray[np.float32], pairs: NDArray[np.uint32]
-) -> NDArray[np.float32]:
-    """(n,) float32 mean curvature towards the near cells, 1/m: positive in a hollow or crease, negative on a ball."""
-    bend, count = np.zeros(len(centre), np.float32), np.zeros(len(centre), np.float32)
-    _concavity(centre, normals, pairs, bend, count)
+    surface: Surface, normals: NDArray[np.float32], pairs: NDArray[np.uint32]
+) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+    """(n,) float32 mean curvature towards the near cells, 1/m: positive in a hollow or crease, negative on a ball.
+
+    And the pairs whose cells touch, (m, 2). normals: (n, 3) float32, smoothed; pairs: near cells.
+    """
+    bend, count = np.zeros(len(normals), np.float32), np.zeros(len(normals), np.float32)
+    link, reach = np.empty_like(pairs), np.float32((_LINK * surface.edge) ** 2)
+    links: int = _concavity(surface.centre, normals, pairs, reach, bend, count, link)
     bend /= np.maximum(count, 1)
-    return bend
+    return bend, link[:links]
 
 
 def split_at_creases(
@@ -58,30 +61,38 @@ def split_at_creases(
     Returns (n,) int32 segment of each cell, -1 = no member; a number between may be no cell's.
     """
     pairs = near_pairs(surface, member)
-    link = _links(surface, pairs)
-    bend = concavity(surface.centre, smooth_normals(surface.normal, pairs), pairs)
-    sharp = member & (bend >= crease)
+    bend, link = concavity(surface, smooth_normals(surface.normal, pairs), pairs)
+    sharp, faint = member & (bend >= crease), member & (bend >= _FAINT * crease)
     kind = np.uint8(1) + flat.view(np.uint8)
-    whole = connected_cells(link, (member & ~sharp) * kind, smallest)
-    part = connected_cells(
-        link, (member & ~_traced(link, member & (bend >= _FAINT * crease), sharp)) * kind, smallest_seamed
-    )
-    divided = np.zeros(whole.max(initial=-1) + 2, np.bool_)
-    divided[whole[part >= 0]] = True
-    undivided = (whole >= 0) & ~divided[whole]
-    labels = np.where(undivided, whole + part.max(initial=-1) + 1, part)
-    share_out(labels, link)
+    # Most of a surface is far from any crease: what is connected there is found once.
+    calm = np.arange(len(member), dtype=np.uint32)
+    join(calm, link, (member & ~faint) * kind)
+    link_of_crease = _links_of(link, faint)
+    traced = _traced(link_of_crease, faint, sharp)
+
+    def regions(left_out: NDArray[np.bool_], least: int) -> NDArray[np.int32]:
+        root, group = calm.copy(), (member & ~left_out) * kind
+        join(root, link_of_crease, group)
+        return np.asarray(label(root, group, least))
+
+    labels = refined(regions(sharp, smallest), regions(traced, smallest_seamed))
+    open_link = share_out(labels, link)
     left = member & (labels < 0)
-    rest = connected_cells(link, left.view(np.uint8))
+    rest = connected_cells(open_link, left.view(np.uint8))
     return np.where(left, rest + labels.max(initial=-1) + 1, labels)
+
+
+def _links_of(link: NDArray[np.uint32], faint: NDArray[np.bool_]) -> NDArray[np.uint32]:
+    """The links of one of these cells at least."""
+    kept = np.empty_like(link)
+    return kept[: copy_links(link, faint, kept)]
 
 
 def _traced(link: NDArray[np.uint32], faint: NDArray[np.bool_], sharp: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(n,) bool: the faint creases of which a good part is sharp, traced as edges in images are (Canny, 1986)."""
-    line = connected_cells(link, faint.view(np.uint8))
-    count = line.max(initial=-1) + 2
-    meant = np.bincount(line[sharp], minlength=count) > _SHARP * np.bincount(line[faint], minlength=count)
-    return np.asarray(meant[line])
+    root = np.arange(len(faint), dtype=np.uint32)
+    join(root, link, faint.view(np.uint8))
+    return np.asarray(in_good_part(root, faint, sharp, _SHARP))
 
 
 def connected_cells(link: NDArray[np.uint32], group: NDArray[np.uint8], smallest: int = 1) -> NDArray[np.int32]:
@@ -89,30 +100,9 @@ def connected_cells(link: NDArray[np.uint32], group: NDArray[np.uint8], smallest
 
     -1 for cells of group 0 and of components with fewer than `smallest` cells.
     """
-    labels: NDArray[np.int32] = _components(link, group, smallest)
-    return labels
-
-
-def _links(surface: Surface, pairs: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """The pairs whose cells touch."""
-    touching = np.empty_like(pairs)
-    return touching[: _closer(surface.centre, pairs, np.float32((_LINK * surface.edge) ** 2), touching)]
-
-
-@kernel("i8(f4[:,::1], u4[:,::1], f4, u4[:,::1])")
-def _closer(
-    centre: NDArray[np.float32], pairs: NDArray[np.uint32], square: np.float32, kept: NDArray[np.uint32]
-) -> int:
-    """The pairs whose centres are less than the root of `square` apart, and how many they are."""
-    count = 0
-    for k in range(len(pairs)):
-        i, j = pairs[k, 0], pairs[k, 1]
-        gap = np.float32(0)
-        for axis in range(3):
-            gap += (centre[i, axis] - centre[j, axis]) ** 2
-        kept[count, 0], kept[count, 1] = i, j
-        count += int(gap < square)
-    return count
+    root = np.arange(len(group), dtype=np.uint32)
+    join(root, link, group)
+    return np.asarray(label(root, group, smallest))
 
 
 @kernel("void(f4[:,::1], u4[:,::1], f4[:,::1])")
@@ -128,89 +118,39 @@ def _smooth(normals: NDArray[np.float32], pairs: NDArray[np.uint32], total: NDAr
                 total[i, axis] += normals[j, axis]
                 total[j, axis] += normals[i, axis]
     for i in range(len(total)):
-        length = np.sqrt(total[i, 0] ** 2 + total[i, 1] ** 2 + total[i, 2] ** 2)
-        if length > 0:
-            for axis in range(3):
-                total[i, axis] /= length
+        square = total[i, 0] ** 2 + total[i, 1] ** 2 + total[i, 2] ** 2
+        scale = np.float32(1) / np.sqrt(max(square, np.float32(1e-12)))
+        for axis in range(3):
+            total[i, axis] *= scale
 
 
-@kernel("void(f4[:,::1], f4[:,::1], u4[:,::1], f4[::1], f4[::1])")
+@kernel("i8(f4[:,::1], f4[:,::1], u4[:,::1], f4, f4[::1], f4[::1], u4[:,::1])")
 def _concavity(
     centre: NDArray[np.float32],
     normals: NDArray[np.float32],
     pairs: NDArray[np.uint32],
+    reach: np.float32,
     total: NDArray[np.float32],
     count: NDArray[np.float32],
-) -> None:
-    """Sum of the curvatures towards the near cells, and their number."""
+    link: NDArray[np.uint32],
+) -> int:
+    """Sum of the curvatures towards the near cells, and their number.
+
+    Enters the pairs whose centres are less than the root of `reach` apart into `link`, and says how many they are.
+    """
+    links = 0
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
-        turn, square = np.float32(0), np.float32(1e-9)
+        turn, square = np.float32(0), np.float32(0)
         for axis in range(3):
             d = centre[j, axis] - centre[i, axis]
             turn -= (normals[j, axis] - normals[i, axis]) * d
             square += d * d
-        bend = max(turn / square, _CONVEX)
+        bend = max(turn / (square + np.float32(1e-9)), _CONVEX)
         total[i] += bend
         total[j] += bend
         count[i] += np.float32(1)
         count[j] += np.float32(1)
-
-
-@kernel("i4[::1](u4[:,::1], u1[::1], i8)")
-def _components(link: NDArray[np.uint32], group: NDArray[np.uint8], smallest: int) -> NDArray[np.int32]:
-    """Union-find with path halving; the smaller number is the root, so that labels do not depend on order."""
-    n = len(group)
-    root = np.arange(n).astype(np.uint32)
-    for k in range(len(link)):
-        i, j = link[k, 0], link[k, 1]
-        if group[i] == 0 or group[i] != group[j]:
-            continue
-        while root[i] != i:
-            root[i] = root[root[i]]
-            i = root[i]
-        while root[j] != j:
-            root[j] = root[root[j]]
-            j = root[j]
-        if i < j:
-            root[j] = i
-        else:
-            root[i] = j
-    size, labels = np.zeros(n, np.int32), np.full(n, -1, np.int32)
-    for i in range(n):
-        root[i] = root[root[i]]  # all before are found already, and a root comes before its cells
-        size[root[i]] += 1
-    count = 0
-    for i in range(n):
-        if group[i] > 0 and size[root[i]] >= smallest:
-            if root[i] == i:
-                labels[i] = count
-                count += 1
-            labels[i] = labels[root[i]]
-    return labels
-
-
-@kernel("void(i4[::1], u4[:,::1])")
-def share_out(labels: NDArray[np.int32], link: NDArray[np.uint32]) -> None:
-    """Give cells without a label that of a labelled neighbour, ring by ring (of several, the lowest)."""
-    open_link = link.copy()
-    count = len(link)
-    for _ in range(_ROUNDS):
-        reached = labels.copy()
-        kept = 0
-        changed = False
-        for k in range(count):
-            i, j = open_link[k, 0], open_link[k, 1]
-            if labels[i] >= 0 and labels[j] >= 0:
-                continue
-            open_link[kept, 0], open_link[kept, 1] = i, j
-            kept += 1
-            if labels[i] >= 0:
-                i, j = j, i
-            if labels[j] >= 0 and (reached[i] < 0 or labels[j] < reached[i]):
-                reached[i] = labels[j]
-                changed = True
-        count = kept
-        labels[:] = reached
-        if not changed:
-            break
+        link[links, 0], link[links, 1] = i, j
+        links += int(square < reach)
+    return links
