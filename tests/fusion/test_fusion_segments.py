@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import connected_components
 
 from spot3d.fusion.components import in_good_part, refined, share_out
 from spot3d.fusion.segments import concavity, connected_cells, smooth_normals, split_at_creases
-from spot3d.fusion.surface import Surface, gather_cells, near_pairs
+from spot3d.fusion.surface import Surface, gather_cells, near_pairs, only
 
 EDGE, CREASE, SMALLEST, SEAMED = 0.005, 10.0, 40, 300
 
@@ -17,12 +17,9 @@ def surface_of(xyz: np.ndarray, normal: np.ndarray) -> Surface:
     return gather_cells(xyz.astype(np.float32), normal.astype(np.float32), np.ones(len(xyz), np.float32), EDGE)[0]
 
 
-def split(
-    surface: Surface, flat: np.ndarray | None = None, member: np.ndarray | None = None, seamed: int = SEAMED
-) -> np.ndarray:
+def split(surface: Surface, flat: np.ndarray | None = None, seamed: int = SEAMED) -> np.ndarray:
     flat = np.zeros(len(surface.centre), bool) if flat is None else flat
-    member = np.ones(len(surface.centre), bool) if member is None else member
-    return split_at_creases(surface, member, flat, CREASE, SMALLEST, seamed)
+    return split_at_creases(surface, flat, CREASE, SMALLEST, seamed)
 
 
 def ball(radius: float, hollow: bool = False) -> tuple[np.ndarray, np.ndarray]:
@@ -138,9 +135,7 @@ def test_inside_and_outside_of_a_bowl_stay_whole_each() -> None:
 def test_what_was_taken_out_parts_the_rest() -> None:
     surface, _ = box_surface(standing(0.0, 0.0, (0.3, 0.02, 0.02)))
     member = np.abs(surface.centre[:, 0]) > 0.02
-    labels = split(surface, member=member)
-    assert set(labels[member]) == {0, 1}
-    assert set(labels[~member]) == {-1}
+    assert set(split(only(surface, member))) == {0, 1}
 
 
 def test_what_lies_flat_is_a_region_of_its_own() -> None:

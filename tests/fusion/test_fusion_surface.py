@@ -10,6 +10,7 @@ from spot3d.fusion.surface import (
     mean_of_cells,
     middle_of,
     near_pairs,
+    only,
     points_of_cells,
     rows_of_groups,
     sums_of_groups,
@@ -72,12 +73,17 @@ def test_points_that_are_too_cold_belong_to_no_cell() -> None:
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
-def test_pairs_of_members_are_those_of_all_that_have_two(share: float) -> None:
-    points = cloud(400, 1, 0.5)
-    surface, _ = gather_cells(points, np.ones_like(points), np.ones(400, np.float32), EDGE)
-    member = np.random.default_rng(0).random(len(surface.centre)) < share
+def test_of_some_cells_alone_nothing_changes_but_their_number(share: float) -> None:
+    points, heat = cloud(400, 1, 0.5), np.random.default_rng(1).random(400, np.float32)
+    surface, _ = gather_cells(points, points, heat, EDGE, 0.3)
+    kept = np.random.default_rng(0).random(len(surface.centre)) < share
+    part, number = only(surface, kept), np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
     pairs = near_pairs(surface)
-    assert ordered(near_pairs(surface, member)) == ordered(pairs[member[pairs].all(axis=1)])
+    assert ordered(near_pairs(part)) == ordered(number[pairs[kept[pairs].all(axis=1)]])
+    np.testing.assert_array_equal(part.cell_of_point, number[surface.cell_of_point])
+    np.testing.assert_array_equal(part.blocks.of_cells(), surface.blocks.of_cells()[kept])
+    for column in ("centre", "normal", "heat", "size"):
+        np.testing.assert_array_equal(getattr(part, column), getattr(surface, column)[kept])
 
 
 @pytest.mark.parametrize(("count", "spread"), [(0, 1.0), (500, 1.0), (500, 20.0)])

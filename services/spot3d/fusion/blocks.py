@@ -44,17 +44,13 @@ class Blocks:
     def cells_around(self) -> NDArray[np.int32]:
         """The cells around each cell, (cells, 18) int32: what `around` is where it is a block of smaller ones."""
         around = np.empty((len(self.place), _SIDES), np.int32)
-        everywhere = self.cell_at(np.ones(len(self.place), np.bool_))
-        _cells_around(self.around, self.first, self.place, everywhere, around)
+        _cells_around(self.around, self.first, self.place, self.cell_at(), around)
         return around
 
-    def cell_at(self, member: NDArray[np.bool_]) -> NDArray[np.uint8]:
-        """The cell at each place of each block and of one more that is empty, (blocks + 1, places), from its first.
-
-        member: (cells,) bool, cells that take part.
-        """
+    def cell_at(self) -> NDArray[np.uint8]:
+        """The cell at each place of each block and of one more that is empty, (blocks + 1, places), from its first."""
         table = np.full((len(self) + 1, PLACES), NONE)
-        _enter(self.first, self.place, member, table)
+        _enter(self.first, self.place, table)
         return table
 
 
@@ -237,15 +233,12 @@ def _find_around(keys: NDArray[np.int64], steps: NDArray[np.int64], around: NDAr
             around[block, side] = numbers[slot] if table[slot] != np.int64(-1) else len(keys)
 
 
-@kernel("void(i4[::1], u1[::1], b1[:], u1[:,::1])")
-def _enter(
-    first: NDArray[np.int32], place: NDArray[np.uint8], member: NDArray[np.bool_], cell_at: NDArray[np.uint8]
-) -> None:
-    """Enter the cells that are members at their places (see `Blocks.cell_at`)."""
+@kernel("void(i4[::1], u1[::1], u1[:,::1])")
+def _enter(first: NDArray[np.int32], place: NDArray[np.uint8], cell_at: NDArray[np.uint8]) -> None:
+    """Enter the cells at their places (see `Blocks.cell_at`)."""
     for block in range(len(first) - 1):
         for cell in range(first[block], first[block + 1]):
-            if member[cell]:
-                cell_at[block, place[cell]] = cell - first[block]
+            cell_at[block, place[cell]] = cell - first[block]
 
 
 @kernel("void(i4[:,::1], i4[::1], u1[::1], u1[:,::1], i4[:,::1])")
@@ -265,25 +258,22 @@ def _cells_around(
                 cells_around[cell, side] = first[other] + number if number != NONE else len(place)
 
 
-@kernel("i8(i4[:,::1], i4[::1], u1[::1], b1[:], u1[:,::1], u4[:,::1])")
+@kernel("i8(i4[:,::1], i4[::1], u1[::1], u1[:,::1], u4[:,::1])")
 def enter_pairs(
     around: NDArray[np.int32],
     first: NDArray[np.int32],
     place_of_cell: NDArray[np.uint8],
-    member: NDArray[np.bool_],
-    member_at: NDArray[np.uint8],
+    cell_at: NDArray[np.uint8],
     pairs: NDArray[np.uint32],
 ) -> int:
-    """Look up the surroundings of each member, and say how many pairs that are. member_at: see `Blocks.cell_at`."""
+    """Look up the surroundings of each cell, and say how many pairs that are. cell_at: see `Blocks.cell_at`."""
     count = np.uint64(0)  # without a sign, an index is not looked at for counting from the end
     for block in range(len(around)):
         for cell in range(first[block], first[block + 1]):
-            if not member[cell]:
-                continue
             place = place_of_cell[cell]
             for step in range(STEPS):
                 other = np.uint32(around[block, _STEP_BLOCK[place, step]])
-                number = member_at[other, _STEP_PLACE[place, step]]
+                number = cell_at[other, _STEP_PLACE[place, step]]
                 # Always written and then perhaps passed over: a branch would mostly be guessed wrong.
                 pairs[count, 0] = cell
                 pairs[count, 1] = first[other] + number

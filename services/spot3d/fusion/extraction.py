@@ -19,6 +19,7 @@ from spot3d.fusion.surface import (
     Surface,
     gather_cells,
     mean_of_cells,
+    only,
     points_of_cells,
     rows_of_groups,
     sums_of_groups,
@@ -77,15 +78,14 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
     up = planes[0].plane[:3]
     heat_min = settings.heat_min * min(1.0, peak_heat(points) / _PEAK)
     surface, coarse = gather_cells(points.xyz, points.normal, points.heat, settings.cell, _WARM * heat_min)
-    coarse_cell = surface.blocks.of_cells()
-    free = np.ones(len(surface.centre), np.bool_)
     supports: list[Support] = []
     if settings.plane_removal:
         sheets = find_sheets(coarse, planes, settings)
-        free = ~on_sheets(surface, sheets)
         supports = find_supports(points, coarse, sheets, up, settings)
+        surface = only(surface, ~on_sheets(surface, sheets))
+    coarse_cell = surface.blocks.of_cells()
     flat = lying_flat(surface, coarse, [(item.sheet, item.centre) for item in supports])
-    labels = split_at_creases(surface, free, flat, settings.crease, settings.segment_cells, settings.seamed_cells)
+    labels = split_at_creases(surface, flat, settings.crease, settings.segment_cells, settings.seamed_cells)
     segments = _warm_segments(labels, surface, heat_min, settings.segment_cells)
 
     def hot(cells: NDArray[np.int64]) -> bool:

@@ -47,7 +47,6 @@ def concavity(
 
 def split_at_creases(
     surface: Surface,
-    member: NDArray[np.bool_],
     flat: NDArray[np.bool_],
     crease: float,
     smallest: int,
@@ -55,29 +54,29 @@ def split_at_creases(
 ) -> NDArray[np.int32]:
     """Segments of a surface: connected regions without a crease, then the crease cells shared out.
 
-    member: (n,) bool, cells that are looked at. flat: (n,) bool, cells of thin flat things, which form regions of
+    flat: (n,) bool, cells of thin flat things, which form regions of
     their own: what lies on a table does not hold together what stands on it. crease: concavity (1/m) from which a
     cell is a crease. smallest: cells a region needs to count; smallest_seamed: where it ends at a faint crease.
-    Returns (n,) int32 segment of each cell, -1 = no member; a number between may be no cell's.
+    Returns (n,) int32 segment of each cell; a number between may be no cell's.
     """
-    pairs = near_pairs(surface, member)
+    pairs = near_pairs(surface)
     bend, link = concavity(surface, smooth_normals(surface.normal, pairs), pairs)
-    sharp, faint = member & (bend >= crease), member & (bend >= _FAINT * crease)
+    sharp, faint = bend >= crease, bend >= _FAINT * crease
     kind = np.uint8(1) + flat.view(np.uint8)
     # Most of a surface is far from any crease: what is connected there is found once.
-    calm = np.arange(len(member), dtype=np.uint32)
-    join(calm, link, (member & ~faint) * kind)
+    calm = np.arange(len(bend), dtype=np.uint32)
+    join(calm, link, ~faint * kind)
     link_of_crease = _links_of(link, faint)
     traced = _traced(link_of_crease, faint, sharp)
 
     def regions(left_out: NDArray[np.bool_], least: int) -> NDArray[np.int32]:
-        root, group = calm.copy(), (member & ~left_out) * kind
+        root, group = calm.copy(), ~left_out * kind
         join(root, link_of_crease, group)
         return np.asarray(label(root, group, least))
 
     labels = refined(regions(sharp, smallest), regions(traced, smallest_seamed))
     open_link = share_out(labels, link)
-    left = member & (labels < 0)
+    left = labels < 0
     rest = connected_cells(open_link, left.view(np.uint8))
     return np.where(left, rest + labels.max(initial=-1) + 1, labels)
 

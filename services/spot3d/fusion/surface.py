@@ -47,8 +47,7 @@ def gather_cells(
     blocks, cell_of_point = number_cells(outer.cells_around(), coarse_of_point, place, heat, least)
     cells = len(blocks.place)
     sums = np.full((cells + len(outer.place), 8), np.float32(0))
-    centre, normal = np.empty((len(sums), 3), np.float32), np.empty((len(sums), 3), np.float32)
-    mean, size = np.empty(len(sums), np.float32), np.empty(len(sums), np.float32)
+    centre, normal, mean, size = _columns(len(sums))
     _gather(points, normals, heat, cell_of_point, coarse_of_point, blocks.first, sums)
     _means(sums, centre, normal, mean, size)
     return (
@@ -57,15 +56,31 @@ def gather_cells(
     )
 
 
-def near_pairs(surface: Surface, member: NDArray[np.bool_] | None = None) -> NDArray[np.uint32]:
-    """(m, 2) uint32: pairs of cells no more than two cell edges apart, each pair once.
+def only(surface: Surface, kept: NDArray[np.bool_]) -> Surface:
+    """The surface of these cells alone, (n,) bool, in the same blocks."""
+    old, blocks, cells = surface, surface.blocks, int(np.count_nonzero(kept))
+    centre, normal, heat, size = _columns(cells)
+    first, place, number = np.empty_like(blocks.first), np.empty(cells, np.uint8), np.empty(len(kept) + 1, np.int32)
+    columns = (centre, normal, heat, size, place)
+    _keep(kept, blocks.first, old.centre, old.normal, old.heat, old.size, blocks.place, *columns, first, number)
+    cell_of_point = np.empty_like(old.cell_of_point)
+    _renumber(old.cell_of_point, number, cell_of_point)
+    return Surface(old.edge, centre, normal, heat, size, cell_of_point, Blocks(blocks.around, first, place))
 
-    member: (n,) bool, cells that take part; default: all.
-    """
+
+def _columns(
+    cells: int,
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Room for the centre, normal, heat and size of so many cells."""
+    centre, normal = np.empty((cells, 3), np.float32), np.empty((cells, 3), np.float32)
+    return centre, normal, np.empty(cells, np.float32), np.empty(cells, np.float32)
+
+
+def near_pairs(surface: Surface) -> NDArray[np.uint32]:
+    """(m, 2) uint32: pairs of cells no more than two cell edges apart, each pair once."""
     blocks = surface.blocks
-    member = np.ones(len(blocks.place), np.bool_) if member is None else member
     pairs = np.empty((len(blocks.place) * STEPS + 1, 2), np.uint32)
-    count: int = enter_pairs(blocks.around, blocks.first, blocks.place, member, blocks.cell_at(member), pairs)
+    count: int = enter_pairs(blocks.around, blocks.first, blocks.place, blocks.cell_at(), pairs)
     return pairs[:count]
 
 
@@ -134,6 +149,50 @@ def _means(
             centre[cell, axis] = sums[cell, axis] * share
             normal[cell, axis] = sums[cell, 3 + axis] * scale
         heat[cell], size[cell] = sums[cell, 6] * share, sums[cell, 7]
+
+
+@kernel(
+    "void(b1[::1], i4[::1], f4[:,::1], f4[:,::1], f4[::1], f4[::1], u1[::1], "
+    "f4[:,::1], f4[:,::1], f4[::1], f4[::1], u1[::1], i4[::1], i4[::1])"
+)
+def _keep(
+    kept: NDArray[np.bool_],
+    first: NDArray[np.int32],
+    centre: NDArray[np.float32],
+    normal: NDArray[np.float32],
+    heat: NDArray[np.float32],
+    size: NDArray[np.float32],
+    place: NDArray[np.uint8],
+    new_centre: NDArray[np.float32],
+    new_normal: NDArray[np.float32],
+    new_heat: NDArray[np.float32],
+    new_size: NDArray[np.float32],
+    new_place: NDArray[np.uint8],
+    new_first: NDArray[np.int32],
+    number: NDArray[np.int32],
+) -> None:
+    """Copy the cells that are kept; enter each block's first one and the new number of each, -1 = not kept."""
+    count = np.uint32(0)
+    for block in range(len(first) - 1):
+        new_first[block] = count
+        for cell in range(first[block], first[block + 1]):
+            number[cell] = -1
+            if kept[cell]:
+                for axis in range(3):
+                    new_centre[count, axis], new_normal[count, axis] = centre[cell, axis], normal[cell, axis]
+                new_heat[count], new_size[count], new_place[count] = heat[cell], size[cell], place[cell]
+                number[cell] = count
+                count += np.uint32(1)
+    new_first[-1], number[-1] = count, -1
+
+
+@kernel("void(i4[::1], i4[::1], i4[::1])")
+def _renumber(cell_of_point: NDArray[np.int32], number: NDArray[np.int32], renumbered: NDArray[np.int32]) -> None:
+    """The new number of each point's cell. number: of each cell, and after them of none, -1."""
+    none = np.uint32(len(number) - 1)
+    for i in range(len(cell_of_point)):
+        # No branch, which would often be guessed wrong: no cell, -1, is the largest without a sign.
+        renumbered[i] = number[min(np.uint32(cell_of_point[i]), none)]
 
 
 @kernel("Tuple((i8[::1], f8[::1]))(i4[::1], f4[::1])")
