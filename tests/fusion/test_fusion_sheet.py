@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 from fusion_room import BACKDROP_PLANE, STAGE, TABLE_PLANE, THREE, Cuboid, sampled, standing
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet import Sheet, StructureSheet, find_sheets, fit_sheet, lying_flat, on_sheets
@@ -173,13 +175,21 @@ def test_the_cells_near_to_each_of_several_sets_are_marked() -> None:
     for i, j in pairs:
         expected[i] |= member[j]
         expected[j] |= member[i]
-    near = with_neighbours(pairs, np.packbits(member, axis=1))
-    np.testing.assert_array_equal(np.unpackbits(near, axis=1, count=11), expected)
+    near = with_neighbours(pairs, np.packbits(np.ascontiguousarray(member.T), axis=0))
+    np.testing.assert_array_equal(np.unpackbits(near, axis=0, count=11).T, expected)
 
 
-def test_a_group_is_long_from_corner_to_corner() -> None:
-    centre = np.array([[0, 0, 0], [0.6, 0.6, 0], [9, 0, 0], [0.7, 0, 0], [0, 0, 0.7]], np.float32)
-    group = np.array([1, 1, -1, 0, 0], np.int32)
-    np.testing.assert_array_equal(in_long_groups(centre, group, 0.8), [True, True, False, True, True])
-    np.testing.assert_array_equal(in_long_groups(centre, group, 1.0), [False, False, False, False, False])
-    assert len(in_long_groups(centre[:0], group[:0], 1.0)) == 0
+@pytest.mark.parametrize("seed", range(5))
+def test_a_group_is_long_from_corner_to_corner(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    centre, member = rng.uniform(0, 0.5, (200, 3)).astype(np.float32), rng.random(200) < 0.5
+    pairs = np.sort(rng.integers(0, 200, (150, 2)), axis=1).astype(np.uint32)
+    pairs = pairs[np.argsort(pairs[:, 0])]
+    joined = pairs[member[pairs].all(axis=1)]
+    graph = csr_array((np.ones(len(joined)), joined.T), (200, 200))
+    _, group = connected_components(graph, directed=False)
+    length = np.array([np.linalg.norm(np.ptp(centre[group == number], axis=0)) for number in group])
+    begin = np.searchsorted(pairs[:, 0], np.arange(201))
+    found = in_long_groups(centre, pairs, begin, member, 0.5)
+    np.testing.assert_array_equal(found, member & (length > 0.5))
+    assert 0 < np.count_nonzero(found) < np.count_nonzero(member)

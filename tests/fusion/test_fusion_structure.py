@@ -65,3 +65,12 @@ def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(memory._planes) <= 30
     groups = memory.distinct(np.zeros(3))
     np.testing.assert_allclose(groups[0].plane, TABLE, atol=0.02)
+
+
+def test_groups_are_the_plain_means_and_medians() -> None:
+    memory = room_memory(7)
+    stack = np.array([item.plane for item in memory._planes])
+    for group, of in zip(memory.distinct(np.zeros(3)), (0, 1, 2), strict=True):
+        normal = stack[of::3, :3].mean(axis=0)
+        np.testing.assert_allclose(group.plane[:3], normal / np.linalg.norm(normal), atol=1e-12)
+        assert group.plane[3] == pytest.approx(np.median(stack[of::3, 3]), abs=1e-12)

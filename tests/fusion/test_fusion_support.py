@@ -72,7 +72,8 @@ def test_the_front_of_a_board_is_its_own(name: str, bottom: float, rim: bool) ->
     z = np.arange(bottom + 0.015, 0.0, 0.03)
     own = np.stack(np.meshgrid(np.arange(-0.3, 0.3, 0.03), [-0.6], z), -1).reshape(-1, 3).astype(np.float32)
     box = Cuboid((0.0, -0.6, bottom / 2), (0.6, 0.02, -bottom)).box()
-    assert is_rim(box, own, table()) == rim, name
+    twice = np.tile(np.arange(len(own), dtype=np.int32), 2)
+    assert is_rim(box, twice, np.append(own, np.float32([[9, 9, 9]]), axis=0), table()) == rim, name
 
 
 def test_what_touches_is_counted_as_by_brute_force() -> None:

@@ -48,7 +48,7 @@ def rotation_to_upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([[1 - a, -d, -x], [-d, 1 - b, -y], [x, y, 1 - a - b]])
 
 
-@kernel("f8[:,::1](f4[:,:], f8[:,:])")
+@kernel("f8[:,::1](f4[:,::1], f8[:,:])")
 def _turned(points: NDArray[np.float32], R: NDArray[np.float64]) -> NDArray[np.float64]:
     """(3, n) float64: R times each of (n, 3) points."""
     turned = np.empty((3, len(points)))
@@ -67,7 +67,7 @@ def _turn_level(columns: NDArray[np.float64], cosine: float, sine: float) -> Non
         columns[0, i], columns[1, i] = cosine * x + sine * y, cosine * y - sine * x
 
 
-@kernel("f8[:,::1](f4[:,:], f8[:], b1, f8, b1)")
+@kernel("f8[:,::1](f4[:,::1], f8[:], b1, f8, b1)")
 def _enclosed(
     points: NDArray[np.float32], up: NDArray[np.float64], turn: bool, trim: float, lengthwise: bool
 ) -> NDArray[np.float64]:
@@ -151,10 +151,10 @@ def merge_contained(
     held, parts, boxes = [holds[k] for k in order], [clusters[k].rows for k in order], [clusters[k].box for k in order]
     samples = [clusters[k].sample for k in order]
     centre = np.array([box.centre for box in boxes]).reshape(-1, 3)
-    radius = np.array([np.linalg.norm(box.size) / 2 + _MARGIN for box in boxes])
+    radius = np.linalg.norm(np.array([box.size for box in boxes]).reshape(-1, 3), axis=1) / 2 + _MARGIN
     gone = np.zeros(len(parts), np.bool_)
     for i in range(len(parts)):
-        near = np.linalg.norm(centre[i + 1 :] - centre[i], axis=1) < radius[i + 1 :] + radius[i]
+        near = ((centre[i + 1 :] - centre[i]) ** 2).sum(axis=1) < (radius[i + 1 :] + radius[i]) ** 2
         inside: dict[int, float] = {}
         for j in (np.flatnonzero(near) + i + 1).tolist():
             into = share_inside(samples[i], boxes[j], _MARGIN) if held[j] else 0.0
@@ -180,7 +180,7 @@ def share_inside(points: NDArray[np.float32], box: Box3D, margin: float | NDArra
     return _share_inside(points, box.centre, box.rotation, box.size / 2 + margin)
 
 
-@kernel("f8(f4[:,:], f8[:], f8[:,:], f8[:])")
+@kernel("f8(f4[:,::1], f8[:], f8[:,:], f8[:])")
 def _share_inside(
     points: NDArray[np.float32], centre: NDArray[np.float64], rotation: NDArray[np.float64], half: NDArray[np.float64]
 ) -> float:

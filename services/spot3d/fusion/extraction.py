@@ -101,9 +101,8 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
     found = []
     for cells, rows in zip(merged, points_of_cells(surface, merged), strict=True):
         box = box_of(taken(points.xyz, rows), lengthwise=True)
-        own = np.zeros(len(coarse.centre), np.bool_)
-        own[coarse_cell[cells]] = True
-        if _covered(len(cells) * settings.cell**2, box) and not is_rim(box, coarse.centre[own], supports):
+        rim = is_rim(box, coarse_cell[cells], coarse.centre, supports)
+        if not rim and _covered(len(cells) * settings.cell**2, box):
             found.append(Cluster(rows, box))
     return found
 

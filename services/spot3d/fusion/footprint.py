@@ -11,19 +11,21 @@ _ROUND = 0.89
 """Share of its smallest rectangle that a footprint fills: half-way between an ellipse (pi / 4) and a rectangle."""
 _LENGTHWISE = 1.15
 """A mug's rectangle along its handle is up to a ninth larger than that across it, and noise adds to that."""
+_OCTAGON_OF = 256
+"""About so many points tell well enough what is within."""
 
 
 @kernel("f8[:,::1](f8[:,:])")
 def outer_points(footprint: NDArray[np.float64]) -> NDArray[np.float64]:
     """Those of (2, n) points that may be corners of their convex hull, from the first one: (m, 2).
 
-    Left out are those within the octagon of the points that are outermost along the axes and the diagonals: a hull
-    takes far longer than this for many points.
+    Left out are those within the octagon of the points that are outermost, of some of all, along the axes and the
+    diagonals: a hull takes far longer than this for many points.
     """
     n = footprint.shape[1]
     outermost = np.zeros(8, np.int64)  # counter-clockwise
     reached = np.full(8, -np.inf)
-    for i in range(n):
+    for i in range(0, n, max(1, n // _OCTAGON_OF)):
         x, y = footprint[0, i], footprint[1, i]
         for k, along in enumerate((x, x + y, y, y - x)):
             if along > reached[k]:

@@ -73,7 +73,7 @@ def _around(places: NDArray[np.float32], hollow: Hollow) -> bool:
     return bool(top > hollow.rim - _RIM and bottom < hollow.rim - _RIM)
 
 
-@kernel("f8(f4[:,:], f8[:], f8)")
+@kernel("f8(f4[:,::1], f8[:], f8)")
 def _share_near(places: NDArray[np.float32], axis: NDArray[np.float64], radius: float) -> float:
     """Share of (n, 3) upright places nearer to an upright axis than `radius`, metres."""
     near = 0
@@ -107,7 +107,7 @@ def _ring(places: NDArray[np.float32]) -> Hollow | None:
     return Hollow(axis, float(np.quantile(distance, 0.95)), _top(places))
 
 
-@kernel("Tuple((f8, f8, f8, i8))(f4[:,:])")
+@kernel("Tuple((f8, f8, f8, i8))(f4[:,::1])")
 def _ring_of(places: NDArray[np.float32]) -> tuple[float, float, float, int]:
     """The circle through (n, 3) places, seen from above, by least squares (Kasa, 1976).
 
@@ -137,7 +137,7 @@ def _ring_of(places: NDArray[np.float32]) -> tuple[float, float, float, int]:
     return middle_x + a, middle_y + b, on / n, seen.sum()
 
 
-@kernel("Tuple((f8, f8, f8))(f4[:,:], f4[:,:])")
+@kernel("Tuple((f8, f8, f8))(f4[:,::1], f4[:,::1])")
 def _aimed_at(places: NDArray[np.float32], normals: NDArray[np.float32]) -> tuple[float, float, float]:
     """The place that is nearest to all lines along the walls' normals, and the mean cosine of these towards it.
 

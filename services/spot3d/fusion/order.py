@@ -30,14 +30,18 @@ def _beside(values: NDArray[np.float64], limit: float) -> tuple[float, float]:
     return before, after
 
 
-@kernel("f8(f8[::1], f8)")
-def value_at(values: NDArray[np.float64], position: float) -> float:
-    """The value of (n,) at a position in their order, 0 to n - 1, interpolated between two; 0 without values."""
-    if len(values) == 0:
-        return 0.0
-    low, high = values[0], values[0]
+@kernel("UniTuple(f8, 2)(f8[::1])")
+def _range(values: NDArray[np.float64]) -> tuple[float, float]:
+    """The smallest and the largest value."""
+    low, high = np.inf, -np.inf
     for i in range(len(values)):
         low, high = min(low, values[i]), max(high, values[i])
+    return low, high
+
+
+@kernel("f8(f8[::1], f8, f8, f8)")
+def _value_between(values: NDArray[np.float64], position: float, low: float, high: float) -> float:
+    """See `value_at`. low, high: the smallest and the largest value."""
     outer = int(position)
     if outer >= len(values) - 1:
         return float(high)
@@ -54,12 +58,22 @@ def value_at(values: NDArray[np.float64], position: float) -> float:
     return float(_beside(values, low)[1])  # several times the same value
 
 
+@kernel("f8(f8[::1], f8)")
+def value_at(values: NDArray[np.float64], position: float) -> float:
+    """The value of (n,) at a position in their order, 0 to n - 1, interpolated between two; 0 without values."""
+    if len(values) == 0:
+        return 0.0
+    low, high = _range(values)
+    return float(_value_between(values, position, low, high))
+
+
 @kernel("f8[:,::1](f8[:,::1], f8)")
 def quantiles(values: NDArray[np.float64], trim: float) -> NDArray[np.float64]:
     """The quantiles `trim` and 1 - `trim` of each row of (k, n) values, interpolated between two values: (2, k)."""
     last = values.shape[1] - 1
     ends = np.empty((2, len(values)))
     for row in range(len(values)):
-        ends[0, row] = value_at(values[row], trim * last)
-        ends[1, row] = value_at(values[row], last - trim * last)
+        low, high = _range(values[row])
+        ends[0, row] = _value_between(values[row], trim * last, low, high)
+        ends[1, row] = _value_between(values[row], last - trim * last, low, high)
     return ends

@@ -112,10 +112,10 @@ def _smooth(normals: NDArray[np.float32], pairs: NDArray[np.uint32], total: NDAr
         like = np.float32(0)
         for axis in range(3):
             like += normals[i, axis] * normals[j, axis]
-        if like > _LIKE:
-            for axis in range(3):
-                total[i, axis] += normals[j, axis]
-                total[j, axis] += normals[i, axis]
+        alike = np.float32(like > _LIKE)  # no branch, which would often be guessed wrong
+        for axis in range(3):
+            total[i, axis] += alike * normals[j, axis]
+            total[j, axis] += alike * normals[i, axis]
     for i in range(len(total)):
         square = total[i, 0] ** 2 + total[i, 1] ** 2 + total[i, 2] ** 2
         scale = np.float32(1) / np.sqrt(max(square, np.float32(1e-12)))

@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.fusion.segments import connected_cells
+from spot3d.fusion.footprint import convex_hull, outer_points, smallest_rectangle
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.sheet_fit import FITTED_MIN, facing_points, fitted_warp, in_plane_axes
 from spot3d.fusion.sheet_kernels import (
@@ -98,6 +97,7 @@ def find_sheets(coarse: Surface, planes: list[StructurePlane], settings: FusionS
     """
     found: list[StructureSheet] = []
     pairs = near_pairs(coarse)
+    begin = np.append(0, np.cumsum(np.bincount(pairs[:, 0], minlength=len(coarse.centre))))
     lasting = [item.removed_share >= _LASTING_SHARE for item in planes]
     for item, warped in zip(planes, lasting, strict=True):
         sheet = fit_sheet(item.plane, coarse.centre, coarse.normal, _REACH, warped)
@@ -106,7 +106,7 @@ def find_sheets(coarse: Surface, planes: list[StructurePlane], settings: FusionS
         thickness = float(np.clip(_SPREADS * sheet.spread, settings.plane_distance, 2 * settings.plane_distance))
         cells, facing = cells_at_sheet(coarse.centre, coarse.normal, thickness + coarse.edge / 2, *sheet.shape)
         if not warped:
-            cells = facing = _reaching(coarse, pairs, facing, settings.size_max)
+            cells = facing = in_long_groups(coarse.centre, pairs, begin, facing, settings.size_max)
         if facing.any():
             found.append(StructureSheet(sheet, thickness, cells, facing))
     near = _with_neighbours(pairs, [item.near for item in found])
@@ -153,24 +153,18 @@ def _with_neighbours(pairs: NDArray[np.uint32], members: list[NDArray[np.bool_]]
     """The members of each of several sets of cells, (n,) bool, and those near them. pairs: near cells."""
     if not members:
         return []
-    near = with_neighbours(pairs, np.packbits(np.stack(members, axis=1), axis=1))
-    return list(np.unpackbits(near, axis=1, count=len(members)).view(np.bool_).T)
-
-
-def _reaching(
-    surface: Surface, pairs: NDArray[np.uint32], member: NDArray[np.bool_], reach: float
-) -> NDArray[np.bool_]:
-    """The members whose connected component is longer than `reach`. pairs: near cells."""
-    labels = connected_cells(pairs, member.view(np.uint8))
-    return in_long_groups(surface.centre, labels, reach)
+    near = with_neighbours(pairs, np.packbits(np.stack(members), axis=0))
+    return list(np.unpackbits(near, axis=0, count=len(members)).view(np.bool_))
 
 
 def _rectangle(
     normal: NDArray[np.float64], points: NDArray[np.float32]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The smallest rectangle in a plane around (n, 3) points: axes over half extents (2, 3), and middle (3,)."""
-    axes = in_plane_axes(normal)
-    middle, extents, degrees = cv2.minAreaRect((points @ axes.T).astype(np.float32))
-    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
-    half = np.maximum(np.array(extents), 1e-3) / 2
-    return np.array([[c, s], [-s, c]]) @ axes / half[:, None], np.array(middle) @ axes
+    axes, footprint = in_plane_axes(normal), np.ascontiguousarray((points @ in_plane_axes(normal).T).T)
+    yaw, _ = smallest_rectangle(convex_hull(outer_points(footprint)))
+    sides = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+    along = sides @ footprint
+    low, high = along.min(axis=1), along.max(axis=1)
+    half = np.maximum(high - low, 1e-3) / 2
+    return sides @ axes / half[:, None], (low + high) / 2 @ sides @ axes

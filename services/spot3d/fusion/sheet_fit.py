@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.fusion.order import quantiles, value_at
+from spot3d.fusion.sheet_kernels import plane_distances
 from spot3d.kernel import kernel
 
 FITTED_MIN = 50
@@ -20,16 +21,15 @@ _SPREAD_MIN = 1e-3
 """No sheet is flatter than this, metres."""
 
 
-@kernel("f8[:,::1](f4[:,:], f4[:,:], f8[:], f8)")
+@kernel("f8[:,::1](f4[:,::1], f4[:,::1], f8[::1], f8)")
 def facing_points(
     points: NDArray[np.float32], normals: NDArray[np.float32], plane: NDArray[np.float64], reach: float
 ) -> NDArray[np.float64]:
     """The points within `reach` of the plane that face its way, (3, m)."""
     chosen = np.empty((3, len(points)))
-    count = 0
+    count, distance = 0, plane_distances(points, plane)
     for i in range(len(points)):
-        distance = plane[3] + plane[0] * points[i, 0] + plane[1] * points[i, 1] + plane[2] * points[i, 2]
-        if abs(distance) < reach:
+        if abs(distance[i]) < reach:
             cosine = plane[0] * normals[i, 0] + plane[1] * normals[i, 1] + plane[2] * normals[i, 2]
             if cosine > _FACING:
                 for axis in range(3):

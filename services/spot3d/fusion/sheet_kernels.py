@@ -35,7 +35,7 @@ def height_above(
     return float(height - (warp[0] + warp[1] * x + warp[2] * y + warp[3] * x * x + warp[4] * x * y + warp[5] * y * y))
 
 
-@kernel("f8(f8[:], f8[:], f8[:,:], f8[:], f8[:])")
+@kernel("f8(f8[:], f8[::1], f8[:,::1], f8[::1], f8[::1])")
 def distance_of(
     point: NDArray[np.float64],
     plane: NDArray[np.float64],
@@ -47,7 +47,7 @@ def distance_of(
     return height_above(point, plane, axes, middle, warp)
 
 
-@kernel("f8[::1](f4[:,:], f8[:], f8[:,:], f8[:], f8[:])")
+@kernel("f8[::1](f4[:,::1], f8[::1], f8[:,::1], f8[::1], f8[::1])")
 def distances(
     points: NDArray[np.float32],
     plane: NDArray[np.float64],
@@ -62,7 +62,17 @@ def distances(
     return heights
 
 
-@kernel("Tuple((b1[::1], b1[::1]))(f4[:,:], f4[:,:], f8, f8[:], f8[:,:], f8[:], f8[:])")
+@kernel("f8[::1](f4[:,::1], f8[::1])")
+def plane_distances(points: NDArray[np.float32], plane: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Signed distances of (n, 3) points from a plane. Without a branch: several points are computed at once."""
+    found = np.empty(len(points))
+    a, b, c, d = plane[0], plane[1], plane[2], plane[3]
+    for i in range(len(points)):
+        found[i] = d + a * points[i, 0] + b * points[i, 1] + c * points[i, 2]
+    return found
+
+
+@kernel("Tuple((b1[::1], b1[::1]))(f4[:,::1], f4[:,::1], f8, f8[::1], f8[:,::1], f8[::1], f8[::1])")
 def cells_at_sheet(
     centre: NDArray[np.float32],
     normal: NDArray[np.float32],
@@ -75,15 +85,15 @@ def cells_at_sheet(
     """Which cells lie within `reach` of a sheet, and which of those face its way: (n,) bool each."""
     near, facing = np.zeros(len(centre), np.bool_), np.zeros(len(centre), np.bool_)
     far = reach + np.abs(warp).sum()  # nothing is farther from a sheet than from its plane by more than its warp
+    height = plane_distances(centre, plane)
     for i in range(len(centre)):
-        height = plane[0] * centre[i, 0] + plane[1] * centre[i, 1] + plane[2] * centre[i, 2] + plane[3]
-        if abs(height) < far and abs(height_above(centre[i], plane, axes, middle, warp)) < reach:
+        if abs(height[i]) < far and abs(height_above(centre[i], plane, axes, middle, warp)) < reach:
             near[i] = True
             facing[i] = plane[0] * normal[i, 0] + plane[1] * normal[i, 1] + plane[2] * normal[i, 2] > FACING
     return near, facing
 
 
-@kernel("void(b1[:], f4[:,:], f4[:,:], i4[:], b1[:], b1[:], f8, f8[:], f8[:,:], f8[:], f8[:])")
+@kernel("void(b1[::1], f4[:,::1], f4[:,::1], i4[::1], b1[:], b1[:], f8, f8[::1], f8[:,::1], f8[::1], f8[::1])")
 def mark_sheet(
     structure: NDArray[np.bool_],
     centre: NDArray[np.float32],
@@ -123,7 +133,9 @@ def _above(point: NDArray[np.float32], extent: NDArray[np.float64], middle: NDAr
     return inside
 
 
-@kernel("void(b1[:], f4[:,:], f4[:,:], i4[:], f4[:,:], f8, f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:])")
+@kernel(
+    "void(b1[:], f4[:,::1], f4[:,::1], i4[::1], f4[:,::1], f8, f8[::1], f8[:,::1], f8[::1], f8[::1], f8[:,:], f8[:])"
+)
 def mark_flat(
     flat: NDArray[np.bool_],
     centre: NDArray[np.float32],
@@ -154,32 +166,58 @@ def mark_flat(
 
 @kernel("u1[:,::1](u4[:,::1], u1[:,::1])")
 def with_neighbours(pairs: NDArray[np.uint32], member: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The members of sets of cells and the cells near them, (n, sets / 8) uint8, a bit a set. pairs: near cells."""
+    """The members of sets of cells and the cells near them, (sets / 8, n) uint8, a bit a set. pairs: near cells."""
     near = member.copy()
-    for k in range(len(pairs)):
-        i, j = pairs[k, 0], pairs[k, 1]
-        for eight in range(member.shape[1]):
-            of_i, of_j = member[i, eight], member[j, eight]
+    for eight in range(len(member)):
+        for k in range(len(pairs)):
+            i, j = pairs[k, 0], pairs[k, 1]
+            of_i, of_j = member[eight, i], member[eight, j]
             if of_i != of_j:  # rare
-                near[i, eight] |= of_j
-                near[j, eight] |= of_i
+                near[eight, i] |= of_j
+                near[eight, j] |= of_i
     return near
 
 
-@kernel("b1[::1](f4[:,:], i4[:], f8)")
-def in_long_groups(centre: NDArray[np.float32], group: NDArray[np.int32], reach: float) -> NDArray[np.bool_]:
-    """Which cells are of a group whose extent, from corner to corner, is more than `reach`, (n,) bool.
+@kernel("b1[::1](f4[:,::1], u4[:,::1], i8[::1], b1[::1], f8)")
+def in_long_groups(
+    centre: NDArray[np.float32],
+    pairs: NDArray[np.uint32],
+    begin: NDArray[np.int64],
+    member: NDArray[np.bool_],
+    reach: float,
+) -> NDArray[np.bool_]:
+    """Which members are connected over more than `reach` metres, from corner to corner: (n,) bool.
 
-    group: (n,) int32, -1 = none.
+    pairs: near cells, in the order of the first of both; begin: where each cell's pairs begin and the last one's end.
+    Union-find with path halving, over the members' pairs alone: they are few.
     """
-    count = group.max() + 1 if len(group) > 0 else 0
-    low, high = np.full((count, 3), np.float32(np.inf)), np.full((count, 3), np.float32(-np.inf))
-    for i in range(len(group)):
-        for axis in range(3 if group[i] >= 0 else 0):
-            low[group[i], axis] = min(low[group[i], axis], centre[i, axis])
-            high[group[i], axis] = max(high[group[i], axis], centre[i, axis])
-    long = np.empty(count + 1, np.bool_)
-    for k in range(count):
-        long[k] = ((high[k] - low[k]) ** 2).sum() > reach * reach
-    long[count] = False  # found at index -1
-    return long[group]
+    root, long = np.empty(len(member), np.uint32), np.zeros(len(member), np.bool_)
+    low, high = np.empty_like(centre), np.empty_like(centre)
+    for cell in range(len(member)):
+        if member[cell]:
+            root[cell] = cell
+            for axis in range(3):
+                low[cell, axis] = high[cell, axis] = centre[cell, axis]
+    for cell in range(len(member)):
+        for k in range(begin[cell], begin[cell + 1] if member[cell] else 0):
+            i, j = np.uint32(cell), pairs[k, 1]
+            if not member[j]:
+                continue
+            while root[i] != i:
+                root[i] = root[root[i]]
+                i = root[i]
+            while root[j] != j:
+                root[j] = root[root[j]]
+                j = root[j]
+            i, j = min(i, j), max(i, j)
+            root[j] = i
+            for axis in range(3):
+                low[i, axis], high[i, axis] = min(low[i, axis], low[j, axis]), max(high[i, axis], high[j, axis])
+    for cell in range(len(member)):
+        if member[cell]:
+            root[cell] = root[root[cell]]
+            square = 0.0
+            for axis in range(3):
+                square += (high[root[cell], axis] - low[root[cell], axis]) ** 2
+            long[cell] = square > reach * reach
+    return long

@@ -81,16 +81,24 @@ class PlaneMemory:
         while far.any():
             centres = np.concatenate((centres, features[far][:1]))
             far &= np.linalg.norm(features - centres[-1], axis=1) > _SAME_DISTANCE
-        labels = _k_means(features, centres)
-        keyframes = max(1, sum(item.removed for item in self._planes))
-        groups = []
-        for label in np.unique(labels):
-            members = np.flatnonzero(labels == label)
-            normal = stack[members, :3].mean(axis=0)
-            normal /= np.linalg.norm(normal)
-            offset = float(np.median(position[members])) - normal @ around
-            removed = [self._planes[k] for k in members if self._planes[k].removed]
-            groups.append(
-                StructurePlane(np.append(normal, offset), len(removed) / keyframes, sum(item.heat for item in removed))
-            )
+        labels, count = _k_means(features, centres), len(centres)
+        removed, heat = np.array([(item.removed, item.removed * item.heat) for item in self._planes]).T
+        size, share = np.bincount(labels, minlength=count), np.bincount(labels, removed, count) / max(1, removed.sum())
+        normals = np.stack([np.bincount(labels, column, count) for column in stack.T[:3]], axis=1)
+        normals = normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
+        offsets = _medians(labels, position, size) - normals @ around
+        heats = np.bincount(labels, heat, count)
+        groups = [
+            StructurePlane(np.append(normals[k], offsets[k]), float(share[k]), float(heats[k]))
+            for k in np.flatnonzero(size)
+        ]
         return sorted(groups, key=lambda group: -group.heat)
+
+
+def _medians(labels: NDArray[np.int64], values: NDArray[np.float64], size: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The median of each label's values, of which there are so many; any number where there are none."""
+    ordered = values[np.lexsort((values, labels))]
+    first = np.cumsum(size) - size
+    low, high = first + np.maximum(size - 1, 0) // 2, first + size // 2
+    last = len(values) - 1
+    return np.asarray(ordered[np.minimum(low, last)] + ordered[np.minimum(high, last)]) / 2

@@ -135,16 +135,17 @@ def edge_groups(boxes: list[Box3D], samples: list[NDArray[np.float32]], supports
     return list(group_of.values())
 
 
-def is_rim(box: Box3D, own: NDArray[np.float32], supports: list[Support]) -> bool:
+def is_rim(box: Box3D, own: NDArray[np.int32], centre: NDArray[np.float32], supports: list[Support]) -> bool:
     """Whether a thing is a support's own front: it begins at the support's level, goes down, and keeps to its rim.
 
-    own: (n, 3) float32 centres of the coarse cells of the thing's points.
+    own: (n,) coarse cells of the thing, each perhaps several times; centre: (m, 3) float32 of all coarse cells.
     """
     for item in supports:
         if not -BOARD < item.above(box) + float(box.size[2]) / 2 < item.clearance:
             continue
-        touching = _RIM * item.edge
-        around = ((item.centre > own.min(axis=0) - touching) & (item.centre < own.max(axis=0) + touching)).all(axis=1)
-        if count_touching(own, item.centre[around], touching) > _RIM_SHARE * len(own):
+        touching, cells = _RIM * item.edge, centre[np.unique(own)]
+        low, high = cells.min(axis=0) - touching, cells.max(axis=0) + touching
+        around = ((item.centre > low) & (item.centre < high)).all(axis=1)
+        if count_touching(cells, item.centre[around], touching) > _RIM_SHARE * len(cells):
             return True
     return False

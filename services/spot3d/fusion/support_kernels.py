@@ -8,7 +8,7 @@ from spot3d.fusion.sheet_kernels import FACING, height_above
 from spot3d.kernel import kernel
 
 
-@kernel("f8(f4[:,::1], f4[:,::1], i4[::1], b1[:], i8, f8[:], f8[:,:], f8[:], f8[:])")
+@kernel("f8(f4[:,::1], f4[:,::1], i4[::1], b1[:], i8, f8[::1], f8[:,::1], f8[::1], f8[::1])")
 def spread_about(
     points: NDArray[np.float32],
     normals: NDArray[np.float32],
@@ -83,7 +83,7 @@ def count_foreign(
     return count
 
 
-@kernel("i8(f4[:,:], f4[:,:], f8)")
+@kernel("i8(f4[:,::1], f4[:,::1], f8)")
 def count_touching(points: NDArray[np.float32], others: NDArray[np.float32], reach: float) -> int:
     """How many of (n, 3) points are nearer than `reach` to one of the others, (m, 3)."""
     count = 0

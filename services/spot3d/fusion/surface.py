@@ -241,7 +241,7 @@ def mean_of_cells(values: NDArray[np.float32], size: NDArray[np.float32], cells:
     return total / count
 
 
-@kernel("f8[::1](f4[:,:])")
+@kernel("f8[::1](f4[:,::1])")
 def middle_of(points: NDArray[np.float32]) -> NDArray[np.float64]:
     """The mean of (n, 3) points; the origin without any."""
     middle = np.zeros(3)
