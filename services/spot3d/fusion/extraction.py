@@ -33,8 +33,8 @@ _COVERED = 0.5
 """An object's surface is seen over at least this share of its box's largest face; a triangle's is."""
 _PEAK = 0.5
 """Where even the hottest points are colder than this, eps falls in proportion: a frame's maximum wanders."""
-_WARM = 0.2
-"""Points below this share of eps belong to no object and are not looked at."""
+_WARM = 0.5
+"""What is colder than this share of eps is no part of an object: no point, which is not looked at, and no segment."""
 
 
 def find_objects(points: MapPoints, planes: list[StructurePlane], settings: FusionSettings) -> list[FoundObject]:
@@ -158,7 +158,7 @@ def _warm_segments(
 ) -> list[NDArray[np.int64]]:
     """The cells of each segment that is warm and large enough to be an object or part of one."""
     size, heat = sums_of_groups(segments, surface.heat)
-    kept = (heat >= heat_min / 2 * size) & (size >= cells_min)
+    kept = (heat >= _WARM * heat_min * size) & (size >= cells_min)
     number = np.where(kept, np.cumsum(kept) - 1, -1).astype(np.int32)
     return rows_of_groups(segments, size, number, int(np.count_nonzero(kept)))
 
