@@ -90,8 +90,9 @@ def reweighted(
     Iteratively reweighted least squares with Tukey's weights.
     """
     k, n = terms.shape
-    warp, off = np.zeros(k), np.abs(distance)
-    weight, weighted = np.empty(n), np.empty(n)
+    warp, off, weight, weighted = np.zeros(k), np.empty(n), np.empty(n), np.empty(n)
+    for i in range(n):
+        off[i] = abs(distance[i])
     square, right = np.empty((k, k)), np.empty(k)
     for _ in range(_FITS):
         per_reach = 1 / (3 * scale)
@@ -106,7 +107,8 @@ def reweighted(
                 square[a, b] = square[b, a] = _dot(weighted, terms[b])
             square[a, a] += 1e-3 * n  # keeps the warp flat where a thin strip says nothing about it
         warp = solved(square, right)
-        off[:] = distance
+        for i in range(n):
+            off[i] = distance[i]
         for a in range(k):
             for i in range(n):
                 off[i] -= warp[a] * terms[a, i]
@@ -144,7 +146,7 @@ def fitted_warp(
     """Axes, middle, warp and spread of the sheet (see `Sheet`) through (3, n) points within `reach` of a plane."""
     n = points.shape[1]
     ends, axes = quantiles(points, _RIM), in_plane_axes(plane[:3])
-    middle, across, distance = np.empty(3), np.zeros((2, n)), np.full(n, plane[3])
+    middle, across, distance = np.empty(3), np.zeros((2, n)), np.zeros(n)
     for axis in range(3):
         middle[axis] = (ends[0, axis] + ends[1, axis]) / 2
         for i in range(n):
@@ -152,10 +154,15 @@ def fitted_warp(
             across[0, i] += axes[0, axis] * along
             across[1, i] += axes[1, axis] * along
             distance[i] += plane[axis] * points[axis, i]
-    extent = quantiles(np.abs(across), _RIM)[1]
+    for side in range(2):
+        for i in range(n):
+            across[side, i] = abs(across[side, i])
+    extents = quantiles(across, _RIM)
     for side in range(2):
         for axis in range(3):
-            axes[side, axis] /= max(extent[side], _EXTENT_MIN)
+            axes[side, axis] /= max(extents[1, side], _EXTENT_MIN)
+    for i in range(n):
+        distance[i] += plane[3]
     terms = warp_terms(points, axes, middle, 6 if warped else 3)
     fitted, spread = reweighted(terms, distance, reach / 2)
     warp = np.zeros(6)

@@ -68,14 +68,16 @@ def count_foreign(
     size: NDArray[np.float64],
 ) -> int:
     """How many of (n, 3) points, of these cells, lie in a box and are of no cell of its own."""
-    is_own = np.zeros(cells.max() + 1 if len(cells) > 0 else 0, np.bool_)
+    highest = 0
     for cell in own:
-        if cell < len(is_own):
-            is_own[cell] = True
+        highest = max(highest, int(cell))
+    is_own = np.zeros(highest + 1, np.bool_)
+    for cell in own:
+        is_own[cell] = True
     count = 0
     for i in range(len(points)):
         x, y, z = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
-        inside = not is_own[cells[i]]
+        inside = cells[i] > highest or not is_own[cells[i]]
         for axis in range(3):
             along = rotation[0, axis] * x + rotation[1, axis] * y + rotation[2, axis] * z
             inside &= abs(along) < size[axis] / 2

@@ -200,7 +200,9 @@ def sums_of_groups(
     group: NDArray[np.int32], values: NDArray[np.float32]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """How many values each group has, and their sum. group: (n,) int32, from 0, -1 = none."""
-    groups = group.max() + 1 if len(group) > 0 else 0
+    groups = 0
+    for number in group:
+        groups = max(groups, number + 1)
     size, total = np.zeros(groups, np.int64), np.zeros(groups)
     for i in range(len(group)):
         if group[i] >= 0:
