@@ -41,10 +41,13 @@ class Blocks:
         """The block of each cell, (cells,) int32."""
         return np.repeat(np.arange(len(self), dtype=np.int32), np.diff(self.first))
 
-    def cells_around(self) -> NDArray[np.int32]:
-        """The cells around each cell, (cells, 18) int32: what `around` is where it is a block of smaller ones."""
+    def cells_around(self, wanted: NDArray[np.bool_]) -> NDArray[np.int32]:
+        """The cells around each cell, (cells, 18) int32: what `around` is where it is a block of smaller ones.
+
+        wanted: (cells,) bool, those that hold smaller ones; around the others anything may be.
+        """
         around = np.empty((len(self.place), _SIDES), np.int32)
-        _cells_around(self.around, self.first, self.place, self.cell_at(), around)
+        _cells_around(self.around, self.first, self.place, self.cell_at(), wanted, around)
         return around
 
     def cell_at(self) -> NDArray[np.uint8]:
@@ -178,21 +181,21 @@ def find_around(keys: NDArray[np.int64]) -> NDArray[np.int32]:
 
 
 def number_cells(
-    around: NDArray[np.int32],
+    blocks: int,
     block_of_point: NDArray[np.int32],
     place: NDArray[np.uint8],
     heat: NDArray[np.float32],
     least: float,
-) -> tuple[Blocks, NDArray[np.int32]]:
-    """The cells that hold points at least so hot, numbered block by block, and the cell of each point, -1 = none.
+) -> tuple[NDArray[np.int32], NDArray[np.uint8], NDArray[np.int32]]:
+    """The cells that hold points at least so hot, numbered block by block: `first` and `place` (see `Blocks`).
 
-    around: which blocks are around each (see `Blocks`).
+    And the cell of each point, -1 = none. blocks: how many they are.
     """
     # Large arrays are made here, not in the kernels: NumPy asks for huge pages, which are much faster to begin with.
     cell_of_point, place_of_cell = np.empty(len(place), np.int32), np.empty(len(place), np.uint8)
-    first, cell_at = np.zeros(len(around) + 1, np.int32), np.full((len(around), PLACES), NONE)
+    first, cell_at = np.zeros(blocks + 1, np.int32), np.full((blocks, PLACES), NONE)
     _number_cells(block_of_point, place, heat, np.float32(least), first, cell_at, cell_of_point, place_of_cell)
-    return Blocks(around, first, place_of_cell[: first[-1]].copy()), cell_of_point
+    return first, place_of_cell[: first[-1]].copy(), cell_of_point
 
 
 @kernel("void(i4[::1], u1[::1], f4[::1], f4, i4[::1], u1[:,::1], i4[::1], u1[::1])")
@@ -241,18 +244,19 @@ def _enter(first: NDArray[np.int32], place: NDArray[np.uint8], cell_at: NDArray[
             cell_at[block, place[cell]] = cell - first[block]
 
 
-@kernel("void(i4[:,::1], i4[::1], u1[::1], u1[:,::1], i4[:,::1])")
+@kernel("void(i4[:,::1], i4[::1], u1[::1], u1[:,::1], b1[::1], i4[:,::1])")
 def _cells_around(
     around: NDArray[np.int32],
     first: NDArray[np.int32],
     place: NDArray[np.uint8],
     cell_at: NDArray[np.uint8],
+    wanted: NDArray[np.bool_],
     cells_around: NDArray[np.int32],
 ) -> None:
     """See `Blocks.cells_around`."""
     for block in range(len(around)):
         for cell in range(first[block], first[block + 1]):
-            for side in range(around.shape[1]):
+            for side in range(around.shape[1] if wanted[cell] else 0):
                 other = np.uint32(around[block, _SIDE_BLOCK[place[cell], side]])
                 number = cell_at[other, _SIDE_PLACE[place[cell], side]]
                 cells_around[cell, side] = first[other] + number if number != NONE else len(place)
