@@ -33,8 +33,10 @@ _COVERED = 0.5
 """An object's surface is seen over at least this share of its box's largest face; a triangle's is."""
 _PEAK = 0.5
 """Where even the hottest points are colder than this, eps falls in proportion: a frame's maximum wanders."""
+_COLD = 0.4
+"""Points below this share of eps belong to no object and are not looked at: a heatmap's halo around what is warm."""
 _WARM = 0.5
-"""What is colder than this share of eps is no part of an object: no point, which is not looked at, and no segment."""
+"""A segment whose mean heat is at least this share of eps may be a part of an object."""
 
 
 def find_objects(points: MapPoints, planes: list[StructurePlane], settings: FusionSettings) -> list[FoundObject]:
@@ -77,7 +79,7 @@ def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: Fusio
     """Whole surfaces between creases and structure, each judged by its mean heat, boxed down to its support."""
     up = planes[0].plane[:3]
     heat_min = settings.heat_min * min(1.0, peak_heat(points) / _PEAK)
-    surface, coarse = gather_cells(points.xyz, points.normal, points.heat, settings.cell, _WARM * heat_min)
+    surface, coarse = gather_cells(points.xyz, points.normal, points.heat, settings.cell, _COLD * heat_min)
     supports: list[Support] = []
     if settings.plane_removal:
         sheets = find_sheets(coarse, planes, settings)
