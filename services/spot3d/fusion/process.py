@@ -140,7 +140,7 @@ class _Stage:
         """Start an update. Live it waits for a free moment; lossless it is made of exactly this frame."""
         if self.node.link.delivery == "live" and self.updates.busy:
             self.cadence.postpone()
-        elif self.updates.wait():
+        elif self.updates.wait(self._say_progress):
             self.updates.submit(take_update(self.fusion, heat, complete=False))
 
     def _ended(self, given: Received[End]) -> None:
@@ -151,11 +151,13 @@ class _Stage:
 
     def _complete(self) -> None:
         """Everything is in: the last objects, then the word that they are the last."""
-        missing = self.ledger.close()
-        self.node.counters.drop("never arrived", missing)
-        if self.last is not None and self.updates.wait():
+        if self.last is not None and self.updates.wait(self._say_progress):
             self.updates.submit(take_update(self.fusion, self.last, complete=True))
-            self.updates.wait()
+            self.updates.wait(self._say_progress)
+        self.node.counters.drop("never arrived", self.ledger.close())
+        self._say_progress()
+
+    def _say_progress(self) -> None:
         self._publish_progress(self._own_header(_PROGRESS))
 
     def _publish_progress(self, header: Header) -> None:

@@ -3,6 +3,8 @@
 import os
 import sys
 import threading
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +19,9 @@ from spot3d_schemas import Message, Object3D, Objects
 _OUT = "fusion/objects"
 _NICENESS = 5
 """Frames come first: where the processors are busy, an update takes what the stages leave."""
+
+_WORD_S = 1.0
+"""A stage that waits for an update says so this often: the first one may have to compile its kernels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,12 +66,19 @@ class Updates:
         with self._changed:
             return self._busy
 
-    def wait(self) -> bool:
-        """Wait until no update is being computed; returns False where the stage is to stop."""
-        with self._changed:
-            while self._busy and not self._node.stop.is_set():
-                self._changed.wait(0.1)
-            return not self._busy
+    def wait(self, meanwhile: Callable[[], None], interval_s: float = _WORD_S) -> bool:
+        """Wait until no update is being computed; returns False where the stage is to stop.
+
+        meanwhile: called again and again, so that whoever waits for this stage hears that it is there.
+        """
+        said_s = time.monotonic()
+        while self.busy and not self._node.stop.is_set():
+            with self._changed:
+                self._changed.wait_for(lambda: not self._busy, 0.1)
+            if time.monotonic() - said_s >= interval_s:
+                meanwhile()
+                said_s = time.monotonic()
+        return not self.busy
 
     def submit(self, update: Update) -> None:
         """Compute and publish an update; only while not busy."""

@@ -143,14 +143,12 @@ class _Player:
         return newest
 
     def _wait_for_credit(self, most: int) -> None:
-        """Wait until at most `most` frames are on their way; without any progress for too long they are lost."""
-        limit_s = self.node.link.credit_timeout_s
-        since_s, before = time.monotonic(), self.credit.outstanding
+        """Wait until at most `most` frames are on their way; without a word of progress for too long they are lost."""
+        limit_s, since_s = self.node.link.credit_timeout_s, time.monotonic()
         self._read_progress(0.0)
         while self.credit.outstanding > most and not self.node.stop.is_set():
-            self._read_progress(limit_s)
-            if self.credit.outstanding < before:
-                since_s, before = time.monotonic(), self.credit.outstanding
+            if self._read_progress(limit_s) is not None:
+                since_s = time.monotonic()
             elif time.monotonic() - since_s >= limit_s:
                 lost = self.credit.give_up()
                 self.node.counters.drop("lost in flight", len(lost))
@@ -179,8 +177,11 @@ class _Player:
                 header = Header(robot=self.node.link.robot, seq=0, stamp_ns=self.last_stamp_ns, frame_id="camera")
                 self.node.publish(_END, End(header=self.node.numbered(_END, header), frames_sent=self.sent))
             progress = self._read_progress(_END_INTERVAL_S)
-            if progress is not None and progress.complete and progress.last_stamp_ns >= self.last_stamp_ns:
+            if progress is None:
+                continue
+            if progress.complete and progress.last_stamp_ns >= self.last_stamp_ns:
                 return
+            start_s = now_s
 
 
 class _Pace:

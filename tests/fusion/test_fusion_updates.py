@@ -1,0 +1,45 @@
+"""Updates beside the fusing: who waits for one hears that it is on its way."""
+
+import threading
+from contextlib import closing
+
+from spot3d.dataflow.node import Node, Received
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.fusion.fusion import Fusion, Objects, ObjectsTask
+from spot3d.fusion.settings import FusionSettings
+from spot3d.fusion.updates import Update, Updates
+from spot3d_schemas import Header, Progress
+
+LIMIT_S = 20.0
+
+
+class LongTask(ObjectsTask):
+    """An update that takes until it is told to end."""
+
+    end = threading.Event()
+
+    def run(self) -> Objects:
+        """Nothing, at last."""
+        assert self.end.wait(LIMIT_S)
+        raise RuntimeError("enough")
+
+
+def test_who_waits_for_an_update_is_called_again_and_again() -> None:
+    stop, calls = threading.Event(), list[int]()
+    node = Node("fusion", LinkSettings(), stop)
+    header = Header(robot="robot", seq=0, stamp_ns=0, frame_id="camera")
+    progress = Progress(header=header, fused=0, skipped={}, last_stamp_ns=0, complete=False)
+
+    def count() -> None:
+        calls.append(1)
+        if len(calls) == 3:
+            LongTask.end.set()
+
+    with closing(Updates(node)) as updates:
+        assert updates.wait(count, 0.01)
+        assert not calls, "nothing to wait for"
+        task = Fusion(FusionSettings(map_limit=1000)).snapshot()
+        long = LongTask(task.points, task.planes, task.views, task.identities, task.settings, 0)
+        updates.submit(Update(long, Received(progress, 0), 0, False, False))
+        assert updates.wait(count, 0.01)
+    assert len(calls) >= 3
