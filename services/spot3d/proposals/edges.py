@@ -39,10 +39,9 @@ def detect_edges(
     if has_depth:
         raise_to_depth(strength, depth_strength(fill_inverse_depth(depth), focal_length, settings), depth, least)
     ridges = np.asarray(cv2.GaussianBlur(strength, (0, 0), ALONG), np.float32)
-    return EdgeMap(*thin(strength, ridges))
+    return thin(strength, ridges)
 
 
-@kernel()
 def colour_strength(
     smooth: NDArray[np.uint8], weight: np.float32, contrast: np.float32, least: np.float32
 ) -> NDArray[np.float32]:
@@ -50,11 +49,23 @@ def colour_strength(
 
     g is the largest gradient of the three channels, grey levels per pixel. smooth: (h, w, 3) uint8.
     """
-    h, w = smooth.shape[0], smooth.shape[1]
-    strength = np.zeros((h, w), np.float32)
-    if weight <= least:
-        return strength
-    weakest = np.int32(4 * (contrast * least / (weight - least)) ** 2)
+    strength = np.zeros(smooth.shape[:2], np.float32)
+    if weight > least:
+        weakest = np.int32(4 * (contrast * least / (weight - least)) ** 2)
+        _colour_strength(smooth, weight, contrast, weakest, strength)
+    return strength
+
+
+@kernel()
+def _colour_strength(
+    smooth: NDArray[np.uint8],
+    weight: np.float32,
+    contrast: np.float32,
+    weakest: np.int32,
+    strength: NDArray[np.float32],
+) -> None:
+    """Fill in `strength`, which is 0, where the squared gradient of some channel is above `weakest` (for 2 pixels)."""
+    h, w = strength.shape
     for y in range(1, h - 1):
         for x in range(1, w - 1):
             best = np.int32(0)
@@ -67,7 +78,6 @@ def colour_strength(
             if best > weakest:
                 g = np.float32(0.5) * np.sqrt(np.float32(best))
                 strength[y, x] = weight * g / (g + contrast)
-    return strength
 
 
 @kernel()
@@ -89,14 +99,25 @@ def raise_to_depth(
                 strength[y, x] = value
 
 
-@kernel()
-def thin(strength: NDArray[np.float32], smooth: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def thin(strength: NDArray[np.float32], smooth: NDArray[np.float32]) -> EdgeMap:
     """Keep the pixels that are maxima across their edge; its normal is the sharpest bend of the smoothed map.
 
-    strength, smooth: (h, w) float32. Returns the two fields of EdgeMap; the outermost pixels have no edges.
+    strength, smooth: (h, w) float32. The outermost pixels have no edges.
     """
+    thinned = EdgeMap(np.zeros_like(strength), np.zeros_like(strength))
+    _thin(strength, smooth, *thinned)
+    return thinned
+
+
+@kernel()
+def _thin(
+    strength: NDArray[np.float32],
+    smooth: NDArray[np.float32],
+    magnitude: NDArray[np.float32],
+    orientation: NDArray[np.float32],
+) -> None:
+    """Fill in the two fields of EdgeMap, which are 0."""
     h, w = strength.shape
-    magnitude, orientation = np.zeros((h, w), np.float32), np.zeros((h, w), np.float32)
     zero, one, half, quarter, tiny = np.float32(0), np.float32(1), np.float32(0.5), np.float32(0.25), np.float32(1e-30)
     for y in range(1, h - 1):  # loops that are free of branches run several pixels at once
         kept, slope = magnitude[y], orientation[y]
@@ -128,4 +149,3 @@ def thin(strength: NDArray[np.float32], smooth: NDArray[np.float32]) -> tuple[ND
         for x in range(1, w - 1):
             angle = np.arctan(slope[x]) if kept[x] > zero else zero
             slope[x] = angle if angle >= zero else angle + np.float32(np.pi)
-    return magnitude, orientation

@@ -1,4 +1,4 @@
-"""Edge groups: short smooth pieces of contour, and how well one continues the other (EdgeBoxes, Sec. 3.1)."""
+"""Edge groups: short smooth pieces of contour (EdgeBoxes, Sec. 3.1)."""
 
 from typing import NamedTuple
 
@@ -6,21 +6,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.kernel import kernel, part
+from spot3d.proposals.affinity import affinities
 
 PI = np.float32(np.pi)
-REACH = 2  # groups that come this close, in pixels along both axes, have an affinity
+FREE, NONE = -2, -1  # labels of edge pixels without a group yet, and of pixels without any
 
 
 class EdgePixels(NamedTuple):
-    """An edge map, magnitude and orientation (h, w) float32, and where it has edges.
+    """An edge map whose pixels are counted in reading order, and which of them are edges.
 
-    ys, xs: (e,) int32, the pixels above 0 in reading order, the image's border excepted.
+    magnitude, orientation: (h * w,) float32; edges: (e,) int64, the pixels above 0, the image's border excepted;
+    width: w.
     """
 
     magnitude: NDArray[np.float32]
     orientation: NDArray[np.float32]
-    ys: NDArray[np.int32]
-    xs: NDArray[np.int32]
+    edges: NDArray[np.int64]
+    width: int
 
 
 class EdgeGroups(NamedTuple):
@@ -54,26 +56,39 @@ def group_edges(
     ends when its orientation differences sum to this, units of pi. min_group_magnitude: groups whose
     magnitudes sum to no more than this are given to their neighbours.
     """
-    pixels = EdgePixels(magnitude, orientation, *edge_pixels(magnitude))
-    label, count = cluster(pixels, np.float32(merge_threshold))
-    count = absorb_small(pixels, label, count, np.float32(min_group_magnitude))
+    pixels = edge_pixels(magnitude, orientation)
+    label, count = cluster(pixels, merge_threshold)
+    count = absorb_small(pixels, label, count, min_group_magnitude)
     total, mean, normal, anchor = describe(pixels, label, count)
-    first, neighbour, affinity = affinities(pixels, label, mean, normal, np.float32(gamma), np.float32(min_affinity))
+    label = label.reshape(magnitude.shape)
+    first, neighbour, affinity = affinities(label, pixels.edges, mean, normal, gamma, min_affinity)
     return EdgeGroups(label, total, anchor, first, neighbour, affinity)
 
 
-@kernel()
-def edge_pixels(magnitude: NDArray[np.float32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Rows and columns, (k,) int32 in reading order, of the pixels above 0, the image's border excepted."""
-    h, w = magnitude.shape
-    ys, xs = np.empty(h * w, np.int32), np.empty(h * w, np.int32)
-    k = 0
-    for y in range(1, h - 1):
-        for x in range(1, w - 1):
-            if magnitude[y, x] > 0:
-                ys[k], xs[k] = y, x
-                k += 1
-    return ys[:k].copy(), xs[:k].copy()
+def edge_pixels(magnitude: NDArray[np.float32], orientation: NDArray[np.float32]) -> EdgePixels:
+    """The edge pixels of a map (h, w) float32."""
+    edges = np.zeros(magnitude.shape, np.bool_)
+    edges[1:-1, 1:-1] = magnitude[1:-1, 1:-1] > 0
+    return EdgePixels(
+        np.ascontiguousarray(magnitude).reshape(-1),
+        np.ascontiguousarray(orientation).reshape(-1),
+        np.flatnonzero(edges),
+        magnitude.shape[1],
+    )
+
+
+def cluster(pixels: EdgePixels, threshold: float) -> tuple[NDArray[np.int32], int]:
+    """Grow groups greedily: always the bordering pixel of least turn, until the turns sum to `threshold`.
+
+    Returns labels (h * w,) int32 (-1 = no edge) and the number of groups.
+    """
+    label, seen_by = np.full((2, pixels.magnitude.size), NONE, np.int32)
+    label[pixels.edges] = FREE
+    border, turns = np.empty_like(pixels.edges), np.empty(pixels.edges.size, np.float32)
+    count: int = _cluster(
+        pixels.orientation, pixels.edges, pixels.width, np.float32(threshold), label, seen_by, border, turns
+    )
+    return label, count
 
 
 @part()
@@ -84,192 +99,160 @@ def turn(a: np.float32, b: np.float32) -> np.float32:
 
 
 @kernel()
-def cluster(pixels: EdgePixels, threshold: np.float32) -> tuple[NDArray[np.int32], int]:
-    """Grow groups greedily: always the bordering pixel of least turn, until the turns sum to `threshold`.
+def _cluster(
+    orientation: NDArray[np.float32],
+    edges: NDArray[np.int64],
+    width: int,
+    threshold: np.float32,
+    label: NDArray[np.int32],
+    seen_by: NDArray[np.int32],
+    border: NDArray[np.int64],
+    turns: NDArray[np.float32],
+) -> int:
+    """Label the pixels that are FREE; returns the number of groups.
 
-    Returns labels (h, w) int32 (-1 = no edge) and the number of groups.
+    seen_by: NONE everywhere, then the last group that has the pixel on its border; border, turns: room for the
+    growing group's border.
     """
-    orientation, ys, xs = pixels.orientation, pixels.ys, pixels.xs
-    h, w = orientation.shape
-    free, none = -2, -1
-    label = np.full((h, w), none, np.int32)
-    seen_by = np.full((h, w), none, np.int32)  # the last group that has the pixel on its border
-    border_y, border_x = np.empty(ys.size, np.int32), np.empty(ys.size, np.int32)
-    border_turn = np.empty(ys.size, np.float32)
-    for i in range(ys.size):
-        label[ys[i], xs[i]] = free
     count = 0
-    for i in range(ys.size):
-        y, x = ys[i], xs[i]
-        if label[y, x] != free:
+    for i in range(edges.size):
+        p = edges[i]
+        if label[p] != FREE:
             continue
         turned, borders = np.float32(0), 0
         while turned < threshold:
-            label[y, x] = count
-            for dy in range(-1, 2):
-                for dx in range(-1, 2):
-                    v, u = y + dy, x + dx
-                    if label[v, u] == free and seen_by[v, u] != count:
-                        seen_by[v, u] = count
-                        border_y[borders], border_x[borders] = v, u
-                        border_turn[borders] = turn(orientation[v, u], orientation[y, x])
+            label[p] = count
+            for row in range(p - width, p + width + 1, width):
+                for q in range(row - 1, row + 2):
+                    if label[q] == FREE and seen_by[q] != count:
+                        seen_by[q] = count
+                        border[borders] = q
+                        turns[borders] = turn(orientation[q], orientation[p])
                         borders += 1
             if borders == 0:
                 break
             best = 0
             for b in range(1, borders):
-                if border_turn[b] < border_turn[best]:
+                if turns[b] < turns[best]:
                     best = b
-            y, x = border_y[best], border_x[best]
-            turned += border_turn[best]
+            p = border[best]
+            turned += turns[best]
             borders -= 1
-            border_y[best], border_x[best] = border_y[borders], border_x[borders]
-            border_turn[best] = border_turn[borders]
+            border[best] = border[borders]
+            turns[best] = turns[borders]
         count += 1
-    return label, count
+    return count
+
+
+def absorb_small(pixels: EdgePixels, label: NDArray[np.int32], count: int, min_total: float) -> int:
+    """Give the pixels of weak groups to the bordering group of least turn, and number the others anew.
+
+    label: (h * w,) int32, changed in place; pixels that border on no other group end as -1. Returns the new
+    number of groups.
+    """
+    kept: int = _absorb_small(
+        pixels.magnitude,
+        pixels.orientation,
+        pixels.edges,
+        pixels.width,
+        np.float32(min_total),
+        label,
+        np.zeros(count, np.float32),
+        np.full(count, NONE, np.int32),
+        np.empty_like(pixels.edges),
+    )
+    return kept
 
 
 @kernel()
-def absorb_small(pixels: EdgePixels, label: NDArray[np.int32], count: int, min_total: np.float32) -> int:
-    """Give the pixels of weak groups to the bordering group of least turn, and number the others anew.
-
-    label: (h, w) int32, changed in place; pixels that border on no other group end as -1. Returns the new
-    number of groups.
-    """
-    magnitude, orientation, ys, xs = pixels
-    free, none = -2, -1
-    total = np.zeros(count, np.float32)
-    for i in range(ys.size):
-        total[label[ys[i], xs[i]]] += magnitude[ys[i], xs[i]]
-    number = np.full(count, none, np.int32)
+def _absorb_small(
+    magnitude: NDArray[np.float32],
+    orientation: NDArray[np.float32],
+    edges: NDArray[np.int64],
+    width: int,
+    min_total: np.float32,
+    label: NDArray[np.int32],
+    total: NDArray[np.float32],
+    number: NDArray[np.int32],
+    pending: NDArray[np.int64],
+) -> int:
+    """See `absorb_small`. total, number: 0 and NONE of each group; pending: room for pixels without a group."""
+    for i in range(edges.size):
+        total[label[edges[i]]] += magnitude[edges[i]]
     kept = 0
-    for g in range(count):
+    for g in range(total.size):
         if total[g] > min_total:
             number[g] = kept
             kept += 1
-    pending = np.empty(ys.size, np.int32)
     left = 0
-    for i in range(ys.size):
-        y, x = ys[i], xs[i]
-        new = number[label[y, x]]
-        label[y, x] = new
-        if new == none:
-            label[y, x] = free
-            pending[left] = i
+    for i in range(edges.size):
+        p = edges[i]
+        new = number[label[p]]
+        label[p] = new
+        if new == NONE:
+            label[p] = FREE
+            pending[left] = p
             left += 1
     before = left + 1
     while left < before:
         before, left = left, 0
         for k in range(before):
-            i = pending[k]
-            y, x = ys[i], xs[i]
+            p = pending[k]
             best = np.float32(2)
-            for dy in range(-1, 2):
-                for dx in range(-1, 2):
-                    other = label[y + dy, x + dx]
-                    if other >= 0:
-                        t = turn(orientation[y + dy, x + dx], orientation[y, x])
+            for row in range(p - width, p + width + 1, width):
+                for q in range(row - 1, row + 2):
+                    if label[q] >= 0:
+                        t = turn(orientation[q], orientation[p])
                         if t < best:
                             best = t
-                            label[y, x] = other
-            if best == 2:
-                pending[left] = i
+                            label[p] = label[q]
+            if best == np.float32(2):
+                pending[left] = p
                 left += 1
     for k in range(left):
-        label[ys[pending[k]], xs[pending[k]]] = none
+        label[pending[k]] = NONE
     return kept
 
 
-@kernel()
 def describe(
     pixels: EdgePixels, label: NDArray[np.int32], count: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
     """Each group's total magnitude (n,), mean place (n, 2), mean unit normal (n, 2) and last pixel (n, 2)."""
-    magnitude, orientation, ys, xs = pixels
-    total, normal = np.zeros(count, np.float32), np.empty((count, 2), np.float32)
-    mean, double = np.zeros((count, 2), np.float32), np.zeros((count, 2), np.float32)
-    anchor = np.zeros((count, 2), np.int32)
-    for i in range(ys.size):
-        y, x = ys[i], xs[i]
-        g = label[y, x]
-        if g < 0:
-            continue
-        m = magnitude[y, x]
-        total[g] += m
-        mean[g, 0] += m * x
-        mean[g, 1] += m * y
-        # Orientations have period pi, so the mean is taken of the doubled angle.
-        angle = np.float32(2) * orientation[y, x]
-        double[g, 0] += m * np.cos(angle)
-        double[g, 1] += m * np.sin(angle)
-        anchor[g, 0], anchor[g, 1] = x, y
-    for g in range(count):
-        mean[g, 0], mean[g, 1] = mean[g, 0] / total[g], mean[g, 1] / total[g]
-        angle = np.arctan2(double[g, 1], double[g, 0]) / np.float32(2)
-        normal[g, 0], normal[g, 1] = np.cos(angle), np.sin(angle)
-    return total, mean, normal, anchor
+    total, last = np.zeros(count, np.float32), np.zeros(count, np.int64)
+    mean, normal = np.zeros((2, count, 2), np.float32)
+    _describe(pixels.magnitude, pixels.orientation, pixels.edges, pixels.width, label, total, mean, normal, last)
+    return total, mean, normal, np.stack((last % pixels.width, last // pixels.width), axis=1).astype(np.int32)
 
 
 @kernel()
-def affinities(
-    pixels: EdgePixels,
+def _describe(
+    magnitude: NDArray[np.float32],
+    orientation: NDArray[np.float32],
+    edges: NDArray[np.int64],
+    width: int,
     label: NDArray[np.int32],
+    total: NDArray[np.float32],
     mean: NDArray[np.float32],
     normal: NDArray[np.float32],
-    gamma: np.float32,
-    least: np.float32,
-) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
-    """Affinity |cos(t_i - t_ij) cos(t_j - t_ij)|^gamma of groups that come within REACH (EdgeBoxes, Eq. 1).
-
-    t_i, t_j: directions of the groups, across their normals, t_ij: of the line between their means. Returns the
-    sparse rows `first`, `neighbour` and `affinity` of EdgeGroups.
-    """
-    ys, xs = pixels.ys, pixels.xs
-    h, w, count = *label.shape, mean.shape[0]
-    size = np.zeros(count + 1, np.int32)
-    for i in range(ys.size):
-        size[label[ys[i], xs[i]] + 1] += 1
-    start = np.zeros(count + 1, np.int32)  # pixels of each group, by counting sort
-    for g in range(count):
-        start[g + 1] = start[g] + size[g + 1]
-    pixel, fill = np.empty(start[count], np.int32), start[:count].copy()
-    for i in range(ys.size):
-        g = label[ys[i], xs[i]]
-        if g >= 0:
-            pixel[fill[g]] = i
-            fill[g] += 1
-    first = np.zeros(count + 1, np.int32)
-    neighbour, affinity = np.empty(16 * count + 16, np.int32), np.empty(16 * count + 16, np.float32)
-    met = np.full(count, -1, np.int32)
-    n = 0
-    for g in range(count):
-        for k in range(start[g], start[g + 1]):
-            y, x = ys[pixel[k]], xs[pixel[k]]
-            for v in range(max(y - REACH, 0), min(y + REACH + 1, h)):
-                for u in range(max(x - REACH, 0), min(x + REACH + 1, w)):
-                    q = label[v, u]
-                    if q < 0 or q == g or met[q] == g:
-                        continue
-                    met[q] = g
-                    dx, dy = mean[q, 0] - mean[g, 0], mean[q, 1] - mean[g, 1]
-                    # Products of normals with the line's, whose length is the means' distance.
-                    ours, theirs = normal[g, 1] * dx - normal[g, 0] * dy, normal[q, 1] * dx - normal[q, 0] * dy
-                    a = (abs(ours * theirs) / max(dx * dx + dy * dy, np.float32(1e-12))) ** gamma
-                    if a < least:
-                        continue
-                    if n == neighbour.size:
-                        more, as_strong = np.empty(2 * n, np.int32), np.empty(2 * n, np.float32)
-                        for old in range(n):
-                            more[old], as_strong[old] = neighbour[old], affinity[old]
-                        neighbour, affinity = more, as_strong
-                    k_sorted = n
-                    while k_sorted > first[g] and affinity[k_sorted - 1] < a:
-                        neighbour[k_sorted], affinity[k_sorted] = (
-                            neighbour[k_sorted - 1],
-                            affinity[k_sorted - 1],
-                        )
-                        k_sorted -= 1
-                    neighbour[k_sorted], affinity[k_sorted] = q, a
-                    n += 1
-        first[g + 1] = n
-    return first, neighbour[:n].copy(), affinity[:n].copy()
+    last: NDArray[np.int64],
+) -> None:
+    """See `describe`; all that is written is 0 before."""
+    for i in range(edges.size):
+        p = edges[i]
+        g = label[p]
+        if g < 0:
+            continue
+        m = magnitude[p]
+        total[g] += m
+        mean[g, 0] += m * (p % width)
+        mean[g, 1] += m * (p // width)
+        # Orientations have period pi, so the mean is taken of the doubled angle.
+        angle = np.float32(2) * orientation[p]
+        normal[g, 0] += m * np.cos(angle)
+        normal[g, 1] += m * np.sin(angle)
+        last[g] = p
+    for g in range(total.size):
+        mean[g, 0] /= total[g]
+        mean[g, 1] /= total[g]
+        angle = np.arctan2(normal[g, 1], normal[g, 0]) / np.float32(2)
+        normal[g, 0], normal[g, 1] = np.cos(angle), np.sin(angle)

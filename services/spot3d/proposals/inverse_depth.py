@@ -17,7 +17,6 @@ CREASE_RESPONSE, CREASE_NOISE = np.float32(0.2), np.float32(0.09)
 LOBES = np.float32(0.5)  # curvature beside a jump over the jump's own answer
 
 
-@kernel()
 def fill_inverse_depth(depth: NDArray[np.float32]) -> NDArray[np.float32]:
     """Inverse depth whose holes take the farther of their two ends along the row.
 
@@ -25,9 +24,16 @@ def fill_inverse_depth(depth: NDArray[np.float32]) -> NDArray[np.float32]:
     end is right and the object keeps its outline. Rows without any depth repeat the nearest row above, or
     below at the top. depth: (h, w) float32 metres, 0 = invalid. Returns (h, w) float32 1/m, 0 if all is 0.
     """
+    inverse = np.zeros_like(depth)
+    _fill_inverse_depth(depth, inverse)
+    return inverse
+
+
+@kernel()
+def _fill_inverse_depth(depth: NDArray[np.float32], inverse: NDArray[np.float32]) -> None:
+    """Fill in `inverse`, which is 0."""
     # Rows are copied pixel by pixel: assigning them as arrays takes four seconds more to compile.
     h, w = depth.shape
-    inverse = np.zeros((h, w), np.float32)
     last_filled = -1
     for y in range(h):
         start = 0  # first pixel of the current hole
@@ -37,7 +43,7 @@ def fill_inverse_depth(depth: NDArray[np.float32]) -> NDArray[np.float32]:
                 value = np.float32(1) / depth[y, x]
                 inverse[y, x] = value
                 if start < x:
-                    farther = min(left, value) if left > 0 else value
+                    farther = left if 0 < left < value else value
                     for hole in range(start, x):
                         inverse[y, hole] = farther
                 left = value
@@ -53,7 +59,6 @@ def fill_inverse_depth(depth: NDArray[np.float32]) -> NDArray[np.float32]:
         elif last_filled >= 0:
             for x in range(w):
                 inverse[y, x] = inverse[last_filled, x]
-    return inverse
 
 
 def depth_strength(inverse: NDArray[np.float32], focal_length: float, settings: EdgeSettings) -> NDArray[np.float32]:
@@ -65,7 +70,8 @@ def depth_strength(inverse: NDArray[np.float32], focal_length: float, settings: 
     """
     fine = np.asarray(cv2.GaussianBlur(inverse, (7, 7), FINE), np.float32)
     coarse = np.asarray(cv2.GaussianBlur(inverse, (SUPPORT, SUPPORT), COARSE), np.float32)
-    jumps, creases = jumps_and_creases(fine, coarse, np.float32(settings.convex_weight))
+    jumps, creases = np.zeros_like(inverse), np.zeros_like(inverse)
+    _jumps_and_creases(fine, coarse, np.float32(settings.convex_weight), jumps, creases)
     scale = (
         focal_length / (JUMP_RESPONSE * settings.jump_slope),
         focal_length / (CREASE_RESPONSE * settings.crease_slope),
@@ -74,20 +80,25 @@ def depth_strength(inverse: NDArray[np.float32], focal_length: float, settings: 
     )
     # Curvature has a lobe on either side of a jump: what is no stronger than that is no crease.
     near_jumps = np.asarray(cv2.dilate(jumps, np.ones((SUPPORT, SUPPORT), np.uint8)), np.float32)
-    return judge(jumps, creases, near_jumps, coarse, np.array(scale, np.float32))
+    strength = np.empty_like(inverse)
+    _judge(jumps, creases, near_jumps, coarse, np.array(scale, np.float32), strength)
+    return strength
 
 
 @kernel()
-def jumps_and_creases(
-    fine: NDArray[np.float32], coarse: NDArray[np.float32], convex: np.float32
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _jumps_and_creases(
+    fine: NDArray[np.float32],
+    coarse: NDArray[np.float32],
+    convex: np.float32,
+    jumps: NDArray[np.float32],
+    creases: NDArray[np.float32],
+) -> None:
     """Answers (h, w) float32 of the filters for jumps and for creases, 1/m per pixel and per pixel squared.
 
     fine, coarse: (h, w) float32 1/m, inverse depth smoothed with FINE and COARSE; convex: weight of convex
-    creases.
+    creases. jumps, creases: 0, and left so at the image's border.
     """
     h, w = coarse.shape
-    jumps, creases = np.zeros((h, w), np.float32), np.zeros((h, w), np.float32)
     tiny, quarter, half, two = np.float32(1e-12), np.float32(0.25), np.float32(0.5), np.float32(2)
     for y in range(1, h - 1):
         jump_row, crease_row = jumps[y], creases[y]
@@ -105,26 +116,26 @@ def jumps_and_creases(
             cxy = quarter * (c2[x + 1] - c2[x - 1] - c0[x + 1] + c0[x - 1])
             mean, diff = half * (cxx + cyy), half * (cxx - cyy)
             spread = np.sqrt(diff * diff + cxy * cxy)
-            crease_row[x] = max(mean + spread, convex * (spread - mean))
-    return jumps, creases
+            concave, weighted = mean + spread, convex * (spread - mean)
+            crease_row[x] = concave if concave > weighted else weighted
 
 
 @kernel()
-def judge(
+def _judge(
     jumps: NDArray[np.float32],
     creases: NDArray[np.float32],
     near_jumps: NDArray[np.float32],
     coarse: NDArray[np.float32],
     scale: NDArray[np.float32],
-) -> NDArray[np.float32]:
+    strength: NDArray[np.float32],
+) -> None:
     """Strength (h, w) float32 of edges from the filters' answers, their noise taken off.
 
     jumps, creases, near_jumps (largest jump around), coarse: (h, w) float32; scale: (4,) float32 = what one
     jump and one crease are multiplied by, SIGMA_0 and SIGMA_2, both gated.
     """
     h, w = jumps.shape
-    strength = np.empty((h, w), np.float32)
-    jump_scale, crease_scale, floor, growth = scale
+    jump_scale, crease_scale, floor, growth = scale[0], scale[1], scale[2], scale[3]
     zero, one = np.float32(0), np.float32(1)
     for y in range(h):
         row, jump, crease, near, inverse = strength[y], jumps[y], creases[y], near_jumps[y], coarse[y]
@@ -133,8 +144,9 @@ def judge(
             beyond = one - np.float32(SIGMA_AT) * c
             noise = floor * c * c + growth * beyond * beyond  # sigma_z / z^2: the noise of inverse depth
             jumped = (jump[x] - JUMP_NOISE * noise) * jump_scale
-            lobe = LOBES * max(near[x] - JUMP_NOISE * noise, zero)
+            beside = near[x] - JUMP_NOISE * noise
+            lobe = LOBES * (beside if beside > zero else zero)
             bent = (crease[x] - lobe - CREASE_NOISE * noise) * crease_scale
-            v = max(max(jumped, bent), zero) / c
+            edge = jumped if jumped > bent else bent
+            v = (edge if edge > zero else zero) / c
             row[x] = v / np.sqrt(one + v * v)
-    return strength

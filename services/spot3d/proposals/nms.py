@@ -6,9 +6,8 @@ from numpy.typing import NDArray
 from spot3d.kernel import kernel
 
 
-@kernel()
 def suppress(
-    windows: NDArray[np.int32], order: NDArray[np.int64], beta: np.float32, eta: np.float32, most: int
+    windows: NDArray[np.int32], order: NDArray[np.int64], beta: float, eta: float, most: int
 ) -> NDArray[np.int64]:
     """Indices, best first, of at most `most` windows, none overlapping a better one by an IoU above beta.
 
@@ -16,7 +15,24 @@ def suppress(
     it after each window kept, while it is above 0.5.
     """
     kept = np.empty(min(most, order.size), np.int64)
-    left, top, right, bottom, areas = np.empty((5, kept.size), np.float32)
+    sides = np.empty((5, kept.size), np.float32)
+    return kept[: _suppress(windows, order, np.float32(beta), np.float32(eta), kept, *sides)]
+
+
+@kernel()
+def _suppress(
+    windows: NDArray[np.int32],
+    order: NDArray[np.int64],
+    beta: np.float32,
+    eta: np.float32,
+    kept: NDArray[np.int64],
+    left: NDArray[np.float32],
+    top: NDArray[np.float32],
+    right: NDArray[np.float32],
+    bottom: NDArray[np.float32],
+    areas: NDArray[np.float32],
+) -> int:
+    """Write the indices and say how many they are; the last five are room for the sides and areas of those boxes."""
     zero = np.float32(0)
     n = 0
     for k in range(order.size):
@@ -37,4 +53,4 @@ def suppress(
             n += 1
             if eta < 1 and beta > np.float32(0.5):
                 beta *= eta
-    return kept[:n]
+    return n

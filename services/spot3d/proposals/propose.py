@@ -62,11 +62,7 @@ def metric_limits(depth: NDArray[np.float32], intrinsics: Intrinsics, settings: 
     """Depth ranges for culling windows by metric size; they let all pass without depth or by the settings."""
     wanted = settings.metric_culling and bool(depth.any())
     return depth_range(
-        np.ascontiguousarray(depth),
-        np.float32(intrinsics.fx if wanted else 0),
-        np.float32(intrinsics.fy),
-        np.float32(settings.min_size),
-        np.float32(settings.max_size),
+        depth, intrinsics.fx if wanted else 0, intrinsics.fy, settings.min_size, settings.max_size
     )
 
 
@@ -84,12 +80,14 @@ def boxes_from_edges(edges: EdgeMap, ranges: DepthRange, settings: ProposalSetti
     index = index_windows(edges.magnitude, groups, settings.kappa)
     min_area = settings.min_box_area * (width * height) / (640 * 480)
     shapes = window_shapes(width, height, settings.alpha, settings.max_aspect_ratio, min_area)
-    windows, scores = search(index, ranges, shapes, np.float32(settings.min_score))
+    windows, scores = search(index, ranges, shapes, settings.min_score)
     place_step = (1 - settings.alpha) / (1 + settings.alpha)
     best = np.argsort(-scores, kind="stable")[: settings.refined]
-    windows[best], scores[best] = refine(index, windows[best], scores[best], np.float32(place_step))
+    refined, better = windows[best], scores[best]
+    refine(index, refined, better, np.float32(place_step))
+    windows[best], scores[best] = refined, better
     order = np.argsort(-scores, kind="stable")
-    kept = suppress(windows, order, np.float32(settings.beta), np.float32(settings.eta), settings.max_boxes)
+    kept = suppress(windows, order, settings.beta, settings.eta, settings.max_boxes)
     boxes = np.empty((kept.size, 5), np.float32)
     boxes[:, :2] = windows[kept, :2]
     boxes[:, 2:4] = windows[kept, 2:] - windows[kept, :2]

@@ -47,7 +47,7 @@ def index_windows(magnitude: NDArray[np.float32], groups: EdgeGroups, kappa: flo
     sides = np.maximum(np.arange(h + w + 1, dtype=np.float32), 1)
     norm = ((sides / 2) ** np.float32(-kappa)).astype(np.float32)
     n = groups.magnitude.size
-    sums, starts, lines = build_tables(magnitude, groups.label, groups.magnitude, groups.anchor)
+    sums, starts, lines = build_tables(magnitude, groups)
     return WindowIndex(
         sums,
         norm,
@@ -65,25 +65,35 @@ def index_windows(magnitude: NDArray[np.float32], groups: EdgeGroups, kappa: flo
     )
 
 
-@kernel()
 def build_tables(
+    magnitude: NDArray[np.float32], groups: EdgeGroups
+) -> tuple[NDArray[np.float32], NDArray[np.uint32], NDArray[np.uint32]]:
+    """`sums`, `starts` and `lines` of WindowIndex."""
+    h, w = groups.label.shape
+    sums, starts = np.empty((h + 1, w + 1, 2), np.float32), np.empty((h + 1, w + 1, 2), np.uint32)
+    sums[0], sums[:, 0] = 0, 0
+    in_column = np.count_nonzero(groups.label >= 0, axis=0)
+    column = np.cumsum(in_column) - in_column
+    lines = np.empty((2, in_column.sum()), np.uint32)
+    _build_tables(np.ascontiguousarray(magnitude), groups.label, groups.magnitude, groups.anchor, column, sums, starts, lines)
+    starts[:h, w, 1], starts[h, :w, 1] = 0, column
+    starts[h, :, 0], starts[h, w, 1] = lines.shape[1], 0
+    return sums, starts, lines
+
+
+@kernel()
+def _build_tables(
     magnitude: NDArray[np.float32],
     label: NDArray[np.int32],
     group_magnitude: NDArray[np.float32],
     anchor: NDArray[np.int32],
-) -> tuple[NDArray[np.float32], NDArray[np.uint32], NDArray[np.uint32]]:
-    """`sums`, `starts` and `lines` of WindowIndex: one pass over the image, and one to count the columns."""
+    column: NDArray[np.int64],
+    sums: NDArray[np.float32],
+    starts: NDArray[np.uint32],
+    lines: NDArray[np.uint32],
+) -> None:
+    """One pass over the image. column: (w,) place in `lines` where each column starts, and then where it ends."""
     h, w = label.shape
-    sums, starts = np.empty((h + 1, w + 1, 2), np.float32), np.empty((h + 1, w + 1, 2), np.uint32)
-    sums[0], sums[:, 0], starts[h, w] = 0, 0, 0
-    column = np.zeros(w + 1, np.int32)  # next place in each column
-    for y in range(h):
-        for x in range(w):
-            if label[y, x] >= 0:
-                column[x + 1] += 1
-    for x in range(w):
-        column[x + 1] += column[x]
-    lines = np.empty((2, column[w]), np.uint32)
     n = 0
     for y in range(h):
         in_row_groups, in_row_edges = np.float32(0), np.float32(0)
@@ -99,7 +109,4 @@ def build_tables(
                     in_row_groups += group_magnitude[g]
             sums[y + 1, x + 1, 0] = sums[y, x + 1, 0] + in_row_groups
             sums[y + 1, x + 1, 1] = sums[y, x + 1, 1] + in_row_edges
-        starts[y, w, 0], starts[y, w, 1] = n, 0
-    for x in range(w):
-        starts[h, x, 0], starts[h, x, 1] = n, column[x]
-    return sums, starts, lines
+        starts[y, w, 0] = n

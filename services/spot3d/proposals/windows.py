@@ -37,27 +37,41 @@ def window_shapes(
     return np.array(found, np.int32).reshape(-1, 4)
 
 
-@kernel()
 def search(
-    index: WindowIndex, ranges: DepthRange, shapes: NDArray[np.int32], min_score: np.float32
+    index: WindowIndex, ranges: DepthRange, shapes: NDArray[np.int32], min_score: float
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     """Windows (n, 4) int32 [x0, y0, x1, y1] of the grid that score above `min_score`, and their scores (n,).
 
-    shapes: (s, 4) int32 of `window_shapes`. They are visited place by place, so that neighbours find the
-    tables in the cache.
+    shapes: (s, 4) int32 of `window_shapes`.
     """
     h, w = index.sums.shape[0] - 1, index.sums.shape[1] - 1
-    most = 0
-    for s in range(shapes.shape[0]):
-        most += (w // shapes[s, 2] + 2) * (h // shapes[s, 3] + 2)
+    most = int(((w // shapes[:, 2] + 2) * (h // shapes[:, 3] + 2)).sum())
     windows, scores = np.empty((most, 4), np.int32), np.empty(most, np.float32)
+    n = _search(index, ranges, shapes, np.float32(min_score), windows, scores)
+    return windows[:n], scores[:n]
+
+
+@kernel()
+def _search(
+    index: WindowIndex,
+    ranges: DepthRange,
+    shapes: NDArray[np.int32],
+    min_score: np.float32,
+    windows: NDArray[np.int32],
+    scores: NDArray[np.float32],
+) -> int:
+    """Write the windows and their scores, and say how many they are.
+
+    They are visited place by place, so that neighbours find the tables in the cache.
+    """
+    h, w = index.sums.shape[0] - 1, index.sums.shape[1] - 1
     n = 0
     for s in range(shapes.shape[0]):
-        bw, bh, step_x, step_y = shapes[s]
+        bw, bh, step_x, step_y = shapes[s, 0], shapes[s, 1], shapes[s, 2], shapes[s, 3]
         for y in range(0, h - bh + step_y, step_y):
-            y1 = min(y + bh, h)
+            y1 = y + bh if y + bh < h else h
             for x in range(0, w - bw + step_x, step_x):
-                x1 = min(x + bw, w)
+                x1 = x + bw if x + bw < w else w
                 if score_limit(index, x, y, x1, y1) <= min_score or surely_rejected(ranges, x, y, x1, y1):
                     continue
                 score = score_window(index, x, y, x1, y1, min_score)
@@ -65,20 +79,16 @@ def search(
                     windows[n, 0], windows[n, 1], windows[n, 2], windows[n, 3] = x, y, x1, y1
                     scores[n] = score
                     n += 1
-    return windows[:n], scores[:n]
+    return n
 
 
 @kernel()
 def refine(
-    index: WindowIndex,
-    windows: NDArray[np.int32],
-    scores: NDArray[np.float32],
-    place_step: np.float32,
-) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    index: WindowIndex, windows: NDArray[np.int32], scores: NDArray[np.float32], place_step: np.float32
+) -> None:
     """Move each window's four sides wherever its score gains, by steps that halve down to 1 / FINEST of it.
 
     windows: (n, 4) int32 [x0, y0, x1, y1]; scores: (n,) float32; place_step: the search's step by side.
-    Returns the moved windows and their scores, in the same order and in the memory of the given ones.
     """
     h, w = index.sums.shape[0] - 1, index.sums.shape[1] - 1
     for i in range(scores.size):
@@ -101,4 +111,3 @@ def refine(
                         break
                     box[side] = old
             step_x, step_y = step_x // 2, step_y // 2
-    return windows, scores
