@@ -55,9 +55,10 @@ def random_frames(seed: int) -> tuple[np.ndarray, ...]:
 def test_warp_equals_the_plain_transcription(seed: int, colour_gate: float, z_gate: float) -> None:
     last_index, last_depth, last_colour, depth, colour, T = random_frames(seed)
     T = T.astype(np.float32)
-    kernel = warp(
+    kernel, nearest = np.full(TINY.shape, -1, np.int32), np.full(TINY.shape, np.inf, np.float32)
+    warp(
         last_index, last_depth, last_colour, depth, colour, T, *np.float32((TINY.fx, TINY.fy, TINY.cx, TINY.cy)),
-        np.float32((255 * colour_gate) ** 2), np.float32(z_gate), np.float32(0),
+        np.float32((255 * colour_gate) ** 2), np.float32(z_gate), np.float32(0), nearest, kernel,
     )  # fmt: skip
     plain = reference_warp(last_index, last_depth, last_colour, depth, colour, T, TINY, colour_gate, z_gate)
     np.testing.assert_array_equal(kernel, plain)
@@ -68,10 +69,11 @@ def test_of_several_on_one_pixel_the_nearest_wins() -> None:
     colour = np.full((1, 3, 3), 9, np.uint8)
     shrink = np.eye(4, dtype=np.float32)
     shrink[0, 0] = 1e-3  # all three land on the first pixel
-    found = warp(
+    found, nearest = np.full((1, 3), -1, np.int32), np.full((1, 3), np.inf, np.float32)
+    warp(
         np.array([[4, 5, 6]], np.int32), np.array([[1.02, 1.0, 1.01]], np.float32), colour,
         np.ones((1, 3), np.float32), colour, shrink, *np.float32((line.fx, line.fy, line.cx, line.cy)),
-        np.float32(1), np.float32(0.1), np.float32(0),
+        np.float32(1), np.float32(0.1), np.float32(0), nearest, found,
     )  # fmt: skip
     np.testing.assert_array_equal(found, [[5, -1, -1]])
 

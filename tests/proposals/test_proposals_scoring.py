@@ -3,7 +3,8 @@ import pytest
 from numba import njit
 from reference_edge_boxes import reference_score
 
-from spot3d.proposals.groups import EdgeGroups, EdgePixels, affinities, edge_pixels, group_edges
+from spot3d.proposals.affinity import affinities
+from spot3d.proposals.groups import EdgeGroups, group_edges
 from spot3d.proposals.scoring import MIN_AFFINITY, score_limit, score_window
 from spot3d.proposals.window_index import index_windows
 
@@ -114,12 +115,21 @@ def test_affinity_of_two_pieces_on_a_line(turned, affinity):
     assert groups.affinity[:1].sum() == pytest.approx(affinity, abs=1e-5)
 
 
+def test_affinities_are_the_same_where_their_number_was_thought_less(monkeypatch):
+    magnitude, orientation = noise_edges(3, 0.4)
+    enough = grouped(magnitude, orientation)
+    monkeypatch.setattr("spot3d.proposals.affinity.PAIRS", 0)
+    found = grouped(magnitude, orientation)
+    assert found.affinity.size > 0
+    for ours, theirs in zip(found, enough, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
 def test_groups_around_the_same_place_have_no_affinity():
     label = np.full((8, 8), -1, np.int32)
     label[3, 2:5], label[4, 2:5] = 0, 1
-    edges = (label >= 0).astype(np.float32)
-    pixels = EdgePixels(edges, np.zeros_like(edges), *edge_pixels(edges))
+    edges = np.flatnonzero(label >= 0)
     mean, normal = np.full((2, 2), 3, np.float32), np.tile(np.array([0, 1], np.float32), (2, 1))
-    first, neighbour, affinity = affinities(pixels, label, mean, normal, np.float32(2), np.float32(MIN_AFFINITY))
+    first, neighbour, affinity = affinities(label, edges, mean, normal, 2, MIN_AFFINITY)
     assert first.tolist() == [0, 0, 0]
     assert neighbour.size == affinity.size == 0

@@ -70,7 +70,8 @@ def test_refinement_finds_an_outline_to_the_finest_move_and_no_closer(off, moves
     index = outline(*true[0])
     given = true + off * np.array([[-1, -1, 1, 1]], np.int32)
     score = np.array([score_window(index, *given[0], np.float32(0))], np.float32)
-    found, better = refine(index, given.copy(), score.copy(), np.float32(1 / 3))
+    found, better = given.copy(), score.copy()
+    refine(index, found, better, np.float32(1 / 3))
     assert (better > score).all() == moves
     assert (found != given).any() == moves
     assert np.abs(found - true).max() <= (196 - 100 + 2 * off) // FINEST

@@ -73,11 +73,10 @@ class IndexMap:
         if heatmap.count > 0 and lacking > 0:
             self._make_room(heatmap, lacking)
         last = self._last
-        if last is None or last.camera != camera:
-            candidates = np.full(depth.shape, -1, np.int32)
-        else:
+        candidates = np.full(depth.shape, -1, np.int32)
+        if last is not None and last.camera == camera:
             T_camera_last = invert(T_world_camera) @ last.T_world_camera
-            candidates = warp(
+            warp(
                 last.index,
                 last.depth,
                 last.colour,
@@ -88,8 +87,11 @@ class IndexMap:
                 np.float32((255 * settings.colour_gate) ** 2),
                 np.float32(settings.depth_gate),
                 np.float32(settings.noise_gate),
+                np.full(depth.shape, np.inf, np.float32),
+                candidates,
             )
-        index, heatmap.used, heatmap.free_count, registration = merge(
+        index = np.full(depth.shape, -1, np.int32)
+        heatmap.used, heatmap.free_count, registration = merge(
             heatmap.rows,
             heatmap.used,
             heatmap.keys,
@@ -108,6 +110,7 @@ class IndexMap:
             np.float32(settings.noise_gate),
             np.float32(settings.range_max),
             np.float32(frame_number),
+            index,
         )
         self._last = _LastFrame(index, depth, colour, camera, T_world_camera)
         return Registration(*registration)
@@ -124,7 +127,10 @@ def _pinhole(camera: Intrinsics) -> tuple[np.float32, np.float32, np.float32, np
     return np.float32(camera.fx), np.float32(camera.fy), np.float32(camera.cx), np.float32(camera.cy)
 
 
-@kernel("i4[:,::1](i4[:,::1], f4[:,::1], u1[:,:,::1], f4[:,::1], u1[:,:,::1], f4[:,::1], f4, f4, f4, f4, f4, f4, f4)")
+@kernel(
+    "void(i4[:,::1], f4[:,::1], u1[:,:,::1], f4[:,::1], u1[:,:,::1], f4[:,::1], f4, f4, f4, f4, f4, f4, f4,"
+    " f4[:,::1], i4[:,::1])"
+)
 def warp(
     last_index: NDArray[np.int32],
     last_depth: NDArray[np.float32],
@@ -139,15 +145,15 @@ def warp(
     colour_gate: np.float32,
     depth_gate: np.float32,
     noise_gate: np.float32,
-) -> NDArray[np.int32]:
+    nearest: NDArray[np.float32],
+    index: NDArray[np.int32],
+) -> None:
     """Warp the last frame's pixels into this one and keep the matches (paper, Eqs. 11-13).
 
     A match agrees in colour (squared L2 distance of RGB 0..255 within `colour_gate`) and in depth; of several
-    on one pixel the nearest wins. Returns (h, w) int32 rows of the map, -1 = no match.
+    on one pixel the nearest wins. nearest: (h, w), inf; index: (h, w), -1, which the map's rows are written to.
     """
     h, w = depth.shape
-    index = np.full((h, w), -1, np.int32)
-    nearest = np.full((h, w), np.inf, np.float32)
     T = T_camera_last
     for v in range(h):
         for u in range(w):
@@ -172,7 +178,6 @@ def warp(
             if difference <= colour_gate:
                 nearest[vw, uw] = zw
                 index[vw, uw] = row
-    return index
 
 
 @kernel("i4(i8[::1], i4[::1], f4, f4, f4, f4[:,::1], f4, f4, f4)")
@@ -204,8 +209,8 @@ def _find_along_ray(
 
 
 @kernel(
-    "Tuple((i4[:,::1], i8, i8, UniTuple(i8, 3)))(f4[:,::1], i8, i8[::1], i4[::1], i4[::1], i4[::1], i8, i4[:,::1],"
-    " f4[:,::1], u1[:,:,::1], u1[:,::1], f4[:,:,::1], f4[:,::1], f4, f4, f4, f4, f4, f4, f4, f4)"
+    "Tuple((i8, i8, UniTuple(i8, 3)))(f4[:,::1], i8, i8[::1], i4[::1], i4[::1], i4[::1], i8, i4[:,::1],"
+    " f4[:,::1], u1[:,:,::1], u1[:,::1], f4[:,:,::1], f4[:,::1], f4, f4, f4, f4, f4, f4, f4, f4, i4[:,::1])"
 )
 def merge(
     rows: NDArray[np.float32],
@@ -229,15 +234,15 @@ def merge(
     noise_gate: np.float32,
     range_max: np.float32,
     frame_number: np.float32,
-) -> tuple[NDArray[np.int32], int, int, tuple[int, int, int]]:
+    index: NDArray[np.int32],
+) -> tuple[int, int, tuple[int, int, int]]:
     """Give every valid pixel its map point: the candidate, one in the voxels that noise can reach, or a new one.
 
     The map's arrays and numbers are those of `Heatmap3D`. Position, colour and normal are running means weighted by
-    1 / sigma_z^2. Once no row is free, new points are left out. Returns the index map, the map's new `used` and
-    `free_count`, and how many pixels were warped, found and new.
+    1 / sigma_z^2. Once no row is free, new points are left out. Fills in the index map, which is -1; returns the map's
+    new `used` and `free_count`, and how many pixels were warped, found and new.
     """
     h, w = depth.shape
-    index = np.full((h, w), -1, np.int32)
     T = T_world_camera
     warped, found, appended = 0, 0, 0
     for v in range(h):
@@ -290,4 +295,4 @@ def merge(
                 rows[row, LAST] = frame_number
                 rows[row, FREQUENCY] += np.float32(1)
                 rows[row, HEAT] += heat[v, u] / np.float32(255)
-    return index, used, free_count, (warped, found, appended)
+    return used, free_count, (warped, found, appended)

@@ -17,18 +17,23 @@ def surface_normals(depth: NDArray[np.float32], camera: Intrinsics) -> NDArray[n
     depth: (h, w) float32 metres, 0 = invalid.
     Returns (h, w, 3) float32, camera frame; zeros where the surface is not continuous.
     """
-    pinhole = (np.float32(value) for value in (camera.fx, camera.fy, camera.cx, camera.cy))
-    normals: NDArray[np.float32] = _normals(np.require(depth, np.float32, ["C", "W"]), *pinhole)
+    fx, fy, cx, cy = (np.float32(value) for value in (camera.fx, camera.fy, camera.cx, camera.cy))
+    normals = np.zeros((*depth.shape, 3), np.float32)
+    _normals(np.require(depth, np.float32, ["C", "W"]), fx, fy, cx, cy, normals)
     return normals
 
 
-@kernel("f4[:,:,::1](f4[:,::1], f4, f4, f4, f4)")
+@kernel("void(f4[:,::1], f4, f4, f4, f4, f4[:,:,::1])")
 def _normals(
-    depth: NDArray[np.float32], fx: np.float32, fy: np.float32, cx: np.float32, cy: np.float32
-) -> NDArray[np.float32]:
+    depth: NDArray[np.float32],
+    fx: np.float32,
+    fy: np.float32,
+    cx: np.float32,
+    cy: np.float32,
+    normals: NDArray[np.float32],
+) -> None:
     """Cross product of the horizontal and the vertical difference; one-sided at the rims of surfaces."""
     h, w = depth.shape
-    normals = np.zeros((h, w, 3), np.float32)
     for v in range(h):
         for u in range(w):
             z = depth[v, u]
@@ -58,4 +63,3 @@ def _normals(
             length = np.sqrt(nx * nx + ny * ny + nz * nz)
             if length > 0:
                 normals[v, u, 0], normals[v, u, 1], normals[v, u, 2] = nx / length, ny / length, nz / length
-    return normals

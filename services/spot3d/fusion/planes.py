@@ -163,17 +163,29 @@ def _triple_planes(points: NDArray[np.float32], triples: NDArray[np.int64]) -> N
     return planes
 
 
-@kernel("i4[::1](f4[:,::1], f4[:,::1], f4[::1])")
 def count_inliers(
     planes: NDArray[np.float32], points: NDArray[np.float32], tolerance: NDArray[np.float32]
 ) -> NDArray[np.int32]:
     """How many of (n, 3) points lie within their tolerance of each of (m, 4) planes: (m,) int32."""
-    counts = np.zeros(len(planes), np.int32)
-    xs, ys, zs = points[:, 0].copy(), points[:, 1].copy(), points[:, 2].copy()
+    counts = np.empty(len(planes), np.int32)
+    xs, ys, zs = np.ascontiguousarray(points.T)
+    _count_inliers(planes, xs, ys, zs, tolerance, counts)
+    return counts
+
+
+@kernel("void(f4[:,::1], f4[::1], f4[::1], f4[::1], f4[::1], i4[::1])")
+def _count_inliers(
+    planes: NDArray[np.float32],
+    xs: NDArray[np.float32],
+    ys: NDArray[np.float32],
+    zs: NDArray[np.float32],
+    tolerance: NDArray[np.float32],
+    counts: NDArray[np.int32],
+) -> None:
+    """See `count_inliers`; axis by axis, so that several points are looked at at once."""
     for j in range(len(planes)):
-        a, b, c, d = planes[j]
+        a, b, c, d = planes[j, 0], planes[j, 1], planes[j, 2], planes[j, 3]
         inliers = 0
         for i in range(len(xs)):
             inliers += abs(a * xs[i] + b * ys[i] + c * zs[i] + d) < tolerance[i]
         counts[j] = inliers
-    return counts

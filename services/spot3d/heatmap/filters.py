@@ -49,7 +49,8 @@ def filter_proposals(
     A box without any valid depth is rejected, whichever filters are on.
     """
     windows = _pixel_windows(boxes, camera)
-    near, far = _depth_ranges(windows, tiles.pixels, tiles.near, tiles.far)
+    near, far = np.empty((2, len(windows)), np.float32)
+    _depth_ranges(windows, tiles.pixels, tiles.near, tiles.far, near, far)
     middle = (near + far) / 2
     width_m = boxes[:, 2] * middle / np.float32(camera.fx)
     height_m = boxes[:, 3] * middle / np.float32(camera.fy)
@@ -72,33 +73,32 @@ def _pixel_windows(boxes: NDArray[np.float32], camera: Intrinsics) -> NDArray[np
     return windows
 
 
-@kernel("Tuple((f4[::1], f4[::1]))(i4[:,::1], f4[:,:,::1], f4[:,::1], f4[:,::1])", fastmath=ORDERED)
+@kernel("void(i4[:,::1], f4[:,:,::1], f4[:,::1], f4[:,::1], f4[::1], f4[::1])", fastmath=ORDERED)
 def _depth_ranges(
     windows: NDArray[np.int32],
     pixels: NDArray[np.float32],
     near: NDArray[np.float32],
     far: NDArray[np.float32],
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    smallest: NDArray[np.float32],
+    largest: NDArray[np.float32],
+) -> None:
     """Smallest and largest valid depth of every window; (inf, 0) where it has none.
 
     Tiles wholly inside are read first: then most tiles on the rim can add nothing and are passed over.
     """
-    count = len(windows)
-    smallest = np.empty(count, np.float32)
-    largest = np.empty(count, np.float32)
     none = np.float32(np.inf)
-    for j in range(count):
-        u0, v0, u1, v1 = windows[j]
+    for j in range(len(windows)):
+        u0, v0, u1, v1 = windows[j, 0], windows[j, 1], windows[j, 2], windows[j, 3]
         lo, hi = none, np.float32(0)
-        rows, columns = ((v0 + TILE - 1) // TILE, v1 // TILE), ((u0 + TILE - 1) // TILE, u1 // TILE)
-        for tile_v in range(rows[0], rows[1]):
-            for tile_u in range(columns[0], columns[1]):
+        first_inside, end_inside = (v0 + TILE - 1) // TILE, v1 // TILE
+        for tile_v in range(first_inside, end_inside):
+            for tile_u in range((u0 + TILE - 1) // TILE, u1 // TILE):
                 lo = near[tile_v, tile_u] if near[tile_v, tile_u] < lo else lo
                 hi = far[tile_v, tile_u] if far[tile_v, tile_u] > hi else hi
         last = (u1 + TILE - 1) // TILE - 1
         for tile_v in range(v0 // TILE, (v1 + TILE - 1) // TILE):
             # Of rows wholly inside, only the first and the last tile can be on the rim.
-            step = max(1, last - u0 // TILE) if rows[0] <= tile_v < rows[1] else 1
+            step = max(1, last - u0 // TILE) if first_inside <= tile_v < end_inside else 1
             for tile_u in range(u0 // TILE, last + 1, step):
                 if near[tile_v, tile_u] >= lo and far[tile_v, tile_u] <= hi:
                     continue
@@ -113,4 +113,3 @@ def _depth_ranges(
                     z = z if z > 0 else none
                     lo = z if z < lo else lo
         smallest[j], largest[j] = lo, hi
-    return smallest, largest

@@ -64,14 +64,17 @@ def sum_proposals(proposals: FilteredProposals, tiles: DepthTiles, shape: tuple[
     amount = np.rint(confidence * (ALL / max(float(confidence.sum()), 1e-30))).astype(np.int32)
     windows, cut = proposals.windows[keep], proposals.cut[keep]
     soft = np.isfinite(cut)
-    masked, beyond = _sum_masked(
-        windows[soft], amount[soft], cut[soft], tiles.pixels, tiles.near, tiles.far, tiles.whole
+    beyond = np.zeros(tiles.near.shape, np.int32)
+    masked = _sum_masked(
+        windows[soft], amount[soft], cut[soft], tiles.pixels, tiles.near, tiles.far, tiles.whole, beyond
     )
-    heat: NDArray[np.uint8] = _heat_image(windows, amount, masked, beyond, shape[0], shape[1])
+    total, above = np.zeros((shape[0] + 1, shape[1] + 1), np.int32), np.zeros(shape[1], np.int32)
+    heat = np.empty(shape, np.uint8)
+    _heat_image(windows, amount, masked, beyond, total, above, heat)
     return heat
 
 
-@kernel("Tuple((i4[:,:,::1], i4[:,::1]))(i4[:,::1], i4[::1], f4[::1], f4[:,:,::1], f4[:,::1], f4[:,::1], b1[:,::1])")
+@kernel("i4[:,:,::1](i4[:,::1], i4[::1], f4[::1], f4[:,:,::1], f4[:,::1], f4[:,::1], b1[:,::1], i4[:,::1])")
 def _sum_masked(
     windows: NDArray[np.int32],
     amount: NDArray[np.int32],
@@ -80,15 +83,16 @@ def _sum_masked(
     near: NDArray[np.float32],
     far: NDArray[np.float32],
     whole: NDArray[np.bool_],
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    beyond: NDArray[np.int32],
+) -> NDArray[np.int32]:
     """What the soft filter takes back: all that lies beyond a window's cut (invalid depth, 0, does not: Eq. 3).
 
-    Returns the sums of single pixels, in tiles as `pixels`, and of tiles wholly inside a window and wholly
-    beyond its cut: pixels are visited only where a window's rim or its cut runs through a tile.
+    Returns the sums of single pixels, in tiles as `pixels`, and adds to `beyond`, which is 0, for tiles wholly inside a
+    window and wholly beyond its cut: pixels are visited only where a window's rim or its cut runs through a tile.
     """
-    masked, beyond = np.zeros(pixels.shape, np.int32), np.zeros(near.shape, np.int32)
+    masked = np.zeros(pixels.shape, np.int32)  # were it given, each tile would ask whether it overlaps with `pixels`
     for j in range(len(windows)):
-        u0, v0, u1, v1 = windows[j]
+        u0, v0, u1, v1 = windows[j, 0], windows[j, 1], windows[j, 2], windows[j, 3]
         limit, c = cut[j], amount[j]
         for tile_v in range(v0 // TILE, (v1 + TILE - 1) // TILE):
             top, bottom = v0 - tile_v * TILE, v1 - tile_v * TILE
@@ -105,30 +109,32 @@ def _sum_masked(
                     v, u = i // TILE, i % TILE
                     taken = (depth[i] > limit) & (v >= top) & (v < bottom) & (u >= left) & (u < right)
                     sums[i] += c if taken else np.int32(0)
-    return masked, beyond
+    return masked
 
 
-@kernel("u1[:,::1](i4[:,::1], i4[::1], i4[:,:,::1], i4[:,::1], i8, i8)")
+@kernel("void(i4[:,::1], i4[::1], i4[:,:,::1], i4[:,::1], i4[:,::1], i4[::1], u1[:,::1])")
 def _heat_image(
     windows: NDArray[np.int32],
     amount: NDArray[np.int32],
     masked: NDArray[np.int32],
     beyond: NDArray[np.int32],
-    h: int,
-    w: int,
-) -> NDArray[np.uint8]:
-    """All windows less what is masked, (h, w) uint8 in 255ths of the largest sum.
+    total: NDArray[np.int32],
+    above: NDArray[np.int32],
+    heat: NDArray[np.uint8],
+) -> None:
+    """All windows less what is masked, in 255ths of the largest sum.
 
-    Windows go into the corners of a difference image, which is integrated once.
+    Windows go into the corners of a difference image `total`, (h + 1, w + 1), which is integrated once, with `above`,
+    (w,), the sums of the row above. Both are 0 before.
     """
-    total = np.zeros((h + 1, w + 1), np.int32)
+    h, w = heat.shape
     for j in range(len(windows)):
-        u0, v0, u1, v1 = windows[j]
+        u0, v0, u1, v1 = windows[j, 0], windows[j, 1], windows[j, 2], windows[j, 3]
         total[v0, u0] += amount[j]
         total[v1, u0] -= amount[j]
         total[v0, u1] -= amount[j]
         total[v1, u1] += amount[j]
-    above, peak = np.zeros(w, np.int32), 1
+    peak = 1
     for v in range(h):
         row = np.int32(0)
         for u in range(w):
@@ -137,10 +143,8 @@ def _heat_image(
         for u in range(w):
             kept = above[u] - masked[v // TILE, u // TILE, v % TILE * TILE + u % TILE] - beyond[v // TILE, u // TILE]
             total[v, u] = kept
-            peak = max(peak, kept)
-    heat = np.zeros((h, w), np.uint8)
+            peak = kept if kept > peak else peak
     scale = np.float32(255 / peak)
     for v in range(h):
         for u in range(w):
             heat[v, u] = np.uint8(np.float32(total[v, u]) * scale + np.float32(0.5))
-    return heat

@@ -32,19 +32,28 @@ class DepthTiles:
 
 def depth_tiles(depth: NDArray[np.float32]) -> DepthTiles:
     """Tile minima and maxima of a (h, w) float32 depth image in metres, 0 = invalid."""
-    return DepthTiles(*_tile_ranges(np.ascontiguousarray(depth, dtype=np.float32)))
-
-
-@kernel("Tuple((f4[:,:,::1], f4[:,::1], f4[:,::1], b1[:,::1]))(f4[:,::1])", fastmath=ORDERED)
-def _tile_ranges(
-    depth: NDArray[np.float32],
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
-    """The fields of DepthTiles."""
     h, w = depth.shape
     shape = ((h + TILE - 1) // TILE, (w + TILE - 1) // TILE)
-    pixels = np.zeros((*shape, TILE * TILE), np.float32)
-    near, far = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    whole = np.empty(shape, np.bool_)
+    tiles = DepthTiles(
+        np.zeros((*shape, TILE * TILE), np.float32),
+        np.empty(shape, np.float32),
+        np.empty(shape, np.float32),
+        np.empty(shape, np.bool_),
+    )
+    _tile_ranges(np.ascontiguousarray(depth, dtype=np.float32), tiles.pixels, tiles.near, tiles.far, tiles.whole)
+    return tiles
+
+
+@kernel("void(f4[:,::1], f4[:,:,::1], f4[:,::1], f4[:,::1], b1[:,::1])", fastmath=ORDERED)
+def _tile_ranges(
+    depth: NDArray[np.float32],
+    pixels: NDArray[np.float32],
+    near: NDArray[np.float32],
+    far: NDArray[np.float32],
+    whole: NDArray[np.bool_],
+) -> None:
+    """Fill in the fields of DepthTiles; `pixels` is 0."""
+    h, w = depth.shape
     for v in range(h):
         row = (v % TILE) * TILE
         for tile in range(w // TILE):
@@ -53,8 +62,8 @@ def _tile_ranges(
         for u in range(w // TILE * TILE, w):
             pixels[v // TILE, w // TILE, row + u % TILE] = depth[v, u]
     none = np.float32(np.inf)
-    for tile_v in range(shape[0]):
-        for tile_u in range(shape[1]):
+    for tile_v in range(near.shape[0]):
+        for tile_u in range(near.shape[1]):
             lo, hi, least = none, np.float32(0), none
             for i in range(TILE * TILE):
                 z = pixels[tile_v, tile_u, i]
@@ -64,4 +73,3 @@ def _tile_ranges(
                 hi = z if z > hi else hi
             near[tile_v, tile_u], far[tile_v, tile_u] = lo, hi
             whole[tile_v, tile_u] = least > 0
-    return pixels, near, far, whole

@@ -141,11 +141,11 @@ class Agreement:
         self, T_world_camera: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         H, g, weights = np.zeros((6, 6)), np.zeros(6), np.zeros(len(self.points))
+        (ray, r, lever), J, MJ = np.empty((3, 3)), np.eye(3, 6), np.empty((3, 6))
         lateral = self.pixel * self.blur * self.points[:, 2]
         axial = axial_noise(self.points[:, 2]) + _MAP_NOISE
-        _normal_equations(
-            np.ascontiguousarray(T_world_camera), self.points, self.landmarks, lateral, axial, H, g, weights
-        )
+        T = np.ascontiguousarray(T_world_camera)
+        _normal_equations(T, self.points, self.landmarks, lateral, axial, ray, r, lever, J, MJ, H, g, weights)
         return H, g, weights
 
 
@@ -156,6 +156,11 @@ def _normal_equations(
     landmarks: NDArray[np.float64],
     lateral: NDArray[np.float64],
     axial: NDArray[np.float64],
+    ray: NDArray[np.float64],
+    r: NDArray[np.float64],
+    lever: NDArray[np.float64],
+    J: NDArray[np.float64],
+    MJ: NDArray[np.float64],
     H: NDArray[np.float64],
     g: NDArray[np.float64],
     weights: NDArray[np.float64],
@@ -163,11 +168,8 @@ def _normal_equations(
     """Sum H and g of H x = g for the twist x that brings points to their landmarks; Geman-McClure weights.
 
     The error of a point is `axial` (standard deviation, metres) along its ray and `lateral` across it.
+    J: its left half is the identity; ray, r, lever and MJ: room for what is computed of a point.
     """
-    J = np.zeros((3, 6))
-    J[0, 0] = J[1, 1] = J[2, 2] = 1.0
-    ray, r, lever = np.empty(3), np.empty(3), np.empty(3)
-    MJ = np.empty((3, 6))
     for i in range(len(points)):
         length = 0.0
         for a in range(3):

@@ -49,7 +49,8 @@ class FeatureDetector:
         keypoints, found = self._orb.detectAndCompute(cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY), None)
         pixels = np.asarray(cv2.KeyPoint.convert(keypoints), np.float64).reshape(-1, 2)
         blur = _SCALE ** np.array([point.octave for point in keypoints], np.float64)
-        z = _depth_at(np.ascontiguousarray(depth_m, np.float32), pixels, self._range_max)
+        z = np.zeros(len(pixels))
+        _depth_at(np.ascontiguousarray(depth_m, np.float32), pixels, self._range_max, z)
         seen = z > 0
         pixels, blur, z = pixels[seen], blur[seen], z[seen]
         x, y = (pixels[:, 0] - camera.cx) / camera.fx * z, (pixels[:, 1] - camera.cy) / camera.fy * z
@@ -58,10 +59,11 @@ class FeatureDetector:
 
 
 @kernel()
-def _depth_at(depth: NDArray[np.float32], pixels: NDArray[np.float64], range_max: float) -> NDArray[np.float64]:
-    """Mean depth (n,) of each pixel and its four neighbours, metres; 0 where they are not of one surface."""
+def _depth_at(
+    depth: NDArray[np.float32], pixels: NDArray[np.float64], range_max: float, mean: NDArray[np.float64]
+) -> None:
+    """Mean depth (n,) of each pixel and its four neighbours, metres; left at 0 where they are not of one surface."""
     rows, columns = depth.shape
-    mean = np.zeros(len(pixels))
     for i in range(len(pixels)):
         u, v = int(np.rint(pixels[i, 0])), int(np.rint(pixels[i, 1]))
         if not (_AROUND <= u < columns - _AROUND and _AROUND <= v < rows - _AROUND):
@@ -74,4 +76,3 @@ def _depth_at(depth: NDArray[np.float32], pixels: NDArray[np.float64], range_max
             total += near
         if same:
             mean[i] = total / 5
-    return mean

@@ -61,7 +61,7 @@ class LandmarkMap:
         reach = _REACH * camera.width
         visible, expected = _in_view(self.rows["position"], invert(T_world_camera), lens, size)
         descriptors = self.rows["descriptor"][visible]
-        found = _match(features.pixels, features.points, features.descriptors, expected, descriptors, size, reach)
+        found = _match(features, expected, descriptors, size, reach)
         return Matches(np.where(found >= 0, np.append(visible, _NONE)[found], _NONE), visible)
 
     def insert(
@@ -102,7 +102,6 @@ class LandmarkMap:
         return rows
 
 
-@kernel("Tuple((i8[::1], f8[:,::1]))(f8[:,:], f8[:,:], f8[::1], f8[::1])")
 def _in_view(
     positions: NDArray[np.float64],
     T_camera_world: NDArray[np.float64],
@@ -110,13 +109,26 @@ def _in_view(
     size: NDArray[np.float64],
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Rows of the positions that fall into the image, and where: (m, 3) float64, u and v in pixels, z in metres."""
-    fx, fy, cx, cy = lens
+    rows, expected = np.empty(len(positions), np.int64), np.empty((len(positions), 3))
+    count = _project(positions, T_camera_world, lens, size, rows, expected)
+    return rows[:count], expected[:count]
+
+
+@kernel("i8(f8[:,:], f8[:,:], f8[::1], f8[::1], i8[::1], f8[:,::1])")
+def _project(
+    positions: NDArray[np.float64],
+    T_camera_world: NDArray[np.float64],
+    lens: NDArray[np.float64],
+    size: NDArray[np.float64],
+    rows: NDArray[np.int64],
+    expected: NDArray[np.float64],
+) -> int:
+    """Write what `_in_view` returns, and say how much it is."""
+    fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
     T = T_camera_world
-    rows = np.empty(len(positions), np.int64)
-    expected = np.empty((len(positions), 3))
     count = 0
     for i in range(len(positions)):
-        x, y, z = positions[i]
+        x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
         depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
         if depth <= 0:
             continue
@@ -126,33 +138,51 @@ def _in_view(
             rows[count] = i
             expected[count, 0], expected[count, 1], expected[count, 2] = u, v, depth
             count += 1
-    return rows[:count].copy(), expected[:count].copy()
+    return count
 
 
-@kernel()
 def _match(
-    pixels: NDArray[np.float64],
-    points: NDArray[np.float64],
-    descriptors: NDArray[np.uint64],
+    features: Features,
     expected: NDArray[np.float64],
     known: NDArray[np.uint64],
     size: NDArray[np.float64],
     reach: float,
 ) -> NDArray[np.int64]:
-    """Row of the expected landmark (m, 3) with the descriptor nearest to each feature's (n,), -1 = none.
+    """Row of the expected landmark (m, 3) with the descriptor nearest to each feature's (n,) int64, -1 = none."""
+    first = np.full((int(size[1] / reach) + 3, int(size[0] / reach) + 3), _NONE)
+    following, owner, difference = np.full((3, len(expected)), _NONE)
+    difference[:] = _BITS_MAX + 1
+    nearest = np.full(len(features), _NONE)
+    _find_nearest(
+        *(features.pixels, features.points, features.descriptors, expected, known, reach),
+        *(first, following, owner, difference, nearest),
+    )
+    return nearest
 
-    Landmarks are looked up in cells of the image as wide as the reach, chained by `following`.
+
+@kernel()
+def _find_nearest(
+    pixels: NDArray[np.float64],
+    points: NDArray[np.float64],
+    descriptors: NDArray[np.uint64],
+    expected: NDArray[np.float64],
+    known: NDArray[np.uint64],
+    reach: float,
+    first: NDArray[np.int64],
+    following: NDArray[np.int64],
+    owner: NDArray[np.int64],
+    difference: NDArray[np.int64],
+    nearest: NDArray[np.int64],
+) -> None:
+    """Fill in `nearest`, which is -1, as are `first` and `owner`; `difference` is more than may differ.
+
+    Landmarks are looked up in cells of the image as wide as the reach, `first`, chained by `following`. Each has an
+    `owner` that it differs from in so many bits.
     """
-    columns, lines = int(size[0] / reach) + 1, int(size[1] / reach) + 1
-    first = np.full((lines + 2, columns + 2), -1, np.int64)
-    following = np.empty(len(expected), np.int64)
     for j in range(len(expected)):
         column, line = int(expected[j, 0] / reach) + 1, int(expected[j, 1] / reach) + 1
         following[j] = first[line, column]
         first[line, column] = j
-    nearest = np.full(len(pixels), -1, np.int64)
-    owner = np.full(len(expected), -1, np.int64)
-    difference = np.full(len(expected), _BITS_MAX + 1, np.int64)
     for i in range(len(pixels)):
         column, line = int(pixels[i, 0] / reach) + 1, int(pixels[i, 1] / reach) + 1
         best, second, landmark = 256, 256, np.int64(-1)
@@ -172,7 +202,6 @@ def _match(
             if owner[landmark] >= 0:
                 nearest[owner[landmark]] = -1
             owner[landmark], difference[landmark], nearest[i] = i, best, landmark
-    return nearest
 
 
 @part()

@@ -76,9 +76,10 @@ def weakest_direction(information: NDArray[np.float64]) -> float:
 @kernel()
 def _sum_cells(depth: NDArray[np.float32], cell: int, range_max: np.float32, sums: NDArray[np.float32]) -> None:
     """Sums of each cell x cell block of the (h, w) depth into (rows, columns, 10)."""
-    rows, columns = sums.shape[:2]
+    rows, columns, _ = sums.shape
     centre = np.float32(0.5 * (cell - 1))
     one, zero = np.float32(1), np.float32(0)
+    # Its own memory, which cannot overlap with the depth: else no more than one pixel is computed at once.
     down = np.empty((6, columns * cell), np.float32)
     n0, n1, n2, q0, q1, q2 = down
     for row in range(rows):
@@ -126,9 +127,9 @@ def _fit_planes(
     sigma: NDArray[np.float32],
 ) -> int:
     """Least-squares q = a u + b v + c over 3 x 3 cells; writes the points, returns their count."""
-    fx, fy, cx, cy = lens
-    fill, grazing, flatness = gates
-    rows, columns = sums.shape[:2]
+    fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
+    fill, grazing, flatness = gates[0], gates[1], gates[2]
+    rows, columns, _ = sums.shape
     least = fill * 9 * cell * cell
     count = 0
     for row in range(1, rows - 1):

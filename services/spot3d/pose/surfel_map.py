@@ -74,6 +74,7 @@ class SurfelMap:
             distance,
             kernel,
             stride,
+            np.empty(6),
             H,
             g,
             totals,
@@ -189,12 +190,12 @@ def _normal_equations(
     distance: float,
     kernel: float,
     stride: int,
+    J: NDArray[np.float64],
     H: NDArray[np.float64],
     g: NDArray[np.float64],
     totals: NDArray[np.float64],
 ) -> None:
     """Sum H, g and the totals over every stride-th point; Geman-McClure weights, inverse noise variance."""
-    J = np.empty(6)
     for i in range(0, points.shape[0], stride):
         totals[0] += 1
         p, n = points[i], normals[i]

@@ -36,9 +36,7 @@ def depth_range(depth: NDArray[np.float32], fx: float, fy: float, min_size: floa
 
 
 @kernel()
-def _depth_range(
-    depth: NDArray[np.float32], nearest: NDArray[np.float32], farthest: NDArray[np.float32]
-) -> None:
+def _depth_range(depth: NDArray[np.float32], nearest: NDArray[np.float32], farthest: NDArray[np.float32]) -> None:
     """Fill the levels of DepthRange, which are inf and 0: the finest from the image, each other from the last."""
     h, w = depth.shape
     for y in range(h):

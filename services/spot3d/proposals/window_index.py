@@ -75,7 +75,9 @@ def build_tables(
     in_column = np.count_nonzero(groups.label >= 0, axis=0)
     column = np.cumsum(in_column) - in_column
     lines = np.empty((2, in_column.sum()), np.uint32)
-    _build_tables(np.ascontiguousarray(magnitude), groups.label, groups.magnitude, groups.anchor, column, sums, starts, lines)
+    _build_tables(
+        np.ascontiguousarray(magnitude), groups.label, groups.magnitude, groups.anchor, column, sums, starts, lines
+    )
     starts[:h, w, 1], starts[h, :w, 1] = 0, column
     starts[h, :, 0], starts[h, w, 1] = lines.shape[1], 0
     return sums, starts, lines

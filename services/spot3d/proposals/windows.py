@@ -83,9 +83,7 @@ def _search(
 
 
 @kernel()
-def refine(
-    index: WindowIndex, windows: NDArray[np.int32], scores: NDArray[np.float32], place_step: np.float32
-) -> None:
+def refine(index: WindowIndex, windows: NDArray[np.int32], scores: NDArray[np.float32], place_step: np.float32) -> None:
     """Move each window's four sides wherever its score gains, by steps that halve down to 1 / FINEST of it.
 
     windows: (n, 4) int32 [x0, y0, x1, y1]; scores: (n,) float32; place_step: the search's step by side.
