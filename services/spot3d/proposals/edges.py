@@ -64,7 +64,7 @@ def _colour_strength(
     weakest: np.int32,
     strength: NDArray[np.float32],
 ) -> None:
-    """Fill in `strength`, which is 0, where the squared gradient of some channel is above `weakest` (for 2 pixels)."""
+    """Fill in `strength`, which is 0, where the squared difference over two pixels is above `weakest`."""
     h, w = strength.shape
     for y in range(1, h - 1):
         for x in range(1, w - 1):
