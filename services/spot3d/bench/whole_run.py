@@ -11,7 +11,7 @@ import numpy as np
 from sklearn.cluster import DBSCAN
 
 from spot3d.bench.timing import Timed, alternate, peak_memory_mb
-from spot3d.dataflow.process_use import SINGLE_THREADED, stay_single_threaded
+from spot3d.dataflow.process_use import KEEPING_MEMORY, SINGLE_THREADED, stay_single_threaded
 from spot3d.pipeline import PipelineStep, run_pipeline
 from spot3d.run.selected import Selection, open_selection
 from spot3d.settings import load_settings
@@ -20,11 +20,14 @@ _STAGES = ("pose", "proposals", "heatmap", "fusion")
 
 
 def whole_run(name: str, frames: int | None, halved: bool) -> dict[str, Any]:
-    """What `measure` says, from a fresh process. Raises RuntimeError with that process's last words."""
+    """What `measure` says, from a fresh process with a stage's environment.
+
+    Raises RuntimeError with that process's last words.
+    """
     words = [name, str(frames or 0), "half" if halved else "full"]
     done = subprocess.run(
         [sys.executable, "-m", "spot3d.bench.whole_run", *words],
-        env=os.environ | SINGLE_THREADED,
+        env=os.environ | SINGLE_THREADED | KEEPING_MEMORY,
         capture_output=True,
         text=True,
         check=False,

@@ -122,9 +122,10 @@ def edge_groups(boxes: list[Box3D], samples: list[NDArray[np.float32]], supports
     points of each box's thing. Each number is in one group.
     """
     group_of = {k: [k] for k in range(len(boxes))}
+    centres = np.array([box.centre for box in boxes], np.float32).reshape(-1, 3)
+    half = [float(box.size[2]) / 2 for box in boxes]
     for item in supports:
-        above, half = [item.above(box) for box in boxes], [float(box.size[2]) / 2 for box in boxes]
-        ends = [(a - h, a + h) for a, h in zip(above, half, strict=True)]
+        ends = [(a - h, a + h) for a, h in zip(item.sheet.distance(centres).tolist(), half, strict=True)]
         lower = [k for k, (_, top) in enumerate(ends) if -2 * BOARD < top < item.clearance]
         for k, (bottom, top) in enumerate(ends):
             if not (k in group_of and abs(bottom) < BOARD and top > item.clearance and item.is_beside(boxes[k])):
