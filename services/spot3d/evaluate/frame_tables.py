@@ -38,19 +38,22 @@ def proposals_table(datasets: list[DataSet], settings: Settings) -> Table:
         frames = dataset.frames
         if frames is None:
             continue
-        for number in NUMBERS:
-            bare, ours = list[NDArray[np.float64]](), list[NDArray[np.float64]]()
-            for item in (frames.read(index) for index in range(frames.count)):
+        bare = {number: list[NDArray[np.float64]]() for number in NUMBERS}
+        ours = {number: list[NDArray[np.float64]]() for number in NUMBERS}
+        for item in (frames.read(index) for index in range(frames.count)):
+            depth, camera = item.frame.depth_metres(), item.frame.intrinsics
+            for number in NUMBERS:
                 boxes, heat = proposals_and_heat(item.frame, with_proposals(settings, max_boxes=number))
-                depth, camera = item.frame.depth_metres(), item.frame.intrinsics
                 found = find_in_frame(item.frame.colour, depth, heat.heat, camera, settings.fusion)
-                bare.append(iou_matrix_2d(item.boxes, boxes))
-                ours.append(iou_matrix_2d(item.boxes, found.boxes))
-            rates = (success_rate(bare), detection_rate(bare), success_rate(ours), detection_rate(ours))
-            table.add(dataset.name, number, *rates, _mean_columns(ours), _mean_rows(ours))
+                bare[number].append(iou_matrix_2d(item.boxes, boxes))
+                ours[number].append(iou_matrix_2d(item.boxes, found.boxes))
+        for number in NUMBERS:
+            b, o = bare[number], ours[number]
+            rates = (success_rate(b), detection_rate(b), success_rate(o), detection_rate(o))
+            table.add(dataset.name, number, *rates, _mean_columns(o), _mean_rows(o))
             table.curves += [
-                recall_of(dataset.name, f"{number} boxes", bare),
-                recall_of(dataset.name, f"{number} ours", ours),
+                recall_of(dataset.name, f"{number} boxes", b),
+                recall_of(dataset.name, f"{number} ours", o),
             ]
     table.notes.append("Boxes: the proposals as they come; ours: what is found with them in the same frame.")
     return table

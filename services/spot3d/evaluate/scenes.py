@@ -15,6 +15,8 @@ from spot3d.source.scene import Scene
 SCENES = re.compile(r"scenes:(?P<count>[1-9]\d?)(?P<cluttered>:cluttered)?|scene(?::\d+)?(?::cluttered)?")
 TRUTH_VIEWS = 20
 TRUTH_VOXEL = 0.005
+SINGLE_FRAMES = 30
+"""So many of a scene's frames, evenly spread, are looked at one by one: neighbours show nearly the same."""
 PIXELS_MIN = 200
 """An object with fewer visible pixels in a VGA frame is not there to be found."""
 
@@ -32,17 +34,20 @@ def scene_names(name: str) -> list[str] | None:
 def open_scene(
     name: str, settings: Settings, every: int = 1, frames: int | None = None
 ) -> tuple[LabelledSequence, LabelledFrames]:
-    """The scene of this name as a labelled sequence, and its frames with boxes around the true masks."""
+    """The scene of this name as a labelled sequence, and some of its frames with boxes around the true masks."""
     sequence = open_selection(Selection(name, frames, every), settings)
     seed = re.search(r"\d+", name)
     number = int(seed[0]) if seed else settings.source.scene_seed
     scene = Scene(number, "cluttered" in name or settings.source.scene_cluttered, frames=every * len(sequence))
 
-    def read(index: int) -> LabelledFrame:
+    looked_at = range(0, len(sequence), max(1, len(sequence) // SINGLE_FRAMES))
+
+    def read(number: int) -> LabelledFrame:
+        index = looked_at[number]
         return LabelledFrame(sequence[index], mask_boxes(scene.truth(every * index).instance, 1, PIXELS_MIN))
 
     truth = _scene_truth(scene, range(0, len(scene), every))
-    return LabelledSequence(name, sequence, truth), LabelledFrames(len(sequence), read)
+    return LabelledSequence(name, sequence, truth), LabelledFrames(len(looked_at), read)
 
 
 def _scene_truth(scene: Scene, indices: range) -> LabelledScene:
