@@ -52,10 +52,12 @@ lint: $(INSTALLED)
 check: lint test
 
 bench: $(INSTALLED)
-	$(RUN) spot3d bench $(if $(wildcard $(DATA)/redkitchen),--data "$(DATA)/redkitchen" --frames 300)
+	@mkdir -p out
+	$(RUN) spot3d bench --json out/bench.json --plots out/bench $(if $(wildcard $(DATA)/redkitchen),--data "$(DATA)/redkitchen" --frames 300)
 
 evaluate: $(INSTALLED)
-	$(RUN) spot3d evaluate all "$(DATA)"
+	@mkdir -p out
+	$(RUN) spot3d evaluate all "$(DATA)" --json out/evaluate.json --plots out/evaluate
 
 clean:
 	rm -rf build dist out .mypy_cache .pytest_cache .ruff_cache .hypothesis *.egg-info
