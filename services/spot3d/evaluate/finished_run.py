@@ -8,7 +8,7 @@ from spot3d.evaluate.measured_run import moved, that_count, world_alignment
 from spot3d.evaluate.points import point_scores
 from spot3d.evaluate.scores import object_scores
 from spot3d.evaluate.table import Column, Table
-from spot3d.evaluate.truth import read_found_objects
+from spot3d.evaluate.truth import LabelledScene, read_found_objects
 from spot3d.source.errors import SourceError
 from spot3d.trajectory import read_tum
 
@@ -19,10 +19,7 @@ def finished_table(dataset: DataSet, folder: Path) -> Table:
     Raises SourceError where the data set has not one sequence with true objects and poses, and where the folder
     holds no run of it.
     """
-    item = _labelled(dataset)
-    truth = item.truth
-    if truth is None:
-        raise SourceError(f"{item.name} has no true objects")
+    item, truth = _labelled(dataset)
     try:
         stamps, poses = read_tum(folder / "trajectory.txt")
         found = read_found_objects(folder / "objects.json")
@@ -52,8 +49,9 @@ def finished_table(dataset: DataSet, folder: Path) -> Table:
     return table
 
 
-def _labelled(dataset: DataSet) -> LabelledSequence:
-    items = [item for item in dataset.sequences if item.truth is not None and item.sequence.has_true_poses]
+def _labelled(dataset: DataSet) -> tuple[LabelledSequence, LabelledScene]:
+    sequences = [item for item in dataset.sequences if item.sequence.has_true_poses]
+    items = [(item, item.truth) for item in sequences if item.truth is not None]
     if len(items) != 1:
         raise SourceError(
             f"{dataset.name} has {len(items)} sequences with true objects and poses; name the one that was run"

@@ -3,10 +3,19 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.kernel import kernel
+from spot3d.kernel import kernel, part
 
 _ROUNDS = 12
 """Cells of a crease join the segments beside it within this many cells."""
+
+
+@part()
+def root_of(root: NDArray[np.uint32], cell: np.uint32) -> np.uint32:
+    """The root of a cell's tree; the way there is halved."""
+    while root[cell] != cell:
+        root[cell] = root[root[cell]]
+        cell = root[cell]
+    return cell
 
 
 @kernel("void(u4[::1], u4[:,::1], u1[::1])")
@@ -20,12 +29,7 @@ def join(root: NDArray[np.uint32], link: NDArray[np.uint32], group: NDArray[np.u
         i, j = link[k, 0], link[k, 1]
         if group[i] == 0 or group[i] != group[j]:
             continue
-        while root[i] != i:
-            root[i] = root[root[i]]
-            i = root[i]
-        while root[j] != j:
-            root[j] = root[root[j]]
-            j = root[j]
+        i, j = root_of(root, i), root_of(root, j)
         if i < j:
             root[j] = i
         else:

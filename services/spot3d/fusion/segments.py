@@ -54,9 +54,9 @@ def split_at_creases(
 ) -> NDArray[np.int32]:
     """Segments of a surface: connected regions without a crease, then the crease cells shared out.
 
-    flat: (n,) bool, cells of thin flat things, which form regions of
-    their own: what lies on a table does not hold together what stands on it. crease: concavity (1/m) from which a
-    cell is a crease. smallest: cells a region needs to count; smallest_seamed: where it ends at a faint crease.
+    flat: (n,) bool, cells of thin flat things, which form regions of their own: what lies on a table does not hold
+    together what stands on it. crease: concavity (1/m) from which a cell is a crease. smallest: cells a region needs
+    to count; smallest_seamed: where it ends at a faint crease.
     Returns (n,) int32 segment of each cell; a number between may be no cell's.
     """
     pairs = near_pairs(surface)

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.fusion.components import root_of
 from spot3d.kernel import kernel, part
 
 FACING = 0.7
@@ -200,15 +201,9 @@ def in_long_groups(
                 low[cell, axis] = high[cell, axis] = centre[cell, axis]
     for cell in range(len(member)):
         for k in range(begin[cell], begin[cell + 1] if member[cell] else 0):
-            i, j = np.uint32(cell), pairs[k, 1]
-            if not member[j]:
+            if not member[pairs[k, 1]]:
                 continue
-            while root[i] != i:
-                root[i] = root[root[i]]
-                i = root[i]
-            while root[j] != j:
-                root[j] = root[root[j]]
-                j = root[j]
+            i, j = root_of(root, np.uint32(cell)), root_of(root, pairs[k, 1])
             i, j = min(i, j), max(i, j)
             root[j] = i
             for axis in range(3):
