@@ -1,6 +1,6 @@
 """Compiles the kernels of stages into numba's cache, by running their cores on the built-in scene.
 
-    python compile_kernels.py all|source|pose|proposals|heatmap|fusion
+    python compile_kernels.py all|source|pose|proposals|heatmap|segments|fusion
 
 Run once while an image is built, so that a container need not compile when it starts.
 """
@@ -57,6 +57,15 @@ def compile_heatmap(scene: Scene) -> None:
     weighted_heat(frame.depth_metres(), frame.intrinsics, np.array(boxes, np.float32), HeatmapSettings())
 
 
+def compile_segments(scene: Scene) -> None:
+    """Finds the objects of one frame by its true heat."""
+    from spot3d.segments.finder import find_segments
+    from spot3d.segments.settings import SegmentsSettings
+
+    frame = scene[0]
+    find_segments(frame.colour, frame.depth_metres(), _true_heat(scene, 0), frame.intrinsics, SegmentsSettings())
+
+
 def compile_fusion(scene: Scene) -> None:
     """Fuses the scene with true heat and poses, and makes objects."""
     from spot3d.fusion.fusion import Fusion
@@ -64,7 +73,7 @@ def compile_fusion(scene: Scene) -> None:
 
     fusion = Fusion(FusionSettings())
     for index, frame in enumerate(scene):
-        heat = np.where(scene.truth(index).instance > 0, 255, 0).astype(np.uint8)
+        heat = _true_heat(scene, index)
         fusion.fuse(frame.colour, frame.depth_metres(), heat, frame.intrinsics, _pose(frame))
     fusion.objects()
 
@@ -74,6 +83,7 @@ STAGES = {
     "pose": compile_pose,
     "proposals": compile_proposals,
     "heatmap": compile_heatmap,
+    "segments": compile_segments,
     "fusion": compile_fusion,
 }
 
@@ -89,6 +99,10 @@ def main(arguments: Sequence[str]) -> int:
         if name in arguments or "all" in arguments:
             compile_stage(scene)
     return 0
+
+
+def _true_heat(scene: Scene, index: int) -> np.ndarray:
+    return np.where(scene.truth(index).instance > 0, 255, 0).astype(np.uint8)
 
 
 def _outline(mask: np.ndarray) -> tuple[float, float, float, float, float]:

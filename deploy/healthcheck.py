@@ -1,6 +1,6 @@
 """Says whether a stage is alive: exit code 0 once a Health message of it arrives, else 1.
 
-    python healthcheck.py source|pose|proposals|heatmap|fusion
+    python healthcheck.py source|pose|proposals|heatmap|segments|fusion
 
 Router and robot are those of the stage's own environment (SPOT3D_LINK__CONNECT, SPOT3D_LINK__ROBOT).
 """

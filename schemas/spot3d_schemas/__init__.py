@@ -18,6 +18,7 @@ from spot3d_schemas.messages import (
     Pose,
     Progress,
     Proposals,
+    Segments,
 )
 from spot3d_schemas.names import checked_name
 from spot3d_schemas.topics import STAGES, TOPICS, Topic, alive_key, fleet_key, key
@@ -41,6 +42,7 @@ __all__ = [
     "Pose",
     "Progress",
     "Proposals",
+    "Segments",
     "Topic",
     "WireHeader",
     "alive_key",

@@ -21,7 +21,8 @@ DELTA_ZLIB = "delta-zlib"
 JPEG = "jpeg"
 """Lossy, for (h, w, 3) uint8 RGB images."""
 
-_DTYPES = {name: np.dtype(name).newbyteorder("<") for name in ("uint8", "uint16", "uint32", "float32")}
+_TYPES = ("uint8", "int8", "uint16", "uint32", "float32", "float64")
+_DTYPES = {name: np.dtype(name).newbyteorder("<") for name in _TYPES}
 _NAMES = {dtype: name for name, dtype in _DTYPES.items()}
 
 

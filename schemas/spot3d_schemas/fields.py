@@ -12,7 +12,9 @@ from spot3d_schemas.limits import (
     MAX_IMAGE_PIXELS,
     MAX_MAP_POINTS,
     MAX_NAME,
+    MAX_PLANES,
     MAX_REASONS,
+    MAX_SEGMENTS,
     MAX_TEXT,
 )
 from spot3d_schemas.names import checked_name
@@ -46,6 +48,10 @@ Depth = Annotated[
     ArraySpec(("uint16", "float32"), _IMAGE, MAX_IMAGE_PIXELS, least=1, thin=DELTA_ZLIB),
 ]
 HeatImage = Annotated[NDArray[np.uint8], ArraySpec(("uint8",), _IMAGE, MAX_IMAGE_PIXELS, least=1, thin=DELTA_ZLIB)]
+LabelImage = Annotated[NDArray[np.uint8], ArraySpec(("uint8",), _IMAGE, MAX_IMAGE_PIXELS, thin=DELTA_ZLIB)]
+SegmentHeat = Annotated[NDArray[np.float32], ArraySpec(("float32",), ("n",), MAX_SEGMENTS, finite=True)]
+SegmentPlanes = Annotated[NDArray[np.float64], ArraySpec(("float64",), ("p", 4), MAX_PLANES, finite=True)]
+SegmentSupports = Annotated[NDArray[np.int8], ArraySpec(("int8",), ("n",), MAX_SEGMENTS)]
 Boxes = Annotated[NDArray[np.float32], ArraySpec(("float32",), ("M", 5), MAX_BOXES, finite=True)]
 Points = Annotated[NDArray[np.float32], ArraySpec(("float32",), ("N", 3), MAX_MAP_POINTS)]
 PointColours = Annotated[NDArray[np.uint8], ArraySpec(("uint8",), ("N", 3), MAX_MAP_POINTS)]

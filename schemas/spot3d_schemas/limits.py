@@ -12,6 +12,12 @@ MAX_IMAGE_SIDE = 8192
 MAX_BOXES = 10_000
 """Most proposals of one frame."""
 
+MAX_SEGMENTS = 255
+"""Most segments of one frame: what a byte can tell apart from background."""
+
+MAX_PLANES = 32
+"""Most surfaces of one frame on which things stand."""
+
 MAX_OBJECTS = 10_000
 """Most objects of one update."""
 

@@ -24,6 +24,7 @@ from spot3d_schemas.fields import (
     Depth,
     Finite,
     HeatImage,
+    LabelImage,
     Name,
     Nanoseconds,
     NonNegative,
@@ -34,6 +35,9 @@ from spot3d_schemas.fields import (
     Positive,
     Reasons,
     Rotation,
+    SegmentHeat,
+    SegmentPlanes,
+    SegmentSupports,
     Text,
     Transform,
     Vector,
@@ -48,6 +52,9 @@ from spot3d_schemas.limits import (
     MAX_OBJECTS_VALUES,
     MAX_VALUES,
 )
+
+_UNIT_TOLERANCE = 2e-3
+"""On the square of a unit vector's length: 1e-3 on the length."""
 
 
 class CameraIntrinsics(Record):
@@ -131,6 +138,58 @@ class Heat(RgbdMessage):
     accepted: Count
     masked: Count
     rejected: Count
+
+
+class Segments(Message):
+    """The objects of one keyframe alone; of a frame that is none, only that it is none.
+
+    keyframe: whether the frame was looked at. If not, `intrinsics` is None and the arrays are empty (labels 0x0).
+    intrinsics: of `labels`, which may be smaller than the frame. labels: (h, w) uint8, 0 = no object, k = segment
+    k - 1. heat: (n,) float32 mean confidence of each segment in [0, 1]. planes: (p, 4) float64 [n_x, n_y, n_z, b],
+    camera frame, metres, n.x + b = 0: the surfaces on which things stand, the main one first, unit normals up.
+    stands_on: (n,) int8 row of `planes`, -1 = none is known.
+    """
+
+    SCHEMA: ClassVar[str] = "spot3d.Segments"
+
+    keyframe: bool
+    intrinsics: CameraIntrinsics | None
+    labels: LabelImage
+    heat: SegmentHeat
+    planes: SegmentPlanes
+    stands_on: SegmentSupports
+
+    @field_validator("heat")
+    @classmethod
+    def _heat_is_a_confidence(cls, heat: Array) -> Array:
+        if heat.size and not (heat.min() >= 0 and heat.max() <= 1):
+            raise ValueError(f"reaches from {heat.min():.3g} to {heat.max():.3g}; a confidence is in [0, 1]")
+        return heat
+
+    @field_validator("planes")
+    @classmethod
+    def _normals_are_unit_vectors(cls, planes: Array) -> Array:
+        if not (np.abs((planes[:, :3] ** 2).sum(axis=1) - 1) <= _UNIT_TOLERANCE).all():
+            raise ValueError("the first three numbers of each plane are its unit normal, to 1e-3")
+        return planes
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        if self.keyframe != (self.intrinsics is not None):
+            raise ValueError("intrinsics are those of a keyframe's labels, and only of a keyframe's")
+        shape = (0, 0) if self.intrinsics is None else self.intrinsics.shape
+        if self.labels.shape != shape:
+            raise ValueError(f"labels are {list(self.labels.shape)}; expected {list(shape)} (h, w)")
+        count, most = len(self.heat), int(self.labels.max(initial=0))
+        if not self.keyframe and (count or len(self.planes)):
+            raise ValueError("a frame that is no keyframe has no segments and no planes")
+        if most > count:
+            raise ValueError(f"labels reach {most}, but heat has {count} rows: one for each segment")
+        if len(self.stands_on) != count:
+            raise ValueError(f"stands_on has {len(self.stands_on)} rows, but heat has {count}")
+        if count and not (self.stands_on.min() >= -1 and self.stands_on.max() < len(self.planes)):
+            raise ValueError(f"stands_on names rows of the {len(self.planes)} planes, or -1")
+        return self
 
 
 class End(Message):
@@ -270,6 +329,7 @@ class Health(Message):
 
 
 MESSAGES: dict[str, type[Message]] = {
-    message.__name__: message for message in (Frame, End, Pose, Proposals, Heat, Objects, MapPoints, Progress, Health)
+    message.__name__: message
+    for message in (Frame, End, Pose, Proposals, Heat, Segments, Objects, MapPoints, Progress, Health)
 }
 """Every message by its short name."""

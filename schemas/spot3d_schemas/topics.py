@@ -15,10 +15,11 @@ from spot3d_schemas.messages import (
     Pose,
     Progress,
     Proposals,
+    Segments,
 )
 from spot3d_schemas.names import checked_name
 
-STAGES = ("source", "pose", "proposals", "heatmap", "fusion")
+STAGES = ("source", "pose", "proposals", "heatmap", "segments", "fusion")
 """The processes of the dataflow, in its order."""
 
 Delivery = Literal["live", "lossless", "by run"]
@@ -53,6 +54,7 @@ _ROWS = (
     Topic("pose/pose", Pose, 30.0, "lossless"),
     Topic("proposals/boxes", Proposals, 30.0, "by run"),
     Topic("heatmap/heat", Heat, 30.0, "by run"),
+    Topic("segments/segments", Segments, 30.0, "by run"),
     Topic("fusion/objects", Objects, 2.0, "lossless"),
     Topic("fusion/progress", Progress, 30.0, "lossless"),
     *(Topic(f"{stage}/health", Health, 1.0, "live") for stage in STAGES),

@@ -125,6 +125,13 @@ def heatmap(settings: Settings, stop: threading.Event) -> None:
     run(settings.link, settings.heatmap, stop)
 
 
+def segments(settings: Settings, stop: threading.Event) -> None:
+    """The segments stage: the objects of single keyframes."""
+    from spot3d.segments.process import run
+
+    run(settings.link, settings.segments, stop)
+
+
 def fusion(settings: Settings, stop: threading.Event) -> None:
     """The fusion stage: frames with heat and pose become a map, and the objects in it."""
     from spot3d.fusion.process import run
@@ -156,4 +163,4 @@ def router(
             raise CommandError(f"cannot listen at {', '.join(endpoints)}: {error}") from error
 
 
-COMMANDS = (source, pose, linked(proposals), linked(heatmap), linked(fusion), router)
+COMMANDS = (source, pose, linked(proposals), linked(heatmap), linked(segments), linked(fusion), router)

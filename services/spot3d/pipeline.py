@@ -1,4 +1,4 @@
-"""The five stages' cores in one process: the reference that a distributed run must equal."""
+"""The six stages' cores in one process: the reference that a distributed run must equal."""
 
 import time
 from collections import Counter
@@ -8,11 +8,14 @@ from dataclasses import dataclass, field
 
 from spot3d.dataflow.cadence import Cadence
 from spot3d.frame import RgbdFrame
+from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import Fusion, Objects
 from spot3d.heatmap.heat import Heat, weighted_heat
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.providers import make_tracker
 from spot3d.proposals.propose import propose
+from spot3d.segments.finder import find_segments
+from spot3d.segments.keyframes import Keyframes
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
 from spot3d.source.sequence import FrameSequence
@@ -24,11 +27,15 @@ UNREADABLE = "cannot be read"
 
 @dataclass(frozen=True, slots=True)
 class PipelineStep:
-    """What happened to one frame; `objects` only where this frame was due for an update of the objects."""
+    """What happened to one frame.
+
+    segments: only of a keyframe; objects: only where this frame was due for an update of the objects.
+    """
 
     frame: RgbdFrame
     pose: PoseEstimate
     heat: Heat
+    segments: FrameSegments | None
     objects: Objects | None
 
 
@@ -63,6 +70,7 @@ def run_pipeline(
     `clock` gives seconds and is read around each core only.
     """
     tracker, fusion = make_tracker(settings.pose), Fusion(settings.fusion)
+    keyframes = Keyframes(settings.segments)
     cadence = Cadence(settings.link.object_interval_s)
     result = PipelineResult(fusion, fusion.objects())
     for index in range(len(sequence)):
@@ -83,17 +91,22 @@ def run_pipeline(
             heat = weighted_heat(depth, camera, boxes, settings.heatmap)
         result.trajectory.append((frame.stamp_ns, pose))
         result.heat_counts.update(accepted=heat.accepted, masked=heat.masked, rejected=heat.rejected)
-        update = None
+        segments, update = None, None
         if pose.status == "ok":
+            if keyframes.is_keyframe(frame.stamp_ns, pose.T_world_camera):
+                with _timed(result.step_s, "segments", clock):
+                    segments = find_segments(frame.colour, depth, heat.heat, camera, settings.segments)
             with _timed(result.step_s, "fusion", clock):
-                fusion.fuse(frame.colour, depth, heat.heat, camera, pose.T_world_camera)
+                fusion.fuse(frame.colour, depth, heat.heat, camera, pose.T_world_camera, frame.stamp_ns)
+                if segments is not None:
+                    fusion.observe(segments, frame.stamp_ns)
             if cadence.due(frame.stamp_ns):
                 with _timed(result.step_s, "objects", clock):
                     update = result.objects = fusion.objects()
         else:
             result.skipped[LOST] += 1
         if on_frame is not None:
-            on_frame(PipelineStep(frame, pose, heat, update))
+            on_frame(PipelineStep(frame, pose, heat, segments, update))
     result.objects = fusion.objects()
     return result
 

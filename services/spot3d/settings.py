@@ -16,6 +16,8 @@ from spot3d.fusion.settings import FusionSettings
 from spot3d.heatmap.settings import HeatmapSettings
 from spot3d.pose.settings import PoseSettings
 from spot3d.proposals.settings import ProposalSettings
+from spot3d.segments.settings import PAPER as PAPER_SEGMENTS
+from spot3d.segments.settings import SegmentsSettings
 from spot3d.source.settings import SourceSettings
 
 Preset = Literal["default", "paper"]
@@ -38,6 +40,7 @@ class Settings(BaseSettings):
     pose: PoseSettings = PoseSettings()
     proposals: ProposalSettings = ProposalSettings()
     heatmap: HeatmapSettings = HeatmapSettings()
+    segments: SegmentsSettings = SegmentsSettings()
     fusion: FusionSettings = FusionSettings()
     link: LinkSettings = LinkSettings()
 
@@ -47,6 +50,7 @@ PRESETS: dict[str, Layer] = {
     "paper": {
         "preset": "paper",
         "proposals": ProposalSettings.PAPER.model_dump(exclude_unset=True),
+        "segments": PAPER_SEGMENTS.model_dump(exclude_unset=True),
         "fusion": PAPER_FUSION.model_dump(exclude_unset=True),
     },
 }

@@ -7,10 +7,10 @@ from spot3d.bench import reference, reference_map
 from spot3d.camera import Intrinsics, invert
 from spot3d.fusion.heatmap3d import FREQUENCY, HEAT, LAST, NORMAL, WEIGHT, Heatmap3D, R, X
 from spot3d.fusion.index_map import merge
-from spot3d.fusion.lattice import to_lattice
-from spot3d.fusion.normals import surface_normals
-from spot3d.fusion.planes import count_inliers
 from spot3d.fusion.settings import FusionSettings
+from spot3d.geometry.lattice import to_lattice
+from spot3d.geometry.normals import surface_normals
+from spot3d.geometry.planes import count_inliers
 from spot3d.source.scene import Scene
 
 CAMERA = Intrinsics(73.0, 71.0, 39.2, 30.4, 80, 60)

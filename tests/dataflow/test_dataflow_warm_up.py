@@ -41,6 +41,8 @@ from spot3d.proposals.process import _propose_first
 from spot3d.proposals.settings import ProposalSettings
 from spot3d.heatmap.process import _heat_first
 from spot3d.heatmap.settings import HeatmapSettings
+from spot3d.segments.process import _find_first
+from spot3d.segments.settings import SegmentsSettings
 from spot3d.fusion.process import _fuse_all
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.settings import FusionSettings
@@ -48,6 +50,7 @@ print(json.dumps({
     "pose": missing("pose", lambda frames: _track_all(make_tracker(PoseSettings()), frames)),
     "proposals": missing("proposals", lambda frames: _propose_first(ProposalSettings(), frames)),
     "heatmap": missing("heatmap", lambda frames: _heat_first(HeatmapSettings(), frames)),
+    "segments": missing("segments", lambda frames: _find_first(SegmentsSettings(), frames)),
     "fusion": missing("fusion", lambda frames: _fuse_all(Fusion(FusionSettings()), frames)),
     "objects": len(loaded()),
 }))
@@ -61,7 +64,7 @@ def test_real_frames_find_every_kernel_loaded():
     assert done.returncode == 0, done.stderr
     missing = json.loads(done.stdout)
     assert missing.pop("objects") > 30, "the kernels are found at all"
-    assert missing == {"pose": [], "proposals": [], "heatmap": [], "fusion": []}
+    assert missing == {"pose": [], "proposals": [], "heatmap": [], "segments": [], "fusion": []}
 
 
 def test_a_core_that_fails_does_not_keep_its_stage_from_starting(caplog: pytest.LogCaptureFixture):

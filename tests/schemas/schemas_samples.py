@@ -21,6 +21,7 @@ from spot3d_schemas import (
     Pose,
     Progress,
     Proposals,
+    Segments,
 )
 
 HEADER = Header(robot="drone", seq=7, stamp_ns=1_700_000_000_123_456_789, frame_id="camera").with_hop("source", 1, 2)
@@ -60,6 +61,15 @@ SAMPLES: dict[str, Message] = {
     "Pose": Pose(header=HEADER, T_world_camera=quarter_turn(), status="ok", reason="", provider="kiss-icp"),
     "Proposals": Proposals(header=HEADER, boxes=np.arange(15, dtype=np.float32).reshape(3, 5)),
     "Heat": Heat(**rgbd(), heat=np.full((4, 6), 255, np.uint8), accepted=1, masked=2, rejected=3),
+    "Segments": Segments(
+        header=HEADER,
+        keyframe=True,
+        intrinsics=CameraIntrinsics(fx=5.0, fy=5.5, cx=2.0, cy=1.0, width=6, height=4),
+        labels=(np.arange(24, dtype=np.uint8) % 3).reshape(4, 6),
+        heat=np.array([0.25, 1.0], np.float32),
+        planes=np.array([[0.0, -0.6, -0.8, 1.2]]),
+        stands_on=np.array([0, -1], np.int8),
+    ),
     "Objects": Objects(
         header=HEADER,
         objects=(BOX,),
@@ -177,6 +187,32 @@ def _heats(draw: st.DrawFn) -> Heat:
 
 
 @st.composite
+def _segments(draw: st.DrawFn) -> Segments:
+    if not draw(st.booleans()):
+        return Segments(
+            header=draw(_headers),
+            keyframe=False,
+            intrinsics=None,
+            labels=np.zeros((0, 0), np.uint8),
+            heat=np.zeros(0, np.float32),
+            planes=np.zeros((0, 4)),
+            stands_on=np.zeros(0, np.int8),
+        )
+    count, planes = draw(st.integers(0, 4)), draw(st.integers(0, 3))
+    intrinsics = draw(_rgbd())["intrinsics"]
+    surfaces = [np.append(draw(_rotations)[0], draw(_finite)) for _ in range(planes)]
+    return Segments(
+        header=draw(_headers),
+        keyframe=True,
+        intrinsics=intrinsics,
+        labels=draw(hnp.arrays(np.uint8, intrinsics.shape, elements=st.integers(0, count))),
+        heat=draw(hnp.arrays(np.float32, count, elements=st.floats(0, 1, width=32))),
+        planes=np.array(surfaces, np.float64).reshape(-1, 4),
+        stands_on=draw(hnp.arrays(np.int8, count, elements=st.integers(-1, planes - 1))),
+    )
+
+
+@st.composite
 def _map_points(draw: st.DrawFn) -> MapPoints:
     n = draw(st.integers(0, 5))
     return MapPoints(
@@ -217,6 +253,7 @@ MESSAGES_OF: dict[str, st.SearchStrategy[Message]] = {
     ),
     "Proposals": st.builds(Proposals, header=_headers, boxes=_boxes),
     "Heat": _heats(),
+    "Segments": _segments(),
     "Objects": st.builds(
         Objects,
         header=_headers,

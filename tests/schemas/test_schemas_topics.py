@@ -12,6 +12,7 @@ def test_the_table_holds_what_the_dataflow_needs() -> None:
         "pose/pose",
         "proposals/boxes",
         "heatmap/heat",
+        "segments/segments",
         "fusion/objects",
         "fusion/progress",
         "fusion/map",

@@ -23,7 +23,7 @@ from spot3d_schemas import TOPICS, Frame, Header, Health, Message, Objects, Prog
 
 M = TypeVar("M", bound=Message)
 
-STAGES = ("pose", "proposals", "heatmap", "fusion")
+STAGES = ("pose", "proposals", "heatmap", "segments", "fusion")
 LIMIT_S = 120.0
 """Most of it is for compiling kernels, where they are not cached yet."""
 CAMERA = Intrinsics(140.0, 140.0, 79.5, 59.5, 160, 120)
@@ -34,7 +34,7 @@ import importlib, sys
 from spot3d.dataflow.settings import LinkSettings
 stage, link = sys.argv[1], LinkSettings.model_validate_json(sys.argv[2])
 names = {"pose": "PoseSettings", "proposals": "ProposalSettings", "heatmap": "HeatmapSettings",
-         "fusion": "FusionSettings"}
+         "segments": "SegmentsSettings", "fusion": "FusionSettings"}
 settings = getattr(importlib.import_module(f"spot3d.{stage}.settings"), names[stage])
 chosen = {"provider": "given"} if stage == "pose" else {}
 importlib.import_module(f"spot3d.{stage}.process").run(link, settings(**chosen))

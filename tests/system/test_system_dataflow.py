@@ -115,7 +115,7 @@ def test_lossless_fuses_every_frame(lossless: tuple[zenoh.Session, Stages, Ear])
     trace = [hop.stage for hop in ear.objects[0].header.trace]
     assert trace == ["source", "proposals", "heatmap", "fusion"]
     for stage in STAGES:
-        inputs = {"heatmap": 80, "fusion": 81}.get(stage, 40)
+        inputs = {"heatmap": 80, "segments": 80, "fusion": 121}.get(stage, 40)
         ear.wait(lambda stage=stage, inputs=inputs: (health := ear.health(stage)) and health.received >= inputs)
         health = ear.health(stage)
         assert health is not None
@@ -147,7 +147,7 @@ def test_malformed_messages_stop_nobody(lossless: tuple[zenoh.Session, Stages, E
                 publisher.put(payload, encoding="application/msgpack;schema=spot3d.Frame/9")
                 publisher.put(payload.replace(b"spot3d.", b"spot9d."), encoding=stated)
             publisher.delete()
-    few = {"pose": 8, "proposals": 8, "heatmap": 16, "fusion": 21}
+    few = {"pose": 8, "proposals": 8, "heatmap": 16, "segments": 13, "fusion": 21}
     for stage, refused in few.items():
         ear.wait(
             lambda stage=stage, refused=refused: (

@@ -18,7 +18,7 @@ from spot3d.dataflow.settings import LinkSettings
 from spot3d.settings import without_settings
 from spot3d_schemas import Objects, Progress, decode, key
 
-STAGES = {"source", "pose", "proposals", "heatmap", "fusion"}
+STAGES = {"source", "pose", "proposals", "heatmap", "segments", "fusion"}
 START_S = 90.0
 """A first start may compile kernels."""
 

@@ -1,6 +1,7 @@
 """A drone and a ground station: two groups of processes that share nothing but the ground router's address.
 
-On the drone: a router, source, pose, proposals, heatmap. On the ground: a router and fusion. Heat and pose cross.
+On the drone: a router, source, pose, proposals, heatmap. On the ground: a router, segments and fusion. Heat and
+pose cross.
 """
 
 import json
@@ -116,7 +117,8 @@ def results() -> Iterator[tuple[Objects, Progress, subprocess.Popen[str]]]:
         session = stack.enter_context(open_session(LinkSettings(robot=ROBOT, connect=(ground_at,))))
         session.declare_subscriber(key(ROBOT, "fusion/objects"), note_objects)
         session.declare_subscriber(key(ROBOT, "fusion/progress"), note_progress)
-        stack.enter_context(running(STAGE, "fusion", overrides(ground_at)))
+        for stage in ("segments", "fusion"):
+            stack.enter_context(running(STAGE, stage, overrides(ground_at)))
         for stage in ("pose", "proposals"):
             stack.enter_context(running(STAGE, stage, overrides(drone_at)))
         stack.enter_context(running(STAGE, "heatmap", overrides(drone_at, thin_link=True)))

@@ -17,9 +17,9 @@ from spot3d.evaluate.table import Table
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.heatmap3d import Heatmap3D
 from spot3d.fusion.index_map import IndexMap
-from spot3d.fusion.lattice import LatticeFrame, to_lattice
-from spot3d.fusion.planes import dominant_planes, on_plane, supporting_plane, transform_plane
 from spot3d.fusion.settings import FusionSettings
+from spot3d.geometry.lattice import LatticeFrame, to_lattice
+from spot3d.geometry.planes import dominant_planes, on_plane, supporting_plane, transform_plane
 from spot3d.heatmap.heat import weighted_heat
 from spot3d.proposals.edges import detect_edges
 from spot3d.proposals.propose import propose

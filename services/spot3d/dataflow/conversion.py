@@ -2,9 +2,12 @@
 
 from dataclasses import asdict
 
+import numpy as np
+
 from spot3d.camera import Intrinsics
 from spot3d.frame import RgbdFrame
-from spot3d_schemas import CameraIntrinsics, Frame, Heat
+from spot3d.frame_segments import FrameSegments
+from spot3d_schemas import CameraIntrinsics, Frame, Header, Heat, Segments
 
 
 def rgbd_frame(message: Frame | Heat) -> RgbdFrame:
@@ -22,3 +25,39 @@ def rgbd_frame(message: Frame | Heat) -> RgbdFrame:
 def intrinsics_message(camera: Intrinsics) -> CameraIntrinsics:
     """Intrinsics as messages state them."""
     return CameraIntrinsics(**asdict(camera))
+
+
+def segments_message(header: Header, found: FrameSegments | None) -> Segments:
+    """A keyframe's segments as messages state them; None: the frame is no keyframe."""
+    if found is None:
+        return Segments(
+            header=header,
+            keyframe=False,
+            intrinsics=None,
+            labels=np.zeros((0, 0), np.uint8),
+            heat=np.zeros(0, np.float32),
+            planes=np.zeros((0, 4)),
+            stands_on=np.zeros(0, np.int8),
+        )
+    return Segments(
+        header=header,
+        keyframe=True,
+        intrinsics=intrinsics_message(found.camera),
+        labels=found.labels,
+        heat=found.heat,
+        planes=found.planes,
+        stands_on=found.stands_on,
+    )
+
+
+def frame_segments(message: Segments) -> FrameSegments | None:
+    """The segments in a message, copied out of it; None: its frame is no keyframe."""
+    if message.intrinsics is None:
+        return None
+    return FrameSegments(
+        labels=message.labels.copy(),
+        heat=message.heat.copy(),
+        planes=message.planes.copy(),
+        stands_on=message.stands_on.copy(),
+        camera=Intrinsics(**message.intrinsics.model_dump()),
+    )

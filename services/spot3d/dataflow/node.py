@@ -36,7 +36,7 @@ from spot3d_schemas import (
 
 M_co = TypeVar("M_co", bound=Message, covariant=True)
 
-_PER_FRAME = frozenset(("source/frame", "pose/pose", "proposals/boxes", "heatmap/heat"))
+_PER_FRAME = frozenset(("source/frame", "pose/pose", "proposals/boxes", "heatmap/heat", "segments/segments"))
 """Topics with one message a capture, whose stamps therefore ascend."""
 _QUERIES_WAITING = 4
 _IDLE_S = 0.1

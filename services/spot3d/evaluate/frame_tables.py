@@ -11,9 +11,9 @@ from spot3d.evaluate.labelled import DataSet
 from spot3d.evaluate.scores import recall_of
 from spot3d.evaluate.table import Column, Table
 from spot3d.frame import RgbdFrame
-from spot3d.fusion.single_frame import find_in_frame
 from spot3d.heatmap.heat import Heat, weighted_heat
 from spot3d.proposals.propose import propose
+from spot3d.segments.single_frame import find_in_frame
 from spot3d.settings import Settings
 
 NUMBERS = (50, 100, 500, 1000, 2000)

@@ -6,15 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, back_project, invert
+from spot3d.frame_segments import FrameSegments
+from spot3d.fusion.consensus import ViewConsensus
 from spot3d.fusion.heatmap3d import Heatmap3D
 from spot3d.fusion.identity import FoundObject, Identities
 from spot3d.fusion.index_map import IndexMap, Registration
-from spot3d.fusion.lattice import to_lattice
-from spot3d.fusion.planes import dominant_planes, on_plane, supporting_plane, transform_plane
+from spot3d.fusion.keyframes import FusedFrame, FusedFrames, keyframe_of
 from spot3d.fusion.selection import MapPoints, frequent_points
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.structure import KeyframePlane, PlaneMemory
 from spot3d.fusion.views import Views, borne_out
+from spot3d.geometry.lattice import to_lattice
+from spot3d.geometry.planes import dominant_planes, on_plane, supporting_plane, transform_plane
+
+_AWAITING_SEGMENTS = 16
+"""Fused frames that segments may still come for: half a second of a camera; 0.3 MB each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +64,8 @@ class Fusion:
         self.settings = settings
         self.heatmap = Heatmap3D(settings.map_limit, settings.voxel)
         self.frame_count = 0
+        self.consensus = ViewConsensus(settings.keyframe_limit)
+        self._fused = FusedFrames(_AWAITING_SEGMENTS)
         self._index_map = IndexMap(settings)
         self._memory = PlaneMemory()
         self._views = Views()
@@ -68,6 +76,8 @@ class Fusion:
     def reset(self) -> None:
         """Forget everything; object numbers start anew."""
         self.heatmap.clear()
+        self.consensus.clear()
+        self._fused.clear()
         self._index_map.clear()
         self._memory.clear()
         self._views = Views()
@@ -81,11 +91,12 @@ class Fusion:
         heat: NDArray[np.uint8],
         camera: Intrinsics,
         T_world_camera: NDArray[np.float64],
+        stamp_ns: int | None = None,
     ) -> Registration:
         """Take in one frame: supporting plane, its removal from the heat, registration with the map.
 
         colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths;
-        T_world_camera: (4, 4) float64.
+        T_world_camera: (4, 4) float64. stamp_ns: by which `observe` finds the frame for a while; None: it does not.
         """
         frame = to_lattice(colour, depth, heat, camera, self.settings.lattice_width)
         warm = frame.heat
@@ -101,9 +112,24 @@ class Fusion:
         if self.frame_count % self.settings.keyframe_interval == 0:
             self._views.add(T_world_camera, frame.camera)
         self.frame_count += 1
+        if stamp_ns is not None:
+            # At full size the lattice is the caller's own image.
+            kept = frame.depth.copy() if np.may_share_memory(frame.depth, depth) else frame.depth
+            self._fused.add(FusedFrame(stamp_ns, kept, frame.camera, T_world_camera.copy()))
         return self._index_map.register(
             self.heatmap, self.frame_count, frame.colour, frame.depth, warm, frame.camera, T_world_camera
         )
+
+    def observe(self, segments: FrameSegments, stamp_ns: int) -> bool:
+        """Take in the objects of a single frame that has been fused with this stamp.
+
+        Returns False, and does nothing, where the frame is none of the last 16 fused, or has been observed already.
+        """
+        frame = self._fused.take(stamp_ns)
+        if frame is None:
+            return False
+        self.consensus.add(keyframe_of(frame, segments))
+        return True
 
     def frequent_points(self) -> MapPoints:
         """A copy of the map's points that were seen often enough."""

@@ -18,8 +18,8 @@ from spot3d.fusion.heatmap3d import (
     find_slot,
     voxel_key,
 )
-from spot3d.fusion.normals import surface_normals
 from spot3d.fusion.settings import FusionSettings
+from spot3d.geometry.normals import surface_normals
 from spot3d.kernel import kernel
 from spot3d.sensor import axial_noise_kernel
 

@@ -1,4 +1,4 @@
-"""The fusion stage's process: joins heat with poses, fuses, and tells what it has found and how far it is."""
+"""The fusion stage's process: joins heat, poses and segments, fuses, and tells what it has found and how far it is."""
 
 import threading
 import time
@@ -10,8 +10,7 @@ import numpy as np
 import zenoh
 
 from spot3d.dataflow.cadence import Cadence
-from spot3d.dataflow.conversion import rgbd_frame
-from spot3d.dataflow.join import Join, Outcome
+from spot3d.dataflow.conversion import frame_segments, rgbd_frame
 from spot3d.dataflow.ledger import Ledger
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.session import StoppedError
@@ -20,20 +19,20 @@ from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
 from spot3d.fusion.fusion import Fusion
+from spot3d.fusion.inputs import NO_SEGMENTS, TOO_LATE, Arrival, Ready, inputs_of
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.updates import Updates, take_update
-from spot3d_schemas import CameraIntrinsics, End, Header, Heat, MapPoints, Message, Pose, Progress
+from spot3d_schemas import CameraIntrinsics, End, Header, Heat, MapPoints, Message, Progress, Segments
 from spot3d_schemas.limits import MAX_MAP_POINTS
 
-_HEAT, _POSE, _END = "heatmap/heat", "pose/pose", "source/end"
+_HEAT, _POSE, _SEGMENTS, _END = "heatmap/heat", "pose/pose", "segments/segments", "source/end"
 _OBJECTS, _PROGRESS = "fusion/objects", "fusion/progress"
 _MAP, _RESET = "fusion/map", "fusion/reset"
-_HEATS_WAITING = 8
-"""Live: heats that wait for their poses, which mostly come first; 15 MB at VGA."""
-_POSES_WAITING = 256
+_ALONE = 300
+"""Live: after so many fused frames without a word of the segments stage, ten seconds of a camera, that is told."""
 
-LOST, NO_HEAT, NO_POSE, FAILED = "lost pose", "no heat", "no pose", "error"
-"""Why a frame is skipped."""
+LOST, FAILED = "lost pose", "error"
+"""Why a frame is skipped whose heat and pose are there."""
 
 
 def run(link: LinkSettings, settings: FusionSettings, stop: threading.Event | None = None) -> None:
@@ -45,7 +44,7 @@ def run(link: LinkSettings, settings: FusionSettings, stop: threading.Event | No
     warm_up("fusion", partial(_fuse_all, Fusion(settings)))
     with stop_on_signals(stop) as stopped:
         try:
-            inputs, outputs, queries = (_HEAT, _POSE, _END), (_OBJECTS, _PROGRESS), (_MAP, _RESET)
+            inputs, outputs, queries = (_HEAT, _POSE, _SEGMENTS, _END), (_OBJECTS, _PROGRESS), (_MAP, _RESET)
             with (
                 Node("fusion", link, stopped, inputs, outputs, queries) as node,
                 closing(Updates(node)) as updates,
@@ -67,9 +66,8 @@ def _fuse_all(fusion: Fusion, frames: Sequence[RgbdFrame]) -> None:
 class _Stage:
     def __init__(self, node: Node, fusion: Fusion, updates: Updates) -> None:
         self.node, self.fusion, self.updates = node, fusion, updates
-        self.join: Join[Received[Heat], Received[Pose]] = Join(
-            max(_HEATS_WAITING, 2 * node.link.in_flight), _POSES_WAITING
-        )
+        self.inputs = inputs_of(node.link)
+        self.alone = 0
         self.cadence = Cadence(node.link.object_interval_s)
         self.ledger = Ledger(node.link.credit_timeout_s)
         self.camera: CameraIntrinsics | None = None
@@ -82,9 +80,12 @@ class _Stage:
             if item is not None:
                 topic, given = item
                 if topic == _HEAT:
-                    self._joined(self.join.add_left(given.message.header.stamp_ns, given), given)
+                    self._arrived(self.inputs.add_heat(given), given)
                 elif topic == _POSE:
-                    self._joined(self.join.add_right(given.message.header.stamp_ns, given), given)
+                    self._arrived(self.inputs.add_pose(given), given)
+                elif topic == _SEGMENTS:
+                    self.alone = 0
+                    self._arrived(self.inputs.add_segments(given), given)
                 elif topic == _END:
                     self._ended(given)
                 elif topic == _MAP:
@@ -94,19 +95,22 @@ class _Stage:
             if self.ledger.due(time.monotonic()):
                 self._complete()
 
-    def _joined(self, outcome: Outcome[Received[Heat], Received[Pose]], given: Received[Heat] | Received[Pose]) -> None:
+    def _arrived(self, arrival: Arrival, given: Received[Message]) -> None:
         now_s = time.monotonic()
-        skipped = [(stamp, NO_HEAT) for stamp in outcome.without_left]
-        skipped += [(stamp, NO_POSE) for stamp in outcome.without_right]
-        for stamp_ns, reason in sorted(skipped):
+        for stamp_ns, reason in arrival.skipped:
             self.ledger.skip(reason, stamp_ns, now_s)
             self.node.counters.drop(reason)
-        if outcome.pair is not None:
-            self._fuse(*outcome.pair)
-        if skipped or outcome.pair is not None:
+        for reason in arrival.drops:
+            self.node.counters.drop(reason)
+        for ready in arrival.ready:
+            self._fuse(ready)
+        if arrival.late is not None:
+            self._observe(arrival.late)
+        if arrival.skipped or arrival.ready:
             self._publish_progress(self.node.header(_PROGRESS, given))
 
-    def _fuse(self, heat: Received[Heat], pose: Received[Pose]) -> None:
+    def _fuse(self, ready: Ready) -> None:
+        heat, pose = ready.heat, ready.pose
         message, stamp_ns = heat.message, heat.message.header.stamp_ns
         if pose.message.status == "lost":
             self.ledger.skip(LOST, stamp_ns, time.monotonic())
@@ -123,18 +127,39 @@ class _Stage:
                 message.heat.copy(),
                 frame.intrinsics,
                 pose.message.T_world_camera.copy(),
+                stamp_ns,
             )
         except Exception as error:
             text = f"cannot fuse the frame at {stamp_ns} ns: {type(error).__name__}: {error}"
             self.node.failed(f"fuse {type(error).__name__}", text)
             self.ledger.skip(FAILED, stamp_ns, time.monotonic())
             return
+        if ready.segments is not None:
+            self._observe(ready.segments)
         self.node.counters.step(time.perf_counter() - start_s)
         self.ledger.fuse(stamp_ns, time.monotonic())
         self.last = heat
+        self._note_if_alone()
         self.node.measure_latency(message.header.with_hop("fusion", heat.received_ns, time.time_ns()))
         if self.cadence.due(stamp_ns):
             self._update(heat)
+
+    def _observe(self, given: Received[Segments]) -> None:
+        """Take in a keyframe's segments; what was fused without them stays as it is where they cannot be used."""
+        stamp_ns = given.message.header.stamp_ns
+        try:
+            segments = frame_segments(given.message)
+            if segments is not None and not self.fusion.observe(segments, stamp_ns):
+                self.node.counters.drop(TOO_LATE)
+        except Exception as error:
+            text = f"cannot use the segments of the frame at {stamp_ns} ns: {type(error).__name__}: {error}"
+            self.node.failed(f"observe {type(error).__name__}", text)
+
+    def _note_if_alone(self) -> None:
+        self.alone += 1
+        if self.alone % _ALONE == 0:
+            text = f"no word of the segments stage in {self.alone} frames, which are fused without it: is it running?"
+            self.node.note("no segments", text)
 
     def _update(self, heat: Received[Heat]) -> None:
         """Start an update. Live it waits for a free moment; lossless it is made of exactly this frame."""
@@ -151,6 +176,9 @@ class _Stage:
 
     def _complete(self) -> None:
         """Everything is in: the last objects, then the word that they are the last."""
+        for ready in self.inputs.rest():
+            self.node.counters.drop(NO_SEGMENTS)
+            self._fuse(ready)
         if self.last is not None and self.updates.wait(self._say_progress):
             self.updates.submit(take_update(self.fusion, self.last, complete=True))
             self.updates.wait(self._say_progress)

@@ -36,8 +36,8 @@ _WAITING = 4096
 _BOXES = ("accepted", "masked", "rejected")
 """What the heatmap stage counts of the proposals."""
 
-_FUSED = ["heatmap", "fusion"]
-"""The last stages that a fused frame went through."""
+_FUSED = (["heatmap", "fusion"], ["segments", "fusion"])
+"""The last stages that a fused frame went through: live, and lossless, where fusion waits for both."""
 
 M = TypeVar("M", bound=Message)
 
@@ -135,7 +135,7 @@ class Collector:
             self.progress = message
             hops = _hops(message.header)
             # Not every progress tells of one frame's whole way: some tell of skipped frames or of the end.
-            self.latency.add(hops, whole="source to fused" if [hop[0] for hop in hops[-2:]] == _FUSED else "")
+            self.latency.add(hops, whole="source to fused" if [hop[0] for hop in hops[-2:]] in _FUSED else "")
             self.rate.add(message.fused + sum(message.skipped.values()), time.monotonic())
         elif isinstance(message, Pose):
             stamp = message.header.stamp_ns

@@ -20,7 +20,7 @@ from spot3d_schemas import End, Frame, Header, Progress
 log = logging.getLogger(__name__)
 
 _OUT, _END, _PROGRESS = "source/frame", "source/end", "fusion/progress"
-EVERY_STAGE = ("pose", "proposals", "heatmap", "fusion")
+EVERY_STAGE = ("pose", "proposals", "heatmap", "segments", "fusion")
 START_LIMIT_S = 180.0
 """Longest wait for the stages before the first frame: a first start compiles kernels."""
 _END_LIMIT_S = 60.0

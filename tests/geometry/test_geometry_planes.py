@@ -5,7 +5,8 @@ import pytest
 from fusion_room import CAMERA, ROOM, look_at, view
 
 from spot3d.camera import back_project, invert
-from spot3d.fusion.planes import (
+from spot3d.fusion.settings import FusionSettings
+from spot3d.geometry.planes import (
     dominant_planes,
     fit_plane,
     on_plane,
@@ -13,7 +14,6 @@ from spot3d.fusion.planes import (
     supporting_plane,
     transform_plane,
 )
-from spot3d.fusion.settings import FusionSettings
 
 SETTINGS = FusionSettings()
 POSE = look_at((0.9, -1.3, 0.8), (0.3, 0.5, -0.15))  # sees table, floor and wall

@@ -6,9 +6,9 @@ from fusion_room import CAMERA, ROOM, Cuboid, look_at, standing, view
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, back_project
-from spot3d.fusion.hanging import join_hanging
 from spot3d.fusion.settings import FusionSettings
-from spot3d.fusion.single_frame import find_in_frame
+from spot3d.segments.hanging import join_hanging
+from spot3d.segments.single_frame import find_in_frame
 
 UP = np.array([0.0, -1.0, 0.0])
 Patch = tuple[int, int, int, int, float]

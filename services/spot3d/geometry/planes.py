@@ -1,9 +1,10 @@
 """Dominant planes of a frame, and the one that supports objects (paper, Sec. IV-A)."""
 
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.fusion.settings import FusionSettings
 from spot3d.kernel import kernel
 from spot3d.sensor import axial_noise
 
@@ -19,7 +20,27 @@ _ALL_HOT = 0.5
 """A plane hotter than this on average is an object's own face: what supports objects is mostly bare."""
 
 
-def plane_tolerance(depth: NDArray[np.float32], settings: FusionSettings) -> NDArray[np.float32]:
+class PlaneSettings(Protocol):
+    """What a stage's settings say of planes."""
+
+    @property
+    def plane_distance(self) -> float:
+        """eps_p: distance in metres within which a point lies on a plane."""
+
+    @property
+    def noise_gate(self) -> float:
+        """That distance is never below this many standard deviations of the depth noise."""
+
+    @property
+    def plane_triples(self) -> int:
+        """Triples of neighbouring pixels that RANSAC tries."""
+
+    @property
+    def plane_candidates(self) -> int:
+        """Most dominant planes of a frame."""
+
+
+def plane_tolerance(depth: NDArray[np.float32], settings: PlaneSettings) -> NDArray[np.float32]:
     """eps_p, but never below what the noise at that depth allows. depth: metres; the same shape back."""
     noise = np.float32(settings.noise_gate) * axial_noise(depth)
     tolerance: NDArray[np.float32] = np.maximum(np.float32(settings.plane_distance), noise)
@@ -28,7 +49,7 @@ def plane_tolerance(depth: NDArray[np.float32], settings: FusionSettings) -> NDA
 
 def dominant_planes(
     points: NDArray[np.float32],
-    settings: FusionSettings,
+    settings: PlaneSettings,
     rng: np.random.Generator,
     known: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
@@ -80,7 +101,7 @@ def supporting_plane(
     planes: NDArray[np.float64],
     points: NDArray[np.float32],
     heat: NDArray[np.uint8],
-    settings: FusionSettings,
+    settings: PlaneSettings,
 ) -> tuple[NDArray[np.float64], float] | None:
     """The plane whose inliers hold most heat (paper, Eq. 10), with that heat (sum of H_2D); None if none holds any.
 
@@ -95,7 +116,7 @@ def supporting_plane(
     return None if best is None else (best, most)
 
 
-def on_plane(plane: NDArray[np.float64], points: NDArray[np.float32], settings: FusionSettings) -> NDArray[np.bool_]:
+def on_plane(plane: NDArray[np.float64], points: NDArray[np.float32], settings: PlaneSettings) -> NDArray[np.bool_]:
     """Which valid points lie on the plane within the tolerance of their depth (paper, Eq. 9). Camera frame."""
     n = plane[:3].astype(np.float32)
     z = points[..., 2]

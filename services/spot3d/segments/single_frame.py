@@ -7,25 +7,27 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, back_project
 from spot3d.fusion.extraction import find_clusters
-from spot3d.fusion.hanging import join_hanging
-from spot3d.fusion.lattice import to_lattice
-from spot3d.fusion.normals import surface_normals
-from spot3d.fusion.occlusion import join_occluded
-from spot3d.fusion.planes import dominant_planes, supporting_plane
 from spot3d.fusion.selection import MapPoints
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.structure import StructurePlane
+from spot3d.geometry.lattice import to_lattice
+from spot3d.geometry.normals import surface_normals
+from spot3d.geometry.planes import dominant_planes, supporting_plane
+from spot3d.segments.hanging import join_hanging
+from spot3d.segments.occlusion import join_occluded
 
 
 @dataclass(frozen=True, slots=True)
 class SingleFrame:
     """Objects of one frame. boxes: (n, 4) float64 [x, y, w, h] pixels around each object's pixels.
 
-    labels: (h, w) int32, 0 = no object, k = object k - 1.
+    labels: (h, w) int32, 0 = no object, k = object k - 1. support: (4,) plane on which they stand, camera frame, its
+    normal towards the camera; None where there is none.
     """
 
     boxes: NDArray[np.float64]
     labels: NDArray[np.int32]
+    support: NDArray[np.float64] | None = None
 
 
 def find_in_frame(
@@ -68,4 +70,4 @@ def find_in_frame(
         v, u = np.divmod(cluster, camera.width)
         boxes[number] = u.min(), v.min(), np.ptp(u) + 1, np.ptp(v) + 1
         labels.ravel()[cluster] = number + 1
-    return SingleFrame(boxes, labels)
+    return SingleFrame(boxes, labels, chosen[0])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spot3d.camera import Intrinsics, back_project
-from spot3d.fusion.normals import surface_normals
+from spot3d.geometry.normals import surface_normals
 
 CAMERA = Intrinsics(150.0, 150.0, 39.5, 29.5, 80, 60)
 

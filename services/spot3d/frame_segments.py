@@ -1,0 +1,66 @@
+"""The objects of one single frame, as the stage that finds them hands them to the one that lets them vote."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d_schemas.limits import MAX_PLANES, MAX_SEGMENTS
+
+
+@dataclass(frozen=True, slots=True)
+class FrameSegments:
+    """Objects of one frame, validated once, here.
+
+    labels: (h, w) uint8, 0 = no object, k = segment k - 1.
+    heat: (n,) float32, mean confidence of each segment in [0, 1], n <= 255.
+    planes: (p, 4) float64 [n_x, n_y, n_z, b], camera frame, metres, n.x + b = 0: the surfaces on which things stand,
+    the main one first, unit normals up (towards the camera's side), p <= 32.
+    stands_on: (n,) int8, the row of `planes` on which each segment stands, -1 = none is known.
+    camera: intrinsics of `labels`.
+    """
+
+    labels: NDArray[np.uint8]
+    heat: NDArray[np.float32]
+    planes: NDArray[np.float64]
+    stands_on: NDArray[np.int8]
+    camera: Intrinsics
+
+    def __post_init__(self) -> None:
+        _check("labels", self.labels, np.uint8, self.camera.shape)
+        count, planes = len(self.heat), len(self.planes)
+        if count > MAX_SEGMENTS or planes > MAX_PLANES:
+            raise ValueError(f"{count} segments on {planes} planes; at most {MAX_SEGMENTS} on {MAX_PLANES} are taken")
+        _check("heat", self.heat, np.float32, (count,))
+        _check("planes", self.planes, np.float64, (planes, 4))
+        _check("stands_on", self.stands_on, np.int8, (count,))
+        if self.labels.max(initial=0) > count:
+            raise ValueError(f"labels reach {self.labels.max()}, but there are {count} segments")
+        if not ((self.heat >= 0) & (self.heat <= 1)).all():
+            raise ValueError("heat must be in [0, 1]")
+        if not ((self.stands_on >= -1) & (self.stands_on < planes)).all():
+            raise ValueError(f"stands_on must name one of {planes} planes, or -1")
+
+    def __len__(self) -> int:
+        return len(self.heat)
+
+    def seen_by(self, camera: Intrinsics) -> "FrameSegments":
+        """The same segments on another lattice of the same view: each pixel has the label of the nearest one here.
+
+        What lies outside of this one's image is no object.
+        """
+        if camera == self.camera:
+            return self
+        own = self.camera
+        u = np.rint((np.arange(camera.width) - camera.cx) * (own.fx / camera.fx) + own.cx).astype(np.int64)
+        v = np.rint((np.arange(camera.height) - camera.cy) * (own.fy / camera.fy) + own.cy).astype(np.int64)
+        labels = self.labels[np.ix_(np.clip(v, 0, own.height - 1), np.clip(u, 0, own.width - 1))]
+        labels[(v < 0) | (v >= own.height), :] = 0
+        labels[:, (u < 0) | (u >= own.width)] = 0
+        return FrameSegments(labels, self.heat, self.planes, self.stands_on, camera)
+
+
+def _check(name: str, array: NDArray[np.generic], dtype: type[np.generic], shape: tuple[int, ...]) -> None:
+    if array.dtype != dtype or array.shape != shape:
+        raise ValueError(f"{name} is {array.dtype} {array.shape}; expected {np.dtype(dtype)} {shape}")

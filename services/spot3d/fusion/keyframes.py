@@ -1,0 +1,80 @@
+"""A keyframe as fusion knows it: what was found in one frame, and where that frame was."""
+
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.frame_segments import FrameSegments
+
+
+@dataclass(frozen=True, slots=True)
+class FusedFrame:
+    """What is kept of a frame that was fused.
+
+    depth: (h, w) float32 metres on fusion's lattice, 0 = invalid; camera: of that lattice; T_world_camera: (4, 4).
+    """
+
+    stamp_ns: int
+    depth: NDArray[np.float32]
+    camera: Intrinsics
+    T_world_camera: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Keyframe:
+    """A fused frame with the objects that were found in it alone.
+
+    labels: (h, w) uint8 on the lattice of `depth`, 0 = no object, k = segment k - 1; depth: (h, w) float32 metres,
+    0 = invalid; camera: of that lattice; T_world_camera: (4, 4) float64. heat, planes (camera frame) and stands_on:
+    as in `FrameSegments`.
+    """
+
+    stamp_ns: int
+    labels: NDArray[np.uint8]
+    depth: NDArray[np.float32]
+    camera: Intrinsics
+    T_world_camera: NDArray[np.float64]
+    heat: NDArray[np.float32]
+    planes: NDArray[np.float64]
+    stands_on: NDArray[np.int8]
+
+
+def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
+    """The keyframe that a frame and its segments make, on the frame's lattice."""
+    seen = segments.seen_by(frame.camera)
+    return Keyframe(
+        frame.stamp_ns,
+        seen.labels,
+        frame.depth,
+        frame.camera,
+        frame.T_world_camera,
+        seen.heat,
+        seen.planes,
+        seen.stands_on,
+    )
+
+
+class FusedFrames:
+    """The frames fused last, by stamp, for segments that come after them."""
+
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        self._frames: OrderedDict[int, FusedFrame] = OrderedDict()
+
+    def add(self, frame: FusedFrame) -> None:
+        """Keep one more; the one that was fused first goes when there are too many."""
+        self._frames.pop(frame.stamp_ns, None)
+        self._frames[frame.stamp_ns] = frame
+        while len(self._frames) > self._limit:
+            self._frames.popitem(last=False)
+
+    def take(self, stamp_ns: int) -> FusedFrame | None:
+        """The frame of this stamp, which goes with it; None where it is not there (any more)."""
+        return self._frames.pop(stamp_ns, None)
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._frames.clear()

@@ -1,0 +1,1 @@
+"""What several stages know of surfaces: lattices of depth, normals, planes."""

@@ -1,0 +1,88 @@
+"""The segments stage's process: joins heat with poses, and tells the objects of each keyframe."""
+
+import threading
+import time
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from spot3d.dataflow.conversion import rgbd_frame, segments_message
+from spot3d.dataflow.join import Join, Outcome
+from spot3d.dataflow.node import Node, Received
+from spot3d.dataflow.session import StoppedError
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.dataflow.warm_up import warm_up
+from spot3d.frame import RgbdFrame
+from spot3d.frame_segments import FrameSegments
+from spot3d.segments.finder import find_segments
+from spot3d.segments.keyframes import Keyframes
+from spot3d.segments.settings import SegmentsSettings
+from spot3d_schemas import Heat, Pose
+
+_HEAT, _POSE, _OUT = "heatmap/heat", "pose/pose", "segments/segments"
+_HEATS_WAITING = 4
+"""Live: heats that wait for their poses, which mostly come first; 7 MB at VGA."""
+_POSES_WAITING = 256
+
+
+def run(link: LinkSettings, settings: SegmentsSettings, stop: threading.Event | None = None) -> None:
+    """Answer every frame whose heat and pose come, until stopped by `stop`, SIGINT or SIGTERM.
+
+    A frame that is no keyframe, has a lost pose or cannot be searched (an error) is answered with keyframe False, so
+    that nobody waits for it.
+    """
+    warm_up("segments", partial(_find_first, settings))
+    with stop_on_signals(stop) as stopped:
+        try:
+            with Node("segments", link, stopped, (_HEAT, _POSE), (_OUT,)) as node:
+                _serve(node, settings)
+        except StoppedError:
+            return
+
+
+def _find_first(settings: SegmentsSettings, frames: Sequence[RgbdFrame]) -> None:
+    if settings.enabled:
+        depth = frames[0].depth_metres()
+        heat = np.where(np.abs(depth - 0.8) < 0.01, 255, 0).astype(np.uint8)
+        find_segments(frames[0].colour, depth, heat, frames[0].intrinsics, settings)
+
+
+def _serve(node: Node, settings: SegmentsSettings) -> None:
+    keyframes = Keyframes(settings)
+    join: Join[Received[Heat], Received[Pose]] = Join(max(_HEATS_WAITING, 2 * node.link.in_flight), _POSES_WAITING)
+    while not node.stop.is_set():
+        item = node.next()
+        if item is None:
+            continue
+        topic, given = item
+        add = join.add_left if topic == _HEAT else join.add_right
+        outcome: Outcome[Received[Heat], Received[Pose]] = add(given.message.header.stamp_ns, given)
+        node.counters.drop("no heat", len(outcome.without_left))
+        node.counters.drop("no pose", len(outcome.without_right))
+        if outcome.pair is None:
+            continue
+        heat, pose = outcome.pair
+        found = None
+        if pose.message.status == "ok":
+            stamp_ns, T_world_camera = heat.message.header.stamp_ns, pose.message.T_world_camera
+            if keyframes.is_keyframe(stamp_ns, T_world_camera):
+                found = _find(node, heat.message, settings)
+        # The heat's trace is the longer one: it holds the source, the proposals and the heatmap.
+        message = segments_message(node.header(_OUT, heat), found)
+        if node.publish(_OUT, message):
+            node.measure_latency(message.header)
+
+
+def _find(node: Node, heat: Heat, settings: SegmentsSettings) -> FrameSegments | None:
+    frame = rgbd_frame(heat)
+    start_s = time.perf_counter()
+    try:
+        found = find_segments(frame.colour, frame.depth_metres(), heat.heat, frame.intrinsics, settings)
+    except Exception as error:
+        text = f"no segments of the frame at {frame.stamp_ns} ns: {type(error).__name__}: {error}"
+        node.failed(f"segments {type(error).__name__}", text)
+        return None
+    node.counters.step(time.perf_counter() - start_s)
+    return found

@@ -1,0 +1,114 @@
+"""What may be fused when: live at heat and pose, lossless when the segments have answered too."""
+
+import numpy as np
+import pytest
+
+from spot3d.camera import Intrinsics
+from spot3d.dataflow.conversion import segments_message
+from spot3d.dataflow.node import Received
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.frame_segments import FrameSegments
+from spot3d.fusion.inputs import Arrival, LiveInputs, LosslessInputs, inputs_of
+from spot3d_schemas import CameraIntrinsics, Header, Heat, Pose
+
+CAMERA = Intrinsics(2.0, 2.0, 0.5, 0.5, 2, 2)
+FOUND = FrameSegments(
+    np.ones((2, 2), np.uint8), np.ones(1, np.float32), np.zeros((0, 4)), np.full(1, -1, np.int8), CAMERA
+)
+
+
+def header(stamp: int) -> Header:
+    return Header(robot="r", seq=0, stamp_ns=stamp, frame_id="camera")
+
+
+def heat(stamp: int) -> Heat:
+    return Heat(
+        header=header(stamp),
+        intrinsics=CameraIntrinsics(fx=2.0, fy=2.0, cx=0.5, cy=0.5, width=2, height=2),
+        depth_scale=1.0,
+        colour=np.zeros((2, 2, 3), np.uint8),
+        depth=np.ones((2, 2), np.float32),
+        heat=np.zeros((2, 2), np.uint8),
+        accepted=0,
+        masked=0,
+        rejected=0,
+    )
+
+
+def told(arrival: Arrival) -> list[str]:
+    """`3` a frame without segments, `3s` one with, `s3` segments that come late, `-3` a skipped one; then drops."""
+    out = [f"-{stamp} {reason}" for stamp, reason in arrival.skipped]
+    for ready in arrival.ready:
+        stamp = ready.heat.message.header.stamp_ns
+        assert ready.pose.message.header.stamp_ns == stamp
+        if ready.segments is not None:
+            assert ready.segments.message.header.stamp_ns == stamp
+        out.append(f"{stamp}{'s' if ready.segments is not None else ''}")
+    if arrival.late is not None:
+        out.append(f"s{arrival.late.message.header.stamp_ns}")
+    return out + arrival.drops
+
+
+def feed(inputs: LiveInputs | LosslessInputs, items: str) -> list[str]:
+    """Feed H (heat), P (pose), K (a keyframe's segments) and N (no keyframe) with their stamps."""
+    out = []
+    for item in items.split():
+        kind, stamp = item[0], int(item[1:])
+        if kind == "H":
+            out += told(inputs.add_heat(Received(heat(stamp), 0)))
+        elif kind == "P":
+            pose = Pose(header=header(stamp), T_world_camera=np.eye(4), status="ok", reason="", provider="kiss")
+            out += told(inputs.add_pose(Received(pose, 0)))
+        else:
+            message = segments_message(header(stamp), FOUND if kind == "K" else None)
+            out += told(inputs.add_segments(Received(message, 0)))
+    return out
+
+
+@pytest.mark.parametrize(
+    ("items", "expected"),
+    [
+        ("P1 H1 K1 P2 H2 N2", ["1", "s1", "2"]),
+        ("P1 H1 P2 H2 K1", ["1", "2", "s1"]),
+        ("P1 H1 P2 K2 H2", ["1", "2s"]),  # the segments of 2 have overtaken its heat
+        ("P1 H1 K2 P3 H3", ["1", "3", "segments too late"]),
+        ("P1 P2 H2", ["-1 no heat", "2"]),
+        ("P1 H1 N2 N3", ["1"]),
+        ("K1 P1 H1", ["1s"]),
+    ],
+)
+def test_live(items: str, expected: list[str]) -> None:
+    assert feed(LiveInputs(), items) == expected
+
+
+def test_live_keeps_few_early_segments() -> None:
+    early = " ".join(f"K{stamp}" for stamp in range(100, 120))
+    assert feed(LiveInputs(), early) == ["segments too late"] * 4
+
+
+@pytest.mark.parametrize(
+    ("items", "expected"),
+    [
+        ("P1 H1 K1 P2 H2 N2", ["1s", "2s"]),
+        ("P1 H1 P2 H2 K1 K2", ["1s", "2s"]),
+        ("K1 P1 H1", ["1s"]),
+        ("P1 H1 P2 H2 K2", ["1", "2s", "no segments"]),  # nobody answers 1 any more: it goes first
+        ("H1 P2 H2 K2", ["-1 no pose", "2s"]),
+        ("P1 H1 P2 H2 P3 H3", ["1", "no segments"]),  # two wait at most
+    ],
+)
+def test_lossless(items: str, expected: list[str]) -> None:
+    assert feed(LosslessInputs(in_flight=1), items) == expected
+
+
+def test_what_waits_at_the_end_is_not_lost() -> None:
+    inputs = LosslessInputs(in_flight=4)
+    assert feed(inputs, "P1 H1 P2 H2") == []
+    assert [ready.heat.message.header.stamp_ns for ready in inputs.rest()] == [1, 2]
+    assert inputs.rest() == []
+    assert feed(inputs, "P3 H3 K3") == ["3s"]
+
+
+def test_the_delivery_decides() -> None:
+    assert isinstance(inputs_of(LinkSettings(delivery="live")), LiveInputs)
+    assert isinstance(inputs_of(LinkSettings(delivery="lossless")), LosslessInputs)
