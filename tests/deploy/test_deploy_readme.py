@@ -13,7 +13,7 @@ import pytest
 import zenoh
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
-from spot3d_schemas import CameraIntrinsics, Frame, Header, Objects, Proposals, decode, encode, key
+from spot3d_schemas import CameraIntrinsics, Frame, Header, Objects, Proposals, Segments, decode, encode, key
 
 README = (Path(__file__).parents[2] / "README.md").read_text()
 PROGRAMS = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
@@ -74,15 +74,19 @@ def test_dashboard_prints_the_objects(router: zenoh.Session, endpoint: str) -> N
         assert process.stdout.readline() == "0 objects after 12 frames\n"
 
 
-def test_own_stage_answers_a_frame(router: zenoh.Session, endpoint: str) -> None:
-    frame = Frame(
+def frame_of(colour: np.ndarray) -> Frame:
+    return Frame(
         header=HEADER,
         intrinsics=CameraIntrinsics(fx=5.0, fy=5.0, cx=2.0, cy=1.0, width=6, height=4),
         depth_scale=0.001,
-        colour=np.zeros((4, 6, 3), np.uint8),
+        colour=colour,
         depth=np.ones((4, 6), np.uint16),
         T_world_camera=None,
     )
+
+
+def test_own_stage_answers_a_frame(router: zenoh.Session, endpoint: str) -> None:
+    frame = frame_of(np.zeros((4, 6, 3), np.uint8))
     arrived: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     router.declare_subscriber(key("robot", "proposals/boxes"), lambda sample: arrived.put(sample.payload.to_bytes()))
     with running(program_with("proposals/boxes"), endpoint):
@@ -90,6 +94,25 @@ def test_own_stage_answers_a_frame(router: zenoh.Session, endpoint: str) -> None
         answer = decode(arrived.get(timeout=20), Proposals)
     assert answer.header.stamp_ns == frame.header.stamp_ns
     assert answer.boxes.tolist() == [[0, 0, 6, 4, 1]]
+
+
+def test_own_segmenter_labels_a_frame(router: zenoh.Session, endpoint: str) -> None:
+    colour = np.zeros((4, 6, 3), np.uint8)
+    colour[1:3, 2:5] = 255
+    frame = frame_of(colour)
+    arrived: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    router.declare_subscriber(key("robot", "segments/segments"), lambda sample: arrived.put(sample.payload.to_bytes()))
+    with running(program_with("segments/segments"), endpoint):
+        publisher = wait_for_subscriber(router, "source/frame")
+        publisher.put(encode(frame))
+        first = decode(arrived.get(timeout=20), Segments)
+        publisher.put(encode(frame))
+        second = decode(arrived.get(timeout=20), Segments)
+    assert first.header.stamp_ns == frame.header.stamp_ns
+    assert [first.header.seq, second.header.seq] == [0, 1]
+    assert first.intrinsics == frame.intrinsics
+    assert first.labels.tolist() == (colour[..., 0] // 255).tolist()
+    assert (first.keyframe, first.heat.tolist(), first.stands_on.tolist()) == (True, [1.0], [-1])
 
 
 def test_cores_run_without_processes() -> None:

@@ -81,6 +81,14 @@ def test_live(items: str, expected: list[str]) -> None:
     assert feed(LiveInputs(), items) == expected
 
 
+def test_live_counts_the_frames_without_a_word_of_the_segments_stage() -> None:
+    inputs = LiveInputs()
+    feed(inputs, "P1 H1 P2 H2 P3 H3")
+    assert inputs.alone == 3
+    feed(inputs, "N3 P4 H4")
+    assert inputs.alone == 1
+
+
 def test_live_keeps_few_early_segments() -> None:
     early = " ".join(f"K{stamp}" for stamp in range(100, 120))
     assert feed(LiveInputs(), early) == ["segments too late"] * 4

@@ -84,6 +84,7 @@ def test_report_document():
     report.stages = {"pose": StageReport({"p50": 1.23456, "p99": None}, 1.0, 100.0, restarts=1)}
     report.drops = {"pose": {"out of order": 1}, "fusion": {}}
     document = json.loads(json.dumps(report_document(report), allow_nan=False))
+    assert document["keyframes"] == 0
     assert document["frames"] == {"input": 10, "fused": 8, "skipped": {"lost pose": 2}, "lost_poses": 0}
     assert document["drops"] == {"pose": {"out of order": 1}}
     assert document["restarts"] == {"pose": 1}

@@ -125,6 +125,7 @@ def test_processes_give_the_same_objects_as_one_process(tmp_path):
     report = json.loads((together / "report.json").read_text())
     assert report["proposals"] == json.loads((alone / "report.json").read_text())["proposals"]
     assert set(report["proposals"]) == {"accepted", "masked", "rejected"}
+    assert report["keyframes"] == json.loads((alone / "report.json").read_text())["keyframes"] == 2
     assert report["frames"]["fused"] == 12
     assert report["drops"] == {}
     assert set(report["stages"]) == STAGES

@@ -6,7 +6,7 @@ from pathlib import Path
 from spot3d.bench.whole_run import whole_run
 from spot3d.evaluate.table import Column, Table
 
-_STAGES = ("pose", "proposals", "heatmap", "fusion", "objects")
+_STAGES = ("pose", "proposals", "heatmap", "segments", "fusion", "objects")
 
 
 def pipeline_tables(inputs: Sequence[tuple[str, int | None]], say: Callable[[str], None]) -> list[Table]:
@@ -17,11 +17,13 @@ def pipeline_tables(inputs: Sequence[tuple[str, int | None]], say: Callable[[str
         (
             *(Column("data"), Column("size"), Column("frames"), Column("ms a frame", 1), Column("p99 ms", 1)),
             *(Column("CPU ms a frame", 1), *(Column(f"{stage} ms", 1) for stage in _STAGES)),
-            *(Column("objects ms a frame", 1), Column("peak MB", 0), Column("map points")),
+            *(Column("segments ms a frame", 1), Column("objects ms a frame", 1)),
+            *(Column("peak MB", 0), Column("map points")),
         ),
         notes=[
             "Medians; reading or rendering frames is in no time, but in the memory. ms a frame: pose, proposals, "
-            "heatmap and fusion. Objects: of one update, and all updates shared by the frames. CPU: all of these.",
+            "heatmap and fusion. Segments: of one keyframe, objects: of one update; and of all, shared by the frames. "
+            "CPU: all of these.",
         ],
     )
     clustering = Table(
@@ -51,6 +53,7 @@ def pipeline_tables(inputs: Sequence[tuple[str, int | None]], say: Callable[[str
                 found["frame_p99_ms"],
                 found["cpu_ms"],
                 *stages,
+                found["segments_share_ms"],
                 found["objects_share_ms"],
                 found["peak_mb"],
                 found["map_points"],

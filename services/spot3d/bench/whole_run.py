@@ -17,6 +17,7 @@ from spot3d.run.selected import Selection, open_selection
 from spot3d.settings import load_settings
 
 _STAGES = ("pose", "proposals", "heatmap", "fusion")
+"""Those that work on every frame."""
 
 
 def whole_run(name: str, frames: int | None, halved: bool) -> dict[str, Any]:
@@ -70,6 +71,7 @@ def measure(name: str, frames: int | None, halved: bool) -> dict[str, Any]:
         "stage_ms": {
             stage: 1e3 * float(np.median(times[1:] or times)) for stage, times in result.step_s.items() if times
         },
+        "segments_share_ms": 1e3 * sum(result.step_s.get("segments", [])) / len(sequence),
         "objects_share_ms": 1e3 * sum(updates) / len(sequence),
         "peak_mb": memory,
         "map_points": result.fusion.heatmap.count,

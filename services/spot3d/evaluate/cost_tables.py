@@ -16,7 +16,7 @@ from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
 from spot3d.trajectory import ate, rpe
 
-STAGES = ("pose", "proposals", "heatmap", "fusion", "objects")
+STAGES = ("pose", "proposals", "heatmap", "segments", "fusion", "objects")
 
 
 def time_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Table:

@@ -19,8 +19,8 @@ from spot3d.fusion.views import Views, borne_out
 from spot3d.geometry.lattice import to_lattice
 from spot3d.geometry.planes import dominant_planes, on_plane, supporting_plane, transform_plane
 
-_AWAITING_SEGMENTS = 16
-"""Fused frames that segments may still come for: half a second of a camera; 0.3 MB each."""
+_AWAITING_SEGMENTS = 60
+"""Fused frames that segments may still come for: a learned segmenter may take two seconds of a camera; 0.3 MB each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +123,7 @@ class Fusion:
     def observe(self, segments: FrameSegments, stamp_ns: int) -> bool:
         """Take in the objects of a single frame that has been fused with this stamp.
 
-        Returns False, and does nothing, where the frame is none of the last 16 fused, or has been observed already.
+        Returns False, and does nothing, where the frame is none of the last 60 fused, or has been observed already.
         """
         frame = self._fused.take(stamp_ns)
         if frame is None:

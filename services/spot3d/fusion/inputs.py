@@ -46,9 +46,13 @@ class Arrival:
 
 
 class LiveInputs:
-    """A frame is ready when heat and pose are there; segments find it whenever they come."""
+    """A frame is ready when heat and pose are there; segments find it whenever they come.
+
+    alone: frames that were ready since the segments stage last said anything.
+    """
 
     def __init__(self) -> None:
+        self.alone = 0
         self._pairs: HeatsAndPoses = Join(_HEATS_WAITING, _POSES_WAITING)
         self._early: dict[int, Received[Segments]] = {}
         self._last_ns: int | None = None
@@ -63,6 +67,7 @@ class LiveInputs:
 
     def add_segments(self, given: Received[Segments]) -> Arrival:
         """Take in a frame's segments; of a frame that is no keyframe there is nothing to keep."""
+        self.alone = 0
         stamp_ns = given.message.header.stamp_ns
         if not given.message.keyframe:
             return Arrival()
@@ -79,6 +84,7 @@ class LiveInputs:
         arrival = Arrival(skipped=_skipped(outcome))
         if outcome.pair is not None:
             heat, pose = outcome.pair
+            self.alone += 1
             self._last_ns = heat.message.header.stamp_ns
             segments = self._early.pop(self._last_ns, None)
             arrival.ready.append(Ready(heat, pose, segments))
@@ -92,9 +98,10 @@ class LiveInputs:
 
 
 class LosslessInputs:
-    """A frame is ready when heat, pose and the answer of the segments stage are there."""
+    """A frame is ready when heat, pose and the answer of the segments stage are there. alone: as it never is."""
 
     def __init__(self, in_flight: int) -> None:
+        self.alone = 0
         self._pairs: HeatsAndPoses = Join(max(_HEATS_WAITING, 2 * in_flight), _POSES_WAITING)
         self._answers: Join[Pair, Received[Segments]] = Join(2 * in_flight, _POSES_WAITING)
         self._waiting: dict[int, Pair] = {}

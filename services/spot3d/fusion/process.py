@@ -33,6 +33,8 @@ _ALONE = 300
 
 LOST, FAILED = "lost pose", "error"
 """Why a frame is skipped whose heat and pose are there."""
+KEYFRAMES = "keyframes"
+"""The event of a keyframe whose segments are taken in."""
 
 
 def run(link: LinkSettings, settings: FusionSettings, stop: threading.Event | None = None) -> None:
@@ -67,7 +69,6 @@ class _Stage:
     def __init__(self, node: Node, fusion: Fusion, updates: Updates) -> None:
         self.node, self.fusion, self.updates = node, fusion, updates
         self.inputs = inputs_of(node.link)
-        self.alone = 0
         self.cadence = Cadence(node.link.object_interval_s)
         self.ledger = Ledger(node.link.credit_timeout_s)
         self.camera: CameraIntrinsics | None = None
@@ -84,7 +85,6 @@ class _Stage:
                 elif topic == _POSE:
                     self._arrived(self.inputs.add_pose(given), given)
                 elif topic == _SEGMENTS:
-                    self.alone = 0
                     self._arrived(self.inputs.add_segments(given), given)
                 elif topic == _END:
                     self._ended(given)
@@ -149,16 +149,20 @@ class _Stage:
         stamp_ns = given.message.header.stamp_ns
         try:
             segments = frame_segments(given.message)
-            if segments is not None and not self.fusion.observe(segments, stamp_ns):
+            if segments is None:
+                return
+            if self.fusion.observe(segments, stamp_ns):
+                self.node.counters.event(KEYFRAMES)
+            else:
                 self.node.counters.drop(TOO_LATE)
         except Exception as error:
             text = f"cannot use the segments of the frame at {stamp_ns} ns: {type(error).__name__}: {error}"
             self.node.failed(f"observe {type(error).__name__}", text)
 
     def _note_if_alone(self) -> None:
-        self.alone += 1
-        if self.alone % _ALONE == 0:
-            text = f"no word of the segments stage in {self.alone} frames, which are fused without it: is it running?"
+        alone = self.inputs.alone
+        if alone and alone % _ALONE == 0:
+            text = f"no word of the segments stage in {alone} frames, which are fused without it: is it running?"
             self.node.note("no segments", text)
 
     def _update(self, heat: Received[Heat]) -> None:

@@ -122,6 +122,8 @@ class Collector:
                 report.drops[stage] = dict(self._earlier[stage] + Counter(health.drops))
             report.stages[stage] = item
         report.proposals = dict(self._earlier_boxes + self._boxes())
+        fusion = self.health.get("fusion")
+        report.keyframes = 0 if fusion is None else fusion.events.get("keyframes", 0)
 
     def _boxes(self) -> Counter[str]:
         """Proposals accepted, masked and rejected by the heatmap stage's process of now."""

@@ -34,6 +34,7 @@ def run_in_process(
     result = run_pipeline(sequence, settings, follow, stop.is_set)
     use = process_use()
     report.proposals = dict(result.heat_counts)
+    report.keyframes = len(result.step_s.get("segments", ()))
     report.ms_per_frame = rate.ms_per_frame()
     report.interrupted = stop.is_set()
     report.fused, report.skipped = result.fusion.frame_count, dict(result.skipped)

@@ -1,4 +1,4 @@
-"""The process that the stages of a run are forked from: what they all import is imported once, not five times.
+"""The process that the stages of a run are forked from: what they all import is imported once, not six times.
 
     python -m spot3d.run.nursery
 

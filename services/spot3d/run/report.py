@@ -29,9 +29,10 @@ class StageReport:
 class RunReport:
     """Counters of a run, in process or distributed.
 
-    played: frames that the input has; fused, skipped (by reason): what fusion did with them; drops: by stage and
-    reason; latency_ms: p50 and p99 of each hop and of the whole way, from the messages' traces; wall_s: the whole
-    run with the start of its processes; ms_per_frame: from the first frame done to the last, per frame.
+    played: frames that the input has; fused, skipped (by reason): what fusion did with them; keyframes: those whose
+    segments fusion has taken in; drops: by stage and reason; latency_ms: p50 and p99 of each hop and of the whole way,
+    from the messages' traces; wall_s: the whole run with the start of its processes; ms_per_frame: from the first
+    frame done to the last, per frame.
     """
 
     input_name: str
@@ -43,6 +44,7 @@ class RunReport:
     drops: dict[str, dict[str, int]] = field(default_factory=dict)
     lost_poses: int = 0
     proposals: dict[str, int] = field(default_factory=dict)
+    keyframes: int = 0
     objects: int = 0
     map_points: int = 0
     wall_s: float = 0.0
@@ -68,6 +70,7 @@ def report_document(report: RunReport) -> dict[str, Any]:
             "lost_poses": report.lost_poses,
         },
         "proposals": report.proposals,
+        "keyframes": report.keyframes,
         "drops": {stage: reasons for stage, reasons in report.drops.items() if reasons},
         "objects": report.objects,
         "map_points": report.map_points,
