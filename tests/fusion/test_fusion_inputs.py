@@ -71,7 +71,7 @@ def feed(inputs: LiveInputs | LosslessInputs, items: str) -> list[str]:
         ("P1 H1 K1 P2 H2 N2", ["1", "s1", "2"]),
         ("P1 H1 P2 H2 K1", ["1", "2", "s1"]),
         ("P1 H1 P2 K2 H2", ["1", "2s"]),  # the segments of 2 have overtaken its heat
-        ("P1 H1 K2 P3 H3", ["1", "3", "segments too late"]),
+        ("P1 H1 K2 P3 H3", ["1", "3", "segments without their frame"]),
         ("P1 P2 H2", ["-1 no heat", "2"]),
         ("P1 H1 N2 N3", ["1"]),
         ("K1 P1 H1", ["1s"]),
@@ -91,7 +91,7 @@ def test_live_counts_the_frames_without_a_word_of_the_segments_stage() -> None:
 
 def test_live_keeps_few_early_segments() -> None:
     early = " ".join(f"K{stamp}" for stamp in range(100, 120))
-    assert feed(LiveInputs(), early) == ["segments too late"] * 4
+    assert feed(LiveInputs(), early) == ["segments without their frame"] * 4
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,9 @@ _QUALITIES = {
     # Over a thin link heat must not delay poses and objects. Fusion is faster than any camera, and catches up with what
     # has waited while it was held up for a moment.
     "heatmap/heat": Quality(CongestionControl.BLOCK_FIRST, Priority.DATA_LOW, newest=4),
-    "segments/segments": Quality(CongestionControl.BLOCK_FIRST, Priority.DATA, newest=8),
+    # Most say that a frame is no keyframe, and must not push out one that is: a second's worth waits. No frame waits
+    # for the stage in a live run, so that it may wait itself.
+    "segments/segments": Quality(CongestionControl.BLOCK, Priority.DATA, newest=32),
     "fusion/objects": Quality(CongestionControl.BLOCK, Priority.DATA_HIGH),
     "fusion/progress": Quality(CongestionControl.BLOCK, Priority.INTERACTIVE_HIGH, express=True),
 }

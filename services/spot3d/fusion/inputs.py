@@ -9,8 +9,8 @@ from spot3d_schemas import Heat, Pose, Segments
 
 NO_HEAT, NO_POSE = "no heat", "no pose"
 """Why a frame is not fused."""
-NO_SEGMENTS, TOO_LATE = "no segments", "segments too late"
-"""What fusion goes without: a lossless frame's segments, and a live keyframe's whose frame is no longer known."""
+NO_SEGMENTS, WITHOUT_FRAME = "no segments", "segments without their frame"
+"""What is missing: the segments of a lossless frame, or live the frame of segments: skipped, or fused too long ago."""
 
 _HEATS_WAITING = 8
 """Live: heats that wait for their poses, which mostly come first; 15 MB at VGA."""
@@ -94,7 +94,7 @@ class LiveInputs:
     def _forgotten(self, stamps: list[int]) -> list[str]:
         for stamp in stamps:
             del self._early[stamp]
-        return [TOO_LATE] * len(stamps)
+        return [WITHOUT_FRAME] * len(stamps)
 
 
 class LosslessInputs:

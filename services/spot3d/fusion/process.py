@@ -19,7 +19,7 @@ from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
 from spot3d.fusion.fusion import Fusion
-from spot3d.fusion.inputs import NO_SEGMENTS, TOO_LATE, Arrival, Ready, inputs_of
+from spot3d.fusion.inputs import NO_SEGMENTS, WITHOUT_FRAME, Arrival, Ready, inputs_of
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.updates import Updates, take_update
 from spot3d_schemas import CameraIntrinsics, End, Header, Heat, MapPoints, Message, Progress, Segments
@@ -154,7 +154,7 @@ class _Stage:
             if self.fusion.observe(segments, stamp_ns):
                 self.node.counters.event(KEYFRAMES)
             else:
-                self.node.counters.drop(TOO_LATE)
+                self.node.counters.drop(WITHOUT_FRAME)
         except Exception as error:
             text = f"cannot use the segments of the frame at {stamp_ns} ns: {type(error).__name__}: {error}"
             self.node.failed(f"observe {type(error).__name__}", text)

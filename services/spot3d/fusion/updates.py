@@ -1,7 +1,5 @@
 """Updates of the objects, computed beside the fusing of further frames."""
 
-import os
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -10,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spot3d.dataflow.node import Node, Received
+from spot3d.dataflow.process_use import let_frames_go_first
 from spot3d.dataflow.stopping import end_threads
 from spot3d.fusion.fusion import Fusion, ObjectsTask
 from spot3d.fusion.fusion import Objects as FoundObjects
@@ -17,9 +16,6 @@ from spot3d.fusion.identity import FoundObject
 from spot3d_schemas import Message, Object3D, Objects
 
 _OUT = "fusion/objects"
-_NICENESS = 5
-"""Frames come first: where the processors are busy, an update takes what the stages leave."""
-
 _WORD_S = 1.0
 """A stage that waits for an update says so this often: the first one may have to compile its kernels."""
 
@@ -93,8 +89,7 @@ class Updates:
             self._wanted = None
 
     def _work(self) -> None:
-        if sys.platform == "linux":  # elsewhere the priority of a thread cannot be set alone
-            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)
+        let_frames_go_first()
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._waiting is not None or self._closed)

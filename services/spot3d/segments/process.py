@@ -10,6 +10,7 @@ import numpy as np
 from spot3d.dataflow.conversion import rgbd_frame, segments_message
 from spot3d.dataflow.join import Join, Outcome
 from spot3d.dataflow.node import Node, Received
+from spot3d.dataflow.process_use import let_frames_go_first
 from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
@@ -37,6 +38,8 @@ def run(link: LinkSettings, settings: SegmentsSettings, stop: threading.Event | 
     with stop_on_signals(stop) as stopped:
         try:
             with Node("segments", link, stopped, (_HEAT, _POSE), (_OUT,)) as node:
+                if link.delivery == "live":
+                    let_frames_go_first()
                 _serve(node, settings)
         except StoppedError:
             return
