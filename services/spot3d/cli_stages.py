@@ -51,14 +51,16 @@ def source(
     overrides = play_overrides(half, rate) | link_overrides(robot, connect, listen, lossless)
     resolved = load_settings(settings, preset, overrides)
     from spot3d.run.selected import open_selection, selection
-    from spot3d.source.process import EVERY_STAGE, MissingStagesError
+    from spot3d.source.process import EVERY_STAGE, FUSING_STAGES, MissingStagesError
     from spot3d.source.process import run as run_source
 
     sequence = open_selection(selection(input_name, frames, every, intrinsics, after_ns), resolved)
-    # A live source is a camera: it waits for nobody, unless a run has started it together with the others.
-    wait_for: tuple[str, ...] = ()
-    if supervised or resolved.link.delivery == "lossless":
-        wait_for = tuple(stage for stage in EVERY_STAGE if stage != "pose" or not pose_from_elsewhere)
+    # A live source is a camera: it waits for nobody, unless a run has started it together with the others. Even then
+    # frames can be fused while segments is still compiling its kernels.
+    awaited: tuple[str, ...] = EVERY_STAGE
+    if resolved.link.delivery == "live":
+        awaited = FUSING_STAGES if supervised else ()
+    wait_for = tuple(stage for stage in awaited if stage != "pose" or not pose_from_elsewhere)
     try:
         run_source(resolved.link, resolved.source, sequence, stop=stop, wait_for=wait_for)
     except MissingStagesError as error:

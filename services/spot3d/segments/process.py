@@ -17,7 +17,6 @@ from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
-from spot3d.segments.finder import find_segments
 from spot3d.segments.keyframes import Keyframes
 from spot3d.segments.settings import SegmentsSettings
 from spot3d_schemas import Heat, Pose
@@ -34,12 +33,12 @@ def run(link: LinkSettings, settings: SegmentsSettings, stop: threading.Event | 
     A frame that is no keyframe, has a lost pose or cannot be searched (an error) is answered with keyframe False, so
     that nobody waits for it.
     """
+    if link.delivery == "live":
+        let_frames_go_first()
     warm_up("segments", partial(_find_first, settings))
     with stop_on_signals(stop) as stopped:
         try:
             with Node("segments", link, stopped, (_HEAT, _POSE), (_OUT,)) as node:
-                if link.delivery == "live":
-                    let_frames_go_first()
                 _serve(node, settings)
         except StoppedError:
             return
@@ -47,6 +46,9 @@ def run(link: LinkSettings, settings: SegmentsSettings, stop: threading.Event | 
 
 def _find_first(settings: SegmentsSettings, frames: Sequence[RgbdFrame]) -> None:
     if settings.enabled:
+        # Loaded here, so that its kernels are compiled behind the frames of a live run, and that is told.
+        from spot3d.segments.finder import find_segments
+
         depth = frames[0].depth_metres()
         heat = np.where(np.abs(depth - 0.8) < 0.01, 255, 0).astype(np.uint8)
         find_segments(frames[0].colour, depth, heat, frames[0].intrinsics, settings)
@@ -79,6 +81,8 @@ def _serve(node: Node, settings: SegmentsSettings) -> None:
 
 
 def _find(node: Node, heat: Heat, settings: SegmentsSettings) -> FrameSegments | None:
+    from spot3d.segments.finder import find_segments
+
     frame = rgbd_frame(heat)
     start_s = time.perf_counter()
     try:

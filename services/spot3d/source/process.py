@@ -20,7 +20,9 @@ from spot3d_schemas import End, Frame, Header, Progress
 log = logging.getLogger(__name__)
 
 _OUT, _END, _PROGRESS = "source/frame", "source/end", "fusion/progress"
-EVERY_STAGE = ("pose", "proposals", "heatmap", "segments", "fusion")
+FUSING_STAGES = ("pose", "proposals", "heatmap", "fusion")
+"""Without one of these no frame is fused."""
+EVERY_STAGE = (*FUSING_STAGES, "segments")
 START_LIMIT_S = 180.0
 """Longest wait for the stages before the first frame: a first start compiles kernels."""
 _END_LIMIT_S = 60.0
