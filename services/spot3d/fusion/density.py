@@ -109,8 +109,10 @@ def density_labels(xyz: NDArray[np.float32], settings: FusionSettings) -> NDArra
     Departs from the paper in that the points of a cell of `density_cell` are one at their mean, with their number as
     its weight: DBSCAN's time and memory are those of all pairs of neighbours, hundreds for each point here. A point
     moves by less than the cell's diagonal, 9 mm, most by 2 mm, against a radius of 20 mm. The paper gives neither
-    radius nor least neighbours: the radius is eps_min, so that what is apart by less than the least object is one, and
-    20 points are a twentieth of what a surface at 1 m has within it.
+    radius nor least neighbours: the radius is eps_min, so that what is apart by less than the least object is one. A
+    surface of a frame has 430 points within it at VGA and 1 m, 110 at half size, that of a map about as many, and what
+    noise leaves of a table up to a tenth of that. With 20, 50, 100 points 25, 14, 9 boxes hold 75, 66, 31 % of
+    redkitchen's labelled points, and single frames detect 0.07, 0.21, 0.35 of HOTS' objects, 0.66, 0.66, 0.62 of OSD's.
     """
     if len(xyz) == 0:
         return np.zeros(0, np.int64)

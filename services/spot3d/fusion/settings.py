@@ -131,6 +131,8 @@ PAPER = FusionSettings(
     tau_share=0.0,
     heat_min=0.25,
     clustering="density",
+    density_radius=0.02,
+    density_points=50,
     volume_min=1e-6,
 )
 """The paper's way (Sec. IV) with its values (Sec. V-A); no camera measures depth up to that range_max.
