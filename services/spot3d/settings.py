@@ -13,6 +13,7 @@ from pydantic_settings import BaseSettings, EnvSettingsSource, SettingsConfigDic
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.fusion.settings import PAPER as PAPER_FUSION
 from spot3d.fusion.settings import FusionSettings
+from spot3d.heatmap.settings import PAPER as PAPER_HEATMAP
 from spot3d.heatmap.settings import HeatmapSettings
 from spot3d.pose.settings import PoseSettings
 from spot3d.proposals.settings import ProposalSettings
@@ -34,7 +35,7 @@ class Settings(BaseSettings):
     )
 
     preset: Preset = Field(
-        "default", description="what is not set otherwise: default (measured better) or paper (its values)"
+        "default", description="what is not set otherwise: default (measured better) or paper (its method)"
     )
     source: SourceSettings = SourceSettings()
     pose: PoseSettings = PoseSettings()
@@ -51,6 +52,7 @@ PRESETS: dict[str, Layer] = {
         "preset": "paper",
         "proposals": ProposalSettings.PAPER.model_dump(exclude_unset=True),
         "segments": PAPER_SEGMENTS.model_dump(exclude_unset=True),
+        "heatmap": PAPER_HEATMAP.model_dump(exclude_unset=True),
         "fusion": PAPER_FUSION.model_dump(exclude_unset=True),
     },
 }

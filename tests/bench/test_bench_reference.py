@@ -75,7 +75,7 @@ def test_frames_are_merged_the_same_way(scene: Scene) -> None:
             heatmap.rows, heatmap.used, heatmap.keys, heatmap.slot_rows, heatmap.row_slots, heatmap.free, 0,
             candidates, depth, frame.colour, heat, surface_normals(depth, CAMERA), pose.astype(np.float32), *pinhole,
             np.float32(1 / heatmap.voxel), np.float32(SETTINGS.noise_gate), np.float32(SETTINGS.range_max),
-            np.float32(number), index,
+            np.float32(number), True, True, index,
         )  # fmt: skip
         plain_index, plain_warped, plain_found = reference_map.merge(
             plain, candidates, depth, frame.colour, heat, pose, CAMERA, SETTINGS.noise_gate, SETTINGS.range_max, number

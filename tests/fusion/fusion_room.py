@@ -27,7 +27,7 @@ COARSE = FusionSettings(
 """Settings for that camera, whose pixels are 7 mm wide at the table."""
 FINE = COARSE.model_copy(update={"cell": 0.005, "segment_cells": 40, "seamed_cells": 300, "crease": 10.0})
 """Cells for surfaces that are sampled every 3 mm."""
-COARSE_PAPER = PAPER.model_copy(update={"lattice_width": 160, "voxel": 0.008, "density_points": 8, "heat_min": 0.25})
+COARSE_PAPER = PAPER.model_copy(update={"voxel": 0.008, "density_points": 8})
 """DBSCAN's count follows the density."""
 
 

@@ -12,7 +12,6 @@ from spot3d.boxes import Box3D, iou_matrix_3d
 from spot3d.fusion.boxes import (
     Part,
     merge_contained,
-    merge_intersecting,
     rotation_to_upright,
     share_inside,
     upright_box,
@@ -129,12 +128,6 @@ def hot(x: float, z: float, size: tuple[float, float, float]) -> Cuboid:
     return Cuboid((x, 0, z), size, heat=1.0)
 
 
-def test_boxes_that_intersect_become_one_and_those_that_do_not_stay() -> None:
-    clusters, points = clusters_of(*(hot(x, 0, (0.2, 0.1, 0.1)) for x in (0.0, 1.0, 0.3, 0.15)))
-    merged = merge_intersecting(clusters, points, UP)
-    assert sorted(map(len, merged)) == sorted([len(clusters[1]), sum(len(clusters[i]) for i in (0, 2, 3))])
-
-
 def turned_box(points: np.ndarray) -> Box3D:
     return upright_box(points, UP, turn=True)
 
@@ -178,7 +171,7 @@ def test_a_small_part_around_a_larger_one_joins_it_if_it_may_hold_others() -> No
 
 def test_without_clusters_nothing_is_merged() -> None:
     points = np.zeros((0, 3), np.float32)
-    assert merged_of([], [], points) == merge_intersecting([], points, UP) == []
+    assert merged_of([], [], points) == []
 
 
 def test_share_inside_a_rotated_box() -> None:

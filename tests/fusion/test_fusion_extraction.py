@@ -8,6 +8,7 @@ from fusion_room import BACKDROP_PLANE, COARSE, COARSE_PAPER, FINE, STAGE, TABLE
 
 from spot3d.boxes import iou_matrix_3d
 from spot3d.evaluate.points import points_in_boxes
+from spot3d.fusion.density import find_by_density
 from spot3d.fusion.extraction import find_objects
 from spot3d.fusion.selection import MapPoints
 from spot3d.fusion.settings import FusionSettings
@@ -52,7 +53,8 @@ def test_neighbouring_objects_are_split_where_density_alone_joins_them(truth: tu
     iou = overlaps(sampled(STAGE + truth, step=0.003), truth, FINE)
     assert iou.shape == (2, 2)
     assert (iou.max(axis=1) >= 0.7).all()
-    assert overlaps(sampled(STAGE + truth, step=0.005), truth, COARSE_PAPER).shape[1] == 1
+    by_density, _ = find_by_density(sampled(STAGE + truth, step=0.005), TABLE_PLANE.plane[None], COARSE_PAPER)
+    assert len(by_density) == 1
 
 
 @pytest.mark.parametrize("gap", [0.003, 0.006, 0.01])
@@ -135,27 +137,19 @@ def test_structure_is_no_object_even_when_it_kept_heat() -> None:
     assert iou.shape == (3, 3)
 
 
-def test_the_papers_clustering_finds_separated_objects() -> None:
-    iou = overlaps(sampled(STAGE + THREE), THREE, COARSE_PAPER)
-    assert iou.shape == (3, 3)
-    assert (iou.max(axis=1) > 0.4).all()  # boxes along fixed axes are larger than turned ones
-
-
-@pytest.mark.parametrize("base", [COARSE, COARSE_PAPER])
-def test_without_removing_planes_the_table_spoils_the_result(base: FusionSettings) -> None:
+def test_without_removing_planes_the_table_spoils_the_result() -> None:
     points = sampled(STAGE + THREE, cold=0.4)
     points = points.take((np.abs(points.xyz[:, 0]) < 0.45) & (np.abs(points.xyz[:, 1]) < 0.3))
-    iou = [overlaps(points, THREE, base.model_copy(update={"plane_removal": on})) for on in (True, False)]
+    iou = [overlaps(points, THREE, COARSE.model_copy(update={"plane_removal": on})) for on in (True, False)]
     assert iou[0].shape == (3, 3)
     assert (iou[0].max(axis=1) > 0.4).all()
     assert iou[1].shape != (3, 3)  # the table is one more object, or all are one with it
 
 
-@pytest.mark.parametrize("settings", [COARSE, COARSE_PAPER])
-def test_cold_things_beside_a_hot_one_are_no_objects(settings: FusionSettings) -> None:
+def test_cold_things_beside_a_hot_one_are_no_objects() -> None:
     hot, *others = THREE
-    things = (hot, *(replace(thing, heat=0.8 * settings.heat_min / 0.6) for thing in others))
-    found = find_objects(sampled(STAGE + things, heat=0.6), PLANES, settings)
+    things = (hot, *(replace(thing, heat=0.8 * COARSE.heat_min / 0.6) for thing in others))
+    found = find_objects(sampled(STAGE + things, heat=0.6), PLANES, COARSE)
     assert len(found) == 1
     assert iou_matrix_3d([found[0].box], [hot.box()])[0, 0] > 0.3
 
@@ -165,11 +159,10 @@ def test_where_everything_is_cool_the_warmest_count() -> None:
     assert len(find_objects(points, PLANES, COARSE)) == len(THREE)
 
 
-@pytest.mark.parametrize("settings", [COARSE, COARSE_PAPER])
-def test_an_empty_map_and_a_map_without_planes_have_no_objects(settings: FusionSettings) -> None:
+def test_an_empty_map_and_a_map_without_planes_have_no_objects() -> None:
     points = sampled(STAGE + THREE)
-    assert find_objects(points.take(np.zeros(len(points), bool)), PLANES, settings) == []
-    assert find_objects(points, [], settings) == []
+    assert find_objects(points.take(np.zeros(len(points), bool)), PLANES, COARSE) == []
+    assert find_objects(points, [], COARSE) == []
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from spot3d.proposals.groups import group_edges
 from spot3d.proposals.nms import suppress
 from spot3d.proposals.scoring import MIN_AFFINITY, score_window
 from spot3d.proposals.window_index import WindowIndex, index_windows
-from spot3d.proposals.windows import FINEST, refine, window_shapes
+from spot3d.proposals.windows import refine, window_shapes
 
 
 @pytest.mark.parametrize(
@@ -64,14 +64,16 @@ def outline(x0: int, y0: int, x1: int, y1: int) -> WindowIndex:
     return index_windows(magnitude, groups, 1.5)
 
 
-@pytest.mark.parametrize(("off", "moves"), [(9, True), (1, False)])
-def test_refinement_finds_an_outline_to_the_finest_move_and_no_closer(off, moves):
+@pytest.mark.parametrize(
+    ("finest", "off", "moves", "closest"), [(24, 9, True, 4), (24, 1, False, 4), (0, 9, True, 3), (0, 1, False, 3)]
+)
+def test_refinement_finds_an_outline_to_the_finest_move_and_no_closer(finest, off, moves, closest):
     true = np.array([[100, 60, 196, 132]], np.int32)
     index = outline(*true[0])
     given = true + off * np.array([[-1, -1, 1, 1]], np.int32)
     score = np.array([score_window(index, *given[0], np.float32(0))], np.float32)
     found, better = given.copy(), score.copy()
-    refine(index, found, better, np.float32(1 / 3))
+    refine(index, found, better, np.float32(1 / 3), finest)
     assert (better > score).all() == moves
     assert (found != given).any() == moves
-    assert np.abs(found - true).max() <= (196 - 100 + 2 * off) // FINEST
+    assert np.abs(found - true).max() <= closest

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.boxes import Box3D, iou_matrix_3d
+from spot3d.boxes import Box3D
 from spot3d.fusion.footprint import footprint_yaw
 from spot3d.fusion.order import quantiles
 from spot3d.fusion.surface import taken
@@ -115,22 +115,6 @@ def with_bottom(box: Box3D, height: float) -> Box3D:
     middle = float(up @ box.centre)
     rest = max(0.0, middle + tall / 2 - height)
     return Box3D(box.centre + (tall - rest) / 2 * up, np.array([length, width, rest]), box.rotation)
-
-
-def merge_intersecting(
-    clusters: list[NDArray[np.int64]], points: NDArray[np.float32], up: NDArray[np.float64]
-) -> list[NDArray[np.int64]]:
-    """Join clusters whose boxes intersect, until none do (paper, Sec. IV-D). Clusters are rows of `points`."""
-    clusters = list(clusters)
-    while True:
-        boxes = [upright_box(points[rows], up, turn=False) for rows in clusters]
-        overlap = np.triu(iou_matrix_3d(boxes, boxes), 1)
-        pairs = np.argwhere(overlap > 0)
-        if len(pairs) == 0:
-            return clusters
-        a, b = pairs[0]
-        clusters[a] = np.concatenate((clusters[a], clusters[b]))
-        del clusters[b]
 
 
 def merge_contained(

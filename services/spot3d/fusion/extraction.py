@@ -1,4 +1,4 @@
-"""From the points of the 3D heatmap to objects: the paper's way, and over whole surfaces (paper, Sec. IV-D)."""
+"""From the points of the 3D heatmap to objects, over whole surfaces (paper, Sec. IV-D)."""
 
 from collections.abc import Callable
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
-from spot3d.fusion.boxes import Cluster, Part, merge_contained, merge_intersecting, sampled, upright_box
+from spot3d.fusion.boxes import Cluster, Part, merge_contained, sampled, upright_box
 from spot3d.fusion.hollow import hollow_groups
 from spot3d.fusion.identity import FoundObject
 from spot3d.fusion.segments import split_at_creases
@@ -53,26 +53,7 @@ def find_clusters(points: MapPoints, planes: list[StructurePlane], settings: Fus
     """The clusters of points that are objects by their heat and size. planes: as in `find_objects`."""
     if not planes or len(points) == 0:
         return []
-    by = _by_density if settings.clustering == "density" else _by_surface
-    return [cluster for cluster in by(points, planes, settings) if _plausible(cluster.box, settings)]
-
-
-def _by_density(points: MapPoints, planes: list[StructurePlane], settings: FusionSettings) -> list[Cluster]:
-    """Threshold, removal of the keyframes' planes, DBSCAN, merging of intersecting boxes (the paper)."""
-    rows = np.flatnonzero(points.heat >= settings.heat_min)
-    for item in planes if settings.plane_removal else []:
-        if item.removed_share > 0:
-            rows = rows[np.abs(points.xyz[rows] @ item.plane[:3] + item.plane[3]) >= settings.plane_distance]
-    if len(rows) == 0:
-        return []
-    hot = points.xyz[rows]
-    from sklearn.cluster import DBSCAN  # slow to import, and used by the paper's preset alone
-
-    labels = DBSCAN(eps=settings.density_radius, min_samples=settings.density_points).fit_predict(hot)
-    clusters = [np.flatnonzero(labels == label) for label in range(labels.max() + 1)]
-    up = planes[0].plane[:3]
-    clusters = merge_intersecting(clusters, hot, up)
-    return [Cluster(rows[cluster], upright_box(hot[cluster], up, turn=False)) for cluster in clusters]
+    return [cluster for cluster in _by_surface(points, planes, settings) if _plausible(cluster.box, settings)]
 
 
 def _by_surface(points: MapPoints, planes: list[StructurePlane], settings: FusionSettings) -> list[Cluster]:

@@ -12,6 +12,7 @@ from spot3d.fusion.heatmap3d import Heatmap3D
 from spot3d.fusion.identity import FoundObject, Identities
 from spot3d.fusion.index_map import IndexMap, Registration
 from spot3d.fusion.keyframes import FusedFrame, FusedFrames, keyframe_of
+from spot3d.fusion.ransac import planes_by_ransac
 from spot3d.fusion.selection import MapPoints, frequent_points
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.structure import KeyframePlane, PlaneMemory
@@ -45,14 +46,18 @@ class ObjectsTask:
 
     def run(self) -> Objects:
         """The objects, numbered as in the tasks that ran before."""
+        if self.settings.clustering == "density":
+            from spot3d.fusion.density import find_by_density
+
+            found, up = find_by_density(self.points, self.planes.removed(), self.settings)
+            return Objects(self.identities.assign(found), up, self.frame_count)
         # Loaded with the first task, beside the fusing: its kernels take longer to compile than those of the fusing.
         from spot3d.fusion.extraction import find_objects
         from spot3d.fusion.surface import middle_of
 
         planes = self.planes.distinct(middle_of(self.points.xyz))
         found = find_objects(self.points, planes, self.settings)
-        if self.settings.clustering == "surface":
-            found = borne_out(found, self.views, self.frame_count, self.settings)
+        found = borne_out(found, self.views, self.frame_count, self.settings)
         up = planes[0].plane[:3] if planes else np.array([0.0, 0.0, 1.0])
         return Objects(self.identities.assign(found), up, self.frame_count)
 
@@ -158,7 +163,10 @@ class Fusion:
         known = np.array([transform_plane(plane, T_camera_world) for plane in self._candidates]).reshape(-1, 4)
         known = known[known[:, 3] > 0]  # what the camera has passed through faces away
         rng = np.random.default_rng((self.settings.seed, self.frame_count))
-        planes = dominant_planes(points, self.settings, rng, known)
+        if self.settings.plane_search == "triples":
+            planes = planes_by_ransac(points, self.settings, rng)
+        else:
+            planes = dominant_planes(points, self.settings, rng, known)
         chosen = supporting_plane(planes, points, heat, self.settings)
         self._candidates = np.array([transform_plane(plane, T_world_camera) for plane in planes]).reshape(-1, 4)
         if chosen is None:

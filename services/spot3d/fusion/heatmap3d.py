@@ -25,8 +25,8 @@ class Heatmap3D:
     (RGB 0..255), normal (sum of unit normals, towards the cameras), weight of the running means, consolidated
     heat c, frequency f (0: the row is free), number of the frame that saw the point last.
     keys: (slots,) int64 packed voxel coordinates, -1 = free; slot_rows: (slots,) int32 row of each key;
-    row_slots: (limit,) int32 slot of each row's key. free: (limit,) int32, of which the first `free_count` are the
-    rows that points have left.
+    row_slots: (limit,) int32 slot of each row's key, -1 = none. free: (limit,) int32, of which the first `free_count`
+    are the rows that points have left.
     """
 
     def __init__(self, limit: int, voxel: float) -> None:
@@ -157,7 +157,8 @@ def _evict(
         frequency = rows[row, FREQUENCY]
         useful = rows[row, HEAT] / (frequency + tau) + rows[row, LAST] / latest
         if frequency > 0 and useful <= least:
-            remove_key(np.uint64(row_slots[row]), keys, slot_rows, row_slots)
+            if row_slots[row] >= 0:
+                remove_key(np.uint64(row_slots[row]), keys, slot_rows, row_slots)
             rows[row, FREQUENCY] = 0
             free[free_count] = row
             free_count += 1

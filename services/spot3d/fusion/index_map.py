@@ -110,6 +110,8 @@ class IndexMap:
             np.float32(settings.noise_gate),
             np.float32(settings.range_max),
             np.float32(frame_number),
+            settings.noise_weighting,
+            settings.look_up,
             index,
         )
         self._last = _LastFrame(index, depth, colour, camera, T_world_camera)
@@ -210,7 +212,7 @@ def _find_along_ray(
 
 @kernel(
     "Tuple((i8, i8, UniTuple(i8, 3)))(f4[:,::1], i8, i8[::1], i4[::1], i4[::1], i4[::1], i8, i4[:,::1],"
-    " f4[:,::1], u1[:,:,::1], u1[:,::1], f4[:,:,::1], f4[:,::1], f4, f4, f4, f4, f4, f4, f4, f4, i4[:,::1])"
+    " f4[:,::1], u1[:,:,::1], u1[:,::1], f4[:,:,::1], f4[:,::1], f4, f4, f4, f4, f4, f4, f4, f4, b1, b1, i4[:,::1])"
 )
 def merge(
     rows: NDArray[np.float32],
@@ -234,13 +236,16 @@ def merge(
     noise_gate: np.float32,
     range_max: np.float32,
     frame_number: np.float32,
+    noise_weighting: bool,
+    look_up: bool,
     index: NDArray[np.int32],
 ) -> tuple[int, int, tuple[int, int, int]]:
     """Give every valid pixel its map point: the candidate, one in the voxels that noise can reach, or a new one.
 
-    The map's arrays and numbers are those of `Heatmap3D`. Position, colour and normal are running means weighted by
-    1 / sigma_z^2. Once no row is free, new points are left out. Fills in the index map, which is -1; returns the map's
-    new `used` and `free_count`, and how many pixels were warped, found and new.
+    The map's arrays and numbers are those of `Heatmap3D`. Position, colour and normal are running means, weighted by
+    1 / sigma_z^2 if `noise_weighting`. Without `look_up` all that has no candidate is new, and no voxel is entered.
+    Once no row is free, new points are left out. Fills in the index map, which is -1; returns the map's new `used` and
+    `free_count`, and how many pixels were warped, found and new.
     """
     h, w = depth.shape
     T = T_world_camera
@@ -260,7 +265,8 @@ def merge(
             if row >= 0:
                 warped += 1
             else:
-                row = _find_along_ray(keys, slot_rows, x, y, zw, T, z, noise_gate * sigma, per_metre)
+                if look_up:
+                    row = _find_along_ray(keys, slot_rows, x, y, zw, T, z, noise_gate * sigma, per_metre)
                 if row >= 0:
                     found += 1
                 elif free_count == 0 and used == len(rows):
@@ -273,13 +279,15 @@ def merge(
                         row = np.int32(used)
                         used += 1
                     appended += 1
-                    key = voxel_key(x, y, zw, per_metre)
-                    slot = find_slot(keys, key)
-                    keys[slot], slot_rows[slot], row_slots[row] = key, row, slot
+                    row_slots[row] = -1
+                    if look_up:
+                        key = voxel_key(x, y, zw, per_metre)
+                        slot = find_slot(keys, key)
+                        keys[slot], slot_rows[slot], row_slots[row] = key, row, slot
                     rows[row, :] = np.float32(0)
                     rows[row, LAST] = np.float32(-1)
             index[v, u] = row
-            weight = np.float32(1e-6) / (sigma * sigma)
+            weight = np.float32(1e-6) / (sigma * sigma) if noise_weighting else np.float32(1)
             total = rows[row, WEIGHT] + weight
             share = weight / total
             rows[row, WEIGHT] = total

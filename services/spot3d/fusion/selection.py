@@ -38,7 +38,7 @@ def frequent_points(rows: NDArray[np.float32], frame_count: int, settings: Fusio
     rows: (n, 16) float32 map rows, of which columns are copied.
     """
     least = min(settings.frequency_min, settings.frequency_share * frame_count)
-    tau = min(settings.tau, settings.tau_share * frame_count)
+    tau = min(settings.tau, settings.tau_share * frame_count) if settings.tau_share > 0 else settings.tau
     # As much room as there could be need of: what stays empty costs no memory. NumPy's own arrays are on huge pages.
     vectors = [np.empty((len(rows), 3), np.float32) for _ in range(3)]
     scalars = [np.empty(len(rows), np.float32) for _ in range(2)]

@@ -17,6 +17,19 @@ class FusionSettings(BaseModel):
         10_000, ge=10, le=1_000_000, description="triples of neighbouring pixels that RANSAC tries"
     )
     plane_candidates: int = Field(5, ge=1, le=20, description="dominant planes among which heat decides")
+    plane_search: Literal["refined", "triples"] = Field(
+        "refined",
+        description="triples: planes through three points each, all points counted, anew at every keyframe (the "
+        "paper); refined: known planes and a tenth of the triples, ranked on samples of the points, then fitted to the "
+        "inliers",
+    )
+    plane_heat_max: float = Field(
+        0.5,
+        gt=0,
+        le=1,
+        description="a plane hotter than this on average is an object's own face and supports nothing; 1: heat alone "
+        "decides (the paper)",
+    )
     keyframe_interval: int = Field(10, ge=1, description="frames between two estimates of the supporting plane")
     plane_removal: bool = Field(True, description="remove supporting planes (off: ablation noPlRem)")
 
@@ -31,6 +44,14 @@ class FusionSettings(BaseModel):
         320,
         ge=40,
         description="a frame is fused at about this many samples across, each the mean of its block",
+    )
+    noise_weighting: bool = Field(
+        True, description="running means weigh a sample by 1 / sigma^2 of its depth; off: plain means (the paper)"
+    )
+    look_up: bool = Field(
+        True,
+        description="a pixel that no pixel of the last frame matches finds the point that lies in its voxel; off: it "
+        "is a new point (the paper), and only map_limit bounds the map",
     )
     voxel: float = Field(0.005, gt=0.001, le=0.1, description="edge of the look-up voxels of map points, metres")
     map_limit: int = Field(2_000_000, ge=1000, le=20_000_000, description="most points that the 3D heatmap holds")
@@ -47,17 +68,28 @@ class FusionSettings(BaseModel):
     )
     tau: float = Field(10.0, ge=0, description="tau: favours points seen more often; or ...")
     tau_share: float = Field(
-        0.05, ge=0, le=1, description="... this share of the frames, whichever is lower: short runs count too"
+        0.05,
+        ge=0,
+        le=1,
+        description="... this share of the frames, whichever is lower: short runs count too; 0: tau as given (the "
+        "paper)",
     )
     heat_min: float = Field(0.18, ge=0, le=1, description="eps: pseudo-average confidence from which something is kept")
 
     clustering: Literal["density", "surface"] = Field(
         "surface",
-        description="density: threshold, plane clean-up, DBSCAN (the paper); surface: whole surfaces, split at "
-        "creases, judged by their mean heat",
+        description="density: threshold, K-means over the keyframes' planes, their removal, DBSCAN, merging, volume, "
+        "and no other rule (the paper); surface: whole surfaces, split at creases, judged by their mean heat",
     )
     density_radius: float = Field(0.02, gt=0, description="DBSCAN's radius, metres")
     density_points: int = Field(20, ge=1, description="DBSCAN's least neighbours of a core point")
+    density_cell: float = Field(
+        0.005,
+        ge=0,
+        le=0.1,
+        description="DBSCAN sees the points of a cell of this edge as one at their mean, with their number as its "
+        "weight, metres; 0: every point (the paper)",
+    )
     cell: float = Field(0.005, gt=0.001, le=0.1, description="edge of the cells of a surface, metres")
     crease: float = Field(12.0, gt=0, description="concavity from which a surface is split, 1/m")
     segment_cells: int = Field(40, ge=1, description="a region between creases smaller than this joins a neighbour")
@@ -84,18 +116,30 @@ PAPER = FusionSettings(
     plane_distance=0.005,
     plane_triples=10_000,
     plane_candidates=5,
+    plane_search="triples",
+    plane_heat_max=1.0,
     keyframe_interval=10,
     colour_gate=0.05,
     depth_gate=0.01,
     noise_gate=0.0,
-    lattice_width=640,
+    noise_weighting=False,
+    look_up=True,
+    voxel=0.005,
+    map_limit=2_000_000,
+    lattice_width=100_000,
+    range_max=1000.0,
     frequency_min=5,
     frequency_share=0.05,
     tau=10.0,
-    tau_share=1.0,
+    tau_share=0.0,
     heat_min=0.25,
     clustering="density",
-    size_min=0.0,
+    density_radius=0.02,
+    density_points=50,
     volume_min=1e-6,
 )
-"""The paper's values (Sec. V-A) and its own clustering."""
+"""The paper's way (Sec. IV) with its values (Sec. V-A); no camera measures depth up to that range_max.
+
+Departs from the paper in that a surface that comes into view again finds its points by voxel: else every pixel without
+a match adds a point, a tenth to a quarter of each frame's, without end.
+"""

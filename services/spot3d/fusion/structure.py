@@ -65,6 +65,10 @@ class PlaneMemory:
         other._planes = list(self._planes)
         return other
 
+    def removed(self) -> NDArray[np.float64]:
+        """The plane that each keyframe removed: (k, 4) float64, world."""
+        return np.array([item.plane for item in self._planes if item.removed]).reshape(-1, 4)
+
     def distinct(self, around: NDArray[np.float64]) -> list[StructurePlane]:
         """The different planes among all, by K-means, those with most removed heat first (paper, Sec. IV-D).
 

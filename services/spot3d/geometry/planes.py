@@ -16,8 +16,6 @@ _SHORTLIST = 50
 """Triples that are scored on the fine sample."""
 _LEAST_SHARE = 0.02
 """A dominant plane holds at least this share of the valid points."""
-_ALL_HOT = 0.5
-"""A plane hotter than this on average is an object's own face: what supports objects is mostly bare."""
 
 
 class PlaneSettings(Protocol):
@@ -38,6 +36,14 @@ class PlaneSettings(Protocol):
     @property
     def plane_candidates(self) -> int:
         """Most dominant planes of a frame."""
+
+
+class SupportSettings(PlaneSettings, Protocol):
+    """What a stage's settings say of planes, and of the one among them that supports objects."""
+
+    @property
+    def plane_heat_max(self) -> float:
+        """A plane hotter than this on average is an object's own face."""
 
 
 def plane_tolerance(depth: NDArray[np.float32], settings: PlaneSettings) -> NDArray[np.float32]:
@@ -101,17 +107,18 @@ def supporting_plane(
     planes: NDArray[np.float64],
     points: NDArray[np.float32],
     heat: NDArray[np.uint8],
-    settings: PlaneSettings,
+    settings: SupportSettings,
 ) -> tuple[NDArray[np.float64], float] | None:
     """The plane whose inliers hold most heat (paper, Eq. 10), with that heat (sum of H_2D); None if none holds any.
 
+    What supports objects is mostly bare: a plane hotter than `plane_heat_max` on average is left out.
     planes: (n, 4); points: (h, w, 3) float32, camera frame, z = 0 invalid; heat: (h, w) uint8, 255ths.
     """
     best, most = None, 0.0
     for plane in planes:
         inliers = heat[on_plane(plane, points, settings)]
         total = float(inliers.sum(dtype=np.int64)) / 255
-        if total > most and total < _ALL_HOT * len(inliers):
+        if total > most and total <= settings.plane_heat_max * len(inliers):
             best, most = plane, total
     return None if best is None else (best, most)
 

@@ -21,3 +21,7 @@ class HeatmapSettings(BaseModel):
     )
     soft_filter: bool = Field(True, description="mask the background of proposals (off: ablation noSFilt)")
     hard_filter: bool = Field(True, description="reject odd-sized proposals (off: ablation noHFilt)")
+
+
+PAPER = HeatmapSettings(depth_range_min=0.5, size_min=0.02, size_max=1.0, soft_filter=True, hard_filter=True)
+"""The paper's values (Sec. V-A)."""

@@ -29,10 +29,10 @@ def detect_edges(
     """Thin edges of a registered RGB-D frame: the stronger of colour and depth at each pixel, thinned.
 
     colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; focal_length: pixels. Colour alone
-    counts, at full weight, where no pixel has depth.
+    counts, at full weight, where no pixel has depth or depth is not asked for (`settings.depth`).
     """
     least = np.float32(settings.min_magnitude)
-    has_depth = bool(depth.any())
+    has_depth = settings.depth and bool(depth.any())
     smooth = np.asarray(cv2.GaussianBlur(colour, (5, 5), 1.0), np.uint8)
     weight = np.float32(settings.colour_weight if has_depth else 1)
     strength = colour_strength(smooth, weight, np.float32(settings.colour_contrast), least)

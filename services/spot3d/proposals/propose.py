@@ -76,13 +76,13 @@ def boxes_from_edges(edges: EdgeMap, ranges: DepthRange, settings: ProposalSetti
         min_affinity=MIN_AFFINITY,
     )
     index = index_windows(edges.magnitude, groups, settings.kappa)
-    min_area = settings.min_box_area * (width * height) / (640 * 480)
+    min_area = settings.min_box_area * (width * height / (640 * 480) if settings.scaled_area else 1.0)
     shapes = window_shapes(width, height, settings.alpha, settings.max_aspect_ratio, min_area)
     windows, scores = search(index, ranges, shapes, settings.min_score)
     place_step = (1 - settings.alpha) / (1 + settings.alpha)
     best = np.argsort(-scores, kind="stable")[: settings.refined]
     refined, better = windows[best], scores[best]
-    refine(index, refined, better, np.float32(place_step))
+    refine(index, refined, better, np.float32(place_step), settings.finest)
     windows[best], scores[best] = refined, better
     order = np.argsort(-scores, kind="stable")
     kept = suppress(windows, order, settings.beta, settings.eta, settings.max_boxes)

@@ -10,7 +10,7 @@ from spot3d.proposals.metric_size import DepthRange, surely_rejected
 from spot3d.proposals.scoring import score_limit, score_window
 from spot3d.proposals.window_index import WindowIndex
 
-FINEST = 24  # last move of a window's side, as a part of the window: closer than that boxes mean the same object
+EDGE_BOXES_FINEST = 3  # last move of a window's side in EdgeBoxes, pixels
 MIN_SIDE = 4  # of a window, pixels
 
 
@@ -83,16 +83,21 @@ def _search(
 
 
 @kernel()
-def refine(index: WindowIndex, windows: NDArray[np.int32], scores: NDArray[np.float32], place_step: np.float32) -> None:
-    """Move each window's four sides wherever its score gains, by steps that halve down to 1 / FINEST of it.
+def refine(
+    index: WindowIndex, windows: NDArray[np.int32], scores: NDArray[np.float32], place_step: np.float32, finest: int
+) -> None:
+    """Move each window's four sides wherever its score gains, by steps that halve down to 1 / `finest` of it.
 
-    windows: (n, 4) int32 [x0, y0, x1, y1]; scores: (n,) float32; place_step: the search's step by side.
+    windows: (n, 4) int32 [x0, y0, x1, y1]; scores: (n,) float32; place_step: the search's step by side. finest:
+    closer than that part of a window boxes mean the same object; 0: as close as EDGE_BOXES_FINEST.
     """
     h, w = index.sums.shape[0] - 1, index.sums.shape[1] - 1
     for i in range(scores.size):
         box = windows[i]
         step_x, step_y = int((box[2] - box[0]) * place_step) // 2, int((box[3] - box[1]) * place_step) // 2
-        last_x, last_y = max(1, (box[2] - box[0]) // FINEST), max(1, (box[3] - box[1]) // FINEST)
+        last_x, last_y = EDGE_BOXES_FINEST, EDGE_BOXES_FINEST
+        if finest > 0:
+            last_x, last_y = max(1, (box[2] - box[0]) // finest), max(1, (box[3] - box[1]) // finest)
         while step_x >= last_x or step_y >= last_y:
             for side in (1, 3, 0, 2):
                 step = max(1, step_y if side % 2 else step_x)

@@ -1,11 +1,12 @@
 """Objects of one frame alone, without fusion over time (paper, Sec. V-A, RGBD scenes)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, back_project
+from spot3d.fusion.density_frame import find_by_density_in_frame
 from spot3d.fusion.extraction import find_clusters
 from spot3d.fusion.selection import MapPoints
 from spot3d.fusion.settings import FusionSettings
@@ -41,13 +42,14 @@ def find_in_frame(
 
     colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths.
     """
+    if settings.clustering == "density":
+        return _boxed(find_by_density_in_frame(depth, heat, camera, settings), depth.shape)
     frame = to_lattice(colour, depth, heat, camera, camera.width)
     points = back_project(frame.depth, camera)
     planes = dominant_planes(points, settings, np.random.default_rng(settings.seed))
     chosen = supporting_plane(planes, points, heat, settings)
-    labels = np.zeros(depth.shape, np.int32)
     if chosen is None:
-        return SingleFrame(np.zeros((0, 4)), labels)
+        return _boxed([], depth.shape)
     pixels = np.flatnonzero((depth.ravel() > 0) & (depth.ravel() <= settings.range_max))
     normals = surface_normals(depth, camera)
     seen = MapPoints(
@@ -65,9 +67,14 @@ def find_in_frame(
     clusters = join_hanging(clusters, points, chosen[0][:3])
     clusters = join_occluded(clusters, points, normals, chosen[0][:3])
     clusters = [cluster for cluster in clusters if heat.ravel()[cluster].mean() >= 255 * settings.heat_min]
-    boxes = np.zeros((len(clusters), 4))
+    return replace(_boxed(clusters, depth.shape), support=chosen[0])
+
+
+def _boxed(clusters: list[NDArray[np.int64]], shape: tuple[int, ...]) -> SingleFrame:
+    """The frame, of this shape, with a label for each cluster of flat pixel numbers and a box around it."""
+    boxes, labels = np.zeros((len(clusters), 4)), np.zeros(shape, np.int32)
     for number, cluster in enumerate(clusters):
-        v, u = np.divmod(cluster, camera.width)
+        v, u = np.divmod(cluster, shape[1])
         boxes[number] = u.min(), v.min(), np.ptp(u) + 1, np.ptp(v) + 1
         labels.ravel()[cluster] = number + 1
-    return SingleFrame(boxes, labels, chosen[0])
+    return SingleFrame(boxes, labels)

@@ -1,0 +1,71 @@
+"""The dominant planes of a frame through triples of its points, as the paper finds them (Sec. IV-A)."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.fusion.settings import FusionSettings
+from spot3d.geometry.planes import count_inliers
+
+_NEIGHBOURHOOD = 1 / 16
+"""Neighbouring points lie within this share of the image's width: 7 cm at 1 m, fifty times the noise there. The paper
+does not say how near; between adjacent pixels, 2 mm apart, the noise alone would tell the normal."""
+_SAME_ANGLE, _SAME_DISTANCE = float(np.cos(np.deg2rad(10.0))), 0.05
+"""Planes that differ less, metres at the triple's first point, are not distinct: the paper does not say which are. A
+triple of its noise turns by a few degrees, and a surface's noise at 3 m and more reaches over some centimetres."""
+
+
+def planes_by_ransac(
+    points: NDArray[np.float32], settings: FusionSettings, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """The five distinct planes with most inliers among those through 10,000 triples of neighbouring points.
+
+    points: (h, w, 3) float32 metres, camera frame; z = 0 is invalid. Each plane is counted on all points (paper,
+    Eq. 9) and is not fitted to its inliers. Returns (n, 4) float64 [n_x, n_y, n_z, b], n unit and towards the camera
+    (b >= 0), n.x + b = 0 on the plane, most inliers first, n <= `plane_candidates`.
+    """
+    flat = points.reshape(-1, 3)
+    valid = np.flatnonzero(flat[:, 2] > 0)
+    if len(valid) == 0:
+        return np.zeros((0, 4))
+    triples = _neighbouring(points.shape, valid, settings.plane_triples, rng)
+    x1, x2, x3 = (flat[triples[:, i]].astype(np.float64) for i in range(3))
+    normal = np.cross(x2 - x1, x3 - x1)
+    length = np.linalg.norm(normal, axis=1)
+    proper = (x1[:, 2] > 0) & (x2[:, 2] > 0) & (x3[:, 2] > 0) & (length > 0)
+    x1, n = x1[proper], normal[proper] / length[proper, None]
+    b = -np.einsum("ij,ij->i", n, x1)
+    planes = np.column_stack((n, b)) * np.where(b < 0, -1, 1)[:, None]
+    tolerance = np.full(len(valid), settings.plane_distance, np.float32)
+    inliers = count_inliers(planes.astype(np.float32), flat[valid], tolerance)
+    return _distinct(planes, x1, inliers, settings.plane_candidates)
+
+
+def _neighbouring(
+    shape: tuple[int, ...], valid: NDArray[np.int64], count: int, rng: np.random.Generator
+) -> NDArray[np.int64]:
+    """(count, 3) flat pixel numbers: a random valid pixel and two others near it (perhaps invalid)."""
+    h, w = shape[:2]
+    reach = max(2, int(w * _NEIGHBOURHOOD))
+    first = valid[rng.integers(0, len(valid), count)]
+    v, u = np.divmod(first, w)
+    dv, du = rng.integers(-reach, reach + 1, (2, 2, count))
+    others = np.clip(v + dv, 0, h - 1) * w + np.clip(u + du, 0, w - 1)
+    return np.stack((first, others[0], others[1]), axis=1)
+
+
+def _distinct(
+    planes: NDArray[np.float64], x1: NDArray[np.float64], inliers: NDArray[np.int32], most: int
+) -> NDArray[np.float64]:
+    """At most so many of (n, 4) planes, those of most inliers first, without those that are hardly another.
+
+    x1: (n, 3), a point of each plane.
+    """
+    distinct: list[NDArray[np.float64]] = []
+    left = np.ones(len(planes), np.bool_)
+    while len(distinct) < most and left.any():
+        best = planes[np.argmax(np.where(left, inliers, -1))]
+        turned = planes[:, :3] @ best[:3] < _SAME_ANGLE
+        apart = np.abs(x1 @ best[:3] + best[3]) > _SAME_DISTANCE
+        left &= turned | apart
+        distinct.append(best)
+    return np.array(distinct).reshape(-1, 4)

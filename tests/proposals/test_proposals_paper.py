@@ -1,0 +1,66 @@
+"""What `paper` and `default` propose where they differ (the table in the README)."""
+
+import numpy as np
+import pytest
+from scenes import WALL, camera, overlaps, squares
+
+from spot3d.heatmap.heat import weighted_heat
+from spot3d.heatmap.settings import PAPER as PAPER_HEATMAP
+from spot3d.proposals.propose import propose
+from spot3d.proposals.settings import ProposalSettings
+from spot3d.settings import load_settings
+
+PAPER, DEFAULT = load_settings(preset="paper").proposals, ProposalSettings()
+BOX = (60, 70, 70, 90)
+
+
+def test_colour_edges_alone_are_searched() -> None:
+    """A box of the wall's colour stands out in depth only."""
+    colour, depth = squares(BOX)
+    grey = np.full_like(colour, 128)
+    assert len(propose(grey, depth, camera(), PAPER)) == 0
+    assert overlaps(propose(grey, depth, camera(), DEFAULT)[:5], BOX).max() > 0.7
+
+
+def test_depth_changes_no_box() -> None:
+    colour, depth = squares(BOX)
+    boxes = propose(colour, depth, camera(), PAPER)
+    np.testing.assert_array_equal(boxes, propose(colour, np.zeros_like(depth), camera(), PAPER))
+    assert overlaps(boxes[:5], BOX).max() > 0.7
+
+
+def test_the_search_is_at_full_size() -> None:
+    colour, depth = squares((121, 141, 141, 181), shape=(480, 640))
+    paper, default = (propose(colour, depth, camera(640, 480), settings)[:, :4] for settings in (PAPER, DEFAULT))
+    assert (default % 2 == 0).all()
+    assert (paper % 2 == 1).any()
+
+
+@pytest.mark.parametrize(("settings", "least"), [(PAPER, 1000), (DEFAULT, 250)])
+def test_the_smallest_window_has_so_many_pixels_whatever_the_image(settings: ProposalSettings, least: int) -> None:
+    """EdgeBoxes' minBoxArea, 1000 square pixels; the default's follows the image's size."""
+    colour, depth = squares(*((x, y, 16, 16) for x in range(40, 280, 40) for y in range(40, 200, 40)))
+    boxes = propose(colour, depth, camera(), settings.model_copy(update={"refined": 0}))[:, :4]
+    inner = boxes[(boxes[:, :2] > 0).all(axis=1) & (boxes[:, :2] + boxes[:, 2:] < (320, 240)).all(axis=1)]
+    assert (inner[:, 2] * inner[:, 3]).min() == pytest.approx(least, rel=0.1)
+
+
+def test_the_values_are_those_of_edge_boxes() -> None:
+    found = PAPER.alpha, PAPER.beta, PAPER.gamma, PAPER.kappa, PAPER.eta, PAPER.min_score, PAPER.edges.min_magnitude
+    assert found == (0.65, 0.75, 2.0, 1.5, 1.0, 0.01, 0.1)
+    limits = PAPER.edge_merge_threshold, PAPER.cluster_min_magnitude, PAPER.max_aspect_ratio
+    assert (*limits, PAPER.min_box_area, PAPER.max_boxes) == (0.5, 0.5, 3.0, 1000.0, 1000)
+
+
+def test_windows_of_impossible_size_are_proposed_and_left_to_the_hard_filter() -> None:
+    """A wall at 2 m, with a square of 1.5 m on it; default: as culled, but for what refinement adds."""
+    colour = np.where(squares((40, 20, 200, 200))[0] == 160, 255, 0).astype(np.uint8)
+    depth = np.full(colour.shape[:2], WALL, np.float32)
+    metre = camera().fx / WALL
+    paper, default = (
+        propose(colour, depth, camera(), PAPER.model_copy(update={"metric_culling": on})) for on in (False, True)
+    )
+    assert (paper[:, 2:4] > metre).all(axis=1).any()
+    assert weighted_heat(depth, camera(), paper, PAPER_HEATMAP).rejected > 0
+    assert not (default[:, 2:4] > 1.1 * metre).all(axis=1).any()
+    assert PAPER.metric_culling < DEFAULT.metric_culling
