@@ -175,6 +175,15 @@ def test_a_finished_run_is_measured_from_its_folder(tmp_path: Path) -> None:
     assert row["AP"] == row["AP all"] > 90
 
 
+def test_intrinsics_are_of_one_data_set(tmp_path: Path) -> None:
+    write_osd(tmp_path)
+    words = ["filters", str(tmp_path), "--intrinsics", "60,61,32,24", "--json", str(tmp_path / "numbers.json")]
+    assert CliRunner().invoke(app, words, catch_exceptions=False).exit_code == 0
+    assert json.loads((tmp_path / "numbers.json").read_text())["record"]["options"]["intrinsics"] == "60,61,32,24"
+    result = CliRunner().invoke(app, ["all", str(tmp_path), "--intrinsics", "60,61,32,24"])
+    assert "one data set's" in str(result.exception)
+
+
 @pytest.mark.parametrize("words", [["run", "scene:3"], ["points", "scene:3", "--of", "out"]])
 def test_a_run_is_asked_for_in_one_way(words: list[str]) -> None:
     result = CliRunner().invoke(app, words)

@@ -6,9 +6,18 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from spot3d.cli_options import CommandError, EveryOption, FramesOption, HalfOption, PresetOption, SettingsOption
+from spot3d.cli_options import (
+    CommandError,
+    EveryOption,
+    FramesOption,
+    HalfOption,
+    IntrinsicsOption,
+    PresetOption,
+    SettingsOption,
+)
 from spot3d.settings import load_settings
 from spot3d.source.errors import SourceError
+from spot3d.source.intrinsics_files import parse_intrinsics
 
 ALL, RUN = "all", "run"
 BUILT_IN = ("scenes:5",)
@@ -33,6 +42,7 @@ def evaluate(
     every: EveryOption = 1,
     frames: FramesOption = None,
     half: HalfOption = False,
+    intrinsics: IntrinsicsOption = None,
     settings: SettingsOption = None,
     preset: PresetOption = None,
 ) -> None:
@@ -52,13 +62,16 @@ def evaluate(
         raise CommandError(f"there is no table {table!r}; there are {', '.join(TABLES)}, run, and all")
     if (table == RUN) != (of is not None):
         raise CommandError("a finished run is measured by: spot3d evaluate run PATH --of FOLDER")
+    if intrinsics is not None and table == ALL:
+        raise CommandError("--intrinsics are one data set's: name it and one table")
     stay_single_threaded()
     names = [path] if table != ALL else [*BUILT_IN, *map(str, datasets_below(Path(path)))]
     resolved = load_settings(settings, preset, {"pose": {"provider": pose}})
+    camera = None if intrinsics is None else parse_intrinsics(intrinsics)
     datasets = []
     for name in names:
         try:
-            dataset = open_dataset(name, resolved, every, frames)
+            dataset = open_dataset(name, resolved, every, frames, camera)
         except SourceError as error:
             if table != ALL:
                 raise
@@ -74,6 +87,7 @@ def evaluate(
         made.append(one)
         typer.echo(to_markdown(one))
     options = {"table": table, "every": every, "frames": frames, "half": half, "pose": pose, "of": of and str(of)}
+    options["intrinsics"] = intrinsics
     kept = record(resolved, {name: data_checksum(name) for name in names}, options)
     typer.echo(_measured_on(kept))
     if json_file is not None:
