@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from table_frame import BLOCKS, CAMERA, T_WORLD_CAMERA, table_depth
 
-from spot3d.boxes import iou_matrix_2d
+from spot3d.boxes import Box3D, iou_matrix_2d, iou_matrix_3d
 from spot3d.evaluate.dominant_plane import dominant_plane
 from spot3d.evaluate.labelled import mask_boxes
 from spot3d.evaluate.peer import behind_peer, dbscan_clusters, peer_in_frame, voxel_means
+from spot3d.evaluate.peer_map import FRAMES_MAX, PeerMap
+from spot3d.fusion.settings import FusionSettings
 
 
 def test_the_dominant_plane_is_the_one_with_most_points() -> None:
@@ -75,3 +77,36 @@ def test_who_is_behind_is_told(ours: float, theirs: float, said: list[str]) -> N
 def test_all_that_is_behind_is_told_at_once() -> None:
     (said,) = behind_peer("desk", [("success", 0.1, 0.2), ("detection", 0.3, 0.4)])
     assert said == "Behind plane + DBSCAN in success (0.10, it 0.20) and detection (0.30, it 0.40) on desk."
+
+
+def test_peer_boxes_what_stands_in_the_cloud_of_all_frames() -> None:
+    """Noisy frames of a table from both sides: boxes around what stands on it, upright, in the run's world."""
+    rng, frames = np.random.default_rng(3), 12
+    peer = PeerMap(frames)
+    for number in range(frames):
+        pose = T_WORLD_CAMERA.copy()
+        pose[0, 3] += 0.03 * (number - frames / 2)
+        depth, _ = table_depth(BLOCKS, pose)
+        depth += rng.normal(0, 0.002, depth.shape).astype(np.float32)
+        peer.add(depth, CAMERA, pose, 2.5)
+    found = peer.found(FusionSettings())
+    true = [Box3D((np.array(a) + b) / 2, np.subtract(b, a), np.eye(3)) for a, b in BLOCKS]
+    assert len(found.boxes) == len(found.points) == len(true)
+    # The camera sees no backs: what it shows of a block is 1 cm above the table and ends before its far side.
+    assert iou_matrix_3d(true, found.boxes).max(axis=1).min() > 0.5
+    for box in found.boxes:
+        assert box.rotation[2, 2] == pytest.approx(1, abs=1e-3)
+    assert peer.found(FusionSettings(size_max=0.05)).boxes == ()
+
+
+def test_peer_takes_some_of_many_frames_and_what_they_see_often() -> None:
+    many, depth = PeerMap(10 * FRAMES_MAX), table_depth()[0]
+    for _ in range(11):
+        many.add(depth, CAMERA, T_WORLD_CAMERA, 2.5)
+    assert many.frames_taken == 2
+    assert PeerMap(3).found(FusionSettings()).boxes == ()
+    blinking = PeerMap(20)
+    for number in range(20):
+        blinking.add(depth if number == 0 else table_depth(())[0], CAMERA, T_WORLD_CAMERA, 2.5)
+    assert len(blinking.found(FusionSettings(frequency_share=0.2)).boxes) == 0
+    assert len(blinking.found(FusionSettings(frequency_min=1)).boxes) == len(BLOCKS)

@@ -80,7 +80,7 @@ def evaluate(
         datasets.append(at_half_size(dataset) if half else dataset)
     made = []
     if of is not None:
-        tables = iter([finished_table(dataset, of) for dataset in datasets])
+        tables = iter([finished_table(dataset, of, resolved) for dataset in datasets])
     else:
         tables = make_tables(list(TABLES) if table == ALL else [table], datasets, resolved, _say)
     for one in tables:
