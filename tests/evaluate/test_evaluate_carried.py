@@ -6,7 +6,7 @@ from table_frame import CAMERA, T_WORLD_CAMERA, Block, table_depth
 
 from spot3d.boxes import Box3D
 from spot3d.evaluate.carried import Sightings
-from spot3d.evaluate.judgement import Found, judge, moved, on_ignored
+from spot3d.evaluate.judgement import Found, judge, moved, that_count
 from spot3d.evaluate.points import IGNORED
 from spot3d.evaluate.truth import LabelledScene
 
@@ -106,7 +106,7 @@ def test_boxes_on_ignored_points_are_left_out() -> None:
     xyz = np.array([[0, 0, 0], [0.1, 0, 0], [3, 0, 0], [3.1, 0, 0], [3.2, 0, 0]], np.float32)
     label = np.array([1, 0, IGNORED, IGNORED, 0], np.uint8)
     truth = LabelledScene(("mug",), (1,), (box(0),), UP, xyz, label)
-    assert [on_ignored(box(x), truth) for x in (0.0, 3.0, 9.0)] == [False, True, False]
+    assert [len(that_count([box(x)], truth)) for x in (0.0, 3.0, 9.0)] == [1, 0, 1]
     judged = judge([box(0), box(3), box(9)], truth)
     assert (len(judged.boxes), judged.left_out, judged.iou.shape) == (2, 1, (1, 2))
     assert judged.success_of_all() == (1, 3)

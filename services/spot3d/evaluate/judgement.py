@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D, iou_matrix_3d
-from spot3d.evaluate.points import IGNORED, PointScores, point_scores, points_in_boxes
+from spot3d.evaluate.points import IGNORED, PointScores, SortedPoints, point_scores
 from spot3d.evaluate.scores import HIT
 from spot3d.evaluate.truth import LabelledScene
 
@@ -60,12 +60,15 @@ def moved(box: Box3D, T_target_source: NDArray[np.float64]) -> Box3D:
 
 
 def that_count(found: Sequence[Box3D], truth: LabelledScene) -> tuple[Box3D, ...]:
-    """The boxes that hit a true object, or lie where the labels tell that there is none."""
+    """The boxes that hit a true object, or lie where the labels tell that there is none.
+
+    Where most labelled points in a box are ignored ones, nothing tells whether an object is there.
+    """
     hits = iou_matrix_3d(truth.boxes, found).max(axis=0, initial=0.0) >= HIT
-    return tuple(box for box, hit in zip(found, hits, strict=True) if hit or not on_ignored(box, truth))
+    points = SortedPoints(truth.xyz)
 
+    def on_ignored(box: Box3D) -> bool:
+        inside = truth.label[points.rows_in(box)]
+        return bool(np.count_nonzero(inside == IGNORED) > len(inside) / 2)
 
-def on_ignored(box: Box3D, truth: LabelledScene) -> bool:
-    """Whether most labelled points in the box are ignored ones: nothing tells whether an object is there."""
-    inside = truth.label[points_in_boxes(truth.xyz, [box])]
-    return bool(np.count_nonzero(inside == IGNORED) > len(inside) / 2)
+    return tuple(box for box, hit in zip(found, hits, strict=True) if hit or not on_ignored(box))

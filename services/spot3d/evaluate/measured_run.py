@@ -13,7 +13,7 @@ from spot3d.evaluate.carried import Sightings
 from spot3d.evaluate.judgement import Found, Judged, judge, moved
 from spot3d.evaluate.labelled import LabelledSequence
 from spot3d.evaluate.peer_map import PeerMap
-from spot3d.evaluate.points import points_in_boxes
+from spot3d.evaluate.points import SortedPoints
 from spot3d.evaluate.projection import box_surface, boxes_in_view, thinned
 from spot3d.evaluate.stability import Update
 from spot3d.evaluate.truth import LabelledScene
@@ -111,7 +111,8 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
     T = np.eye(4) if known else world_alignment(sequence, tracked)
     boxes = tuple(found.box for found in result.objects.objects)
     xyz = result.fusion.frequent_points().xyz.astype(np.float64)
-    ours = Found(boxes, tuple(xyz[points_in_boxes(xyz, [box])] for box in boxes))
+    cloud = SortedPoints(xyz)
+    ours = Found(boxes, tuple(xyz[cloud.rows_in(box)] for box in boxes))
     carried = sightings.carried(invert(T))
     return MeasuredRun(
         ours=measured(sequence, ours, truth, carried, T),

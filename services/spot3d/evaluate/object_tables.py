@@ -108,8 +108,8 @@ def points_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Tab
         for name, some in ({name: [run] for name, run in done.items()} | several).items():
             ours, peer = [run.ours for run in some], [run.peer for run in some]
             ms = float(np.mean([run.frame_ms() for run in some]))
-            table.add(name, size, OURS, *_point_cells(ours), without_object([one.fixed.iou for one in ours]), ms)
-            table.add(name, size, PEER, *_point_cells(peer), without_object([one.fixed.iou for one in peer]), None)
+            table.add(name, size, OURS, *point_cells(ours), without_object([one.fixed.iou for one in ours]), ms)
+            table.add(name, size, PEER, *point_cells(peer), without_object([one.fixed.iou for one in peer]), None)
             table.notes += behind_peer(f"{name} at {size}", point_measures(ours, peer))
     table.notes += [
         f"Poses: {settings.pose.provider}. Time: all stages but reading, one after the other.",
@@ -155,7 +155,7 @@ def overlap_measures(ours: list[Measured], peer: list[Measured]) -> list[tuple[s
 
 def point_measures(ours: list[Measured], peer: list[Measured]) -> list[tuple[str, float, float]]:
     """F of the labelled points in both worlds, ours and the peer's, for `behind_peer`."""
-    (*_, fixed, _, _, carried), (*_, peer_fixed, _, _, peer_carried) = _point_cells(ours), _point_cells(peer)
+    (*_, fixed, _, _, carried), (*_, peer_fixed, _, _, peer_carried) = point_cells(ours), point_cells(peer)
     return [("F", fixed, peer_fixed), ("carried F", carried, peer_carried)]
 
 
@@ -167,7 +167,7 @@ def _carried(done: list[Measured]) -> list[NDArray[np.float64]]:
     return [one.carried.iou for one in done]
 
 
-def _point_cells(done: list[Measured]) -> list[float]:
+def point_cells(done: list[Measured]) -> list[float]:
     """In the order of POINTS."""
     cells = list[float]()
     for scores in ([one.fixed.points for one in done], [one.carried.points for one in done]):
