@@ -77,6 +77,8 @@ def test_rows_of_each_table(all_tables: tuple[str, dict[str, Any], Path]) -> Non
     assert min(times["proposals ms"], times["heatmap ms"], times["fusion ms"]) > 0
     assert len(rows["stability"]) == rows["objects"][0]["true"]
     assert {row["provider"] for row in rows["poses"]} >= {"kiss"}
+    notes = {made["table"]: made["notes"] for made in all_tables[1]["tables"]}
+    assert "ids given in 1 updates" in notes["stability"][0]
 
 
 def test_record_and_plots(all_tables: tuple[str, dict[str, Any], Path]) -> None:

@@ -133,6 +133,13 @@ def stability_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> 
         for row, name in enumerate(truth.names):
             jitter = (1e3 * float(steady.centre_jitter[row]), 1e3 * float(steady.size_jitter[row]))
             table.add(item.name, name, int(steady.id_switches[row]), 100 * float(steady.matched[row]), *jitter)
+        ids = {number for update in run.updates for number, _ in update}
+        last = len(run.updates[-1]) if run.updates else 0
+        strays = int(without_object([run.ours.fixed.iou]))
+        table.notes.append(
+            f"{item.name}: {len(ids)} ids given in {len(run.updates)} updates, {last} objects in the last one; "
+            f"{strays} boxes that count are no true object."
+        )
     table.notes.append(
         "Matched: share of updates with a box of IoU 0.25 or more; jitter: median change from one update to the next, "
         f"last half of the run. Poses: {settings.pose.provider}."

@@ -130,9 +130,10 @@ def robustness_table(
     if own and set(only) & set(OF_GIVEN_POSES):
         table.notes.append("Shaken and late poses are given ones; here the system finds its own, so they are left out.")
     table.notes += [
-        "Poses: each axis off by a smooth random error of this deviation, correlated over 10 frames. Depth: noise "
-        "added until its deviation is so many times that of a Kinect, 1.2 mm + 1.9 mm/m2 (z - 0.4 m)^2. Holes: share "
-        f"of the measured pixels lost in blobs, others in each frame. All with seed {SEED}.",
+        "Poses: each axis off by a smooth random error of this deviation, correlated over 10 frames. Delay: of poses "
+        "against images, in recorded frames. Depth: noise added until its deviation is so many times that of a Kinect, "
+        "1.2 mm + 1.9 mm/m2 (z - 0.4 m)^2. Holes: share of the measured pixels lost in blobs, others in each frame. "
+        f"All with seed {SEED}.",
         NOTE_NO_OBJECT,
         NOTE_CARRIED,
         NOTE_PEER,
