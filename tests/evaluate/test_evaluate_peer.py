@@ -67,6 +67,7 @@ def test_voxel_means_are_of_each_voxels_points() -> None:
         (0.796, 0.8, []),
         (0.5, 0.8, ["Behind plane + DBSCAN in success (0.50, it 0.80) on desk."]),
         (nan, 0.1, ["Behind plane + DBSCAN in success (-, it 0.10) on desk."]),
+        (nan, 0.0, []),
         (0.1, nan, []),
     ],
 )
@@ -76,7 +77,7 @@ def test_who_is_behind_is_told(ours: float, theirs: float, said: list[str]) -> N
 
 def test_all_that_is_behind_is_told_at_once() -> None:
     (said,) = behind_peer("desk", [("success", 0.1, 0.2), ("detection", 0.3, 0.4)])
-    assert said == "Behind plane + DBSCAN in success (0.10, it 0.20) and detection (0.30, it 0.40) on desk."
+    assert said == "Behind plane + DBSCAN in success (0.10, it 0.20), detection (0.30, it 0.40) on desk."
 
 
 def test_peer_boxes_what_stands_in_the_cloud_of_all_frames() -> None:

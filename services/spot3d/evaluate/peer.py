@@ -68,11 +68,11 @@ def voxel_means(points: NDArray[np.floating], voxel: float) -> tuple[NDArray[np.
 def behind_peer(where: str, measures: Sequence[tuple[str, float, float]]) -> list[str]:
     """A sentence on the measures (name, ours, the peer's; the larger the better) in which the peer is ahead, if any.
 
-    What rounds to the same two decimals is the same; ours undefined (nothing found) is behind whatever it has.
+    What rounds to the same two decimals is the same; undefined (nothing found) is nothing.
     """
     worse = [
         f"{name} ({'-' if np.isnan(ours) else f'{ours:.2f}'}, it {theirs:.2f})"
         for name, ours, theirs in measures
-        if not np.isnan(theirs) and not round(ours, 2) >= round(theirs, 2)
+        if round(float(np.nan_to_num(theirs)), 2) > round(float(np.nan_to_num(ours)), 2)
     ]
-    return [f"Behind {PEER} in {' and '.join(worse)} on {where}."] if worse else []
+    return [f"Behind {PEER} in {', '.join(worse)} on {where}."] if worse else []
