@@ -1,7 +1,6 @@
 """`evaluate` end to end on the built-in scene and a made-up data set, with a handful of frames."""
 
 import json
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +10,15 @@ import typer
 from evaluate_samples import write_osd, write_uw_scenes
 from typer.testing import CliRunner
 
-from spot3d.boxes import Box3D
 from spot3d.evaluate.command import evaluate
 from spot3d.evaluate.cost_tables import STAGES
 from spot3d.evaluate.datasets import at_half_size, open_dataset
-from spot3d.evaluate.measured_run import MeasuredRun, Runs, moved, on_ignored, world_alignment
-from spot3d.evaluate.object_tables import ablations
+from spot3d.evaluate.judgement import moved
+from spot3d.evaluate.measured_run import Runs, world_alignment
+from spot3d.evaluate.object_tables import OURS, ablations
+from spot3d.evaluate.peer import PEER
 from spot3d.evaluate.tables import TABLES
-from spot3d.evaluate.truth import FoundObject, LabelledScene
+from spot3d.evaluate.truth import FoundObject
 from spot3d.run.results import RunResult, TrackedFrame, write_results
 from spot3d.settings import Settings, load_settings
 from spot3d.source.errors import SourceError
@@ -27,6 +27,7 @@ app = typer.Typer(pretty_exceptions_enable=False)
 app.command()(evaluate)
 
 FRAMES = 2
+METHODS = [OURS, PEER]
 
 
 @pytest.fixture(scope="module")
@@ -58,11 +59,17 @@ def test_markdown_and_json_say_the_same(all_tables: tuple[str, dict[str, Any], P
 def test_rows_of_each_table(all_tables: tuple[str, dict[str, Any], Path]) -> None:
     rows = {made["table"]: made["rows"] for made in all_tables[1]["tables"]}
     assert [row["proposals"] for row in rows["proposals"]] == [50, 100]
-    assert [row["method"] for row in rows["ablations"]] == ["noHmap", "noSFilt", "noHFilt", "noPlRem", "whole"]
+    assert [row["method"] for row in rows["ablations"]] == ["noHmap", "noSFilt", "noHFilt", "noPlRem", "whole", PEER]
     assert rows["objects"][0]["size"] == "320x240"
-    (overlap,) = rows["objects"]
-    assert overlap["left out"] == 0, "the scene's labels ignore nothing"
-    assert overlap["3D SR all"] == overlap["3D SR"]
+    assert [row["method"] for row in rows["objects"]] == [row["method"] for row in rows["points"]] == METHODS
+    for overlap in rows["objects"]:
+        assert overlap["left out"] == 0, "the scene's labels ignore nothing"
+        assert overlap["3D SR all"] == overlap["3D SR"]
+        assert overlap["carried DR"] == overlap["3D DR"], "given poses bend nothing"
+        assert 0 <= overlap["no object"] <= overlap["found"]
+    for points in rows["points"]:
+        assert points["carried F"] == pytest.approx(points["F"], abs=0.5)
+    assert {row["peer DR"] for row in rows["proposals"]} == {rows["proposals"][0]["peer DR"]}
     for row in rows["filters"]:
         assert row["accepted %"] + row["masked in part %"] + row["rejected %"] == pytest.approx(100)
     (times,) = rows["time"]
@@ -70,6 +77,8 @@ def test_rows_of_each_table(all_tables: tuple[str, dict[str, Any], Path]) -> Non
     assert min(times["proposals ms"], times["heatmap ms"], times["fusion ms"]) > 0
     assert len(rows["stability"]) == rows["objects"][0]["true"]
     assert {row["provider"] for row in rows["poses"]} >= {"kiss"}
+    notes = {made["table"]: made["notes"] for made in all_tables[1]["tables"]}
+    assert "ids given in 1 updates" in notes["stability"][0]
 
 
 def test_record_and_plots(all_tables: tuple[str, dict[str, Any], Path]) -> None:
@@ -141,18 +150,6 @@ def test_odometry_is_measured_in_the_true_world() -> None:
         world_alignment(sequence, [(-1, np.eye(4))])
 
 
-def test_boxes_on_ignored_points_are_left_out() -> None:
-    def box(x: float) -> Box3D:
-        return Box3D(np.array((x, 0.0, 0.0)), np.ones(3), np.eye(3))
-
-    xyz = np.array([[0, 0, 0], [0.1, 0, 0], [3, 0, 0], [3.1, 0, 0], [3.2, 0, 0]], np.float32)
-    label = np.array([1, 0, 255, 255, 0], np.uint8)
-    truth = LabelledScene(("mug",), (1,), (box(0),), np.array((0.0, 0.0, 1.0)), xyz, label)
-    assert [on_ignored(box(x), truth) for x in (0.0, 3.0, 9.0)] == [False, True, False]
-    run = MeasuredRun((box(0),), 3, [], np.array([[0.6]]), [], {}, Counter(), Counter(), 1)
-    assert run.success_of_all() == (1, 4)
-
-
 def test_a_finished_run_is_measured_from_its_folder(tmp_path: Path) -> None:
     scene = open_dataset("scene:3", Settings(), every=20, frames=4)
     sequence, truth = scene.sequences[0].sequence, scene.sequences[0].truth
@@ -167,12 +164,25 @@ def test_a_finished_run_is_measured_from_its_folder(tmp_path: Path) -> None:
     words = ["run", "scene:3", "--of", str(tmp_path), "--json", str(tmp_path / "numbers.json")]
     result = CliRunner().invoke(app, words, catch_exceptions=False)
     assert result.exit_code == 0
-    (row,) = json.loads((tmp_path / "numbers.json").read_text())["tables"][0]["rows"]
+    row, peer = json.loads((tmp_path / "numbers.json").read_text())["tables"][0]["rows"]
+    assert [row["method"], peer["method"]] == METHODS
     count = len(found)
     assert (row["poses"], row["found"], row["true"], row["left out"]) == (3, count - 1, count, 0)
     assert row["3D DR"] == pytest.approx((count - 1) / count)
     assert (row["3D SR"], row["3D IoU_o"]) == pytest.approx((1, 1))
     assert row["AP"] == row["AP all"] > 90
+    assert row["carried AP"] > 90
+    assert row["carried IoU"] == pytest.approx(row["3D IoU"])
+    assert (row["no object"], row["carried SR"]) == (0, pytest.approx(1))
+
+
+def test_intrinsics_are_of_one_data_set(tmp_path: Path) -> None:
+    write_osd(tmp_path)
+    words = ["filters", str(tmp_path), "--intrinsics", "60,61,32,24", "--json", str(tmp_path / "numbers.json")]
+    assert CliRunner().invoke(app, words, catch_exceptions=False).exit_code == 0
+    assert json.loads((tmp_path / "numbers.json").read_text())["record"]["options"]["intrinsics"] == "60,61,32,24"
+    result = CliRunner().invoke(app, ["all", str(tmp_path), "--intrinsics", "60,61,32,24"])
+    assert "one data set's" in str(result.exception)
 
 
 @pytest.mark.parametrize("words", [["run", "scene:3"], ["points", "scene:3", "--of", "out"]])

@@ -5,12 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evaluate_samples import uw_cloud, write_osd, write_rgbd_scenes, write_uw_scenes
+from evaluate_samples import uw_cloud, write_osd, write_png, write_rgbd_scenes, write_uw_scenes
 
+from spot3d.camera import Intrinsics
 from spot3d.evaluate.datasets import at_half_size, both_sizes, dataset_kind, datasets_below, open_dataset
-from spot3d.evaluate.labelled import joined
+from spot3d.evaluate.labelled import DataSet, joined
 from spot3d.evaluate.ply import read_ply_points
 from spot3d.evaluate.scenes import scene_names
+from spot3d.evaluate.scores import without_object
+from spot3d.evaluate.unjudged import judged_overlap
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
 
@@ -29,6 +32,50 @@ def test_osd(tmp_path: Path) -> None:
     half = at_half_size(dataset)
     assert half.frames is not None
     np.testing.assert_array_equal(half.frames.read(0).boxes, [[2.5, 5, 10, 5], [20, 15, 2, 0.5]])
+
+
+def test_a_folder_in_osds_layout_has_a_camera_of_its_own(tmp_path: Path) -> None:
+    write_osd(tmp_path)
+    given = open_dataset(str(tmp_path), Settings(), intrinsics=(60.0, 61.0, 32.0, 24.0)).frames
+    (tmp_path / "camera-intrinsics.txt").write_text("570.34 0 31.5\n0 570.34 23.5\n0 0 1\n")
+    stated = open_dataset(str(tmp_path), Settings()).frames
+    assert given is not None
+    assert stated is not None
+    assert given.read(0).frame.intrinsics == Intrinsics(60, 61, 32, 24, 64, 48)
+    assert stated.read(0).frame.intrinsics == Intrinsics(570.34, 570.34, 31.5, 23.5, 64, 48)
+    (tmp_path / "camera-intrinsics.txt").write_text("570.34 0 319.5\n0 570.34 239.5\n0 0 1\n")
+    misfit = open_dataset(str(tmp_path), Settings()).frames
+    assert misfit is not None
+    with pytest.raises(SourceError, match=r"camera-intrinsics\.txt.*outside of the 64x48 image"):
+        misfit.read(0)
+
+
+def test_other_data_sets_keep_their_camera(tmp_path: Path) -> None:
+    write_rgbd_scenes(tmp_path / "rgbd")
+    write_uw_scenes(tmp_path / "uw")
+    for name in (str(tmp_path / "rgbd"), str(tmp_path / "uw"), "scene"):
+        with pytest.raises(SourceError, match="has its own camera"):
+            open_dataset(name, Settings(), intrinsics=(60.0, 61.0, 32.0, 24.0))
+
+
+def test_what_an_annotation_does_not_judge(tmp_path: Path) -> None:
+    write_osd(tmp_path)
+    annotation = np.ones((48, 64), np.uint8)
+    annotation[10:20, 5:25], annotation[20:40, 30:60] = 2, 0
+    write_png(tmp_path / "annotation" / "learn2.png", annotation)
+    for dataset, size in ((open_dataset(str(tmp_path), Settings()), 1), (half_of_osd(tmp_path), 2)):
+        assert dataset.frames is not None
+        item = dataset.frames.read(0)
+        found = np.array([[30, 20, 30, 20], [28, 8, 30, 20], [0, 40, 9, 8], [5, 10, 20, 10], [6, 10, 19, 25]]) / size
+        iou, left_out = judged_overlap(item, found)
+        assert (iou.shape, left_out) == ((1, 4), 1)
+        assert iou[0, 2] == 1
+        assert without_object([iou]) == 2, "a stray box on the table, and one half on what is not judged"
+        assert judged_overlap(item, np.zeros((0, 4)))[0].shape == (1, 0)
+
+
+def half_of_osd(folder: Path) -> DataSet:
+    return at_half_size(open_dataset(str(folder), Settings()))
 
 
 def test_osd_disparity(tmp_path: Path) -> None:

@@ -81,6 +81,21 @@ def test_recall_plot(tmp_path: Path) -> None:
     assert sorted(path.name for path in (tmp_path / "plots").iterdir()) == ["objects-other.png", "objects-scene-1.png"]
 
 
+def test_a_curve_over_named_levels() -> None:
+    curve = Curve(
+        "scene:1 holes", "ours", np.array([0.0, 0.5, 1.0]), np.array([1.0, 1.0, nan]), ("0 %", "10 %", "30 %")
+    )
+    drawn, empty = recall_plot("holes", [curve]), recall_plot("holes", [])
+    blue = (drawn == (0, 114, 178)).all(axis=2)
+    assert blue[60, 300]
+    assert not blue[60, 500], "what is not known is not drawn"
+    assert (drawn[530:560, 60:100] != empty[530:560, 60:100]).any(), "levels stand below the axis"
+    table = Table("robustness", "Title", (), curves=[curve])
+    assert to_document(table)["curves"] == [
+        {"data": "scene:1 holes", "name": "ours", "levels": ["0 %", "10 %", "30 %"], "rate": [1.0, 1.0, None]}
+    ]
+
+
 def test_boxes_in_view() -> None:
     box = Box3D(np.array((0.0, 0.0, 2.0)), np.array((0.4, 0.2, 0.0)), np.eye(3))
     centred = box_surface(box)

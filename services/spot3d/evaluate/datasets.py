@@ -14,6 +14,7 @@ from spot3d.run.selected import Selection, open_selection
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import halve
+from spot3d.source.intrinsics_files import FocalAndCentre
 from spot3d.source.sequences import at_half_size as half_sequence
 from spot3d.source.seven_scenes import is_seven_scenes
 from spot3d.source.tum import is_tum
@@ -23,15 +24,23 @@ DEPTH = 2
 """Folders below a root in which data sets are looked for."""
 
 
-def open_dataset(name: str, settings: Settings, every: int = 1, frames: int | None = None) -> DataSet:
+def open_dataset(
+    name: str,
+    settings: Settings,
+    every: int = 1,
+    frames: int | None = None,
+    intrinsics: FocalAndCentre | None = None,
+) -> DataSet:
     """The data set in a folder, by its layout, or the built-in scene: `scene:SEED`, `scenes:COUNT` (seeds 0 ..).
 
-    every: only each so-manieth frame of a sequence; frames: at most so many of what is left of it. Truth of
+    every: only each so-manieth frame of a sequence; frames: at most so many of what is left of it. intrinsics: fx, fy,
+    cx, cy in pixels of a folder in the layout of OSD, 7-Scenes or TUM RGB-D, instead of those it states. Truth of
     7-Scenes is `labels.json` with `labelled_cloud.npz`, that of TUM RGB-D `truth_objects.txt`; without it, poses
     are compared only. Raises SourceError, saying what is missing.
     """
     scenes = scene_names(name)
     if scenes is not None:
+        _has_own_camera(name, intrinsics)
         opened = [open_scene(scene, settings, every, frames) for scene in scenes]
         return DataSet(name, "built-in scene", joined([f for _, f in opened]), tuple(s for s, _ in opened))
     folder = Path(name)
@@ -39,14 +48,16 @@ def open_dataset(name: str, settings: Settings, every: int = 1, frames: int | No
         raise SourceError(f"{folder} is no folder; give a data set's folder ({LAYOUTS}), scene or scenes:5")
     kind = dataset_kind(folder)
     if kind == "OSD":
-        return DataSet(folder.name, kind, frames=open_osd(folder, every, frames))
+        return DataSet(folder.name, kind, frames=open_osd(folder, every, frames, intrinsics))
     if kind == "RGB-D Scenes 2011":
+        _has_own_camera(name, intrinsics)
         return DataSet(folder.name, kind, frames=open_rgbd_scenes(folder, every, frames))
     if kind == "RGB-D Scenes v2":
+        _has_own_camera(name, intrinsics)
         return DataSet(folder.name, kind, sequences=open_uw_scenes(folder, every, frames))
     if kind is None:
         raise SourceError(f"{folder} is none of the data sets {LAYOUTS}; the README says how each is laid out")
-    sequence = open_selection(Selection(name, frames, every), settings)
+    sequence = open_selection(Selection(name, frames, every, intrinsics), settings)
     return DataSet(folder.name, kind, sequences=(LabelledSequence(folder.name, sequence, _truth_of(folder)),))
 
 
@@ -85,7 +96,8 @@ def at_half_size(dataset: DataSet) -> DataSet:
 
     def read(index: int) -> LabelledFrame:
         full = frames.read(index)
-        return LabelledFrame(halve(full.frame), full.boxes / 2)
+        unjudged = None if full.unjudged is None else full.unjudged[::2, ::2]
+        return LabelledFrame(halve(full.frame), full.boxes / 2, unjudged)
 
     return DataSet(dataset.name, dataset.kind, LabelledFrames(frames.count, read), sequences, halved=True)
 
@@ -99,6 +111,11 @@ def both_sizes(datasets: list[DataSet]) -> list[tuple[DataSet, str]]:
                 camera = sized.sequences[0].sequence.intrinsics
                 pairs.append((sized, f"{camera.width}x{camera.height}"))
     return pairs
+
+
+def _has_own_camera(name: str, intrinsics: FocalAndCentre | None) -> None:
+    if intrinsics is not None:
+        raise SourceError(f"{name} has its own camera; leave --intrinsics away")
 
 
 def _truth_of(folder: Path) -> LabelledScene | None:

@@ -1,51 +1,83 @@
-"""A run that is over, live ones with their dropped frames included: what it wrote, beside the truth."""
+"""A run that is over, live ones with their dropped frames included: what it wrote, beside the truth and the peer."""
 
 from pathlib import Path
 
-from spot3d.boxes import iou_matrix_3d
+from spot3d.camera import invert
+from spot3d.evaluate.carried import Sightings
+from spot3d.evaluate.judgement import Found, judge
 from spot3d.evaluate.labelled import DataSet, LabelledSequence
-from spot3d.evaluate.measured_run import moved, that_count, world_alignment
-from spot3d.evaluate.points import point_scores
-from spot3d.evaluate.scores import object_scores
+from spot3d.evaluate.measured_run import world_alignment
+from spot3d.evaluate.object_tables import NOTE_CARRIED, NOTE_NO_OBJECT, NOTE_PEER, OURS
+from spot3d.evaluate.peer import PEER, behind_peer
+from spot3d.evaluate.peer_map import FRAMES_MAX, PeerMap
+from spot3d.evaluate.scores import object_scores, without_object
 from spot3d.evaluate.table import Column, Table
 from spot3d.evaluate.truth import LabelledScene, read_found_objects
+from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
 from spot3d.trajectory import read_tum
 
+COLUMNS = (
+    *(Column(name) for name in ("data", "method", "poses", "found", "left out", "no object", "true")),
+    *(Column(f"3D {name}") for name in ("IoU", "IoU_o", "SR", "DR")),
+    *(Column(name, 1) for name in ("AP", "AR", "F", "AP all", "AR all", "F all")),
+    *(Column(f"carried {name}") for name in ("IoU", "IoU_o", "SR", "DR")),
+    *(Column(f"carried {name}", 1) for name in ("AP", "AR", "F")),
+)
 
-def finished_table(dataset: DataSet, folder: Path) -> Table:
-    """Overlap and points (paper, Fig. 12 and Table IV) of the objects in a run's folder.
 
-    Raises SourceError where the data set has not one sequence with true objects and poses, and where the folder
-    holds no run of it.
+def finished_table(dataset: DataSet, folder: Path, settings: Settings) -> Table:
+    """Overlap and points (paper, Fig. 12 and Table IV) of the objects in a run's folder, and of the peer.
+
+    At most 300 of the run's frames are read again, for the peer's cloud and to see where the true objects are;
+    `settings` have the limits of the peer's. Raises SourceError where the data set has not one sequence with true
+    objects and poses, and where the folder holds no run of it.
     """
     item, truth = _labelled(dataset)
     try:
         stamps, poses = read_tum(folder / "trajectory.txt")
-        found = read_found_objects(folder / "objects.json")
+        objects = read_found_objects(folder / "objects.json")
     except (FileNotFoundError, ValueError) as error:
         raise SourceError(f"{folder} holds no finished run: {error}") from error
     T = world_alignment(item.sequence, list(zip(stamps, poses, strict=True)))
-    every = [moved(one.box, T) for one in found]
-    boxes = that_count(every, truth)
-    points = [point_scores(truth.xyz, truth.label, list(chosen)) for chosen in (boxes, every)]
-    table = Table(
-        "run",
-        f"Objects of the run in {folder}",
-        (
-            *(Column("data"), Column("poses"), Column("found"), Column("left out"), Column("true")),
-            *(Column(f"3D {name}") for name in ("IoU", "IoU_o", "SR", "DR")),
-            *(Column(name, 1) for name in ("AP", "AR", "F", "AP all", "AR all", "F all")),
-        ),
-        notes=[
-            "The found world is moved into the true one as all trusted poses agree best.",
-            "Left out of all but the last three: found boxes that meet no true object, on points that nobody labelled.",
-        ],
-    )
-    counts = (len(stamps), len(every), len(every) - len(boxes), len(truth.boxes))
-    overlap = object_scores([iou_matrix_3d(truth.boxes, boxes)]).cells()
-    scores = [value for one in points for value in (one.precision, one.recall, one.f_measure)]
-    table.add(item.name, *counts, *overlap, *scores)
+    index_of = {stamp: index for index, stamp in enumerate(item.sequence.stamps_ns)}
+    played = [(index_of[stamp], pose) for stamp, pose in zip(stamps, poses, strict=True) if stamp in index_of]
+    played = played[:: -(-len(played) // FRAMES_MAX)]
+    peer, sightings = PeerMap(len(played)), Sightings(truth)
+    for index, pose in played:
+        frame, true_pose = item.sequence[index], item.sequence.true_pose(index)
+        depth = frame.depth_metres()
+        peer.add(depth, frame.intrinsics, pose, settings.fusion.range_max)
+        if true_pose is not None:
+            sightings.add(depth, frame.intrinsics, true_pose, pose)
+    carried = sightings.carried(invert(T))
+    table = Table("run", f"Objects of the run in {folder}", COLUMNS)
+    methods = {OURS: Found(tuple(one.box for one in objects), ()), PEER: peer.found(settings.fusion)}
+    rates = []
+    for method, found in methods.items():
+        fixed, bent = judge(found.moved(T).boxes, truth), judge(found.boxes, carried)
+        overlap, overlap_carried = object_scores([fixed.iou]), object_scores([bent.iou])
+        counts = (len(stamps), len(found.boxes), fixed.left_out, int(without_object([fixed.iou])), len(truth.boxes))
+        points = [
+            (one.precision, one.recall, one.f_measure) for one in (fixed.points, fixed.points_of_all, bent.points)
+        ]
+        cells = (*overlap.cells(), *points[0], *points[1], *overlap_carried.cells(), *points[2])
+        table.add(item.name, method, *counts, *cells)
+        worlds = ("", overlap, fixed), ("carried ", overlap_carried, bent)
+        rates.append(
+            {f"{world}success": scores.success for world, scores, _ in worlds}
+            | {f"{world}detection": scores.detection for world, scores, _ in worlds}
+            | {f"{world}F": judged.points.f_measure for world, _, judged in worlds}
+        )
+    table.notes += behind_peer(item.name, [(name, ours, rates[1][name]) for name, ours in rates[0].items()])
+    table.notes += [
+        "The found world is moved into the true one as all trusted poses agree best.",
+        "Left out of all but the columns with `all`: found boxes that meet no true object, on points that nobody "
+        "labelled.",
+        NOTE_NO_OBJECT,
+        NOTE_CARRIED,
+        NOTE_PEER,
+    ]
     return table
 
 

@@ -2,14 +2,17 @@
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.boxes import detection_rate, iou_matrix_2d, success_rate
-from spot3d.evaluate.labelled import DataSet
-from spot3d.evaluate.scores import recall_of
-from spot3d.evaluate.table import Column, Table
+from spot3d.boxes import detection_rate, success_rate
+from spot3d.evaluate.labelled import DataSet, LabelledFrame
+from spot3d.evaluate.peer import PEER, RADIUS, behind_peer, peer_in_frame
+from spot3d.evaluate.scores import recall_of, without_object
+from spot3d.evaluate.table import Cell, Column, Table
+from spot3d.evaluate.unjudged import judged_overlap
 from spot3d.frame import RgbdFrame
 from spot3d.heatmap.heat import Heat, weighted_heat
 from spot3d.proposals.propose import propose
@@ -21,42 +24,81 @@ NUMBERS = (50, 100, 500, 1000, 2000)
 
 
 def proposals_table(datasets: list[DataSet], settings: Settings) -> Table:
-    """Success (SR) and detection rate (DR) at IoU 0.5 of the bare boxes and of ours (paper, Table I).
+    """Success (SR) and detection rate (DR) at IoU 0.5 of the bare boxes, of ours (paper, Table I), and of the peer.
 
     Ours: filter the proposals by depth, remove the supporting plane, cluster, and box each cluster's pixels.
     """
-    columns: tuple[Column, ...] = (
-        Column("data"),
-        Column("proposals"),
-        Column("boxes SR"),
-        Column("boxes DR"),
-        Column("ours SR"),
+    columns: tuple[Column, ...] = (Column("data"), Column("proposals"), Column("boxes SR"), Column("boxes DR"))
+    for method in ("ours", "peer"):
+        columns += (Column(f"{method} SR"), Column(f"{method} DR"), Column(f"{method} a frame", 1))
+        columns += (Column(f"{method} no object", 1), Column(f"{method} left out", 1))
+    table = Table(
+        "proposals",
+        "Single frame: success and detection rate (paper, Table I)",
+        (*columns, Column("true a frame", 1)),
     )
-    columns += (Column("ours DR"), Column("ours a frame", 1), Column("true a frame", 1))
-    table = Table("proposals", "Single frame: success and detection rate (paper, Table I)", columns)
     for dataset in datasets:
         frames = dataset.frames
         if frames is None:
             continue
-        bare = {number: list[NDArray[np.float64]]() for number in NUMBERS}
-        ours = {number: list[NDArray[np.float64]]() for number in NUMBERS}
+        bare, ours = ({number: _Found() for number in NUMBERS} for _ in range(2))
+        peer = _Found()
         for item in (frames.read(index) for index in range(frames.count)):
             depth, camera = item.frame.depth_metres(), item.frame.intrinsics
+            peer.add(item, peer_in_frame(depth, camera))
             for number in NUMBERS:
                 boxes, heat = proposals_and_heat(item.frame, with_proposals(settings, max_boxes=number))
                 found = find_in_frame(item.frame.colour, depth, heat.heat, camera, settings.fusion)
-                bare[number].append(iou_matrix_2d(item.boxes, boxes))
-                ours[number].append(iou_matrix_2d(item.boxes, found.boxes))
+                bare[number].add(item, boxes)
+                ours[number].add(item, found.boxes)
         for number in NUMBERS:
             b, o = bare[number], ours[number]
-            rates = (success_rate(b), detection_rate(b), success_rate(o), detection_rate(o))
-            table.add(dataset.name, number, *rates, _mean_columns(o), _mean_rows(o))
+            table.add(dataset.name, number, b.success, b.detection, *o.cells(), *peer.cells(), peer.true)
             table.curves += [
-                recall_of(dataset.name, f"{number} boxes", b),
-                recall_of(dataset.name, f"{number} ours", o),
+                recall_of(dataset.name, f"{number} boxes", b.iou),
+                recall_of(dataset.name, f"{number} ours", o.iou),
             ]
-    table.notes.append("Boxes: the proposals as they come; ours: what is found with them in the same frame.")
+            measures = [("success", o.success, peer.success), ("detection", o.detection, peer.detection)]
+            table.notes += behind_peer(f"{dataset.name} with {number} proposals", measures)
+        table.curves.append(recall_of(dataset.name, PEER, peer.iou))
+    table.notes += [
+        "Boxes: the proposals as they come; ours: what is found with them in the same frame. "
+        f"Peer: {PEER}, the dominant plane and all beneath it taken away, radius {100 * RADIUS:g} cm.",
+        "No object: found boxes a frame that overlap every true one by less than IoU 0.25. Left out: boxes a frame "
+        "that hit nothing and lie mostly on pixels that nobody judged.",
+    ]
     return table
+
+
+@dataclass(slots=True)
+class _Found:
+    """What a method found in a data set's frames: IoU matrices (true, counted), and how many boxes were left out."""
+
+    iou: list[NDArray[np.float64]] = field(default_factory=list)
+    left_out: int = 0
+
+    def add(self, item: LabelledFrame, boxes: NDArray[np.floating]) -> None:
+        iou, left_out = judged_overlap(item, boxes)
+        self.iou.append(iou)
+        self.left_out += left_out
+
+    @property
+    def success(self) -> float:
+        return success_rate(self.iou)
+
+    @property
+    def detection(self) -> float:
+        return detection_rate(self.iou)
+
+    @property
+    def true(self) -> float:
+        """True objects a frame."""
+        return float(np.mean([matrix.shape[0] for matrix in self.iou]))
+
+    def cells(self) -> tuple[Cell, ...]:
+        """Success, detection, boxes, boxes without an object and boxes left out, the last three a frame."""
+        found = float(np.mean([matrix.shape[1] for matrix in self.iou]))
+        return self.success, self.detection, found, without_object(self.iou), self.left_out / len(self.iou)
 
 
 def filters_table(datasets: list[DataSet], settings: Settings) -> Table:
@@ -98,11 +140,3 @@ def _all_frames(dataset: DataSet) -> Iterator[RgbdFrame]:
     else:
         for item in dataset.sequences:
             yield from item.sequence
-
-
-def _mean_columns(matrices: list[NDArray[np.float64]]) -> float:
-    return float(np.mean([matrix.shape[1] for matrix in matrices]))
-
-
-def _mean_rows(matrices: list[NDArray[np.float64]]) -> float:
-    return float(np.mean([matrix.shape[0] for matrix in matrices]))

@@ -4,13 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from spot3d.evaluate.dominant_plane import dominant_plane
+
 VOXEL = 0.02
 """Points in voxels of this size that touch belong to one object, metres."""
 PART = 0.1
 """A piece with less than this share of the voxels of the class's largest one is a label's stray edge."""
-TRIPLES = 500
-ON_PLANE = 0.01
-SAMPLE = 20_000
 
 
 def split_instances(xyz: NDArray[np.float32]) -> list[NDArray[np.int64]]:
@@ -32,16 +31,4 @@ def split_instances(xyz: NDArray[np.float32]) -> list[NDArray[np.int64]]:
 
 def table_normal(xyz: NDArray[np.float32], camera: NDArray[np.float64]) -> NDArray[np.float64]:
     """Unit normal (3,) of the plane with most of the (n, 3) points, on the side of the camera's place (3,)."""
-    rng = np.random.default_rng(0)
-    sample = xyz[rng.permutation(len(xyz))[:SAMPLE]].astype(np.float64)
-    best, normal, middle = -1, np.array((0.0, 0.0, 1.0)), sample.mean(axis=0)
-    for a, b, c in sample[rng.integers(0, len(sample), (TRIPLES, 3))]:
-        cross = np.cross(b - a, c - a)
-        length = float(np.linalg.norm(cross))
-        if length < 1e-9:
-            continue
-        near = np.abs((sample - a) @ (cross / length)) < ON_PLANE
-        if int(near.sum()) > best:
-            best, middle = int(near.sum()), sample[near].mean(axis=0)
-            normal = np.linalg.svd(sample[near] - middle, full_matrices=False)[2][2]
-    return normal if normal @ (camera - middle) >= 0 else -normal
+    return dominant_plane(xyz, camera)[:3]

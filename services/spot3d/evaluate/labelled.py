@@ -13,10 +13,14 @@ from spot3d.source.sequence import FrameSequence
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelledFrame:
-    """One frame and the (n, 4) float64 boxes [x, y, w, h] around its true objects, pixels."""
+    """One frame and the (n, 4) float64 boxes [x, y, w, h] around its true objects, pixels.
+
+    unjudged: (h, w) bool, pixels of which the annotation says nothing; None: it speaks of all.
+    """
 
     frame: RgbdFrame
     boxes: NDArray[np.float64]
+    unjudged: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,9 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.boxes import Box3D, iou_matrix_2d, iou_matrix_3d
+from spot3d.boxes import Box3D, iou_matrix_2d
+from spot3d.camera import invert
+from spot3d.evaluate.carried import Sightings
+from spot3d.evaluate.judgement import Found, Judged, judge, moved
 from spot3d.evaluate.labelled import LabelledSequence
-from spot3d.evaluate.points import IGNORED, points_in_boxes
+from spot3d.evaluate.peer_map import PeerMap
+from spot3d.evaluate.points import SortedPoints
 from spot3d.evaluate.projection import box_surface, boxes_in_view, thinned
 from spot3d.evaluate.stability import Update
 from spot3d.evaluate.truth import LabelledScene
@@ -20,35 +24,38 @@ from spot3d.source.sequence import FrameSequence
 
 VIEWS_2D = 50
 """2D overlap is measured in about so many frames, evenly spread."""
-HIT = 0.5
-"""IoU from which on a found box is a true object's, whatever the labels in it."""
 NO_TRUTH = LabelledScene((), (), (), np.array((0.0, 0.0, 1.0)), np.zeros((0, 3), np.float32), np.zeros(0, np.uint8))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MeasuredRun:
-    """What a run found and cost, in the world of the true poses.
+class Measured:
+    """What one method found, judged.
 
-    boxes: the final objects that count; ignored: how many others meet no true object and lie on points that no
-    label speaks of.
-    updates: the objects of each update, in order of time. iou_3d: (true, found); iou_2d: the same in each of the
-    views. step_s: seconds of each stage for each of its frames, the first frame left out (it loads kernels).
+    fixed: in the world of the true poses, into which the run's world is moved as a whole. carried: in the run's
+    world, into which each true object is carried by the frames that see it. iou_2d: (true, found) in each of the
+    views, in the fixed world.
     """
 
-    boxes: tuple[Box3D, ...]
-    ignored: int
-    updates: list[Update]
-    iou_3d: NDArray[np.float64]
+    fixed: Judged
+    carried: Judged
     iou_2d: list[NDArray[np.float64]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredRun:
+    """What a run found and cost, and what the peer makes of the same frames and poses.
+
+    updates: the objects of each update, in order of time, in the world of the true poses. step_s: seconds of each
+    stage for each of its frames, the first frame left out (it loads kernels).
+    """
+
+    ours: Measured
+    peer: Measured
+    updates: list[Update]
     step_s: dict[str, list[float]]
     heat_counts: Counter[str]
     skipped: Counter[str]
     frames: int
-
-    def success_of_all(self) -> tuple[int, int]:
-        """Found boxes that hit a true one at IoU 0.5, and all found boxes, the ignored ones included."""
-        hits = int(np.count_nonzero(self.iou_3d.max(axis=0, initial=0.0) >= HIT))
-        return hits, len(self.boxes) + self.ignored
 
     def frame_ms(self) -> float:
         """Mean time of all stages for a frame, reading it not included; objects count by their share of frames."""
@@ -76,37 +83,61 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
     """Run the whole method over the sequence and compare what it finds with the truth.
 
     With odometry the found world is that of the first pose: it is moved into the true one by the rigid
-    transform that agrees best with all true poses (`world_alignment`). Raises SourceError where true objects
-    have no true poses to be placed by.
+    transform that agrees best with all true poses (`world_alignment`), and each true object is carried into it
+    by the frames that see it (`Sightings`). Raises SourceError where true objects have no true poses to be placed by.
     """
-    truth = item.truth or NO_TRUTH
-    if item.truth is not None and not item.sequence.has_true_poses:
+    sequence, truth = item.sequence, item.truth or NO_TRUTH
+    if item.truth is not None and not sequence.has_true_poses:
         raise SourceError(f"{item.name} has no true poses to place its true objects by")
-    settings = with_poses_there_are(settings, item.sequence)
+    settings = with_poses_there_are(settings, sequence)
     updates: list[list[tuple[int, Box3D]]] = []
+    true_of = {stamp: sequence.true_pose(index) for index, stamp in enumerate(sequence.stamps_ns)}
+    peer, sightings = PeerMap(len(sequence)), Sightings(truth)
 
     def follow(step: PipelineStep) -> None:
         if step.objects is not None:
             updates.append([(found.id, found.box) for found in step.objects.objects])
+        if step.pose.status != "ok" or not truth.boxes:
+            return
+        depth, camera = step.frame.depth_metres(), step.frame.intrinsics
+        peer.add(depth, camera, step.pose.T_world_camera, settings.fusion.range_max)
+        T_true_camera = true_of[step.frame.stamp_ns]
+        if T_true_camera is not None:
+            sightings.add(depth, camera, T_true_camera, step.pose.T_world_camera)
 
-    result = run_pipeline(item.sequence, settings, follow)
+    result = run_pipeline(sequence, settings, follow)
     tracked = [(stamp, pose.T_world_camera) for stamp, pose in result.trajectory if pose.status == "ok"]
     known = settings.pose.provider == "given" or not truth.boxes
-    T = np.eye(4) if known else world_alignment(item.sequence, tracked)
-    found = [moved(found.box, T) for found in result.objects.objects]
-    boxes = that_count(found, truth)
-    xyz = result.fusion.frequent_points().xyz.astype(np.float64) @ T[:3, :3].T + T[:3, 3]
+    T = np.eye(4) if known else world_alignment(sequence, tracked)
+    boxes = tuple(found.box for found in result.objects.objects)
+    xyz = result.fusion.frequent_points().xyz.astype(np.float64)
+    cloud = SortedPoints(xyz)
+    ours = Found(boxes, tuple(xyz[cloud.rows_in(box)] for box in boxes))
+    carried = sightings.carried(invert(T))
     return MeasuredRun(
-        boxes=boxes,
-        ignored=len(found) - len(boxes),
+        ours=measured(sequence, ours, truth, carried, T),
+        peer=measured(sequence, peer.found(settings.fusion), truth, carried, T),
         updates=[[(number, moved(box, T)) for number, box in update] for update in updates],
-        iou_3d=iou_matrix_3d(truth.boxes, boxes),
-        iou_2d=views_2d(item.sequence, truth, [thinned(xyz[points_in_boxes(xyz, [box])]) for box in boxes]),
         step_s={stage: times[1:] if stage != "objects" else times for stage, times in result.step_s.items()},
         heat_counts=result.heat_counts,
         skipped=result.skipped,
-        frames=len(item.sequence),
+        frames=len(sequence),
     )
+
+
+def measured(
+    sequence: FrameSequence,
+    found: Found,
+    truth: LabelledScene,
+    carried: LabelledScene,
+    T_true_found: NDArray[np.float64],
+) -> Measured:
+    """What was found in the run's world, beside the truth, and beside the truth carried into the run's world."""
+    fixed = found.moved(T_true_found)
+    judged = judge(fixed.boxes, truth)
+    counted = set(judged.boxes)
+    points = [thinned(p) for box, p in zip(fixed.boxes, fixed.points, strict=True) if box in counted]
+    return Measured(judged, judge(found.boxes, carried), views_2d(sequence, truth, points))
 
 
 def with_poses_there_are(settings: Settings, sequence: FrameSequence) -> Settings:
@@ -114,24 +145,6 @@ def with_poses_there_are(settings: Settings, sequence: FrameSequence) -> Setting
     if settings.pose.provider != "given" or sequence.has_true_poses:
         return settings
     return settings.model_copy(update={"pose": settings.pose.model_copy(update={"provider": "kiss"})})
-
-
-def moved(box: Box3D, T_target_source: NDArray[np.float64]) -> Box3D:
-    """The box in another frame."""
-    R = T_target_source[:3, :3]
-    return Box3D(R @ box.centre + T_target_source[:3, 3], box.size, R @ box.rotation)
-
-
-def that_count(found: Sequence[Box3D], truth: LabelledScene) -> tuple[Box3D, ...]:
-    """The boxes that hit a true object, or lie where the labels tell that there is none."""
-    hits = iou_matrix_3d(truth.boxes, found).max(axis=0, initial=0.0) >= HIT
-    return tuple(box for box, hit in zip(found, hits, strict=True) if hit or not on_ignored(box, truth))
-
-
-def on_ignored(box: Box3D, truth: LabelledScene) -> bool:
-    """Whether most labelled points in the box are ignored ones: nothing tells whether an object is there."""
-    inside = truth.label[points_in_boxes(truth.xyz, [box])]
-    return bool(np.count_nonzero(inside == IGNORED) > len(inside) / 2)
 
 
 def world_alignment(sequence: FrameSequence, tracked: Sequence[tuple[int, NDArray[np.float64]]]) -> NDArray[np.float64]:

@@ -1,47 +1,74 @@
 """Tables of the objects that a whole run finds: overlap, ablations (Table III), points (Table IV), stability."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spot3d.evaluate.datasets import both_sizes
 from spot3d.evaluate.frame_tables import with_proposals
 from spot3d.evaluate.labelled import DataSet
-from spot3d.evaluate.measured_run import MeasuredRun, Runs
-from spot3d.evaluate.points import mean_point_scores, point_scores
-from spot3d.evaluate.scores import object_scores, recall_of
+from spot3d.evaluate.measured_run import Measured, MeasuredRun, Runs
+from spot3d.evaluate.peer import PEER, RADIUS, behind_peer
+from spot3d.evaluate.peer_map import FRAMES_MAX, VOXEL
+from spot3d.evaluate.points import mean_point_scores
+from spot3d.evaluate.scores import object_scores, recall_of, without_object
 from spot3d.evaluate.stability import stability
 from spot3d.evaluate.table import Cell, Column, Table
 from spot3d.settings import Settings
 
+OURS = "spot3d"
 OVERLAP = tuple(Column(f"{space} {name}") for space in ("2D", "3D") for name in ("IoU", "IoU_o", "SR", "DR"))
-OVERLAP += (Column("3D SR all"), Column("left out", 1))
+OVERLAP += (Column("3D SR all"), Column("left out", 1), Column("no object", 1))
+CARRIED = tuple(Column(f"carried {name}") for name in ("IoU", "IoU_o", "SR", "DR"))
+POINTS = ("AP", "AR", "F", "carried AP", "carried AR", "carried F")
+NOTE_CARRIED = (
+    "Carried: judged in the run's own world, into which the frames that see a true object carry it (median), its "
+    "points with it and every other point with the nearest object; beside it, the run's world moved as a whole."
+)
+NOTE_NO_OBJECT = "No object: boxes that count, of a scene, and overlap every true object by less than IoU 0.25."
+NOTE_PEER = (
+    f"{PEER}: points of up to {FRAMES_MAX} frames with the run's poses in voxels of {100 * VOXEL:g} cm, dominant "
+    f"planes taken away, clusters of radius {100 * RADIUS:g} cm, upright boxes within the same limits of size."
+)
 
 
 def objects_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Table:
     """2D and 3D overlap of the objects found, at VGA and half size, with recall curves (paper, Fig. 12)."""
-    columns: tuple[Column, ...] = (Column("data"), Column("size"), *OVERLAP, Column("found", 1), Column("true", 1))
+    columns: tuple[Column, ...] = (Column("data"), Column("size"), Column("method"), *OVERLAP)
+    columns += (*CARRIED, Column("found", 1), Column("true", 1))
     table = Table("objects", "Objects of whole runs: overlap with the true ones (paper, Fig. 12)", columns)
     for dataset, size in both_sizes(datasets):
         done = _runs_of(dataset, settings, runs)
-        if done:
-            found, true = (float(np.mean([run.iou_3d.shape[axis] for run in done])) for axis in (1, 0))
-            table.add(dataset.name, size, *_overlap(done), found, true)
+        if not done:
+            continue
+        methods = {OURS: [run.ours for run in done], PEER: [run.peer for run in done]}
+        for method, one in methods.items():
+            found, true = (float(np.mean([each.fixed.iou.shape[axis] for each in one])) for axis in (1, 0))
+            carried = object_scores([each.carried.iou for each in one]).cells()
+            table.add(dataset.name, size, method, *_overlap(one), *carried, found, true)
             table.curves += [
-                recall_of(dataset.name, f"2D {size}", [matrix for run in done for matrix in run.iou_2d]),
-                recall_of(dataset.name, f"3D {size}", [run.iou_3d for run in done]),
+                recall_of(dataset.name, f"2D {size} {method}", [matrix for each in one for matrix in each.iou_2d]),
+                recall_of(dataset.name, f"3D {size} {method}", [each.fixed.iou for each in one]),
             ]
+        table.notes += behind_peer(f"{dataset.name} at {size}", overlap_measures(*methods.values()))
     _note_overlap(table, settings)
+    table.notes.append(NOTE_CARRIED)
     return table
 
 
 def ablations_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Table:
-    """2D and 3D overlap without one step each, and with all (paper, Table III)."""
+    """2D and 3D overlap without one step each, and with all (paper, Table III), and that of the peer."""
     columns: tuple[Column, ...] = (Column("data"), Column("method"), *OVERLAP)
     table = Table("ablations", "Ablations: overlap without one step each (paper, Table III)", columns)
     for dataset in datasets:
         for name, changed in ablations(settings).items():
             done = _runs_of(dataset, changed, runs)
             if done:
-                table.add(dataset.name, name, *_overlap(done))
+                table.add(dataset.name, name, *_overlap([run.ours for run in done]))
+        done = _runs_of(dataset, settings, runs)
+        if done:
+            table.add(dataset.name, PEER, *_overlap([run.peer for run in done]))
+            measures = overlap_measures([run.ours for run in done], [run.peer for run in done])
+            table.notes += behind_peer(f"{dataset.name}, whole", measures)
     table.notes.append("Without the hard filter, windows are not culled by their metric size either.")
     _note_overlap(table, settings)
     return table
@@ -68,31 +95,27 @@ def ablations(settings: Settings) -> dict[str, Settings]:
 
 def points_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Table:
     """AP, AR and F of labelled points in the objects' boxes, and time (paper, Table IV)."""
-    columns = (
-        Column("data"),
-        Column("size"),
-        Column("AP", 1),
-        Column("AR", 1),
-        Column("F", 1),
-        Column("ms a frame", 1),
-    )
+    columns: tuple[Column, ...] = (Column("data"), Column("size"), Column("method"))
+    columns += tuple(Column(name, 1) for name in POINTS)
+    columns += (Column("no object", 1), Column("ms a frame", 1))
     table = Table("points", "Labelled points in the boxes, and time (paper, Table IV)", columns)
     for dataset, size in both_sizes(datasets):
-        scores, times = [], []
-        for item in dataset.sequences:
-            if item.truth is None or not len(item.truth.label):
-                continue
-            run = runs.run(item, settings)
-            scores.append(point_scores(item.truth.xyz, item.truth.label, run.boxes))
-            times.append(run.frame_ms())
-            if len(dataset.sequences) > 1:
-                last = scores[-1]
-                table.add(item.name, size, last.precision, last.recall, last.f_measure, times[-1])
-        if scores:
-            mean = scores[0] if len(scores) == 1 else mean_point_scores(scores)
-            name = dataset.name if len(scores) == 1 else f"{dataset.name}, mean"
-            table.add(name, size, mean.precision, mean.recall, mean.f_measure, float(np.mean(times)))
-    table.notes.append(f"Poses: {settings.pose.provider}. Time: all stages but reading, one after the other.")
+        items = [item for item in dataset.sequences if item.truth is not None and len(item.truth.label)]
+        if not items:
+            continue
+        done = {item.name: runs.run(item, settings) for item in items}
+        several = {f"{dataset.name}, mean": list(done.values())} if len(done) > 1 else {}
+        for name, some in ({name: [run] for name, run in done.items()} | several).items():
+            ours, peer = [run.ours for run in some], [run.peer for run in some]
+            ms = float(np.mean([run.frame_ms() for run in some]))
+            table.add(name, size, OURS, *point_cells(ours), without_object([one.fixed.iou for one in ours]), ms)
+            table.add(name, size, PEER, *point_cells(peer), without_object([one.fixed.iou for one in peer]), None)
+            table.notes += behind_peer(f"{name} at {size}", point_measures(ours, peer))
+    table.notes += [
+        f"Poses: {settings.pose.provider}. Time: all stages but reading, one after the other.",
+        NOTE_NO_OBJECT,
+        NOTE_CARRIED,
+    ]
     return table
 
 
@@ -110,6 +133,13 @@ def stability_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> 
         for row, name in enumerate(truth.names):
             jitter = (1e3 * float(steady.centre_jitter[row]), 1e3 * float(steady.size_jitter[row]))
             table.add(item.name, name, int(steady.id_switches[row]), 100 * float(steady.matched[row]), *jitter)
+        ids = {number for update in run.updates for number, _ in update}
+        last = len(run.updates[-1]) if run.updates else 0
+        strays = int(without_object([run.ours.fixed.iou]))
+        table.notes.append(
+            f"{item.name}: {len(ids)} ids given in {len(run.updates)} updates, {last} objects in the last one; "
+            f"{strays} boxes that count are no true object."
+        )
     table.notes.append(
         "Matched: share of updates with a box of IoU 0.25 or more; jitter: median change from one update to the next, "
         f"last half of the run. Poses: {settings.pose.provider}."
@@ -121,12 +151,44 @@ def _runs_of(dataset: DataSet, settings: Settings, runs: Runs) -> list[MeasuredR
     return [runs.run(item, settings) for item in dataset.sequences if item.truth is not None]
 
 
-def _overlap(done: list[MeasuredRun]) -> tuple[Cell, ...]:
-    flat = object_scores([matrix for run in done for matrix in run.iou_2d])
-    hits, everything = np.sum([run.success_of_all() for run in done], axis=0)
+def overlap_measures(ours: list[Measured], peer: list[Measured]) -> list[tuple[str, float, float]]:
+    """Success and detection in both worlds, ours and the peer's, for `behind_peer`."""
+    measures = []
+    for world, matrices in (("", _fixed), ("carried ", _carried)):
+        a, b = object_scores(matrices(ours)), object_scores(matrices(peer))
+        measures += [(f"{world}success", a.success, b.success), (f"{world}detection", a.detection, b.detection)]
+    return measures
+
+
+def point_measures(ours: list[Measured], peer: list[Measured]) -> list[tuple[str, float, float]]:
+    """F of the labelled points in both worlds, ours and the peer's, for `behind_peer`."""
+    (*_, fixed, _, _, carried), (*_, peer_fixed, _, _, peer_carried) = point_cells(ours), point_cells(peer)
+    return [("F", fixed, peer_fixed), ("carried F", carried, peer_carried)]
+
+
+def _fixed(done: list[Measured]) -> list[NDArray[np.float64]]:
+    return [one.fixed.iou for one in done]
+
+
+def _carried(done: list[Measured]) -> list[NDArray[np.float64]]:
+    return [one.carried.iou for one in done]
+
+
+def point_cells(done: list[Measured]) -> list[float]:
+    """In the order of POINTS."""
+    cells = list[float]()
+    for scores in ([one.fixed.points for one in done], [one.carried.points for one in done]):
+        mean = scores[0] if len(scores) == 1 else mean_point_scores(scores)
+        cells += [mean.precision, mean.recall, mean.f_measure]
+    return cells
+
+
+def _overlap(done: list[Measured]) -> tuple[Cell, ...]:
+    flat = object_scores([matrix for one in done for matrix in one.iou_2d]).cells()
+    hits, everything = np.sum([one.fixed.success_of_all() for one in done], axis=0)
     all_success = float(hits / everything) if everything else None
-    left_out = float(np.mean([run.ignored for run in done]))
-    return *flat.cells(), *object_scores([run.iou_3d for run in done]).cells(), all_success, left_out
+    left_out = float(np.mean([one.fixed.left_out for one in done]))
+    return *flat, *object_scores(_fixed(done)).cells(), all_success, left_out, without_object(_fixed(done))
 
 
 def _note_overlap(table: Table, settings: Settings) -> None:
@@ -135,4 +197,6 @@ def _note_overlap(table: Table, settings: Settings) -> None:
         f"2D: boxes around projected points, about 50 views. Poses: {settings.pose.provider}.",
         "Left out: found boxes that meet no true object, on points whose label says `ignore` (nobody labelled what "
         "is there). SR all counts them as false, as the paper does with whatever is not labelled an object.",
+        NOTE_NO_OBJECT,
+        NOTE_PEER,
     ]

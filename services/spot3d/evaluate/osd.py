@@ -1,4 +1,4 @@
-"""The Object Segmentation Database (Richtsfeld et al. 2012): single frames with instance masks."""
+"""The Object Segmentation Database (Richtsfeld et al. 2012), and others in its layout: frames with instance masks."""
 
 from pathlib import Path
 
@@ -11,11 +11,13 @@ from spot3d.evaluate.labelled import LabelledFrame, LabelledFrames, mask_boxes
 from spot3d.frame import RgbdFrame
 from spot3d.source.errors import SourceError
 from spot3d.source.images import read_colour, read_depth
+from spot3d.source.intrinsics_files import FocalAndCentre, intrinsics_for, seven_scenes_values
 
-FOCAL, CENTRE = 525.0, (319.5, 239.5)
+OSD_CAMERA: FocalAndCentre = (525.0, 525.0, 319.5, 239.5)
+CAMERA_FILE = "camera-intrinsics.txt"
 METRES_PER_UNIT = 0.001
-# Label 0 is nothing, 1 the table.
-FIRST_OBJECT = 2
+# Label 1 is the table.
+UNJUDGED, FIRST_OBJECT = 0, 2
 # The published `disparity` images hold millimetres all the same; the folder's name is the data set's own.
 DEPTH_FOLDERS = ("depth", "disparity")
 
@@ -25,11 +27,15 @@ def is_osd(folder: Path) -> bool:
     return (folder / "image_color").is_dir() or (folder / "annotation").is_dir()
 
 
-def open_osd(folder: Path, every: int = 1, frames: int | None = None) -> LabelledFrames:
+def open_osd(
+    folder: Path, every: int = 1, frames: int | None = None, intrinsics: FocalAndCentre | None = None
+) -> LabelledFrames:
     """Frames with boxes around their instance masks (label 2 and up), every so-manieth, at most `frames`.
 
     Layout: `image_color/NAME.png`, `annotation/NAME.png`, and `depth/NAME.png` or `disparity/NAME.png`, 16-bit
-    millimetres registered with colour. Raises SourceError for what is missing.
+    millimetres registered with colour. Label 0 is not judged, 1 the table and all else that is no object.
+    intrinsics: fx, fy, cx, cy; else those of `camera-intrinsics.txt` (a 3x3 matrix, as 7-Scenes has it) where it is
+    there, else OSD's own. Raises SourceError for what is missing or malformed.
     """
     for needed in ("image_color", "annotation"):
         if not (folder / needed).is_dir():
@@ -37,6 +43,9 @@ def open_osd(folder: Path, every: int = 1, frames: int | None = None) -> Labelle
     depth_folder = next((folder / name for name in DEPTH_FOLDERS if (folder / name).is_dir()), None)
     if depth_folder is None:
         raise SourceError(f"{folder} is no complete OSD: it needs a folder {' or '.join(DEPTH_FOLDERS)}")
+    where = "--intrinsics"
+    if intrinsics is None and (folder / CAMERA_FILE).is_file():
+        intrinsics, where = seven_scenes_values(folder), str(folder / CAMERA_FILE)
     names = sorted((path.name for path in (folder / "image_color").glob("*.png")), key=_natural)[::every][:frames]
     if not names:
         raise SourceError(f"{folder / 'image_color'} holds no PNG files")
@@ -49,13 +58,14 @@ def open_osd(folder: Path, every: int = 1, frames: int | None = None) -> Labelle
         name = names[index]
         annotation = _read_annotation(folder / "annotation" / name)
         colour, depth = read_colour(folder / "image_color" / name), read_depth(depth_folder / name)
-        height, width = depth.shape
         if colour.shape[:2] != depth.shape or annotation.shape != depth.shape:
             raise SourceError(f"size mismatch: {name} differs between image_color, {depth_folder.name} and annotation")
-        camera = Intrinsics(FOCAL, FOCAL, *CENTRE, width, height)
-        return LabelledFrame(
-            RgbdFrame(index, colour, depth, METRES_PER_UNIT, camera), mask_boxes(annotation, FIRST_OBJECT)
-        )
+        if intrinsics is None:
+            camera = Intrinsics(*OSD_CAMERA, width=depth.shape[1], height=depth.shape[0])
+        else:
+            camera = intrinsics_for(intrinsics, depth.shape, where)
+        frame = RgbdFrame(index, colour, depth, METRES_PER_UNIT, camera)
+        return LabelledFrame(frame, mask_boxes(annotation, FIRST_OBJECT), annotation == UNJUDGED)
 
     return LabelledFrames(len(names), read)
 

@@ -19,18 +19,24 @@ SUBPIXEL_BITS = 4
 
 
 def recall_plot(title: str, curves: Sequence[Curve]) -> Picture:
-    """Recall (0 to 1) over IoU thresholds (0 to 1) of each curve, with a legend; (600, 900, 3) uint8 RGB."""
+    """Recall (0 to 1) over IoU thresholds (0 to 1) of each curve, with a legend; (600, 900, 3) uint8 RGB.
+
+    Curves over named levels have these along the axis instead.
+    """
     picture: Picture = np.full((SIZE[1], SIZE[0], 3), PAPER, np.uint8)
     width, height = SIZE[0] - LEFT - RIGHT, SIZE[1] - TOP - BOTTOM
 
     def place(iou: float, recall: float) -> tuple[int, int]:
         return round(LEFT + iou * width), round(TOP + (1 - recall) * height)
 
+    levels = next((curve.levels for curve in curves if curve.levels), ())
     for step in np.linspace(0, 1, 6):
-        cv2.line(picture, place(step, 0), place(step, 1), GRID, 1)
         cv2.line(picture, place(0, step), place(1, step), GRID, 1)
-        _write(picture, f"{step:.1f}", (place(step, 0)[0] - 11, SIZE[1] - BOTTOM + 24), 0.45)
         _write(picture, f"{step:.1f}", (LEFT - 40, place(0, step)[1] + 5), 0.45)
+    ticks = levels or tuple(f"{step:.1f}" for step in np.linspace(0, 1, 6))
+    for step, text in zip(np.linspace(0, 1, len(ticks)), ticks, strict=True):
+        cv2.line(picture, place(step, 0), place(step, 1), GRID, 1)
+        _write(picture, text, (place(step, 0)[0] - round(3.7 * len(text)), SIZE[1] - BOTTOM + 24), 0.45)
     cv2.rectangle(picture, place(0, 1), place(1, 0), INK, 1)
     for number, curve in enumerate(curves):
         colour = COLOURS[number % len(COLOURS)]
@@ -47,8 +53,9 @@ def recall_plot(title: str, curves: Sequence[Curve]) -> Picture:
         )
         _write(picture, curve.name, (SIZE[0] - RIGHT + 54, row), 0.45)
     _write(picture, title, (LEFT, TOP - 22), 0.55)
-    _write(picture, "IoU threshold", (LEFT + width // 2 - 55, SIZE[1] - 22), 0.5)
-    _write(picture, "recall", (12, TOP - 22), 0.5)
+    if not levels:
+        _write(picture, "IoU threshold", (LEFT + width // 2 - 55, SIZE[1] - 22), 0.5)
+    _write(picture, "rate" if levels else "recall", (12, TOP - 22), 0.5)
     return picture
 
 
@@ -58,7 +65,7 @@ def write_plots(folder: Path, tables: Sequence[Table]) -> None:
     for table in tables:
         for data in dict.fromkeys(curve.data for curve in table.curves):
             picture = recall_plot(f"{data}: {table.title}", [curve for curve in table.curves if curve.data == data])
-            write_picture(folder / f"{table.name}-{data.replace(':', '-')}.png", picture)
+            write_picture(folder / f"{table.name}-{data.replace(':', '-').replace(' ', '-')}.png", picture)
 
 
 def _write(picture: Picture, text: str, at: tuple[int, int], scale: float) -> None:

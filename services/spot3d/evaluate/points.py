@@ -24,26 +24,34 @@ class PointScores:
     f_measure: float
 
 
+class SortedPoints:
+    """(N, 3) points, metres, sorted along x once: each box looks at its own contiguous stretch of them only."""
+
+    def __init__(self, xyz: NDArray[np.floating]) -> None:
+        if xyz.ndim != 2 or xyz.shape[1] != 3:
+            raise ValueError(f"points must be (N, 3), got shape {xyz.shape}")
+        self._order = np.argsort(xyz[:, 0])
+        self._xyz = np.ascontiguousarray(xyz[self._order].T, dtype=np.float64)
+
+    def rows_in(self, box: Box3D) -> NDArray[np.int64]:
+        """Rows of the points in the box, its surface included; points that are not finite lie nowhere."""
+        half, x = box.size / 2, self._xyz[0]
+        low, high = box.centre[0] + np.array((-1, 1)) * (np.abs(box.rotation[0]) @ half + ROUNDING)
+        stretch = slice(np.searchsorted(x, low), np.searchsorted(x, high))
+        offset = self._xyz[:, stretch] - box.centre[:, None]
+        inside = (np.abs(box.rotation.T @ offset) <= half[:, None]).all(axis=0)
+        return np.asarray(self._order[stretch][inside])
+
+
 def points_in_boxes(xyz: NDArray[np.floating], boxes: Sequence[Box3D]) -> NDArray[np.bool_]:
     """Which points lie in at least one box, its surface included.
 
     xyz: (N, 3) metres, in the boxes' frame; points that are not finite lie nowhere. Returns (N,) bool.
     """
-    if xyz.ndim != 2 or xyz.shape[1] != 3:
-        raise ValueError(f"points must be (N, 3), got shape {xyz.shape}")
-    # Sorted along x once, each box looks at its own contiguous stretch of points only.
-    order = np.argsort(xyz[:, 0])
-    x, y, z = (np.ascontiguousarray(column, dtype=np.float64) for column in xyz[order].T)
-    inside = np.zeros(len(xyz), dtype=np.bool_)
+    points, inside = SortedPoints(xyz), np.zeros(len(xyz), dtype=np.bool_)
     for box in boxes:
-        half = box.size / 2
-        low, high = box.centre[0] + np.array((-1, 1)) * (np.abs(box.rotation[0]) @ half + ROUNDING)
-        stretch = slice(np.searchsorted(x, low), np.searchsorted(x, high))
-        offset = np.stack((x[stretch], y[stretch], z[stretch])) - box.centre[:, None]
-        inside[stretch] |= (np.abs(box.rotation.T @ offset) <= half[:, None]).all(axis=0)
-    found = np.empty_like(inside)
-    found[order] = inside
-    return found
+        inside[points.rows_in(box)] = True
+    return inside
 
 
 def point_scores(xyz: NDArray[np.floating], label: NDArray[np.integer], boxes: Sequence[Box3D]) -> PointScores:

@@ -10,6 +10,10 @@ from spot3d.boxes import detection_rate, mean_iou, mean_modified_iou, recall_cur
 from spot3d.evaluate.table import Curve
 
 THRESHOLDS = np.linspace(0, 1, 41)
+HIT = 0.5
+"""IoU from which on a found box is a true object's."""
+MEETS = 0.25
+"""A found box that overlaps every true object by less IoU than this is none of them, not even badly boxed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,3 +38,12 @@ def object_scores(scenes: Sequence[NDArray[np.float64]]) -> ObjectScores:
 def recall_of(data: str, name: str, scenes: Sequence[NDArray[np.float64]]) -> Curve:
     """The recall curve of these IoU matrices of a data set, over thresholds 0 to 1."""
     return Curve(data, name, THRESHOLDS, recall_curve(scenes, THRESHOLDS))
+
+
+def without_object(scenes: Sequence[NDArray[np.float64]]) -> float:
+    """How many found boxes of a scene or frame are no true object at all (IoU below 0.25), on average; nan of none.
+
+    scenes: IoU matrices (true, found).
+    """
+    strays = [np.count_nonzero(iou.max(axis=0, initial=0.0) < MEETS) for iou in scenes]
+    return float(np.mean(strays)) if strays else float("nan")

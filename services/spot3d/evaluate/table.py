@@ -21,12 +21,16 @@ class Column:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
-    """A recall curve of one data set: recall (t,) over the IoU thresholds (t,)."""
+    """A curve of one data set: recall (t,) over the IoU thresholds (t,).
+
+    levels: or another rate over the named levels of something, whose places along the axis are in `thresholds`.
+    """
 
     data: str
     name: str
     thresholds: NDArray[np.float64]
     recall: NDArray[np.float64]
+    levels: tuple[str, ...] = ()
 
 
 @dataclass(slots=True)
@@ -67,16 +71,15 @@ def to_document(table: Table) -> dict[str, Any]:
         "columns": names,
         "rows": [dict(zip(names, map(_value, row), strict=True)) for row in table.rows],
         "notes": table.notes,
-        "curves": [
-            {
-                "data": curve.data,
-                "name": curve.name,
-                "iou": curve.thresholds.tolist(),
-                "recall": [_value(value) for value in curve.recall.tolist()],
-            }
-            for curve in table.curves
-        ],
+        "curves": [_curve(curve) for curve in table.curves],
     }
+
+
+def _curve(curve: Curve) -> dict[str, Any]:
+    values = [_value(value) for value in curve.recall.tolist()]
+    over = {"levels": list(curve.levels), "rate": values}
+    over = over if curve.levels else {"iou": curve.thresholds.tolist(), "recall": values}
+    return {"data": curve.data, "name": curve.name, **over}
 
 
 def _line(cells: Iterable[str], widths: list[int], words: list[bool]) -> str:

@@ -83,6 +83,15 @@ TABLES = {
 """In the order in which they are printed."""
 
 
+def with_objects(datasets: list[DataSet]) -> list[DataSet]:
+    """Those of the data sets that have a sequence with true objects. Raises SourceError where none has."""
+    chosen = [dataset for dataset in datasets if _has_objects(dataset)]
+    if not chosen:
+        given = ", ".join(dataset.name for dataset in datasets)
+        raise SourceError(f"{given or 'nothing'} is not enough for this table: it needs {TABLES['objects'].needs}")
+    return chosen
+
+
 def make_tables(names: list[str], datasets: list[DataSet], settings: Settings, say: Say) -> Iterator[Table]:
     """The named tables, one by one, each over the data sets that suit it; a table that suits none is left out.
 

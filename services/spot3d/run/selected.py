@@ -49,7 +49,7 @@ def open_selection(selection: Selection, settings: Settings) -> FrameSequence:
     if selection.after_ns is not None:
         stamps = sequence.stamps_ns
         chosen = chosen[sum(stamps[index] <= selection.after_ns for index in chosen) :]
-    return _Selected(sequence, chosen)
+    return Selected(sequence, chosen)
 
 
 def _full_scene_name(name: str, settings: Settings) -> str:
@@ -60,7 +60,7 @@ def _full_scene_name(name: str, settings: Settings) -> str:
     return f"scene:{seed}{':cluttered' if cluttered else ''}"
 
 
-class _Selected:
+class Selected:
     """Some frames of another sequence."""
 
     def __init__(self, all_frames: FrameSequence, indices: range) -> None:

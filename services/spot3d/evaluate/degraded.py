@@ -1,0 +1,102 @@
+"""A sequence made worse: its frames come with wrong poses or worse depth, while its true poses stay the truth."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.evaluate.depth_errors import noisier, torn
+from spot3d.evaluate.pose_errors import Pose, late, shaken
+from spot3d.frame import RgbdFrame
+from spot3d.source.sequence import FrameSequence
+
+ChangeDepth = Callable[[NDArray[np.float32], Intrinsics, int], NDArray[np.float32]]
+"""Depth (h, w) float32 metres of the frame of this number, 0 = invalid, made worse."""
+
+
+class Degraded:
+    """Frames of another sequence, told other poses, or with worse depth.
+
+    `true_pose` is that of the other sequence: a run with given poses takes what its frames tell, and is judged by what
+    is true. Errors depend on a frame's number: degrade a whole sequence, and choose every so-manieth frame after that.
+    """
+
+    def __init__(
+        self, sequence: FrameSequence, told: Sequence[Pose] | None = None, change_depth: ChangeDepth | None = None
+    ) -> None:
+        """told: T_world_camera of each frame, None where it has none."""
+        self._sequence = sequence
+        self._told = told
+        self._change_depth = change_depth
+
+    def told_poses(self) -> list[Pose]:
+        """What the frames say their poses are."""
+        return told_poses(self._sequence) if self._told is None else list(self._told)
+
+    def __len__(self) -> int:
+        return len(self._sequence)
+
+    def __getitem__(self, index: int) -> RgbdFrame:
+        frame, number = self._sequence[index], index % len(self)
+        if self._told is not None:
+            frame = replace(frame, T_world_camera=self._told[number])
+        if self._change_depth is not None:
+            depth = self._change_depth(frame.depth_metres(), frame.intrinsics, number)
+            frame = replace(frame, depth=depth, depth_scale=1.0)
+        return frame
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        return (self[index] for index in range(len(self)))
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Intrinsics of all frames."""
+        return self._sequence.intrinsics
+
+    @property
+    def stamps_ns(self) -> list[int]:
+        """Capture times in integer nanoseconds."""
+        return self._sequence.stamps_ns
+
+    @property
+    def rate_hz(self) -> float:
+        """Recorded rate in frames per second."""
+        return self._sequence.rate_hz
+
+    @property
+    def has_true_poses(self) -> bool:
+        """Whether any frame has a true pose."""
+        return self._sequence.has_true_poses
+
+    def true_pose(self, index: int) -> NDArray[np.float64] | None:
+        """T_world_camera (4, 4) float64 of a frame as it is, not as the frame tells it."""
+        return self._sequence.true_pose(index)
+
+
+def told_poses(sequence: FrameSequence) -> list[Pose]:
+    """T_world_camera that each frame of a sequence will tell, without reading images."""
+    if isinstance(sequence, Degraded):
+        return sequence.told_poses()
+    return [sequence.true_pose(index) for index in range(len(sequence))]
+
+
+def with_shaken_poses(sequence: FrameSequence, metres: float, degrees: float, seed: int = 1) -> Degraded:
+    """The sequence with poses that are smoothly wrong; see `pose_errors.shaken`."""
+    return Degraded(sequence, told=shaken(told_poses(sequence), metres, degrees, seed))
+
+
+def with_late_poses(sequence: FrameSequence, frames: int) -> Degraded:
+    """The sequence with the poses of some frames before; see `pose_errors.late`."""
+    return Degraded(sequence, told=late(told_poses(sequence), frames))
+
+
+def with_noisier_depth(sequence: FrameSequence, factor: float, seed: int = 1) -> Degraded:
+    """The sequence with more of the sensor's noise; see `depth_errors.noisier`."""
+    return Degraded(sequence, change_depth=lambda depth, camera, k: noisier(depth, camera, factor, (seed, k)))
+
+
+def with_torn_depth(sequence: FrameSequence, share: float, seed: int = 1) -> Degraded:
+    """The sequence with holes in its depth, others in each frame; see `depth_errors.torn`."""
+    return Degraded(sequence, change_depth=lambda depth, camera, k: torn(depth, camera, share, (seed, k)))

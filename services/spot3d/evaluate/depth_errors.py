@@ -1,0 +1,49 @@
+"""Depth that is worse than the sensor's: noisier, or torn by holes."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.sensor import axial_noise
+from spot3d.source.scene_noise import FOCAL_PX, block_noise
+
+HOLE_M = 0.03
+"""Holes are made of patches about this wide at 1 m, so 3 to 10 cm across: glare on a can, a dark label, a wet spot."""
+
+
+def noisier(
+    depth: NDArray[np.float32], camera: Intrinsics, factor: float, seed: tuple[int, int]
+) -> NDArray[np.float32]:
+    """Depth whose noise has `factor` times the deviation that the sensor's already has (`sensor.axial_noise`).
+
+    depth: (h, w) float32 metres, 0 = invalid and stays so. Noise of a Kinect is alike within its 7 px blocks, and so
+    is what is added; of an image at half size, the blocks are half as wide. seed: of the recording, and the frame.
+    """
+    if factor <= 1:
+        return depth
+    step = max(1, round(FOCAL_PX / camera.fx))
+    state = np.random.SeedSequence((*seed, 3)).generate_state(1, np.uint64)[0]
+    height, width = depth.shape
+    field = block_noise(step * height, step * width, np.uint64(state))[::step, ::step]
+    added = np.float32(np.sqrt(factor**2 - 1)) * axial_noise(depth) * field
+    return np.where(depth > 0, np.maximum(depth + added, np.float32(0)), np.float32(0)).astype(np.float32)
+
+
+def torn(depth: NDArray[np.float32], camera: Intrinsics, share: float, seed: tuple[int, int]) -> NDArray[np.float32]:
+    """Depth without `share` of its valid pixels, which are lost in blobs.
+
+    depth: (h, w) float32 metres, 0 = invalid. Smooth random noise decides, highest first, so that the share is exact
+    to a pixel. seed: of the recording, and the frame: other blobs in each frame.
+    """
+    valid = np.flatnonzero(depth > 0)
+    lost = round(share * len(valid))
+    if not lost:
+        return depth
+    cell = max(1, round(HOLE_M * camera.fx))
+    height, width = depth.shape
+    coarse = np.random.default_rng((*seed, 4)).normal(size=(height // cell + 2, width // cell + 2))
+    field = np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC), np.float64)
+    out = depth.copy()
+    out.ravel()[valid[np.argpartition(-field.ravel()[valid], lost - 1)[:lost]]] = 0
+    return out

@@ -1,0 +1,178 @@
+"""How far results fall where poses and depth are worse, frames fewer or smaller: what no tuned scene shows."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spot3d.evaluate.degraded import with_late_poses, with_noisier_depth, with_shaken_poses, with_torn_depth
+from spot3d.evaluate.labelled import DataSet, LabelledSequence
+from spot3d.evaluate.measured_run import Measured, MeasuredRun, measure
+from spot3d.evaluate.object_tables import (
+    NOTE_CARRIED,
+    NOTE_NO_OBJECT,
+    NOTE_PEER,
+    OURS,
+    overlap_measures,
+    point_cells,
+    point_measures,
+)
+from spot3d.evaluate.peer import PEER, behind_peer
+from spot3d.evaluate.scores import object_scores, without_object
+from spot3d.evaluate.table import Column, Curve, Table
+from spot3d.run.selected import Selected
+from spot3d.settings import Settings
+from spot3d.source.sequence import FrameSequence
+from spot3d.source.sequences import at_half_size
+
+SHAKES = ((0.005, 0.2), (0.010, 0.4), (0.020, 0.8))
+"""Metres and degrees along each axis: from the best motion capture to a phone's odometry."""
+DELAYS = (1, 2)
+NOISES = (2.0,)
+HOLES = (0.1, 0.3)
+EVERY = (1, 2, 3, 4, 5)
+SEED = 1
+
+COLUMNS = (
+    *(Column(name) for name in ("data", "worse", "method", "3D IoU", "3D SR", "3D DR")),
+    *(Column(name, 1) for name in ("AP", "AR", "F")),
+    *(Column(f"carried {name}") for name in ("IoU", "SR", "DR")),
+    Column("carried F", 1),
+    *(Column(name, 1) for name in ("found", "no object", "true")),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Degradation:
+    """What is worse than as recorded: several at once, if need be.
+
+    metres, degrees: of the poses' smooth error; late: frames by which poses lag; noise: times the sensor's; missing:
+    share of depth; every: only each so-manieth frame; half: half size.
+    """
+
+    metres: float = 0.0
+    degrees: float = 0.0
+    late: int = 0
+    noise: float = 1.0
+    missing: float = 0.0
+    every: int = 1
+    half: bool = False
+
+    def of(self, sequence: FrameSequence) -> FrameSequence:
+        """The sequence made worse. Errors come first, one frame after the other, then every so-manieth is chosen."""
+        worse = at_half_size(sequence) if self.half else sequence
+        if self.late:
+            worse = with_late_poses(worse, self.late)
+        if self.metres or self.degrees:
+            worse = with_shaken_poses(worse, self.metres, self.degrees, SEED)
+        if self.noise > 1:
+            worse = with_noisier_depth(worse, self.noise, SEED)
+        if self.missing:
+            worse = with_torn_depth(worse, self.missing, SEED)
+        return worse if self.every == 1 else Selected(worse, range(0, len(worse), self.every))
+
+
+Levels = list[tuple[str, Degradation]]
+OF_GIVEN_POSES = ("poses", "delay")
+"""Groups that say nothing where the system finds its own poses."""
+
+
+def groups(base: Degradation) -> dict[str, Levels]:
+    """The levels of each kind of degradation by the kind's name, each with a name, the undegraded `base` among them."""
+    shakes = [(f"{1e3 * m:g} mm {d:g} deg", replace(base, metres=m, degrees=d)) for m, d in SHAKES]
+    return {
+        "poses": [("0 mm", base), *shakes],
+        "delay": [("0 frames", base), *((f"{k} frames", replace(base, late=k)) for k in DELAYS)],
+        "depth": [("sigma x1", base), *((f"sigma x{k:g}", replace(base, noise=k)) for k in NOISES)],
+        "holes": [("0 %", base), *((f"{100 * k:g} %", replace(base, missing=k)) for k in HOLES)],
+        "every": [(f"every {k}", replace(base, every=k)) for k in EVERY],
+        "half": [("as it is", base), ("half size", replace(base, half=True))],
+    }
+
+
+GROUPS = tuple(groups(Degradation()))
+
+
+def robustness_table(
+    datasets: list[DataSet],
+    settings: Settings,
+    every: int,
+    only: tuple[str, ...],
+    say: Callable[[str], None],
+) -> Table:
+    """Whole runs on sequences that are made worse, ours and the peer's, with curves over each kind (not in the paper).
+
+    datasets: with all frames of the stretch; every: of which the undegraded run takes each so-manieth. only: which
+    of GROUPS. Shaken and late poses are those that are given: left out where the system finds its own.
+    """
+    table = Table("robustness", "Objects of whole runs where input is worse", COLUMNS)
+    own = settings.pose.provider != "given"
+    base = Degradation(every=every)
+    for dataset in datasets:
+        items = [item for item in dataset.sequences if item.truth is not None]
+        done: dict[Degradation, list[MeasuredRun]] = {}
+        kinds = {kind: levels for kind, levels in groups(base).items() if kind in only}
+        chosen = {kind: levels for kind, levels in kinds.items() if not (own and kind in OF_GIVEN_POSES)}
+        if dataset.halved:
+            chosen.pop("half", None)
+        camera = items[0].sequence.intrinsics
+        table.notes.append(
+            f"{dataset.name}: {len(items[0].sequence)} frames of {camera.width}x{camera.height}, "
+            f"where nothing else is said every {every}; poses: {settings.pose.provider}."
+        )
+        for worse, level in [("nothing", base), *((f"{k}: {n}", one) for k, v in chosen.items() for n, one in v)]:
+            if level not in done:
+                say(f"{dataset.name}, worse: {worse} ...")
+                done[level] = [_measured(item, level, settings) for item in items]
+                _add(table, dataset.name, worse, done[level])
+        for kind, levels in chosen.items():
+            table.curves += _curves(f"{dataset.name} {kind}", [(name, done[level]) for name, level in levels])
+    if own and set(only) & set(OF_GIVEN_POSES):
+        table.notes.append("Shaken and late poses are given ones; here the system finds its own, so they are left out.")
+    table.notes += [
+        "Poses: each axis off by a smooth random error of this deviation, correlated over 10 frames. Delay: of poses "
+        "against images, in recorded frames. Depth: noise added until its deviation is so many times that of a Kinect, "
+        "1.2 mm + 1.9 mm/m2 (z - 0.4 m)^2. Holes: share of the measured pixels lost in blobs, others in each frame. "
+        f"All with seed {SEED}.",
+        NOTE_NO_OBJECT,
+        NOTE_CARRIED,
+        NOTE_PEER,
+    ]
+    return table
+
+
+def _measured(item: LabelledSequence, level: Degradation, settings: Settings) -> MeasuredRun:
+    return measure(LabelledSequence(item.name, level.of(item.sequence), item.truth), settings)
+
+
+def _add(table: Table, data: str, worse: str, runs: list[MeasuredRun]) -> None:
+    ours, peer = [run.ours for run in runs], [run.peer for run in runs]
+    for method, done in ((OURS, ours), (PEER, peer)):
+        fixed, carried = [one.fixed.iou for one in done], [one.carried.iou for one in done]
+        a, b = object_scores(fixed), object_scores(carried)
+        points = point_cells(done)
+        found, true = (float(np.mean([iou.shape[axis] for iou in fixed])) for axis in (1, 0))
+        cells = (a.iou, a.success, a.detection, *points[:3], b.iou, b.success, b.detection, points[5])
+        table.add(data, worse, method, *cells, found, without_object(fixed), true)
+    table.notes += behind_peer(f"{data}, worse: {worse}", [*overlap_measures(ours, peer), *point_measures(ours, peer)])
+
+
+def _curves(data: str, levels: list[tuple[str, list[MeasuredRun]]]) -> list[Curve]:
+    """Detection, and F over 100, of both methods over the levels; none where there is but one level."""
+    if len(levels) < 2:
+        return []
+    names = tuple(name for name, _ in levels)
+    places = np.linspace(0, 1, len(levels))
+    curves = []
+    for method, of in _METHODS.items():
+        done = [[of(run) for run in runs] for _, runs in levels]
+        detection = [object_scores([one.fixed.iou for one in some]).detection for some in done]
+        f_measure = [point_cells(some)[2] / 100 for some in done]
+        curves += [
+            Curve(data, f"{method} detection", places, np.array(detection), names),
+            Curve(data, f"{method} F / 100", places, np.array(f_measure), names),
+        ]
+    return curves
+
+
+_METHODS: dict[str, Callable[[MeasuredRun], Measured]] = {OURS: lambda run: run.ours, PEER: lambda run: run.peer}

@@ -1,0 +1,194 @@
+"""Sequences made worse: the errors' statistics, that they repeat, and the table of what is left."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from evaluate_samples import write_osd
+from typer.testing import CliRunner
+
+from spot3d.camera import Intrinsics, invert
+from spot3d.evaluate.command import evaluate
+from spot3d.evaluate.degraded import (
+    Degraded,
+    told_poses,
+    with_late_poses,
+    with_noisier_depth,
+    with_shaken_poses,
+    with_torn_depth,
+)
+from spot3d.evaluate.depth_errors import noisier, torn
+from spot3d.evaluate.object_tables import OURS
+from spot3d.evaluate.peer import PEER
+from spot3d.evaluate.pose_errors import Pose, late, shaken
+from spot3d.evaluate.robustness import GROUPS, SHAKES, Degradation, groups
+from spot3d.sensor import axial_noise
+from spot3d.source.errors import SourceError
+from spot3d.source.halving import Halved
+from spot3d.source.scene import Scene
+
+app = typer.Typer(pretty_exceptions_enable=False)
+app.command()(evaluate)
+
+VGA = Intrinsics(585.0, 585.0, 320.0, 240.0, 640, 480)
+HALF = VGA.halved()
+
+
+def test_shaken_poses_have_the_stated_statistics() -> None:
+    poses: list[Pose] = [np.eye(4)] * 20_000
+    errors = np.array(shaken(poses, 0.01, 0.4, seed=1))
+    shifts = errors[:, :3, 3]
+    # 1000 independent stretches of 20 frames: deviations are good to about 3 %.
+    np.testing.assert_allclose(shifts.std(axis=0), 0.01, rtol=0.08)
+    np.testing.assert_allclose(np.degrees([errors[:, 2, 1].std(), errors[:, 0, 2].std()]), 0.4, rtol=0.08)
+    for lag in (1, 10, 20):
+        alike = (shifts[lag:] * shifts[:-lag]).mean() / (shifts**2).mean()
+        assert alike == pytest.approx(np.exp(-lag / 10), abs=0.06)
+
+
+def test_shaking_repeats_and_is_in_the_cameras_frame() -> None:
+    T = np.array([[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]], np.float64)
+    at_origin, elsewhere = (shaken([pose] * 5, 0.01, 0.4, seed=1) for pose in (np.eye(4), T))
+    for error, moved in zip(at_origin, elsewhere, strict=True):
+        assert error is not None
+        np.testing.assert_allclose(moved, T @ error, atol=1e-12)
+        np.testing.assert_allclose(error @ invert(error), np.eye(4), atol=1e-12)
+    again, other = shaken([T] * 5, 0.01, 0.4, seed=1), shaken([T] * 5, 0.01, 0.4, seed=2)
+    np.testing.assert_array_equal(elsewhere, again)
+    assert not np.allclose(elsewhere, other)
+    np.testing.assert_array_equal(shaken([T] * 5, 0, 0, seed=1), [T] * 5)
+    first, missing, last = shaken([np.eye(4), None, np.eye(4)], 0.01, 0.4, seed=1)
+    assert missing is None
+    np.testing.assert_array_equal([first, last], [at_origin[0], at_origin[2]])
+
+
+def test_late_poses() -> None:
+    poses: list[Pose] = [np.full((4, 4), float(k)) for k in range(4)]
+    assert [int(pose[0, 0]) for pose in late(poses, 2) if pose is not None] == [0, 0, 0, 1]
+    assert late(poses, 0) == poses
+    assert late([], 2) == []
+
+
+@pytest.mark.parametrize("camera", [VGA, HALF])
+@pytest.mark.parametrize("z", [0.6, 1.5])
+def test_noisier_depth_has_the_stated_deviation(camera: Intrinsics, z: float) -> None:
+    depth = np.full(camera.shape, z, np.float32)
+    depth[:, :50] = 0
+    worse = noisier(depth, camera, 2.0, (1, 7))
+    added = (worse - depth)[:, 50:]
+    # Sensor's noise and what is added, independent of each other: together twice the sensor's.
+    assert np.hypot(added.std(), axial_noise(z)) == pytest.approx(2 * axial_noise(z), rel=0.06)
+    assert abs(added.mean()) < 0.1 * axial_noise(z)
+    assert not worse[:, :50].any()
+    step = 7 if camera is VGA else 4
+    beside, beyond = (np.corrcoef(added[:, :-k].ravel(), added[:, k:].ravel())[0, 1] for k in (1, step + 1))
+    assert beside > 0.6, "alike within a block of the sensor"
+    assert abs(beyond) < 0.1, "and not beyond"
+    np.testing.assert_array_equal(worse, noisier(depth, camera, 2.0, (1, 7)))
+    assert not np.array_equal(worse, noisier(depth, camera, 2.0, (1, 8)))
+    assert noisier(depth, camera, 1.0, (1, 7)) is depth
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3])
+@pytest.mark.parametrize("camera", [VGA, HALF])
+def test_torn_depth_loses_its_share_in_blobs(camera: Intrinsics, share: float) -> None:
+    depth = np.full(camera.shape, 1.2, np.float32)
+    depth[:, :100] = 0
+    worse = torn(depth, camera, share, (1, 7))
+    lost = (depth > 0) & (worse == 0)
+    assert np.count_nonzero(lost) == round(share * np.count_nonzero(depth))
+    np.testing.assert_array_equal(worse[~lost], depth[~lost])
+    beside = lost[:, 101:][lost[:, 100:-1]].mean()
+    assert beside > 0.8, "a lost pixel's neighbour is lost too"
+    np.testing.assert_array_equal(worse, torn(depth, camera, share, (1, 7)))
+    assert not np.array_equal(worse, torn(depth, camera, share, (1, 8)))
+    assert torn(depth, camera, 0.0, (1, 7)) is depth
+    assert not torn(np.zeros_like(depth), camera, share, (1, 7)).any()
+
+
+def test_degradations_work_with_one_another() -> None:
+    scene = Scene(1, frames=6)
+    worse = with_torn_depth(with_noisier_depth(with_shaken_poses(with_late_poses(scene, 1), 0.01, 0.4), 2.0), 0.3)
+    true = [scene.true_pose(index) for index in range(6)]
+    told = shaken([true[0], *true[:5]], 0.01, 0.4, 1)
+    np.testing.assert_array_equal(told_poses(worse), told)
+    frame, exact = worse[3], scene[3]
+    np.testing.assert_array_equal(frame.T_world_camera, told[3])
+    np.testing.assert_array_equal(worse.true_pose(3), true[3])
+    np.testing.assert_array_equal(worse[-3].depth, frame.depth)
+    np.testing.assert_array_equal(frame.colour, exact.colour)
+    assert np.count_nonzero(frame.depth) == pytest.approx(0.7 * np.count_nonzero(exact.depth), abs=1)
+    assert (len(worse), len(list(worse)), worse.stamps_ns) == (6, 6, scene.stamps_ns)
+    assert (worse.rate_hz, worse.intrinsics, worse.has_true_poses) == (30, scene.intrinsics, True)
+    assert Halved(worse)[3].intrinsics == scene.intrinsics.halved()
+    kept = with_torn_depth(scene, 0.1)
+    np.testing.assert_array_equal(kept[2].T_world_camera, true[2])
+    assert isinstance(kept, Degraded)
+
+
+def test_errors_are_those_of_neighbours_whichever_frames_are_taken() -> None:
+    scene = Scene(1, frames=9)
+    level = Degradation(metres=0.01, degrees=0.4, late=1, noise=2.0, missing=0.1)
+    every, third = level.of(scene), replace(level, every=3).of(scene)
+    assert (len(every), len(third)) == (9, 3)
+    np.testing.assert_array_equal(every[6].T_world_camera, third[2].T_world_camera)
+    np.testing.assert_array_equal(every[6].depth, third[2].depth)
+    assert replace(level, every=3, half=True).of(scene)[1].intrinsics == scene.intrinsics.halved()
+    assert Degradation().of(scene) is scene
+
+
+def test_levels() -> None:
+    base = Degradation(every=3)
+    kinds = groups(base)
+    assert tuple(kinds) == GROUPS == ("poses", "delay", "depth", "holes", "every", "half")
+    assert all(base in dict(levels).values() for levels in kinds.values())
+    assert [(level.metres, level.degrees) for _, level in kinds["poses"]] == [(0, 0), *SHAKES]
+    assert [level.late for _, level in kinds["delay"]] == [0, 1, 2]
+    assert [level.noise for _, level in kinds["depth"]] == [1, 2]
+    assert [level.missing for _, level in kinds["holes"]] == [0, 0.1, 0.3]
+    assert [level.every for _, level in kinds["every"]] == [1, 2, 3, 4, 5]
+
+
+def test_table_and_curves(tmp_path: Path) -> None:
+    words = ["robustness", "scene:2", "--every", "12", "--frames", "2", "--half", "--only", "poses,half"]
+    words += ["--plots", str(tmp_path), "--json", str(tmp_path / "numbers.json")]
+    result = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert result.exit_code == 0
+    (table,) = json.loads((tmp_path / "numbers.json").read_text())["tables"]
+    worse = ["nothing", *(f"poses: {1e3 * m:g} mm {d:g} deg" for m, d in SHAKES)]
+    assert [(row["worse"], row["method"]) for row in table["rows"]] == [(w, m) for w in worse for m in (OURS, PEER)]
+    assert {curve["data"] for curve in table["curves"]} == {"scene:2 poses"}, "half size is the base already"
+    for curve in table["curves"]:
+        assert len(curve["rate"]) == len(curve["levels"]) == 4
+    undegraded = table["rows"][0]
+    assert table["curves"][0]["rate"][0] == undegraded["3D DR"]
+    assert [path.name for path in tmp_path.glob("*.png")] == ["robustness-scene-2-poses.png"]
+    assert "24 frames of 320x240, where nothing else is said every 12" in result.stdout
+
+
+def test_shaken_poses_are_given_ones(tmp_path: Path) -> None:
+    words = ["robustness", "scene:2", "--every", "5", "--frames", "3", "--half", "--only", "poses", "--pose", "kiss"]
+    result = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert "the system finds its own" in result.stdout
+    assert "mm" not in result.stdout.partition("\n- ")[0]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["robustness", "scene:2", "--only", "poses,wind"],
+        ["robustness", "scene:2", "--only", ""],
+        ["points", "scene:2", "--only", "poses"],
+    ],
+)
+def test_kinds_are_known_ones(words: list[str]) -> None:
+    assert "chooses some of poses, delay" in str(CliRunner().invoke(app, words).exception)
+
+
+def test_robustness_needs_true_objects(tmp_path: Path) -> None:
+    write_osd(tmp_path)
+    with pytest.raises(SourceError, match="true objects"):
+        CliRunner().invoke(app, ["robustness", str(tmp_path)], catch_exceptions=False)
