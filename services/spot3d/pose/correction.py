@@ -32,6 +32,8 @@ _JUMP = 6.0
 _PATIENCE = 5
 # Every so-manieth point tells the information of a registration.
 _STRIDE = 4
+# The noise of given poses is alike for about so many frames, which tell no more of their mean than one does.
+_ALIKE = 20
 
 
 class CorrectedPoses:
@@ -44,6 +46,8 @@ class CorrectedPoses:
         self._sigma = np.repeat((settings.given_sigma, settings.given_turn_sigma), 3)
         self._noise = MeasuredNoise()
         self._correction = np.zeros(6)
+        self._T_world_map = np.eye(4)
+        self._matched = 0
         self._last: tuple[int, NDArray[np.float64]] | None = None
         self._strangers = 0
 
@@ -75,7 +79,7 @@ class CorrectedPoses:
         return self._corrected(surface, given)
 
     def _corrected(self, surface: Surface, given: PoseEstimate) -> PoseEstimate:
-        settings, prior = self._settings, given.T_world_camera
+        settings, prior = self._settings, invert(self._T_world_map) @ given.T_world_camera
         # What was wrong with the last pose is nearly what is wrong with this one.
         registered = refined(self._planes, surface, moved(prior, self._correction), settings)
         fit = judged(self._planes, surface, registered, settings.refine_distance)
@@ -96,13 +100,24 @@ class CorrectedPoses:
         self._correction = self._sigma * (gain @ (offset / self._sigma))
         pose = moved(prior, self._correction)
         pose[:3, :3] = nearest_rotation(pose[:3, :3])
-        return replace(given, T_world_camera=pose, forgotten=self._insert(surface, pose))
+        forgotten = self._insert(surface, pose)
+        return replace(given, T_world_camera=self._settled(pose, given.T_world_camera), forgotten=forgotten)
+
+    def _settled(self, T_map_camera: NDArray[np.float64], T_world_given: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The pose in the world, in which the map comes to lie where all given poses have it on average."""
+        self._matched += 1
+        pose = self._T_world_map @ T_map_camera
+        pose = moved(pose, _twist(pose, T_world_given) / (self._matched + _ALIKE))
+        pose[:3, :3] = nearest_rotation(pose[:3, :3])
+        self._T_world_map = pose @ invert(T_map_camera)
+        return pose
 
     def _begin_anew(self, surface: Surface, given: PoseEstimate) -> PoseEstimate:
         """Follow the given pose to where the map is not: the next frames are compared with this one."""
         self._planes = SurfelMap(self._settings.surfel_voxel, self._settings.surfel_limit)
         self._correction = np.zeros(6)
-        self._strangers = 0
+        self._T_world_map = np.eye(4)
+        self._strangers = self._matched = 0
         self._insert(surface, given.T_world_camera)
         return replace(given, restarted=True)
 
