@@ -19,6 +19,7 @@ from spot3d.pose.registration import judged, refined
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface, sample_surface
 from spot3d.pose.surfel_map import SurfelMap
+from spot3d.sensor import SIGMA_0
 from spot3d.trajectory import rotation_angle
 
 # A whole image's surface tells as much of the pose as so many points of independent noise would: a depth camera's own
@@ -44,7 +45,8 @@ class CorrectedPoses:
         self._given = GivenPoses()
         self._planes = SurfelMap(settings.surfel_voxel, settings.surfel_limit)
         self._sigma = np.repeat((settings.given_sigma, settings.given_turn_sigma), 3)
-        self._noise = MeasuredNoise()
+        # Less than the noise of a single pixel at its nearest makes no surface thicker.
+        self._noise = MeasuredNoise((SIGMA_0 / settings.given_sigma) ** 2)
         self._correction = np.zeros(6)
         self._T_world_map = np.eye(4)
         self._matched = 0
@@ -130,6 +132,10 @@ class CorrectedPoses:
 
 # What is measured of the noise settles within so many frames.
 _SETTLING = 30
+# Information that is less than this, in units of the stated uncertainty, is none.
+_UNKNOWN = 1e-6
+# Offsets count up to so many standard deviations.
+_OUTLIER = 3.0
 
 
 class MeasuredNoise:
@@ -137,12 +143,15 @@ class MeasuredNoise:
 
     Registrations scatter about the given poses by the noise of both (covariance matching, Mehra 1970); what they have
     in common for long is the map's own offset, or the registration's bias, and no noise.
+
+    negligible: variance, in units of the stated one, below which the given poses count as exact.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, negligible: float) -> None:
+        self._negligible = negligible
         self._count = 0
         self._mean = np.zeros(6)
-        self._excess = self._weight = self._variance = 1.0
+        self._variance = 1.0
 
     def measured(self, offset: NDArray[np.float64], information: NDArray[np.float64]) -> float:
         """Variance of the given poses, 0..1 of the stated one, once this frame is taken into account.
@@ -154,12 +163,15 @@ class MeasuredNoise:
         gain = max(1 / _SETTLING, 1 / (self._count + 1))
         self._mean += gain * (offset - self._mean)
         known, axes = np.linalg.eigh(information)
-        spread = 1 / np.maximum(known, 1e-6)
-        weight = 1 / (spread + self._variance) ** 2
-        self._excess += gain * (weight @ ((axes.T @ (offset - self._mean)) ** 2 - spread) - self._excess)
-        self._weight += gain * (weight.sum() - self._weight)
-        self._variance = float(np.clip(self._excess / self._weight, 0.0, 1.0))
-        return self._variance
+        spread = 1 / np.maximum(known, _UNKNOWN)
+        # The directions that the registration knows best tell most of the noise; a single registration that fails
+        # tells nothing.
+        expected = spread + max(self._variance, self._negligible)
+        weight = 1 / expected**2
+        square = np.minimum((axes.T @ (offset - self._mean)) ** 2, _OUTLIER**2 * expected)
+        excess = weight @ (square - spread) / weight.sum()
+        self._variance += gain * (excess - self._variance)
+        return float(np.clip(self._variance - self._negligible, 0.0, 1.0))
 
 
 def _twist(T_world_from: NDArray[np.float64], T_world_to: NDArray[np.float64]) -> NDArray[np.float64]:
