@@ -33,8 +33,13 @@ _JUMP = 6.0
 _PATIENCE = 5
 # Every so-manieth point tells the information of a registration.
 _STRIDE = 4
-# The noise of given poses is alike for about so many frames, which tell no more of their mean than one does.
-_ALIKE = 20
+# The mean of the given poses, and their noise about it, are known after about so long, seconds: many times as long as
+# neighbouring poses are wrong alike (a third of a second). From 2 to 6 the results are the same.
+_SETTLING_S = 3.0
+# Information that is less than this, in units of the stated uncertainty, is none.
+_UNKNOWN = 1e-6
+# Offsets count up to so many standard deviations.
+_OUTLIER = 3.0
 
 
 class CorrectedPoses:
@@ -49,7 +54,7 @@ class CorrectedPoses:
         self._noise = MeasuredNoise((SIGMA_0 / settings.given_sigma) ** 2)
         self._correction = np.zeros(6)
         self._T_world_map = np.eye(4)
-        self._matched = 0
+        self._age = 0.0
         self._last: tuple[int, NDArray[np.float64]] | None = None
         self._strangers = 0
 
@@ -78,9 +83,9 @@ class CorrectedPoses:
             return self._begin_anew(surface, given)
         if len(surface) < self._settings.points_min:
             return given
-        return self._corrected(surface, given)
+        return self._corrected(surface, given, 1e-9 * (stamp_ns - last[0]))
 
-    def _corrected(self, surface: Surface, given: PoseEstimate) -> PoseEstimate:
+    def _corrected(self, surface: Surface, given: PoseEstimate, elapsed: float) -> PoseEstimate:
         settings, prior = self._settings, invert(self._T_world_map) @ given.T_world_camera
         # What was wrong with the last pose is nearly what is wrong with this one.
         registered = refined(self._planes, surface, moved(prior, self._correction), settings)
@@ -97,19 +102,22 @@ class CorrectedPoses:
         )
         # In units of the stated uncertainty, in which the prior is the same in every direction.
         information = _INDEPENDENT / tried * self._sigma[:, None] * H * self._sigma
-        variance = self._noise.measured(offset / self._sigma, information)
+        variance = self._noise.measured(offset / self._sigma, information, elapsed)
         gain = variance * np.linalg.solve(np.eye(6) + variance * information, information)
         self._correction = self._sigma * (gain @ (offset / self._sigma))
         pose = moved(prior, self._correction)
         pose[:3, :3] = nearest_rotation(pose[:3, :3])
         forgotten = self._insert(surface, pose)
-        return replace(given, T_world_camera=self._settled(pose, given.T_world_camera), forgotten=forgotten)
+        pose = self._settled(pose, given.T_world_camera, elapsed)
+        return replace(given, T_world_camera=pose, forgotten=forgotten)
 
-    def _settled(self, T_map_camera: NDArray[np.float64], T_world_given: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _settled(
+        self, T_map_camera: NDArray[np.float64], T_world_given: NDArray[np.float64], elapsed: float
+    ) -> NDArray[np.float64]:
         """The pose in the world, in which the map comes to lie where all given poses have it on average."""
-        self._matched += 1
+        self._age += elapsed
         pose = self._T_world_map @ T_map_camera
-        pose = moved(pose, _twist(pose, T_world_given) / (self._matched + _ALIKE))
+        pose = moved(pose, elapsed / (self._age + _SETTLING_S) * _twist(pose, T_world_given))
         pose[:3, :3] = nearest_rotation(pose[:3, :3])
         self._T_world_map = pose @ invert(T_map_camera)
         return pose
@@ -119,7 +127,7 @@ class CorrectedPoses:
         self._planes = SurfelMap(self._settings.surfel_voxel, self._settings.surfel_limit)
         self._correction = np.zeros(6)
         self._T_world_map = np.eye(4)
-        self._strangers = self._matched = 0
+        self._strangers, self._age = 0, 0.0
         self._insert(surface, given.T_world_camera)
         return replace(given, restarted=True)
 
@@ -128,14 +136,6 @@ class CorrectedPoses:
         before = self._planes.forgotten
         self._planes.insert(surface, pose)
         return self._planes.forgotten - before
-
-
-# What is measured of the noise settles within so many frames.
-_SETTLING = 30
-# Information that is less than this, in units of the stated uncertainty, is none.
-_UNKNOWN = 1e-6
-# Offsets count up to so many standard deviations.
-_OUTLIER = 3.0
 
 
 class MeasuredNoise:
@@ -153,14 +153,14 @@ class MeasuredNoise:
         self._mean = np.zeros(6)
         self._variance = 1.0
 
-    def measured(self, offset: NDArray[np.float64], information: NDArray[np.float64]) -> float:
+    def measured(self, offset: NDArray[np.float64], information: NDArray[np.float64], elapsed: float) -> float:
         """Variance of the given poses, 0..1 of the stated one, once this frame is taken into account.
 
         offset: (6,) from the given pose to the registered one, information: (6, 6) of the registration; both in units
-        of the stated standard deviations.
+        of the stated standard deviations; elapsed: seconds since the last frame.
         """
         self._count += 1
-        gain = max(1 / _SETTLING, 1 / (self._count + 1))
+        gain = max(1 - np.exp(-elapsed / _SETTLING_S), 1 / (self._count + 1))
         self._mean += gain * (offset - self._mean)
         known, axes = np.linalg.eigh(information)
         spread = 1 / np.maximum(known, _UNKNOWN)
