@@ -46,6 +46,7 @@ PRESETS: dict[str, Layer] = {
     "default": {},
     "paper": {
         "preset": "paper",
+        "pose": {"given_sigma": 0.0},
         "proposals": ProposalSettings.PAPER.model_dump(exclude_unset=True),
         "fusion": PAPER_FUSION.model_dump(exclude_unset=True),
     },
