@@ -146,6 +146,15 @@ def test_a_view_that_the_map_does_not_know_takes_the_given_pose() -> None:
     assert distances(poses_of(after), given[12:14]).min() > 1e-4
 
 
+def test_nothing_to_see_at_first() -> None:
+    depths, true = recording(0)
+    tracker = corrector()
+    tracked(tracker, [np.zeros(CAMERA.shape, np.float32)] * 8, true[:8])
+    estimates = tracked(tracker, depths[8:12], true[8:12], first=8)
+    assert not any(estimate.restarted for estimate in estimates)
+    assert distances(poses_of(estimates), true[8:12]).max() < 0.003
+
+
 def test_bad_poses_are_lost_and_harm_nothing() -> None:
     depths, true = recording(0)
     bent = true[5].copy()

@@ -78,7 +78,7 @@ class CorrectedPoses:
         pose, last = given.T_world_camera, self._last
         self._last = (stamp_ns, pose)
         surface = sample_surface(depth_m, intrinsics, self._settings)
-        if last is None:
+        if last is None or self._planes.count == 0:
             self._insert(surface, pose)
             return given
         if _leaps(last, stamp_ns, pose, self._settings):
