@@ -69,9 +69,8 @@ def distances(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.floa
 def test_exact_poses_stay(seed: int) -> None:
     depths, true = recording(seed)
     corrected = poses_of(tracked(corrector(), depths, true))
-    assert distances(corrected, true).max() < 0.003
-    assert np.degrees(rotation_angle(np.linalg.inv(true) @ corrected)).max() < 0.1
-    # Once it is known that they are exact, they are taken as they are.
+    assert distances(corrected, true).max() < 0.0005
+    assert np.degrees(rotation_angle(np.linalg.inv(true) @ corrected)).max() < 0.02
     assert distances(corrected, true)[-10:].max() < 1e-9
 
 
@@ -84,7 +83,7 @@ def test_shaken_poses_come_nearer_to_the_truth(metres: float, degrees: float) ->
     assert not any(estimate.restarted for estimate in estimates)
     assert ate(true, corrected)["rmse"] < 0.75 * ate(true, given)["rmse"]
     for before, after in zip(rpe(true, given), rpe(true, corrected), strict=True):
-        assert after["rmse"] < 0.85 * before["rmse"]
+        assert after["rmse"] < 0.9 * before["rmse"]
     # The world stays that of the given poses.
     assert distances(corrected, given).max() < 5 * metres
     assert distances(corrected, true).mean() < distances(given, true).mean()

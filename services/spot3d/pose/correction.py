@@ -153,7 +153,8 @@ class MeasuredNoise:
         self._negligible = negligible
         self._count = 0
         self._mean = np.zeros(6)
-        self._variance = 1.0
+        # Poses count as exact until they are seen not to be.
+        self._variance = 0.0
 
     def measured(self, offset: NDArray[np.float64], information: NDArray[np.float64], elapsed: float) -> float:
         """Variance of the given poses, 0..1 of the stated one, once this frame is taken into account.
