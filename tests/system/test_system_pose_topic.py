@@ -25,7 +25,8 @@ LIMIT_S = 120.0
 
 def start(out: Path, *more: str) -> "subprocess.Popen[str]":
     settings = out.with_suffix(".toml")
-    settings.write_text(f'[link]\nrobot = "{ROBOT}"\n', encoding="utf-8")
+    # Poses on a topic are taken as they are: so shall those of the input be.
+    settings.write_text(f'[link]\nrobot = "{ROBOT}"\n[pose]\ngiven_sigma = 0\n', encoding="utf-8")
     command = [sys.executable, "-m", "spot3d", "run", "scene", "--half", "--frames", str(FRAMES)]
     command += ["--settings", str(settings), "--out", str(out), *more]
     pipe = subprocess.PIPE

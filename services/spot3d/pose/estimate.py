@@ -16,12 +16,14 @@ class PoseEstimate:
     T_world_camera: (4, 4) float64; while status is "lost" it is the last good pose and must not be fused.
     reason: why tracking is lost, for people; empty while status is "ok".
     forgotten: surfels and landmarks that the full maps dropped for this frame's.
+    restarted: the given poses jumped away from the local map, which began anew with this frame.
     """
 
     T_world_camera: NDArray[np.float64]
     status: Literal["ok", "lost"]
     reason: str = ""
     forgotten: int = 0
+    restarted: bool = False
 
 
 class PoseTracker(Protocol):

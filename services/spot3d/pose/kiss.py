@@ -13,21 +13,13 @@ from kiss_icp.voxelization import voxel_down_sample
 from numpy.typing import NDArray
 
 from spot3d.camera import invert
-from spot3d.pose.motion import moved, nearest_rotation
-from spot3d.pose.registration import Registration, judged
+from spot3d.pose.registration import Registration, judged, refined
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface
 from spot3d.pose.surfel_map import SurfelMap
 
 # KISS-ICP thins its points to a few hundred anyway; a quarter of the lattice is plenty to choose from.
 _KISS_STRIDE = 4
-# The first Gauss-Newton steps are coarse: part of the points does.
-_COARSE_STRIDE, _FINE_STRIDE = 6, 1
-# Steps below this (metres, radians) end a level of the refinement.
-_COARSE_STEP, _FINE_STEP = 2e-3, 3e-4
-# Fewer matched points than this give no step.
-_POINTS_MIN = 20
-_RIDGE = 1e-9
 # After a loss KISS-ICP runs first against a map of larger voxels, since its search spans neighbouring voxels
 # only. Voxel in metres, points in a voxel; sigma is half a voxel, so that correspondences reach 1.5 voxels.
 _WIDE_VOXEL, _WIDE_POINTS = 0.3, 10
@@ -58,11 +50,13 @@ class KissIcp:
         if wide:
             self._deviation = None
             pose = self._align_wide(surface, T_world_guess)
-            return judged(self._planes, surface, self._refine(surface, pose), settings.recovery_distance)
+            return judged(
+                self._planes, surface, refined(self._planes, surface, pose, settings), settings.recovery_distance
+            )
         sigma = self._threshold.get_threshold()
         source = _thinned(surface, 0.5 * settings.kiss_voxel, 1.5 * settings.kiss_voxel)
         pose = self._registration.align_points_to_map(source, self._map, T_world_guess, 3 * sigma, sigma)
-        pose = self._refine(surface, pose)
+        pose = refined(self._planes, surface, pose, settings)
         self._deviation = invert(T_world_guess) @ pose
         return judged(self._planes, surface, pose, settings.refine_distance)
 
@@ -86,27 +80,6 @@ class KissIcp:
         for voxels, sigma in ((self._wide_map, 0.5 * _WIDE_VOXEL), (self._map, voxel)):
             pose = self._wide_registration.align_points_to_map(source, voxels, pose, 3 * sigma, sigma)
             source = _thinned(surface, 0.5 * voxel, 1.5 * voxel)
-        return pose
-
-    def _refine(self, surface: Surface, pose: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Gauss-Newton: on a share of the points until the steps are small, then on more of them."""
-        settings = self._settings
-        stride = _COARSE_STRIDE
-        for _ in range(settings.refine_iterations):
-            H, g, (_, matched, _) = self._planes.normal_equations(
-                surface, pose, settings.refine_distance, settings.refine_kernel, stride
-            )
-            if matched < _POINTS_MIN:
-                break
-            # The ridge only keeps an unconstrained direction where it is.
-            step = np.linalg.solve(H + _RIDGE * np.trace(H) * np.eye(6), g)
-            pose = moved(pose, step)
-            size = np.abs(step).max()
-            if stride > _FINE_STRIDE and size < _COARSE_STEP:
-                stride = _FINE_STRIDE
-            elif size < _FINE_STEP:
-                break
-        pose[:3, :3] = nearest_rotation(pose[:3, :3])
         return pose
 
 

@@ -24,6 +24,7 @@ from spot3d_schemas import Frame, Pose
 
 _IN, _OUT = "source/frame", "pose/pose"
 _FORGOTTEN = "surfels and landmarks forgotten: the map's limit is reached"
+_RESTARTED = "given poses jumped: the map that corrects them began anew"
 _HOMELESS = "started amid a run, whose world it cannot know: frames that carry a pose, or a new run, give it one"
 
 
@@ -99,4 +100,6 @@ def _track(node: Node, tracker: PoseTracker, frame: RgbdFrame, last: PoseEstimat
     node.counters.step(time.perf_counter() - start_s)
     if estimate.forgotten:
         node.counters.event(_FORGOTTEN, estimate.forgotten)
+    if estimate.restarted:
+        node.counters.event(_RESTARTED)
     return estimate

@@ -1,5 +1,6 @@
 """The pose provider that the settings name."""
 
+from spot3d.pose.correction import CorrectedPoses
 from spot3d.pose.estimate import PoseTracker
 from spot3d.pose.given import GivenPoses
 from spot3d.pose.settings import PoseSettings
@@ -12,7 +13,7 @@ def make_tracker(settings: PoseSettings) -> PoseTracker:
     Raises ModuleNotFoundError, which names the extra to install, where the provider's package is absent.
     """
     if settings.provider == "given":
-        return GivenPoses()
+        return CorrectedPoses(settings) if settings.given_sigma > 0 else GivenPoses()
     if settings.provider == "gicp":
         from spot3d.pose.gicp import SmallGicp
 

@@ -1,4 +1,4 @@
-"""What registering a frame to a local map gives, and what a registrar is."""
+"""What registering a frame to a local map gives, what a registrar is, and the refinement against a map of planes."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -6,9 +6,18 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.pose.motion import moved, nearest_rotation
+from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface
 from spot3d.pose.surfel_map import SurfelMap
 
+# The first Gauss-Newton steps are coarse: part of the points does.
+_COARSE_STRIDE, _FINE_STRIDE = 6, 1
+# Steps below this (metres, radians) end a level of the refinement.
+_COARSE_STEP, _FINE_STEP = 2e-3, 3e-4
+# Fewer matched points than this give no step.
+_POINTS_MIN = 20
+_RIDGE = 1e-9
 # A share of the points is enough to judge a fit.
 _STRIDE = 4
 
@@ -47,3 +56,30 @@ def judged(planes: SurfelMap, surface: Surface, T_world_camera: NDArray[np.float
     """How well a surface at a pose fits the map: a point meets it within `distance` metres of its plane."""
     _, _, (tried, matched, squares) = planes.normal_equations(surface, T_world_camera, distance, 1.0, _STRIDE)
     return Registration(T_world_camera, matched / max(tried, 1), (squares / max(matched, 1)) ** 0.5)
+
+
+def refined(
+    planes: SurfelMap, surface: Surface, T_world_camera: NDArray[np.float64], settings: PoseSettings
+) -> NDArray[np.float64]:
+    """The pose (4, 4) near the given one at which the surface meets the planes best, point to plane.
+
+    Gauss-Newton: on a share of the points until the steps are small, then on more of them.
+    """
+    pose, stride = T_world_camera, _COARSE_STRIDE
+    for _ in range(settings.refine_iterations):
+        H, g, (_, matched, _) = planes.normal_equations(
+            surface, pose, settings.refine_distance, settings.refine_kernel, stride
+        )
+        if matched < _POINTS_MIN:
+            break
+        # The ridge only keeps an unconstrained direction where it is.
+        step = np.linalg.solve(H + _RIDGE * np.trace(H) * np.eye(6), g)
+        pose = moved(pose, step)
+        size = np.abs(step).max()
+        if stride > _FINE_STRIDE and size < _COARSE_STEP:
+            stride = _FINE_STRIDE
+        elif size < _FINE_STEP:
+            break
+    pose = pose.copy()
+    pose[:3, :3] = nearest_rotation(pose[:3, :3])
+    return pose

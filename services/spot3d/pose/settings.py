@@ -16,6 +16,18 @@ class PoseSettings(BaseModel):
         "(small_gicp); given: the poses that the frames bring along",
     )
 
+    # Larger changes nothing, for the noise is measured; smaller than the noise fails (redkitchen, 5 to 20 mm).
+    given_sigma: float = Field(
+        0.02,
+        ge=0,
+        le=0.2,
+        description="given: how far off the given poses may be, standard deviation of each axis, metres: so far they "
+        "are corrected against the map of the frames before; 0: they are taken as they are",
+    )
+    given_turn_sigma: float = Field(
+        0.014, gt=0, le=0.2, description="given: the same of the rotation about each axis, radians"
+    )
+
     lattice_width: int = Field(
         128,
         ge=40,

@@ -1,0 +1,188 @@
+"""Given poses corrected against the map: on the built-in scene, in front of a bare plane, and where they jump."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.pose.correction import CorrectedPoses, MeasuredNoise
+from spot3d.pose.estimate import PoseEstimate, PoseTracker
+from spot3d.pose.motion import rotation_from_vector
+from spot3d.pose.providers import make_tracker
+from spot3d.pose.settings import PoseSettings
+from spot3d.sensor import axial_noise
+from spot3d.source.scene import Scene
+from spot3d.trajectory import ate, rotation_angle, rpe
+
+CAMERA = Intrinsics(146.25, 146.25, 80.0, 60.0, 160, 120)
+FRAME_NS = 100_000_000
+EVERY, FRAMES = 3, 60
+SIGMA = PoseSettings().given_sigma
+
+
+@cache
+def recording(seed: int) -> tuple[list[NDArray[np.float32]], NDArray[np.float64]]:
+    """Depth of frames of the built-in scene, ten a second, and their true poses (n, 4, 4)."""
+    scene = Scene(seed, frames=EVERY * FRAMES, intrinsics=CAMERA)
+    frames = [scene[EVERY * index] for index in range(FRAMES)]
+    return [frame.depth_metres() for frame in frames], np.array([scene.true_pose(EVERY * i) for i in range(FRAMES)])
+
+
+def shaken(true: NDArray[np.float64], metres: float, degrees: float, seed: int = 0) -> NDArray[np.float64]:
+    """Poses that are wrong by these standard deviations of each axis, smoothly, alike for a third of a second."""
+    rng, keep = np.random.default_rng(seed), np.exp(-FRAME_NS * 1e-9 / 0.333)
+    sigma = np.repeat((metres, np.radians(degrees)), 3)
+    wrong, poses = sigma * rng.normal(size=6), true.copy()
+    for pose in poses:
+        wrong = keep * wrong + np.sqrt(1 - keep**2) * sigma * rng.normal(size=6)
+        motion = np.eye(4)
+        motion[:3, :3], motion[:3, 3] = rotation_from_vector(wrong[3:]), wrong[:3]
+        pose[:] = pose @ motion
+    return poses
+
+
+def tracked(
+    tracker: PoseTracker, depths: list[NDArray[np.float32]], given: NDArray[np.float64], first: int = 0
+) -> list[PoseEstimate]:
+    return [
+        tracker.track(1 + (first + index) * FRAME_NS, depth, CAMERA, pose)
+        for index, (depth, pose) in enumerate(zip(depths, given, strict=True))
+    ]
+
+
+def poses_of(estimates: list[PoseEstimate]) -> NDArray[np.float64]:
+    assert {estimate.status for estimate in estimates} == {"ok"}
+    return np.array([estimate.T_world_camera for estimate in estimates])
+
+
+def corrector(given_sigma: float = SIGMA) -> PoseTracker:
+    return make_tracker(PoseSettings(provider="given", given_sigma=given_sigma))
+
+
+def distances(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=1))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_exact_poses_stay(seed: int) -> None:
+    depths, true = recording(seed)
+    corrected = poses_of(tracked(corrector(), depths, true))
+    assert distances(corrected, true).max() < 0.0005
+    assert np.degrees(rotation_angle(np.linalg.inv(true) @ corrected)).max() < 0.02
+    assert distances(corrected, true)[-10:].max() < 1e-9
+
+
+@pytest.mark.parametrize(("metres", "degrees"), [(0.005, 0.2), (0.01, 0.4), (0.02, 0.8)])
+def test_shaken_poses_come_nearer_to_the_truth(metres: float, degrees: float) -> None:
+    depths, true = recording(0)
+    given = shaken(true, metres, degrees)
+    estimates = tracked(corrector(), depths, given)
+    corrected = poses_of(estimates)
+    assert not any(estimate.restarted for estimate in estimates)
+    assert ate(true, corrected)["rmse"] < 0.75 * ate(true, given)["rmse"]
+    for before, after in zip(rpe(true, given), rpe(true, corrected), strict=True):
+        assert after["rmse"] < 0.9 * before["rmse"]
+    # The world stays that of the given poses.
+    assert distances(corrected, given).max() < 5 * metres
+    assert distances(corrected, true).mean() < distances(given, true).mean()
+
+
+def test_without_uncertainty_poses_are_taken_as_they_are() -> None:
+    depths, true = recording(0)
+    given = shaken(true, 0.01, 0.4)
+    plain = poses_of(tracked(corrector(0.0), depths, given))
+    np.testing.assert_allclose(plain, given, atol=1e-12)
+    assert not isinstance(corrector(0.0), CorrectedPoses)
+
+
+def test_two_runs_are_identical() -> None:
+    depths, true = recording(0)
+    given = shaken(true, 0.01, 0.4)[:20]
+    first, second = (poses_of(tracked(corrector(), depths[:20], given)) for _ in range(2))
+    np.testing.assert_array_equal(first, second)
+
+
+def test_along_a_bare_plane_the_given_pose_decides() -> None:
+    true = np.tile(np.eye(4), (40, 1, 1))
+    given = shaken(true, 0.01, 0.4)
+    rng = np.random.default_rng(3)
+    depth = 1.525  # amid the voxels of the map
+    noise = axial_noise(depth) * rng.normal(size=(40, *CAMERA.shape))
+    corrected = poses_of(tracked(corrector(), list((depth + noise).astype(np.float32)), given))
+    off = (np.linalg.inv(given) @ corrected)[10:]
+    # Depth tells the distance from the plane and its tilt, but nothing of x and y and the turn about its normal.
+    assert np.abs(off[:, :2, 3]).max() < 1e-3
+    assert np.abs(off[:, 1, 0]).max() < 1e-3
+    # The map itself moves to the mean of the given poses, but slowly: frame by frame it stays.
+    for row, column, share in ((2, 3, 0.4), (1, 2, 0.8), (0, 2, 0.8)):
+        moves = [np.std(np.diff(poses[10:, row, column])) for poses in (given, corrected)]
+        assert moves[1] < share * moves[0]
+
+
+@pytest.mark.parametrize("metres", [0.15, 0.5, 5.0])
+def test_a_jump_of_the_given_poses_is_followed(metres: float) -> None:
+    depths, true = recording(0)
+    jumped = shaken(true, 0.005, 0.2)
+    jumped[30:, :3, 3] += metres * np.array((0.6, 0.0, 0.8))
+    estimates = tracked(corrector(), depths, jumped)
+    assert sum(estimate.restarted for estimate in estimates) == 1
+    assert distances(poses_of(estimates), jumped).max() < 0.03
+
+
+def test_a_view_that_the_map_does_not_know_takes_the_given_pose() -> None:
+    depths, true = recording(0)
+    given = shaken(true, 0.01, 0.4)
+    tracker = corrector()
+    tracked(tracker, depths[:10], given[:10])
+    covered = [np.full(CAMERA.shape, 0.3, np.float32), np.zeros(CAMERA.shape, np.float32)]
+    estimates = tracked(tracker, covered, given[10:12], first=10)
+    np.testing.assert_allclose(poses_of(estimates), given[10:12], atol=1e-12)
+    # The map is still there.
+    after = tracked(tracker, depths[12:14], given[12:14], first=12)
+    assert not any(estimate.restarted for estimate in after)
+    assert distances(poses_of(after), given[12:14]).min() > 1e-4
+
+
+def test_nothing_to_see_at_first() -> None:
+    depths, true = recording(0)
+    tracker = corrector()
+    tracked(tracker, [np.zeros(CAMERA.shape, np.float32)] * 8, true[:8])
+    estimates = tracked(tracker, depths[8:12], true[8:12], first=8)
+    assert not any(estimate.restarted for estimate in estimates)
+    assert distances(poses_of(estimates), true[8:12]).max() < 0.003
+
+
+def test_bad_poses_are_lost_and_harm_nothing() -> None:
+    depths, true = recording(0)
+    bent = true[5].copy()
+    bent[0, 0] = 2.0
+    tracker = corrector()
+    tracked(tracker, depths[:5], true[:5])
+    for bad in (np.full((4, 4), np.nan), bent, None):
+        estimate = tracker.track(1 + 5 * FRAME_NS, depths[5], CAMERA, bad)
+        assert estimate.status == "lost"
+        assert estimate.reason
+    after = tracked(tracker, depths[5:10], true[5:10], first=5)
+    assert distances(poses_of(after), true[5:10]).max() < 0.001
+
+
+def test_a_stamp_that_goes_back_begins_anew() -> None:
+    depths, true = recording(0)
+    tracker = corrector()
+    tracked(tracker, depths[:5], true[:5])
+    estimate = tracker.track(1, depths[0], CAMERA, true[0])
+    assert (estimate.status, estimate.restarted) == ("ok", True)
+    np.testing.assert_allclose(estimate.T_world_camera, true[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.1, 0.5, 1.0])
+def test_noise_is_measured(scale: float) -> None:
+    rng, noise = np.random.default_rng(1), MeasuredNoise(1e-4)
+    # Registrations that know three directions to a tenth of the stated uncertainty, and nothing of the others.
+    information = np.diag((100.0, 100.0, 100.0, 0.0, 0.0, 0.0))
+    measured = [
+        noise.measured(0.3 + np.hypot(scale, 0.1) * rng.normal(size=6), information, 1 / 30) for _ in range(600)
+    ]
+    assert np.sqrt(np.median(measured[100:])) == pytest.approx(scale, rel=0.2, abs=0.05)
