@@ -45,6 +45,18 @@ class FrameSegments:
     def __len__(self) -> int:
         return len(self.heat)
 
+    def boxes(self, camera: Intrinsics) -> NDArray[np.float64]:
+        """(n, 4) float64 [x, y, w, h]: the boxes around the segments' pixels, in pixels of another camera's image."""
+        own, found = self.camera, np.zeros((len(self), 4))
+        for number in range(len(self)):
+            v, u = np.nonzero(self.labels == number + 1)
+            if len(u):
+                corner = np.array((u.min() - 0.5 - own.cx, v.min() - 0.5 - own.cy))
+                size = np.array((np.ptp(u) + 1, np.ptp(v) + 1))
+                scale = np.array((camera.fx / own.fx, camera.fy / own.fy))
+                found[number] = *(corner * scale + (camera.cx, camera.cy) + 0.5), *(size * scale)
+        return found
+
     def seen_by(self, camera: Intrinsics) -> "FrameSegments":
         """The same segments on another lattice of the same view: each pixel has the label of the nearest one here.
 

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from spot3d.fusion.structure import StructurePlane
 
 from spot3d.boxes import Box3D
 from spot3d.camera import Intrinsics
 from spot3d.fusion.selection import MapPoints
 from spot3d.fusion.settings import PAPER, FusionSettings
-from spot3d.fusion.structure import StructurePlane
 from spot3d.sensor import axial_noise
 
 CAMERA = Intrinsics(150.0, 150.0, 79.5, 59.5, 160, 120)

@@ -14,9 +14,10 @@ from spot3d.evaluate.scores import recall_of, without_object
 from spot3d.evaluate.table import Cell, Column, Table
 from spot3d.evaluate.unjudged import judged_overlap
 from spot3d.frame import RgbdFrame
+from spot3d.fusion.density_frame import find_by_density_in_frame
 from spot3d.heatmap.heat import Heat, weighted_heat
 from spot3d.proposals.propose import propose
-from spot3d.segments.single_frame import find_in_frame
+from spot3d.segments.finder import find_segments
 from spot3d.settings import Settings
 
 NUMBERS = (50, 100, 500, 1000, 2000)
@@ -48,9 +49,8 @@ def proposals_table(datasets: list[DataSet], settings: Settings) -> Table:
             peer.add(item, peer_in_frame(depth, camera))
             for number in NUMBERS:
                 boxes, heat = proposals_and_heat(item.frame, with_proposals(settings, max_boxes=number))
-                found = find_in_frame(item.frame.colour, depth, heat.heat, camera, settings.fusion)
                 bare[number].add(item, boxes)
-                ours[number].add(item, found.boxes)
+                ours[number].add(item, boxes_in_frame(item.frame, heat, settings))
         for number in NUMBERS:
             b, o = bare[number], ours[number]
             table.add(dataset.name, number, b.success, b.detection, *o.cells(), *peer.cells(), peer.true)
@@ -127,6 +127,17 @@ def proposals_and_heat(frame: RgbdFrame, settings: Settings) -> tuple[NDArray[np
     depth, camera = frame.depth_metres(), frame.intrinsics
     boxes = propose(frame.colour, depth, camera, settings.proposals)
     return boxes, weighted_heat(depth, camera, boxes, settings.heatmap)
+
+
+def boxes_in_frame(frame: RgbdFrame, heat: Heat, settings: Settings) -> NDArray[np.float64]:
+    """(n, 4) [x, y, w, h] boxes of the objects of one frame alone, found as fusion finds them over time."""
+    depth, camera = frame.depth_metres(), frame.intrinsics
+    if settings.fusion.clustering == "density":
+        parts = find_by_density_in_frame(depth, heat.heat, camera, settings.fusion)
+        rows_columns = [np.divmod(part, camera.width) for part in parts]
+        boxes = [(u.min(), v.min(), np.ptp(u) + 1, np.ptp(v) + 1) for v, u in rows_columns]
+        return np.array(boxes, np.float64).reshape(-1, 4)
+    return find_segments(frame.colour, depth, heat.heat, camera, settings.segments).boxes(camera)
 
 
 def with_proposals(settings: Settings, **changes: int | bool) -> Settings:

@@ -7,8 +7,8 @@ from spot3d.camera import Intrinsics, back_project
 from spot3d.evaluate.dominant_plane import dominant_plane
 from spot3d.evaluate.judgement import Found
 from spot3d.evaluate.peer import dbscan_clusters, voxel_keys
-from spot3d.fusion.boxes import upright_box
 from spot3d.fusion.settings import FusionSettings
+from spot3d.geometry.upright import upright_box
 
 FRAMES_MAX = 300
 """So many of a run's frames, evenly spread, are enough for a cloud and cost little."""

@@ -11,7 +11,7 @@ from spot3d.evaluate.labelled import LabelledSequence
 from spot3d.evaluate.ply import read_ply_points
 from spot3d.evaluate.points import BACKGROUND, IGNORED
 from spot3d.evaluate.truth import LabelledScene
-from spot3d.fusion.boxes import upright_box
+from spot3d.geometry.upright import upright_box
 from spot3d.source.errors import SourceError
 from spot3d.source.images import read_depth
 from spot3d.source.recording import RecordedFrame, Recording

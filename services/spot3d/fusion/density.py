@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
-from spot3d.fusion.boxes import Cluster, rotation_to_upright
 from spot3d.fusion.identity import FoundObject
 from spot3d.fusion.selection import MapPoints
 from spot3d.fusion.settings import FusionSettings
+from spot3d.geometry.upright import Cluster, rotation_to_upright
 
 _SAME_PLANE = 0.1
 """K-means has as few clusters as leave every plane this near to its cluster's centre in n, 6 degrees, and b, metres."""

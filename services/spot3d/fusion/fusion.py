@@ -1,6 +1,8 @@
 """The fusion stage's core: frames with heat and pose in, 3D objects with stable numbers out (paper, Sec. IV)."""
 
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,57 +10,70 @@ from numpy.typing import NDArray
 from spot3d.camera import Intrinsics, back_project, invert
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.consensus import ViewConsensus
+from spot3d.fusion.density import find_by_density
 from spot3d.fusion.heatmap3d import Heatmap3D
 from spot3d.fusion.identity import FoundObject, Identities
 from spot3d.fusion.index_map import IndexMap, Registration
-from spot3d.fusion.keyframes import FusedFrame, FusedFrames, keyframe_of
+from spot3d.fusion.keyframes import FusedFrame, FusedFrames, Keyframe, keyframe_of
 from spot3d.fusion.ransac import planes_by_ransac
 from spot3d.fusion.selection import MapPoints, frequent_points
 from spot3d.fusion.settings import FusionSettings
-from spot3d.fusion.structure import KeyframePlane, PlaneMemory
-from spot3d.fusion.views import Views, borne_out
 from spot3d.geometry.lattice import to_lattice
 from spot3d.geometry.planes import dominant_planes, on_plane, supporting_plane, transform_plane
 
 _AWAITING_SEGMENTS = 60
-"""Fused frames that segments may still come for: a learned segmenter may take two seconds of a camera; 0.3 MB each."""
+"""Fused frames that segments may still come for: a learned segmenter may take two seconds of a camera; 0.5 MB each."""
+_REMEMBERED = 10_000
+"""Most removed planes kept; beyond, every second one goes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Objects:
-    """The objects of one update; up: (3,) unit, world; frame_count: frames fused so far."""
+    """The objects of one update; up: (3,) unit, world; frame_count: frames fused so far.
+
+    left_out: what was taken for an object at first, by the reason why it is none.
+    """
 
     objects: list[FoundObject]
     up: NDArray[np.float64]
     frame_count: int
+    left_out: Counter[str] = field(default_factory=Counter)
 
 
-@dataclass(frozen=True, slots=True)
-class ObjectsTask:
+class ObjectsTask(Protocol):
     """Finds the objects of one moment. Tasks run one at a time, in the order of their snapshots."""
 
+    frame_count: int
+
+    def run(self) -> Objects:
+        """The objects, numbered as in the tasks that ran before."""
+
+
+@dataclass(slots=True)
+class _ConsensusTask:
+    """The views' consensus, with the keyframes that came since the last task."""
+
+    consensus: ViewConsensus
+    keyframes: list[Keyframe]
+    frame_count: int
+
+    def run(self) -> Objects:
+        agreed = self.consensus.update(self.keyframes)
+        return Objects(agreed.objects, agreed.up, self.frame_count, agreed.left_out)
+
+
+@dataclass(slots=True)
+class _DensityTask:
+    """The paper's way over the map's points."""
+
     points: MapPoints
-    planes: PlaneMemory
-    views: Views
+    keyframe_planes: NDArray[np.float64]
     identities: Identities
     settings: FusionSettings
     frame_count: int
 
     def run(self) -> Objects:
-        """The objects, numbered as in the tasks that ran before."""
-        if self.settings.clustering == "density":
-            from spot3d.fusion.density import find_by_density
-
-            found, up = find_by_density(self.points, self.planes.removed(), self.settings)
-            return Objects(self.identities.assign(found), up, self.frame_count)
-        # Loaded with the first task, beside the fusing: its kernels take longer to compile than those of the fusing.
-        from spot3d.fusion.extraction import find_objects
-        from spot3d.fusion.surface import middle_of
-
-        planes = self.planes.distinct(middle_of(self.points.xyz))
-        found = find_objects(self.points, planes, self.settings)
-        found = borne_out(found, self.views, self.frame_count, self.settings)
-        up = planes[0].plane[:3] if planes else np.array([0.0, 0.0, 1.0])
+        found, up = find_by_density(self.points, self.keyframe_planes, self.settings)
         return Objects(self.identities.assign(found), up, self.frame_count)
 
 
@@ -69,11 +84,10 @@ class Fusion:
         self.settings = settings
         self.heatmap = Heatmap3D(settings.map_limit, settings.voxel)
         self.frame_count = 0
-        self.consensus = ViewConsensus(settings.keyframe_limit)
+        self.consensus = ViewConsensus(settings)
         self._fused = FusedFrames(_AWAITING_SEGMENTS)
         self._index_map = IndexMap(settings)
-        self._memory = PlaneMemory()
-        self._views = Views()
+        self._removed: list[NDArray[np.float64]] = []
         self._identities = Identities()
         self._candidates = np.zeros((0, 4))
         self._supporting: NDArray[np.float64] | None = None
@@ -81,11 +95,10 @@ class Fusion:
     def reset(self) -> None:
         """Forget everything; object numbers start anew."""
         self.heatmap.clear()
-        self.consensus.clear()
+        self.consensus = ViewConsensus(self.settings)
         self._fused.clear()
         self._index_map.clear()
-        self._memory.clear()
-        self._views = Views()
+        self._removed = []
         self._identities = Identities()
         self._candidates, self._supporting, self.frame_count = np.zeros((0, 4)), None, 0
 
@@ -114,13 +127,12 @@ class Fusion:
                 warm = np.where(on_plane(plane, points, self.settings), np.uint8(0), frame.heat)
         elif self._supporting is None:
             self._keyframe(back_project(frame.depth, frame.camera), frame.heat, T_world_camera)
-        if self.frame_count % self.settings.keyframe_interval == 0:
-            self._views.add(T_world_camera, frame.camera)
         self.frame_count += 1
         if stamp_ns is not None:
             # At full size the lattice is the caller's own image.
-            kept = frame.depth.copy() if np.may_share_memory(frame.depth, depth) else frame.depth
-            self._fused.add(FusedFrame(stamp_ns, kept, frame.camera, T_world_camera.copy()))
+            own = not np.may_share_memory(frame.depth, depth)
+            seen = (frame.colour, frame.depth) if own else (frame.colour.copy(), frame.depth.copy())
+            self._fused.add(FusedFrame(stamp_ns, *seen, frame.camera, T_world_camera.copy()))
         return self._index_map.register(
             self.heatmap, self.frame_count, frame.colour, frame.depth, warm, frame.camera, T_world_camera
         )
@@ -140,16 +152,17 @@ class Fusion:
         """A copy of the map's points that were seen often enough."""
         return frequent_points(self.heatmap.points(), self.frame_count, self.settings)
 
-    def snapshot(self) -> "ObjectsTask":
-        """What finding the objects needs, copied: it may run beside the fusing of further frames."""
-        return ObjectsTask(
-            self.frequent_points(),
-            self._memory.copy(),
-            self._views.copy(),
-            self._identities,
-            self.settings,
-            self.frame_count,
-        )
+    def snapshot(self) -> ObjectsTask:
+        """What finding the objects needs, copied: it may run beside the fusing of further frames.
+
+        Every task must be run: the keyframes that came since the last one are this one's.
+        """
+        if self.settings.clustering == "density":
+            points = self.frequent_points()
+            return _DensityTask(
+                points, np.array(self._removed).reshape(-1, 4), self._identities, self.settings, self.frame_count
+            )
+        return _ConsensusTask(self.consensus, self.consensus.take_waiting(), self.frame_count)
 
     def objects(self) -> Objects:
         """The objects as the map now shows them."""
@@ -171,8 +184,7 @@ class Fusion:
         self._candidates = np.array([transform_plane(plane, T_world_camera) for plane in planes]).reshape(-1, 4)
         if chosen is None:
             return
-        for plane, in_world in zip(planes, self._candidates, strict=True):
-            removed = plane is chosen[0] or bool(np.array_equal(plane, chosen[0]))
-            self._memory.add(KeyframePlane(in_world, chosen[1] if removed else 0.0, removed))
-            if removed:
-                self._supporting = in_world
+        self._supporting = transform_plane(chosen[0], T_world_camera)
+        self._removed.append(self._supporting)
+        if len(self._removed) > _REMEMBERED:
+            self._removed = self._removed[::2]

@@ -14,10 +14,12 @@ from spot3d.frame_segments import FrameSegments
 class FusedFrame:
     """What is kept of a frame that was fused.
 
-    depth: (h, w) float32 metres on fusion's lattice, 0 = invalid; camera: of that lattice; T_world_camera: (4, 4).
+    colour: (h, w, 3) uint8 RGB on fusion's lattice; depth: (h, w) float32 metres, 0 = invalid; camera: of that
+    lattice; T_world_camera: (4, 4).
     """
 
     stamp_ns: int
+    colour: NDArray[np.uint8]
     depth: NDArray[np.float32]
     camera: Intrinsics
     T_world_camera: NDArray[np.float64]
@@ -28,12 +30,13 @@ class Keyframe:
     """A fused frame with the objects that were found in it alone.
 
     labels: (h, w) uint8 on the lattice of `depth`, 0 = no object, k = segment k - 1; depth: (h, w) float32 metres,
-    0 = invalid; camera: of that lattice; T_world_camera: (4, 4) float64. heat, planes (camera frame) and stands_on:
-    as in `FrameSegments`.
+    0 = invalid; colour: (h, w, 3) uint8 RGB; camera: of that lattice; T_world_camera: (4, 4) float64. heat, planes
+    (camera frame) and stands_on: as in `FrameSegments`.
     """
 
     stamp_ns: int
     labels: NDArray[np.uint8]
+    colour: NDArray[np.uint8]
     depth: NDArray[np.float32]
     camera: Intrinsics
     T_world_camera: NDArray[np.float64]
@@ -48,6 +51,7 @@ def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
     return Keyframe(
         frame.stamp_ns,
         seen.labels,
+        frame.colour,
         frame.depth,
         frame.camera,
         frame.T_world_camera,

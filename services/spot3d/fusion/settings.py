@@ -76,10 +76,10 @@ class FusionSettings(BaseModel):
     )
     heat_min: float = Field(0.18, ge=0, le=1, description="eps: pseudo-average confidence from which something is kept")
 
-    clustering: Literal["density", "surface"] = Field(
-        "surface",
+    clustering: Literal["density", "consensus"] = Field(
+        "consensus",
         description="density: threshold, K-means over the keyframes' planes, their removal, DBSCAN, merging, volume, "
-        "and no other rule (the paper); surface: whole surfaces, split at creases, judged by their mean heat",
+        "and no other rule (the paper); consensus: the segments of keyframes, joined where most views agree",
     )
     density_radius: float = Field(0.02, gt=0, description="DBSCAN's radius, metres")
     density_points: int = Field(20, ge=1, description="DBSCAN's least neighbours of a core point")
@@ -90,25 +90,16 @@ class FusionSettings(BaseModel):
         description="DBSCAN sees the points of a cell of this edge as one at their mean, with their number as its "
         "weight, metres; 0: every point (the paper)",
     )
-    cell: float = Field(0.005, gt=0.001, le=0.1, description="edge of the cells of a surface, metres")
-    crease: float = Field(12.0, gt=0, description="concavity from which a surface is split, 1/m")
-    segment_cells: int = Field(40, ge=1, description="a region between creases smaller than this joins a neighbour")
-    seamed_cells: int = Field(
-        300,
-        ge=1,
-        description="the same where the crease is faint in places: with 5 mm cells 75 cm2, more than a handle has",
+    views_min: int = Field(3, ge=1, description="an object is seen in at least so many keyframes, if there are as many")
+    views_tau: float = Field(
+        1.0, ge=0, description="tau of an object's confidence, in keyframes: as 10 frames are about one keyframe"
     )
-    contained_share: float = Field(
-        0.5, gt=0, le=1, description="a segment with this share of its points in another's box joins it"
+    object_share: float = Field(
+        0.3, ge=0, le=1, description="share of the keyframes that see an object which must see it as one"
     )
     size_min: float = Field(0.02, ge=0, description="an object's second longest edge is at least this, metres")
     size_max: float = Field(1.0, gt=0, description="an object's longest edge is at most this, metres")
     volume_min: float = Field(1e-6, ge=0, description="boxes below this volume are dropped, cubic metres")
-    standing_clearance: float = Field(
-        0.005,
-        ge=0,
-        description="a box ends this far above its support, or as far as the support's noise reaches, metres",
-    )
     seed: int = Field(0, ge=0, description="seed of RANSAC's choice of triples")
 
 

@@ -1,75 +1,114 @@
-"""From where the scene was looked at, and what could be seen from there."""
+"""What the keyframes' views say of each other's segments: which see one, and as part of what.
+
+After M. Yan, J. Zhang, Y. Zhu and H. Wang, *MaskClustering: View Consensus Based Mask Graph Clustering for
+Open-Vocabulary 3D Instance Segmentation*, CVPR 2024.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.camera import Intrinsics, invert
-from spot3d.fusion.identity import FoundObject
-from spot3d.fusion.settings import FusionSettings
-from spot3d.sensor import axial_noise
+from spot3d.fusion.keyframes import Keyframe
+from spot3d.kernel import kernel
 
-_REMEMBERED = 1000
-"""Most views kept; beyond, every second one goes, and only every second one more is taken in."""
-_SEEN_SHARE = 0.1
-"""An object is there in at least this share of the frames that look its way, whatever hides it now and then."""
-_BAND = 6.0
-"""Noise spreads a surface over three standard deviations each way: what is no wider may be noise alone."""
+STRIDE = 2
+"""Of a view's lattice every second pixel is kept each way: a label is asked for within centimetres."""
+SAMPLE = 200
+"""A segment is so many of its points."""
+_TESTED = 4
+"""Every so-many-th of these is projected: 50 tell a share to 7 %."""
+_TOLERANCE = np.float32(0.03)
+"""A point is seen where depth agrees within this, metres: as far as surfaces lie apart by depth noise and by poses."""
+_SEEN = 0.3
+"""A view sees a segment of which it sees this share."""
+_WITHIN = 0.75
+"""A segment lies in one of a view's where this share of what is seen carries its label."""
+_BACKGROUND = 0.5
+"""A view that says of more than this share that there is no object says nothing of what belongs together."""
+_SPLIT = 0.2
+"""A view splits a segment that lies in two of its own, each with this share."""
 
-
-class Views:
-    """Poses of evenly spread frames."""
-
-    def __init__(self) -> None:
-        # Arrays that are replaced and never written to, so that copies may share them.
-        self._T_camera_world: NDArray[np.float64] = np.zeros((0, 4, 4))
-        self._pinhole: NDArray[np.float64] = np.zeros((0, 6))
-        self._offered, self._step = 0, 1
-
-    def add(self, T_world_camera: NDArray[np.float64], camera: Intrinsics) -> None:
-        """Remember one frame's pose."""
-        if self._offered % self._step == 0:
-            pinhole = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
-            self._T_camera_world = np.concatenate((self._T_camera_world, invert(T_world_camera)[None]))
-            self._pinhole = np.concatenate((self._pinhole, [pinhole]))
-        self._offered += 1
-        if len(self._pinhole) > _REMEMBERED:
-            self._T_camera_world, self._pinhole = self._T_camera_world[::2], self._pinhole[::2]
-            self._step *= 2
-
-    def copy(self) -> "Views":
-        """Views of its own with the same poses."""
-        other = Views()
-        other._T_camera_world, other._pinhole = self._T_camera_world, self._pinhole
-        other._offered, other._step = self._offered, self._step
-        return other
-
-    def looking_at(
-        self, points: NDArray[np.float64], range_max: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Share of the views that have each of (n, 3) world points in the picture and in range: (n,).
-
-        And its median depth there, (n,) metres; where none has, that is `range_max`.
-        """
-        if len(self._pinhole) == 0:
-            return np.zeros(len(points)), np.full(len(points), range_max)
-        T = self._T_camera_world
-        fx, fy, cx, cy, width, height = self._pinhole.T
-        x, y, z = (points @ T[:, axis, :3].T + T[:, axis, 3] for axis in range(3))  # (n, views) each
-        ahead = np.where((z > 0) & (z <= range_max), z, np.inf)
-        u, v = fx * x / ahead + cx, fy * y / ahead + cy
-        seen = np.isfinite(ahead) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
-        count, depth = seen.sum(axis=1), np.sort(np.where(seen, z, np.inf), axis=1)
-        middle = np.stack((np.maximum(count - 1, 0) // 2, np.minimum(count // 2, len(T) - 1)), axis=1)
-        median = np.take_along_axis(depth, middle, axis=1).mean(axis=1)
-        return count / len(T), np.where(count > 0, median, range_max)
+NOTHING, BACKGROUND, OBJECT, WHOLE, DIVIDED = range(5)
+"""What a view says of a segment: does not see it; sees background; sees objects; all in one; in several."""
 
 
-def borne_out(found: list[FoundObject], views: Views, frame_count: int, settings: FusionSettings) -> list[FoundObject]:
-    """The objects seen often, of how often they could have been, and wider than the noise at their range."""
-    share, depth = views.looking_at(np.array([item.box.centre for item in found]).reshape(-1, 3), settings.range_max)
-    often, wide = _SEEN_SHARE * share * frame_count, _BAND * axial_noise(depth)
-    return [
-        item
-        for item, least, width in zip(found, often, wide, strict=True)
-        if item.views >= least and sorted(item.box.size.tolist())[1] >= width
-    ]
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """A keyframe as later ones are compared with it.
+
+    labels: (h, w) uint8, 0 = no object; depth: (h, w) uint16 millimetres, 0 = invalid; pose: (3, 4) float32, from the
+    world to the camera; focal: (4,) float32, fx, fy, cx, cy.
+    """
+
+    labels: NDArray[np.uint8]
+    depth: NDArray[np.uint16]
+    pose: NDArray[np.float32]
+    focal: NDArray[np.float32]
+
+
+def view_of(keyframe: Keyframe) -> View:
+    """The view of a keyframe: every second pixel of its lattice."""
+    T, camera = np.linalg.inv(keyframe.T_world_camera), keyframe.camera
+    millimetres = np.rint(keyframe.depth[::STRIDE, ::STRIDE] * 1000)
+    return View(
+        np.ascontiguousarray(keyframe.labels[::STRIDE, ::STRIDE]),
+        np.where(millimetres < 65536, millimetres, 0).astype(np.uint16),
+        np.ascontiguousarray(T[:3], np.float32),
+        np.array((camera.fx, camera.fy, camera.cx, camera.cy), np.float32) / np.float32(STRIDE),
+    )
+
+
+def ask(view: View, places: NDArray[np.float32], said: NDArray[np.uint8], label: NDArray[np.uint8]) -> None:
+    """Enter what a view says of each of (n, SAMPLE, 3) segments' places, world: `said`, (n,), and in which label."""
+    _ask(view.labels, view.depth, view.pose, view.focal, places, said, label)
+
+
+@kernel("void(u1[:,::1], u2[:,::1], f4[:,::1], f4[::1], f4[:,:,::1], u1[::1], u1[::1])")
+def _ask(
+    labels: NDArray[np.uint8],
+    depth: NDArray[np.uint16],
+    pose: NDArray[np.float32],
+    focal: NDArray[np.float32],
+    places: NDArray[np.float32],
+    said: NDArray[np.uint8],
+    label: NDArray[np.uint8],
+) -> None:
+    h, w = labels.shape
+    count = np.zeros(256, np.int32)
+    tested = (places.shape[1] + _TESTED - 1) // _TESTED
+    for i in range(len(places)):
+        said[i], label[i] = NOTHING, 0
+        count[:] = 0
+        seen = 0
+        for k in range(0, places.shape[1], _TESTED):
+            if seen + (places.shape[1] - k + _TESTED - 1) // _TESTED < _SEEN * tested:
+                break
+            x, y, z = places[i, k, 0], places[i, k, 1], places[i, k, 2]
+            c = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
+            if c < np.float32(0.1):
+                continue
+            a = pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3]
+            b = pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]
+            column = np.int64(np.floor(a / c * focal[0] + focal[2] + np.float32(0.5)))
+            row = np.int64(np.floor(b / c * focal[1] + focal[3] + np.float32(0.5)))
+            if row < 0 or column < 0 or row >= h or column >= w or depth[row, column] == 0:
+                continue
+            if abs(np.float32(depth[row, column]) * np.float32(0.001) - c) < _TOLERANCE:
+                seen += 1
+                count[labels[row, column]] += 1
+        if seen < _SEEN * tested:
+            continue
+        said[i] = BACKGROUND
+        if count[0] > _BACKGROUND * seen:
+            continue
+        best, large = 0, 0
+        for number in range(1, 256):
+            large += count[number] >= _SPLIT * seen
+            if count[number] > count[best] or best == 0:
+                best = number
+        said[i] = OBJECT
+        if count[best] >= _WITHIN * seen:
+            said[i], label[i] = WHOLE, best
+        elif large >= 2:
+            said[i] = DIVIDED

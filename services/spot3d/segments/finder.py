@@ -1,18 +1,29 @@
-"""The objects of a single frame as segments of its lattice (paper, Sec. V-A, RGBD scenes)."""
+"""The objects of a single frame, without fusion over time (paper, Sec. V-A, RGBD scenes)."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.camera import Intrinsics
+from spot3d.camera import Intrinsics, back_project
 from spot3d.frame_segments import FrameSegments
-from spot3d.fusion.settings import FusionSettings
-from spot3d.geometry.lattice import to_lattice
+from spot3d.geometry.lattice import LatticeFrame, to_lattice
+from spot3d.geometry.normals import surface_normals
+from spot3d.geometry.planes import dominant_planes, plane_tolerance
+from spot3d.geometry.upright import Part, merge_contained, sampled, upright_box
+from spot3d.segments.creases import split_at_creases
+from spot3d.segments.foreground import standing_out
+from spot3d.segments.occlusion import join_occluded
 from spot3d.segments.settings import SegmentsSettings
-from spot3d.segments.single_frame import find_in_frame
+from spot3d.segments.supports import choose_support, heights
+from spot3d.segments.torn import fill_holes, join_torn
+from spot3d.segments.vessels import hollow_groups
 from spot3d_schemas.limits import MAX_SEGMENTS
 
-_SHARED = ("plane_distance", "plane_triples", "plane_candidates", "noise_gate", "range_max", "heat_min", "seed")
-"""Settings of fusion's surfaces that single frames have too."""
+_TRIM = 0.005
+"""Share of an object's points that may lie beyond each face of its box."""
+_SAMPLE = 500
+"""About so many of a part's pixels tell whether it is bent around an axis."""
+_STANDS = 0.03
+"""What begins within this height above a support stands on it, metres: a rim that depth misses, and noise."""
 
 
 def find_segments(
@@ -25,20 +36,109 @@ def find_segments(
     """The objects of one frame, on its lattice of about `lattice_width` samples across.
 
     colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths; camera: theirs.
-    Every segment stands on the supporting plane; without one there are none.
+    Without a supporting plane there are none: nothing is known to stand on anything.
     """
     frame = to_lattice(colour, depth, heat, camera, settings.lattice_width)
-    surfaces = FusionSettings(**{name: getattr(settings, name) for name in _SHARED})
-    found = find_in_frame(frame.colour, frame.depth, frame.heat, frame.camera, surfaces)
-    count = min(len(found.boxes), MAX_SEGMENTS)
-    labels = np.where(found.labels <= count, found.labels, 0).astype(np.uint8)
-    warmth = np.bincount(labels.ravel(), frame.heat.ravel(), count + 1)[1:]
-    size = np.bincount(labels.ravel(), minlength=count + 1)[1:]
-    planes = np.zeros((0, 4)) if found.support is None else found.support[None]
-    return FrameSegments(
-        labels,
-        (warmth / (255 * np.maximum(size, 1))).astype(np.float32),
-        planes,
-        np.full(count, len(planes) - 1, np.int8),
-        frame.camera,
+    points = back_project(frame.depth, frame.camera)
+    planes = dominant_planes(points, settings, np.random.default_rng(settings.seed))
+    support = choose_support(planes, points, frame.heat, settings, settings.image_up)
+    if support is None:
+        return _segments([], frame, np.zeros((0, 4)), np.zeros(0, np.float32), settings)
+    normals = surface_normals(frame.depth, frame.camera)
+    height, up = heights(points, support), support[:3]
+    others = planes[(planes != support).any(axis=1)]
+
+    out = standing_out(points, normals, height, others, settings)
+    least = int(settings.region * frame.camera.fx * frame.camera.fy)
+    regions = split_at_creases(points, normals, out, frame.camera.fx, settings.crease, least)
+    regions = _join_vessels(regions, points, normals, up, least, settings)
+    regions = join_torn(regions, points, normals, least)
+    parts = [part for part in _pixels(regions) if _plausible(part, frame, points, height, settings)]
+    parts = join_occluded(parts, points, normals, up)
+    parts = _join_contained(parts, points, up, settings.contained_share)
+    return _segments(parts, frame, support[None], height.ravel(), settings)
+
+
+def _pixels(labels: NDArray[np.int32]) -> list[NDArray[np.int64]]:
+    """The flat numbers of each label's pixels, from label 0 on; -1 = none."""
+    order = np.argsort(labels, axis=None, kind="stable")
+    ends = np.cumsum(np.bincount(labels.ravel() + 1))
+    return [pixels for pixels in np.split(order, ends[:-1])[1:] if len(pixels)]
+
+
+def _join_vessels(
+    labels: NDArray[np.int32],
+    points: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    up: NDArray[np.float64],
+    least: int,
+    settings: SegmentsSettings,
+) -> NDArray[np.int32]:
+    """The inside and the outside of a vessel have one label: no visible surface connects them."""
+    parts = [pixels for pixels in _pixels(labels) if len(pixels) >= least]
+    rows = [pixels[:: max(1, len(pixels) // _SAMPLE)] for pixels in parts]
+    flat = points.reshape(-1, 3)
+    groups = hollow_groups(rows, [sampled(flat, row) for row in rows], normals.reshape(-1, 3), up, settings.size_max)
+    joined = labels.copy()
+    for first, *others in groups:
+        for other in others:
+            joined.ravel()[parts[other]] = labels.ravel()[parts[first][0]]
+    return joined
+
+
+def _plausible(
+    pixels: NDArray[np.int64],
+    frame: LatticeFrame,
+    points: NDArray[np.float32],
+    height: NDArray[np.float32],
+    settings: SegmentsSettings,
+) -> bool:
+    """Whether a part is warm, rises above the support, and covers what the least object covers, but is not too long."""
+    flat = points.reshape(-1, 3)[pixels]
+    area = float((flat[:, 2] ** 2).sum()) / (frame.camera.fx * frame.camera.fy)
+    if area < settings.size_min**2 or frame.heat.ravel()[pixels].mean() < 255 * settings.heat_min:
+        return False
+    if float(np.quantile(height.ravel()[pixels], 0.9)) < settings.height_min:
+        return False
+    centred = flat - flat.mean(axis=0)
+    longest = np.linalg.eigh(centred.T @ centred)[1][:, 2]
+    return float(np.ptp(centred @ longest)) <= settings.size_max
+
+
+def _join_contained(
+    parts: list[NDArray[np.int64]], points: NDArray[np.float32], up: NDArray[np.float64], share: float
+) -> list[NDArray[np.int64]]:
+    """Parts joined with those in whose upright boxes they lie: two things never fill the same space."""
+    flat = points.reshape(-1, 3)
+
+    def part(pixels: NDArray[np.int64]) -> Part:
+        sample = sampled(flat, pixels)
+        return Part(pixels, sample, upright_box(sample, up, turn=True, trim=_TRIM))
+
+    return merge_contained(
+        [part(pixels) for pixels in parts],
+        [True] * len(parts),
+        flat,
+        lambda sample: upright_box(sample, up, turn=True, trim=_TRIM),
+        share,
     )
+
+
+def _segments(
+    parts: list[NDArray[np.int64]],
+    frame: LatticeFrame,
+    planes: NDArray[np.float64],
+    height: NDArray[np.float32],
+    settings: SegmentsSettings,
+) -> FrameSegments:
+    """The parts as segments, the largest first if there are too many, with the holes in them filled."""
+    parts = sorted(parts, key=len, reverse=True)[:MAX_SEGMENTS]
+    labels, depth = np.zeros(frame.depth.shape, np.int32), frame.depth.ravel()
+    heat, stands_on = np.zeros(len(parts), np.float32), np.full(len(parts), -1, np.int8)
+    for number, pixels in enumerate(parts):
+        labels.ravel()[pixels] = number + 1
+        heat[number] = frame.heat.ravel()[pixels].mean() / 255
+        if np.quantile(height[pixels] - plane_tolerance(depth[pixels], settings), 0.02) < _STANDS:
+            stands_on[number] = 0
+    filled = fill_holes(labels, frame.depth > 0, frame.colour)
+    return FrameSegments(filled.astype(np.uint8), np.minimum(heat, 1), planes, stands_on, frame.camera)

@@ -1,9 +1,11 @@
 """Join the parts of one object that something in front of it divides, in a single view."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.fusion.boxes import upright_box
+from spot3d.geometry.upright import upright_box
 
 _LEVEL = 0.02
 """The tops of an object's parts agree within this many metres."""
@@ -23,6 +25,18 @@ _TRIED, _SAMPLE = 50, 500
 """So many of a part's points are tried as a wall's, on about so many points."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """pixels: (n,) flat numbers; middle: (2,) their median row and column; places: (m, 3) float32, some of their
+    points; top: of these, along up; depth: of their middle; metres."""
+
+    pixels: NDArray[np.int64]
+    middle: NDArray[np.float64]
+    places: NDArray[np.float32]
+    top: float
+    depth: float
+
+
 def join_occluded(
     clusters: list[NDArray[np.int64]],
     points: NDArray[np.float32],
@@ -35,31 +49,45 @@ def join_occluded(
     normals; up: (3,) unit, camera frame. Two parts continue each other when their tops are level, one wall runs
     through both, a good part of it is seen, and all that is seen between them is nearer than both.
     """
-    parts = sorted(clusters, key=len, reverse=True)
-    flat, facing = points.reshape(-1, 3), normals.reshape(-1, 3)
+    flat, facing, width = points.reshape(-1, 3), normals.reshape(-1, 3), points.shape[1]
+    parts = [_part(cluster, flat, width, up) for cluster in sorted(clusters, key=len, reverse=True)]
+    walls: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
 
-    def continues(a: NDArray[np.int64], b: NDArray[np.int64]) -> bool:
-        tops = [np.quantile(flat[part] @ up, 0.98) for part in (a, b)]
-        return bool(
-            abs(tops[0] - tops[1]) <= _LEVEL
-            and _mostly_seen(flat[a], flat[b], up)
-            and _hidden_between(a, b, flat, points.shape[1])
-            and _one_wall(_walls(flat[a], facing[a], up), _walls(flat[b], facing[b], up))
+    def walls_of(part: _Part) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        if id(part) not in walls:
+            walls[id(part)] = _walls(flat[part.pixels], facing[part.pixels], up)
+        return walls[id(part)]
+
+    def continues(a: _Part, b: _Part) -> bool:
+        return (
+            abs(a.top - b.top) <= _LEVEL
+            and _hidden_between(a, b, flat, width)
+            and _mostly_seen(a, b, up)
+            and _one_wall(walls_of(a), walls_of(b))
         )
 
     i = 0
+    kept = list(parts)  # numbers of objects that are gone would be given again
     while i < len(parts):
         partner = next((j for j in range(i + 1, len(parts)) if continues(parts[i], parts[j])), None)
         if partner is None:
             i += 1
         else:
-            parts[i] = np.concatenate((parts[i], parts.pop(partner)))
-    return parts
+            parts[i] = _part(np.concatenate((parts[i].pixels, parts.pop(partner).pixels)), flat, width, up)
+            kept.append(parts[i])
+    return [part.pixels for part in parts]
 
 
-def _mostly_seen(a: NDArray[np.float32], b: NDArray[np.float32], up: NDArray[np.float64]) -> bool:
-    """Whether (n, 3) and (m, 3) points of two parts fill most of the length of both together."""
-    lengths = [upright_box(part, up, turn=True, trim=0.01).size[:2].max() for part in (a, b, np.concatenate((a, b)))]
+def _part(pixels: NDArray[np.int64], flat: NDArray[np.float32], width: int, up: NDArray[np.float64]) -> _Part:
+    places = flat[pixels[:: max(1, len(pixels) // _SAMPLE)]]
+    middle = np.median(np.divmod(pixels, width), axis=1)
+    return _Part(pixels, middle, places, float(np.quantile(places @ up, 0.98)), float(np.median(places[:, 2])))
+
+
+def _mostly_seen(a: _Part, b: _Part, up: NDArray[np.float64]) -> bool:
+    """Whether the places of two parts fill most of the length of both together."""
+    both = np.concatenate((a.places, b.places))
+    lengths = [upright_box(places, up, turn=True, trim=0.01).size[:2].max() for places in (a.places, b.places, both)]
     return bool(lengths[0] + lengths[1] >= _SEEN * lengths[2])
 
 
@@ -98,15 +126,15 @@ def _on_walls(
     return np.asarray((np.abs(height) < _FLUSH) & (normals @ normal.T > _ALIKE))
 
 
-def _hidden_between(a: NDArray[np.int64], b: NDArray[np.int64], points: NDArray[np.float32], width: int) -> bool:
+def _hidden_between(a: _Part, b: _Part, points: NDArray[np.float32], width: int) -> bool:
     """Whether the straight line of pixels between the middles of two parts is hidden outside of both."""
-    ends = [np.array([np.median(part // width), np.median(part % width)]) for part in (a, b)]
-    depths = [float(np.median(points[part, 2])) for part in (a, b)]
-    steps = np.linspace(0, 1, int(np.abs(ends[1] - ends[0]).max()) + 2)
-    v, u = np.rint(ends[0][:, None] + (ends[1] - ends[0])[:, None] * steps).astype(int)
+    way = b.middle - a.middle
+    steps = np.linspace(0, 1, int(np.abs(way).max()) + 2)
+    v, u = np.rint(a.middle[:, None] + way[:, None] * steps).astype(int)
     line = v * width + u
-    between = ~np.isin(line, np.concatenate((a, b)))
     seen = points[line, 2]
-    expected = depths[0] + (depths[1] - depths[0]) * steps
-    hidden = (seen < expected - _IN_FRONT) & (seen > 0)
+    hidden = (seen < a.depth + (b.depth - a.depth) * steps - _IN_FRONT) & (seen > 0)
+    if not hidden.any():
+        return False
+    between = ~np.isin(line, np.concatenate((a.pixels, b.pixels)))
     return bool((hidden & between).any()) and float(np.mean((hidden | (seen == 0))[between])) >= _HIDDEN

@@ -1,6 +1,7 @@
 """Settings of the segments stage."""
 
 import math
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -46,9 +47,36 @@ class SegmentsSettings(BaseModel):
     range_max: float = Field(
         2.5, gt=0, description="depth beyond this, where noise exceeds half of eps_min, shows no objects, metres"
     )
-    heat_min: float = Field(0.18, ge=0, le=1, description="eps: mean confidence from which something is kept")
+    image_up: Literal["top", "bottom", "left", "right"] = Field(
+        "top", description="the side of the image that is up, for cameras that are mounted otherwise"
+    )
+    crease: float = Field(
+        9.0,
+        gt=0,
+        description="a surface is split where its concavity, the range times the mean curvature, is more than this",
+    )
+    region: float = Field(
+        1e-3,
+        gt=0,
+        description="a region between creases of less than this share of the squared range, 10 cm2 at 1 m, has no "
+        "reliable shape and joins a neighbour",
+    )
+    contained_share: float = Field(
+        0.5, gt=0, le=1, description="a segment with this share of its points in another's box joins it"
+    )
+    heat_min: float = Field(
+        0.09,
+        ge=0,
+        le=1,
+        description="mean confidence from which a segment is kept: half of eps, since views have yet to vote",
+    )
+    height_min: float = Field(
+        0.01, ge=0, description="what rises less above its support is noise or glare: things of 1.5 cm count, metres"
+    )
+    size_min: float = Field(0.02, ge=0, description="eps_min: an object covers at least a square of this edge, metres")
+    size_max: float = Field(1.0, gt=0, description="eps_max: an object's longest edge is at most this, metres")
     seed: int = Field(0, ge=0, description="seed of RANSAC's choice of triples")
 
 
-PAPER = SegmentsSettings(enabled=False, plane_distance=0.005, noise_gate=0.0, lattice_width=640, heat_min=0.25)
+PAPER = SegmentsSettings(enabled=False, plane_distance=0.005, noise_gate=0.0)
 """The paper's values (Sec. V-A). Its fusion clusters the map's points alone."""

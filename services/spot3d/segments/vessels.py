@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.fusion.boxes import rotation_to_upright, sampled
+from spot3d.geometry.upright import rotation_to_upright, sampled
 from spot3d.kernel import kernel
 
 _LEVEL = 0.4

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from spot3d.fusion.boxes import sampled
-from spot3d.fusion.hollow import _aimed_at, _ring_of, _share_near, hollow_groups
+from spot3d.geometry.upright import sampled
+from spot3d.segments.vessels import _aimed_at, _ring_of, _share_near, hollow_groups
 
 UP = np.array([0.0, 0.0, 1.0])
 RADIUS, HEIGHT = 0.04, 0.1

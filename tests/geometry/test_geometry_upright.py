@@ -9,7 +9,7 @@ from fusion_room import Cuboid, rotation_z, sampled
 from scipy.spatial.transform import Rotation
 
 from spot3d.boxes import Box3D, iou_matrix_3d
-from spot3d.fusion.boxes import (
+from spot3d.geometry.upright import (
     Part,
     merge_contained,
     rotation_to_upright,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spot3d.fusion.order import quantiles, value_at
+from spot3d.geometry.quantiles import quantiles, value_at
 
 
 @pytest.mark.parametrize("trim", [0.0, 0.005, 0.02, 0.3, 0.5])

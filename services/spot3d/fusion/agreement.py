@@ -1,0 +1,86 @@
+"""Which segments of different views are one object: as many views as see both have them in one segment.
+
+After M. Yan et al., MaskClustering, CVPR 2024 (see `views`).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+_UNDER_SEGMENTED = 0.35
+"""A segment that this share of the views that see it divide holds several objects: it supports nothing."""
+_OBSERVERS = (20, 15, 10, 8, 6, 5, 4, 3, 2)
+"""What most views have seen joins first: later, what is joined is seen by more."""
+_SURE, _LEAST = 0.9, 0.7
+"""Share of the views of two segments that must support them, with ten views and with two."""
+
+_ONES = np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1).sum(axis=1, dtype=np.uint8)
+"""How many bits of each byte are set."""
+
+
+def clusters_of(
+    frame: NDArray[np.int64],
+    observed: NDArray[np.int64],
+    within: NDArray[np.int64],
+    divided: NDArray[np.int64],
+) -> NDArray[np.int64]:
+    """The cluster of each of n segments, (n,) int64; -1 for what holds several objects.
+
+    frame: (n,) the frame of each segment; observed: (k, 2) rows and frames that see objects in them; within: (m, 2)
+    rows of segments and of those of other frames that hold them; divided: (d,) rows, one for each frame that divides
+    one. A segment is observed by its own frame, and within itself.
+    """
+    count, frames = len(frame), int(frame.max(initial=-1)) + 1
+    own = np.arange(count)
+    observers = np.bincount(observed[:, 0], minlength=count)
+    under = np.bincount(divided, minlength=count) >= np.maximum(_UNDER_SEGMENTED * observers, 1)
+    # What lies in a segment of several objects is not told apart by its frame, which then says nothing of it.
+    wrong = within[under[within[:, 1]]]
+    silent = np.unique(wrong[:, 0] * frames + frame[wrong[:, 1]])
+    observed = observed[~np.isin(observed[:, 0] * frames + observed[:, 1], silent)]
+    within = within[~under[within[:, 1]]]
+    V = _incidence(np.append(observed[:, 0], own), np.append(observed[:, 1], frame), (count, frames))
+    C = _incidence(np.append(within[:, 0], own), np.append(within[:, 1], own), (count, count))
+
+    kept = np.flatnonzero(~under)
+    cluster = np.arange(len(kept))
+    V, C = V[kept], C[kept]
+    for least in _OBSERVERS:
+        share = _LEAST + (_SURE - _LEAST) * min(1.0, (least - 2) / 8)
+        while True:
+            both = (C @ C.T).tocoo()
+            pair = both.row < both.col
+            a, b, supporters = both.row[pair], both.col[pair], both.data[pair]
+            seen_by = _common(V, a, b)
+            agreed = (seen_by >= least) & (supporters >= share * seen_by)
+            if not agreed.any():
+                break
+            joined = csr_array((np.ones(int(agreed.sum())), (a[agreed], b[agreed])), shape=both.shape)
+            groups, number = connected_components(joined, directed=False)
+            cluster = number[cluster]
+            gather = csr_array(
+                (np.ones(len(number), np.int32), (number, np.arange(len(number)))), (groups, len(number))
+            )
+            V, C = _binary(gather @ V), _binary(gather @ C)
+    found = np.full(count, -1, np.int64)
+    found[kept] = cluster
+    return found
+
+
+def _incidence(rows: NDArray[np.int64], columns: NDArray[np.int64], shape: tuple[int, int]) -> csr_array:
+    return _binary(csr_array((np.ones(len(rows), np.int32), (rows, columns)), shape))
+
+
+def _binary(matrix: csr_array) -> csr_array:
+    matrix.sum_duplicates()
+    matrix.data[:] = 1
+    return matrix
+
+
+def _common(V: csr_array, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
+    """How many entries rows `a` and `b` of a binary matrix share, pair by pair."""
+    if len(a) == 0:
+        return np.zeros(0, np.int64)
+    bits = np.packbits(V.toarray().astype(np.bool_), axis=1)
+    return np.asarray(_ONES[bits[a] & bits[b]].sum(axis=1, dtype=np.int64))

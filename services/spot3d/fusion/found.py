@@ -1,0 +1,65 @@
+"""From the segments of one cluster to an upright box that stands on its support (paper, Sec. IV-D)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.boxes import Box3D
+from spot3d.geometry.upright import upright_box, with_bottom
+
+_FACE = 0.9
+"""A box's face is where it is for all but a tenth of the views: a pose that is off moves few of them. The curve over
+redkitchen and built-in scenes, with exact poses and such that are 5 and 10 mm off, is flat from 0.8 to 0.95."""
+_TRIM = 2
+"""Of a view's points so many may lie beyond a face: 1 % of them, where depth flies off edges."""
+_SAMPLE = 4000
+"""About so many points tell a footprint's direction."""
+_CLEAR_SHARE = 0.15
+"""The clearance is no more than this share of an object's height: flat things stay."""
+_STANDS = 0.05
+"""A box ends on the support beneath it that is no further away than this, metres: bottoms are hidden or blurred."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """What the views saw of one object. places: (n, SAMPLE, 3) float32 world, of each of its segments; support: (n, 4)
+    float64, the plane that each stands on, world, zeros where it stands on none; frame: (n,) of each."""
+
+    places: NDArray[np.float32]
+    support: NDArray[np.float64]
+    frame: NDArray[np.int64]
+
+
+def box_of(seen: Seen, up: NDArray[np.float64], clearance: float) -> Box3D:
+    """The upright box around an object as most of its views have it, down to its support.
+
+    up: (3,) unit, world. clearance: what is no higher above a support belongs to it, metres.
+    """
+    flat = seen.places.reshape(-1, 3)
+    turned = upright_box(np.ascontiguousarray(flat[:: max(1, len(flat) // _SAMPLE)]), up, turn=True, trim=0.01)
+    along = (seen.places @ turned.rotation.astype(np.float32)).astype(np.float64)
+    along.partition((_TRIM, along.shape[1] - 1 - _TRIM), axis=1)
+    lows, highs = along[:, _TRIM], along[:, -1 - _TRIM]
+    _, first = np.unique(seen.frame, return_index=True)
+    order = np.argsort(seen.frame, kind="stable")
+    starts = np.searchsorted(seen.frame[order], seen.frame[first])
+    lows, highs = np.minimum.reduceat(lows[order], starts), np.maximum.reduceat(highs[order], starts)
+    low, high = np.quantile(lows, 1 - _FACE, axis=0), np.quantile(highs, _FACE, axis=0)
+    high = np.maximum(high, low + 1e-3)
+    box = Box3D(turned.rotation @ ((low + high) / 2), high - low, turned.rotation)
+    return _standing(box, seen.support, up, clearance)
+
+
+def _standing(box: Box3D, support: NDArray[np.float64], up: NDArray[np.float64], clearance: float) -> Box3D:
+    """The box with its bottom on what most of its segments stand on, if that is near."""
+    planes = support[support[:, :3].any(axis=1)]
+    if 2 * len(planes) < len(support):
+        return box
+    below = -(planes[:, :3] @ box.centre + planes[:, 3]) / np.maximum(planes[:, :3] @ up, 0.5)
+    ground = float(np.median(below)) + float(up @ box.centre)
+    bottom = float(up @ box.centre) - float(box.size[2]) / 2
+    if abs(bottom - ground) >= _STANDS:
+        return box
+    top = bottom + float(box.size[2])
+    return with_bottom(box, ground + min(clearance, _CLEAR_SHARE * (top - ground)))

@@ -1,0 +1,193 @@
+"""Split what stands out at its concave creases: where two objects touch, or one stands on another.
+
+Real objects are mostly convex, and the seam between two that touch is concave (Stein et al., *Convexity based object
+partitioning for robot applications*, ICRA 2014). All lengths here are shares of the range, so that the same is seen
+of the same thing from near and from far: pixels and the noise of depth grow with the range.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.kernel import kernel, part
+
+_NEAR = np.float32(0.01)
+"""Pixels within this share of the range tell each other's curvature: 1 cm at 1 m, several times the noise there."""
+_LINK = np.float32(0.008)
+"""Neighbouring pixels within this share of the range lie on one surface."""
+_LIKE = np.float32(0.9)
+"""Normals within this cosine (26 degrees) smooth each other."""
+_CONVEX = np.float32(-20.0)
+"""A pair counts as no more convex than this, so that a convex edge does not hide the crease that it meets."""
+_ROUNDS = 12
+"""Pixels of a crease join the regions beside it within this many pixels."""
+
+
+def split_at_creases(
+    points: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    focal: float,
+    crease: float,
+    least: int,
+) -> NDArray[np.int32]:
+    """Regions of the pixels in `mask`: connected without a crease, then the creases' pixels shared out.
+
+    points, normals: (h, w, 3) float32, camera frame, metres and unit (zero = unknown); mask: (h, w) bool, of valid
+    pixels; focal: pixels; crease: concavity, as the range times the mean curvature, from which a pixel is a crease;
+    least: a region of fewer pixels is shared out as creases are.
+    Returns (h, w) int32: regions from 0, -1 = not in `mask`. What is near no region is one of its own.
+    """
+    reach = max(1, int(_NEAR * focal))
+    smooth = np.empty_like(normals)
+    _smooth(points, normals, mask, reach, smooth)
+    bend = np.empty(mask.shape, np.float32)
+    _concavity(points, smooth, mask, reach, bend)
+    labels = np.empty(mask.shape, np.int32)
+    count: int = _connect(points, mask & (bend < crease), least, labels)
+    _share_out(points, mask, labels)
+    rest = np.empty(mask.shape, np.int32)
+    _connect(points, mask & (labels < 0), 1, rest)
+    return np.where(rest >= 0, rest + np.int32(count), labels)
+
+
+@part()
+def _offset(points: NDArray[np.float32], v: int, u: int, y: int, x: int) -> tuple[np.float32, ...]:
+    """From pixel (v, u) to (y, x), as a share of their range, and its square."""
+    scale = np.float32(2) / (points[v, u, 2] + points[y, x, 2])
+    a = (points[y, x, 0] - points[v, u, 0]) * scale
+    b = (points[y, x, 1] - points[v, u, 1]) * scale
+    c = (points[y, x, 2] - points[v, u, 2]) * scale
+    return a, b, c, a * a + b * b + c * c
+
+
+@kernel("void(f4[:,:,::1], f4[:,:,::1], b1[:,::1], i8, f4[:,:,::1])")
+def _smooth(
+    points: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    reach: int,
+    smooth: NDArray[np.float32],
+) -> None:
+    """The mean of each pixel's normal and those near it that face alike: noise falls, creases stay."""
+    h, w = mask.shape
+    for v in range(h):
+        for u in range(w):
+            if not mask[v, u]:
+                smooth[v, u] = 0
+                continue
+            n0, n1, n2 = normals[v, u, 0], normals[v, u, 1], normals[v, u, 2]
+            s0, s1, s2 = n0, n1, n2
+            for y in range(max(0, v - reach), min(h, v + reach + 1)):
+                for x in range(max(0, u - reach), min(w, u + reach + 1)):
+                    if mask[y, x]:
+                        m0, m1, m2 = normals[y, x, 0], normals[y, x, 1], normals[y, x, 2]
+                        if n0 * m0 + n1 * m1 + n2 * m2 > _LIKE and _offset(points, v, u, y, x)[3] < _NEAR * _NEAR:
+                            s0, s1, s2 = s0 + m0, s1 + m1, s2 + m2
+            scale = np.float32(1) / max(np.sqrt(s0 * s0 + s1 * s1 + s2 * s2), np.float32(1e-6))
+            smooth[v, u, 0], smooth[v, u, 1], smooth[v, u, 2] = s0 * scale, s1 * scale, s2 * scale
+
+
+@kernel("void(f4[:,:,::1], f4[:,:,::1], b1[:,::1], i8, f4[:,::1])")
+def _concavity(
+    points: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    reach: int,
+    bend: NDArray[np.float32],
+) -> None:
+    """Mean curvature towards the near pixels times the range: positive in a hollow or crease, negative on a ball."""
+    h, w = mask.shape
+    for v in range(h):
+        for u in range(w):
+            bend[v, u] = 0
+            if not mask[v, u]:
+                continue
+            total, count = np.float32(0), np.float32(1e-6)
+            for y in range(max(0, v - reach), min(h, v + reach + 1)):
+                for x in range(max(0, u - reach), min(w, u + reach + 1)):
+                    if mask[y, x] and (y != v or x != u):
+                        a, b, c, square = _offset(points, v, u, y, x)
+                        if square < _NEAR * _NEAR:
+                            turn = (normals[v, u, 0] - normals[y, x, 0]) * a
+                            turn += (normals[v, u, 1] - normals[y, x, 1]) * b
+                            turn += (normals[v, u, 2] - normals[y, x, 2]) * c
+                            total += max(turn / square, _CONVEX)
+                            count += np.float32(1)
+            bend[v, u] = total / count
+
+
+@part()
+def _root(root: NDArray[np.int32], pixel: int) -> int:
+    """The root of a pixel's tree; the way there is halved."""
+    while root[pixel] != pixel:
+        root[pixel] = root[root[pixel]]
+        pixel = root[pixel]
+    return pixel
+
+
+@kernel("i8(f4[:,:,::1], b1[:,::1], i8, i4[:,::1])")
+def _connect(points: NDArray[np.float32], mask: NDArray[np.bool_], least: int, labels: NDArray[np.int32]) -> int:
+    """Number the connected components of at least so many pixels, from 0, others -1; returns their count."""
+    h, w = mask.shape
+    root, size = np.empty(h * w, np.int32), np.zeros(h * w, np.int32)
+    for i in range(h * w):
+        root[i] = i
+    for v in range(h):
+        for u in range(w):
+            if not mask[v, u]:
+                continue
+            # Half of the pixels no more than two away: the other half has this one as its neighbour.
+            for y in range(v, min(h, v + 3)):
+                for x in range(max(0, u - 2), min(w, u + 3)):
+                    if mask[y, x] and (y > v or x > u) and _offset(points, v, u, y, x)[3] < _LINK * _LINK:
+                        i, j = _root(root, v * w + u), _root(root, y * w + x)
+                        root[max(i, j)] = min(i, j)
+    count = 0
+    for i in range(h * w):
+        if mask[i // w, i % w]:
+            root[i] = root[root[i]]  # a root comes before its pixels
+            size[root[i]] += 1
+    for i in range(h * w):
+        v, u = i // w, i % w
+        labels[v, u] = -1
+        if mask[v, u] and size[root[i]] >= least:
+            if root[i] == i:
+                labels[v, u] = count
+                count += 1
+            else:
+                labels[v, u] = labels[root[i] // w, root[i] % w]
+    return count
+
+
+@kernel("void(f4[:,:,::1], b1[:,::1], i4[:,::1])")
+def _share_out(points: NDArray[np.float32], mask: NDArray[np.bool_], labels: NDArray[np.int32]) -> None:
+    """Give pixels without a label that of the nearest labelled pixel beside them, ring by ring."""
+    h, w = mask.shape
+    open_v, open_u = np.empty(h * w, np.int32), np.empty(h * w, np.int32)
+    found = np.empty(h * w, np.int32)
+    count = 0
+    for v in range(h):
+        for u in range(w):
+            if mask[v, u] and labels[v, u] < 0:
+                open_v[count], open_u[count] = v, u
+                count += 1
+    for _ in range(_ROUNDS):
+        for k in range(count):
+            v, u, best = open_v[k], open_u[k], _LINK * _LINK
+            found[k] = -1
+            for y in range(max(0, v - 2), min(h, v + 3)):
+                for x in range(max(0, u - 2), min(w, u + 3)):
+                    if labels[y, x] >= 0:
+                        square = _offset(points, v, u, y, x)[3]
+                        if square < best:
+                            best, found[k] = square, labels[y, x]
+        left = 0
+        for k in range(count):
+            if found[k] >= 0:
+                labels[open_v[k], open_u[k]] = found[k]
+            else:
+                open_v[left], open_u[left] = open_v[k], open_u[k]
+                left += 1
+        if left == count:
+            break
+        count = left

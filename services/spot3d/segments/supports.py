@@ -1,0 +1,72 @@
+"""What things stand on in a single view: the plane that holds the heat, and how high all else is above it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.geometry.planes import PlaneSettings, on_plane
+
+_FROM_BELOW = 0.02
+"""What a plane counts that the camera sees along its surface or from below: little, but it may be the only one."""
+_REACH = 0.02
+"""Pixels this near to a plane show how it is bent, metres: twice what Kinect-type sensors bend a plane at 2 m."""
+_SAMPLE = 5000
+"""About so many of a plane's pixels are fitted."""
+_FITS, _ROBUST = 8, 1.5
+"""Rounds of the fit; a pixel this many deviations off weighs little: what stands on the plane does not lift it."""
+
+UP = {"top": (0.0, -1.0), "bottom": (0.0, 1.0), "left": (-1.0, 0.0), "right": (1.0, 0.0)}
+"""The direction in the image, x right and y down, of the side of it that is up."""
+
+
+def choose_support(
+    planes: NDArray[np.float64],
+    points: NDArray[np.float32],
+    heat: NDArray[np.uint8],
+    settings: PlaneSettings,
+    image_up: str,
+) -> NDArray[np.float64] | None:
+    """The plane whose inliers hold most heat (paper, Eq. 10), each as much as the plane faces up in the image.
+
+    A hot object's front holds much heat as well, but what things stand on shows its upper side: its normal points to
+    the upper side of the image, while fronts point level or, seen from above, to the lower side.
+    planes: (n, 4) camera frame, normals towards the camera; points: (h, w, 3) float32 metres, z = 0 invalid;
+    heat: (h, w) uint8, 255ths; image_up: the side of the image that is up, as in `UP`. None where no plane holds heat.
+    """
+    best, most, (x, y) = None, 0.0, UP[image_up]
+    for plane in planes:
+        upwards = max(_FROM_BELOW, float(x * plane[0] + y * plane[1]))
+        held = float(heat[on_plane(plane, points, settings)].sum(dtype=np.int64)) * upwards
+        if held > most:
+            best, most = plane, held
+    return best
+
+
+def heights(points: NDArray[np.float32], plane: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(h, w) float32 metres above a plane, which is bent slowly over the image as lenses and depth sensors bend it.
+
+    points: (h, w, 3) float32 metres, camera frame, z = 0 invalid. The bend is a quadratic of the pixel, fitted
+    robustly to the pixels near the plane.
+    """
+    height = points @ plane[:3].astype(np.float32) + np.float32(plane[3])
+    h, w = height.shape
+    near = np.flatnonzero((points[..., 2] > 0) & (np.abs(height) < _REACH))
+    near = near[:: max(1, len(near) // _SAMPLE)]
+    if len(near) < 100:
+        return height
+    y, x = (np.linspace(-1, 1, count) for count in (h, w))
+    terms = _quadratic(x[near % w], y[near // w])
+    measured = height.ravel()[near].astype(np.float64)
+    weight = np.ones(len(near))
+    for _ in range(_FITS):
+        weighed = terms * weight[:, None]
+        bend = np.linalg.solve(weighed.T @ terms + 1e-3 * np.eye(6), weighed.T @ measured)
+        error = measured - terms @ bend
+        spread = max(1.4826 * float(np.median(np.abs(error))), 1e-3)
+        weight = 1 / (1 + (error / (_ROBUST * spread)) ** 2) ** 2
+    grid = _quadratic(np.tile(x, h), np.repeat(y, w)) @ bend
+    bent: NDArray[np.float32] = height - grid.reshape(h, w).astype(np.float32)
+    return bent
+
+
+def _quadratic(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.stack((np.ones_like(x), x, y, x * x, x * y, y * y), axis=1)

@@ -1,0 +1,144 @@
+"""Join the pieces of one object that holes in depth tear apart, and fill the holes that belong to it.
+
+Depth is missing where things shine or are dark. Two pieces beside one hole are one where their surfaces are near to
+each other there and do not form a crease (Stein et al., ICRA 2014); a hole is shared out among what is around it
+along the edges of the colour image (F. Meyer, *Color image segmentation*, 1992: watershed).
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.sensor import axial_noise
+
+_GAP = 0.05
+"""Surfaces farther apart than this across a hole are not one, metres: holes of glare are mostly narrower."""
+_STEEP = 3.0
+"""A surface slopes by less than this against the line of sight (72 degrees); what a nearer thing hides is steeper."""
+_CREASE = 0.17
+"""Two surfaces meet in a crease where their normals lean towards each other by more than 10 degrees, in radians."""
+_RIM = 0.05
+"""Share of its rim along which a piece meets another across holes."""
+_WINDOW = 5
+"""Normals at a hole are means over so many pixels each way: depth is worst at its rim."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Meetings:
+    """Pairs of regions that meet across holes. regions: (m, 2), lower first; pair: (n,) of each link, row of
+    `regions`; pixels: (n, 2) flat numbers of the pixels that face each other, in the order of `regions`."""
+
+    regions: NDArray[np.int64]
+    pair: NDArray[np.int64]
+    pixels: NDArray[np.int64]
+
+
+def join_torn(
+    labels: NDArray[np.int32],
+    points: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    least: int,
+) -> NDArray[np.int32]:
+    """Regions joined that are one surface but for a hole in depth between them.
+
+    labels: (h, w) int32 from 0, -1 = no object; points, normals: (h, w, 3) float32, camera frame, z = 0 invalid;
+    least: regions of fewer pixels have no reliable normal: they join whatever they meet.
+    """
+    count = int(labels.max(initial=-1)) + 1
+    met = _meetings(labels, points)
+    if len(met.regions) == 0:
+        return labels
+    valid = (points[..., 2] > 0).astype(np.float32)
+    facing = _unit(_means(np.asarray(cv2.boxFilter(normals, -1, (_WINDOW, _WINDOW)), np.float32).reshape(-1, 3), met))
+    filled = np.maximum(cv2.boxFilter(valid, -1, (_WINDOW, _WINDOW)), 1e-6)
+    places = cv2.boxFilter(points * valid[..., None], -1, (_WINDOW, _WINDOW)) / filled[..., None]
+    place = _means(places.reshape(-1, 3), met)
+    offset = _unit((place[:, 1] - place[:, 0])[:, None])[:, 0]
+    crease = np.einsum("mk,mk->m", facing[:, 0] - facing[:, 1], offset)
+    sizes = np.bincount(labels[labels >= 0], minlength=count)
+    small = sizes[met.regions].min(axis=1) < least
+    joined = small | ((crease < _CREASE) & (_shares_of_rim(labels, met, count) >= _RIM))
+    return _united(labels, met.regions[joined], count)
+
+
+def fill_holes(labels: NDArray[np.int32], valid: NDArray[np.bool_], colour: NDArray[np.uint8]) -> NDArray[np.int32]:
+    """Share out the pixels without depth among the objects and what is around them, along the edges of colour.
+
+    labels: (h, w) int32, 0 = no object; valid: (h, w) bool; colour: (h, w, 3) uint8. The pixels of a support at an
+    object's rim are shared out too: depth blurs there.
+    """
+    near = cv2.dilate((labels > 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    seeds = np.where(labels > 0, labels + 1, (valid & ~near).astype(np.int32))
+    flooded = cv2.watershed(np.ascontiguousarray(colour), seeds.astype(np.int32))
+    return np.where(valid, labels, np.maximum(flooded - 1, 0)).astype(np.int32)
+
+
+def _meetings(labels: NDArray[np.int32], points: NDArray[np.float32]) -> _Meetings:
+    """Where two regions face each other across pixels without depth, each such pixel being its nearest valid one's."""
+    h, w = labels.shape
+    valid = points[..., 2] > 0
+    _, nearest = cv2.distanceTransformWithLabels(
+        (~valid).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    source = np.zeros(nearest.max() + 1, np.int64)
+    source[nearest[valid]] = np.flatnonzero(valid)
+    owner = source[nearest]
+    sides = []
+    for dv, du in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        a = owner[: h - dv, max(0, -du) : w - max(0, du)]
+        b = owner[dv:, max(0, du) : w + min(0, du)]
+        sides.append(np.stack((a[a != b], b[a != b]), axis=1))
+    links = np.concatenate(sides)
+    regions = labels.ravel()[links]
+    other = (regions >= 0).all(axis=1) & (regions[:, 0] != regions[:, 1])
+    links, regions = links[other], regions[other]
+    rows, columns = np.divmod(links, w)
+    across = np.maximum(np.abs(np.diff(rows)), np.abs(np.diff(columns)))[:, 0] > 1
+    a, b = points.reshape(-1, 3)[links[:, 0]], points.reshape(-1, 3)[links[:, 1]]
+    deep, square = np.abs(a[:, 2] - b[:, 2]), ((a - b) ** 2).sum(axis=1)
+    aside = np.sqrt(np.maximum(square - deep**2, 0))
+    flush = (square < _GAP**2) & (deep < _STEEP * aside + 3 * axial_noise(a[:, 2]))
+    links, regions = links[across & flush], regions[across & flush].astype(np.int64)
+    swapped = regions[:, 0] > regions[:, 1]
+    links[swapped], regions[swapped] = links[swapped, ::-1], regions[swapped, ::-1]
+    distinct, pair = np.unique(regions, axis=0, return_inverse=True)
+    return _Meetings(distinct, pair.ravel(), links)
+
+
+def _means(values: NDArray[np.floating], met: _Meetings) -> NDArray[np.float64]:
+    """(m, 2, 3): the mean of (pixels, 3) values on either side of each meeting."""
+    count = np.bincount(met.pair, minlength=len(met.regions))
+    sums = [
+        [np.bincount(met.pair, values[met.pixels[:, side], axis], len(met.regions)) / count for axis in range(3)]
+        for side in range(2)
+    ]
+    return np.array(sums).transpose(2, 0, 1)
+
+
+def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9))
+
+
+def _shares_of_rim(labels: NDArray[np.int32], met: _Meetings, count: int) -> NDArray[np.float64]:
+    """(m,) share of its rim with which the one of two regions that has more of it faces the other."""
+    padded = np.pad(labels, 1, constant_values=-1)
+    rim = np.zeros(labels.shape, np.bool_)
+    for v, u in ((0, 1), (2, 1), (1, 0), (1, 2)):
+        rim |= padded[v : v + labels.shape[0], u : u + labels.shape[1]] != labels
+    length = np.maximum(np.bincount(labels[rim & (labels >= 0)], minlength=count), 1)
+    shares = []
+    for side in range(2):
+        facing = np.unique(np.stack((met.pair, met.pixels[:, side]), axis=1), axis=0)
+        shares.append(np.bincount(facing[:, 0], minlength=len(met.regions)) / length[met.regions[:, side]])
+    return np.maximum(*shares)
+
+
+def _united(labels: NDArray[np.int32], pairs: NDArray[np.int64], count: int) -> NDArray[np.int32]:
+    """The labels with these pairs of regions made one, which takes the lowest number."""
+    root = np.arange(count)
+    for a, b in pairs:
+        low, high = sorted((int(root[a]), int(root[b])))
+        root[root == high] = low
+    return np.where(labels >= 0, root[labels], -1).astype(np.int32)
