@@ -108,7 +108,7 @@ def _ask(
             if count[number] > count[best] or best == 0:
                 best = number
         said[i] = OBJECT
-        if count[best] >= _WITHIN * seen:
-            said[i], label[i] = WHOLE, best
-        elif large >= 2:
+        if large >= 2:
             said[i] = DIVIDED
+        elif count[best] >= _WITHIN * seen:
+            said[i], label[i] = WHOLE, best
