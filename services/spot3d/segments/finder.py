@@ -11,10 +11,12 @@ from spot3d.geometry.planes import dominant_planes, plane_tolerance
 from spot3d.geometry.upright import Part, merge_contained, sampled, upright_box
 from spot3d.segments.creases import split_at_creases
 from spot3d.segments.foreground import standing_out
+from spot3d.segments.fragments import join_fragments
+from spot3d.segments.holes import fill_holes
 from spot3d.segments.occlusion import join_occluded
 from spot3d.segments.settings import SegmentsSettings
 from spot3d.segments.supports import choose_support, heights
-from spot3d.segments.torn import fill_holes, join_torn
+from spot3d.segments.torn import join_torn
 from spot3d.segments.vessels import hollow_groups
 from spot3d_schemas.limits import MAX_SEGMENTS
 
@@ -53,6 +55,7 @@ def find_segments(
     regions = split_at_creases(points, normals, out, frame.camera.fx, settings.crease, least)
     regions = _join_vessels(regions, points, normals, up, least, settings)
     regions = join_torn(regions, points, normals, least)
+    regions = join_fragments(regions, points, frame.camera.fx, least, settings.size_min)
     parts = [part for part in _pixels(regions) if _plausible(part, frame, points, height, settings)]
     parts = join_occluded(parts, points, normals, up)
     parts = _join_contained(parts, points, up, settings.contained_share)
@@ -140,5 +143,5 @@ def _segments(
         heat[number] = frame.heat.ravel()[pixels].mean() / 255
         if np.quantile(height[pixels] - plane_tolerance(depth[pixels], settings), 0.02) < _STANDS:
             stands_on[number] = 0
-    filled = fill_holes(labels, frame.depth > 0, frame.colour)
+    filled = fill_holes(labels, frame.depth, frame.colour, frame.camera.fx)
     return FrameSegments(filled.astype(np.uint8), np.minimum(heat, 1), planes, stands_on, frame.camera)

@@ -1,8 +1,7 @@
-"""Join the pieces of one object that holes in depth tear apart, and fill the holes that belong to it.
+"""Join the pieces of one object that holes in depth tear apart.
 
 Depth is missing where things shine or are dark. Two pieces beside one hole are one where their surfaces are near to
-each other there and do not form a crease (Stein et al., ICRA 2014); a hole is shared out among what is around it
-along the edges of the colour image (F. Meyer, *Color image segmentation*, 1992: watershed).
+each other there and do not form a crease (Stein et al., ICRA 2014).
 """
 
 from dataclasses import dataclass
@@ -61,18 +60,6 @@ def join_torn(
     small = sizes[met.regions].min(axis=1) < least
     joined = small | ((crease < _CREASE) & (_shares_of_rim(labels, met, count) >= _RIM))
     return _united(labels, met.regions[joined], count)
-
-
-def fill_holes(labels: NDArray[np.int32], valid: NDArray[np.bool_], colour: NDArray[np.uint8]) -> NDArray[np.int32]:
-    """Share out the pixels without depth among the objects and what is around them, along the edges of colour.
-
-    labels: (h, w) int32, 0 = no object; valid: (h, w) bool; colour: (h, w, 3) uint8. The pixels of a support at an
-    object's rim are shared out too: depth blurs there.
-    """
-    near = cv2.dilate((labels > 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    seeds = np.where(labels > 0, labels + 1, (valid & ~near).astype(np.int32))
-    flooded = cv2.watershed(np.ascontiguousarray(colour), seeds.astype(np.int32))
-    return np.where(valid, labels, np.maximum(flooded - 1, 0)).astype(np.int32)
 
 
 def _meetings(labels: NDArray[np.int32], points: NDArray[np.float32]) -> _Meetings:

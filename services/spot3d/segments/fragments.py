@@ -1,0 +1,65 @@
+"""Join fragments, too small to have a shape, with what they lie beside."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.kernel import kernel
+
+_ROUNDS = 3
+"""Fragments join fragments first: a pen that is torn in five is one after three rounds."""
+
+
+def join_fragments(
+    labels: NDArray[np.int32], points: NDArray[np.float32], focal: float, least: int, gap: float
+) -> NDArray[np.int32]:
+    """Regions of fewer than `least` pixels joined with the nearest other region within `gap` metres, if there is one.
+
+    labels: (h, w) int32 from 0, -1 = no object; points: (h, w, 3) float32, camera frame; focal: pixels. What is apart
+    by less than the least object is one, as in density clustering, where nothing else can be known of it.
+    """
+    for _ in range(_ROUNDS):
+        count = int(labels.max(initial=-1)) + 1
+        size = np.bincount(labels[labels >= 0], minlength=count).astype(np.int32)
+        nearest, square = np.full(count, -1, np.int32), np.full(count, gap**2, np.float32)
+        _find_nearest(labels, points, size, least, np.float32(gap * focal), nearest, square)
+        if (nearest < 0).all():
+            break
+        root = np.arange(count, dtype=np.int32)
+        for fragment in np.argsort(size, kind="stable")[np.sort(size) < least].tolist():
+            if nearest[fragment] >= 0:
+                root[root == root[fragment]] = root[nearest[fragment]]
+        labels = np.where(labels >= 0, root[labels], -1).astype(np.int32)
+    return labels
+
+
+@kernel("void(i4[:,::1], f4[:,:,::1], i4[::1], i8, f4, i4[::1], f4[::1])")
+def _find_nearest(
+    labels: NDArray[np.int32],
+    points: NDArray[np.float32],
+    size: NDArray[np.int32],
+    least: int,
+    reach: np.float32,
+    nearest: NDArray[np.int32],
+    square: NDArray[np.float32],
+) -> None:
+    """For each region smaller than `least` the one with the nearest point, no further than the root of `square`.
+
+    reach: pixels at the range of 1 m.
+    """
+    h, w = labels.shape
+    for v in range(h):
+        for u in range(w):
+            own = labels[v, u]
+            if own < 0 or size[own] >= least:
+                continue
+            far = int(reach / points[v, u, 2]) + 1
+            for y in range(max(0, v - far), min(h, v + far + 1)):
+                for x in range(max(0, u - far), min(w, u + far + 1)):
+                    other = labels[y, x]
+                    if other >= 0 and other != own:
+                        a = points[y, x, 0] - points[v, u, 0]
+                        b = points[y, x, 1] - points[v, u, 1]
+                        c = points[y, x, 2] - points[v, u, 2]
+                        distance = a * a + b * b + c * c
+                        if distance < square[own]:
+                            square[own], nearest[own] = distance, other

@@ -1,0 +1,68 @@
+"""Holes in depth that colour and borders say belong to an object: things that shine or are dark.
+
+What differs in colour from the support around a hole is a part of the object beside it; the rest of the hole is
+shared out along the edges of the colour image (F. Meyer, *Color image segmentation*, 1992: watershed).
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+_COLOUR = 0.2
+"""What differs by this from a support is not the support, RGB in [0, 1], L2 norm: eps_I. 0.3 gives the same boxes."""
+_PIXELS = 20
+"""A smaller hole has too few pixels to be judged by colour, and too few around it."""
+_AROUND = 5
+"""The colour of the support is that of its pixels so near to the hole."""
+_DEEP = 0.05
+"""Watershed reaches so far into a hole from an object, metres: beyond, as at an image's border, nothing is known."""
+
+
+def fill_holes(
+    labels: NDArray[np.int32], depth: NDArray[np.float32], colour: NDArray[np.uint8], focal: float
+) -> NDArray[np.int32]:
+    """The labels with those pixels without depth added that belong to an object.
+
+    labels: (h, w) int32, 0 = no object; depth: (h, w) float32 metres, 0 = invalid; colour: (h, w, 3) uint8;
+    focal: pixels. Pixels with depth keep their labels.
+    """
+    if not labels.any():
+        return labels
+    valid = depth > 0
+    seeds = labels.copy()
+    _add_other_colours(seeds, valid, colour)
+    objects = seeds > 0
+    near = cv2.dilate(objects.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    within = cv2.distanceTransform((~objects).astype(np.uint8), cv2.DIST_L2, 5)
+    deep = _DEEP * focal / float(np.median(depth[(labels > 0) & valid]))
+    bare = (valid & ~near) | (within > deep)
+    flooded = cv2.watershed(np.ascontiguousarray(colour), np.where(objects, seeds + 1, bare).astype(np.int32))
+    return np.where(valid, labels, np.maximum(flooded - 1, 0)).astype(np.int32)
+
+
+def _add_other_colours(labels: NDArray[np.int32], valid: NDArray[np.bool_], colour: NDArray[np.uint8]) -> None:
+    """Label, in place, the pixels of holes beside objects whose colour is not that of the support around the hole."""
+    count, hole, boxes, _ = cv2.connectedComponentsWithStats((~valid).astype(np.uint8), connectivity=4)
+    h, w = valid.shape
+    for number in range(1, count):
+        x, y, width, height, pixels = boxes[number]
+        inner = x > 0 and y > 0 and x + width < w and y + height < h  # beyond the image's border nothing is known
+        if pixels < _PIXELS or not inner:
+            continue
+        part = np.s_[max(0, y - _AROUND) : y + height + _AROUND, max(0, x - _AROUND) : x + width + _AROUND]
+        own, mine = hole[part] == number, labels[part]
+        support = _grown(own, _AROUND) & valid[part] & (mine == 0)
+        if np.count_nonzero(support) < _PIXELS or not (_grown(own, 1) & (mine > 0)).any():
+            continue
+        rgb = colour[part].astype(np.float32) / 255
+        other = own & (np.linalg.norm(rgb - np.median(rgb[support], axis=0), axis=2) > _COLOUR)
+        pieces, piece = cv2.connectedComponents(other.astype(np.uint8), connectivity=4)
+        for index in range(1, pieces):
+            beside = mine[_grown(piece == index, 1) & (mine > 0)]
+            if len(beside):
+                mine[piece == index] = np.bincount(beside).argmax()
+
+
+def _grown(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
+    size = 2 * pixels + 1
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)
