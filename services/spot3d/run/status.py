@@ -1,4 +1,4 @@
-"""`spot3d status`: how every stage of a robot fares now."""
+"""`spot3d status`: how every stage of a robot fares now, and what is found and left out."""
 
 import threading
 import time
@@ -16,7 +16,7 @@ from zenoh.handlers import Handler, RingChannel
 from spot3d.dataflow.alive import Alive, watch_alive
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.settings import LinkSettings
-from spot3d_schemas import STAGES, CodecError, Health, decode, key
+from spot3d_schemas import STAGES, CodecError, Health, Objects, decode, key
 
 _CONNECT_S = 3.0
 """Longest wait for the router."""
