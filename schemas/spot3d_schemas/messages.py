@@ -1,4 +1,4 @@
-"""The messages of the dataflow, version 1.0.
+"""The messages of the dataflow, version 1 (each states its minor version: `VERSION`).
 
 Units: metres, seconds (milliseconds where a name says _ms), integer nanoseconds. The camera frame is optical
 (x right, y down, z forward). Arrays are read-only views: of a decoded message into its payload, of a message
@@ -6,8 +6,9 @@ made here into the arrays that it was made of, which must not be changed until i
 
 Values are checked strictly, once, when a message is made or decoded. Fields that are not listed here are
 ignored, not refused: a newer minor version adds fields, and its messages must stay readable; a change that
-would mislead an old reader takes a new major version. Since a misspelt field is ignored as well, every field
-but the header's trace must be given: what is missing is refused.
+would mislead an old reader takes a new major version. Since a misspelt field is ignored as well, every field of
+1.0 but the header's trace must be given: what is missing is refused. What a minor version has added may be missing,
+since older senders do not know it.
 """
 
 from typing import Annotated, ClassVar, Literal, Self
@@ -246,10 +247,13 @@ class Object3D(Record):
 class Objects(Message):
     """All objects known after `frame_count` fused frames. up: (3,) the supporting planes' normal, world.
 
-    complete: the source's stream has ended, and these are the objects of all its frames.
+    complete: the source's stream has ended, and these are the objects of all its frames. Since 1.1, left_out: what
+    was taken for an object and is none, counted by reason; keyframes_dropped: keyframes that were forgotten because
+    there were too many, and with them what no other keyframe shows.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Objects"
+    VERSION: ClassVar[str] = "1.1"
     MAX_VALUES: ClassVar[int] = MAX_OBJECTS_VALUES
     MAX_FIELD_BYTES: ClassVar[int] = MAX_OBJECTS_BYTES
 
@@ -259,6 +263,8 @@ class Objects(Message):
     map_points: Count
     map_limit_reached: bool
     complete: bool
+    left_out: Reasons = Field(default_factory=dict)
+    keyframes_dropped: Count = 0
 
 
 class MapPoints(Message):

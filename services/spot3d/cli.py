@@ -26,7 +26,7 @@ from spot3d.cli_options import (
     play_overrides,
 )
 from spot3d.evaluate.command import evaluate
-from spot3d.settings import InvalidSettingsError, load_settings, to_toml
+from spot3d.settings import InvalidSettingsError, Settings, load_settings, to_toml
 from spot3d.source.errors import SourceError
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def run(
 
     chosen = selection(input_name, frames, every, intrinsics)
     done = run_input(chosen, resolved, out, Console(), in_process, topic, listen or ())
-    _conclude(done)
+    _conclude(done, resolved)
 
 
 @app.command()
@@ -115,7 +115,7 @@ def demo(
     done = run_input(selection(f"scene:{seed}", frames, 1, None), resolved, out, console, in_process)
     true = [(item.name, Box3D(item.centre, item.size, item.rotation)) for item in build_scene(seed).boxes]
     console.print(demo_table(*match_objects(true, done.result.objects)))
-    _conclude(done)
+    _conclude(done, resolved)
 
 
 @app.command()
@@ -167,8 +167,10 @@ def print_settings(settings: SettingsOption = None, preset: PresetOption = None)
     typer.echo(to_toml(load_settings(settings, preset)), nl=False)
 
 
-def _conclude(done: "Finished") -> None:
+def _conclude(done: "Finished", settings: Settings) -> None:
     """Say how a run went, and end with the exit code that tells programs."""
+    from spot3d.run.left_out import forgotten, why_so_few
+
     report = done.report
     dropped = sum(report.skipped.values())
     reasons = ", ".join(f"{count} {reason}" for reason, count in report.skipped.items() if count)
@@ -176,6 +178,9 @@ def _conclude(done: "Finished") -> None:
         f"{report.objects} objects from {report.fused} of {report.played} frames in {report.wall_s:.1f} s"
         f" ({f'not fused: {reasons}' if dropped else 'none dropped'}); results in {done.folder}"
     )
+    for line in (why_so_few(done.result, report.keyframes, settings), forgotten(report.keyframes_dropped, settings)):
+        if line:
+            typer.echo(line)
     typer.echo(f"picture: {done.folder / 'overview.png'}")
     if report.error:
         _fail(report.error, code=1)

@@ -78,6 +78,8 @@ SAMPLES: dict[str, Message] = {
         map_points=1000,
         map_limit_reached=False,
         complete=False,
+        left_out={"too large": 2},
+        keyframes_dropped=20,
     ),
     "MapPoints": MapPoints(
         header=HEADER,
@@ -263,6 +265,8 @@ MESSAGES_OF: dict[str, st.SearchStrategy[Message]] = {
         map_points=_counts,
         map_limit_reached=st.booleans(),
         complete=st.booleans(),
+        left_out=_reasons,
+        keyframes_dropped=_counts,
     ),
     "MapPoints": _map_points(),
     "Progress": st.builds(

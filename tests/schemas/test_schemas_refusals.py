@@ -16,6 +16,7 @@ from spot3d_schemas import (
     Frame,
     Header,
     Heat,
+    Objects,
     Pose,
     Proposals,
     decode,
@@ -121,6 +122,10 @@ NO_BOTTOM = np.array([*np.eye(4)[:3].ravel(), 0, 0, 0.1, 1]).tolist()
         ("Objects", put("objects", [{}]), ["spot3d.Objects.objects.0.id", "required"]),
         ("Objects", put("up", [0, 1]), ["spot3d.Objects.up", "3 numbers"]),
         ("Objects", put("map_limit_reached", 1), ["spot3d.Objects.map_limit_reached", "boolean"]),
+        ("Objects", put("left_out", {str(i): i for i in range(65)}), ["spot3d.Objects.left_out", "64"]),
+        ("Objects", put("left_out", {"x" * 65: 1}), ["spot3d.Objects.left_out", "64"]),
+        ("Objects", put("left_out", "too large", -2), ["spot3d.Objects.left_out", "-2"]),
+        ("Objects", put("keyframes_dropped", True), ["spot3d.Objects.keyframes_dropped", "integer"]),
         ("MapPoints", put("heat", "shape", [1]), ["spot3d.MapPoints.heat", "8 bytes"]),
         ("Progress", put("skipped", {str(i): i for i in range(65)}), ["spot3d.Progress.skipped", "64"]),
         ("Progress", put("skipped", {1: 1}), ["spot3d.Progress.skipped", "msgpack"]),
@@ -193,6 +198,16 @@ def test_fields_of_a_newer_minor_version_are_ignored() -> None:
     wire["objects"][0]["mass"] = 0.3
     wire["normals"] = {"dtype": "float16", "shape": [10**9], "encoding": "new", "data": bytes(3_000_000)}
     assert decode(msgpack.packb(wire), MESSAGES["Objects"]) == SAMPLES["Objects"]
+
+
+def test_fields_that_an_older_minor_version_lacks_are_empty() -> None:
+    wire = msgpack.unpackb(encode(SAMPLES["Objects"]))
+    assert wire["header"]["version"] == "1.1"
+    wire["header"]["version"] = "1.0"
+    del wire["left_out"], wire["keyframes_dropped"]
+    read = decode(msgpack.packb(wire), Objects)
+    assert (read.left_out, read.keyframes_dropped) == ({}, 0)
+    assert len(read.objects) == 1
 
 
 def test_encoding_names_schema_and_major_version() -> None:

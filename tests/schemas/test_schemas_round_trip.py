@@ -137,7 +137,7 @@ def test_peek_header(name: str) -> None:
     sample: Message = SAMPLES[name]
     header = peek_header(encode(sample))
     assert isinstance(header, WireHeader)
-    assert (header.schema_name, header.version) == (f"spot3d.{name}", "1.0")
+    assert (header.schema_name, header.version) == (f"spot3d.{name}", MESSAGES[name].VERSION)
     assert (header.robot, header.seq, header.trace) == ("drone", 7, sample.header.trace)
 
 

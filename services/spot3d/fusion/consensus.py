@@ -14,6 +14,7 @@ from spot3d.fusion.agreement import clusters_of
 from spot3d.fusion.found import Seen, box_of
 from spot3d.fusion.identity import FoundObject
 from spot3d.fusion.keyframes import Keyframe
+from spot3d.fusion.reasons import MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.views import BACKGROUND, DIVIDED, NOTHING, OBJECT, SAMPLE, WHOLE, View, ask, view_of
 from spot3d.geometry.planes import transform_plane
@@ -32,11 +33,16 @@ _DROPPED_SHARE = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Consensus:
-    """What the views agree on. objects: numbered; up: (3,) unit, world; left_out: candidates by reason."""
+    """What the views agree on.
+
+    objects: numbered; up: (3,) unit, world; left_out: candidates by reason (see `reasons`); dropped: keyframes that
+    went because there were too many.
+    """
 
     objects: list[FoundObject]
     up: NDArray[np.float64]
     left_out: Counter[str]
+    dropped: int
 
 
 @dataclass(slots=True, eq=False)
@@ -115,7 +121,7 @@ class ViewConsensus:
             self._describe(touched, up)
         objects = [found for found, _ in self._found.values() if found is not None]
         left_out = Counter(reason for _, reason in self._found.values() if reason)
-        return Consensus(sorted(objects, key=lambda item: item.id), up, left_out)
+        return Consensus(sorted(objects, key=lambda item: item.id), up, left_out, self.dropped)
 
     def _take_in(self, keyframe: Keyframe, touched: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Ask the new view about the segments that there are, and the views that there are about the new segments."""
@@ -242,7 +248,7 @@ class ViewConsensus:
         settings, segments = self._settings, self._segments
         own = np.unique(segments.frame[members])
         if len(own) < min(settings.views_min, len(self._views)):
-            return None, 0.0, "seen too seldom"
+            return None, 0.0, TOO_SELDOM
         # A view sees a cluster where it sees half of its segments, and an object where most of these say so.
         frames, frame = np.unique(np.concatenate((own, said[:, 1])), return_inverse=True)
         seen = np.bincount(frame[len(own) :], minlength=len(frames))
@@ -251,19 +257,19 @@ class ViewConsensus:
         sees = mine | (2 * seen > len(members))
         agrees = mine | (sees & (2 * background < seen))
         if agrees.sum() < settings.object_share * sees.sum():
-            return None, 0.0, "background in most views"
+            return None, 0.0, MOSTLY_BACKGROUND
         # The pseudo-average of Eq. 14, over views.
         confidence = float(segments.heat[members].sum() / (max(len(members), sees.sum()) + settings.views_tau))
         if confidence < settings.heat_min:
-            return None, confidence, "too cold"
+            return None, confidence, TOO_COLD
         views = Seen(segments.places[members], segments.support[members], segments.frame[members])
         box = box_of(views, up, settings.plane_distance)
         shortest, middle, longest = np.sort(box.size)
         if longest > settings.size_max:
-            return box, confidence, "too large"
+            return box, confidence, TOO_LARGE
         if middle < settings.size_min or box.volume < settings.volume_min:
-            return box, confidence, "too small"
-        return box, confidence, "too thin" if shortest < settings.plane_distance else ""
+            return box, confidence, TOO_SMALL
+        return box, confidence, TOO_THIN if shortest < settings.plane_distance else ""
 
 
 def _segments_of(keyframe: Keyframe, number: int) -> _Segments:

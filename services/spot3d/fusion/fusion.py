@@ -31,13 +31,15 @@ _REMEMBERED = 10_000
 class Objects:
     """The objects of one update; up: (3,) unit, world; frame_count: frames fused so far.
 
-    left_out: what was taken for an object at first, by the reason why it is none.
+    left_out: what was taken for an object at first, by the reason why it is none (see `reasons`). keyframes_dropped:
+    those that were forgotten because there were more than `keyframe_limit`.
     """
 
     objects: list[FoundObject]
     up: NDArray[np.float64]
     frame_count: int
     left_out: Counter[str] = field(default_factory=Counter)
+    keyframes_dropped: int = 0
 
 
 class ObjectsTask(Protocol):
@@ -59,7 +61,7 @@ class _ConsensusTask:
 
     def run(self) -> Objects:
         agreed = self.consensus.update(self.keyframes)
-        return Objects(agreed.objects, agreed.up, self.frame_count, agreed.left_out)
+        return Objects(agreed.objects, agreed.up, self.frame_count, agreed.left_out, agreed.dropped)
 
 
 @dataclass(slots=True)

@@ -124,6 +124,8 @@ def _message(node: Node, update: Update, found: FoundObjects) -> Objects:
         map_points=update.map_points,
         map_limit_reached=update.map_limit_reached,
         complete=update.complete,
+        left_out=dict(found.left_out),
+        keyframes_dropped=found.keyframes_dropped,
     )
 
 

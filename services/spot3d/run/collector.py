@@ -103,6 +103,8 @@ class Collector:
             frame_count=self.objects.frame_count,
             trajectory=trajectory,
             points=points,
+            left_out=dict(self.objects.left_out),
+            keyframes_dropped=self.objects.keyframes_dropped,
         )
 
     def fill(self, report: RunReport, restarts: dict[str, int]) -> None:

@@ -65,4 +65,6 @@ def _run_result(result: PipelineResult) -> RunResult:
             points.frequency.astype(np.uint32),
             result.fusion.heatmap.count,
         ),
+        left_out=dict(objects.left_out),
+        keyframes_dropped=objects.keyframes_dropped,
     )

@@ -30,9 +30,10 @@ class RunReport:
     """Counters of a run, in process or distributed.
 
     played: frames that the input has; fused, skipped (by reason): what fusion did with them; keyframes: those whose
-    segments fusion has taken in; drops: by stage and reason; latency_ms: p50 and p99 of each hop and of the whole way,
-    from the messages' traces; wall_s: the whole run with the start of its processes; ms_per_frame: from the first
-    frame done to the last, per frame.
+    segments fusion has taken in; keyframes_dropped: those of them that it has forgotten as too many; objects: how many
+    there are; left_out: what was taken for one and is none, by reason; drops: by stage and reason; latency_ms: p50 and
+    p99 of each hop and of the whole way, from the messages' traces; wall_s: the whole run with the start of its
+    processes; ms_per_frame: from the first frame done to the last, per frame.
     """
 
     input_name: str
@@ -45,7 +46,9 @@ class RunReport:
     lost_poses: int = 0
     proposals: dict[str, int] = field(default_factory=dict)
     keyframes: int = 0
+    keyframes_dropped: int = 0
     objects: int = 0
+    left_out: dict[str, int] = field(default_factory=dict)
     map_points: int = 0
     wall_s: float = 0.0
     ms_per_frame: float | None = None
@@ -71,8 +74,9 @@ def report_document(report: RunReport) -> dict[str, Any]:
         },
         "proposals": report.proposals,
         "keyframes": report.keyframes,
+        "keyframes_dropped": report.keyframes_dropped,
         "drops": {stage: reasons for stage, reasons in report.drops.items() if reasons},
-        "objects": report.objects,
+        "objects": {"found": report.objects, "left_out": report.left_out},
         "map_points": report.map_points,
         "interrupted": report.interrupted,
         "error": report.error or None,

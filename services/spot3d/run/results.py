@@ -47,13 +47,19 @@ class TrackedFrame:
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """up: (3,) unit normal of the supporting plane, world; frame_count: frames fused; trajectory: by stamp."""
+    """What was found, and from what.
+
+    up: (3,) unit normal of the supporting plane, world; frame_count: frames fused; trajectory: by stamp; left_out: what
+    was taken for an object and is none, by reason; keyframes_dropped: keyframes that were forgotten as too many.
+    """
 
     objects: tuple[FoundObject, ...] = ()
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
     frame_count: int = 0
     trajectory: tuple[TrackedFrame, ...] = ()
     points: MapSnapshot = field(default_factory=empty_snapshot)
+    left_out: dict[str, int] = field(default_factory=dict)
+    keyframes_dropped: int = 0
 
     def path(self) -> list[TrackedFrame]:
         """The frames whose pose is trusted."""

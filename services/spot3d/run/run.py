@@ -87,7 +87,8 @@ def _run(
             plan = Plan(selection, settings, settings_file, pose_topic, tuple(listen))
             result = run_distributed(plan, supervisor, report, folder / "logs", watcher, stop)
     report.wall_s = time.perf_counter() - start_s
-    report.objects, report.map_points = len(result.objects), result.points.total
+    report.objects, report.left_out = len(result.objects), result.left_out
+    report.keyframes_dropped, report.map_points = result.keyframes_dropped, result.points.total
     write_results(folder, result)
     write_json(folder / "report.json", report_document(report))
     if in_process:

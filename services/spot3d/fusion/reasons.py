@@ -1,0 +1,17 @@
+"""Why what was taken for an object is left out: the reasons by which `Objects` counts it."""
+
+TOO_SELDOM = "seen too seldom"
+"""In fewer keyframes than `views_min`: mostly fragments of one view."""
+MOSTLY_BACKGROUND = "background in most views"
+"""Fewer than `object_share` of the keyframes that see it take it for an object."""
+TOO_COLD = "too cold"
+"""Its confidence is below eps, `heat_min`."""
+TOO_LARGE = "too large"
+"""Longer than eps_max, `size_max`."""
+TOO_SMALL = "too small"
+"""Narrower than eps_min, `size_min`, or of less than `volume_min`."""
+TOO_THIN = "too thin"
+"""Within the noise of a plane: thinner than eps_p, `plane_distance`."""
+
+REASONS = (TOO_SELDOM, MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SMALL, TOO_THIN)
+"""All of them."""

@@ -1,0 +1,89 @@
+"""Why a run found nothing, or almost nothing: one line for people."""
+
+from spot3d.fusion.reasons import MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
+from spot3d.fusion.settings import FusionSettings
+from spot3d.run.results import RunResult
+from spot3d.settings import Settings
+
+_FEW = 4
+"""Where not every fourth candidate is an object, people are told why. It is every third on redkitchen, whose shelves
+and walls are candidates too, and four of five or more on a cabinet and on built-in scenes, cluttered or not."""
+
+
+def why_so_few(result: RunResult, keyframes: int, settings: Settings) -> str:
+    """Why there is no object, or hardly one for many candidates, and what to do; empty where all is well.
+
+    What was seen too seldom is mostly a fragment of one view, and counts only where nothing was found. keyframes: how
+    many were looked at.
+    """
+    if not result.frame_count:
+        return ""  # why no frame was fused is told with the frames
+    found = len(result.objects)
+    reasons = {name: count for name, count in result.left_out.items() if count and (name != TOO_SELDOM or not found)}
+    candidates = found + sum(reasons.values())
+    if _FEW * found >= candidates and found:
+        return ""
+    if not reasons:
+        return f"no objects: {_without_candidates(keyframes, settings)}"
+    ordered = sorted(reasons, key=lambda name: (name == TOO_SELDOM, -reasons[name], name))
+    words = _words(settings.fusion)
+    said = [f"{reasons[name]} {words.get(name, name)}" for name in ordered]
+    first = reasons[ordered[0]]
+    things = "" if found else "candidate " if first == 1 else "candidates "
+    said[0] = f"{first} {things}{'was' if first == 1 else 'were'} {words.get(ordered[0], ordered[0])}"
+    head = f"only {found} of {candidates} candidates {'is an object' if found == 1 else 'are objects'}"
+    advice = _ADVICE.get(ordered[0])
+    return f"{head if found else 'no objects'}: {', '.join(said)}" + (f"; {advice}" if advice else "")
+
+
+def forgotten(keyframes_dropped: int, settings: Settings) -> str:
+    """That keyframes were forgotten, and how to keep them; empty where none was."""
+    if not keyframes_dropped:
+        return ""
+    one = keyframes_dropped == 1
+    first = "keyframe was" if one else f"{keyframes_dropped} keyframes were"
+    return (
+        f"the first {first} forgotten, with objects that only {'it shows' if one else 'they show'}: fusion keeps "
+        f"{settings.fusion.keyframe_limit} (fusion.keyframe_limit)"
+    )
+
+
+_ADVICE = {
+    TOO_LARGE: "if these are objects, raise fusion.size_max and segments.size_max",
+    TOO_COLD: "if these are objects, lower fusion.heat_min and segments.heat_min",
+    TOO_SMALL: "if these are objects, go nearer, or lower fusion.size_min and segments.size_min",
+    TOO_THIN: "if these are objects, lower fusion.plane_distance",
+    MOSTLY_BACKGROUND: "other views see a table or a wall there: see whether the poses fit the depth",
+    TOO_SELDOM: "move the camera around things, slowly, or record for longer",
+}
+"""What can be done about the reason that most candidates were left out for."""
+
+
+def _words(settings: FusionSettings) -> dict[str, str]:
+    """The reasons with the limits that they stand for."""
+    volume = f"{1e6 * settings.volume_min:g} cm3"
+    return {
+        TOO_LARGE: f"longer than {settings.size_max:g} m (eps_max)",
+        TOO_COLD: f"colder than {settings.heat_min:g} (eps)",
+        TOO_SMALL: f"smaller than {100 * settings.size_min:g} cm (eps_min) or {volume}",
+        TOO_THIN: f"thinner than {1000 * settings.plane_distance:g} mm (eps_p)",
+        MOSTLY_BACKGROUND: "background in most views",
+        TOO_SELDOM: f"seen in fewer than {settings.views_min} keyframes",
+    }
+
+
+def _without_candidates(keyframes: int, settings: Settings) -> str:
+    """Why nothing was so much as a candidate."""
+    fusion, segments = settings.fusion, settings.segments
+    if fusion.clustering == "density":
+        return (
+            f"no part of the map was hot (fusion.heat_min {fusion.heat_min:g}) and dense enough "
+            f"(fusion.density_points {fusion.density_points})"
+        )
+    if not keyframes:
+        return "no keyframe's segments reached fusion; is the segments stage running, and segments.enabled?"
+    return (
+        f"nothing in {keyframes} keyframes looked like one: an object rises {100 * segments.height_min:g} cm above a "
+        f"surface that is in view, is at most {segments.size_max:g} m long, and within {segments.range_max:g} m of "
+        "the camera (segments.height_min, size_max, range_max)"
+    )

@@ -1,0 +1,103 @@
+"""The line that says why a run found nothing, or almost nothing, and what the report says of it."""
+
+import numpy as np
+import pytest
+
+from spot3d.boxes import Box3D
+from spot3d.evaluate.truth import FoundObject
+from spot3d.fusion.reasons import REASONS
+from spot3d.run.left_out import forgotten, why_so_few
+from spot3d.run.report import RunReport, report_document
+from spot3d.run.results import RunResult
+from spot3d.settings import load_settings
+
+FOUND = FoundObject(1, Box3D(np.zeros(3), np.full(3, 0.1), np.eye(3)), 0.5, 12, 345)
+
+
+def result(found: int, left_out: dict[str, int], frames: int = 30) -> RunResult:
+    return RunResult(objects=(FOUND,) * found, frame_count=frames, left_out=left_out)
+
+
+@pytest.mark.parametrize(
+    ("found", "left_out", "said"),
+    [
+        (
+            0,
+            {"seen too seldom": 4, "too cold": 2, "too large": 3},
+            "no objects: 3 candidates were longer than 1 m (eps_max), 2 colder than 0.18 (eps), 4 seen in fewer than 3 "
+            "keyframes; if these are objects, raise fusion.size_max and segments.size_max",
+        ),
+        (
+            0,
+            {"seen too seldom": 1},
+            "no objects: 1 candidate was seen in fewer than 3 keyframes; move the camera around things, slowly, or "
+            "record for longer",
+        ),
+        (
+            1,
+            {"too small": 3, "too thin": 1, "seen too seldom": 99},
+            "only 1 of 5 candidates is an object: 3 were smaller than 2 cm (eps_min) or 1 cm3, 1 thinner than 5 mm "
+            "(eps_p); if these are objects, go nearer, or lower fusion.size_min and segments.size_min",
+        ),
+        (
+            2,
+            {"background in most views": 7},
+            "only 2 of 9 candidates are objects: 7 were background in most views; other views see a table or a wall "
+            "there: see whether the poses fit the depth",
+        ),
+        (0, {"a newer reason": 1}, "no objects: 1 candidate was a newer reason"),
+    ],
+)
+def test_hardly_any_object_is_explained(found: int, left_out: dict[str, int], said: str) -> None:
+    assert why_so_few(result(found, left_out), 12, load_settings()) == said
+
+
+@pytest.mark.parametrize(
+    ("found", "left_out"),
+    [
+        (1, {}),
+        (1, {"too cold": 3}),
+        (1, {"seen too seldom": 500}),
+        (20, {"too cold": 32, "background in most views": 9}),
+    ],
+)
+def test_all_is_well_without_a_word(found: int, left_out: dict[str, int]) -> None:
+    assert why_so_few(result(found, left_out), 12, load_settings()) == ""
+
+
+def test_every_reason_has_words_of_its_own() -> None:
+    for reason in REASONS:
+        said = why_so_few(result(0, {reason: 2}), 12, load_settings())
+        assert said.startswith("no objects: 2 candidates were "), reason
+        assert "; " in said, reason
+
+
+@pytest.mark.parametrize(
+    ("preset", "keyframes", "said"),
+    [
+        (None, 12, "nothing in 12 keyframes looked like one: an object rises 1 cm above a surface"),
+        (None, 0, "no keyframe's segments reached fusion"),
+        ("paper", 0, "no part of the map was hot (fusion.heat_min 0.25) and dense enough (fusion.density_points 50)"),
+    ],
+)
+def test_where_nothing_was_so_much_as_a_candidate(preset: str | None, keyframes: int, said: str) -> None:
+    assert why_so_few(result(0, {}), keyframes, load_settings(preset=preset)).startswith(f"no objects: {said}")
+
+
+def test_frames_that_were_not_fused_are_told_elsewhere() -> None:
+    assert why_so_few(result(0, {}, frames=0), 0, load_settings()) == ""
+
+
+def test_forgotten_keyframes_are_told() -> None:
+    assert forgotten(0, load_settings()) == ""
+    assert forgotten(20, load_settings()) == (
+        "the first 20 keyframes were forgotten, with objects that only they show: fusion keeps 200 "
+        "(fusion.keyframe_limit)"
+    )
+
+
+def test_the_report_counts_them_by_reason() -> None:
+    report = RunReport("scene", "processes", 10, (320, 240), objects=2, left_out={"too cold": 3}, keyframes_dropped=20)
+    document = report_document(report)
+    assert document["objects"] == {"found": 2, "left_out": {"too cold": 3}}
+    assert document["keyframes_dropped"] == 20
