@@ -117,7 +117,6 @@ def _join_contained(
 
     return merge_contained(
         [part(pixels) for pixels in parts],
-        [True] * len(parts),
         flat,
         lambda sample: upright_box(sample, up, turn=True, trim=_TRIM),
         share,
