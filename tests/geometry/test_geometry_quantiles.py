@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spot3d.geometry.quantiles import quantiles, value_at
+from spot3d.geometry.quantiles import quantiles
 
 
 @pytest.mark.parametrize("trim", [0.0, 0.005, 0.02, 0.3, 0.5])
@@ -17,6 +17,5 @@ def test_quantiles_are_the_plain_ones(count: int, trim: float) -> None:
 
 
 def test_of_equal_values_that_very_one_is_found() -> None:
-    assert value_at(np.repeat([0.1, 0.7, 0.9], 5), 7.5) == 0.7
-    assert value_at(np.full(9, 0.3), 4.0) == 0.3
-    assert value_at(np.zeros(0), 0.0) == 0.0
+    assert quantiles(np.full((1, 9), 0.3), 0.5).tolist() == [[0.3], [0.3]]
+    assert quantiles(np.repeat([[0.1, 0.7, 0.9]], 5, axis=1), 0.5).tolist() == [[0.7], [0.7]]

@@ -5,12 +5,6 @@ from numpy.typing import NDArray
 
 from spot3d.kernel import kernel, part
 
-_ELONGATED = 1.2
-"""A footprint whose principal spreads differ by this factor has a direction of its own."""
-_ROUND = 0.89
-"""Share of its smallest rectangle that a footprint fills: half-way between an ellipse (pi / 4) and a rectangle."""
-_LENGTHWISE = 1.15
-"""A mug's rectangle along its handle is up to a ninth larger than that across it, and noise adds to that."""
 _OCTAGON_OF = 256
 """About so many points tell well enough what is within."""
 
@@ -82,9 +76,9 @@ def _extents(hull: NDArray[np.float64], cosine: float, sine: float) -> float:
     return float((high_x - low_x) * (high_y - low_y))
 
 
-@kernel("UniTuple(f8, 2)(f8[:,::1])")
-def smallest_rectangle(hull: NDArray[np.float64]) -> tuple[float, float]:
-    """Direction of the sides of the smallest rectangle around a hull, 0 to pi / 2, and its area.
+@kernel("f8(f8[:,::1])")
+def smallest_rectangle(hull: NDArray[np.float64]) -> float:
+    """Direction of the sides of the smallest rectangle around a hull, 0 to pi / 2.
 
     One of its sides lies on one of the hull's (Freeman and Shapira, 1975).
     """
@@ -97,44 +91,10 @@ def smallest_rectangle(hull: NDArray[np.float64]) -> tuple[float, float]:
             area = _extents(hull, x / length, y / length)
             if area < smallest:
                 yaw, smallest = np.arctan2(y, x), area
-    return yaw % (np.pi / 2), smallest
+    return float(yaw % (np.pi / 2))
 
 
-@kernel("UniTuple(f8, 4)(f8[:,::1])")
-def central_moments(hull: NDArray[np.float64]) -> tuple[float, float, float, float]:
-    """Area and second central moments (xx, yy, xy) of what a hull encloses; all 0 where that is nothing."""
-    area, x_total, y_total, xx, yy, xy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(len(hull)):
-        following = k + 1 if k + 1 < len(hull) else 0
-        a, b = hull[k, 0] - hull[0, 0], hull[k, 1] - hull[0, 1]
-        c, d = hull[following, 0] - hull[0, 0], hull[following, 1] - hull[0, 1]
-        twice = a * d - b * c
-        area += twice / 2
-        x_total += twice * (a + c) / 6
-        y_total += twice * (b + d) / 6
-        xx += twice * (a * a + a * c + c * c) / 12
-        yy += twice * (b * b + b * d + d * d) / 12
-        xy += twice * (2 * a * b + a * d + b * c + 2 * c * d) / 24
-    if area <= 0:
-        return 0.0, 0.0, 0.0, 0.0
-    return area, xx - x_total**2 / area, yy - y_total**2 / area, xy - x_total * y_total / area
-
-
-@kernel("f8(f8[:,:], b1)")
-def footprint_yaw(footprint: NDArray[np.float64], lengthwise: bool) -> float:
-    """Direction of the sides of the smallest rectangle around (2, n) points, radians.
-
-    The area of a round thing's rectangle hardly depends on its direction, and where it has a handle it is smallest
-    across: lengthwise, the sides follow the principal axes instead.
-    """
-    hull = convex_hull(outer_points(footprint))
-    yaw, smallest = smallest_rectangle(hull)
-    if lengthwise:
-        area, xx, yy, xy = central_moments(hull)
-        middle, radius = (xx + yy) / 2, np.sqrt(((xx - yy) / 2) ** 2 + xy * xy)
-        elongated = middle + radius > _ELONGATED**2 * (middle - radius)
-        principal = np.arctan2(2 * xy, xx - yy) / 2
-        along = _extents(hull, np.cos(principal), np.sin(principal))
-        if elongated and area < _ROUND * smallest and along < _LENGTHWISE * smallest:
-            return float(principal)
-    return yaw
+@kernel("f8(f8[:,:])")
+def footprint_yaw(footprint: NDArray[np.float64]) -> float:
+    """Direction of the sides of the smallest rectangle around (2, n) points, radians."""
+    return smallest_rectangle(convex_hull(outer_points(footprint)))

@@ -41,7 +41,10 @@ def _range(values: NDArray[np.float64]) -> tuple[float, float]:
 
 @kernel("f8(f8[::1], f8, f8, f8)")
 def _value_between(values: NDArray[np.float64], position: float, low: float, high: float) -> float:
-    """See `value_at`. low, high: the smallest and the largest value."""
+    """The value of (n,) at a position in their order, 0 to n - 1, interpolated between two.
+
+    low, high: the smallest and the largest value.
+    """
     outer = int(position)
     if outer >= len(values) - 1:
         return float(high)
@@ -56,15 +59,6 @@ def _value_between(values: NDArray[np.float64], position: float, low: float, hig
         else:
             high = middle
     return float(_beside(values, low)[1])  # several times the same value
-
-
-@kernel("f8(f8[::1], f8)")
-def value_at(values: NDArray[np.float64], position: float) -> float:
-    """The value of (n,) at a position in their order, 0 to n - 1, interpolated between two; 0 without values."""
-    if len(values) == 0:
-        return 0.0
-    low, high = _range(values)
-    return float(_value_between(values, position, low, high))
 
 
 @kernel("f8[:,::1](f8[:,::1], f8)")

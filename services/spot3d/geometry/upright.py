@@ -66,15 +66,13 @@ def _turn_level(columns: NDArray[np.float64], cosine: float, sine: float) -> Non
         columns[0, i], columns[1, i] = cosine * x + sine * y, cosine * y - sine * x
 
 
-@kernel("f8[:,::1](f4[:,::1], f8[:], b1, f8, b1)")
-def _enclosed(
-    points: NDArray[np.float32], up: NDArray[np.float64], turn: bool, trim: float, lengthwise: bool
-) -> NDArray[np.float64]:
+@kernel("f8[:,::1](f4[:,::1], f8[:], b1, f8)")
+def _enclosed(points: NDArray[np.float32], up: NDArray[np.float64], turn: bool, trim: float) -> NDArray[np.float64]:
     """Centre, size and rotation of the box around points (see `upright_box`), one below the other: (5, 3)."""
     R = rotation_to_upright(up)
     upright = _turned(points, R)
     if turn:
-        yaw = footprint_yaw(upright[:2], lengthwise)
+        yaw = footprint_yaw(upright[:2])
         cosine, sine = np.cos(yaw), np.sin(yaw)
         _turn_level(R, cosine, sine)
         _turn_level(upright, cosine, sine)
@@ -93,17 +91,15 @@ def upright_box(
     up: NDArray[np.float64],
     turn: bool,
     trim: float = 0.0,
-    lengthwise: bool = False,
 ) -> Box3D:
     """The tight box of (n, 3) world points whose third axis is `up`.
 
-    turn: choose the yaw of the smallest footprint (else the axes of Eq. 15 are kept); lengthwise: that of a
-    round thing's length instead. trim: share of the points left out at each end of each axis, so that a few stray
-    points do not stretch the box. Raises ValueError without points.
+    turn: choose the yaw of the smallest footprint (else the axes of Eq. 15 are kept); trim: share of the points left
+    out at each end of each axis, so that a few stray points do not stretch the box. Raises ValueError without points.
     """
     if len(points) == 0:
         raise ValueError("no points have no box")
-    found = _enclosed(points, up, turn, trim, lengthwise)
+    found = _enclosed(points, up, turn, trim)
     return Box3D(found[0], found[1], found[2:])
 
 
@@ -118,7 +114,6 @@ def with_bottom(box: Box3D, height: float) -> Box3D:
 
 def merge_contained(
     clusters: list[Part],
-    holds: list[bool],
     points: NDArray[np.float32],
     box_of: Callable[[NDArray[np.float32]], Box3D],
     share: float,
@@ -128,11 +123,11 @@ def merge_contained(
     The inside of a bowl and its outside are one object, though no surface connects them, and so are the top of a
     book and its sides: two things never fill the same space. Objects that only touch stay apart. Clusters are of
     rows of `points`; the smallest joins first, into the box that holds most of it. Returns the rows of each.
-    holds: whether each may take others in. box_of: the box of (n, 3) points.
+    box_of: the box of (n, 3) points.
     """
-    order = sorted(range(len(clusters)), key=lambda k: len(clusters[k].rows))
-    held, parts, boxes = [holds[k] for k in order], [clusters[k].rows for k in order], [clusters[k].box for k in order]
-    samples = [clusters[k].sample for k in order]
+    ordered = sorted(clusters, key=lambda cluster: len(cluster.rows))
+    parts, boxes = [cluster.rows for cluster in ordered], [cluster.box for cluster in ordered]
+    samples = [cluster.sample for cluster in ordered]
     centre = np.array([box.centre for box in boxes]).reshape(-1, 3)
     radius = np.linalg.norm(np.array([box.size for box in boxes]).reshape(-1, 3), axis=1) / 2 + _MARGIN
     gone = np.zeros(len(parts), np.bool_)
@@ -140,9 +135,7 @@ def merge_contained(
         near = ((centre[i + 1 :] - centre[i]) ** 2).sum(axis=1) < (radius[i + 1 :] + radius[i]) ** 2
         inside: dict[int, float] = {}
         for j in (np.flatnonzero(near) + i + 1).tolist():
-            into = share_inside(samples[i], boxes[j], _MARGIN) if held[j] else 0.0
-            around = share_inside(samples[j], boxes[i], _MARGIN) if held[j] and held[i] else 0.0
-            inside[j] = max(into, around)
+            inside[j] = max(share_inside(samples[i], boxes[j], _MARGIN), share_inside(samples[j], boxes[i], _MARGIN))
         j = max(inside, key=inside.__getitem__, default=i)
         if inside.get(j, 0.0) >= share:
             gone[i] = True
@@ -168,8 +161,8 @@ def sampled(points: NDArray[np.float32], rows: NDArray[np.int64]) -> NDArray[np.
     return taken(points, rows[:: max(1, len(rows) // _SAMPLE)])
 
 
-def share_inside(points: NDArray[np.float32], box: Box3D, margin: float | NDArray[np.float64] = 0.0) -> float:
-    """Share of (n, 3) world points that lie in the box, or within `margin` metres of it; (3,): along its axes."""
+def share_inside(points: NDArray[np.float32], box: Box3D, margin: float = 0.0) -> float:
+    """Share of (n, 3) world points that lie in the box, or within `margin` metres of it along its axes."""
     return _share_inside(points, box.centre, box.rotation, box.size / 2 + margin)
 
 

@@ -51,13 +51,18 @@ def split_at_creases(
 
 
 @part()
-def _offset(points: NDArray[np.float32], v: int, u: int, y: int, x: int) -> tuple[np.float32, ...]:
-    """From pixel (v, u) to (y, x), as a share of their range, and its square."""
-    scale = np.float32(2) / (points[v, u, 2] + points[y, x, 2])
-    a = (points[y, x, 0] - points[v, u, 0]) * scale
-    b = (points[y, x, 1] - points[v, u, 1]) * scale
-    c = (points[y, x, 2] - points[v, u, 2]) * scale
-    return a, b, c, a * a + b * b + c * c
+def _apart(points: NDArray[np.float32], v: int, u: int, y: int, x: int) -> tuple[np.float32, np.float32]:
+    """Squares of the distance between pixels (v, u) and (y, x), and of their range."""
+    a, b, c = points[y, x, 0] - points[v, u, 0], points[y, x, 1] - points[v, u, 1], points[y, x, 2] - points[v, u, 2]
+    depth = np.float32(0.5) * (points[v, u, 2] + points[y, x, 2])
+    return a * a + b * b + c * c, depth * depth
+
+
+@part()
+def _within(points: NDArray[np.float32], v: int, u: int, y: int, x: int, share: np.float32) -> bool:
+    """Whether pixels (v, u) and (y, x) are nearer to each other than this share of their range."""
+    square, range_square = _apart(points, v, u, y, x)
+    return bool(square < share * share * range_square)
 
 
 @kernel("void(f4[:,:,::1], f4[:,:,::1], b1[:,::1], i8, f4[:,:,::1])")
@@ -81,7 +86,7 @@ def _smooth(
                 for x in range(max(0, u - reach), min(w, u + reach + 1)):
                     if mask[y, x]:
                         m0, m1, m2 = normals[y, x, 0], normals[y, x, 1], normals[y, x, 2]
-                        if n0 * m0 + n1 * m1 + n2 * m2 > _LIKE and _offset(points, v, u, y, x)[3] < _NEAR * _NEAR:
+                        if n0 * m0 + n1 * m1 + n2 * m2 > _LIKE and _within(points, v, u, y, x, _NEAR):
                             s0, s1, s2 = s0 + m0, s1 + m1, s2 + m2
             scale = np.float32(1) / max(np.sqrt(s0 * s0 + s1 * s1 + s2 * s2), np.float32(1e-6))
             smooth[v, u, 0], smooth[v, u, 1], smooth[v, u, 2] = s0 * scale, s1 * scale, s2 * scale
@@ -106,12 +111,15 @@ def _concavity(
             for y in range(max(0, v - reach), min(h, v + reach + 1)):
                 for x in range(max(0, u - reach), min(w, u + reach + 1)):
                     if mask[y, x] and (y != v or x != u):
-                        a, b, c, square = _offset(points, v, u, y, x)
-                        if square < _NEAR * _NEAR:
+                        a, b = points[y, x, 0] - points[v, u, 0], points[y, x, 1] - points[v, u, 1]
+                        c = points[y, x, 2] - points[v, u, 2]
+                        square = a * a + b * b + c * c
+                        depth = np.float32(0.5) * (points[v, u, 2] + points[y, x, 2])
+                        if square < (_NEAR * depth) ** 2:
                             turn = (normals[v, u, 0] - normals[y, x, 0]) * a
                             turn += (normals[v, u, 1] - normals[y, x, 1]) * b
                             turn += (normals[v, u, 2] - normals[y, x, 2]) * c
-                            total += max(turn / square, _CONVEX)
+                            total += max(turn * depth / square, _CONVEX)
                             count += np.float32(1)
             bend[v, u] = total / count
 
@@ -139,9 +147,10 @@ def _connect(points: NDArray[np.float32], mask: NDArray[np.bool_], least: int, l
             # Half of the pixels no more than two away: the other half has this one as its neighbour.
             for y in range(v, min(h, v + 3)):
                 for x in range(max(0, u - 2), min(w, u + 3)):
-                    if mask[y, x] and (y > v or x > u) and _offset(points, v, u, y, x)[3] < _LINK * _LINK:
+                    if mask[y, x] and (y > v or x > u):
                         i, j = _root(root, v * w + u), _root(root, y * w + x)
-                        root[max(i, j)] = min(i, j)
+                        if i != j and _within(points, v, u, y, x, _LINK):
+                            root[max(i, j)] = min(i, j)
     count = 0
     for i in range(h * w):
         if mask[i // w, i % w]:
@@ -178,9 +187,9 @@ def _share_out(points: NDArray[np.float32], mask: NDArray[np.bool_], labels: NDA
             for y in range(max(0, v - 2), min(h, v + 3)):
                 for x in range(max(0, u - 2), min(w, u + 3)):
                     if labels[y, x] >= 0:
-                        square = _offset(points, v, u, y, x)[3]
-                        if square < best:
-                            best, found[k] = square, labels[y, x]
+                        square, range_square = _apart(points, v, u, y, x)
+                        if square < best * range_square:
+                            best, found[k] = square / range_square, labels[y, x]
         left = 0
         for k in range(count):
             if found[k] >= 0:

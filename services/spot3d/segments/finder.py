@@ -64,9 +64,11 @@ def find_segments(
 
 def _pixels(labels: NDArray[np.int32]) -> list[NDArray[np.int64]]:
     """The flat numbers of each label's pixels, from label 0 on; -1 = none."""
-    order = np.argsort(labels, axis=None, kind="stable")
-    ends = np.cumsum(np.bincount(labels.ravel() + 1))
-    return [pixels for pixels in np.split(order, ends[:-1])[1:] if len(pixels)]
+    labelled = np.flatnonzero(labels >= 0)
+    number = labels.ravel()[labelled]
+    order = labelled[np.argsort(number, kind="stable")]
+    ends = np.cumsum(np.bincount(number))
+    return [pixels for pixels in np.split(order, ends[:-1]) if len(pixels)]
 
 
 def _join_vessels(
@@ -120,7 +122,6 @@ def _join_contained(
 
     return merge_contained(
         [part(pixels) for pixels in parts],
-        [True] * len(parts),
         flat,
         lambda sample: upright_box(sample, up, turn=True, trim=_TRIM),
         share,

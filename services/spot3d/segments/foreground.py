@@ -5,6 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.geometry.planes import on_plane, plane_tolerance
+from spot3d.kernel import kernel
 from spot3d.segments.settings import SegmentsSettings
 
 _FACING = np.float32(0.8)
@@ -36,17 +37,60 @@ def standing_out(
 
 def _long_pieces(on: NDArray[np.bool_], points: NDArray[np.float32], size_max: float) -> NDArray[np.bool_]:
     """The connected pieces of a plane, (h, w) bool, that are longer than `size_max` metres."""
-    count, piece, boxes, _ = cv2.connectedComponentsWithStats(on.astype(np.uint8), connectivity=4)
-    long = np.zeros(count, np.bool_)
-    for number in range(1, count):
-        x, y, w, h, pixels = boxes[number]
-        if pixels < _PIXELS:
-            continue
-        places = points[y : y + h, x : x + w][piece[y : y + h, x : x + w] == number]
-        centred = places - places.mean(axis=0)
-        axes = np.linalg.eigh(centred.T @ centred)[1]
-        long[number] = np.ptp(centred @ axes[:, 1:], axis=0).max() > size_max
+    count, pieces, boxes, _ = cv2.connectedComponentsWithStats(on.astype(np.uint8), connectivity=4)
+    piece = np.asarray(pieces, np.int32)
+    looked_at = boxes[:, cv2.CC_STAT_AREA] >= _PIXELS
+    looked_at[0] = False  # what is on no piece
+    sums = np.zeros((count, 9))
+    _add_up(piece, points, looked_at, sums)
+    sums /= np.maximum(boxes[:, cv2.CC_STAT_AREA :], 1)
+    mean, square = sums[:, :3], sums[:, (3, 4, 5, 4, 6, 7, 5, 7, 8)]
+    axes = np.linalg.eigh(square.reshape(-1, 3, 3) - mean[:, :, None] * mean[:, None, :])[1][:, :, 1:]
+    low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
+    _reach(piece, points, looked_at, np.ascontiguousarray(axes), low, high)
+    long = looked_at & ((high - low).max(axis=1) > size_max)
     return np.asarray(long[piece])
+
+
+@kernel("void(i4[:,::1], f4[:,:,::1], b1[::1], f8[:,::1])")
+def _add_up(
+    piece: NDArray[np.int32],
+    points: NDArray[np.float32],
+    looked_at: NDArray[np.bool_],
+    sums: NDArray[np.float64],
+) -> None:
+    """The sums of x, y, z, xx, xy, xz, yy, yz and zz over the points of each piece that is looked at."""
+    h, w = piece.shape
+    for v in range(h):
+        for u in range(w):
+            k = piece[v, u]
+            if looked_at[k]:
+                x, y, z = np.float64(points[v, u, 0]), np.float64(points[v, u, 1]), np.float64(points[v, u, 2])
+                sums[k, 0], sums[k, 1], sums[k, 2] = sums[k, 0] + x, sums[k, 1] + y, sums[k, 2] + z
+                sums[k, 3], sums[k, 4], sums[k, 5] = sums[k, 3] + x * x, sums[k, 4] + x * y, sums[k, 5] + x * z
+                sums[k, 6], sums[k, 7], sums[k, 8] = sums[k, 6] + y * y, sums[k, 7] + y * z, sums[k, 8] + z * z
+
+
+@kernel("void(i4[:,::1], f4[:,:,::1], b1[::1], f8[:,:,::1], f8[:,::1], f8[:,::1])")
+def _reach(
+    piece: NDArray[np.int32],
+    points: NDArray[np.float32],
+    looked_at: NDArray[np.bool_],
+    axes: NDArray[np.float64],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+) -> None:
+    """The least and the largest coordinate of each piece's points along two axes, (n, 3, 2) its own."""
+    h, w = piece.shape
+    for v in range(h):
+        for u in range(w):
+            k = piece[v, u]
+            if looked_at[k]:
+                for axis in range(2):
+                    along = np.float64(0)
+                    for i in range(3):
+                        along += points[v, u, i] * axes[k, i, axis]
+                    low[k, axis], high[k, axis] = min(low[k, axis], along), max(high[k, axis], along)
 
 
 def _opened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -136,5 +136,7 @@ def _hidden_between(a: _Part, b: _Part, points: NDArray[np.float32], width: int)
     hidden = (seen < a.depth + (b.depth - a.depth) * steps - _IN_FRONT) & (seen > 0)
     if not hidden.any():
         return False
-    between = ~np.isin(line, np.concatenate((a.pixels, b.pixels)))
+    outside = np.ones(len(points), np.bool_)
+    outside[a.pixels] = outside[b.pixels] = False
+    between = outside[line]
     return bool((hidden & between).any()) and float(np.mean((hidden | (seen == 0))[between])) >= _HIDDEN

@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.sensor import axial_noise
+from spot3d.kernel import kernel
+from spot3d.sensor import axial_noise_kernel
 
 _GAP = 0.05
 """Surfaces farther apart than this across a hole are not one, metres: holes of glare are mostly narrower."""
@@ -71,27 +72,48 @@ def _meetings(labels: NDArray[np.int32], points: NDArray[np.float32]) -> _Meetin
     )
     source = np.zeros(nearest.max() + 1, np.int64)
     source[nearest[valid]] = np.flatnonzero(valid)
-    owner = source[nearest]
-    sides = []
+    links, regions = np.empty((4 * h * w, 2), np.int64), np.empty((4 * h * w, 2), np.int64)
+    count = _link(labels, source[nearest], np.ascontiguousarray(points), links, regions)
+    key, pair = np.unique(regions[:count, 0] << 32 | regions[:count, 1], return_inverse=True)
+    return _Meetings(np.stack((key >> 32, key & 0xFFFFFFFF), axis=1), pair.ravel(), links[:count])
+
+
+@kernel("i8(i4[:,::1], i8[:,::1], f4[:,:,::1], i8[:,::1], i8[:,::1])")
+def _link(
+    labels: NDArray[np.int32],
+    owner: NDArray[np.int64],
+    points: NDArray[np.float32],
+    links: NDArray[np.int64],
+    regions: NDArray[np.int64],
+) -> int:
+    """Write the links across holes between pixels whose surfaces are near, and their regions; returns their count.
+
+    owner: (h, w), the flat number of the valid pixel that is nearest to each; links, regions: (4 h w, 2), room.
+    """
+    h, w = labels.shape
+    near, steep, noises = np.float32(_GAP**2), np.float32(_STEEP), np.float32(3)
+    count = 0
     for dv, du in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        a = owner[: h - dv, max(0, -du) : w - max(0, du)]
-        b = owner[dv:, max(0, du) : w + min(0, du)]
-        sides.append(np.stack((a[a != b], b[a != b]), axis=1))
-    links = np.concatenate(sides)
-    regions = labels.ravel()[links]
-    other = (regions >= 0).all(axis=1) & (regions[:, 0] != regions[:, 1])
-    links, regions = links[other], regions[other]
-    rows, columns = np.divmod(links, w)
-    across = np.maximum(np.abs(np.diff(rows)), np.abs(np.diff(columns)))[:, 0] > 1
-    a, b = points.reshape(-1, 3)[links[:, 0]], points.reshape(-1, 3)[links[:, 1]]
-    deep, square = np.abs(a[:, 2] - b[:, 2]), ((a - b) ** 2).sum(axis=1)
-    aside = np.sqrt(np.maximum(square - deep**2, 0))
-    flush = (square < _GAP**2) & (deep < _STEEP * aside + 3 * axial_noise(a[:, 2]))
-    links, regions = links[across & flush], regions[across & flush].astype(np.int64)
-    swapped = regions[:, 0] > regions[:, 1]
-    links[swapped], regions[swapped] = links[swapped, ::-1], regions[swapped, ::-1]
-    distinct, pair = np.unique(regions, axis=0, return_inverse=True)
-    return _Meetings(distinct, pair.ravel(), links)
+        for v in range(h - dv):
+            for u in range(max(0, -du), w - max(0, du)):
+                i, j = owner[v, u], owner[v + dv, u + du]
+                if i == j:
+                    continue
+                y, x, q, p = i // w, i % w, j // w, j % w
+                a, b = labels[y, x], labels[q, p]
+                if a < 0 or b < 0 or a == b or max(abs(y - q), abs(x - p)) <= 1:
+                    continue
+                right, down = points[y, x, 0] - points[q, p, 0], points[y, x, 1] - points[q, p, 1]
+                deep = abs(points[y, x, 2] - points[q, p, 2])
+                square = right * right + down * down + deep * deep
+                aside = np.sqrt(max(square - deep * deep, np.float32(0)))
+                if square < near and deep < steep * aside + noises * axial_noise_kernel(points[y, x, 2]):
+                    if a > b:
+                        a, b, i, j = b, a, j, i
+                    links[count, 0], links[count, 1] = i, j
+                    regions[count, 0], regions[count, 1] = a, b
+                    count += 1
+    return count
 
 
 def _means(values: NDArray[np.floating], met: _Meetings) -> NDArray[np.float64]:
@@ -117,8 +139,8 @@ def _shares_of_rim(labels: NDArray[np.int32], met: _Meetings, count: int) -> NDA
     length = np.maximum(np.bincount(labels[rim & (labels >= 0)], minlength=count), 1)
     shares = []
     for side in range(2):
-        facing = np.unique(np.stack((met.pair, met.pixels[:, side]), axis=1), axis=0)
-        shares.append(np.bincount(facing[:, 0], minlength=len(met.regions)) / length[met.regions[:, side]])
+        facing = np.unique(met.pair * labels.size + met.pixels[:, side]) // labels.size
+        shares.append(np.bincount(facing, minlength=len(met.regions)) / length[met.regions[:, side]])
     return np.maximum(*shares)
 
 

@@ -1,0 +1,99 @@
+"""What things stand on: the plane that holds heat and faces up, and heights above it though depth is bent."""
+
+import numpy as np
+import pytest
+from fusion_room import CAMERA, ROOM, THREE, look_at, view
+from numpy.typing import NDArray
+
+from spot3d.camera import back_project, invert
+from spot3d.geometry.planes import on_plane, transform_plane
+from spot3d.segments.settings import SegmentsSettings
+from spot3d.segments.supports import UP, choose_support, heights
+
+SETTINGS = SegmentsSettings()
+POSE = look_at((0, -0.95, 0.7))
+TABLE = transform_plane(np.array([0, 0, 1.0, 0]), invert(POSE))
+WALL = transform_plane(np.array([0, -1.0, 0, 1.5]), invert(POSE))
+FRONT = transform_plane(np.array([0, -1.0, 0, 0.0]), invert(POSE))
+"""A large box's front face, in the middle of the table."""
+POINTS = back_project(view(POSE, ROOM).depth, CAMERA)
+COLD = np.zeros(CAMERA.shape, np.uint8)
+
+
+def heat_on(plane: NDArray[np.float64], value: int) -> NDArray[np.uint8]:
+    return np.where(on_plane(plane, POINTS, SETTINGS), value, 0).astype(np.uint8)
+
+
+def chosen(planes: list[NDArray[np.float64]], heat: NDArray[np.uint8], image_up: str = "top") -> int | None:
+    """Which of the planes is chosen, by its number."""
+    found = choose_support(np.array(planes).reshape(-1, 4), POINTS, heat, SETTINGS, image_up)
+    return None if found is None else next(k for k, plane in enumerate(planes) if np.array_equal(plane, found))
+
+
+def test_of_two_tables_the_warmer_one_is_chosen() -> None:
+    floor = transform_plane(np.array([0, 0, 1.0, 0.75]), invert(POSE))
+    assert chosen([TABLE, floor], heat_on(TABLE, 20)) == 0
+    assert chosen([TABLE, floor], heat_on(floor, 20)) == 1
+
+
+def test_a_front_is_no_support_though_it_holds_more_heat() -> None:
+    heat = np.maximum(heat_on(WALL, 250), heat_on(TABLE, 10))
+    assert int(heat[on_plane(WALL, POINTS, SETTINGS)].sum()) > int(heat[on_plane(TABLE, POINTS, SETTINGS)].sum())
+    assert chosen([WALL, TABLE], heat) == 1
+    assert chosen([WALL], heat) == 0, "the only one that there is"
+
+
+@pytest.mark.parametrize("planes", [[], [TABLE, WALL]])
+def test_where_nothing_is_warm_nothing_supports(planes: list[NDArray[np.float64]]) -> None:
+    assert chosen(planes, COLD) is None
+
+
+@pytest.mark.parametrize("image_up", ["top", "bottom", "left", "right"])
+def test_a_camera_may_be_mounted_on_any_side(image_up: str) -> None:
+    """The same scene in the frame of a camera that is turned about its axis."""
+    x, y = UP[image_up]
+    turn = np.array([[-y, -x, 0], [x, -y, 0], [0, 0, 1.0]])
+    np.testing.assert_allclose(turn @ (0, -1, 0), (x, y, 0), atol=1e-12)
+    planes = np.array([np.append(turn @ plane[:3], plane[3]) for plane in (WALL, TABLE)])
+    heat = np.maximum(heat_on(WALL, 250), heat_on(TABLE, 10))
+    turned = (POINTS @ turn.T).astype(np.float32)
+    support = choose_support(planes, turned, heat, SETTINGS, image_up)
+    assert support is not None
+    np.testing.assert_array_equal(support, planes[1])
+
+
+def bent(depth: NDArray[np.float32], by: float) -> NDArray[np.float32]:
+    """Depth that is too large at the middle of the image and too small at its corners, as a sensor bends it, metres."""
+    v, u = np.mgrid[-1 : 1 : 1j * depth.shape[0], -1 : 1 : 1j * depth.shape[1]]
+    return np.where(depth > 0, depth + by * (0.5 - (u * u + v * v) / 2), 0).astype(np.float32)
+
+
+def test_heights_are_those_above_the_plane_where_it_is_flat() -> None:
+    seen = view(POSE, ROOM + THREE)
+    points = back_project(seen.depth, CAMERA)
+    plain = points @ TABLE[:3] + TABLE[3]
+    np.testing.assert_allclose(heights(points, TABLE), plain, atol=0.002)
+
+
+def test_a_bent_table_is_level_and_what_stands_on_it_is_as_high_as_it_is() -> None:
+    seen = view(POSE, ROOM + THREE, np.random.default_rng(0))
+    true = back_project(view(POSE, ROOM + THREE).depth, CAMERA) @ TABLE[:3] + TABLE[3]
+    points = back_project(bent(seen.depth, 0.02), CAMERA)
+    on_table, on_things = np.abs(true) < 1e-4, (true > 0.03) & (true < 0.2)
+    plain, straightened = points @ TABLE[:3] + TABLE[3], heights(points, TABLE)
+    assert np.quantile(np.abs(plain[on_table]), 0.9) > 0.006
+    assert np.quantile(np.abs(straightened[on_table]), 0.9) < 0.004
+    assert np.abs(np.median((straightened - true)[on_things])) < 0.004
+
+
+@pytest.mark.parametrize("pixels", [0, 1, 99])
+def test_where_little_of_the_plane_is_seen_it_is_flat(pixels: int) -> None:
+    points = np.zeros((*CAMERA.shape, 3), np.float32)
+    points.reshape(-1, 3)[:pixels] = POINTS.reshape(-1, 3)[-pixels - 1 : -1] if pixels else 0
+    plain = points @ TABLE[:3].astype(np.float32) + np.float32(TABLE[3])
+    np.testing.assert_array_equal(heights(points, TABLE), plain)
+
+
+def test_heights_are_numbers_where_depth_is_missing() -> None:
+    points = back_project(np.zeros(CAMERA.shape, np.float32), CAMERA)
+    assert np.isfinite(heights(points, TABLE)).all()
