@@ -4,6 +4,8 @@ import threading
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import TypeVar
 
 import zenoh
 from rich.box import SIMPLE_HEAD
@@ -16,13 +18,32 @@ from zenoh.handlers import Handler, RingChannel
 from spot3d.dataflow.alive import Alive, watch_alive
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.settings import LinkSettings
-from spot3d_schemas import STAGES, CodecError, Health, Objects, decode, key
+from spot3d_schemas import STAGES, CodecError, Health, Message, Objects, decode, key
 
 _CONNECT_S = 3.0
 """Longest wait for the router."""
 _LISTEN_S = 2.5
 """One shot: each stage says how it is once a second."""
 _REFRESH_S = 0.5
+
+M = TypeVar("M", bound=Message)
+Subscriber = zenoh.Subscriber[Handler[zenoh.Sample]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Channels:
+    """Where the latest health of each stage and the latest objects are heard."""
+
+    health: list[Subscriber]
+    objects: Subscriber
+
+
+@dataclass(slots=True)
+class _Heard:
+    """What was heard last, health by stage."""
+
+    health: dict[str, Health] = field(default_factory=dict)
+    objects: Objects | None = None
 
 
 def show_status(link: LinkSettings, console: Console, watch: bool) -> bool:
@@ -43,22 +64,27 @@ def show_status(link: LinkSettings, console: Console, watch: bool) -> bool:
         finally:
             impatience.cancel()
         alive = stack.enter_context(watch_alive(session, link.robot))
-        channels = [session.declare_subscriber(key(link.robot, f"{stage}/health"), RingChannel(1)) for stage in STAGES]
-        for channel in channels:
-            stack.callback(channel.undeclare)
-        health: dict[str, Health] = {}
+        topics = (*(f"{stage}/health" for stage in STAGES), "fusion/objects")
+        subscribers = [session.declare_subscriber(key(link.robot, topic), RingChannel(1)) for topic in topics]
+        for subscriber in subscribers:
+            stack.callback(subscriber.undeclare)
+        channels, heard = _Channels(subscribers[:-1], subscribers[-1]), _Heard()
         if not watch:
-            _listen(channels, health, _LISTEN_S)
-            console.print(status_table(link.robot, {stage: stage in alive for stage in STAGES}, health))
-            return all(stage in alive for stage in STAGES)
-        _watch(link.robot, console, channels, alive, health)
+            _listen(channels, heard, _LISTEN_S)
+            there = {stage: stage in alive for stage in STAGES}
+            console.print(status_table(link.robot, there, heard.health, heard.objects))
+            return all(there.values())
+        _watch(link.robot, console, channels, alive, heard)
     return True
 
 
-def status_table(robot: str, alive: Mapping[str, bool], health: Mapping[str, Health]) -> Group:
+def status_table(
+    robot: str, alive: Mapping[str, bool], health: Mapping[str, Health], objects: Objects | None = None
+) -> Group:
     """One row a stage: whether it lives, its rate, its core's time, its lag behind the source, what it dropped.
 
-    Below: why it dropped, and the last error. Fits into 80 columns.
+    Below: why it dropped, and the last error; the objects of the latest update, and what it left out. Fits into 80
+    columns.
     """
     table = Table(title=f"robot {robot}", title_justify="left", box=SIMPLE_HEAD)
     for heading in ("stage", "alive", "frames/s", "step ms p50/p99", "lag ms p50/p99", "dropped", "errors", "MB"):
@@ -86,43 +112,45 @@ def status_table(robot: str, alive: Mapping[str, bool], health: Mapping[str, Hea
             details.append(Text(f"{stage} dropped: {reasons}", style="yellow"))
         if item.errors:
             details.append(Text(f"{stage}: {item.last_error}", style="red"))
+    if objects is not None:
+        left_out = ", ".join(f"{count} {reason}" for reason, count in objects.left_out.items())
+        details.append(Text(f"objects: {len(objects.objects)}" + (f"; left out: {left_out}" if left_out else "")))
     return Group(table, *details)
 
 
-def _watch(
-    robot: str,
-    console: Console,
-    channels: list[zenoh.Subscriber[Handler[zenoh.Sample]]],
-    alive: Alive,
-    health: dict[str, Health],
-) -> None:
+def _watch(robot: str, console: Console, channels: _Channels, alive: Alive, heard: _Heard) -> None:
     try:
         with Live(console=console, auto_refresh=False) as live:
             while True:
-                _listen(channels, health, _REFRESH_S)
+                _listen(channels, heard, _REFRESH_S)
                 there = {stage: stage in alive for stage in STAGES}
-                live.update(status_table(robot, there, health), refresh=True)
+                live.update(status_table(robot, there, heard.health, heard.objects), refresh=True)
     except KeyboardInterrupt:
         return
 
 
-def _listen(
-    channels: list[zenoh.Subscriber[Handler[zenoh.Sample]]], health: dict[str, Health], duration_s: float
-) -> None:
+def _listen(channels: _Channels, heard: _Heard, duration_s: float) -> None:
     """Take in what the stages say for a while, or until each has said something where none had before."""
     end_s = time.monotonic() + duration_s
-    fresh = not health
-    while time.monotonic() < end_s and not (fresh and len(health) == len(STAGES)):
-        for channel in channels:
-            sample = channel.handler.try_recv()
-            if sample is None:
-                continue
-            try:
-                message = decode(sample.payload.to_bytes(), Health)
-            except CodecError:
-                continue
-            health[message.stage] = message
+    fresh = not heard.health
+    while time.monotonic() < end_s and not (fresh and len(heard.health) == len(STAGES)):
+        for channel in channels.health:
+            health = _latest(channel, Health)
+            if health is not None:
+                heard.health[health.stage] = health
+        heard.objects = _latest(channels.objects, Objects) or heard.objects
         time.sleep(0.02)
+
+
+def _latest(channel: Subscriber, expected: type[M]) -> M | None:
+    """What has come last, unless that is nothing new or nonsense."""
+    sample = channel.handler.try_recv()
+    if sample is None:
+        return None
+    try:
+        return decode(sample.payload.to_bytes(), expected)
+    except CodecError:
+        return None
 
 
 def _pair(p50: float | None, p99: float | None) -> str:
