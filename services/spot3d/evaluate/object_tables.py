@@ -83,12 +83,15 @@ def ablations(settings: Settings) -> dict[str, Settings]:
         culling = hard and settings.proposals.metric_culling
         return with_proposals(settings.model_copy(update={"heatmap": heatmap}), metric_culling=culling)
 
-    fusion = settings.fusion.model_copy(update={"plane_removal": False})
+    no_planes = {
+        "fusion": settings.fusion.model_copy(update={"plane_removal": False}),
+        "segments": settings.segments.model_copy(update={"skipped": ("support",)}),
+    }
     return {
         "noHmap": without(soft=False, hard=False),
         "noSFilt": without(soft=False, hard=True),
         "noHFilt": without(soft=True, hard=False),
-        "noPlRem": settings.model_copy(update={"fusion": fusion}),
+        "noPlRem": settings.model_copy(update=no_planes),
         "whole": settings,
     }
 

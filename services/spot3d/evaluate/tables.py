@@ -8,6 +8,7 @@ from spot3d.evaluate.frame_tables import filters_table, proposals_table
 from spot3d.evaluate.labelled import DataSet
 from spot3d.evaluate.measured_run import Runs
 from spot3d.evaluate.object_tables import ablations_table, objects_table, points_table, stability_table
+from spot3d.evaluate.step_tables import steps_table
 from spot3d.evaluate.table import Table
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
@@ -47,6 +48,11 @@ def _has_poses(dataset: DataSet) -> bool:
 TABLES = {
     "proposals": TableKind(
         lambda data, settings, runs, say: proposals_table(data, settings),
+        _has_frames,
+        "single frames with true 2D boxes (OSD, RGB-D Scenes 2011, scene)",
+    ),
+    "steps": TableKind(
+        lambda data, settings, runs, say: steps_table(data, settings),
         _has_frames,
         "single frames with true 2D boxes (OSD, RGB-D Scenes 2011, scene)",
     ),

@@ -1,5 +1,7 @@
 """The objects of a single frame, without fusion over time (paper, Sec. V-A, RGBD scenes)."""
 
+from typing import get_args
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +16,7 @@ from spot3d.segments.foreground import standing_out
 from spot3d.segments.fragments import join_fragments
 from spot3d.segments.holes import fill_holes
 from spot3d.segments.occlusion import join_occluded
-from spot3d.segments.settings import SegmentsSettings
+from spot3d.segments.settings import SegmentsSettings, Step
 from spot3d.segments.supports import choose_support, heights
 from spot3d.segments.torn import join_torn
 from spot3d.segments.vessels import hollow_groups
@@ -22,6 +24,8 @@ from spot3d_schemas.limits import MAX_SEGMENTS
 
 _TRIM = 0.005
 """Share of an object's points that may lie beyond each face of its box."""
+_FACES = 2**0.5
+"""A cube shows this many of its faces' area to a camera that looks down on it at 45 degrees."""
 _SAMPLE = 500
 """About so many of a part's pixels tell whether it is bent around an axis."""
 _STANDS = 0.03
@@ -47,18 +51,27 @@ def find_segments(
     if support is None:
         return _segments([], frame, np.zeros((0, 4)), np.zeros(0, np.float32), settings)
     normals = surface_normals(frame.depth, frame.camera)
-    height, up = heights(points, support), support[:3]
+    wanted = {step: step not in settings.skipped for step in get_args(Step)}
+    height, up = heights(points, support, bent=wanted["bend"]), support[:3]
     others = planes[(planes != support).any(axis=1)]
+    if wanted["support"]:
+        out = standing_out(points, normals, height, others, settings)
+    else:
+        out = (frame.depth > 0) & (frame.depth <= settings.range_max)
 
-    out = standing_out(points, normals, height, others, settings)
     least = int(settings.region * frame.camera.fx * frame.camera.fy)
     regions = split_at_creases(points, normals, out, frame.camera.fx, settings.crease, least)
-    regions = _join_vessels(regions, points, normals, up, least, settings)
-    regions = join_torn(regions, points, normals, least)
-    regions = join_fragments(regions, points, frame.camera.fx, least, settings.size_min)
+    if wanted["vessels"]:
+        regions = _join_vessels(regions, points, normals, up, least, settings)
+    if wanted["torn"]:
+        regions = join_torn(regions, points, normals, least)
+    if wanted["fragments"]:
+        regions = join_fragments(regions, points, frame.camera.fx, least, settings.size_min)
     parts = [part for part in _pixels(regions) if _plausible(part, frame, points, height, settings)]
-    parts = join_occluded(parts, points, normals, up)
-    parts = _join_contained(parts, points, up, settings.contained_share)
+    if wanted["occluded"]:
+        parts = join_occluded(parts, points, normals, up)
+    if wanted["contained"]:
+        parts = _join_contained(parts, points, up, settings.contained_share)
     return _segments(parts, frame, support[None], height.ravel(), settings)
 
 
@@ -101,7 +114,7 @@ def _plausible(
     """Whether a part is warm, rises above the support, and covers what the least object covers, but is not too long."""
     flat = points.reshape(-1, 3)[pixels]
     area = float((flat[:, 2] ** 2).sum()) / (frame.camera.fx * frame.camera.fy)
-    if area < settings.size_min**2 or frame.heat.ravel()[pixels].mean() < 255 * settings.heat_min:
+    if area < _FACES * settings.size_min**2 or frame.heat.ravel()[pixels].mean() < 255 * settings.heat_min:
         return False
     if float(np.quantile(height.ravel()[pixels], 0.9)) < settings.height_min:
         return False
@@ -144,5 +157,6 @@ def _segments(
         heat[number] = frame.heat.ravel()[pixels].mean() / 255
         if np.quantile(height[pixels] - plane_tolerance(depth[pixels], settings), 0.02) < _STANDS:
             stands_on[number] = 0
-    filled = fill_holes(labels, frame.depth, frame.colour, frame.camera.fx)
-    return FrameSegments(filled.astype(np.uint8), np.minimum(heat, 1), planes, stands_on, frame.camera)
+    if "holes" not in settings.skipped:
+        labels = fill_holes(labels, frame.depth, frame.colour, frame.camera.fx)
+    return FrameSegments(labels.astype(np.uint8), np.minimum(heat, 1), planes, stands_on, frame.camera)

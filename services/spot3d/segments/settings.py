@@ -5,6 +5,9 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+Step = Literal["support", "bend", "vessels", "torn", "fragments", "occluded", "contained", "holes"]
+"""A step of the finder that can be left out, to see what it is worth."""
+
 
 class SegmentsSettings(BaseModel):
     """Which frames are keyframes, and how the objects of one are found (paper, Sec. V-A, single frames)."""
@@ -56,25 +59,31 @@ class SegmentsSettings(BaseModel):
         description="a surface is split where its concavity, the range times the mean curvature, is more than this",
     )
     region: float = Field(
-        1e-3,
+        1.5e-3,
         gt=0,
-        description="a region between creases of less than this share of the squared range, 10 cm2 at 1 m, has no "
+        description="a region between creases of less than this share of the squared range, 15 cm2 at 1 m, has no "
         "reliable shape and joins a neighbour",
     )
     contained_share: float = Field(
         0.5, gt=0, le=1, description="a segment with this share of its points in another's box joins it"
     )
     heat_min: float = Field(
-        0.09,
+        0.12,
         ge=0,
         le=1,
-        description="mean confidence from which a segment is kept: half of eps, since views have yet to vote",
+        description="mean confidence from which a segment is kept: two thirds of eps, since views have yet to vote",
     )
     height_min: float = Field(
         0.01, ge=0, description="what rises less above its support is noise or glare: things of 1.5 cm count, metres"
     )
     size_min: float = Field(0.02, ge=0, description="eps_min: an object covers at least a square of this edge, metres")
     size_max: float = Field(1.0, gt=0, description="eps_max: an object's longest edge is at most this, metres")
+    skipped: tuple[Step, ...] = Field(
+        (),
+        description="steps to leave out, for ablations: removal of the support and other planes, its bend, joining of "
+        "vessels, of torn surfaces, of fragments, of what something hides in part, of what lies in another's box, "
+        "filling of holes",
+    )
     seed: int = Field(0, ge=0, description="seed of RANSAC's choice of triples")
 
 

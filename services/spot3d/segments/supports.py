@@ -41,17 +41,17 @@ def choose_support(
     return best
 
 
-def heights(points: NDArray[np.float32], plane: NDArray[np.float64]) -> NDArray[np.float32]:
+def heights(points: NDArray[np.float32], plane: NDArray[np.float64], bent: bool = True) -> NDArray[np.float32]:
     """(h, w) float32 metres above a plane, which is bent slowly over the image as lenses and depth sensors bend it.
 
-    points: (h, w, 3) float32 metres, camera frame, z = 0 invalid. The bend is a quadratic of the pixel, fitted
-    robustly to the pixels near the plane.
+    points: (h, w, 3) float32 metres, camera frame, z = 0 invalid; bent: whether the plane is.
+    The bend is a quadratic of the pixel, fitted robustly to the pixels near the plane.
     """
     height = points @ plane[:3].astype(np.float32) + np.float32(plane[3])
     h, w = height.shape
     near = np.flatnonzero((points[..., 2] > 0) & (np.abs(height) < _REACH))
     near = near[:: max(1, len(near) // _SAMPLE)]
-    if len(near) < 100:
+    if not bent or len(near) < 100:
         return height
     y, x = (np.linspace(-1, 1, count) for count in (h, w))
     terms = _quadratic(x[near % w], y[near // w])
@@ -66,8 +66,8 @@ def heights(points: NDArray[np.float32], plane: NDArray[np.float64]) -> NDArray[
     # Of each row, what does not grow with x, and what does; all six terms at every pixel take far longer.
     middle, slope = bend[0] + y * (bend[2] + y * bend[5]), bend[1] + y * bend[4]
     grid = middle[:, None] + x * (slope[:, None] + x * bend[3])
-    bent: NDArray[np.float32] = height - grid.astype(np.float32)
-    return bent
+    above: NDArray[np.float32] = height - grid.astype(np.float32)
+    return above
 
 
 def _quadratic(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
