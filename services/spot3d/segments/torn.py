@@ -67,11 +67,15 @@ def join_torn(
 def fill_holes(labels: NDArray[np.int32], valid: NDArray[np.bool_], colour: NDArray[np.uint8]) -> NDArray[np.int32]:
     """Share out the pixels without depth among the objects and what is around them, along the edges of colour.
 
-    labels: (h, w) int32, 0 = no object; valid: (h, w) bool; colour: (h, w, 3) uint8. The pixels of a support at an
-    object's rim are shared out too: depth blurs there.
+    labels: (h, w) int32, 0 = no object; valid: (h, w) bool; colour: (h, w, 3) uint8. A support's pixels beside an
+    object hold no hole back: depth blurs there. Where depth is missing up to the image's rim, what is behind all
+    objects is out of the sensor's range.
     """
     near = cv2.dilate((labels > 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    seeds = np.where(labels > 0, labels + 1, (valid & ~near).astype(np.int32))
+    around = valid & ~near
+    for rim in (np.s_[1], np.s_[-2], np.s_[:, 1], np.s_[:, -2]):  # a watershed does not look at the outermost pixels
+        around[rim] |= ~valid[rim]
+    seeds = np.where(labels > 0, labels + 1, around.astype(np.int32))
     flooded = cv2.watershed(np.ascontiguousarray(colour), seeds.astype(np.int32))
     return np.where(valid, labels, np.maximum(flooded - 1, 0)).astype(np.int32)
 
