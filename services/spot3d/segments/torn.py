@@ -73,7 +73,12 @@ def fill_holes(labels: NDArray[np.int32], valid: NDArray[np.bool_], colour: NDAr
     """
     near = cv2.dilate((labels > 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     around = valid & ~near
-    for rim in (np.s_[1], np.s_[-2], np.s_[:, 1], np.s_[:, -2]):  # a watershed does not look at the outermost pixels
+    for rim in (
+        np.s_[1:2],
+        np.s_[-2:-1],
+        np.s_[:, 1:2],
+        np.s_[:, -2:-1],
+    ):  # a watershed does not look at the outermost pixels
         around[rim] |= ~valid[rim]
     seeds = np.where(labels > 0, labels + 1, around.astype(np.int32))
     flooded = cv2.watershed(np.ascontiguousarray(colour), seeds.astype(np.int32))
