@@ -67,3 +67,30 @@ def test_what_lies_outside_is_no_object() -> None:
     seen = made(labels=full).seen_by(wider).labels
     assert seen[2:-2, 2:-2].all()
     assert seen.sum() == full.size
+
+
+@pytest.mark.parametrize("factor", [1, 2, 3])
+def test_boxes_are_those_of_the_full_image(factor: int) -> None:
+    """Each sample of a lattice stands for a block of pixels."""
+    camera = Intrinsics(6.0 * factor, 6.0 * factor, 4.0, 3.25, 8 * factor, 6 * factor)
+    blank = np.zeros(camera.shape, np.uint8)
+    lattice = to_lattice(np.zeros((*camera.shape, 3), np.uint8), np.ones(camera.shape, np.float32), blank, camera, 8)
+    boxes = made(camera=lattice.camera).boxes(camera)
+    np.testing.assert_allclose(boxes, factor * np.array([[2, 1, 3, 2], [6, 4, 2, 2]]), atol=1e-9)
+
+
+@pytest.mark.parametrize(("width", "height"), [(16, 12), (15, 11), (16, 11)])
+def test_a_segment_of_all_pixels_is_the_whole_image(width: int, height: int) -> None:
+    """Also where the last blocks are cut off by the image's rim."""
+    camera = Intrinsics(12.0, 12.0, 7.5, 5.5, width, height)
+    blank = np.zeros(camera.shape, np.uint8)
+    lattice = to_lattice(np.zeros((*camera.shape, 3), np.uint8), np.ones(camera.shape, np.float32), blank, camera, 8)
+    assert lattice.camera.shape == (6, 8)
+    boxes = made(camera=lattice.camera, labels=np.full((6, 8), 2, np.uint8)).boxes(camera)
+    np.testing.assert_allclose(boxes, [[0, 0, 0, 0], [0, 0, width, height]], atol=1e-9)
+
+
+def test_boxes_on_the_image_of_every_second_pixel() -> None:
+    full = Intrinsics(12.0, 12.0, 7.5, 5.5, 16, 12)
+    boxes = made(camera=full, labels=np.kron(made().labels, np.ones((2, 2), np.uint8))).boxes(full.halved())
+    np.testing.assert_allclose(boxes[0], [2.25, 1.25, 3, 2], atol=1e-9)

@@ -46,15 +46,19 @@ class FrameSegments:
         return len(self.heat)
 
     def boxes(self, camera: Intrinsics) -> NDArray[np.float64]:
-        """(n, 4) float64 [x, y, w, h]: the boxes around the segments' pixels, in pixels of another camera's image."""
+        """(n, 4) float64 [x, y, w, h]: the boxes around the segments' pixels, in pixels of another camera's image.
+
+        A pixel is a square from its number to the next one; a box ends at the image's rim. One without pixels is 0.
+        """
         own, found = self.camera, np.zeros((len(self), 4))
         for number in range(len(self)):
             v, u = np.nonzero(self.labels == number + 1)
             if len(u):
-                corner = np.array((u.min() - 0.5 - own.cx, v.min() - 0.5 - own.cy))
-                size = np.array((np.ptp(u) + 1, np.ptp(v) + 1))
+                corners = np.array(((u.min(), v.min()), (u.max() + 1, v.max() + 1))) - 0.5 - (own.cx, own.cy)
                 scale = np.array((camera.fx / own.fx, camera.fy / own.fy))
-                found[number] = *(corner * scale + (camera.cx, camera.cy) + 0.5), *(size * scale)
+                # A lattice's last sample stands for a whole block, of which the image may hold a part.
+                low, high = np.clip(corners * scale + (camera.cx, camera.cy) + 0.5, 0, (camera.width, camera.height))
+                found[number] = *low, *(high - low)
         return found
 
     def seen_by(self, camera: Intrinsics) -> "FrameSegments":

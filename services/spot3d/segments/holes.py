@@ -24,7 +24,8 @@ def fill_holes(
     """The labels with those pixels without depth added that belong to an object.
 
     labels: (h, w) int32, 0 = no object; depth: (h, w) float32 metres, 0 = invalid; colour: (h, w, 3) uint8;
-    focal: pixels. Pixels with depth keep their labels.
+    focal: pixels. Pixels with depth keep their labels. Where depth is missing up to the image's rim, what is behind
+    all objects is out of the sensor's range.
     """
     if not labels.any():
         return labels
@@ -36,6 +37,8 @@ def fill_holes(
     within = cv2.distanceTransform((~objects).astype(np.uint8), cv2.DIST_L2, 5)
     deep = _DEEP * focal / float(np.median(depth[(labels > 0) & valid]))
     bare = (valid & ~near) | (within > deep)
+    for rim in (np.s_[1], np.s_[-2], np.s_[:, 1], np.s_[:, -2]):  # watershed does not look at the outermost pixels
+        bare[rim] |= ~valid[rim]
     flooded = cv2.watershed(np.ascontiguousarray(colour), np.where(objects, seeds + 1, bare).astype(np.int32))
     return np.where(valid, labels, np.maximum(flooded - 1, 0)).astype(np.int32)
 
