@@ -8,8 +8,6 @@ import pytest
 from spot3d_schemas import STAGES
 
 SERVICES = Path(__file__).parents[1] / "services" / "spot3d"
-NOT_YET = {("segments", "fusion")}
-"""The finder of single frames still clusters with fusion's surfaces."""
 
 
 def imported(folder: Path) -> set[str]:
@@ -26,14 +24,9 @@ def imported(folder: Path) -> set[str]:
 
 @pytest.mark.parametrize("stage", STAGES)
 def test_no_stage_imports_another(stage: str) -> None:
-    others = imported(SERVICES / stage) - {stage}
-    assert {(stage, other) for other in others} <= NOT_YET
+    assert imported(SERVICES / stage) == {stage}
 
 
 @pytest.mark.parametrize("shared", ["geometry", "dataflow"])
 def test_what_stages_share_imports_no_stage(shared: str) -> None:
     assert imported(SERVICES / shared) == set()
-
-
-def test_no_exception_outlives_its_reason() -> None:
-    assert {(stage, other) for stage in STAGES for other in imported(SERVICES / stage) - {stage}} == NOT_YET

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from spot3d.fusion.structure import StructurePlane
 
 from spot3d.boxes import Box3D
 from spot3d.camera import Intrinsics
@@ -18,15 +17,9 @@ COARSE = FusionSettings(
     range_max=4.0,
     lattice_width=160,
     voxel=0.008,
-    cell=0.008,
-    segment_cells=15,
-    seamed_cells=100,
-    crease=12.0,
     heat_min=0.25,
 )
 """Settings for that camera, whose pixels are 7 mm wide at the table."""
-FINE = COARSE.model_copy(update={"cell": 0.005, "segment_cells": 40, "seamed_cells": 300, "crease": 10.0})
-"""Cells for surfaces that are sampled every 3 mm."""
 COARSE_PAPER = PAPER.model_copy(update={"voxel": 0.008, "density_points": 8})
 """DBSCAN's count follows the density."""
 
@@ -175,7 +168,3 @@ def _faces(cuboid: Cuboid, step: float) -> tuple[NDArray[np.float64], NDArray[np
             normals.append(np.tile(sign * np.eye(3)[axis], (len(grid), 1)))
     R = rotation_z(cuboid.yaw)
     return np.concatenate(points) @ R.T + cuboid.centre, np.concatenate(normals) @ R.T
-
-
-TABLE_PLANE = StructurePlane(np.array([0.0, 0.0, 1.0, 0.0]), removed_share=1.0, heat=100.0)
-BACKDROP_PLANE = StructurePlane(np.array([0.0, -1.0, 0.0, 0.7]), removed_share=0.0, heat=0.0)
