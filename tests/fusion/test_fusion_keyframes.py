@@ -35,7 +35,7 @@ def test_a_keyframe_is_what_was_fused_with_what_was_found() -> None:
     fusion = Fusion(COARSE.model_copy(update={"lattice_width": 80}))
     fused(fusion, 3)
     assert fusion.observe(segments(), 1)
-    (keyframe,) = fusion.consensus
+    (keyframe,) = fusion.consensus.take_waiting()
     seen = view(POSES[1], ROOM + THREE)
     lattice = to_lattice(seen.colour, seen.depth, seen.heat, CAMERA, 80)
     np.testing.assert_array_equal(keyframe.depth, lattice.depth)
@@ -52,7 +52,7 @@ def test_a_frames_own_image_may_change_afterwards() -> None:
     before = seen.depth.copy()
     seen.depth.fill(0)
     fusion.observe(segments(), 0)
-    np.testing.assert_array_equal(next(iter(fusion.consensus)).depth, before)
+    np.testing.assert_array_equal(fusion.consensus.take_waiting()[0].depth, before)
 
 
 def test_segments_of_frames_that_are_not_known_are_refused() -> None:
@@ -66,12 +66,12 @@ def test_segments_of_frames_that_are_not_known_are_refused() -> None:
     assert len(fusion.consensus) == 1
 
 
-def test_the_oldest_keyframes_go() -> None:
+def test_the_oldest_keyframes_that_wait_go() -> None:
     fusion = Fusion(COARSE.model_copy(update={"keyframe_limit": 2}))
     fused(fusion, 4)
     for stamp in range(4):
         assert fusion.observe(segments(), stamp)
-    assert [keyframe.stamp_ns for keyframe in fusion.consensus] == [2, 3]
+    assert [keyframe.stamp_ns for keyframe in fusion.consensus.take_waiting()] == [2, 3]
     assert fusion.consensus.dropped == 2
 
 
