@@ -14,7 +14,7 @@ from spot3d.frame import RgbdFrame
 from spot3d.source.scene import Scene
 
 FRAMES = 6
-"""One more than points need to be seen (FusionSettings.frequency_min), so that objects are clustered too."""
+"""Enough that pose looks for landmarks of earlier ones, and that objects are described (FusionSettings.views_min)."""
 
 
 def compile_source(scene: Scene) -> None:
@@ -67,14 +67,19 @@ def compile_segments(scene: Scene) -> None:
 
 
 def compile_fusion(scene: Scene) -> None:
-    """Fuses the scene with true heat and poses, and makes objects."""
+    """Fuses the scene with true heat, poses and segments, and makes objects."""
+    from spot3d.frame_segments import FrameSegments
     from spot3d.fusion.fusion import Fusion
     from spot3d.fusion.settings import FusionSettings
 
     fusion = Fusion(FusionSettings())
     for index, frame in enumerate(scene):
         heat = _true_heat(scene, index)
-        fusion.fuse(frame.colour, frame.depth_metres(), heat, frame.intrinsics, _pose(frame))
+        fusion.fuse(frame.colour, frame.depth_metres(), heat, frame.intrinsics, _pose(frame), frame.stamp_ns)
+        labels = scene.truth(index).instance.astype(np.uint8)
+        confidence, stands_on = np.ones(labels.max(), np.float32), np.full(labels.max(), -1, np.int8)
+        segments = FrameSegments(labels, confidence, np.zeros((0, 4)), stands_on, frame.intrinsics)
+        fusion.observe(segments, frame.stamp_ns)
     fusion.objects()
 
 

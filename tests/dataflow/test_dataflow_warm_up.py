@@ -75,8 +75,29 @@ def test_a_core_that_fails_does_not_keep_its_stage_from_starting(caplog: pytest.
     assert "ZeroDivisionError: of the core" in caplog.text
 
 
-def test_what_finds_objects_is_loaded_with_the_first_update():
-    """Its kernels take longer to compile than all others of fusion, and no frame needs them."""
-    script = "import sys, spot3d.fusion.process; print('spot3d.fusion.extraction' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
-    assert done.stdout.strip() == "False"
+FIRST_UPDATE = """
+import json, sys
+from spot3d.dataflow.warm_up import warm_up
+from spot3d.fusion.fusion import Fusion
+from spot3d.fusion.process import _fuse_all
+from spot3d.settings import load_settings
+from spot3d.source.scene import Scene
+
+early = [name for name in ("sklearn", "scipy.optimize") if name in sys.modules]
+settings = load_settings(preset=sys.argv[1]).fusion
+warm_up("fusion", lambda frames: _fuse_all(Fusion(settings), frames))
+scene, before = Scene(frames=3), set(sys.modules)
+_fuse_all(Fusion(settings), [scene[index] for index in range(3)])
+print(json.dumps([early, sorted(set(sys.modules) - before)]))
+"""
+
+
+@pytest.mark.parametrize("preset", ["default", "paper"])
+def test_the_first_update_loads_nothing(preset: str):
+    """What finds the objects is loaded before the stage goes on line, and only what the settings call for."""
+    words = [sys.executable, "-c", FIRST_UPDATE, preset]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=180, check=False)
+    assert done.returncode == 0, done.stderr
+    early, late = json.loads(done.stdout)
+    assert early == [], "they take a second to import"
+    assert late == []

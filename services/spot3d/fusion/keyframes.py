@@ -3,11 +3,15 @@
 from collections import OrderedDict
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
 from spot3d.frame_segments import FrameSegments
+
+_STEP = 0.02
+"""Depth that steps by more than this within two pixels is another surface's, metres: eps_min of the paper."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +52,11 @@ class Keyframe:
 def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
     """The keyframe that a frame and its segments make, on the frame's lattice."""
     seen = segments.seen_by(frame.camera)
+    coarser = frame.camera.fx / segments.camera.fx
+    labels = seen.labels if coarser <= 1 else without_spill(seen.labels, frame.depth, int(np.ceil(coarser)))
     return Keyframe(
         frame.stamp_ns,
-        seen.labels,
+        labels,
         frame.colour,
         frame.depth,
         frame.camera,
@@ -59,6 +65,21 @@ def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
         seen.planes,
         seen.stands_on,
     )
+
+
+def without_spill(labels: NDArray[np.uint8], depth: NDArray[np.float32], width: int) -> NDArray[np.uint8]:
+    """Labels without what lies in front of or behind its segment along the outline.
+
+    labels: (h, w), drawn on another lattice; depth: (h, w) metres; width: pixels that an outline may be off. A box
+    would reach for such points however few they are: they lie on the wall behind. What has no inside stays.
+    """
+    around = np.ones((2 * width + 1, 2 * width + 1), np.uint8)
+    inside = (labels > 0) & (depth > 0) & (cv2.erode(labels, around) == cv2.dilate(labels, around))
+    reach = np.ones((4 * width + 1, 4 * width + 1), np.uint8)
+    near = cv2.erode(np.where(inside, depth, np.float32(np.inf)), reach)
+    far = cv2.dilate(np.where(inside, depth, np.float32(0)), reach)
+    spilt = (far > 0) & ((depth < near - _STEP) | (depth > far + _STEP))
+    return np.where(spilt, np.uint8(0), labels)
 
 
 class FusedFrames:

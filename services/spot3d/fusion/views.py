@@ -38,39 +38,65 @@ class View:
     """A keyframe as later ones are compared with it.
 
     labels: (h, w) uint8, 0 = no object; depth: (h, w) uint16 millimetres, 0 = invalid; pose: (3, 4) float32, from the
-    world to the camera; focal: (4,) float32, fx, fy, cx, cy.
+    world to the camera; focal: (4,) float32, fx, fy, cx, cy; centre: (3,) float32 world and reach, metres: a segment
+    that lies further from there is not seen.
     """
 
     labels: NDArray[np.uint8]
     depth: NDArray[np.uint16]
     pose: NDArray[np.float32]
     focal: NDArray[np.float32]
+    centre: NDArray[np.float32]
+    reach: float
 
 
 def view_of(keyframe: Keyframe) -> View:
     """The view of a keyframe: every second pixel of its lattice."""
     T, camera = np.linalg.inv(keyframe.T_world_camera), keyframe.camera
     millimetres = np.rint(keyframe.depth[::STRIDE, ::STRIDE] * 1000)
+    depth = np.where(millimetres < 65536, millimetres, 0).astype(np.uint16)
+    focal = np.array((camera.fx, camera.fy, camera.cx, camera.cy), np.float32) / np.float32(STRIDE)
+    deepest = float(depth.max(initial=0)) / 1000 + float(_TOLERANCE)
+    # What is seen lies in a pyramid as deep as this: the sphere is around its apex and its base's corners.
+    h, w = depth.shape
+    u, v = (np.array((-1.0, w, -1.0, w)) - focal[2]) / focal[0], (np.array((-1.0, -1.0, h, h)) - focal[3]) / focal[1]
+    corners = deepest * np.column_stack((u, v, np.ones(4)))
+    centre = np.array((0, 0, deepest / 2))
+    reach = max(deepest / 2, float(np.linalg.norm(corners - centre, axis=1).max()))
     return View(
         np.ascontiguousarray(keyframe.labels[::STRIDE, ::STRIDE]),
-        np.where(millimetres < 65536, millimetres, 0).astype(np.uint16),
+        depth,
         np.ascontiguousarray(T[:3], np.float32),
-        np.array((camera.fx, camera.fy, camera.cx, camera.cy), np.float32) / np.float32(STRIDE),
+        focal,
+        (keyframe.T_world_camera[:3, :3] @ centre + keyframe.T_world_camera[:3, 3]).astype(np.float32),
+        reach,
     )
 
 
-def ask(view: View, places: NDArray[np.float32], said: NDArray[np.uint8], label: NDArray[np.uint8]) -> None:
-    """Enter what a view says of each of (n, SAMPLE, 3) segments' places, world: `said`, (n,), and in which label."""
-    _ask(view.labels, view.depth, view.pose, view.focal, places, said, label)
+def ask(
+    view: View,
+    places: NDArray[np.float32],
+    spheres: NDArray[np.float32],
+    said: NDArray[np.uint8],
+    label: NDArray[np.uint8],
+) -> None:
+    """Enter what a view says of each of (n, SAMPLE, 3) segments' places, world: `said`, (n,), and in which label.
+
+    spheres: (n, 4) float32, centre and radius around each one's places: what is out of reach is not projected.
+    """
+    limit = np.append(view.centre, np.float32(view.reach))
+    _ask(view.labels, view.depth, view.pose, view.focal, limit, places, spheres, said, label)
 
 
-@kernel("void(u1[:,::1], u2[:,::1], f4[:,::1], f4[::1], f4[:,:,::1], u1[::1], u1[::1])")
+@kernel("void(u1[:,::1], u2[:,::1], f4[:,::1], f4[::1], f4[::1], f4[:,:,::1], f4[:,::1], u1[::1], u1[::1])")
 def _ask(
     labels: NDArray[np.uint8],
     depth: NDArray[np.uint16],
     pose: NDArray[np.float32],
     focal: NDArray[np.float32],
+    limit: NDArray[np.float32],
     places: NDArray[np.float32],
+    spheres: NDArray[np.float32],
     said: NDArray[np.uint8],
     label: NDArray[np.uint8],
 ) -> None:
@@ -79,6 +105,9 @@ def _ask(
     tested = (places.shape[1] + _TESTED - 1) // _TESTED
     for i in range(len(places)):
         said[i], label[i] = NOTHING, 0
+        a, b, c = spheres[i, 0] - limit[0], spheres[i, 1] - limit[1], spheres[i, 2] - limit[2]
+        if a * a + b * b + c * c > (spheres[i, 3] + limit[3]) ** 2:
+            continue
         count[:] = 0
         seen = 0
         for k in range(0, places.shape[1], _TESTED):
