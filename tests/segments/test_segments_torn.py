@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, back_project
 from spot3d.geometry.normals import surface_normals
-from spot3d.segments.torn import fill_holes, join_torn
+from spot3d.segments.torn import join_torn
 
 CAMERA = Intrinsics(300.0, 300.0, 159.5, 119.5, 320, 240)
 POSE = look_at((0.0, -0.9, 0.4), (0, 0, 0.08))
@@ -100,49 +100,3 @@ def test_without_holes_nothing_is_joined() -> None:
 def test_without_depth_there_is_nothing_to_join(label: int) -> None:
     labels, points = np.full((12, 16), label, np.int32), np.zeros((12, 16, 3), np.float32)
     np.testing.assert_array_equal(join_torn(labels, points, points, LEAST), labels)
-
-
-def painted(edge: int) -> NDArray[np.uint8]:
-    """A picture of a table with something red on it left of a column, and something blue right of it."""
-    colour = np.full((30, 40, 3), (180, 150, 110), np.uint8)
-    colour[5:25, 5:edge], colour[5:25, edge:36] = RED, BLUE
-    return colour
-
-
-@pytest.mark.parametrize("edge", [14, 20, 27])
-def test_a_hole_is_shared_out_along_the_edges_of_colour(edge: int) -> None:
-    labels, valid = np.zeros((30, 40), np.int32), np.ones((30, 40), np.bool_)
-    labels[5:25, 5:12], labels[5:25, 29:36] = 1, 2
-    valid[5:25, 12:29] = False
-    filled = fill_holes(labels, valid, painted(edge))
-    np.testing.assert_array_equal(filled[valid], labels[valid])
-    row = filled[15]
-    assert np.flatnonzero(row == 1).max() == pytest.approx(edge - 1, abs=1)
-    assert np.flatnonzero(row == 2).min() == pytest.approx(edge, abs=1)
-
-
-def test_a_hole_of_the_table_stays_the_tables() -> None:
-    labels, valid = np.zeros((30, 40), np.int32), np.ones((30, 40), np.bool_)
-    labels[5:25, 5:15] = 1
-    valid[10:20, 25:30] = False
-    colour = painted(15)
-    colour[5:25, 15:36] = colour[0, 0]
-    np.testing.assert_array_equal(fill_holes(labels, valid, colour), labels)
-
-
-@pytest.mark.parametrize("thing", [RED, (150, 150, 150)])
-def test_what_has_no_depth_up_to_the_images_rim_is_not_a_thing_in_front_of_it(thing: tuple[int, int, int]) -> None:
-    """A window, or a room that is larger than the sensor's range, of a colour more like the table's or the thing's."""
-    labels, valid = np.zeros((60, 80), np.int32), np.ones((60, 80), np.bool_)
-    colour = np.full((60, 80, 3), 200, np.uint8)
-    colour[40:] = (180, 150, 110)  # the table
-    labels[20:50, 30:50], colour[20:50, 30:50] = 1, thing
-    valid[:40], valid[20:40, 30:50] = False, True
-    filled = fill_holes(labels, valid, colour)
-    assert (filled == 1).sum() <= (labels == 1).sum() + 2 * (20 + 20 + 20)
-    assert not filled[:15].any()
-
-
-def test_without_depth_nothing_is_filled() -> None:
-    nothing = np.zeros((30, 40), np.int32)
-    assert not fill_holes(nothing, nothing > 0, painted(20)).any()

@@ -61,9 +61,9 @@ def _add_other_colours(labels: NDArray[np.int32], valid: NDArray[np.bool_], colo
         other = own & (np.linalg.norm(rgb - np.median(rgb[support], axis=0), axis=2) > _COLOUR)
         pieces, piece = cv2.connectedComponents(other.astype(np.uint8), connectivity=4)
         for index in range(1, pieces):
-            beside = mine[_grown(piece == index, 1) & (mine > 0)]
-            if len(beside):
-                mine[piece == index] = np.bincount(beside).argmax()
+            beside = np.unique(mine[_grown(piece == index, 1) & (mine > 0)])
+            if len(beside) == 1:  # between two objects, the edges of colour tell
+                mine[piece == index] = beside[0]
 
 
 def _grown(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
