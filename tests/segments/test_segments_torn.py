@@ -109,12 +109,18 @@ def painted(edge: int) -> NDArray[np.uint8]:
     return colour
 
 
+def filled_in(labels: NDArray[np.int32], valid: NDArray[np.bool_], colour: NDArray[np.uint8]) -> NDArray[np.int32]:
+    """A metre away, where a pixel is a centimetre wide."""
+    camera = Intrinsics(100.0, 100.0, 20.0, 15.0, labels.shape[1], labels.shape[0])
+    return fill_holes(labels, back_project(valid.astype(np.float32), camera), colour, camera.fx)
+
+
 @pytest.mark.parametrize("edge", [14, 20, 27])
 def test_a_hole_is_shared_out_along_the_edges_of_colour(edge: int) -> None:
     labels, valid = np.zeros((30, 40), np.int32), np.ones((30, 40), np.bool_)
     labels[5:25, 5:12], labels[5:25, 29:36] = 1, 2
     valid[5:25, 12:29] = False
-    filled = fill_holes(labels, valid, painted(edge))
+    filled = filled_in(labels, valid, painted(edge))
     np.testing.assert_array_equal(filled[valid], labels[valid])
     row = filled[15]
     assert np.flatnonzero(row == 1).max() == pytest.approx(edge - 1, abs=1)
@@ -127,7 +133,7 @@ def test_a_hole_of_the_table_stays_the_tables() -> None:
     valid[10:20, 25:30] = False
     colour = painted(15)
     colour[5:25, 15:36] = colour[0, 0]
-    np.testing.assert_array_equal(fill_holes(labels, valid, colour), labels)
+    np.testing.assert_array_equal(filled_in(labels, valid, colour), labels)
 
 
 @pytest.mark.parametrize("thing", [RED, (150, 150, 150)])
@@ -138,11 +144,12 @@ def test_what_has_no_depth_up_to_the_images_rim_is_not_a_thing_in_front_of_it(th
     colour[40:] = (180, 150, 110)  # the table
     labels[20:50, 30:50], colour[20:50, 30:50] = 1, thing
     valid[:40], valid[20:40, 30:50] = False, True
-    filled = fill_holes(labels, valid, colour)
-    assert (filled == 1).sum() <= (labels == 1).sum() + 2 * (20 + 20 + 20)
+    filled = filled_in(labels, valid, colour)
     assert not filled[:15].any()
+    assert not filled[:, :25].any()
+    assert not filled[:, 55:].any()
 
 
 def test_without_depth_nothing_is_filled() -> None:
     nothing = np.zeros((30, 40), np.int32)
-    assert not fill_holes(nothing, nothing > 0, painted(20)).any()
+    assert not filled_in(nothing, nothing > 0, painted(20)).any()

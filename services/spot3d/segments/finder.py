@@ -43,7 +43,7 @@ def find_segments(
     planes = dominant_planes(points, settings, np.random.default_rng(settings.seed))
     support = choose_support(planes, points, frame.heat, settings, settings.image_up)
     if support is None:
-        return _segments([], frame, np.zeros((0, 4)), np.zeros(0, np.float32), settings)
+        return _segments([], frame, points, np.zeros((0, 4)), np.zeros(0, np.float32), settings)
     normals = surface_normals(frame.depth, frame.camera)
     height, up = heights(points, support), support[:3]
     others = planes[(planes != support).any(axis=1)]
@@ -56,7 +56,7 @@ def find_segments(
     parts = [part for part in _pixels(regions) if _plausible(part, frame, points, height, settings)]
     parts = join_occluded(parts, points, normals, up)
     parts = _join_contained(parts, points, up, settings.contained_share)
-    return _segments(parts, frame, support[None], height.ravel(), settings)
+    return _segments(parts, frame, points, support[None], height.ravel(), settings)
 
 
 def _pixels(labels: NDArray[np.int32]) -> list[NDArray[np.int64]]:
@@ -128,6 +128,7 @@ def _join_contained(
 def _segments(
     parts: list[NDArray[np.int64]],
     frame: LatticeFrame,
+    points: NDArray[np.float32],
     planes: NDArray[np.float64],
     height: NDArray[np.float32],
     settings: SegmentsSettings,
@@ -141,5 +142,5 @@ def _segments(
         heat[number] = frame.heat.ravel()[pixels].mean() / 255
         if np.quantile(height[pixels] - plane_tolerance(depth[pixels], settings), 0.02) < _STANDS:
             stands_on[number] = 0
-    filled = fill_holes(labels, frame.depth > 0, frame.colour)
+    filled = fill_holes(labels, points, frame.colour, frame.camera.fx)
     return FrameSegments(filled.astype(np.uint8), np.minimum(heat, 1), planes, stands_on, frame.camera)

@@ -64,25 +64,33 @@ def join_torn(
     return _united(labels, met.regions[joined], count)
 
 
-def fill_holes(labels: NDArray[np.int32], valid: NDArray[np.bool_], colour: NDArray[np.uint8]) -> NDArray[np.int32]:
+def fill_holes(
+    labels: NDArray[np.int32], points: NDArray[np.float32], colour: NDArray[np.uint8], focal: float
+) -> NDArray[np.int32]:
     """Share out the pixels without depth among the objects and what is around them, along the edges of colour.
 
-    labels: (h, w) int32, 0 = no object; valid: (h, w) bool; colour: (h, w, 3) uint8. A support's pixels beside an
-    object hold no hole back: depth blurs there. Where depth is missing up to the image's rim, what is behind all
-    objects is out of the sensor's range.
+    labels: (h, w) int32, 0 = no object; points: (h, w, 3) float32 metres, camera frame, z = 0 invalid; colour:
+    (h, w, 3) uint8; focal: pixels. A support's pixels beside an object hold no hole back: depth blurs there. Where
+    depth is missing up to the image's rim, it is mostly out of the sensor's range, and an object reaches no further
+    into that than across a gap.
     """
-    near = cv2.dilate((labels > 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    around = valid & ~near
-    for rim in (
-        np.s_[1:2],
-        np.s_[-2:-1],
-        np.s_[:, 1:2],
-        np.s_[:, -2:-1],
-    ):  # a watershed does not look at the outermost pixels
-        around[rim] |= ~valid[rim]
-    seeds = np.where(labels > 0, labels + 1, around.astype(np.int32))
+    valid, object_ = points[..., 2] > 0, labels > 0
+    if valid.all() or not object_.any():
+        return labels
+    near = cv2.dilate(object_.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    reach = _GAP * focal / float(np.median(points[object_, 2]))
+    beyond = cv2.distanceTransform((~object_).astype(np.uint8), cv2.DIST_L2, 3) > reach
+    around = (valid & ~near) | (_open_holes(valid) & beyond)
+    seeds = np.where(object_, labels + 1, around.astype(np.int32))
     flooded = cv2.watershed(np.ascontiguousarray(colour), seeds.astype(np.int32))
     return np.where(valid, labels, np.maximum(flooded - 1, 0)).astype(np.int32)
+
+
+def _open_holes(valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(h, w) bool: the connected holes in depth that reach the image's rim."""
+    _, hole = cv2.connectedComponents((~valid).astype(np.uint8))
+    rim = np.unique(np.concatenate((hole[0], hole[-1], hole[:, 0], hole[:, -1])))
+    return np.isin(hole, rim[rim > 0])
 
 
 def _meetings(labels: NDArray[np.int32], points: NDArray[np.float32]) -> _Meetings:
