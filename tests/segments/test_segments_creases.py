@@ -100,3 +100,10 @@ def test_what_is_near_no_region_is_one_of_its_own() -> None:
 def test_regions_are_numbered_without_gaps() -> None:
     labels, _ = regions_of(standing(0, 0, SIZE, colour=RED), standing(0.3, 0, SIZE, colour=BLUE), noise=True)
     assert np.unique(labels).tolist() == list(range(-1, labels.max() + 1))
+
+
+@pytest.mark.parametrize("height", [0.25, 0.3, 0.35])
+def test_a_surface_that_is_seen_along_does_not_fall_apart_into_rows(height: float) -> None:
+    """The top of a box, from a camera that is little higher."""
+    labels, _ = regions_of(standing(0, 0, (0.2, 0.15, 0.12)), noise=True, pose=look_at((0, -0.9, height), (0, 0, 0.1)))
+    assert len(np.unique(labels[labels >= 0])) == 1

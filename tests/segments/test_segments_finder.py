@@ -1,53 +1,226 @@
 """The segments of one frame: as many as there are objects, each standing on the table."""
 
-import numpy as np
-from fusion_room import CAMERA, ROOM, THREE, look_at, view
+import dataclasses
 
-from spot3d.camera import Intrinsics, invert
+import numpy as np
+import pytest
+from fusion_room import CAMERA, ROOM, TABLE, THREE, Cuboid, View, look_at, standing, view
+from numpy.typing import NDArray
+
+from spot3d.boxes import iou_matrix_2d
+from spot3d.camera import Intrinsics, back_project, invert
 from spot3d.frame_segments import FrameSegments
+from spot3d.geometry.lattice import LatticeFrame
 from spot3d.geometry.planes import transform_plane
-from spot3d.segments.finder import find_segments
+from spot3d.segments.finder import _pixels, _segments, find_segments
 from spot3d.segments.settings import SegmentsSettings
 
 POSE = look_at((0, -0.95, 0.7))
 FINE_CAMERA = Intrinsics(600.0, 600.0, 319.5, 239.5, 640, 480)
+SETTINGS = SegmentsSettings()
 
 
-def found(camera: Intrinsics, width: int = 320) -> FrameSegments:
-    seen = view(POSE, ROOM + THREE, np.random.default_rng(0), camera)
-    for array in (seen.colour, seen.depth, seen.heat):
+def seen(*things: Cuboid, room: tuple[Cuboid, ...] = ROOM, pose: NDArray[np.float64] = POSE) -> View:
+    """What a camera with noise sees; what lies on the table warms it, as proposals do that hold both."""
+    found = view(pose, room + things, np.random.default_rng(0), FINE_CAMERA)
+    table = (found.colour == TABLE.colour).all(-1)
+    return dataclasses.replace(found, heat=np.where(table, np.maximum(found.heat, 40), found.heat).astype(np.uint8))
+
+
+def find(frame: View, settings: SegmentsSettings = SETTINGS, camera: Intrinsics = FINE_CAMERA) -> FrameSegments:
+    for array in (frame.colour, frame.depth, frame.heat):
         array.setflags(write=False)  # as those of messages are
-    return find_segments(seen.colour, seen.depth, seen.heat, camera, SegmentsSettings(lattice_width=width))
+    segments = find_segments(frame.colour, frame.depth, frame.heat, camera, settings)
+    assert np.isfinite(segments.heat).all()
+    assert np.isfinite(segments.planes).all()
+    assert np.isfinite(segments.boxes(camera)).all()
+    assert set(np.unique(segments.labels)) - {0} == set(range(1, len(segments) + 1)), "none is empty"
+    return segments
 
 
-def test_every_object_is_a_segment_on_the_table() -> None:
-    segments = found(FINE_CAMERA)
-    assert (segments.camera.width, segments.camera.height) == (320, 240)
+def true_boxes(frame: View, *things: Cuboid) -> NDArray[np.float64]:
+    boxes = []
+    for thing in things:
+        v, u = np.nonzero((frame.colour == thing.colour).all(-1))
+        boxes.append((u.min(), v.min(), np.ptp(u) + 1, np.ptp(v) + 1))
+    return np.array(boxes, np.float64)
+
+
+def with_hole(frame: View, rows: slice, columns: slice) -> View:
+    depth = frame.depth.copy()
+    depth[rows, columns] = 0
+    return dataclasses.replace(frame, depth=depth)
+
+
+@pytest.mark.parametrize("width", [320, 640])
+def test_every_object_is_a_segment_on_the_table(width: int) -> None:
+    frame = seen(*THREE)
+    segments = find(frame, SETTINGS.model_copy(update={"lattice_width": width}))
+    assert (segments.camera.width, segments.camera.height) == (width, width * 3 // 4)
     assert len(segments) == 3
-    assert set(np.unique(segments.labels)) == {0, 1, 2, 3}
     assert (segments.heat > 0.5).all()
     assert set(segments.stands_on) == {0}
     table = transform_plane(segments.planes[0], POSE)
     np.testing.assert_allclose(table, [0, 0, 1, 0], atol=0.02)
-    colours = view(POSE, ROOM + THREE, None, segments.camera).colour
-    middles = {tuple(np.median(colours[segments.labels == label], axis=0).astype(int)) for label in (1, 2, 3)}
-    assert middles == {cuboid.colour for cuboid in THREE}
+    assert segments.planes[0] @ [0, 0, 0, 1] > 0, "the camera is above"
+    iou = iou_matrix_2d(true_boxes(frame, *THREE), segments.boxes(FINE_CAMERA))
+    assert (iou.max(axis=1) > 0.85).all()
+    assert len(set(iou.argmax(axis=1))) == 3
 
 
 def test_the_same_frame_gives_the_same_segments() -> None:
-    first, second = found(FINE_CAMERA), found(FINE_CAMERA)
+    first, second = find(seen(*THREE)), find(seen(*THREE))
     np.testing.assert_array_equal(first.labels, second.labels)
     np.testing.assert_array_equal(first.planes, second.planes)
+    np.testing.assert_array_equal(first.heat, second.heat)
 
 
-def test_without_depth_there_is_nothing() -> None:
+def test_a_camera_that_hangs_upside_down_finds_the_same() -> None:
+    upright = seen(*THREE)
+    turned = View(*(np.ascontiguousarray(image[::-1, ::-1]) for image in (upright.colour, upright.depth, upright.heat)))
+    segments = find(turned, SETTINGS.model_copy(update={"image_up": "bottom"}))
+    true = true_boxes(turned, *THREE)
+    assert (iou_matrix_2d(true, segments.boxes(FINE_CAMERA)).max(axis=1) > 0.85).all()
+    assert len(segments) == 3
+
+
+@pytest.mark.parametrize("value", [0.0, 5.0])
+def test_without_depth_within_range_there_is_nothing(value: float) -> None:
     blank = np.zeros(CAMERA.shape, np.uint8)
-    colour, depth = np.zeros((*CAMERA.shape, 3), np.uint8), np.zeros(CAMERA.shape, np.float32)
-    segments = find_segments(colour, depth, blank, CAMERA, SegmentsSettings())
-    assert (len(segments), len(segments.planes), segments.labels.any()) == (0, 0, False)
+    frame = View(np.zeros((*CAMERA.shape, 3), np.uint8), np.full(CAMERA.shape, value, np.float32), blank + 255)
+    segments = find(frame, camera=CAMERA)
+    assert (len(segments), segments.labels.any()) == (0, False)
+
+
+def test_where_there_is_no_plane_there_is_nothing() -> None:
+    depth = np.zeros(CAMERA.shape, np.float32)
+    depth[50] = 1.0  # a single line
+    warm = np.full(CAMERA.shape, 255, np.uint8)
+    segments = find(View(np.zeros((*CAMERA.shape, 3), np.uint8), depth, warm), camera=CAMERA)
+    assert (len(segments), len(segments.planes)) == (0, 0)
+
+
+def test_where_nothing_is_warm_there_is_nothing() -> None:
+    frame = seen(*THREE)
+    cold = dataclasses.replace(frame, heat=np.zeros_like(frame.heat))
+    assert len(find(cold)) == 0
+
+
+def test_a_bare_table_has_no_objects_though_it_shines_and_is_bent() -> None:
+    frame = seen()
+    v, u = np.mgrid[-1:1:480j, -1:1:640j]
+    rng = np.random.default_rng(1)
+    depth = np.where(frame.depth > 0, frame.depth + 0.012 * (0.5 - (u * u + v * v) / 2), 0).astype(np.float32)
+    glare = (np.hypot(u - 0.2, 0.75 * v) < 0.12) & (rng.random(depth.shape) < 0.9)
+    depth[glare] = 0
+    specks = rng.random(depth.shape) < 0.001
+    depth[specks] -= 0.05
+    warm = np.full_like(frame.heat, 60)
+    assert len(find(View(frame.colour, np.maximum(depth, 0), warm))) == 0
+
+
+@pytest.mark.parametrize("tall", [0.015, 0.03])
+def test_a_thin_thing_on_the_table_counts(tall: float) -> None:
+    book = standing(0, 0, (0.2, 0.14, tall))
+    frame = seen(book)
+    segments = find(frame)
+    assert len(segments) == 1
+    assert iou_matrix_2d(true_boxes(frame, book), segments.boxes(FINE_CAMERA))[0, 0] > 0.7
+
+
+def test_a_wall_is_no_object_however_warm() -> None:
+    """A partition on the table, longer than eps_max."""
+    partition = standing(0, 0.3, (1.3, 0.03, 0.7), colour=(1, 2, 3))
+    frame = seen(*THREE, partition)
+    segments = find(frame)
+    iou = iou_matrix_2d(true_boxes(frame, *THREE), segments.boxes(FINE_CAMERA))
+    assert len(segments) == 3
+    assert (iou.max(axis=1) > 0.8).all()
+
+
+def test_two_boxes_that_touch_are_two() -> None:
+    things = standing(0, 0, (0.14, 0.1, 0.12), colour=(200, 40, 40)), standing(-0.05, -0.1, (0.2, 0.1, 0.05))
+    assert len(find(seen(*things))) == 2
+
+
+@pytest.mark.parametrize("width", [8, 20])
+def test_a_hole_that_tears_an_object_is_a_part_of_it(width: int) -> None:
+    carton = standing(0, 0, (0.24, 0.08, 0.16))
+    frame = with_hole(seen(carton), slice(None), slice(320 - width // 2, 320 + width // 2))
+    segments = find(frame)
+    assert len(segments) == 1
+    assert iou_matrix_2d(true_boxes(frame, carton), segments.boxes(FINE_CAMERA))[0, 0] > 0.85
+    on_carton = (frame.colour == carton.colour).all(-1)[::2, ::2]
+    hole = (frame.depth == 0)[::2, ::2]
+    assert segments.labels[on_carton & hole].mean() > 0.8
+    assert segments.labels[~on_carton & hole].mean() < 0.1
+
+
+def test_a_hole_of_the_table_is_no_part_of_what_stands_beside_it() -> None:
+    carton = standing(0, 0, (0.2, 0.08, 0.16))
+    frame = seen(carton)
+    x, y, w, h = true_boxes(frame, carton)[0].astype(int)
+    segments = find(with_hole(frame, slice(y + h // 2, y + h), slice(x + w, x + w + 60)))
+    np.testing.assert_allclose(segments.boxes(FINE_CAMERA), [[x, y, w, h]], atol=8)
+
+
+def test_without_depth_behind_the_objects_they_are_no_larger() -> None:
+    """What is out of the sensor's range has no depth, and may be of any colour."""
+    low = look_at((0, -0.9, 0.6), (0, 0, 0.15))
+    things = tuple(dataclasses.replace(thing, colour=(*thing.colour[:2], 10 + k)) for k, thing in enumerate(THREE))
+    frame = seen(*things, room=(TABLE,), pose=low)
+    assert not frame.depth[:20].any()
+    sky = np.where((frame.depth == 0)[..., None], np.array(things[1].colour) // 2 + 40, frame.colour)
+    boxes = find(dataclasses.replace(frame, colour=sky.astype(np.uint8))).boxes(FINE_CAMERA)
+    assert (iou_matrix_2d(true_boxes(frame, *things), boxes).max(axis=1) > 0.75).all()
+
+
+def test_what_something_in_front_divides_is_one() -> None:
+    carton, post = standing(0, 0.1, (0.3, 0.08, 0.16), colour=(9, 99, 9)), standing(0, -0.15, (0.05, 0.05, 0.35))
+    frame = seen(carton, post)
+    segments = find(frame)
+    assert len(segments) == 2
+    assert (iou_matrix_2d(true_boxes(frame, carton, post), segments.boxes(FINE_CAMERA)).max(axis=1) > 0.8).all()
+
+
+def test_what_lies_beyond_the_range_is_not_looked_for() -> None:
+    near = SETTINGS.model_copy(update={"range_max": 1.1})
+    frame = seen(*THREE)
+    behind = frame.depth.reshape(240, 2, 320, 2).min(axis=(1, 3)) > 1.15
+    segments = find(frame, near)
+    assert 0 < len(segments) <= 3
+    assert not segments.labels[behind].any()
+
+
+def test_of_more_objects_than_a_message_takes_the_largest_are_kept() -> None:
+    camera = Intrinsics(600.0, 600.0, 159.5, 119.5, 320, 240)
+    labels = np.arange(240 // 8 * (320 // 8)).reshape(30, 40).repeat(8, axis=0).repeat(8, axis=1).astype(np.int32)
+    parts = _pixels(labels)[:300]
+    parts[7] = parts[7][:50]
+    depth = np.ones(camera.shape, np.float32)
+    colour, heat = np.zeros((*camera.shape, 3), np.uint8), np.full(camera.shape, 100, np.uint8)
+    height = np.full(depth.size, 0.01, np.float32)
+    table = np.array([[0, -0.6, -0.8, 0.5]])
+    segments = _segments(
+        parts, LatticeFrame(colour, depth, heat, camera), back_project(depth, camera), table, height, SETTINGS
+    )
+    assert len(segments) == 255
+    assert np.unique(segments.labels).tolist() == list(range(256))
+    assert not segments.labels.ravel()[parts[7]].any()
+
+
+@pytest.mark.parametrize(
+    ("labels", "expected"),
+    [
+        ([[-1, -1], [-1, -1]], []),
+        ([[0, 1], [1, 0]], [[0, 3], [1, 2]]),
+        ([[-1, 2], [0, 2]], [[2], [1, 3]]),
+    ],
+)
+def test_pixels_of_each_label(labels: list[list[int]], expected: list[list[int]]) -> None:
+    assert [pixels.tolist() for pixels in _pixels(np.array(labels, np.int32))] == expected
 
 
 def test_planes_are_those_of_the_camera() -> None:
-    segments = found(FINE_CAMERA)
-    assert segments.planes[0] @ [0, 0, 0, 1] > 0, "the camera is above"
+    segments = find(seen(*THREE))
     assert transform_plane(np.array([0, 0, 1.0, 0]), invert(POSE)) @ segments.planes[0] > 0.9

@@ -14,6 +14,9 @@ _NEAR = np.float32(0.01)
 """Pixels within this share of the range tell each other's curvature: 1 cm at 1 m, several times the noise there."""
 _LINK = np.float32(0.008)
 """Neighbouring pixels within this share of the range lie on one surface."""
+_ALONG, _LEVEL = np.float32(0.025), np.float32(0.2)
+"""... and so do the very next within this share that lie in each other's tangent planes to 12 degrees: the more a
+surface is seen along, the farther apart are its pixels, at 8 degrees this far on a lattice of 320 across."""
 _LIKE = np.float32(0.9)
 """Normals within this cosine (26 degrees) smooth each other."""
 _CONVEX = np.float32(-20.0)
@@ -43,10 +46,10 @@ def split_at_creases(
     bend = np.empty(mask.shape, np.float32)
     _concavity(points, smooth, mask, reach, bend)
     labels = np.empty(mask.shape, np.int32)
-    count: int = _connect(points, mask & (bend < crease), least, labels)
+    count: int = _connect(points, smooth, mask & (bend < crease), least, labels)
     _share_out(points, mask, labels)
     rest = np.empty(mask.shape, np.int32)
-    _connect(points, mask & (labels < 0), 1, rest)
+    _connect(points, smooth, mask & (labels < 0), 1, rest)
     return np.where(rest >= 0, rest + np.int32(count), labels)
 
 
@@ -133,9 +136,28 @@ def _root(root: NDArray[np.int32], pixel: int) -> int:
     return pixel
 
 
-@kernel("i8(f4[:,:,::1], b1[:,::1], i8, i4[:,::1])")
-def _connect(points: NDArray[np.float32], mask: NDArray[np.bool_], least: int, labels: NDArray[np.int32]) -> int:
-    """Number the connected components of at least so many pixels, from 0, others -1; returns their count."""
+@part()
+def _level(points: NDArray[np.float32], normals: NDArray[np.float32], v: int, u: int, y: int, x: int) -> bool:
+    """Whether pixel (y, x) lies in the tangent plane of (v, u), if that is known, and not too far along it."""
+    a, b, c = points[y, x, 0] - points[v, u, 0], points[y, x, 1] - points[v, u, 1], points[y, x, 2] - points[v, u, 2]
+    square, depth = a * a + b * b + c * c, points[v, u, 2]
+    off = normals[v, u, 0] * a + normals[v, u, 1] * b + normals[v, u, 2] * c
+    near = square < (_ALONG * depth) ** 2
+    return bool(near & (off * off < _LEVEL * _LEVEL * square) & (normals[v, u, 2] != 0))
+
+
+@kernel("i8(f4[:,:,::1], f4[:,:,::1], b1[:,::1], i8, i4[:,::1])")
+def _connect(
+    points: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    least: int,
+    labels: NDArray[np.int32],
+) -> int:
+    """Number the connected components of at least so many pixels, from 0, others -1; returns their count.
+
+    normals: smooth unit normals, zero = unknown.
+    """
     h, w = mask.shape
     root, size = np.empty(h * w, np.int32), np.zeros(h * w, np.int32)
     for i in range(h * w):
@@ -149,7 +171,14 @@ def _connect(points: NDArray[np.float32], mask: NDArray[np.bool_], least: int, l
                 for x in range(max(0, u - 2), min(w, u + 3)):
                     if mask[y, x] and (y > v or x > u):
                         i, j = _root(root, v * w + u), _root(root, y * w + x)
-                        if i != j and _within(points, v, u, y, x, _LINK):
+                        if i != j and (
+                            _within(points, v, u, y, x, _LINK)
+                            or (
+                                max(y - v, abs(x - u)) == 1
+                                and _level(points, normals, v, u, y, x)
+                                and _level(points, normals, y, x, v, u)
+                            )
+                        ):
                             root[max(i, j)] = min(i, j)
     count = 0
     for i in range(h * w):

@@ -27,9 +27,9 @@ def fill_holes(
     focal: pixels. Pixels with depth keep their labels. Where depth is missing up to the image's rim, what is behind
     all objects is out of the sensor's range.
     """
-    if not labels.any():
-        return labels
     valid = depth > 0
+    if valid.all() or not labels.any():
+        return labels
     seeds = labels.copy()
     _add_other_colours(seeds, valid, colour)
     objects = seeds > 0
