@@ -17,10 +17,12 @@ class LongTask:
 
     frame_count = 0
     end = threading.Event()
+    runs = 0
 
     def run(self) -> Objects:
         """Nothing, at last."""
         assert self.end.wait(LIMIT_S)
+        LongTask.runs += 1
         raise RuntimeError("enough")
 
 
@@ -40,4 +42,8 @@ def test_who_waits_for_an_update_is_called_again_and_again() -> None:
         assert not calls, "nothing to wait for"
         updates.submit(Update(LongTask(), Received(progress, 0), 0, False, False))
         assert updates.wait(count, 0.01)
+        for _ in range(2):  # an update that fails does not keep the next one from being computed
+            updates.submit(Update(LongTask(), Received(progress, 0), 0, False, False))
+            assert updates.wait(count, 10.0)
+    assert LongTask.runs == 3
     assert len(calls) >= 3
