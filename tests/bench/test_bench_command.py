@@ -58,7 +58,7 @@ def test_tables_of_kernels_pose_messages_and_growth(tmp_path: Path) -> None:
         assert f"### {table['title']}" in markdown
         assert all(list(row) == table["columns"] for row in table["rows"])
     steps = {row["step"] for row in document["tables"][0]["rows"]}
-    assert {"plane, keyframe", "registration (index map)"} <= steps
+    assert {"plane, keyframe", "registration (index map)", "consensus, a keyframe more"} <= steps
     assert {row["size"] for row in document["tables"][0]["rows"]} == {"160x120", "80x60"}
     for row in document["tables"][0]["rows"]:
         assert row["ms"] > 0
@@ -66,7 +66,7 @@ def test_tables_of_kernels_pose_messages_and_growth(tmp_path: Path) -> None:
         assert (row["reference / ours"] is None) == absent
     assert [row["M"] for row in document["tables"][4]["rows"]] == [10, 20, 10, 20]
     assert {path.name for path in tmp_path.glob("*.png")} == {
-        "growth-fusing.png", "growth-clustering.png", "growth-proposals.png",
+        "growth-fusing.png", "growth-updates.png", "growth-proposals.png",
     }  # fmt: skip
     assert document["record"]["data"] == {"scene": "built in"}
 

@@ -5,9 +5,13 @@ import pytest
 
 from spot3d.bench import reference, reference_map
 from spot3d.camera import Intrinsics, invert
+from spot3d.fusion.agreement import clusters_of
 from spot3d.fusion.heatmap3d import FREQUENCY, HEAT, LAST, NORMAL, WEIGHT, Heatmap3D, R, X
 from spot3d.fusion.index_map import merge
+from spot3d.fusion.keyframes import Keyframe
+from spot3d.fusion.segment_table import SegmentTable
 from spot3d.fusion.settings import FusionSettings
+from spot3d.fusion.views import ask, view_of
 from spot3d.geometry.lattice import to_lattice
 from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import count_inliers
@@ -99,3 +103,51 @@ def _assert_same_rows(ours: np.ndarray, plain: np.ndarray) -> None:
     lengths = np.linalg.norm(plain[:, NORMAL : NORMAL + 3], axis=1, keepdims=True)
     difference = ours[:, NORMAL : NORMAL + 3] - plain[:, NORMAL : NORMAL + 3]
     assert np.abs(difference).max() <= 5e-3 * max(1.0, float(lengths.max()))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_segments_are_clustered_the_same_way(seed: int) -> None:
+    """Objects that frames see in part, tear apart and have in one with others."""
+    rng = np.random.default_rng(seed)
+    frame, thing = (part.ravel() for part in np.mgrid[:9, :4])
+    seen = rng.random((len(frame), 9)) < 0.8
+    seen[np.arange(len(frame)), frame] = False
+    observed = np.argwhere(seen)
+    whole = observed[rng.random(len(observed)) < 0.85]
+    joined = np.where(rng.random(9) < 0.3, rng.integers(4, size=9), -1)  # of these frames one holds its neighbour too
+    holder = np.where(thing[whole[:, 0]] == (joined[whole[:, 1]] + 1) % 4, joined[whole[:, 1]], -1)
+    holder = 4 * whole[:, 1] + np.where(holder >= 0, holder, thing[whole[:, 0]])
+    divided = observed[rng.random(len(observed)) < 0.1, 0]
+    statements = frame, observed, np.column_stack((whole[:, 0], holder)), divided
+    found = clusters_of(*statements)
+    ours = {frozenset(np.flatnonzero(found == number).tolist()) for number in range(found.max() + 1)}
+    assert ours == {frozenset(rows) for rows in reference.clusters(*statements)}
+    assert len(ours) < 20
+
+
+def test_views_say_the_same(scene: Scene) -> None:
+    keyframes = [labelled(scene, index) for index in range(4)]
+    table, views = SegmentTable(), [view_of(keyframe) for keyframe in keyframes]
+    for number, keyframe in enumerate(keyframes):
+        table.extend(keyframe, number)
+    names, heard = ("nothing", "background", "object", "whole", "divided"), set[str]()
+    for view in views:
+        said, label = np.empty((2, len(table)), np.uint8)
+        ask(view, table.places.rows, table.spheres.rows, said, label)
+        ours = [(names[what], int(name)) for what, name in zip(said.tolist(), label, strict=True)]
+        plain = reference.said_by_view(view.labels, view.depth, view.pose, view.focal, table.places.rows)
+        # A point within rounding of a pixel's edge may fall on either side.
+        assert sum(one != other for one, other in zip(ours, plain, strict=True)) <= 0.05 * len(table)
+        heard |= {what for what, _ in plain}
+    assert {"background", "whole"} <= heard
+
+
+def labelled(scene: Scene, index: int) -> Keyframe:
+    """A keyframe with the true objects, of which each second one tells the first for background."""
+    labels = scene.truth(index).instance.astype(np.uint8)
+    if index % 2:
+        labels[labels == np.unique(labels)[1]] = 0
+    frame, none = scene[index], np.full(labels.max(), -1, np.int8)
+    heat = np.ones(labels.max(), np.float32)
+    pose = scene.true_pose(index)
+    return Keyframe(index, labels, frame.colour, frame.depth_metres(), CAMERA, pose, heat, np.zeros((0, 4)), none)

@@ -5,22 +5,24 @@ from contextlib import closing
 
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.settings import LinkSettings
-from spot3d.fusion.fusion import Fusion, Objects, ObjectsTask
-from spot3d.fusion.settings import FusionSettings
+from spot3d.fusion.fusion import Objects
 from spot3d.fusion.updates import Update, Updates
 from spot3d_schemas import Header, Progress
 
 LIMIT_S = 20.0
 
 
-class LongTask(ObjectsTask):
+class LongTask:
     """An update that takes until it is told to end."""
 
+    frame_count = 0
     end = threading.Event()
+    runs = 0
 
     def run(self) -> Objects:
         """Nothing, at last."""
         assert self.end.wait(LIMIT_S)
+        LongTask.runs += 1
         raise RuntimeError("enough")
 
 
@@ -38,8 +40,10 @@ def test_who_waits_for_an_update_is_called_again_and_again() -> None:
     with closing(Updates(node)) as updates:
         assert updates.wait(count, 0.01)
         assert not calls, "nothing to wait for"
-        task = Fusion(FusionSettings(map_limit=1000)).snapshot()
-        long = LongTask(task.points, task.planes, task.views, task.identities, task.settings, 0)
-        updates.submit(Update(long, Received(progress, 0), 0, False, False))
+        updates.submit(Update(LongTask(), Received(progress, 0), 0, False, False))
         assert updates.wait(count, 0.01)
+        for _ in range(2):  # an update that fails does not keep the next one from being computed
+            updates.submit(Update(LongTask(), Received(progress, 0), 0, False, False))
+            assert updates.wait(count, 10.0)
+    assert LongTask.runs == 3
     assert len(calls) >= 3

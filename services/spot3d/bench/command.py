@@ -103,7 +103,7 @@ def _tables(
         from spot3d.bench.growth import charts, map_growth, proposals_growth
         from spot3d.run.overview import write_picture
 
-        found = (map_growth(materials[1], growth, settings.fusion, _say), proposals_growth(settings.proposals, _say))
+        found = (map_growth(materials[1], growth, settings, _say), proposals_growth(settings.proposals, _say))
         yield from found
         if plots is not None:
             plots.mkdir(parents=True, exist_ok=True)

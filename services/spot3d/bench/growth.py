@@ -1,8 +1,8 @@
-"""Cost as the work grows: fusing against map size, clustering against points, proposals against M and size."""
+"""Cost as the work grows: fusing against map size, updates against keyframes, proposals against M and size."""
 
 import time
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 from sklearn.cluster import DBSCAN
@@ -11,13 +11,17 @@ from spot3d.bench.charts import Line, line_chart
 from spot3d.bench.material import Material, to_and_fro
 from spot3d.bench.timing import Timed, alternate, peak_memory_mb
 from spot3d.camera import Intrinsics
+from spot3d.dataflow.cadence import Cadence
 from spot3d.dataflow.process_use import process_use
 from spot3d.evaluate.table import Column, Table
+from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import Fusion
-from spot3d.fusion.settings import FusionSettings
 from spot3d.proposals.propose import propose
 from spot3d.proposals.settings import ProposalSettings
 from spot3d.run.drawing import Picture
+from spot3d.segments.finder import find_segments
+from spot3d.segments.keyframes import Keyframes
+from spot3d.settings import Settings
 from spot3d.source.scene import KINECT, Scene
 
 ROOM = 6.0
@@ -27,49 +31,66 @@ PROPOSALS = (100, 300, 1000, 3000)
 WIDTHS = (320, 480, 640, 960)
 DBSCAN_POINTS = 100_000
 """With more points than this DBSCAN is not tried."""
+_FRAME_NS = 1e9 / 30
 
 
-def map_growth(material: Material, length: int, settings: FusionSettings, say: Callable[[str], None]) -> Table:
-    """Fuse `length` frames on a path through ever new rooms; at checkpoints find the objects in the whole map."""
+def map_growth(material: Material, length: int, settings: Settings, say: Callable[[str], None]) -> Table:
+    """Fuse `length` frames on a path through ever new rooms, with updates of the objects as in a run."""
     table = Table(
         "map growth",
         f"Cost against map size, {material.data} at {material.size} on a long path",
         (
             *(Column("frames"), Column("map points"), Column("fuse ms"), Column("fuse p99 ms")),
-            *(Column("frequent points"), Column("snapshot ms"), Column("objects ms", 1), Column("DBSCAN's points")),
-            *(Column("DBSCAN ms", 1), Column("memory MB", 0)),
+            *(Column("keyframes"), Column("update ms", 1), Column("longest ms", 1)),
+            *(Column("DBSCAN's points"), Column("DBSCAN ms", 1), Column("memory MB", 0)),
         ),
     )
-    fusion, times = Fusion(settings), list[float]()
-    dbscan = DBSCAN(eps=settings.density_radius, min_samples=settings.density_points)
+    fusion, times, updates = Fusion(settings.fusion), list[float](), list[float]()
+    keyframes, cadence = Keyframes(settings.segments), Cadence(settings.link.object_interval_s)
+    dbscan = DBSCAN(eps=settings.fusion.density_radius, min_samples=settings.fusion.density_points)
     stops = {round(stop) for stop in np.geomspace(min(100, length), length, CHECKPOINTS)}
     turn = max(1, len(material) - 1)
+
+    @cache
+    def segments_of(index: int) -> FrameSegments:
+        frame, depth, heat = material.frames[index], material.depth[index], material.heat[index]
+        return find_segments(frame.colour, depth, heat, material.camera, settings.segments)
+
     for step in range(length):
-        index = to_and_fro(len(material), step)
+        index, stamp_ns = to_and_fro(len(material), step), round(step * _FRAME_NS)
+        colour, depth, heat = material.frames[index].colour, material.depth[index], material.heat[index]
         pose = material.pose(index).copy()
         pose[0, 3] += ROOM * (step // turn)
+        segments = segments_of(index) if keyframes.is_keyframe(stamp_ns, pose) else None
         start = time.perf_counter()
-        fusion.fuse(material.frames[index].colour, material.depth[index], material.heat[index], material.camera, pose)
+        fusion.fuse(colour, depth, heat, material.camera, pose, stamp_ns)
+        if segments is not None:
+            fusion.observe(segments, stamp_ns)
         times.append(time.perf_counter() - start)
-        if step + 1 not in stops:
+        last = step + 1 in stops
+        if cadence.due(stamp_ns) or last:
+            start = time.perf_counter()
+            fusion.objects()
+            updates.append(time.perf_counter() - start)
+        if not last:
             continue
         say(f"growth: {step + 1} frames ...")
         points = fusion.frequent_points()
-        hot = points.xyz[points.heat >= settings.heat_min]
-        calls = [Timed(fusion.snapshot, 1), Timed(fusion.objects, 1)]
-        if 0 < len(hot) <= DBSCAN_POINTS:
-            calls.append(Timed(partial(dbscan.fit_predict, hot), 1))
-        found = alternate(calls, 1)
+        hot = points.xyz[points.heat >= settings.fusion.heat_min]
+        tried = 0 < len(hot) <= DBSCAN_POINTS
+        reference = alternate([Timed(partial(dbscan.fit_predict, hot), 1)], 1)[0].median_ms if tried else None
         median, p99 = 1e3 * np.percentile(times[1:] or times, (50, 99))
-        times.clear()
         table.add(
-            *(step + 1, fusion.heatmap.count, float(median), float(p99), len(points), found[0].median_ms),
-            *(found[1].median_ms, len(hot), found[2].median_ms if len(found) > 2 else None),
+            *(step + 1, fusion.heatmap.count, float(median), float(p99), len(fusion.consensus)),
+            *(1e3 * float(np.median(updates)), 1e3 * max(updates), len(hot), reference),
             process_use().rss_bytes / 2**20,
         )
+        times.clear()
+        updates.clear()
     table.notes.append(
         f"Every {turn} frames the path goes on into another room, {ROOM:g} m further, so that the map grows for as "
-        f"long as it may (map_limit: {settings.map_limit}). Times are of the frames since the row before. Peak memory "
+        f"long as it may (map_limit: {settings.fusion.map_limit}, keyframe_limit: {settings.fusion.keyframe_limit}). "
+        "An update has the keyframes of a second. Times are of the frames since the row before. Peak memory "
         f"of this process: {peak_memory_mb():.0f} MB."
     )
     return table
@@ -116,11 +137,12 @@ def charts(growth: Table, proposals: Table) -> dict[str, Picture]:
             "fusing a frame against map size", "map points", "ms",
             [line("median", growth, "map points", "fuse ms"), line("p99", growth, "map points", "fuse p99 ms")],
         ),
-        "clustering": line_chart(
-            "clustering and boxes against points", "points", "ms",
+        "updates": line_chart(
+            "an update of the objects against the path", "frames", "ms",
             [
-                line("clustering and boxes", growth, "frequent points", "objects ms"),
-                line("DBSCAN of the hot ones", growth, "frequent points", "DBSCAN ms"),
+                line("median", growth, "frames", "update ms"),
+                line("longest", growth, "frames", "longest ms"),
+                line("DBSCAN of the hot points", growth, "frames", "DBSCAN ms"),
             ],
         ),
         "proposals": line_chart(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.bench import reference, reference_map
+from spot3d.bench.consensus_steps import consensus_steps
 from spot3d.bench.material import Material, walking
 from spot3d.bench.timing import MEASURED, Timed, alternate, measured_row, peak_memory_mb
 from spot3d.camera import back_project, invert
@@ -45,6 +46,8 @@ def kernels_table(materials: Sequence[Material], settings: Settings, say: Callab
         _image_steps(steps, material, settings)
         _plane_steps(steps, material, settings.fusion)
         _map_steps(steps, material, settings.fusion)
+        for step in consensus_steps(material, settings):
+            steps.add(step.name, step.ours, step.reference, step.theirs, True, step.read)
     table.notes += [
         "Medians and 99th percentiles over consecutive frames; ours and the reference measured in alternation.",
         "Copy: the step's input bytes, copied into new memory. One thread, one core.",

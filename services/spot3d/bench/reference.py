@@ -1,5 +1,7 @@
 """The paper's steps as one would write them down in NumPy: readable, slow, and what the kernels must equal."""
 
+from collections import Counter
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -106,3 +108,82 @@ def warp(
         if np.linalg.norm(difference) / 255 <= colour_gate and abs(depth[v, u] - z) <= depth_gate:
             nearest[v, u], index[v, u] = z, last_index.ravel()[pixel]
     return index
+
+
+def said_by_view(
+    labels: NDArray[np.uint8],
+    depth: NDArray[np.uint16],
+    pose: NDArray[np.float32],
+    focal: NDArray[np.float32],
+    places: NDArray[np.float32],
+    tolerance: float = 0.03,
+) -> list[tuple[str, int]]:
+    """What a view says of each segment, and the label that holds it (MaskClustering, Sec. 3).
+
+    labels, depth: (h, w), millimetres; pose: (3, 4) camera from world; focal: fx, fy, cx, cy; places: (n, k, 3) world,
+    every fourth of which is asked for. A view sees a segment by 0.3 of its points; background by more than 0.5.
+    """
+    h, w = labels.shape
+    answers = []
+    for place in places[:, ::4]:
+        x, y, z = pose[:, :3] @ place.T + pose[:, 3:]
+        safe = np.where(z < 0.1, 1, z)
+        u, v = np.floor(focal[:2, None] * (x, y) / safe + focal[2:, None] + 0.5).astype(int)
+        inside = (z >= 0.1) & (u >= 0) & (v >= 0) & (u < w) & (v < h)
+        u, v, z = u[inside], v[inside], z[inside]
+        metres = depth[v, u] / 1000
+        seen = labels[v, u][(metres > 0) & (np.abs(metres - z) < tolerance)]
+        count = np.bincount(seen, minlength=256)
+        best = int(count[1:].argmax()) + 1
+        if len(seen) < 0.3 * len(place):
+            answers.append(("nothing", 0))
+        elif count[0] > 0.5 * len(seen):
+            answers.append(("background", 0))
+        elif count[best] >= 0.75 * len(seen):
+            answers.append(("whole", best))
+        else:
+            answers.append(("divided" if (count[1:] >= 0.2 * len(seen)).sum() > 1 else "object", 0))
+    return answers
+
+
+def clusters(
+    frame: NDArray[np.int64], observed: NDArray[np.int64], within: NDArray[np.int64], divided: NDArray[np.int64]
+) -> list[set[int]]:
+    """The clusters of segments that most frames which see them have in one (MaskClustering, Sec. 3), by sets.
+
+    frame: (n,) of each segment; observed: (k, 2) segments and frames that see objects in them; within: (m, 2) segments
+    and those that hold them; divided: (d,) segments, once for each frame that divides one.
+    """
+    observers: list[set[int]] = [set() for _ in frame]
+    holders = [{row} for row in range(len(frame))]
+    for row, by in observed.tolist():
+        observers[row].add(by)
+    for row, holder in within.tolist():
+        holders[row].add(holder)
+    times = Counter(divided.tolist())
+    several = {row for row in times if times[row] >= max(0.35 * len(observers[row]), 1)}
+    groups = []
+    for row, own in enumerate(frame.tolist()):
+        silent = {int(frame[holder]) for holder in holders[row] & several}
+        if row not in several:
+            groups.append(({row}, observers[row] - silent | {own}, holders[row] - several))
+    for least in (20, 15, 10, 8, 6, 5, 4, 3, 2):
+        share = 0.7 + 0.2 * min(1.0, (least - 2) / 8)
+        while True:
+            number = list(range(len(groups)))
+            for i, (_, sees, holds) in enumerate(groups):
+                for j, (_, other_sees, other_holds) in enumerate(groups[:i]):
+                    both = len(sees & other_sees)
+                    if both >= least and len(holds & other_holds) >= share * both and number[i] != number[j]:
+                        number = [number[j] if n == number[i] else n for n in number]
+            if len(set(number)) == len(groups):
+                break
+            groups = [
+                (
+                    set().union(*(groups[i][0] for i in members)),
+                    set().union(*(groups[i][1] for i in members)),
+                    set().union(*(groups[i][2] for i in members)),
+                )
+                for members in ([i for i, n in enumerate(number) if n == name] for name in sorted(set(number)))
+            ]
+    return [rows for rows, _, _ in groups]

@@ -46,23 +46,19 @@ def clusters_of(
     kept = np.flatnonzero(~under)
     cluster = np.arange(len(kept))
     V, C = V[kept], C[kept]
+    a, b, supporters, seen_by = _pairs(V, C)
     for least in _OBSERVERS:
         share = _LEAST + (_SURE - _LEAST) * min(1.0, (least - 2) / 8)
-        while True:
-            both = (C @ C.T).tocoo()
-            pair = both.row < both.col
-            a, b, supporters = both.row[pair], both.col[pair], both.data[pair]
-            seen_by = _common(V, a, b)
-            agreed = (seen_by >= least) & (supporters >= share * seen_by)
-            if not agreed.any():
-                break
-            joined = csr_array((np.ones(int(agreed.sum())), (a[agreed], b[agreed])), shape=both.shape)
+        while (agreed := (seen_by >= least) & (supporters >= share * seen_by)).any():
+            shape = (V.shape[0], V.shape[0])
+            joined = csr_array((np.ones(int(agreed.sum())), (a[agreed], b[agreed])), shape)
             groups, number = connected_components(joined, directed=False)
             cluster = number[cluster]
             gather = csr_array(
                 (np.ones(len(number), np.int32), (number, np.arange(len(number)))), (groups, len(number))
             )
             V, C = _binary(gather @ V), _binary(gather @ C)
+            a, b, supporters, seen_by = _pairs(V, C)
     found = np.full(count, -1, np.int64)
     found[kept] = cluster
     return found
@@ -78,9 +74,12 @@ def _binary(matrix: csr_array) -> csr_array:
     return matrix
 
 
-def _common(V: csr_array, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
-    """How many entries rows `a` and `b` of a binary matrix share, pair by pair."""
-    if len(a) == 0:
-        return np.zeros(0, np.int64)
+def _pairs(
+    V: csr_array, C: csr_array
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs of rows that something holds both of, by how many, and how many frames see both."""
+    both = (C @ C.T).tocoo()
+    pair = both.row < both.col
+    a, b = both.row[pair], both.col[pair]
     bits = np.packbits(V.toarray().astype(np.bool_), axis=1)
-    return np.asarray(_ONES[bits[a] & bits[b]].sum(axis=1, dtype=np.int64))
+    return a, b, both.data[pair], _ONES[bits[a] & bits[b]].sum(axis=1, dtype=np.int64)

@@ -56,7 +56,7 @@ class FusionSettings(BaseModel):
     voxel: float = Field(0.005, gt=0.001, le=0.1, description="edge of the look-up voxels of map points, metres")
     map_limit: int = Field(2_000_000, ge=1000, le=20_000_000, description="most points that the 3D heatmap holds")
     keyframe_limit: int = Field(
-        200, ge=1, le=10_000, description="most keyframes whose segments are kept, the latest; 0.4 MB each"
+        200, ge=1, le=10_000, description="most keyframes whose segments are kept, the latest; 0.2 MB each"
     )
     range_max: float = Field(
         2.5, gt=0, description="depth beyond this, where noise exceeds half of eps_min, is not fused, metres"

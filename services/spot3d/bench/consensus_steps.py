@@ -1,0 +1,88 @@
+"""Steps of the views' consensus: what a view says of segments, and an update with one keyframe more."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.bench import reference
+from spot3d.bench.material import Material, walking
+from spot3d.fusion.consensus import ViewConsensus
+from spot3d.fusion.keyframes import FusedFrame, Keyframe, keyframe_of
+from spot3d.fusion.segment_table import SegmentTable
+from spot3d.fusion.views import BACKGROUND, DIVIDED, NOTHING, WHOLE, View, ask, view_of
+from spot3d.geometry.lattice import to_lattice
+from spot3d.segments.finder import find_segments
+from spot3d.settings import Settings
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A step beside its transcription, and the arrays that it reads."""
+
+    name: str
+    ours: Callable[[], object]
+    reference: str
+    theirs: Callable[[], object]
+    read: list[NDArray[Any]]
+
+
+def consensus_steps(m: Material, settings: Settings) -> list[Step]:
+    """The steps with all frames of the material as keyframes, which stay as many."""
+    keyframes = [_keyframe(m, index, settings) for index in range(len(m))]
+    views, table = [view_of(keyframe) for keyframe in keyframes], SegmentTable()
+    rows_of = [table.extend(keyframe, number) for number, keyframe in enumerate(keyframes)]
+    places, spheres = table.places.rows, table.spheres.rows
+    said, label = np.empty((2, len(table)), np.uint8)
+    votes = ViewConsensus(settings.fusion.model_copy(update={"keyframe_limit": len(m)}))
+    votes.update(keyframes)
+    statements = _statements(table, views, rows_of)
+    first = views[0]
+    return [
+        Step(
+            f"views, what one says of {len(table)} segments",
+            walking(len(m), lambda i: ask(views[i], places, spheres, said, label)),
+            "NumPy, segment by segment",
+            walking(
+                len(m),
+                lambda i: reference.said_by_view(
+                    views[i].labels, views[i].depth, views[i].pose, views[i].focal, places
+                ),
+            ),
+            [first.labels, first.depth, places],
+        ),
+        Step(
+            "consensus, a keyframe more",
+            walking(len(m), lambda i: votes.update([keyframes[i]])),
+            "sets, all clusters, no boxes",
+            lambda: reference.clusters(*statements),
+            [keyframes[0].labels, keyframes[0].depth, keyframes[0].colour, places],
+        ),
+    ]
+
+
+def _keyframe(m: Material, index: int, settings: Settings) -> Keyframe:
+    colour, depth, heat = m.frames[index].colour, m.depth[index], m.heat[index]
+    seen = to_lattice(colour, depth, heat, m.camera, settings.fusion.lattice_width)
+    frame = FusedFrame(index, seen.colour, seen.depth, seen.camera, m.pose(index))
+    return keyframe_of(frame, find_segments(colour, depth, heat, m.camera, settings.segments))
+
+
+def _statements(
+    table: SegmentTable, views: list[View], rows_of: list[NDArray[np.int32]]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """What all views say of the segments of others: each one's frame, who observes it, who holds and who divides it."""
+    observed, within, divided = [np.zeros((0, 2), np.int64)], [np.zeros((0, 2), np.int64)], [np.zeros(0, np.int64)]
+    said, label = np.empty((2, len(table)), np.uint8)
+    for number, view in enumerate(views):
+        ask(view, table.places.rows, table.spheres.rows, said, label)
+        others = table.frame.rows != number
+        rows = np.flatnonzero(others & (said != NOTHING) & (said != BACKGROUND))
+        held = np.flatnonzero(others & (said == WHOLE))
+        holder = rows_of[number][label[held]].astype(np.int64)
+        observed.append(np.column_stack((rows, np.full(len(rows), number))))
+        within.append(np.column_stack((held, holder))[holder >= 0])
+        divided.append(np.flatnonzero(others & (said == DIVIDED)))
+    return table.frame.rows.copy(), np.concatenate(observed), np.concatenate(within), np.concatenate(divided)
