@@ -97,7 +97,7 @@ def test_all_tables_of_what_is_below_a_root(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr("spot3d.evaluate.command.BUILT_IN", ())
     result = CliRunner().invoke(app, ["all", str(tmp_path)], catch_exceptions=False)
     assert result.exit_code == 0
-    assert result.stdout.count("###") == 2, "single frames give the tables of proposals and filters"
+    assert result.stdout.count("###") == 3, "single frames give the tables of proposals, steps and filters"
     assert "left out" in result.stderr
     assert "01.ply is missing" in result.stderr
 

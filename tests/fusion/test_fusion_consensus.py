@@ -225,6 +225,26 @@ def test_the_oldest_keyframes_go_and_their_objects_with_them() -> None:
     assert found.left_out.keys() <= {"seen too seldom"}
 
 
+def test_a_camera_that_stands_still_crowds_nothing_out() -> None:
+    votes = ViewConsensus(SETTINGS.model_copy(update={"keyframe_limit": 20}))
+    before = votes.update(keyframes())
+    still = keyframe(POSES[0], told=elsewhere(1) @ POSES[0])
+    for _ in range(20):
+        after = votes.update([still])
+    assert (len(votes), votes.dropped) == (12 + 5, 0)
+    ids = {item.id for item in before.objects}
+    assert ids <= {item.id for item in after.objects}
+
+
+def test_what_comes_and_goes_before_a_still_camera_is_found_and_forgotten() -> None:
+    votes = ViewConsensus(SETTINGS)
+    votes.update([keyframe(POSES[0], shown=THREE[:2], labels={0: 1, 1: 2})] * 8)
+    found = votes.update([keyframe(POSES[0])] * 5)
+    assert len(found.objects) == 3
+    gone = votes.update([keyframe(POSES[0], shown=THREE[:1], labels={0: 1})] * 5)
+    assert len(gone.objects) == 1
+
+
 def test_a_room_that_is_left_is_forgotten_without_a_trace() -> None:
     """After as many keyframes of another room the consensus is that of one that has seen this room alone."""
     votes = ViewConsensus(SETTINGS.model_copy(update={"keyframe_limit": 10}))

@@ -8,7 +8,7 @@ from fusion_room import CAMERA, ROOM, TABLE, THREE, Cuboid, View, look_at, stand
 from numpy.typing import NDArray
 
 from spot3d.boxes import iou_matrix_2d
-from spot3d.camera import Intrinsics, back_project, invert
+from spot3d.camera import Intrinsics, invert
 from spot3d.frame_segments import FrameSegments
 from spot3d.geometry.lattice import LatticeFrame
 from spot3d.geometry.planes import transform_plane
@@ -201,9 +201,7 @@ def test_of_more_objects_than_a_message_takes_the_largest_are_kept() -> None:
     colour, heat = np.zeros((*camera.shape, 3), np.uint8), np.full(camera.shape, 100, np.uint8)
     height = np.full(depth.size, 0.01, np.float32)
     table = np.array([[0, -0.6, -0.8, 0.5]])
-    segments = _segments(
-        parts, LatticeFrame(colour, depth, heat, camera), back_project(depth, camera), table, height, SETTINGS
-    )
+    segments = _segments(parts, LatticeFrame(colour, depth, heat, camera), table, height, SETTINGS)
     assert len(segments) == 255
     assert np.unique(segments.labels).tolist() == list(range(256))
     assert not segments.labels.ravel()[parts[7]].any()

@@ -33,8 +33,8 @@ def clusters_of(
     """
     count, frames = len(frame), int(frame.max(initial=-1)) + 1
     own = np.arange(count)
-    observers = np.bincount(observed[:, 0], minlength=count)
-    under = np.bincount(divided, minlength=count) >= np.maximum(_UNDER_SEGMENTED * observers, 1)
+    observers = 1 + np.bincount(observed[:, 0], minlength=count)  # its own frame observes it as well
+    under = np.bincount(divided, minlength=count) >= _UNDER_SEGMENTED * observers
     # What lies in a segment of several objects is not told apart by its frame, which then says nothing of it.
     wrong = within[under[within[:, 1]]]
     silent = np.unique(wrong[:, 0] * frames + frame[wrong[:, 1]])

@@ -33,7 +33,7 @@ class Growing(Generic[Number]):
         self._held[self._count : count] = more
         self._count = count
 
-    def keep(self, chosen: NDArray[np.bool_] | slice) -> None:
+    def keep(self, chosen: NDArray[np.bool_]) -> None:
         """Keep chosen rows alone, in their order; the room of the others is given back."""
         self._held = self._held[: self._count][chosen].copy()
         self._count = len(self._held)

@@ -82,10 +82,10 @@ class SegmentTable:
         self.touched.extend(np.ones(count))
         return rows
 
-    def drop_first(self, count: int) -> None:
-        """Forget the first rows. `part` is to be found anew."""
+    def keep(self, chosen: NDArray[np.bool_]) -> None:
+        """Keep chosen rows alone, in their order. `part` is to be found anew."""
         for column in vars(self).values():
-            column.keep(slice(count, None))
+            column.keep(chosen)
 
 
 def sphere_around(places: NDArray[np.float32]) -> NDArray[np.float32]:
