@@ -181,23 +181,47 @@ SHEET = standing(0.0, 0.0, (0.2, 0.2, 0.004), colour=(1, 2, 3))
 
 
 @pytest.mark.parametrize(
-    ("thing", "frames", "heat", "reason"),
+    ("thing", "frames", "reason"),
     [
-        (LARGE, 12, 0.6, "too large"),
-        (SMALL, 12, 0.6, "too small"),
-        (SHEET, 12, 0.6, "too thin"),
-        (THREE[1], 12, 0.2, "too cold"),
-        (THREE[1], 2, 0.6, "seen too seldom"),
+        (LARGE, 12, "too large"),
+        (SMALL, 12, "too small"),
+        (SHEET, 12, "too thin"),
+        (THREE[1], 2, "seen too seldom"),
     ],
 )
-def test_what_is_left_out_is_counted(thing: Cuboid, frames: int, heat: float, reason: str) -> None:
+def test_what_is_left_out_is_counted(thing: Cuboid, frames: int, reason: str) -> None:
     seen = [
-        keyframe(look_at((x, -0.75, 0.6)), things=(thing,), shown=(thing,) if row < frames else (), heat=heat)
+        keyframe(look_at((x, -0.75, 0.6)), things=(thing,), shown=(thing,) if row < frames else ())
         for row, x in enumerate(np.linspace(-0.2, 0.2, 12))
     ]
-    found = agreed(seen, heat_min=0.25)
+    found = agreed(seen)
     assert not found.objects
     assert found.left_out == {reason: 1}
+
+
+def warm(frame: Keyframe, *heat: float) -> Keyframe:
+    """The keyframe with its segments as hot as this."""
+    return replace(frame, heat=np.array(heat, np.float32))
+
+
+def test_what_is_cold_beside_what_is_hot_is_no_object() -> None:
+    found = agreed([warm(frame, 0.8, 0.1, 0.7) for frame in keyframes()])
+    assert_found(found, (THREE[0], THREE[2]))
+    assert found.left_out == {"too cold": 1}
+
+
+def test_where_all_is_cold_the_hottest_are_objects() -> None:
+    """A frame's heat is a share of its maximum, which something that is no object may have."""
+    assert_found(agreed([warm(frame, 0.16, 0.14, 0.15) for frame in keyframes()]))
+
+
+def test_what_turns_out_to_be_cold_goes() -> None:
+    votes = ViewConsensus(SETTINGS)
+    cold = [warm(keyframe(pose, labels={0: 1, 1: 2}), 0.16, 0.14) for pose in POSES[:6]]
+    assert len(votes.update(cold).objects) == 2
+    found = votes.update([warm(keyframe(pose), 0.16, 0.14, 0.9) for pose in POSES[6:]])
+    assert_found(found, (THREE[2],))
+    assert found.left_out == {"too cold": 2}
 
 
 def test_with_fewer_keyframes_than_an_object_needs_all_of_them_must_see_it() -> None:

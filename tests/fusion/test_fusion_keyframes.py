@@ -5,6 +5,7 @@ from fusion_room import CAMERA, COARSE, ROOM, THREE, orbit, view
 
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import Fusion
+from spot3d.fusion.keyframes import without_spill
 from spot3d.geometry.lattice import to_lattice
 
 POSES = orbit(4)
@@ -41,7 +42,7 @@ def test_a_keyframe_is_what_was_fused_with_what_was_found() -> None:
     np.testing.assert_array_equal(keyframe.depth, lattice.depth)
     assert keyframe.camera == lattice.camera
     assert keyframe.labels.shape == lattice.depth.shape
-    assert np.count_nonzero(keyframe.labels) == 100
+    assert 50 < np.count_nonzero(keyframe.labels[20:30, 20:30]) == np.count_nonzero(keyframe.labels) <= 100
     np.testing.assert_array_equal(keyframe.T_world_camera, POSES[1])
     assert keyframe.stamp_ns == 1
 
@@ -82,3 +83,16 @@ def test_reset_forgets_them() -> None:
     fusion.reset()
     assert (len(fusion.consensus), fusion.consensus.dropped) == (0, 0)
     assert not fusion.observe(segments(), 1)
+
+
+def test_what_spills_onto_another_thing_goes_as_what_spills_onto_the_wall() -> None:
+    """The label of a thing behind reaches a pixel too far onto the one in front, and the front one's onto the wall."""
+    depth = np.full((30, 40), 2.0, np.float32)
+    depth[5:25, 5:20], depth[5:25, 20:35] = 1.0, 1.3
+    labels = np.zeros((30, 40), np.uint8)
+    labels[5:25, 19:35], labels[4:25, 5:19] = 2, 1
+    kept = without_spill(labels, depth, 1)
+    assert not kept[4].any()
+    assert not kept[:, 19].any()
+    assert (kept[5:25, 5:19] == 1).all()
+    assert (kept[5:25, 20:35] == 2).all()

@@ -161,7 +161,7 @@ def clusters(
     for row, holder in within.tolist():
         holders[row].add(holder)
     times = Counter(divided.tolist())
-    several = {row for row in times if times[row] >= max(0.35 * len(observers[row]), 1)}
+    several = {row for row in times if times[row] >= 0.35 * (1 + len(observers[row] - {int(frame[row])}))}
     groups = []
     for row, own in enumerate(frame.tolist()):
         silent = {int(frame[holder]) for holder in holders[row] & several}

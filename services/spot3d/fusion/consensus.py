@@ -26,6 +26,8 @@ _TURNED = np.cos(np.deg2rad(0.5))
 _SAME_PLACE, _SAME_TURN, _SAME_VIEWS = 0.05, np.deg2rad(3.0), 5
 """Of keyframes so near to each other, metres and radians, the last five are kept: at a range of 1 m, 5 cm to the side
 show a thing from 3 degrees further round. A still camera must not crowd out all else."""
+_HOT = 0.5
+"""The hottest object of a scene is mostly hotter than this: of redkitchen 0.6, of built-in scenes 0.6 to 0.8."""
 _DROPPED_SHARE = 0.1
 """Where there are too many keyframes, so many go at once."""
 
@@ -68,6 +70,7 @@ class ViewConsensus:
         self._linked = 0  # of that so many rows are in the segments' `part`
         self._found: dict[int, tuple[FoundObject | None, str]] = {}
         self._described_up = np.zeros(3)
+        self._hottest = 0.0
         self._next_keyframe = 0
         self._next_cluster = 0
         self._next_identity = 1
@@ -263,6 +266,9 @@ class ViewConsensus:
                 self._found[number] = (None, reason)
             else:
                 objects.append((number, members, box, confidence))
+        cold = self._cold(max((confidence for *_, confidence in objects), default=0.0))
+        self._found |= {number: (None, TOO_COLD) for number, *_, confidence in objects if confidence < cold}
+        objects = [item for item in objects if item[3] >= cold]
         objects.sort(key=lambda item: (-len(item[1]), item[0]))
         identities = self._identities([members for _, members, _, _ in objects])
         for (number, members, box, confidence), identity in zip(objects, identities, strict=True):
@@ -274,6 +280,19 @@ class ViewConsensus:
             views = len(np.unique(segments.frame.rows[members]))
             points = int(segments.pixels.rows[members].sum())
             self._found[number] = (FoundObject(identity, box, confidence, views, points, colour), "")
+
+    def _cold(self, hottest: float) -> float:
+        """The confidence from which something is an object, eps; what was found before and is colder goes.
+
+        A frame's heat is a share of its maximum, which wanders: where even the hottest object of all is colder than
+        `_HOT`, eps falls in proportion.
+        """
+        self._hottest = max(self._hottest, hottest)
+        cold = self._settings.heat_min * min(1.0, self._hottest / _HOT)
+        for number, (item, _) in self._found.items():
+            if item is not None and item.confidence < cold:
+                self._found[number] = (None, TOO_COLD)
+        return cold
 
     def _identities(self, objects: list[NDArray[np.int64]]) -> list[int]:
         """The numbers of objects, each given by its segments: what most of these had last, or before that, or a new.
@@ -315,8 +334,6 @@ class ViewConsensus:
             return None, 0.0, MOSTLY_BACKGROUND
         # The pseudo-average of Eq. 14, over views.
         confidence = float(segments.heat.rows[members].sum() / (max(len(members), sees.sum()) + settings.views_tau))
-        if confidence < settings.heat_min:
-            return None, confidence, TOO_COLD
         views = Seen(segments.places.rows[members], segments.support.rows[members], segments.frame.rows[members])
         box = box_of(views, up, settings.plane_distance)
         shortest, middle, longest = np.sort(box.size)

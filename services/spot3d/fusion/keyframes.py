@@ -52,8 +52,9 @@ class Keyframe:
 def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
     """The keyframe that a frame and its segments make, on the frame's lattice."""
     seen = segments.seen_by(frame.camera)
-    coarser = frame.camera.fx / segments.camera.fx
-    labels = seen.labels if coarser <= 1 else without_spill(seen.labels, frame.depth, int(np.ceil(coarser)))
+    labels = seen.labels
+    if segments.camera != frame.camera:
+        labels = without_spill(labels, frame.depth, int(np.ceil(frame.camera.fx / segments.camera.fx)))
     return Keyframe(
         frame.stamp_ns,
         labels,
@@ -68,18 +69,23 @@ def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
 
 
 def without_spill(labels: NDArray[np.uint8], depth: NDArray[np.float32], width: int) -> NDArray[np.uint8]:
-    """Labels without what lies in front of or behind its segment along the outline.
+    """Labels without what lies in front of or behind its own segment along the outline.
 
     labels: (h, w), drawn on another lattice; depth: (h, w) metres; width: pixels that an outline may be off. A box
-    would reach for such points however few they are: they lie on the wall behind. What has no inside stays.
+    would reach for such points however few they are: they lie on the wall behind, or on what is in front. What has no
+    inside stays.
     """
-    around = np.ones((2 * width + 1, 2 * width + 1), np.uint8)
-    inside = (labels > 0) & (depth > 0) & (cv2.erode(labels, around) == cv2.dilate(labels, around))
-    reach = np.ones((4 * width + 1, 4 * width + 1), np.uint8)
-    near = cv2.erode(np.where(inside, depth, np.float32(np.inf)), reach)
-    far = cv2.dilate(np.where(inside, depth, np.float32(0)), reach)
-    spilt = (far > 0) & ((depth < near - _STEP) | (depth > far + _STEP))
-    return np.where(spilt, np.uint8(0), labels)
+    around, reach = (np.ones((side, side), np.uint8) for side in (2 * width + 1, 4 * width + 1))
+    kept = labels.copy()
+    for label in np.unique(labels[labels > 0]).tolist():
+        x, y, w, h = cv2.boundingRect((labels == label).astype(np.uint8))
+        part = np.s_[max(0, y - 1) : y + h + 1, max(0, x - 1) : x + w + 1]
+        own, z = labels[part] == label, depth[part]
+        inside = (cv2.erode(own.astype(np.uint8), around) > 0) & (z > 0)
+        near = cv2.erode(np.where(inside, z, np.float32(np.inf)), reach)
+        far = cv2.dilate(np.where(inside, z, np.float32(0)), reach)
+        kept[part][own & (far > 0) & ((z < near - _STEP) | (z > far + _STEP))] = 0
+    return kept
 
 
 class FusedFrames:

@@ -24,6 +24,8 @@ from spot3d_schemas.limits import MAX_SEGMENTS
 
 _TRIM = 0.005
 """Share of an object's points that may lie beyond each face of its box."""
+_HOT = 0.5
+"""The hottest part of a frame is mostly hotter than this; a frame's heat is a share of its maximum, which wanders."""
 _FACES = 2**0.5
 """A cube shows this many of its faces' area to a camera that looks down on it at 45 degrees."""
 _SAMPLE = 500
@@ -68,6 +70,7 @@ def find_segments(
     if wanted["fragments"]:
         regions = join_fragments(regions, points, frame.camera.fx, least, settings.size_min)
     parts = [part for part in _pixels(regions) if _plausible(part, frame, points, height, settings)]
+    parts = _warm(parts, frame.heat, settings.heat_min)
     if wanted["occluded"]:
         parts = join_occluded(parts, points, normals, up)
     if wanted["contained"]:
@@ -111,16 +114,23 @@ def _plausible(
     height: NDArray[np.float32],
     settings: SegmentsSettings,
 ) -> bool:
-    """Whether a part is warm, rises above the support, and covers what the least object covers, but is not too long."""
+    """Whether a part rises above the support, and covers what the least object covers, but is not too long."""
     flat = points.reshape(-1, 3)[pixels]
     area = float((flat[:, 2] ** 2).sum()) / (frame.camera.fx * frame.camera.fy)
-    if area < _FACES * settings.size_min**2 or frame.heat.ravel()[pixels].mean() < 255 * settings.heat_min:
+    if area < _FACES * settings.size_min**2:
         return False
     if float(np.quantile(height.ravel()[pixels], 0.9)) < settings.height_min:
         return False
     centred = flat - flat.mean(axis=0)
     longest = np.linalg.eigh(centred.T @ centred)[1][:, 2]
     return float(np.ptp(centred @ longest)) <= settings.size_max
+
+
+def _warm(parts: list[NDArray[np.int64]], heat: NDArray[np.uint8], heat_min: float) -> list[NDArray[np.int64]]:
+    """The parts whose mean heat reaches `heat_min`, or less where even the hottest part is colder than `_HOT`."""
+    means = np.array([heat.ravel()[part].mean() / 255 for part in parts])
+    least = heat_min * min(1.0, means.max(initial=0.0) / _HOT)
+    return [part for part, mean in zip(parts, means.tolist(), strict=True) if mean >= least]
 
 
 def _join_contained(
