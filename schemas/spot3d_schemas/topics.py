@@ -9,10 +9,12 @@ from spot3d_schemas.messages import (
     Frame,
     Health,
     Heat,
+    MapChanges,
     MapPoints,
     Message,
     Objects,
     Pose,
+    Preview,
     Progress,
     Proposals,
     Segments,
@@ -50,15 +52,18 @@ class Topic:
 
 _ROWS = (
     Topic("source/frame", Frame, 30.0, "by run"),
+    Topic("source/preview", Preview, 5.0, "live"),
     Topic("source/end", End, 2.0, "lossless"),
     Topic("pose/pose", Pose, 30.0, "lossless"),
     Topic("proposals/boxes", Proposals, 30.0, "by run"),
     Topic("heatmap/heat", Heat, 30.0, "by run"),
+    Topic("heatmap/preview", Preview, 5.0, "live"),
     Topic("segments/segments", Segments, 30.0, "by run"),
     Topic("fusion/objects", Objects, 2.0, "lossless"),
     Topic("fusion/progress", Progress, 30.0, "lossless"),
     *(Topic(f"{stage}/health", Health, 1.0, "live") for stage in STAGES),
     Topic("fusion/map", MapPoints, 0.0, "lossless", "query"),
+    Topic("fusion/changes", MapChanges, 0.0, "lossless", "query"),
     Topic("fusion/reset", Progress, 0.0, "lossless", "query"),
 )
 

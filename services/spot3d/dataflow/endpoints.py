@@ -39,11 +39,14 @@ _QUALITIES = {
     "fusion/progress": Quality(CongestionControl.BLOCK, Priority.INTERACTIVE_HIGH, express=True),
 }
 _HEALTH = Quality(CongestionControl.DROP, Priority.INTERACTIVE_LOW, newest=1)
+_PREVIEW = Quality(CongestionControl.DROP, Priority.DATA_LOW, newest=1)
+_FOR_PEOPLE = {"health": _HEALTH, "preview": _PREVIEW}
+"""What no stage waits for, by the last part of the topic's name."""
 
 
 def quality(topic: str) -> Quality:
     """How a published topic travels. Raises KeyError for queries and unknown topics."""
-    return _HEALTH if topic.endswith("/health") else _QUALITIES[topic]
+    return _FOR_PEOPLE.get(topic.partition("/")[2]) or _QUALITIES[topic]
 
 
 def waiting(topic: str, link: LinkSettings) -> int:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, back_project, invert
 from spot3d.frame_segments import FrameSegments
+from spot3d.fusion.changes import MapChanges
 from spot3d.fusion.consensus import ViewConsensus
 from spot3d.fusion.density import find_by_density
 from spot3d.fusion.heatmap3d import Heatmap3D
@@ -18,6 +19,7 @@ from spot3d.fusion.keyframes import FusedFrame, FusedFrames, Keyframe, keyframe_
 from spot3d.fusion.ransac import planes_by_ransac
 from spot3d.fusion.selection import MapPoints, frequent_points
 from spot3d.fusion.settings import FusionSettings
+from spot3d.fusion.supports import RecentSupports
 from spot3d.geometry.lattice import to_lattice
 from spot3d.geometry.planes import dominant_planes, on_plane, supporting_plane, transform_plane
 
@@ -86,6 +88,8 @@ class Fusion:
         self.settings = settings
         self.heatmap = Heatmap3D(settings.map_limit, settings.voxel)
         self.frame_count = 0
+        self.map_changes = MapChanges()
+        self.supports = RecentSupports()
         self.consensus = ViewConsensus(settings)
         self._fused = FusedFrames(_AWAITING_SEGMENTS)
         self._index_map = IndexMap(settings)
@@ -97,6 +101,8 @@ class Fusion:
     def reset(self) -> None:
         """Forget everything; object numbers start anew."""
         self.heatmap.clear()
+        self.map_changes.clear()
+        self.supports = RecentSupports()
         self.consensus = ViewConsensus(self.settings)
         self._fused.clear()
         self._index_map.clear()
@@ -148,6 +154,8 @@ class Fusion:
         if frame is None:
             return False
         self.consensus.add(keyframe_of(frame, segments))
+        for plane in segments.supports()[::-1]:
+            self.supports.add(transform_plane(plane, frame.T_world_camera), frame.T_world_camera[:3, 3])
         return True
 
     def frequent_points(self) -> MapPoints:

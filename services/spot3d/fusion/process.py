@@ -19,6 +19,7 @@ from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
+from spot3d.fusion.change_answers import ASKED, changes_message
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.inputs import NO_SEGMENTS, WITHOUT_FRAME, Arrival, Ready, inputs_of
 from spot3d.fusion.settings import FusionSettings
@@ -28,7 +29,7 @@ from spot3d_schemas.limits import MAX_MAP_POINTS
 
 _HEAT, _POSE, _SEGMENTS, _END = "heatmap/heat", "pose/pose", "segments/segments", "source/end"
 _OBJECTS, _PROGRESS = "fusion/objects", "fusion/progress"
-_MAP, _RESET = "fusion/map", "fusion/reset"
+_MAP, _CHANGES, _RESET = "fusion/map", "fusion/changes", "fusion/reset"
 _ALONE = 300
 """Live: after so many fused frames without a word of the segments stage, ten seconds of a camera, that is told."""
 
@@ -42,12 +43,13 @@ def run(link: LinkSettings, settings: FusionSettings, stop: threading.Event | No
     """Fuse every frame whose heat and pose come, until stopped by `stop`, SIGINT or SIGTERM.
 
     Publishes progress for every frame, the objects at the cadence of capture time, and both once more when
-    a stream is complete. Answers `fusion/map` (parameter `limit`: most points) and `fusion/reset`.
+    a stream is complete. Answers `fusion/map` (parameter `limit`: most points), `fusion/changes` (see `MapChanges`)
+    and `fusion/reset`.
     """
     warm_up("fusion", partial(_fuse_all, Fusion(settings)))
     with stop_on_signals(stop) as stopped:
         try:
-            inputs, outputs, queries = (_HEAT, _POSE, _SEGMENTS, _END), (_OBJECTS, _PROGRESS), (_MAP, _RESET)
+            inputs, outputs, queries = (_HEAT, _POSE, _SEGMENTS, _END), (_OBJECTS, _PROGRESS), (_MAP, _CHANGES, _RESET)
             with (
                 Node("fusion", link, stopped, inputs, outputs, queries) as node,
                 closing(Updates(node)) as updates,
@@ -94,6 +96,8 @@ class _Stage:
                     self._ended(given)
                 elif topic == _MAP:
                     self._answer_map(given)
+                elif topic == _CHANGES:
+                    self._answer_changes(given)
                 else:
                     self._answer_reset(given)
             if self.ledger.due(time.monotonic()):
@@ -226,6 +230,11 @@ class _Stage:
             total=self.fusion.heatmap.count,
         )
         self.node.reply(query, _MAP, message)
+
+    def _answer_changes(self, query: zenoh.Query) -> None:
+        parameters = {name: query.parameters.get(name) or "" for name in ASKED}
+        message = changes_message(self.fusion, parameters, self._own_header(_CHANGES))
+        self.node.reply(query, _CHANGES, message)
 
     def _answer_reset(self, query: zenoh.Query) -> None:
         self.updates.forget()

@@ -9,6 +9,7 @@ from spot3d.dataflow.alive import Alive, watch_alive
 from spot3d.dataflow.conversion import intrinsics_message
 from spot3d.dataflow.credit import Credit
 from spot3d.dataflow.node import Node
+from spot3d.dataflow.previews import Previews
 from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
@@ -19,7 +20,7 @@ from spot3d_schemas import End, Frame, Header, Progress
 
 log = logging.getLogger(__name__)
 
-_OUT, _END, _PROGRESS = "source/frame", "source/end", "fusion/progress"
+_OUT, _END, _PROGRESS, _PREVIEW = "source/frame", "source/end", "fusion/progress", "source/preview"
 FUSING_STAGES = ("pose", "proposals", "heatmap", "fusion")
 """Without one of these no frame is fused."""
 EVERY_STAGE = (*FUSING_STAGES, "segments")
@@ -56,7 +57,7 @@ def run(
     with stop_on_signals(stop) as stopped:
         try:
             with (
-                Node("source", link, stopped, (_PROGRESS,), (_OUT, _END)) as node,
+                Node("source", link, stopped, (_PROGRESS,), (_OUT, _END, _PREVIEW)) as node,
                 watch_alive(node.session, link.robot) as alive,
             ):
                 _wait_for(node, alive, wait_for)
@@ -80,6 +81,7 @@ class _Player:
     def __init__(self, node: Node, alive: Alive) -> None:
         self.node, self.alive = node, alive
         self.credit = Credit(node.link.in_flight)
+        self.previews = Previews(node, _PREVIEW)
         self.sent = 0
         self.last_stamp_ns = 0
 
@@ -131,6 +133,7 @@ class _Player:
         if self.node.link.delivery == "lossless":
             self.credit.sent(frame.stamp_ns)
         self.node.publish(_OUT, message)
+        self.previews.offer(message.header, frame.colour, frame.intrinsics)
         self.sent += 1
         self.last_stamp_ns = frame.stamp_ns
 
