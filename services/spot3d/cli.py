@@ -9,6 +9,7 @@ import typer
 
 from spot3d import cli_stages
 from spot3d.bench.command import bench
+from spot3d.cli_dashboard import DashboardOption, beside, dashboard, own_command
 from spot3d.cli_options import (
     CommandError,
     ConnectOption,
@@ -39,7 +40,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (*cli_stages.COMMANDS, evaluate, bench):
+for _command in (*cli_stages.COMMANDS, dashboard, evaluate, bench):
     app.command()(_command)
 
 
@@ -48,7 +49,8 @@ def main() -> None:
     try:
         app()
     except ModuleNotFoundError as error:
-        _fail(f"{error.name} is not installed; every stage's packages come with: pip install 'spot3d[all]'")
+        extra = "dashboard" if error.name == "viser" else "all"
+        _fail(f"{error.name} is not installed; every stage's packages come with: pip install 'spot3d[{extra}]'")
     except (SourceError, InvalidSettingsError, CommandError, OSError) as error:
         _fail(str(error))
 
@@ -70,6 +72,7 @@ def run(
     rate: RateOption = None,
     intrinsics: IntrinsicsOption = None,
     listen: ListenOption = None,
+    show: DashboardOption = False,
 ) -> None:
     """Play INPUT through all stages and write the objects found, with a picture, into a folder."""
     from rich.console import Console
@@ -85,9 +88,12 @@ def run(
     from spot3d.run.run import run as run_input
     from spot3d.run.selected import selection
 
-    chosen = selection(input_name, frames, every, intrinsics)
-    done = run_input(chosen, resolved, out, Console(), in_process, topic, listen or ())
-    _conclude(done, resolved)
+    chosen, console = selection(input_name, frames, every, intrinsics), Console()
+    with beside(show, in_process, resolved, settings, out, console) as page:
+        endpoints = (*(listen or ()), *(() if page is None else (page.endpoint,)))
+        _conclude(run_input(chosen, resolved, out, console, in_process, topic, endpoints), resolved)
+        if page is not None:
+            page.keep(console)
 
 
 @app.command()
@@ -99,6 +105,7 @@ def demo(
     preset: PresetOption = None,
     in_process: Annotated[bool, typer.Option("--in-process", help="all in one process, without Zenoh")] = False,
     half: HalfOption = False,
+    show: DashboardOption = False,
 ) -> None:
     """Find the objects of the built-in scene, with KISS-ICP's poses, and compare them with what is there."""
     from rich.console import Console
@@ -112,10 +119,17 @@ def demo(
     overrides = play_overrides(half, None) | {"link": {"delivery": "lossless"}, "pose": {"provider": "kiss"}}
     resolved = load_settings(settings, preset, overrides)
     console = Console()
-    done = run_input(selection(f"scene:{seed}", frames, 1, None), resolved, out, console, in_process)
-    true = [(item.name, Box3D(item.centre, item.size, item.rotation)) for item in build_scene(seed).boxes]
-    console.print(demo_table(*match_objects(true, done.result.objects)))
-    _conclude(done, resolved)
+    with beside(show, in_process, resolved, settings, out, console) as page:
+        endpoints = () if page is None else (page.endpoint,)
+        chosen = selection(f"scene:{seed}", frames, 1, None)
+        done = run_input(chosen, resolved, out, console, in_process, listen=endpoints)
+        true = [(item.name, Box3D(item.centre, item.size, item.rotation)) for item in build_scene(seed).boxes]
+        console.print(demo_table(*match_objects(true, done.result.objects)))
+        _conclude(done, resolved)
+        if page is None:
+            typer.echo(f"see it live in the browser: {own_command()} demo --dashboard")
+        else:
+            page.keep(console)
 
 
 @app.command()

@@ -125,7 +125,7 @@ class Node:
         return header.model_copy(update={"robot": self.link.robot, "seq": seq})
 
     def wanted(self, topic: str) -> bool:
-        """Whether anybody subscribes to one of this stage's outputs; of one that is kept for later that is not known."""
+        """Whether anybody subscribes to an output; of one that is kept for those who come late that is not known."""
         publisher = self._publishers[topic]
         # Zenoh's type stub calls it a bool.
         status: Any = publisher.matching_status if isinstance(publisher, zenoh.Publisher) else None
