@@ -7,6 +7,8 @@ import viser
 from numpy.typing import NDArray
 
 _FLIGHT_S, _STEPS = 0.6, 24
+_ASIDE = np.radians(-35)
+"""So that the camera's own picture does not hide what it looks at."""
 
 
 def fly(client: viser.ClientHandle, place: NDArray[np.float64], target: NDArray[np.float64]) -> None:
@@ -28,9 +30,14 @@ def place_before(client: viser.ClientHandle, target: NDArray[np.float64], extent
     return place
 
 
-def overview(middle: NDArray[np.float64], extent: float, ahead: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A place behind the camera and above, from which a world of this extent is seen; ahead: (3,) where it looks."""
+def overview(
+    client: viser.ClientHandle, middle: NDArray[np.float64], extent: float, ahead: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """A place aside of the camera and above, from which a world of this extent is seen; ahead: (3,) where it looks."""
     flat = np.array([ahead[0], ahead[1], 0.0])
     flat = flat / max(1e-6, float(np.linalg.norm(flat)))
-    place: NDArray[np.float64] = middle - 0.9 * extent * flat + np.array([0.0, 0.0, 0.8 * extent])
+    right = np.array([flat[1], -flat[0], 0.0])
+    way = np.cos(_ASIDE) * flat + np.sin(_ASIDE) * right
+    far = 0.6 * extent / min(1.0, client.camera.aspect)
+    place: NDArray[np.float64] = middle - far * way + np.array([0.0, 0.0, 0.9 * far])
     return place

@@ -78,15 +78,15 @@ class StageRecords:
 
     def words(self, alive: Collection[str], now_s: float, lost: str = "") -> list[Word]:
         """One word on each stage. alive: those whose process is there; lost: why the last pose is lost, if it is."""
-        return [self._word(stage, stage in alive, now_s, lost) for stage in STAGES]
+        return [self._word(stage, alive, now_s, lost) for stage in STAGES]
 
-    def _word(self, stage: str, alive: bool, now_s: float, lost: str) -> Word:
+    def _word(self, stage: str, alive: Collection[str], now_s: float, lost: str) -> Word:
         records = self._heard[stage]
         silent_s = now_s - records[-1].at_s if records else 0.0
-        if not alive:
+        if stage not in alive:
             return Word(stage, "bad", f"is not running, since {silent_s:.0f} s" if records else "is not running")
         if not records:
-            return Word(stage, "waits", "starts")
+            return Word(stage, "waits", "is there, and has not said yet how it is")
         if silent_s > SILENT_S:
             return Word(stage, "bad", f"has said nothing for {silent_s:.0f} s: it hangs, or the link to it is cut")
         newest, oldest = records[-1].health, self._before(stage, now_s)
@@ -94,7 +94,7 @@ class StageRecords:
             return Word(stage, "bad", f"fails: {newest.last_error}")
         if stage == "pose" and lost:
             return Word(stage, "bad", f"is lost: {lost}")
-        idle = self._idle(stage, now_s)
+        idle = self._idle(stage, alive, now_s)
         if idle is not None:
             return idle
         span_s = records[-1].at_s - oldest.at_s
@@ -111,15 +111,17 @@ class StageRecords:
         records = self._heard[stage]
         return next((item for item in records if now_s - item.at_s <= _WINDOW_S), records[-1])
 
-    def _idle(self, stage: str, now_s: float) -> Word | None:
+    def _idle(self, stage: str, alive: Collection[str], now_s: float) -> Word | None:
         """What a stage that does nothing waits for; None where it works."""
         idle_s = self._idle_s(stage, now_s)
         if idle_s < IDLE_S:
             return None
         if stage == "source":
             return Word(stage, "waits", f"has sent no frame for {idle_s:.1f} s: it waits for the stages, or has ended")
-        missing = [(self._idle_s(giver, now_s), giver) for giver in _INPUTS[stage]]
-        longest_s, giver = max(missing)
+        for giver in _INPUTS[stage]:
+            if giver not in alive:
+                return Word(stage, "waits", f"waits: no {_GIVES[giver]} for {idle_s:.1f} s, as {giver} is not running")
+        longest_s, giver = max((self._idle_s(giver, now_s), giver) for giver in _INPUTS[stage])
         if longest_s >= IDLE_S:
             return Word(stage, "waits", f"waits: no {_GIVES[giver]} for {longest_s:.1f} s")
         if stage in _CHOOSES:
@@ -127,8 +129,8 @@ class StageRecords:
         return Word(stage, "bad", f"has its input, and has finished nothing for {idle_s:.1f} s")
 
     def _idle_s(self, stage: str, now_s: float) -> float:
-        """For how long a stage has done nothing; of one that was never heard, for ever."""
-        return now_s - self._busy_s.get(stage, float("-inf"))
+        """For how long a stage has done nothing; 0 of one that never said how it is."""
+        return now_s - self._busy_s.get(stage, now_s)
 
     def _dropping(self, newest: Health, oldest: Health, span_s: float) -> str:
         drops = Counter(newest.drops)

@@ -1,5 +1,6 @@
 """The page: what was heard goes to the panels and the scene, bounded in rate whatever comes."""
 
+import operator
 import time
 from collections.abc import Sequence
 
@@ -16,7 +17,7 @@ from spot3d.dashboard.said import drop_table, health_table, hop_table, summary, 
 from spot3d.dashboard.saving import map_file, objects_file, png_file
 from spot3d.dashboard.scene import RobotScene
 from spot3d.dashboard.settings import DashboardSettings
-from spot3d_schemas import MapPoints, Preview
+from spot3d_schemas import MapPoints
 
 _QUICK_S, _SLOW_S = 0.2, 0.5
 _VIEW_HEIGHT, _RENDER_S = 900, 20.0
@@ -37,7 +38,7 @@ class Page:
         self._robots: dict[str, Robot] = {}
         self._scenes: dict[str, RobotScene] = {}
         self._shown: list[Robot] = []
-        self._pictured: list[Preview] = []
+        self._pictured: list[object] = []
         self._quick_s = self._slow_s = 0.0
         self._panel = Panel(server.gui, Actions(self._choose, self._look, self._save, self._reset))
         server.scene.set_up_direction("+z")
@@ -114,11 +115,13 @@ class Page:
 
     def _show_picture(self, shown: Sequence[Robot]) -> None:
         seen = [(robot, *robot.shown) for robot in shown if robot.shown is not None][:_PICTURES]
-        previews = [preview for _, preview, _ in seen]
-        if len(previews) == len(self._pictured) and all(a is b for a, b in zip(previews, self._pictured, strict=True)):
-            return
-        self._pictured = previews
         heat, wanted = self._panel.heat_over_picture, self._panel.shown
+        pictured: list[object] = [heat, wanted.boxes, wanted.confidence]
+        for robot, preview, _ in seen:
+            pictured += (preview, robot.objects)
+        if len(pictured) == len(self._pictured) and all(map(operator.is_, pictured, self._pictured)):
+            return
+        self._pictured = pictured
         pictures = [
             live_picture(
                 preview,
@@ -148,7 +151,7 @@ class Page:
             return
         robot, scene = scenes[0]
         middle, extent, ahead = _extent(robot, scene.R_view_world)
-        fly(client, overview(middle, extent, ahead), middle)
+        fly(client, overview(client, middle, extent, ahead), middle)
 
     def _save(self, client: viser.ClientHandle | None, name: str) -> None:
         if client is None or not self._shown:

@@ -1,13 +1,13 @@
 """The dashboard's process: serves the page until it is stopped."""
 
-import contextlib
 import io
 import logging
 import os
 import sys
 import threading
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
 
 import viser
 
@@ -35,23 +35,29 @@ def run(
     robot: the one to show first. always: follow the map even while no browser looks. on_ready: is told the address.
     Raises OSError where the page cannot be served at the address of the settings.
     """
-    logging.getLogger("websockets").setLevel(logging.WARNING)
-    with stop_on_signals(stop) as stopped:
-        server = _server(settings)
-        try:
-            where = ", ".join(link.listen or link.connect)
-            with Link(link, settings.map_rate) as heard:
-                page = Page(server, heard, settings, where, always)
-                on_ready(f"http://{'127.0.0.1' if settings.host == '0.0.0.0' else settings.host}:{server.get_port()}")
-                while not stopped.wait(_STEP_S):
-                    try:
-                        page.step(robot)
-                    except Exception:
-                        # What one robot sends, or one browser does, must not end the page for all.
-                        log.exception("a step of the page failed")
-                        stopped.wait(1.0)
-        finally:
-            server.stop()
+    with stop_on_signals(stop) as stopped, open_server(settings) as server:
+        on_ready(f"http://{'127.0.0.1' if settings.host == '0.0.0.0' else settings.host}:{server.get_port()}")
+        serve(server, link, settings, stopped, robot, always)
+
+
+def serve(
+    server: viser.ViserServer,
+    link: LinkSettings,
+    settings: DashboardSettings,
+    stop: threading.Event,
+    robot: str | None = None,
+    always: bool = False,
+) -> None:
+    """Show what is heard on an open server until `stop` is set."""
+    with Link(link, settings.map_rate) as heard:
+        page = Page(server, heard, settings, ", ".join(link.listen or link.connect), always)
+        while not stop.wait(_STEP_S):
+            try:
+                page.step(robot)
+            except Exception:
+                # What one robot sends, or one browser does, must not end the page for all.
+                log.exception("a step of the page failed")
+                stop.wait(1.0)
 
 
 def open_browser(address: str) -> None:
@@ -60,7 +66,15 @@ def open_browser(address: str) -> None:
         webbrowser.open(address)
 
 
-def _server(settings: DashboardSettings) -> viser.ViserServer:
-    # viser prints a box with its addresses; ours is told by whoever starts the dashboard.
-    with contextlib.redirect_stdout(io.StringIO()):
-        return viser.ViserServer(host=settings.host, port=settings.port, label="spot3d", verbose=False)
+@contextmanager
+def open_server(settings: DashboardSettings) -> Iterator[viser.ViserServer]:
+    """The server of the page. Raises OSError where it cannot be served at the address of the settings."""
+    logging.getLogger("websockets").setLevel(logging.WARNING)
+    # viser prints what it does; the address is told by whoever starts the dashboard.
+    with redirect_stdout(io.StringIO()):
+        server = viser.ViserServer(host=settings.host, port=settings.port, label="spot3d", verbose=False)
+    try:
+        yield server
+    finally:
+        with redirect_stdout(io.StringIO()):
+            server.stop()

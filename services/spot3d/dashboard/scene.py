@@ -17,12 +17,12 @@ from spot3d_schemas import Object3D, Preview
 _POINT_M = 0.006
 _CHUNKS_AT_ONCE = 4
 """Most chunks of the map that are sent to the browsers at a time: 0.6 MB each half second."""
-_FRUSTUM_M = 0.15
+_FRUSTUM_M = 0.1
 _LABEL_M = 0.02
 """A label is so far above its box."""
 _PLANES_S = 2.0
 """Patches of planes are brought up to date this often."""
-_TURN = np.cos(np.radians(2))
+_TURN = np.cos(np.radians(0.5))
 """The world is not turned for less: it would tremble with each update of the objects."""
 _PATH_COLOUR = (240, 240, 240)
 _PLANE_COLOUR = (120, 160, 220)
