@@ -46,7 +46,7 @@ def measure(name: str, frames: int | None, halved: bool) -> dict[str, Any]:
     """
     stay_single_threaded()
     settings = load_settings(overrides={"source": {"halved": halved}})
-    sequence = open_selection(Selection(name, frames), settings)
+    sequence = open_selection(Selection(name, frames), settings.source)
     clock = _Clock()
     result = run_pipeline(sequence, settings, clock.frame_done, clock=clock)
     memory = peak_memory_mb()

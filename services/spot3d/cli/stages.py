@@ -54,7 +54,7 @@ def source(
     from spot3d.source.process import run as run_source
     from spot3d.source.selection import open_selection, selection
 
-    sequence = open_selection(selection(input_name, frames, every, intrinsics, after_ns), resolved)
+    sequence = open_selection(selection(input_name, frames, every, intrinsics, after_ns), resolved.source)
     # A live source is a camera: it waits for nobody, unless a run has started it together with the others. Even then
     # frames can be fused while segments is still compiling its kernels.
     awaited: tuple[str, ...] = EVERY_STAGE

@@ -57,7 +57,7 @@ def open_dataset(
         return DataSet(folder.name, kind, sequences=open_uw_scenes(folder, every, frames))
     if kind is None:
         raise SourceError(f"{folder} is none of the data sets {LAYOUTS}; the README says how each is laid out")
-    sequence = open_selection(Selection(name, frames, every, intrinsics), settings)
+    sequence = open_selection(Selection(name, frames, every, intrinsics), settings.source)
     return DataSet(folder.name, kind, sequences=(LabelledSequence(folder.name, sequence, _truth_of(folder)),))
 
 

@@ -35,7 +35,7 @@ def open_scene(
     name: str, settings: Settings, every: int = 1, frames: int | None = None
 ) -> tuple[LabelledSequence, LabelledFrames]:
     """The scene of this name as a labelled sequence, and some of its frames with boxes around the true masks."""
-    sequence = open_selection(Selection(name, frames, every), settings)
+    sequence = open_selection(Selection(name, frames, every), settings.source)
     seed = re.search(r"\d+", name)
     number = int(seed[0]) if seed else settings.source.scene_seed
     scene = Scene(number, "cluttered" in name or settings.source.scene_cluttered, frames=every * len(sequence))

@@ -7,8 +7,8 @@ import pytest
 from fusion_room import COARSE_PAPER, STAGE, THREE, Cuboid, sampled, standing
 
 from spot3d.boxes import Box3D, iou_matrix_3d
+from spot3d.found_object import FoundObject
 from spot3d.fusion.map.selection import MapPoints
-from spot3d.fusion.objects.identity import FoundObject
 from spot3d.fusion.paper.density import (
     cluster_by_density,
     density_labels,

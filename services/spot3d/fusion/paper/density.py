@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
+from spot3d.found_object import FoundObject
 from spot3d.fusion.map.selection import MapPoints
-from spot3d.fusion.objects.identity import FoundObject
 from spot3d.fusion.settings import FusionSettings
 from spot3d.geometry.upright import Cluster, rotation_to_upright
 
