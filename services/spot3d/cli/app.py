@@ -83,7 +83,7 @@ def run(
         overrides["pose"] = {"provider": "given" if pose == "truth" else pose}
     resolved = load_settings(settings, preset, overrides)
     from spot3d.run.run import run as run_input
-    from spot3d.source.selection import selection
+    from spot3d.source.selected import selection
 
     chosen = selection(input_name, frames, every, intrinsics)
     done = run_input(chosen, resolved, out, Console(), in_process, topic, listen or ())
@@ -107,7 +107,7 @@ def demo(
     from spot3d.run.demo import demo_table, match_objects
     from spot3d.run.run import run as run_input
     from spot3d.source.scene.model import build_scene
-    from spot3d.source.selection import selection
+    from spot3d.source.selected import selection
 
     overrides = play_overrides(half, None) | {"link": {"delivery": "lossless"}, "pose": {"provider": "kiss"}}
     resolved = load_settings(settings, preset, overrides)

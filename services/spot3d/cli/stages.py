@@ -52,7 +52,7 @@ def source(
     resolved = load_settings(settings, preset, overrides)
     from spot3d.source.process import EVERY_STAGE, FUSING_STAGES, MissingStagesError
     from spot3d.source.process import run as run_source
-    from spot3d.source.selection import open_selection, selection
+    from spot3d.source.selected import open_selection, selection
 
     sequence = open_selection(selection(input_name, frames, every, intrinsics, after_ns), resolved.source)
     # A live source is a camera: it waits for nobody, unless a run has started it together with the others. Even then

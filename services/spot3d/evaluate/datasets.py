@@ -14,7 +14,7 @@ from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import halve
 from spot3d.source.intrinsics_files import FocalAndCentre
-from spot3d.source.selection import Selection, open_selection
+from spot3d.source.selected import Selection, open_selection
 from spot3d.source.sequences import at_half_size as half_sequence
 from spot3d.source.seven_scenes import is_seven_scenes
 from spot3d.source.tum import is_tum

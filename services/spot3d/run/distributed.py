@@ -13,7 +13,7 @@ from spot3d.run.results import RunResult, empty_snapshot
 from spot3d.run.supervisor import Supervisor
 from spot3d.run.watcher import Watcher
 from spot3d.settings import Settings
-from spot3d.source.selection import Selection
+from spot3d.source.selected import Selection
 from spot3d_schemas import STAGES, key
 
 _POLL_S = 0.05

@@ -20,7 +20,7 @@ from spot3d.run.results import RunResult, write_json, write_results
 from spot3d.run.supervisor import Supervisor
 from spot3d.settings import Settings, to_toml
 from spot3d.source.errors import SourceError
-from spot3d.source.selection import Selection, open_selection
+from spot3d.source.selected import Selection, open_selection
 from spot3d.source.sequence import FrameSequence
 
 
