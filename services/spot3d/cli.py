@@ -26,6 +26,7 @@ from spot3d.cli_options import (
     play_overrides,
 )
 from spot3d.evaluate.command import evaluate
+from spot3d.security.command import certificates
 from spot3d.settings import InvalidSettingsError, Settings, load_settings, to_toml
 from spot3d.source.errors import SourceError
 
@@ -39,7 +40,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (*cli_stages.COMMANDS, evaluate, bench):
+for _command in (*cli_stages.COMMANDS, certificates, evaluate, bench):
     app.command()(_command)
 
 
