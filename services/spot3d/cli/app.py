@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from spot3d.cli import stages
+from spot3d.cli import recordings, stages
 from spot3d.cli.bench import bench
 from spot3d.cli.evaluate import evaluate
 from spot3d.cli.options import (
@@ -39,8 +39,16 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (*stages.COMMANDS, evaluate, bench):
+for _command in (*stages.COMMANDS, *recordings.COMMANDS, evaluate, bench):
     app.command()(_command)
+
+_STAGES = "every stage's packages come with: pip install 'spot3d[all]'"
+_PACKAGES = {
+    "mcap": "it comes with: pip install 'spot3d[record]'",
+    "zstandard": "it comes with: pip install 'spot3d[record]'",
+    "foxglove": "it comes with: pip install 'spot3d[foxglove]'",
+}
+"""Where packages come from that no stage needs."""
 
 
 def main() -> None:
@@ -48,7 +56,8 @@ def main() -> None:
     try:
         app()
     except ModuleNotFoundError as error:
-        _fail(f"{error.name} is not installed; every stage's packages come with: pip install 'spot3d[all]'")
+        package = (error.name or "").partition(".")[0]
+        _fail(f"{error.name} is not installed; {_PACKAGES.get(package, _STAGES)}")
     except (SourceError, InvalidSettingsError, CommandError, OSError) as error:
         _fail(str(error))
 

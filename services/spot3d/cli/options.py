@@ -13,7 +13,11 @@ from spot3d.run.supervised import stop_with_parent
 from spot3d.settings import Preset
 
 InputArgument = Annotated[
-    str, typer.Argument(metavar="INPUT", help="folder of a recording (7-Scenes, TUM RGB-D), or: scene, scene:SEED")
+    str,
+    typer.Argument(
+        metavar="INPUT",
+        help="folder of a recording (7-Scenes, TUM RGB-D), file of spot3d record, or: scene, scene:SEED",
+    ),
 ]
 SettingsOption = Annotated[Path | None, typer.Option("--settings", help="TOML file; see: spot3d settings")]
 PresetOption = Annotated[Preset | None, typer.Option(help="what is not set otherwise")]
