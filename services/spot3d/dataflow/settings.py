@@ -47,7 +47,6 @@ class LinkSettings(BaseModel):
     )
     thin_link: bool = Field(False, description="compress images: colour as JPEG, depth and heat lossless")
     jpeg_quality: int = Field(90, ge=1, le=100, description="thin_link: quality of the colour images")
-    object_interval_s: float = Field(0.4, gt=0, description="capture time between two updates of the objects, seconds")
     health_interval_s: float = Field(1.0, gt=0, description="time between two health messages, seconds")
 
     @model_validator(mode="after")
