@@ -14,11 +14,11 @@ from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import sample_surface
 from spot3d.proposals.propose import propose
 from spot3d.proposals.settings import ProposalSettings
-from spot3d.run.selected import open_selection, selection
 from spot3d.segments.finder import find_segments
 from spot3d.segments.settings import SegmentsSettings
 from spot3d.sensor import axial_noise_kernel
 from spot3d.settings import InvalidSettingsError, load_settings
+from spot3d.source.selection import open_selection, selection
 from spot3d_schemas import CameraIntrinsics, Frame, Header, decode, encode
 
 

@@ -11,8 +11,8 @@ from evaluate_samples import write_osd
 from typer.testing import CliRunner
 
 from spot3d.camera import Intrinsics, invert
+from spot3d.cli.evaluate import evaluate
 from spot3d.depth_noise import KINECT_V1
-from spot3d.evaluate.command import evaluate
 from spot3d.evaluate.degraded import (
     Degraded,
     told_poses,
@@ -28,7 +28,7 @@ from spot3d.evaluate.pose_errors import Pose, late, shaken
 from spot3d.evaluate.robustness import GROUPS, SHAKES, Degradation, groups
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import Halved
-from spot3d.source.scene import Scene
+from spot3d.source.scene.scene import Scene
 
 app = typer.Typer(pretty_exceptions_enable=False)
 app.command()(evaluate)

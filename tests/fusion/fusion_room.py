@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from spot3d.boxes import Box3D
 from spot3d.camera import Intrinsics
 from spot3d.depth_noise import KINECT_V1
-from spot3d.fusion.selection import MapPoints
+from spot3d.fusion.map.selection import MapPoints
 from spot3d.fusion.settings import PAPER, FusionSettings
 
 CAMERA = Intrinsics(150.0, 150.0, 79.5, 59.5, 160, 120)

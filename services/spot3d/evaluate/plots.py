@@ -6,9 +6,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from spot3d.drawing.overview import write_picture
+from spot3d.drawing.picture import Picture
 from spot3d.evaluate.table import Curve, Table
-from spot3d.run.drawing import Picture
-from spot3d.run.overview import write_picture
 
 SIZE = (900, 600)
 LEFT, TOP, RIGHT, BOTTOM = 90, 60, 290, 80

@@ -19,9 +19,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
-from spot3d.cli import main
+from spot3d.cli.app import main
 
-_IMPORTED = ("cv2", "kiss_icp.config", "spot3d.run.selected", "spot3d.source.process", "spot3d.sensor")
+_IMPORTED = ("cv2", "kiss_icp.config", "spot3d.source.selection", "spot3d.source.process", "spot3d.sensor")
 """What several stages need: the libraries and, with a first small kernel, all that numba loads to load kernels.
 
 Not the stages: their own kernels may have to be compiled, which they do side by side.

@@ -11,21 +11,21 @@ import numpy as np
 from rich.console import Console
 
 from spot3d.dataflow.stopping import stop_on_signals
-from spot3d.run.display import progress_bar
-from spot3d.run.distributed import Plan, run_distributed
-from spot3d.run.overview import (
+from spot3d.drawing.overview import (
     ShownMap,
     ShownObject,
     candidate_indices,
     draw_overview,
     write_picture,
 )
+from spot3d.run.display import progress_bar
+from spot3d.run.distributed import Plan, run_distributed
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import RunResult, write_json, write_results
-from spot3d.run.selected import Selection, open_selection
 from spot3d.run.supervisor import Supervisor
 from spot3d.settings import Settings, to_toml
 from spot3d.source.errors import SourceError
+from spot3d.source.selection import Selection, open_selection
 from spot3d.source.sequence import FrameSequence
 
 
