@@ -7,6 +7,7 @@ from spot3d_schemas.json_schema import json_schema
 from spot3d_schemas.messages import (
     MESSAGES,
     CameraIntrinsics,
+    DepthNoise,
     End,
     Frame,
     Health,
@@ -29,6 +30,7 @@ __all__ = [
     "TOPICS",
     "CameraIntrinsics",
     "CodecError",
+    "DepthNoise",
     "End",
     "Frame",
     "Header",

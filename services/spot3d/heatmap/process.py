@@ -78,6 +78,7 @@ def _publish_heat(node: Node, pair: Pair, settings: HeatmapSettings) -> None:
         depth_scale=frame.depth_scale,
         colour=frame.colour,
         depth=frame.depth,
+        depth_noise=frame.depth_noise,
         heat=heat.heat,
         accepted=heat.accepted,
         masked=heat.masked,

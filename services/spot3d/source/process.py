@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 
 from spot3d.dataflow.alive import Alive, watch_alive
-from spot3d.dataflow.conversion import intrinsics_message
+from spot3d.dataflow.conversion import intrinsics_message, noise_message
 from spot3d.dataflow.credit import Credit
 from spot3d.dataflow.node import Node
 from spot3d.dataflow.session import StoppedError
@@ -126,6 +126,7 @@ class _Player:
             depth_scale=frame.depth_scale,
             colour=frame.colour,
             depth=frame.depth,
+            depth_noise=noise_message(frame.intrinsics.noise),
             T_world_camera=frame.T_world_camera,
         )
         if self.node.link.delivery == "lossless":
