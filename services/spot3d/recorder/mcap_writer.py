@@ -81,7 +81,7 @@ class McapWriter:
         message_encoding: str,
         metadata: dict[str, str],
     ) -> int:
-        """Announce a channel; returns its id. Channels and their schemas, each written once, stand outside the chunks."""
+        """Announce a channel; returns its id. Channels and schemas, each written once, stand outside the chunks."""
         known = next((item for item in self._schemas if (item.name, item.data) == (schema_name, schema)), None)
         described = known or Schema(len(self._schemas) + 1, schema, schema_encoding, schema_name)
         channel = Channel(len(self._channels) + 1, topic, message_encoding, metadata, described.id)
