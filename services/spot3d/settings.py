@@ -18,6 +18,7 @@ from spot3d.heatmap.settings import HeatmapSettings
 from spot3d.object_size import SIZE_MAX, SIZE_MIN
 from spot3d.pose.settings import PoseSettings
 from spot3d.proposals.settings import ProposalSettings
+from spot3d.security.access import AccessSettings
 from spot3d.segments.settings import PAPER as PAPER_SEGMENTS
 from spot3d.segments.settings import SegmentsSettings
 from spot3d.source.settings import SourceSettings
@@ -51,6 +52,7 @@ class Settings(BaseSettings):
     segments: SegmentsSettings = SegmentsSettings()
     fusion: FusionSettings = FusionSettings()
     link: LinkSettings = LinkSettings()
+    access: AccessSettings = AccessSettings()
 
     @model_validator(mode="before")
     @classmethod

@@ -9,6 +9,7 @@ import typer
 
 from spot3d.cli import recordings, stages
 from spot3d.cli.bench import bench
+from spot3d.cli.certificates import certificates
 from spot3d.cli.evaluate import evaluate
 from spot3d.cli.options import (
     CommandError,
@@ -39,13 +40,14 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (*stages.COMMANDS, *recordings.COMMANDS, evaluate, bench):
+for _command in (*stages.COMMANDS, *recordings.COMMANDS, certificates, evaluate, bench):
     app.command()(_command)
 
 _STAGES = "every stage's packages come with: pip install 'spot3d[all]'"
 _PACKAGES = {
     "mcap": "it comes with: pip install 'spot3d[record]'",
     "zstandard": "it comes with: pip install 'spot3d[record]'",
+    "cryptography": "it comes with: pip install 'spot3d[certificates]'",
     "foxglove": "it comes with: pip install 'spot3d[foxglove]'",
 }
 """Where packages come from that no stage needs."""

@@ -12,6 +12,7 @@ from spot3d.run.report import RunReport
 from spot3d.run.results import RunResult, empty_snapshot
 from spot3d.run.supervisor import Supervisor
 from spot3d.run.watcher import Watcher
+from spot3d.security.access import access_control
 from spot3d.settings import Settings
 from spot3d.source.selected import Selection
 from spot3d_schemas import STAGES, key
@@ -45,7 +46,9 @@ def run_distributed(
     endpoint = free_loopback_endpoint()
     logs.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
-        session = stack.enter_context(open_router((endpoint, *plan.listen)))
+        access = access_control(plan.settings.access) if plan.settings.access.enabled else None
+        listen = (endpoint, *plan.listen)
+        session = stack.enter_context(open_router(listen, link=plan.settings.link, access=access))
         collector = stack.enter_context(Collector(session, robot))
         if plan.pose_topic is not None and plan.pose_topic != key(robot, "pose/pose"):
             stack.enter_context(relay_poses(session, plan.pose_topic, robot))
