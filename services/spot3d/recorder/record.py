@@ -69,7 +69,7 @@ class NoSuchTopicError(Exception):
 
 
 def matching_topics(patterns: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
-    """Topics among `known` that match a pattern (`source/*`); all without patterns. Raises NoSuchTopicError."""
+    """The topics among `known` that match a pattern (`source/*`), or all. Raises NoSuchTopicError."""
     for pattern in patterns:
         if not fnmatch.filter(known, pattern):
             raise NoSuchTopicError(f"no topic matches {pattern!r}; there are {', '.join(known)}")
