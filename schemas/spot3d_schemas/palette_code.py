@@ -12,7 +12,7 @@ One deflate stream (zlib) holds, one after the other, integers little endian:
     m uint16: each escape's step less 15, first the low bytes, then the high ones
 
 `palette`: the pixels in the mask, row after row, each one's rank less that of the one before (the first: less 0).
-`palette-2d`: all pixels, each one's rank less the left one's and the upper one's, plus the upper left one's (0 outside).
+`palette-2d`: all pixels, each one's rank less its left and its upper one's, plus the upper left one's (0 outside).
 Both modulo 2^16 and zigzag-mapped (0, -1, 1, -2 .. become 0, 1, 2, 3 ..). A hole of depth costs nothing in the first;
 a heatmap, a sum of rectangles, changes at their corners only in the second.
 """
