@@ -10,6 +10,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, Field, ValidationError
 from pydantic_settings import BaseSettings, EnvSettingsSource, SettingsConfigDict, SettingsError
 
+from spot3d.bridge.settings import BridgeSettings
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.fusion.settings import PAPER as PAPER_FUSION
 from spot3d.fusion.settings import FusionSettings
@@ -44,6 +45,7 @@ class Settings(BaseSettings):
     segments: SegmentsSettings = SegmentsSettings()
     fusion: FusionSettings = FusionSettings()
     link: LinkSettings = LinkSettings()
+    bridge: BridgeSettings = BridgeSettings()
 
 
 PRESETS: dict[str, Layer] = {
