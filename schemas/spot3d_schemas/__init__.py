@@ -22,9 +22,10 @@ from spot3d_schemas.messages import (
     Segments,
 )
 from spot3d_schemas.names import checked_name
-from spot3d_schemas.topics import STAGES, TOPICS, Topic, alive_key, fleet_key, key
+from spot3d_schemas.topics import BRIDGE, STAGES, TOPICS, Topic, alive_key, fleet_key, key
 
 __all__ = [
+    "BRIDGE",
     "MESSAGES",
     "STAGES",
     "TOPICS",

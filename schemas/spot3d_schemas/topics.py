@@ -22,6 +22,9 @@ from spot3d_schemas.names import checked_name
 STAGES = ("source", "pose", "proposals", "heatmap", "segments", "fusion")
 """The processes of the dataflow, in its order."""
 
+BRIDGE = "bridge"
+"""The process that joins two devices over a thin link, where there is one."""
+
 Delivery = Literal["live", "lossless", "by run"]
 """live: the latest wins. lossless: nothing is dropped. by run: live for cameras, lossless for recordings."""
 
@@ -55,7 +58,7 @@ class Topic:
 
     @property
     def producer(self) -> str:
-        """The stage that publishes the topic or answers the query."""
+        """The stage (or the bridge) that publishes the topic or answers the query."""
         return self.name.partition("/")[0]
 
     @property
@@ -79,7 +82,7 @@ _ROWS = (
     Topic("fusion/progress", Progress, 30.0, "lossless", priority="interactive high", express=True),
     *(
         Topic(f"{stage}/health", Health, 1.0, "live", congestion="drop", priority="interactive low", newest=1)
-        for stage in STAGES
+        for stage in (*STAGES, BRIDGE)
     ),
     Topic("fusion/map", MapPoints, 0.0, "lossless", "query"),
     Topic("fusion/reset", Progress, 0.0, "lossless", "query"),

@@ -143,6 +143,26 @@ def fusion(settings: Settings, stop: threading.Event) -> None:
     run(settings.link, settings.fusion, stop)
 
 
+def bridge(
+    settings: SettingsOption = None,
+    robot: RobotOption = None,
+    connect: ConnectOption = None,
+    ground: Annotated[
+        list[str] | None, typer.Option(help="the router on the other side, as tcp/ADDRESS:7447; may be repeated")
+    ] = None,
+    supervised: SupervisedOption = False,
+) -> None:
+    """Join this device's router with another one's over a thin or broken link, which never stalls this device."""
+    stop = stage_started(supervised)
+    overrides = link_overrides(robot, connect, None, None)
+    if ground:
+        overrides["bridge"] = {"ground": tuple(ground)}
+    resolved = load_settings(settings, None, overrides)
+    from spot3d.bridge.process import run
+
+    run(resolved.link, resolved.bridge, stop)
+
+
 def router(
     settings: SettingsOption = None,
     listen: Annotated[list[str] | None, typer.Option(help="endpoints to listen on; may be repeated")] = None,
@@ -173,4 +193,4 @@ def router(
             raise CommandError(f"cannot listen at {', '.join(endpoints)}: {error}") from error
 
 
-COMMANDS = (source, pose, linked(proposals), linked(heatmap), linked(segments), linked(fusion), router)
+COMMANDS = (source, pose, linked(proposals), linked(heatmap), linked(segments), linked(fusion), bridge, router)
