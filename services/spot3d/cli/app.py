@@ -9,6 +9,7 @@ import typer
 
 from spot3d.cli import recordings, stages
 from spot3d.cli.bench import bench
+from spot3d.cli.certificates import certificates
 from spot3d.cli.evaluate import evaluate
 from spot3d.cli.options import (
     CommandError,
@@ -39,13 +40,14 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (*stages.COMMANDS, *recordings.COMMANDS, evaluate, bench):
+for _command in (*stages.COMMANDS, *recordings.COMMANDS, certificates, evaluate, bench):
     app.command()(_command)
 
 _STAGES = "every stage's packages come with: pip install 'spot3d[all]'"
 _PACKAGES = {
     "mcap": "it comes with: pip install 'spot3d[record]'",
     "zstandard": "it comes with: pip install 'spot3d[record]'",
+    "cryptography": "it comes with: pip install 'spot3d[certificates]'",
     "foxglove": "it comes with: pip install 'spot3d[foxglove]'",
 }
 """Where packages come from that no stage needs."""
@@ -92,7 +94,7 @@ def run(
         overrides["pose"] = {"provider": "given" if pose == "truth" else pose}
     resolved = load_settings(settings, preset, overrides)
     from spot3d.run.run import run as run_input
-    from spot3d.source.selection import selection
+    from spot3d.source.selected import selection
 
     chosen = selection(input_name, frames, every, intrinsics)
     done = run_input(chosen, resolved, out, Console(), in_process, topic, listen or ())
@@ -116,7 +118,7 @@ def demo(
     from spot3d.run.demo import demo_table, match_objects
     from spot3d.run.run import run as run_input
     from spot3d.source.scene.model import build_scene
-    from spot3d.source.selection import selection
+    from spot3d.source.selected import selection
 
     overrides = play_overrides(half, None) | {"link": {"delivery": "lossless"}, "pose": {"provider": "kiss"}}
     resolved = load_settings(settings, preset, overrides)

@@ -52,9 +52,9 @@ def source(
     resolved = load_settings(settings, preset, overrides)
     from spot3d.source.process import EVERY_STAGE, FUSING_STAGES, MissingStagesError
     from spot3d.source.process import run as run_source
-    from spot3d.source.selection import open_selection, selection
+    from spot3d.source.selected import open_selection, selection
 
-    sequence = open_selection(selection(input_name, frames, every, intrinsics, after_ns), resolved)
+    sequence = open_selection(selection(input_name, frames, every, intrinsics, after_ns), resolved.source)
     # A live source is a camera: it waits for nobody, unless a run has started it together with the others. Even then
     # frames can be fused while segments is still compiling its kernels.
     awaited: tuple[str, ...] = EVERY_STAGE
@@ -142,23 +142,29 @@ def fusion(settings: Settings, stop: threading.Event) -> None:
 
 
 def router(
+    settings: SettingsOption = None,
     listen: Annotated[list[str] | None, typer.Option(help="endpoints to listen on; may be repeated")] = None,
     connect: Annotated[list[str] | None, typer.Option(help="other routers; may be repeated")] = None,
     supervised: SupervisedOption = False,
 ) -> None:
-    """A router that the stages meet at, where no zenohd runs; ends with Ctrl-C."""
+    """A router that the stages meet at, where no zenohd runs; ends with Ctrl-C.
+
+    Its certificate is that of the settings' [link], and who may do what is what their [access] says.
+    """
     stop = stage_started(supervised)
-    endpoints = tuple(listen or ["tcp/127.0.0.1:7447"])
+    endpoints, others = tuple(listen or ["tcp/127.0.0.1:7447"]), tuple(connect or ())
     # Checked as settings are, so that a slip of the pen is told as one.
-    load_settings(overrides={"link": {"mode": "router", "listen": endpoints, "connect": tuple(connect or ())}})
+    resolved = load_settings(settings, overrides={"link": {"mode": "router", "listen": endpoints, "connect": others}})
     import zenoh
 
     from spot3d.dataflow.router import open_router
     from spot3d.dataflow.stopping import stop_on_signals
+    from spot3d.security.access import access_control
 
+    access = access_control(resolved.access) if resolved.access.enabled else None
     with stop_on_signals(stop) as stopped:
         try:
-            with open_router(endpoints, tuple(connect or ())):
+            with open_router(endpoints, others, resolved.link, access):
                 typer.echo(f"router at {', '.join(endpoints)}")
                 stopped.wait()
         except zenoh.ZError as error:

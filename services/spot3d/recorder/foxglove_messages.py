@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
 from spot3d.drawing.picture import object_colour
-from spot3d.evaluate.truth import FoundObject
+from spot3d.found_object import FoundObject
 from spot3d.trajectory import quaternion_from_rotation
 
 MAP, WORLD, CAMERA = "map", "world", "camera"

@@ -18,7 +18,7 @@ from spot3d.run.results import RunResult, found_in, read_ply
 from spot3d.run.timeline import NAME as TIMELINE
 from spot3d.settings import load_settings
 from spot3d.source.errors import SourceError
-from spot3d.source.selection import Selection, open_selection
+from spot3d.source.selected import Selection, open_selection
 from spot3d.trajectory import read_tum
 from spot3d_schemas import TOPICS, CodecError, Frame, Heat, Objects, Pose, decode
 
@@ -71,7 +71,7 @@ def _frames_of_run(folder: Path, complain: Callable[[str], None]) -> Iterator[tu
     try:
         report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
         chosen = report["selection"]
-        sequence = open_selection(Selection(**chosen), load_settings(folder / "settings.toml"))
+        sequence = open_selection(Selection(**chosen), load_settings(folder / "settings.toml").source)
     except (SourceError, KeyError, TypeError, ValueError) as error:
         complain(f"without images: {error}")
         return

@@ -6,13 +6,14 @@ from contextlib import ExitStack
 from dataclasses import replace
 from typing import Self, TypeVar
 
+import numpy as np
 import zenoh
 from zenoh.handlers import FifoChannel, Handler
 
 from spot3d.boxes import Box3D
 from spot3d.dataflow.endpoints import declare_publisher
 from spot3d.dataflow.settings import LinkSettings
-from spot3d.evaluate.truth import FoundObject
+from spot3d.found_object import FoundObject
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, empty_snapshot
 from spot3d.run.timeline import Timeline
@@ -164,7 +165,14 @@ def found_objects(message: Objects) -> RunResult:
     """The objects of an update."""
     return RunResult(
         objects=tuple(
-            FoundObject(item.id, Box3D(item.centre, item.size, item.rotation), item.confidence, item.views, item.points)
+            FoundObject(
+                item.id,
+                Box3D(item.centre, item.size, item.rotation),
+                item.confidence,
+                item.views,
+                item.points,
+                np.array(item.colour, np.float64),
+            )
             for item in message.objects
         ),
         up=(float(message.up[0]), float(message.up[1]), float(message.up[2])),

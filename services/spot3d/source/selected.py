@@ -8,16 +8,16 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
 from spot3d.frame import RgbdFrame
-from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
 from spot3d.source.intrinsics_files import FocalAndCentre, parse_intrinsics
 from spot3d.source.sequence import FrameSequence
 from spot3d.source.sequences import SCENE_NAME, open_source
+from spot3d.source.settings import SourceSettings
 
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """frames: how many at most (None: all); every: only each so-manieth; after_ns: only those captured later."""
+    """frames: how many at most (None: all); every: only every n-th; after_ns: only those captured later."""
 
     name: str
     frames: int | None = None
@@ -33,16 +33,16 @@ def selection(
     return Selection(name, frames, every, None if intrinsics is None else parse_intrinsics(intrinsics), after_ns)
 
 
-def open_selection(selection: Selection, settings: Settings) -> FrameSequence:
+def open_selection(selection: Selection, settings: SourceSettings) -> FrameSequence:
     """The selected frames of the input, at half size where the settings say so. Raises SourceError."""
     name, every = selection.name, selection.every
     if every < 1 or (selection.frames is not None and selection.frames < 1):
         raise SourceError("--every and --frames must be at least 1")
-    length = settings.source.scene_frames
+    length = settings.scene_frames
     if SCENE_NAME.fullmatch(name):
         name = _full_scene_name(name, settings)
         length = length if selection.frames is None else selection.frames * every
-    sequence = open_source(name, length, selection.intrinsics, settings.source.halved)
+    sequence = open_source(name, length, selection.intrinsics, settings.halved)
     if every == 1 and selection.after_ns is None and (selection.frames or len(sequence)) >= len(sequence):
         return sequence
     chosen = range(0, len(sequence), every)[: selection.frames]
@@ -52,11 +52,11 @@ def open_selection(selection: Selection, settings: Settings) -> FrameSequence:
     return Selected(sequence, chosen)
 
 
-def _full_scene_name(name: str, settings: Settings) -> str:
+def _full_scene_name(name: str, settings: SourceSettings) -> str:
     """The scene's name with the seed and clutter of the settings where the name itself does not say."""
     match = SCENE_NAME.fullmatch(name)
-    seed = (match and match["seed"]) or settings.source.scene_seed
-    cluttered = (match and match["cluttered"]) or settings.source.scene_cluttered
+    seed = (match and match["seed"]) or settings.scene_seed
+    cluttered = (match and match["cluttered"]) or settings.scene_cluttered
     return f"scene:{seed}{':cluttered' if cluttered else ''}"
 
 
