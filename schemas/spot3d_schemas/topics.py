@@ -5,6 +5,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from spot3d_schemas.messages import (
+    About,
     End,
     Frame,
     Health,
@@ -58,6 +59,7 @@ _ROWS = (
     Topic("fusion/objects", Objects, 2.0, "lossless"),
     Topic("fusion/progress", Progress, 30.0, "lossless"),
     *(Topic(f"{stage}/health", Health, 1.0, "live") for stage in STAGES),
+    *(Topic(f"{stage}/about", About, 0.0, "lossless", "query") for stage in STAGES),
     Topic("fusion/map", MapPoints, 0.0, "lossless", "query"),
     Topic("fusion/reset", Progress, 0.0, "lossless", "query"),
 )

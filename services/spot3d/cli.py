@@ -25,6 +25,7 @@ from spot3d.cli_options import (
     link_overrides,
     play_overrides,
 )
+from spot3d.doctor.command import doctor
 from spot3d.evaluate.command import evaluate
 from spot3d.security.command import certificates
 from spot3d.settings import InvalidSettingsError, Settings, load_settings, to_toml
@@ -40,7 +41,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (*cli_stages.COMMANDS, certificates, evaluate, bench):
+for _command in (*cli_stages.COMMANDS, certificates, doctor, evaluate, bench):
     app.command()(_command)
 
 
