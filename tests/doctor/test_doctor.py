@@ -14,7 +14,7 @@ from authority import make_fleet
 from typer.testing import CliRunner
 
 from spot3d import __version__
-from spot3d.cli import app
+from spot3d.cli.app import app
 from spot3d.dataflow.about import zenoh_version
 from spot3d.dataflow.kernel_cache import kernels_missing
 from spot3d.dataflow.node import Node
@@ -184,7 +184,7 @@ def test_a_robot_that_is_well_and_one_that_is_not_there() -> None:
 
 
 def test_no_router(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("spot3d.doctor.command._CONNECT_S", 0.2)
+    monkeypatch.setattr("spot3d.doctor.examine._CONNECT_S", 0.2)
     outcome = CliRunner().invoke(app, ["doctor", "--connect", free_loopback_endpoint()], env={"COLUMNS": "200"})
     assert outcome.exit_code == 1
     assert "nobody answers" in outcome.output

@@ -7,8 +7,8 @@ import pytest
 from cryptography import x509
 from typer.testing import CliRunner
 
-from spot3d.cli import app
-from spot3d.cli_options import CommandError
+from spot3d.cli.app import app
+from spot3d.cli.options import CommandError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.tls import own_certificate
 
