@@ -6,6 +6,7 @@ from spot3d_schemas.header import Header, Hop
 from spot3d_schemas.json_schema import json_schema
 from spot3d_schemas.messages import (
     MESSAGES,
+    About,
     CameraIntrinsics,
     DepthNoise,
     End,
@@ -29,6 +30,7 @@ __all__ = [
     "MESSAGES",
     "STAGES",
     "TOPICS",
+    "About",
     "CameraIntrinsics",
     "CodecError",
     "DepthNoise",

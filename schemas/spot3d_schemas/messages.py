@@ -327,9 +327,11 @@ class Health(Message):
 
     drops: messages that were not worked on, by reason. events: what happened that lost nothing, by kind.
     latency: from the trace's first hop to this stage's message, by wall clock. step: the core's own time.
+    Since 1.1, sent, sent_bytes: messages and their bytes so far, by topic.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Health"
+    VERSION: ClassVar[str] = "1.1"
 
     stage: Name
     pid: Count
@@ -348,10 +350,36 @@ class Health(Message):
     cpu_s: NonNegative
     rss_bytes: Count
     threads: Count
+    sent: Reasons = Field(default_factory=dict)
+    sent_bytes: Reasons = Field(default_factory=dict)
+
+
+class About(Message):
+    """What one stage's process runs on: its answer to a query, at once, however busy the stage is.
+
+    time_ns: wall clock when it answered. kernels_missing: modules whose machine code is not kept for the next start.
+    shared_memory_bytes: room for images that go through shared memory, 0 where it is off. disk, disk_free_bytes: where
+    the stage keeps things, and what room is left there. certificate_until_ns: until when its certificate is valid.
+    """
+
+    SCHEMA: ClassVar[str] = "spot3d.About"
+
+    stage: Name
+    pid: Count
+    host: Text
+    spot3d: Text
+    zenoh: Text
+    python: Text
+    time_ns: Nanoseconds
+    kernels_missing: Count
+    shared_memory_bytes: Count
+    disk: Text
+    disk_free_bytes: Count
+    certificate_until_ns: Nanoseconds | None
 
 
 MESSAGES: dict[str, type[Message]] = {
     message.__name__: message
-    for message in (Frame, End, Pose, Proposals, Heat, Segments, Objects, MapPoints, Progress, Health)
+    for message in (Frame, End, Pose, Proposals, Heat, Segments, Objects, MapPoints, Progress, Health, About)
 }
 """Every message by its short name."""

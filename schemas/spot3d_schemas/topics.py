@@ -5,6 +5,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from spot3d_schemas.messages import (
+    About,
     End,
     Frame,
     Health,
@@ -84,6 +85,7 @@ _ROWS = (
         Topic(f"{stage}/health", Health, 1.0, "live", congestion="drop", priority="interactive low", newest=1)
         for stage in (*STAGES, BRIDGE)
     ),
+    *(Topic(f"{stage}/about", About, 0.0, "lossless", "query") for stage in STAGES),
     Topic("fusion/map", MapPoints, 0.0, "lossless", "query"),
     Topic("fusion/reset", Progress, 0.0, "lossless", "query"),
 )

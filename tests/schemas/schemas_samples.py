@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from spot3d_schemas import (
+    About,
     CameraIntrinsics,
     DepthNoise,
     End,
@@ -111,6 +112,23 @@ SAMPLES: dict[str, Message] = {
         cpu_s=1.0,
         rss_bytes=10**9,
         threads=4,
+        sent={"fusion/progress": 3},
+        sent_bytes={"fusion/progress": 600},
+    ),
+    "About": About(
+        header=HEADER,
+        stage="pose",
+        pid=1,
+        host="drone",
+        spot3d="0.1.0",
+        zenoh="1.10.2",
+        python="3.11.7",
+        time_ns=5,
+        kernels_missing=2,
+        shared_memory_bytes=10**8,
+        disk="/var/lib",
+        disk_free_bytes=10**10,
+        certificate_until_ns=None,
     ),
 }
 
@@ -300,5 +318,23 @@ MESSAGES_OF: dict[str, st.SearchStrategy[Message]] = {
         cpu_s=_non_negative,
         rss_bytes=_counts,
         threads=_counts,
+        sent=_reasons,
+        sent_bytes=_reasons,
+    ),
+    "About": st.builds(
+        About,
+        header=_headers,
+        stage=_names,
+        pid=_counts,
+        host=_texts,
+        spot3d=_texts,
+        zenoh=_texts,
+        python=_texts,
+        time_ns=_counts,
+        kernels_missing=_counts,
+        shared_memory_bytes=_counts,
+        disk=_texts,
+        disk_free_bytes=_counts,
+        certificate_until_ns=st.none() | _counts,
     ),
 }

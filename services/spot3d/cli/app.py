@@ -10,6 +10,7 @@ import typer
 from spot3d.cli import recordings, stages
 from spot3d.cli.bench import bench
 from spot3d.cli.certificates import certificates
+from spot3d.cli.doctor import doctor
 from spot3d.cli.evaluate import evaluate
 from spot3d.cli.options import (
     CommandError,
@@ -41,7 +42,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (*stages.COMMANDS, *recordings.COMMANDS, certificates, evaluate, bench):
+for _command in (*stages.COMMANDS, *recordings.COMMANDS, certificates, doctor, evaluate, bench):
     app.command()(_command)
 
 _STAGES = "every stage's packages come with: pip install 'spot3d[all]'"
