@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from spot3d.frame import RgbdFrame
-from spot3d.source.scene import Scene
+from spot3d.source.scene.scene import Scene
 
 FRAMES = 6
 """Enough that pose looks for landmarks of earlier ones, and that objects are described (FusionSettings.views_min)."""

@@ -11,7 +11,7 @@ from evaluate_samples import write_osd
 from typer.testing import CliRunner
 
 from spot3d.camera import Intrinsics, invert
-from spot3d.evaluate.command import evaluate
+from spot3d.cli.evaluate import evaluate
 from spot3d.evaluate.degraded import (
     Degraded,
     told_poses,
@@ -28,7 +28,7 @@ from spot3d.evaluate.robustness import GROUPS, SHAKES, Degradation, groups
 from spot3d.sensor import axial_noise
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import Halved
-from spot3d.source.scene import Scene
+from spot3d.source.scene.scene import Scene
 
 app = typer.Typer(pretty_exceptions_enable=False)
 app.command()(evaluate)

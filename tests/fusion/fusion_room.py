@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
 from spot3d.camera import Intrinsics
-from spot3d.fusion.selection import MapPoints
+from spot3d.fusion.map.selection import MapPoints
 from spot3d.fusion.settings import PAPER, FusionSettings
 from spot3d.sensor import axial_noise
 

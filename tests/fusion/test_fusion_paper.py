@@ -11,11 +11,11 @@ from spot3d.boxes import iou_matrix_2d
 from spot3d.camera import Intrinsics, back_project, invert
 from spot3d.evaluate.frame_tables import boxes_in_frame
 from spot3d.frame import RgbdFrame
-from spot3d.fusion.density_frame import find_by_density_in_frame
 from spot3d.fusion.fusion import Fusion, ObjectsTask, _DensityTask
-from spot3d.fusion.heatmap3d import COLUMNS, FREQUENCY, HEAT, WEIGHT, Heatmap3D, X
-from spot3d.fusion.index_map import IndexMap, Registration
-from spot3d.fusion.selection import frequent_points
+from spot3d.fusion.map.heatmap3d import COLUMNS, FREQUENCY, HEAT, WEIGHT, Heatmap3D, X
+from spot3d.fusion.map.index_map import IndexMap, Registration
+from spot3d.fusion.map.selection import frequent_points
+from spot3d.fusion.paper.density_frame import find_by_density_in_frame
 from spot3d.fusion.settings import FusionSettings
 from spot3d.geometry.planes import on_plane, supporting_plane, transform_plane
 from spot3d.heatmap.heat import Heat

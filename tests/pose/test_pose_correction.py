@@ -13,7 +13,7 @@ from spot3d.pose.motion import rotation_from_vector
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
 from spot3d.sensor import axial_noise
-from spot3d.source.scene import Scene
+from spot3d.source.scene.scene import Scene
 from spot3d.trajectory import ate, rotation_angle, rpe
 
 CAMERA = Intrinsics(146.25, 146.25, 80.0, 60.0, 160, 120)

@@ -12,7 +12,7 @@ from spot3d.pose.motion import moved, rotation_from_vector
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
 from spot3d.sensor import axial_noise
-from spot3d.source.scene import Scene
+from spot3d.source.scene.scene import Scene
 from spot3d.trajectory import rotation_angle
 
 CAMERA = Intrinsics(525.0, 525.0, 319.5, 239.5, 640, 480)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from spot3d.boxes import Box3D
-from spot3d.evaluate.truth import FoundObject
-from spot3d.fusion.reasons import REASONS
+from spot3d.found_object import FoundObject
+from spot3d.fusion.objects.reasons import REASONS
 from spot3d.run.left_out import forgotten, why_so_few
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import RunResult

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
-from spot3d.fusion.heatmap3d import COLUMNS, FREQUENCY, HEAT, LAST, NORMAL, WEIGHT, Heatmap3D, R, X
+from spot3d.fusion.map.heatmap3d import COLUMNS, FREQUENCY, HEAT, LAST, NORMAL, WEIGHT, Heatmap3D, R, X
 from spot3d.sensor import axial_noise
 
 _REACH = 3
@@ -64,7 +64,7 @@ def merge(
     range_max: float,
     frame_number: int,
 ) -> tuple[NDArray[np.int32], int, int]:
-    """Give every valid pixel its map point and update that, as `spot3d.fusion.index_map.merge` does.
+    """Give every valid pixel its map point and update that, as `spot3d.fusion.map.index_map.merge` does.
 
     Returns the index map (h, w), and how many pixels were warped and found. `known` grows by what is new.
     """

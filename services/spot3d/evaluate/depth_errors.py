@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
 from spot3d.sensor import axial_noise
-from spot3d.source.scene_noise import FOCAL_PX, block_noise
+from spot3d.source.scene.noise import FOCAL_PX, block_noise
 
 HOLE_M = 0.03
 """Holes are made of patches about this wide at 1 m, so 3 to 10 cm across: glare on a can, a dark label, a wet spot."""

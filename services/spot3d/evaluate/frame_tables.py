@@ -14,7 +14,7 @@ from spot3d.evaluate.scores import recall_of, without_object
 from spot3d.evaluate.table import Cell, Column, Table
 from spot3d.evaluate.unjudged import judged_overlap
 from spot3d.frame import RgbdFrame
-from spot3d.fusion.density_frame import find_by_density_in_frame
+from spot3d.fusion.paper.density_frame import find_by_density_in_frame
 from spot3d.heatmap.heat import Heat, weighted_heat
 from spot3d.proposals.propose import propose
 from spot3d.segments.finder import find_segments

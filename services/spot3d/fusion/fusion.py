@@ -8,15 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, back_project, invert
+from spot3d.found_object import FoundObject
 from spot3d.frame_segments import FrameSegments
-from spot3d.fusion.consensus import ViewConsensus
-from spot3d.fusion.density import find_by_density
-from spot3d.fusion.heatmap3d import Heatmap3D
-from spot3d.fusion.identity import FoundObject, Identities
-from spot3d.fusion.index_map import IndexMap, Registration
-from spot3d.fusion.keyframes import FusedFrame, FusedFrames, Keyframe, keyframe_of
-from spot3d.fusion.ransac import planes_by_ransac
-from spot3d.fusion.selection import MapPoints, frequent_points
+from spot3d.fusion.map.heatmap3d import Heatmap3D
+from spot3d.fusion.map.index_map import IndexMap, Registration
+from spot3d.fusion.map.selection import MapPoints, frequent_points
+from spot3d.fusion.objects.consensus import ViewConsensus
+from spot3d.fusion.objects.identity import Identities
+from spot3d.fusion.objects.keyframes import FusedFrame, FusedFrames, Keyframe, keyframe_of
+from spot3d.fusion.paper.density import find_by_density
+from spot3d.fusion.paper.ransac import planes_by_ransac
 from spot3d.fusion.settings import FusionSettings
 from spot3d.geometry.lattice import to_lattice
 from spot3d.geometry.planes import dominant_planes, on_plane, supporting_plane, transform_plane

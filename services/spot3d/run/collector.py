@@ -5,13 +5,14 @@ from collections import Counter
 from contextlib import ExitStack
 from typing import Self, TypeVar
 
+import numpy as np
 import zenoh
 from zenoh.handlers import FifoChannel, Handler
 
 from spot3d.boxes import Box3D
 from spot3d.dataflow.endpoints import declare_publisher
 from spot3d.dataflow.settings import LinkSettings
-from spot3d.evaluate.truth import FoundObject
+from spot3d.found_object import FoundObject
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, empty_snapshot
 from spot3d_schemas import (
@@ -95,7 +96,12 @@ class Collector:
         return RunResult(
             objects=tuple(
                 FoundObject(
-                    item.id, Box3D(item.centre, item.size, item.rotation), item.confidence, item.views, item.points
+                    item.id,
+                    Box3D(item.centre, item.size, item.rotation),
+                    item.confidence,
+                    item.views,
+                    item.points,
+                    np.array(item.colour, np.float64),
                 )
                 for item in self.objects.objects
             ),

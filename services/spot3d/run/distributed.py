@@ -10,10 +10,10 @@ from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.run.collector import Collector, relay_poses
 from spot3d.run.report import RunReport
 from spot3d.run.results import RunResult, empty_snapshot
-from spot3d.run.selected import Selection
 from spot3d.run.supervisor import Supervisor
 from spot3d.run.watcher import Watcher
 from spot3d.settings import Settings
+from spot3d.source.selection import Selection
 from spot3d_schemas import STAGES, key
 
 _POLL_S = 0.05

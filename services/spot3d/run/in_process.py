@@ -6,7 +6,6 @@ from threading import Event
 import numpy as np
 
 from spot3d.dataflow.process_use import process_use, stay_single_threaded
-from spot3d.evaluate.truth import FoundObject
 from spot3d.pipeline import PipelineResult, PipelineStep, run_pipeline
 from spot3d.run.report import FrameRate, RunReport, StageReport, statistics_ms
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame
@@ -50,9 +49,7 @@ def run_in_process(
 def _run_result(result: PipelineResult) -> RunResult:
     points, objects = result.fusion.frequent_points(), result.objects
     return RunResult(
-        objects=tuple(
-            FoundObject(item.id, item.box, item.confidence, item.views, item.points) for item in objects.objects
-        ),
+        objects=tuple(objects.objects),
         up=(float(objects.up[0]), float(objects.up[1]), float(objects.up[2])),
         frame_count=objects.frame_count,
         trajectory=tuple(

@@ -1,6 +1,6 @@
 """Why a run found nothing, or almost nothing: one line for people."""
 
-from spot3d.fusion.reasons import MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
+from spot3d.fusion.objects.reasons import MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
 from spot3d.fusion.settings import FusionSettings
 from spot3d.run.results import RunResult
 from spot3d.settings import Settings

@@ -1,16 +1,14 @@
 """report.json: what a run did with its frames, and what it cost."""
 
-import os
-import platform
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import spot3d
+from spot3d.machine import machine
 
 
 @dataclass(slots=True)
@@ -139,25 +137,6 @@ class HopTimes:
     def statistics(self) -> dict[str, dict[str, float]]:
         """p50, p99 and mean of each hop."""
         return {name: statistics_ms(values) for name, values in self._ms.items()}
-
-
-def machine() -> dict[str, Any]:
-    """The machine that numbers were measured on."""
-    return {
-        "cpu": _cpu_name(),
-        "cores": os.cpu_count(),
-        "system": platform.system(),
-        "python": platform.python_version(),
-    }
-
-
-def _cpu_name() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(named, platform.machine())
 
 
 def _stage_document(item: StageReport) -> dict[str, Any]:

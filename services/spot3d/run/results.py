@@ -10,7 +10,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.evaluate.truth import FoundObject
+from spot3d.found_object import FoundObject
 from spot3d.trajectory import write_tum
 
 

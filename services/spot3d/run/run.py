@@ -11,21 +11,16 @@ import numpy as np
 from rich.console import Console
 
 from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.drawing.overview import candidate_indices, draw_overview
+from spot3d.drawing.picture import write_picture
 from spot3d.run.display import progress_bar
 from spot3d.run.distributed import Plan, run_distributed
-from spot3d.run.overview import (
-    ShownMap,
-    ShownObject,
-    candidate_indices,
-    draw_overview,
-    write_picture,
-)
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import RunResult, write_json, write_results
-from spot3d.run.selected import Selection, open_selection
 from spot3d.run.supervisor import Supervisor
 from spot3d.settings import Settings, to_toml
 from spot3d.source.errors import SourceError
+from spot3d.source.selection import Selection, open_selection
 from spot3d.source.sequence import FrameSequence
 
 
@@ -67,7 +62,7 @@ def _run(
     listen: Sequence[str],
 ) -> Finished:
     in_process = supervisor is None
-    sequence = open_selection(selection, settings)
+    sequence = open_selection(selection, settings.source)
     if settings.pose.provider == "given" and not sequence.has_true_poses and pose_topic is None:
         raise SourceError(f"{selection.name} has no true poses; choose --pose kiss or --pose gicp")
     folder.mkdir(parents=True, exist_ok=True)
@@ -114,8 +109,9 @@ def write_overview(path: Path, name: str, sequence: FrameSequence, result: RunRe
     picture = draw_overview(
         title,
         views,
-        [ShownObject(item.id, item.box, item.confidence, item.views) for item in result.objects],
-        ShownMap(result.points.xyz, result.points.rgb),
+        result.objects,
+        result.points.xyz,
+        result.points.rgb,
         np.array([item.T_world_camera[:3, 3] for item in tracked]).reshape(-1, 3),
         np.array(result.up),
     )
