@@ -76,4 +76,3 @@ def stage_started(supervised: bool) -> threading.Event:
     if supervised:
         stop_with_parent(stop)
     return stop
-

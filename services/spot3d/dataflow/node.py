@@ -4,7 +4,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from typing import Any, Generic, Self, TypeVar
 
@@ -140,7 +140,8 @@ class Node:
             self.counters.drop(f"{topic} of an earlier stream")
             return None
         if verdict == "begins":
-            self.note("streams", f"stream {stream} begins")
+            self.counters.event("streams")
+            self._log.info("stream %s begins", stream)
             return topic, replace(given, begins=True)
         return item
 
@@ -183,6 +184,12 @@ class Node:
                 query.reply(key(self.link.robot, topic), encode(message), encoding=encoding(type(message)))
             except (CodecError, zenoh.ZError) as error:
                 self.failed(topic, f"cannot answer {topic}: {error}")
+
+    def refuse(self, query: zenoh.Query, topic: str, why: str) -> None:
+        """Answer a query with an error, which counts as dropped."""
+        self.counters.drop(f"{topic} refused")
+        with query, suppress(zenoh.ZError):  # who asked may be gone
+            query.reply_err(why.encode())
 
     def failed(self, reason: str, text: str) -> None:
         """Count an error and log it, if this reason was not just logged."""
@@ -240,7 +247,9 @@ class Node:
                 query = handler.recv()
             except zenoh.ZError:
                 return  # the queryable has ended
-            self._inbox.put(topic, query)
+            # Who asks never waits in a channel that is full: the stage's inputs would wait with it.
+            if not self._inbox.offer(topic, query):
+                self.refuse(query, topic, f"{self.stage} is busy; ask again")
 
     def _report(self) -> None:
         while not self._gone.wait(self.link.health_interval_s):
@@ -258,7 +267,9 @@ class Node:
         wrong = [self.state] if self.state else []
         count = len(self.alive.processes(self.stage))
         if count > 1:
-            wrong.append(f"{count} processes of the stage {self.stage} are running for {self.link.robot}: end all but one")
+            wrong.append(
+                f"{count} processes of the stage {self.stage} are running for {self.link.robot}: end all but one"
+            )
         wrong += [f"{topic} is said by more than one process" for topic in self._producers.contested(time.monotonic())]
         return "; ".join(wrong)
 

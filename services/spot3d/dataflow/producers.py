@@ -7,7 +7,7 @@ from spot3d.dataflow.alive import Alive
 from spot3d_schemas import TOPICS
 
 _HOLD_S = 0.5
-"""A producer without a liveliness token, which others may be, is there for so long after its last message."""
+"""A producer without a liveliness token is there for so long after its last message, unless one with a token comes."""
 _NAMED_S = 10.0
 """A second producer is spoken of for so long after its last message."""
 
@@ -35,7 +35,8 @@ class Producers:
             holder = self._holders.get(topic)
             if holder is not None and holder.sender != sender:
                 there = holder.sender in present
-                if there or (not holder.has_token and now_s - holder.heard_s < _HOLD_S):
+                gone = holder.has_token or sender in present or now_s - holder.heard_s >= _HOLD_S
+                if there or not gone:
                     self._rivals[topic] = now_s
                     return False
                 holder = None

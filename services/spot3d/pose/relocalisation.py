@@ -52,9 +52,7 @@ def relocalised(features: Features, landmarks: NDArray[np.void]) -> Place | None
     return Place(T, int(np.count_nonzero(_off(T, points, places) < reach)))
 
 
-def _matched(
-    descriptors: NDArray[np.uint64], known: NDArray[np.void]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _matched(descriptors: NDArray[np.uint64], known: NDArray[np.void]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Features and the landmarks that they may be, both (m,): rows of the two."""
     if len(descriptors) == 0 or len(known) < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
@@ -80,9 +78,7 @@ def _agreed(
     if len(triples) == 0:
         return np.eye(4)
     poses = _aligned(points[triples], places[triples])
-    off = np.linalg.norm(
-        np.einsum("kij,nj->kni", poses[:, :3, :3], points) + poses[:, None, :3, 3] - places, axis=2
-    )
+    off = np.linalg.norm(np.einsum("kij,nj->kni", poses[:, :3, :3], points) + poses[:, None, :3, 3] - places, axis=2)
     return np.asarray(poses[int(np.count_nonzero(off < reach, axis=1).argmax())])
 
 
@@ -99,7 +95,5 @@ def _aligned(points: NDArray[np.float64], places: NDArray[np.float64]) -> NDArra
     return poses
 
 
-def _off(
-    T: NDArray[np.float64], points: NDArray[np.float64], places: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _off(T: NDArray[np.float64], points: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.linalg.norm(points @ T[:3, :3].T + T[:3, 3] - places, axis=1))

@@ -67,8 +67,8 @@ class _View:
 class TrackerState:
     """What a tracker goes on from in another process.
 
-    stamp_ns, T_world_camera (4, 4): its last trusted pose. keys (n,), surfels (n, 8): its map of planes. landmarks: (m,)
-    of the type LANDMARK.
+    stamp_ns, T_world_camera (4, 4): its last trusted pose. keys (n,), surfels (n, 8): its map of planes. landmarks:
+    (m,) of the type LANDMARK.
     """
 
     stamp_ns: int

@@ -153,7 +153,7 @@ class _Player:
     def _read_progress(self, timeout_s: float) -> Progress | None:
         """The newest progress that is there, or comes within `timeout_s`; the credit follows it."""
         newest: Progress | None = None
-        # A fusion that knows no stream yet says so of no other.
+        # What another stream has come to says nothing of this one.
         item = self.node.next(timeout_s)
         while item is not None:
             if item[1].message.header.stream in (None, self.stream):
