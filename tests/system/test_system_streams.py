@@ -1,4 +1,4 @@
-"""Streams of frames: another recording is another scene, and nobody else's word counts, whoever restarts or intrudes."""
+"""Streams of frames: another recording is another scene, and nobody else's word counts, whoever intrudes."""
 
 import threading
 from collections.abc import Iterator
@@ -47,7 +47,9 @@ def source(link: LinkSettings, recording: Recording) -> Iterator[None]:
 
 def put(session: zenoh.Session, topic: str, message: Pose | Heat) -> None:
     where = key("roving", topic)
-    session.put(where, encode(message), encoding=encoding(type(message)), congestion_control=zenoh.CongestionControl.BLOCK)
+    session.put(
+        where, encode(message), encoding=encoding(type(message)), congestion_control=zenoh.CongestionControl.BLOCK
+    )
 
 
 def test_a_source_that_starts_again_with_older_stamps_is_another_scene(live) -> None:
@@ -117,8 +119,8 @@ def test_a_crowd_that_asks_for_the_map_stops_nobody(live) -> None:
 
 
 def test_a_second_fusion_is_named_and_not_heard(live) -> None:
-    session, stages, ear = live
-    second = stages.processes["fusion"]
+    _, stages, ear = live
+    first = stages.processes["fusion"]
     with source(stages.link, Recording(10_000, 4000 * S)):
         before = ear.stream
         ear.wait(lambda: ear.stream != before and ear.fused >= 3)
@@ -127,8 +129,7 @@ def test_a_second_fusion_is_named_and_not_heard(live) -> None:
             ear.wait(lambda: "2 processes of fusion are running" in _state(ear, "fusion"))
         finally:
             stages.kill("fusion")
-            stages.processes["fusion"] = second
-    del session
+            stages.processes["fusion"] = first
 
 
 def _state(ear: Ear, stage: str) -> str:

@@ -267,9 +267,7 @@ class Node:
         wrong = [self.state] if self.state else []
         count = len(self.alive.processes(self.stage))
         if count > 1:
-            wrong.append(
-                f"{count} processes of the stage {self.stage} are running for {self.link.robot}: end all but one"
-            )
+            wrong.append(f"{count} processes of {self.stage} are running for {self.link.robot}: end all but one")
         wrong += [f"{topic} is said by more than one process" for topic in self._producers.contested(time.monotonic())]
         return "; ".join(wrong)
 
