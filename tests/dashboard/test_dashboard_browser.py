@@ -28,15 +28,22 @@ from spot3d.dashboard.settings import DashboardSettings
 from spot3d.dataflow.router import free_loopback_endpoint
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
-from spot3d.run.box_views import corners
-from spot3d.run.drawing import object_colour
+from spot3d.drawing.box_views import corners
+from spot3d.drawing.picture import object_colour
 from spot3d_schemas import Header, MapChanges, Object3D, Objects, alive_key, decode, encode, encoding, key
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = (
-    "--no-sandbox --disable-gpu --use-angle=swiftshader --enable-unsafe-swiftshader --disable-quic --no-first-run "
-    "--disable-background-networking --disable-component-update --disable-sync"
-).split()
+    "--no-sandbox",
+    "--disable-gpu",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
 LIMIT_MS = 60_000
 FRAMES = 40
 """The scene ends while the page is looked at: what stands still can be compared."""

@@ -99,6 +99,7 @@ def test_drops_are_told_by_second() -> None:
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
+        ({"state": "another fusion answers too: end one"}, "bad: another fusion answers too: end one"),
         ({"errors": 1, "last_error": "it broke"}, "bad: fails: it broke"),
         ({"latency_ms_p50": 850.0}, "waits: is 0.8 s behind the camera"),
         ({"latency_ms_p50": None, "step_ms_p50": None}, "good: 30 a second"),

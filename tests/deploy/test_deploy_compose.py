@@ -22,7 +22,9 @@ def resolved(text: str) -> str:
 
 
 def test_one_container_for_each_stage_and_a_router() -> None:
-    assert set(SERVICES) == {*STAGES, "router"}
+    assert set(SERVICES) == {*STAGES, "router", "dashboard"}
+    assert SERVICES["dashboard"]["profiles"] == ["dashboard"]
+    assert [resolved(port) for port in SERVICES["dashboard"]["ports"]] == ["127.0.0.1:8080:8080"]
 
 
 @pytest.mark.parametrize("name", SERVICES)
@@ -71,7 +73,7 @@ def test_router_is_pinned_and_closed_to_the_network() -> None:
 def test_command_is_one_of_the_command_line(stage: str) -> None:
     from typer.main import get_command
 
-    from spot3d.cli import app
+    from spot3d.cli.app import app
 
     arguments = SERVICES[stage]["command"]
     command = get_command(app).commands[arguments[0]]

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from spot3d.fusion.change_answers import changes_message
-from spot3d.fusion.changes import MapChanges
 from spot3d.fusion.fusion import Fusion
-from spot3d.fusion.heatmap3d import COLUMNS, FREQUENCY, HEAT, R, X
+from spot3d.fusion.map.changes import MapChanges
+from spot3d.fusion.map.heatmap3d import COLUMNS, FREQUENCY, HEAT, R, X
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.supports import RecentSupports
 from spot3d_schemas import Header

@@ -90,6 +90,8 @@ class StageRecords:
         if silent_s > SILENT_S:
             return Word(stage, "bad", f"has said nothing for {silent_s:.0f} s: it hangs, or the link to it is cut")
         newest, oldest = records[-1].health, self._before(stage, now_s)
+        if newest.state:
+            return Word(stage, "bad", newest.state)
         if newest.errors > oldest.health.errors:
             return Word(stage, "bad", f"fails: {newest.last_error}")
         if stage == "pose" and lost:

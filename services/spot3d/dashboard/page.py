@@ -171,7 +171,11 @@ class Page:
         for robot in self._shown:
             done = self._link.ask(robot.name, "fusion/reset") is not None
             if client is not None:
-                text = "fusion begins anew" if done else "fusion did not answer: is it running?"
+                text = (
+                    "fusion begins anew"
+                    if done
+                    else "fusion did not answer: is it running, and may we reset it (spot3d doctor)?"
+                )
                 client.add_notification(robot.name, text, color="green" if done else "red", auto_close_seconds=6.0)
 
 

@@ -9,7 +9,7 @@ import viser
 from numpy.typing import NDArray
 
 from spot3d.dashboard.scene import Shown, object_text
-from spot3d.run.drawing import object_colour
+from spot3d.drawing.picture import object_colour
 from spot3d_schemas import Object3D
 
 EVERY = "all, in one world"

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from spot3d.boxes import Box3D
 from spot3d.camera import Intrinsics
 from spot3d.dashboard.points import heat_colours
+from spot3d.drawing.box_views import draw_view
 from spot3d.frame import RgbdFrame
-from spot3d.run.box_views import draw_view
 from spot3d_schemas import Object3D, Preview
 
 WIDTH = 640

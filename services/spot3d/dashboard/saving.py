@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spot3d.dashboard.picture import box_of
 from spot3d.dashboard.robot import Robot
-from spot3d.evaluate.truth import FoundObject
+from spot3d.found_object import FoundObject
 from spot3d.run.results import MapSnapshot, RunResult, objects_document, write_ply
 from spot3d_schemas import MapPoints
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from spot3d.dashboard.points import heat_colours
 from spot3d.dashboard.robot import Robot
 from spot3d.dashboard.world import plane_patches, quaternion, rotation_up
-from spot3d.run.drawing import object_colour
+from spot3d.drawing.picture import object_colour
 from spot3d_schemas import Object3D, Preview
 
 _POINT_M = 0.006
