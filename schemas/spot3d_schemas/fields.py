@@ -63,7 +63,7 @@ PointHeat = Annotated[NDArray[np.float32], ArraySpec(("float32",), ("N",), MAX_M
 PointCounts = Annotated[NDArray[np.uint32], ArraySpec(("uint32",), ("N",), MAX_MAP_POINTS)]
 
 PreviewColour = Annotated[
-    NDArray[np.uint8], ArraySpec(("uint8",), ("h", "w", 3), MAX_PREVIEW_PIXELS, least=1, thin=JPEG)
+    NDArray[np.uint8], ArraySpec(("uint8",), ("h", "w", 3), MAX_PREVIEW_PIXELS, least=1, thin=(JPEG,))
 ]
 PointNumbers = Annotated[NDArray[np.uint32], ArraySpec(("uint32",), ("N",), MAX_MAP_CHANGES)]
 ChangedPoints = Annotated[NDArray[np.float32], ArraySpec(("float32",), ("N", 3), MAX_MAP_CHANGES)]

@@ -44,7 +44,7 @@ FLAGS = (
     "--disable-component-update",
     "--disable-sync",
 )
-LIMIT_MS = 60_000
+LIMIT_MS = 120_000
 FRAMES = 40
 """The scene ends while the page is looked at: what stands still can be compared."""
 

@@ -46,7 +46,7 @@ def preview(image: NDArray[np.uint8], camera: Intrinsics) -> tuple[NDArray[np.ui
     image: (h, w, 3) RGB or (h, w), which becomes grey.
     """
     scale = min(1.0, _WIDTH / camera.width, (MAX_PREVIEW_PIXELS / (camera.width * camera.height)) ** 0.5)
-    width, height = max(1, int(scale * camera.width)), max(1, int(scale * camera.height))
+    width, height = (max(1, int(scale * side + 1e-6)) for side in (camera.width, camera.height))
     if (height, width) != camera.shape:
         image = np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
     if image.ndim == 2:
