@@ -138,7 +138,7 @@ def test_the_page_in_a_browser() -> None:
                     with router_process(endpoint):
                         tab.get_by_text("none answers at").wait_for(state="hidden")
                         expect(tab.get_by_role("row").filter(has_text="fusion")).to_contain_text(
-                            "waits: no", timeout=LIMIT_MS
+                            "has finished nothing for", timeout=LIMIT_MS
                         )
 
 

@@ -77,6 +77,13 @@ def test_who_waits_says_for_what_and_since_when() -> None:
     assert said(records, "fusion", 11.2, alone) == "waits: waits: no pose for 3.2 s, as pose is not running"
 
 
+def test_of_those_who_say_nothing_of_themselves_nothing_is_said() -> None:
+    records = working(8, silent=("pose", "heatmap"))
+    for second in (9, 10, 11):
+        records.hear(health("fusion", rate_hz=0.0), float(second))
+    assert said(records, "fusion", 11.0) == "waits: has finished nothing for 3.0 s"
+
+
 def test_at_the_end_of_a_recording_everybody_waits_for_frames() -> None:
     records = working(8)
     for second in (9, 10, 11):

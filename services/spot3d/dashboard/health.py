@@ -128,6 +128,8 @@ class StageRecords:
             return Word(stage, "waits", f"waits: no {_GIVES[giver]} for {longest_s:.1f} s")
         if stage in _CHOOSES:
             return None
+        if not all(map(self.latest, _INPUTS[stage])):
+            return Word(stage, "waits", f"has finished nothing for {idle_s:.1f} s")
         return Word(stage, "bad", f"has its input, and has finished nothing for {idle_s:.1f} s")
 
     def _idle_s(self, stage: str, now_s: float) -> float:
