@@ -25,7 +25,7 @@ _PLANES_S = 2.0
 _TURN = np.cos(np.radians(0.5))
 """The world is not turned for less: it would tremble with each update of the objects."""
 _PATH_COLOUR = (240, 240, 240)
-_PLANE_COLOUR = (120, 160, 220)
+_PLANE_COLOUR = (70, 130, 230)
 _CHOSEN_COLOUR = (255, 255, 255)
 
 _CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)], np.float32)
@@ -64,7 +64,7 @@ class _BoxNodes:
         self._edges = scene.add_line_segments(
             f"{name}/edges", _UNIT_EDGES, colour, thickness=2.5, thickness_units="screen"
         )
-        self._label = scene.add_label(f"{name}/label", "", anchor="bottom-center", font_screen_scale=0.9)
+        self._label = scene.add_label(f"{name}/label", "", anchor="bottom-center", font_screen_scale=0.65)
         self._colour = colour
         self._faces.on_click(lambda event: on_click(event.client, robot, item.id))
 
@@ -234,7 +234,7 @@ class RobotScene:
                 four,
                 np.array([(0, 1, 2), (0, 2, 3)], np.uint32),
                 color=_PLANE_COLOUR,
-                opacity=0.15,
+                opacity=0.3,
                 side="double",
                 cast_shadow=False,
                 receive_shadow=False,

@@ -10,6 +10,8 @@ _NEAR_M = 0.015
 """Points within this of a plane lie on it."""
 _SAMPLE = 60_000
 _PATCH_POINTS = 200
+_LIFT_M = 0.005
+"""A patch lies this much above its plane: the points would hide it."""
 """A plane that fewer points lie on is not shown."""
 _PATCH_SHARE = 0.04
 """So much of the points is left out on each side of a patch: what a plane cuts far away is not part of it."""
@@ -90,4 +92,4 @@ def _patch(plane: NDArray[np.float64], xyz: NDArray[np.float32]) -> NDArray[np.f
     axes = np.linalg.eigh(np.cov(flat[:: max(1, len(flat) // 5000)].T))[1].astype(np.float32)
     (a, b), (c, d) = np.quantile(flat @ axes, (_PATCH_SHARE, 1 - _PATCH_SHARE), axis=0)
     corners = np.array([(a, b), (c, b), (c, d), (a, d)], np.float32) @ axes.T @ across
-    return np.asarray(corners - np.float32(plane[3]) * normal, np.float32)
+    return np.asarray(corners + np.float32(_LIFT_M - plane[3]) * normal, np.float32)
