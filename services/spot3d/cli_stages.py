@@ -28,6 +28,9 @@ from spot3d.cli_options import (
 )
 from spot3d.settings import Settings, load_settings
 
+_NEWCOMERS_S = 0.5
+"""Time between two looks at who has connected to the router."""
+
 
 def source(
     input_name: InputArgument,
@@ -173,6 +176,7 @@ def router(
     load_settings(overrides={"link": {"mode": "router", "listen": endpoints, "connect": tuple(connect or ())}})
     import zenoh
 
+    from spot3d.dataflow.lingering import close_at_once
     from spot3d.dataflow.router import open_router
     from spot3d.dataflow.stopping import stop_on_signals
 
@@ -180,7 +184,8 @@ def router(
         try:
             with open_router(endpoints, tuple(connect or ())):
                 typer.echo(f"router at {', '.join(endpoints)}")
-                stopped.wait()
+                while not stopped.wait(_NEWCOMERS_S):
+                    close_at_once()
         except zenoh.ZError as error:
             raise CommandError(f"cannot listen at {', '.join(endpoints)}: {error}") from error
 
