@@ -5,25 +5,25 @@ import pytest
 
 from spot3d.camera import Intrinsics
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.depth_noise import KINECT_V1, PRESETS, DepthNoise
 from spot3d.frame import RgbdFrame
 from spot3d.geometry.lattice import to_lattice
 from spot3d.heatmap.thinning import rounded_depth, rounded_heat, thinned
-from spot3d.sensor import axial_noise
 
 RNG = np.random.default_rng(0)
 
 
 @pytest.mark.parametrize("share", [0.25, 0.5, 1.0])
-@pytest.mark.parametrize("scale", [0.001, 0.0002])
-def test_depth_moves_by_half_a_share_of_its_noise_at_most(scale: float, share: float) -> None:
+@pytest.mark.parametrize(("scale", "noise"), [(0.001, KINECT_V1), (0.0002, KINECT_V1), (0.001, PRESETS["d435"])])
+def test_depth_moves_by_half_a_share_of_its_noise_at_most(scale: float, share: float, noise: DepthNoise) -> None:
     units = np.arange(2**16, dtype=np.uint16)[None]
-    rounded = rounded_depth(units, scale, share)
+    rounded = rounded_depth(units, scale, share, noise)
     metres = units * scale
     assert rounded[0, 0] == 0
     assert rounded[0, 1:].min() > 0
     near = metres < 10
     # The noise grows over a step; half a unit is the message's own rounding.
-    bound = 0.5 * share * axial_noise(metres) * 1.1 + scale / 2
+    bound = 0.5 * share * noise.sigma(metres) * 1.1 + scale / 2
     assert (np.abs(rounded * scale - metres) <= bound)[near].all()
     assert len(np.unique(rounded[near])) < len(np.unique(units[near])) / 2
 
@@ -31,11 +31,11 @@ def test_depth_moves_by_half_a_share_of_its_noise_at_most(scale: float, share: f
 def test_depth_in_metres_is_rounded_alike() -> None:
     metres = RNG.uniform(0.3, 5, (40, 50)).astype(np.float32)
     metres[:3] = 0
-    rounded = rounded_depth(metres, 1.0, 0.5)
+    rounded = rounded_depth(metres, 1.0, 0.5, KINECT_V1)
     assert rounded.dtype == np.float32
     assert (rounded[:3] == 0).all()
     error = (rounded - metres)[3:]
-    assert np.abs(error / axial_noise(metres[3:])).max() < 0.26
+    assert np.abs(error / KINECT_V1.sigma(metres[3:])).max() < 0.26
     assert abs(error.mean()) < 0.05 * error.std()
 
 

@@ -18,6 +18,7 @@ def test_the_table_holds_what_the_dataflow_needs() -> None:
         "fusion/map",
         "fusion/reset",
         *(f"{stage}/health" for stage in (*STAGES, BRIDGE)),
+        *(f"{stage}/about" for stage in STAGES),
     }
 
 

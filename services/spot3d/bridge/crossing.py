@@ -124,9 +124,9 @@ class Crossing:
         stack.callback(Signs(self._prompt, local, robot, lambda stage: stage not in here).stop)
         return flows
 
-    def _send(self, _topic: Topic, payload: bytes, put: Put) -> None:
+    def _send(self, topic: Topic, payload: bytes, put: Put) -> None:
         put(payload)
-        self._counters.published()
+        self._counters.published(topic.name, len(payload))
 
     def _paced(self, topic: Topic, payload: bytes, put: Put) -> None:
         """Send an image, or skip it where the link does not take it now. In a lossless run nothing is skipped."""
@@ -140,4 +140,4 @@ class Crossing:
                 return
             put(payload)
             self._mark.put(number.to_bytes(8, "little"))
-        self._counters.published()
+        self._counters.published(topic.name, len(payload))

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.depth_noise import DepthNoise
 from spot3d.frame import RgbdFrame
 from spot3d.geometry.lattice import to_lattice
-from spot3d.sensor import axial_noise
 
 _FARTHEST, _GRID = 32.0, 0.001
 """The noise is summed up in steps of a millimetre, to this range; what is farther stays as it is."""
@@ -34,19 +34,20 @@ def thinned(frame: RgbdFrame, heat: NDArray[np.uint8], link: LinkSettings) -> Th
         frame = replace(frame, colour=small.colour, depth=small.depth, depth_scale=1.0, intrinsics=small.camera)
         heat = small.heat
     if link.thin_depth_share > 0:
-        frame = replace(frame, depth=rounded_depth(frame.depth, frame.depth_scale, link.thin_depth_share))
+        noise = frame.intrinsics.noise
+        frame = replace(frame, depth=rounded_depth(frame.depth, frame.depth_scale, link.thin_depth_share, noise))
     return ThinFrame(frame, rounded_heat(heat, link.thin_heat_levels))
 
 
-def rounded_depth(depth: DepthImage, depth_scale: float, share: float) -> DepthImage:
-    """Depth rounded to steps of `share` of its noise, which leaves few distinct values to tell apart.
+def rounded_depth(depth: DepthImage, depth_scale: float, share: float, noise: DepthNoise) -> DepthImage:
+    """Depth rounded to steps of `share` of its `noise`, which leaves few distinct values to tell apart.
 
     depth: (h, w) uint16 in units of `depth_scale` metres, or float32 metres; 0 = invalid stays 0. It moves by half a
     step at most (and half a unit). Rounding adds share² / 12 to the noise's variance: for a half 2 %, 1 % of sigma.
     """
     if depth.dtype == np.uint16:
-        return _table(depth_scale, share)[depth]
-    return _rounded(depth, share).astype(np.float32)
+        return _table(depth_scale, share, noise)[depth]
+    return _rounded(depth, share, noise).astype(np.float32)
 
 
 def rounded_heat(heat: NDArray[np.uint8], levels: int) -> NDArray[np.uint8]:
@@ -57,22 +58,22 @@ def rounded_heat(heat: NDArray[np.uint8], levels: int) -> NDArray[np.uint8]:
 
 
 @lru_cache(maxsize=8)
-def _table(depth_scale: float, share: float) -> NDArray[np.uint16]:
+def _table(depth_scale: float, share: float, noise: DepthNoise) -> NDArray[np.uint16]:
     """The rounded depth of every uint16 depth, in the same units."""
     units = np.arange(2**16)
-    rounded = np.rint(_rounded(units * depth_scale, share) / depth_scale)
+    rounded = np.rint(_rounded(units * depth_scale, share, noise) / depth_scale)
     return np.where(units > 0, np.clip(rounded, 1, 2**16 - 1), 0).astype(np.uint16)
 
 
-def _rounded(metres: NDArray[Any], share: float) -> NDArray[np.float64]:
-    grid, steps = _scale(share)
+def _rounded(metres: NDArray[Any], share: float, noise: DepthNoise) -> NDArray[np.float64]:
+    grid, steps = _scale(share, noise)
     near = (metres > 0) & (metres < _FARTHEST)
     return np.where(near, np.interp(np.rint(np.interp(metres, grid, steps)), steps, grid), metres)
 
 
 @lru_cache(maxsize=8)
-def _scale(share: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _scale(share: float, noise: DepthNoise) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Ranges, metres, and how many steps of `share` of the noise lie below each."""
     grid = np.arange(0, _FARTHEST + _GRID, _GRID)
-    density = 1 / (share * axial_noise(grid))
+    density = 1 / (share * noise.sigma(grid))
     return grid, np.concatenate(([0.0], np.cumsum((density[1:] + density[:-1]) / 2 * _GRID)))
