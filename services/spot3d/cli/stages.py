@@ -7,9 +7,11 @@ from typing import Annotated
 import typer
 
 from spot3d.cli.options import (
+    ColourTopicOption,
     CommandError,
     ConnectOption,
     DeliveryOption,
+    DepthTopicOption,
     EveryOption,
     FramesOption,
     HalfOption,
@@ -44,13 +46,18 @@ def source(
     rate: RateOption = None,
     intrinsics: IntrinsicsOption = None,
     noise: NoiseOption = None,
+    colour_topic: ColourTopicOption = None,
+    depth_topic: DepthTopicOption = None,
+    pose_topic: Annotated[str | None, typer.Option("--pose-topic", help="ROS bags: the camera's poses")] = None,
     pose_from_elsewhere: Annotated[bool, typer.Option("--no-pose-stage", help="do not wait for a pose stage")] = False,
     after_ns: Annotated[int | None, typer.Option(hidden=True)] = None,
     supervised: SupervisedOption = False,
 ) -> None:
     """The source stage: play INPUT to the other stages."""
     stop = stage_started(supervised)
-    overrides = play_overrides(half, rate, noise) | link_overrides(robot, connect, listen, lossless)
+    overrides = play_overrides(
+        half, rate, depth_noise=noise, colour_topic=colour_topic, depth_topic=depth_topic, pose_topic=pose_topic
+    ) | link_overrides(robot, connect, listen, lossless)
     resolved = load_settings(settings, preset, overrides)
     from spot3d.source.process import EVERY_STAGE, FUSING_STAGES, MissingStagesError
     from spot3d.source.process import run as run_source

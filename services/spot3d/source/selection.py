@@ -12,6 +12,7 @@ from spot3d.frame import RgbdFrame
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
 from spot3d.source.intrinsics_files import FocalAndCentre, parse_intrinsics
+from spot3d.source.ros.topics import TopicNames
 from spot3d.source.sequence import FrameSequence
 from spot3d.source.sequences import SCENE_NAME, open_source
 
@@ -43,8 +44,10 @@ def open_selection(selection: Selection, settings: Settings) -> FrameSequence:
     if SCENE_NAME.fullmatch(name):
         name = _full_scene_name(name, settings)
         length = length if selection.frames is None else selection.frames * every
-    sequence = open_source(name, length, selection.intrinsics, settings.source.halved)
-    noise = parse_noise(settings.source.depth_noise) if settings.source.depth_noise else None
+    source = settings.source
+    topics = TopicNames(source.colour_topic, source.depth_topic, source.pose_topic)
+    sequence = open_source(name, length, selection.intrinsics, source.halved, topics)
+    noise = parse_noise(source.depth_noise) if source.depth_noise else None
     all_of_it = every == 1 and selection.after_ns is None and (selection.frames or len(sequence)) >= len(sequence)
     if all_of_it and noise is None:
         return sequence
