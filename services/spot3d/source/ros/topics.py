@@ -80,7 +80,7 @@ def _kind(topic: str) -> str:
     return "/".join(_TRANSPORT.sub("", topic).split("/")[-3:]) + suffix
 
 
-def _cost(colour: str, depth: str) -> tuple[bool, bool, int, bool, int, int]:
+def _cost(colour: str, depth: str) -> tuple[bool, bool, int, int, int, int]:
     """The less the better: unregistered, of another camera, no colour by its name, unrectified, transported, long."""
     registered = bool(_REGISTERED.search(depth)) != ("rgb_to_depth" in colour)
     ours, theirs = colour.split("/"), depth.split("/")
@@ -90,7 +90,7 @@ def _cost(colour: str, depth: str) -> tuple[bool, bool, int, bool, int, int]:
     coloured = bool(re.search(r"rgb|colou?r", colour))
     bent = sum(not _RECTIFIED.search(topic) for topic in (colour, depth))
     packed = sum(bool(_TRANSPORT.search(topic)) for topic in (colour, depth))
-    return (not coloured, not registered, -shared, bool(bent), packed, len(colour) + len(depth))
+    return (not coloured, not registered, -shared, bent, packed, len(colour) + len(depth))
 
 
 def _listed(types: Mapping[str, str]) -> str:
