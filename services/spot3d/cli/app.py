@@ -81,6 +81,7 @@ def run(
     from rich.console import Console
 
     from spot3d.source.ros.bag import is_ros_bag
+    from spot3d.source.sequences import is_stream
 
     topic = pose if pose is not None and "/" in pose else None
     in_bag = None
@@ -91,7 +92,10 @@ def run(
     overrides = play_overrides(
         half, rate, depth_noise=noise, colour_topic=colour_topic, depth_topic=depth_topic, pose_topic=in_bag
     )
-    overrides["link"] = {"delivery": "live" if live else "lossless"}
+    camera = is_stream(input_name)
+    if camera and in_process:
+        raise CommandError(f"--in-process plays recordings; leave it away for {input_name}, which plays live")
+    overrides["link"] = {"delivery": "live" if live or camera else "lossless"}
     if pose is not None and topic is None:
         overrides["pose"] = {"provider": "given" if pose == "truth" else pose}
     resolved = load_settings(settings, preset, overrides)

@@ -61,9 +61,12 @@ def source(
     resolved = load_settings(settings, preset, overrides)
     from spot3d.source.process import EVERY_STAGE, FUSING_STAGES, MissingStagesError
     from spot3d.source.process import run as run_source
-    from spot3d.source.selection import open_selection, selection
+    from spot3d.source.selection import open_selected_stream, open_selection, selection
+    from spot3d.source.sequences import is_stream
 
-    sequence = open_selection(selection(input_name, frames, every, intrinsics, after_ns), resolved)
+    chosen = selection(input_name, frames, every, intrinsics, after_ns)
+    opened = open_selected_stream if is_stream(input_name) else open_selection
+    sequence = opened(chosen, resolved)
     # A live source is a camera: it waits for nobody, unless a run has started it together with the others. Even then
     # frames can be fused while segments is still compiling its kernels.
     awaited: tuple[str, ...] = EVERY_STAGE

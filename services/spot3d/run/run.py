@@ -25,8 +25,9 @@ from spot3d.run.results import RunResult, write_json, write_results
 from spot3d.run.supervisor import Supervisor
 from spot3d.settings import Settings, to_toml
 from spot3d.source.errors import SourceError
-from spot3d.source.selection import Selection, open_selection
+from spot3d.source.selection import Selection, Unseen, open_selection
 from spot3d.source.sequence import FrameSequence
+from spot3d.source.sequences import is_stream
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,17 +68,18 @@ def _run(
     listen: Sequence[str],
 ) -> Finished:
     in_process = supervisor is None
-    sequence = open_selection(selection, settings)
+    camera = is_stream(selection.name)
+    sequence = Unseen(selection.name) if camera else open_selection(selection, settings)
     if settings.pose.provider == "given" and not sequence.has_true_poses and pose_topic is None:
         raise SourceError(f"{selection.name} has no true poses; choose --pose kiss or --pose gicp")
     folder.mkdir(parents=True, exist_ok=True)
     settings_file = folder / "settings.toml"
     settings_file.write_text(to_toml(settings), encoding="utf-8")
-    camera = sequence.intrinsics
+    size = (0, 0) if camera else (sequence.intrinsics.width, sequence.intrinsics.height)
     mode = "in process" if in_process else "processes"
-    report = RunReport(selection.name, mode, len(sequence), (camera.width, camera.height))
+    report = RunReport(selection.name, mode, selection.frames or 0 if camera else len(sequence), size)
     start_s = time.perf_counter()
-    with stop_on_signals(None) as stop, progress_bar(len(sequence), console) as watcher:
+    with stop_on_signals(None) as stop, progress_bar(report.played or None, console) as watcher:
         if supervisor is None:
             # The cores take a second to import, and the stages are not started before.
             from spot3d.run.in_process import run_in_process
@@ -86,6 +88,8 @@ def _run(
         else:
             plan = Plan(selection, settings, settings_file, pose_topic, tuple(listen))
             result = run_distributed(plan, supervisor, report, folder / "logs", watcher, stop)
+    if camera:
+        report.played = report.fused + sum(report.skipped.values())
     report.wall_s = time.perf_counter() - start_s
     report.objects, report.left_out = len(result.objects), result.left_out
     report.keyframes_dropped, report.map_points = result.keyframes_dropped, result.points.total
@@ -101,7 +105,8 @@ def _run(
 def write_overview(path: Path, name: str, sequence: FrameSequence, result: RunResult) -> None:
     """Draw the overview picture of a finished run; a picture that no longer can be read is left out."""
     index_of = {stamp: index for index, stamp in enumerate(sequence.stamps_ns)}
-    tracked = [item for item in result.path() if item.stamp_ns in index_of]
+    path_items = result.path()
+    tracked = [item for item in path_items if item.stamp_ns in index_of]
     views = []
     for chosen in candidate_indices(len(tracked)):
         try:
@@ -116,7 +121,7 @@ def write_overview(path: Path, name: str, sequence: FrameSequence, result: RunRe
         views,
         [ShownObject(item.id, item.box, item.confidence, item.views) for item in result.objects],
         ShownMap(result.points.xyz, result.points.rgb),
-        np.array([item.T_world_camera[:3, 3] for item in tracked]).reshape(-1, 3),
+        np.array([item.T_world_camera[:3, 3] for item in path_items]).reshape(-1, 3),
         np.array(result.up),
     )
     write_picture(path, picture)

@@ -6,10 +6,13 @@ from pathlib import Path
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import Halved
 from spot3d.source.intrinsics_files import FocalAndCentre
+from spot3d.source.realsense.camera import NAME as REALSENSE
+from spot3d.source.realsense.camera import RealSenseCamera
+from spot3d.source.realsense.recording import RealSenseRecording, is_realsense_recording
 from spot3d.source.recording import Recording
 from spot3d.source.ros.bag import is_ros_bag
 from spot3d.source.ros.topics import TopicNames
-from spot3d.source.sequence import FrameSequence
+from spot3d.source.sequence import FrameSequence, FrameStream
 from spot3d.source.seven_scenes import is_seven_scenes, open_seven_scenes
 from spot3d.source.tum import is_tum, open_tum
 
@@ -40,6 +43,16 @@ def open_source(
     else:
         sequence = _open_path(Path(path_or_name), intrinsics, topics or TopicNames())
     return at_half_size(sequence) if halved else sequence
+
+
+def is_stream(name: str) -> bool:
+    """Whether an input is a camera, or a recording that plays like one: its frames come only once."""
+    return name == REALSENSE or is_realsense_recording(Path(name))
+
+
+def open_stream(name: str) -> FrameStream:
+    """The stream of a name for which `is_stream` holds. Raises SourceError where its SDK is not installed."""
+    return RealSenseCamera() if name == REALSENSE else RealSenseRecording(Path(name))
 
 
 def at_half_size(sequence: FrameSequence) -> FrameSequence:
