@@ -18,7 +18,7 @@ from spot3d.segments.finder import find_segments
 from spot3d.segments.settings import SegmentsSettings
 from spot3d.sensor import axial_noise_kernel
 from spot3d.settings import InvalidSettingsError, load_settings
-from spot3d.source.selection import open_selection, selection
+from spot3d.source.selected import open_selection, selection
 from spot3d_schemas import CameraIntrinsics, Frame, Header, decode, encode
 
 
@@ -58,7 +58,7 @@ def test_a_longer_baseline_and_time_of_flight_are_better_far_away() -> None:
 def _seen_with(noise: DepthNoise) -> list[object]:
     """What each stage's core makes of one frame whose depth has this noise."""
     settings = load_settings(overrides={"source": {"depth_noise": ",".join(map(str, noise)), "halved": True}})
-    frame = open_selection(selection("scene", 1, 1, None), settings)[0]
+    frame = open_selection(selection("scene", 1, 1, None), settings.source)[0]
     camera, depth = frame.intrinsics, frame.depth_metres()
     assert camera.noise == noise
     surface = sample_surface(depth, camera, PoseSettings())

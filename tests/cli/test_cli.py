@@ -5,7 +5,7 @@ import sys
 import pytest
 from typer.testing import CliRunner
 
-from spot3d.cli.app import app as cli
+from spot3d.cli import app as cli
 from spot3d_schemas import MESSAGES, TOPICS
 
 runner = CliRunner()
@@ -75,7 +75,8 @@ def test_the_light_commands_load_no_algorithm():
 
 def test_a_missing_package_is_named(monkeypatch, capsys, tmp_path):
     monkeypatch.setitem(sys.modules, "cv2", None)
-    for name in [name for name in sys.modules if name.startswith(("spot3d.run.", "spot3d.source.images"))]:
+    importers = ("spot3d.run.", "spot3d.drawing.", "spot3d.source.images")
+    for name in [name for name in sys.modules if name.startswith(importers)]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setattr(sys, "argv", ["spot3d", "run", "scene", "--out", str(tmp_path)])
     with pytest.raises(SystemExit) as end:

@@ -7,8 +7,9 @@ import pytest
 from spot3d.boxes import Box3D
 from spot3d.camera import Intrinsics, back_project
 from spot3d.drawing.box_views import choose_views, corners, visibility
-from spot3d.drawing.overview import ShownMap, ShownObject, candidate_indices, draw_overview, write_picture
-from spot3d.drawing.picture import object_colour, place_labels
+from spot3d.drawing.overview import candidate_indices, draw_overview
+from spot3d.drawing.picture import object_colour, place_labels, write_picture
+from spot3d.found_object import FoundObject
 from spot3d.frame import RgbdFrame
 
 CAMERA = Intrinsics(100.0, 100.0, 80.0, 60.0, 160, 120)
@@ -93,12 +94,12 @@ def test_candidates_are_spread(count):
 
 def test_overview_shows_boxes_in_views_and_from_above(tmp_path):
     points = back_project(frame().depth_metres(), CAMERA).reshape(-1, 3)
-    shown = ShownMap(points, np.full((len(points), 3), 120, np.uint8))
+    rgb = np.full((len(points), 3), 120, np.uint8)
     views = [(frame(), moved(x)) for x in (0.0, 0.3, 0.6)]
     path = np.array([pose[:3, 3] for _, pose in views])
-    objects = [ShownObject(1, cube(-0.4), 0.5, 3), ShownObject(2, cube(0.6), 0.9, 3)]
-    bare = draw_overview("none", views, [], shown, path, UP)
-    picture = draw_overview("two", views, objects, shown, path, UP)
+    objects = [FoundObject(1, cube(-0.4), 0.5, 3, 100), FoundObject(2, cube(0.6), 0.9, 3, 100)]
+    bare = draw_overview("none", views, [], points, rgb, path, UP)
+    picture = draw_overview("two", views, objects, points, rgb, path, UP)
     assert picture.shape[1] == 1600
     view_bottom = 46 + picture.shape[0] - 46 - 700 - 20
     for item in objects:
@@ -114,7 +115,7 @@ def test_overview_shows_boxes_in_views_and_from_above(tmp_path):
 
 
 def test_overview_of_a_run_that_fused_nothing():
-    empty = ShownMap(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8))
-    picture = draw_overview("empty", [], [], empty, np.zeros((0, 3)), UP)
+    xyz, rgb = np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
+    picture = draw_overview("empty", [], [], xyz, rgb, np.zeros((0, 3)), UP)
     assert picture.shape[1] == 1600
     assert picture.std() > 1

@@ -18,7 +18,7 @@ from spot3d.evaluate.measured_run import Runs, world_alignment
 from spot3d.evaluate.object_tables import OURS, ablations
 from spot3d.evaluate.peer import PEER
 from spot3d.evaluate.tables import TABLES
-from spot3d.evaluate.truth import FoundObject
+from spot3d.found_object import FoundObject
 from spot3d.run.results import RunResult, TrackedFrame, write_results
 from spot3d.settings import Settings, load_settings
 from spot3d.source.errors import SourceError

@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import iou_matrix_3d
 from spot3d.camera import invert
+from spot3d.found_object import FoundObject
 from spot3d.fusion.objects.consensus import Consensus
-from spot3d.fusion.objects.identity import FoundObject
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.geometry.planes import transform_plane
 

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from spot3d.cli import stages
+from spot3d.cli import recordings, stages
 from spot3d.cli.bench import bench
+from spot3d.cli.certificates import certificates
+from spot3d.cli.doctor import doctor
 from spot3d.cli.evaluate import evaluate
 from spot3d.cli.options import (
     ColourTopicOption,
@@ -29,6 +31,7 @@ from spot3d.cli.options import (
     link_overrides,
     play_overrides,
 )
+from spot3d.dataflow.thread_deaths import end_with_any_thread
 from spot3d.settings import InvalidSettingsError, Settings, load_settings, to_toml
 from spot3d.source.errors import SourceError
 
@@ -42,16 +45,27 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (*stages.COMMANDS, evaluate, bench):
+for _command in (*stages.COMMANDS, *recordings.COMMANDS, certificates, doctor, evaluate, bench):
     app.command()(_command)
+
+_STAGES = "every stage's packages come with: pip install 'spot3d[all]'"
+_PACKAGES = {
+    "mcap": "it comes with: pip install 'spot3d[record]'",
+    "zstandard": "it comes with: pip install 'spot3d[record]'",
+    "cryptography": "it comes with: pip install 'spot3d[certificates]'",
+    "foxglove": "it comes with: pip install 'spot3d[foxglove]'",
+}
+"""Where packages come from that no stage needs."""
 
 
 def main() -> None:
     """Run the command line; what a user can put right is told in one line, with exit code 2."""
+    end_with_any_thread()
     try:
         app()
     except ModuleNotFoundError as error:
-        _fail(f"{error.name} is not installed; every stage's packages come with: pip install 'spot3d[all]'")
+        package = (error.name or "").partition(".")[0]
+        _fail(f"{error.name} is not installed; {_PACKAGES.get(package, _STAGES)}")
     except (SourceError, InvalidSettingsError, CommandError, OSError) as error:
         _fail(str(error))
 
@@ -100,7 +114,7 @@ def run(
         overrides["pose"] = {"provider": "given" if pose == "truth" else pose}
     resolved = load_settings(settings, preset, overrides)
     from spot3d.run.run import run as run_input
-    from spot3d.source.selection import selection
+    from spot3d.source.selected import selection
 
     chosen = selection(input_name, frames, every, intrinsics)
     done = run_input(chosen, resolved, out, Console(), in_process, topic, listen or ())
@@ -124,7 +138,7 @@ def demo(
     from spot3d.run.demo import demo_table, match_objects
     from spot3d.run.run import run as run_input
     from spot3d.source.scene.model import build_scene
-    from spot3d.source.selection import selection
+    from spot3d.source.selected import selection
 
     overrides = play_overrides(half, None) | {"link": {"delivery": "lossless"}, "pose": {"provider": "kiss"}}
     resolved = load_settings(settings, preset, overrides)

@@ -43,7 +43,7 @@ def bench(
     from spot3d.dataflow.process_use import stay_single_threaded
     from spot3d.evaluate.record import data_checksum, record
     from spot3d.evaluate.table import to_document, to_markdown
-    from spot3d.run.report import machine
+    from spot3d.machine import machine
     from spot3d.settings import load_settings
 
     chosen = tuple(only or SECTIONS)
@@ -101,7 +101,7 @@ def _tables(
         yield live_table(materials, rate, live_seconds, cold, _say)
     if "growth" in chosen:
         from spot3d.bench.growth import charts, map_growth, proposals_growth
-        from spot3d.drawing.overview import write_picture
+        from spot3d.drawing.picture import write_picture
 
         found = (map_growth(materials[1], growth, settings, _say), proposals_growth(settings.proposals, _say))
         yield from found

@@ -25,7 +25,6 @@ from spot3d.cli.options import (
     SettingsOption,
     SupervisedOption,
     link_overrides,
-    parse_anchor,
     play_overrides,
     stage_started,
 )
@@ -51,6 +50,7 @@ def source(
     pose_topic: Annotated[str | None, typer.Option("--pose-topic", help="ROS bags: the camera's poses")] = None,
     pose_from_elsewhere: Annotated[bool, typer.Option("--no-pose-stage", help="do not wait for a pose stage")] = False,
     after_ns: Annotated[int | None, typer.Option(hidden=True)] = None,
+    stream: Annotated[str | None, typer.Option(hidden=True)] = None,
     supervised: SupervisedOption = False,
 ) -> None:
     """The source stage: play INPUT to the other stages."""
@@ -61,12 +61,12 @@ def source(
     resolved = load_settings(settings, preset, overrides)
     from spot3d.source.process import EVERY_STAGE, FUSING_STAGES, MissingStagesError
     from spot3d.source.process import run as run_source
-    from spot3d.source.selection import open_selected_stream, open_selection, selection
+    from spot3d.source.selected import open_selected_stream, open_selection, selection
     from spot3d.source.sequences import is_stream
 
     chosen = selection(input_name, frames, every, intrinsics, after_ns)
     opened = open_selected_stream if is_stream(input_name) else open_selection
-    sequence = opened(chosen, resolved)
+    sequence = opened(chosen, resolved.source)
     # A live source is a camera: it waits for nobody, unless a run has started it together with the others. Even then
     # frames can be fused while segments is still compiling its kernels.
     awaited: tuple[str, ...] = EVERY_STAGE
@@ -74,7 +74,7 @@ def source(
         awaited = FUSING_STAGES if supervised else ()
     wait_for = tuple(stage for stage in awaited if stage != "pose" or not pose_from_elsewhere)
     try:
-        run_source(resolved.link, resolved.source, sequence, stop=stop, wait_for=wait_for)
+        run_source(resolved.link, resolved.source, sequence, stop=stop, wait_for=wait_for, stream=stream)
     except MissingStagesError as error:
         raise CommandError(str(error)) from error
 
@@ -87,9 +87,6 @@ def pose(
     listen: ListenOption = None,
     lossless: DeliveryOption = None,
     provider: Annotated[str | None, typer.Option(metavar="kiss|gicp|given", help="where poses come from")] = None,
-    anchor: Annotated[
-        str | None, typer.Option(metavar="T|frame", help="started again: the first frame's pose, 16 values, or frame")
-    ] = None,
     supervised: SupervisedOption = False,
 ) -> None:
     """The pose stage: the camera's pose for each frame."""
@@ -100,7 +97,7 @@ def pose(
     resolved = load_settings(settings, preset, overrides)
     from spot3d.pose.process import run as run_pose
 
-    run_pose(resolved.link, resolved.pose, stop, parse_anchor(anchor))
+    run_pose(resolved.link, resolved.pose, stop)
 
 
 Stage = Callable[[Settings, threading.Event], None]
@@ -153,28 +150,54 @@ def fusion(settings: Settings, stop: threading.Event) -> None:
     run(settings.link, settings.fusion, stop)
 
 
+def bridge(
+    settings: SettingsOption = None,
+    robot: RobotOption = None,
+    connect: ConnectOption = None,
+    ground: Annotated[
+        list[str] | None, typer.Option(help="the router on the other side, as tcp/ADDRESS:7447; may be repeated")
+    ] = None,
+    supervised: SupervisedOption = False,
+) -> None:
+    """Join this device's router with another one's over a thin or broken link, which never stalls this device."""
+    stop = stage_started(supervised)
+    overrides = link_overrides(robot, connect, None, None)
+    if ground:
+        overrides["bridge"] = {"ground": tuple(ground)}
+    resolved = load_settings(settings, None, overrides)
+    from spot3d.bridge.process import run
+
+    run(resolved.link, resolved.bridge, stop)
+
+
 def router(
+    settings: SettingsOption = None,
     listen: Annotated[list[str] | None, typer.Option(help="endpoints to listen on; may be repeated")] = None,
     connect: Annotated[list[str] | None, typer.Option(help="other routers; may be repeated")] = None,
     supervised: SupervisedOption = False,
 ) -> None:
-    """A router that the stages meet at, where no zenohd runs; ends with Ctrl-C."""
+    """A router that the stages meet at, where no zenohd runs; ends with Ctrl-C.
+
+    Its certificate is that of the settings' [link], and who may do what is what their [access] says.
+    """
     stop = stage_started(supervised)
-    endpoints = tuple(listen or ["tcp/127.0.0.1:7447"])
+    endpoints, others = tuple(listen or ["tcp/127.0.0.1:7447"]), tuple(connect or ())
     # Checked as settings are, so that a slip of the pen is told as one.
-    load_settings(overrides={"link": {"mode": "router", "listen": endpoints, "connect": tuple(connect or ())}})
+    resolved = load_settings(settings, overrides={"link": {"mode": "router", "listen": endpoints, "connect": others}})
     import zenoh
 
     from spot3d.dataflow.router import open_router
     from spot3d.dataflow.stopping import stop_on_signals
+    from spot3d.security.access import access_control
 
+    access = access_control(resolved.access) if resolved.access.enabled else None
     with stop_on_signals(stop) as stopped:
         try:
-            with open_router(endpoints, tuple(connect or ())):
+            with open_router(endpoints, others, resolved.link, access):
                 typer.echo(f"router at {', '.join(endpoints)}")
                 stopped.wait()
         except zenoh.ZError as error:
             raise CommandError(f"cannot listen at {', '.join(endpoints)}: {error}") from error
 
 
-COMMANDS = (source, pose, linked(proposals), linked(heatmap), linked(segments), linked(fusion), router)
+COMMANDS = (source, pose, linked(proposals), linked(heatmap), linked(segments), linked(fusion), bridge, router)

@@ -7,8 +7,13 @@ import cv2
 import numpy as np
 
 from spot3d.drawing.picture import Picture
-from spot3d.evaluate.plots import BOTTOM, COLOURS, GRID, INK, LEFT, PAPER, RIGHT, SIZE, SUBPIXEL_BITS, TOP
 
+SIZE = (900, 600)
+LEFT, TOP, RIGHT, BOTTOM = 90, 60, 290, 80
+INK, GRID, PAPER = (40, 40, 40), (222, 222, 222), (255, 255, 255)
+# Okabe and Ito's colours, told apart by colour-blind readers too (RGB).
+COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233), (230, 159, 0), (0, 0, 0))
+SUBPIXEL_BITS = 4
 _TICKS = 5
 
 
@@ -30,8 +35,8 @@ def line_chart(title: str, x_name: str, y_name: str, lines: Sequence[Line]) -> P
         x, y = LEFT + width * tick // _TICKS, bottom - height * tick // _TICKS
         cv2.line(picture, (x, TOP), (x, bottom), GRID, 1)
         cv2.line(picture, (LEFT, y), (SIZE[0] - RIGHT, y), GRID, 1)
-        _write(picture, f"{tick * x_step:g}", (x - 16, bottom + 24))
-        _write(picture, f"{tick * y_step:g}", (LEFT - 58, y + 5))
+        write_text(picture, f"{tick * x_step:g}", (x - 16, bottom + 24))
+        write_text(picture, f"{tick * y_step:g}", (LEFT - 58, y + 5))
     for number, line in enumerate(lines):
         colour = COLOURS[number % len(COLOURS)]
         scale = np.array([width / (_TICKS * x_step), -height / (_TICKS * y_step)])
@@ -40,10 +45,10 @@ def line_chart(title: str, x_name: str, y_name: str, lines: Sequence[Line]) -> P
         cv2.polylines(picture, [fixed], False, colour, 3, cv2.LINE_AA, SUBPIXEL_BITS)
         row = TOP + 16 + 26 * number
         cv2.line(picture, (SIZE[0] - RIGHT + 18, row - 5), (SIZE[0] - RIGHT + 46, row - 5), colour, 3, cv2.LINE_AA)
-        _write(picture, line.name, (SIZE[0] - RIGHT + 54, row))
-    _write(picture, title, (LEFT, TOP - 22))
-    _write(picture, x_name, (LEFT + width // 2 - 50, SIZE[1] - 22))
-    _write(picture, y_name, (12, TOP - 22))
+        write_text(picture, line.name, (SIZE[0] - RIGHT + 54, row))
+    write_text(picture, title, (LEFT, TOP - 22))
+    write_text(picture, x_name, (LEFT + width // 2 - 50, SIZE[1] - 22))
+    write_text(picture, y_name, (12, TOP - 22))
     return picture
 
 
@@ -54,5 +59,6 @@ def _tick(most: float) -> float:
     return float(next(power * digit for digit in (1, 2, 2.5, 5, 10) if power * digit >= least * (1 - 1e-9)))
 
 
-def _write(picture: Picture, text: str, at: tuple[int, int]) -> None:
-    cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, INK, 1, cv2.LINE_AA)
+def write_text(picture: Picture, text: str, at: tuple[int, int], scale: float = 0.45) -> None:
+    """Write text with its lower left corner at `at`, in place."""
+    cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, scale, INK, 1, cv2.LINE_AA)

@@ -1,17 +1,15 @@
 """The overview picture of a run: three views with boxes, the scene from above, a list of the objects."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.boxes import Box3D
 from spot3d.drawing.box_views import choose_views, draw_view, visibility
 from spot3d.drawing.picture import GREY, WHITE, Picture, draw_text, object_colour
 from spot3d.drawing.top_view import draw_top_view
+from spot3d.found_object import FoundObject
 from spot3d.frame import RgbdFrame
 
 _WIDTH, _GAP, _TITLE_HEIGHT = 1600, 10, 46
@@ -22,36 +20,20 @@ _CANDIDATES = 40
 """Views that are compared to choose three."""
 
 
-@dataclass(frozen=True, slots=True)
-class ShownObject:
-    """What the picture tells about an object."""
-
-    id: int
-    box: Box3D
-    confidence: float
-    views: int
-
-
-@dataclass(frozen=True, slots=True)
-class ShownMap:
-    """Points of the map: xyz (n, 3) float32 world metres, rgb (n, 3) uint8."""
-
-    xyz: NDArray[np.float32]
-    rgb: NDArray[np.uint8]
-
-
 def draw_overview(
     title: str,
     views: Sequence[tuple[RgbdFrame, NDArray[np.float64]]],
-    objects: Sequence[ShownObject],
-    points: ShownMap,
+    objects: Sequence[FoundObject],
+    xyz: NDArray[np.float32],
+    rgb: NDArray[np.uint8],
     path: NDArray[np.float64],
     up: NDArray[np.float64],
 ) -> Picture:
     """The picture, (h, 1600, 3) uint8 RGB.
 
     views: candidate frames with their T_world_camera, in the order of the recording; three are shown.
-    path: (m, 3) camera positions, world; up: (3,) unit.
+    xyz, rgb: (n, 3) points of the map, world metres, and their colours. path: (m, 3) camera positions, world;
+    up: (3,) unit.
     """
     boxes = [(item.id, item.box) for item in objects]
     panels = [draw_view(frame, pose, boxes, _VIEW_WIDTH) for frame, pose in best_views(views, objects)]
@@ -62,7 +44,7 @@ def draw_overview(
     for column, panel in enumerate(panels):
         left = _GAP + column * (_VIEW_WIDTH + _GAP)
         picture[_TITLE_HEIGHT + _GAP // 2 :][: panel.shape[0], left : left + _VIEW_WIDTH] = panel
-    plan = draw_top_view(points.xyz, points.rgb, boxes, path, up, _TOP_SIZE)
+    plan = draw_top_view(xyz, rgb, boxes, path, up, _TOP_SIZE)
     picture[top:, _GAP:][: plan.shape[0], : plan.shape[1]] = plan
     draw_text(picture, "from above", (_GAP + 14, top + 28), WHITE, 0.6, tag=True)
     _draw_list(picture, objects, _GAP + _TOP_SIZE[0] + 2 * _GAP, top)
@@ -75,7 +57,7 @@ def candidate_indices(count: int) -> list[int]:
 
 
 def best_views(
-    views: Sequence[tuple[RgbdFrame, NDArray[np.float64]]], objects: Sequence[ShownObject]
+    views: Sequence[tuple[RgbdFrame, NDArray[np.float64]]], objects: Sequence[FoundObject]
 ) -> list[tuple[RgbdFrame, NDArray[np.float64]]]:
     """The three views that together show the objects best."""
     if not views:
@@ -85,13 +67,7 @@ def best_views(
     return [views[index] for index in choose_views(np.array(rows).reshape(len(views), len(boxes)), 3)]
 
 
-def write_picture(path: Path, picture: Picture) -> None:
-    """Write (h, w, 3) uint8 RGB as PNG. Raises OSError where the file cannot be written."""
-    encoded = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))[1]
-    path.write_bytes(encoded.tobytes())
-
-
-def _draw_list(picture: Picture, objects: Sequence[ShownObject], left: int, top: int) -> None:
+def _draw_list(picture: Picture, objects: Sequence[FoundObject], left: int, top: int) -> None:
     """One line an object: colour, id, size, how sure; as many as there is room for."""
     columns = (0, 70, 270, 375)
     for column, text in zip(columns, ("id", "size, cm", "frames", "confidence"), strict=True):

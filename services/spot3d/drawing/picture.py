@@ -1,6 +1,7 @@
-"""Colours, lines and labels of the overview picture."""
+"""Colours, lines and labels of pictures, and their files."""
 
 import colorsys
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -88,6 +89,12 @@ def place_labels(wanted: list[Point], widths: list[int], height: int, shape: tup
         free = (b for b in inside if not any(_overlap((left, b, width), other, height) for other in placed))
         placed.append((left, next(free, min(max(y, height), shape[0] - 2)), width))
     return [(left, bottom) for left, bottom, _ in placed]
+
+
+def write_picture(path: Path, picture: Picture) -> None:
+    """Write (h, w, 3) uint8 RGB as PNG. Raises OSError where the file cannot be written."""
+    encoded = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))[1]
+    path.write_bytes(encoded.tobytes())
 
 
 def _overlap(a: tuple[float, float, int], b: tuple[float, float, int], height: int) -> bool:

@@ -64,7 +64,7 @@ def _reduced(
 def metric_limits(depth: NDArray[np.float32], intrinsics: Intrinsics, settings: ProposalSettings) -> DepthRange:
     """Depth ranges for culling windows by metric size; they let all pass without depth or by the settings."""
     wanted = settings.metric_culling and bool(depth.any())
-    return depth_range(depth, intrinsics.fx if wanted else 0, intrinsics.fy, settings.min_size, settings.max_size)
+    return depth_range(depth, intrinsics.fx if wanted else 0, intrinsics.fy, settings.size_min, settings.size_max)
 
 
 def boxes_from_edges(edges: EdgeMap, ranges: DepthRange, settings: ProposalSettings) -> NDArray[np.float32]:

@@ -5,8 +5,9 @@ import pytest
 from fusion_room import rotation_z
 
 from spot3d.boxes import Box3D
+from spot3d.found_object import FoundObject
 from spot3d.fusion.objects import identity
-from spot3d.fusion.objects.identity import FoundObject, Identities
+from spot3d.fusion.objects.identity import Identities
 
 
 def found(x: float, size: float = 0.1, yaw: float = 0.0) -> FoundObject:

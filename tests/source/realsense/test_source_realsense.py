@@ -13,7 +13,7 @@ from spot3d.frame import RgbdFrame
 from spot3d.settings import load_settings
 from spot3d.source.errors import SourceError
 from spot3d.source.realsense.camera import RealSenseCamera
-from spot3d.source.selection import Selection, open_selected_stream
+from spot3d.source.selected import Selection, open_selected_stream
 from spot3d.source.sequence import FrameStream
 from spot3d.source.sequences import is_stream, open_stream
 
@@ -142,7 +142,7 @@ def test_a_recording_of_the_sdk_plays_like_a_camera(tmp_path: Path) -> None:
     recorded(path, 12)
     assert is_stream(str(path))
     settings = load_settings(overrides={"source": {"depth_noise": "d455"}})
-    stream = open_selected_stream(Selection(str(path), frames=6), settings)
+    stream = open_selected_stream(Selection(str(path), frames=6), settings.source)
     played = list(stream.stream(threading.Event(), lambda _kind, _text: None))
     assert 4 <= len(played) <= 6, "the SDK gives what has come when it is asked"
     for frame in played:

@@ -11,11 +11,11 @@ from spot3d.frame import RgbdFrame
 from spot3d.pipeline import run_pipeline
 from spot3d.settings import load_settings
 from spot3d.source.calibration import ColourCamera
+from spot3d.source.colour_registration import ColourRegistration
 from spot3d.source.errors import SourceError
-from spot3d.source.registration import ColourRegistration
 from spot3d.source.ros.topics import TopicNames
 from spot3d.source.scene.scene import Scene
-from spot3d.source.selection import Selection, open_selection
+from spot3d.source.selected import Selection, open_selection
 from spot3d.source.sequences import open_source
 
 CAMERA = Intrinsics(585 / 4, 585 / 4, 80.0, 60.0, 160, 120)
@@ -69,9 +69,8 @@ def test_a_bag_gives_the_same_objects_as_the_folder(tmp_path: Path) -> None:
         cv2.imwrite(str(tmp_path / f"frame-{index:06}.depth.png"), frame.depth)
     bag = write_bag(tmp_path, "mcap", camera_messages(Speaker(2), frames))
     settings = load_settings()
-    expected, found = (
-        run_pipeline(open_selection(Selection(str(path)), settings), settings).objects for path in (tmp_path, bag)
-    )
+    inputs = [open_selection(Selection(str(path)), settings.source) for path in (tmp_path, bag)]
+    expected, found = (run_pipeline(sequence, settings).objects for sequence in inputs)
     assert len(found.objects) == len(expected.objects) >= 5
     for one, other in zip(found.objects, expected.objects, strict=True):
         np.testing.assert_array_equal(one.box.centre, other.box.centre)

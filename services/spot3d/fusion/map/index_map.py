@@ -25,7 +25,7 @@ from spot3d.sensor import axial_noise_kernel
 
 
 @dataclass(frozen=True, slots=True)
-class Registration:
+class MatchCounts:
     """How a frame's valid pixels met the map: warped from the last frame, found by voxel, or new."""
 
     warped: int
@@ -62,7 +62,7 @@ class IndexMap:
         heat: NDArray[np.uint8],
         camera: Intrinsics,
         T_world_camera: NDArray[np.float64],
-    ) -> Registration:
+    ) -> MatchCounts:
         """Fuse one frame into the map: match pixels to points, update running means, append what is new.
 
         colour: (h, w, 3) uint8; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8 255ths.
@@ -117,7 +117,7 @@ class IndexMap:
             index,
         )
         self._last = _LastFrame(index, depth, colour, camera, T_world_camera)
-        return Registration(*registration)
+        return MatchCounts(*registration)
 
     def _make_room(self, heatmap: Heatmap3D, rows: int) -> None:
         """Evict the least useful points; what a frame brings beyond the room that makes is left out."""

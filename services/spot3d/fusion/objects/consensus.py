@@ -9,10 +9,10 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from spot3d.boxes import Box3D
+from spot3d.found_object import FoundObject
 from spot3d.fusion.objects.agreement import clusters_of
 from spot3d.fusion.objects.found import Seen, box_of
 from spot3d.fusion.objects.growing import Growing
-from spot3d.fusion.objects.identity import FoundObject
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.reasons import MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
 from spot3d.fusion.objects.segment_table import SegmentTable

@@ -1,32 +1,16 @@
 """Stable identities: the object seen in the last update keeps its number in this one."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D, iou_matrix_3d
+from spot3d.found_object import FoundObject
 
 _REMEMBERED = 1000
 """Most objects whose last box is remembered; beyond, those unseen for longest are forgotten."""
 _OVERLAP = 0.1
 """Boxes that overlap less (IoU) are not the same object."""
-
-
-@dataclass(frozen=True, slots=True)
-class FoundObject:
-    """One object in the world frame.
-
-    id: stable number (0 = not yet given); box: upright, metres; confidence: mean pseudo-average confidence of
-    its points, 0..1; views: frames that saw it; points: map points; colour: (3,) float64 mean RGB 0..255.
-    """
-
-    id: int
-    box: Box3D
-    confidence: float
-    views: int
-    points: int
-    colour: NDArray[np.float64]
 
 
 class Identities:

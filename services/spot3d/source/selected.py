@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from spot3d.camera import Intrinsics
 from spot3d.depth_noise import DepthNoise, parse_noise
 from spot3d.frame import RgbdFrame
-from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import halve
 from spot3d.source.intrinsics_files import FocalAndCentre, parse_intrinsics
@@ -23,7 +22,7 @@ from spot3d.source.settings import SourceSettings
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """frames: how many at most (None: all); every: only each so-manieth; after_ns: only those captured later."""
+    """frames: how many at most (None: all); every: only every n-th; after_ns: only those captured later."""
 
     name: str
     frames: int | None = None
@@ -39,19 +38,18 @@ def selection(
     return Selection(name, frames, every, None if intrinsics is None else parse_intrinsics(intrinsics), after_ns)
 
 
-def open_selection(selection: Selection, settings: Settings) -> FrameSequence:
+def open_selection(selection: Selection, settings: SourceSettings) -> FrameSequence:
     """The selected frames of the input, at half size where the settings say so. Raises SourceError."""
     name, every = selection.name, selection.every
     if every < 1 or (selection.frames is not None and selection.frames < 1):
         raise SourceError("--every and --frames must be at least 1")
-    length = settings.source.scene_frames
+    length = settings.scene_frames
     if SCENE_NAME.fullmatch(name):
         name = _full_scene_name(name, settings)
         length = length if selection.frames is None else selection.frames * every
-    source = settings.source
-    topics = TopicNames(source.colour_topic, source.depth_topic, source.pose_topic)
-    sequence = open_source(name, length, selection.intrinsics, source.halved, topics)
-    noise = parse_noise(source.depth_noise) if source.depth_noise else None
+    topics = TopicNames(settings.colour_topic, settings.depth_topic, settings.pose_topic)
+    sequence = open_source(name, length, selection.intrinsics, settings.halved, topics)
+    noise = parse_noise(settings.depth_noise) if settings.depth_noise else None
     all_of_it = every == 1 and selection.after_ns is None and (selection.frames or len(sequence)) >= len(sequence)
     if all_of_it and noise is None:
         return sequence
@@ -62,13 +60,13 @@ def open_selection(selection: Selection, settings: Settings) -> FrameSequence:
     return Selected(sequence, chosen, noise)
 
 
-def open_selected_stream(selection: Selection, settings: Settings) -> FrameStream:
+def open_selected_stream(selection: Selection, settings: SourceSettings) -> FrameStream:
     """The selected frames of a camera, at half size where the settings say so. Raises SourceError."""
     if selection.every < 1 or (selection.frames is not None and selection.frames < 1):
         raise SourceError("--every and --frames must be at least 1")
     if selection.intrinsics is not None:
         raise SourceError(f"{selection.name} has its own intrinsics; leave --intrinsics away")
-    return _SelectedStream(open_stream(selection.name), selection, settings.source)
+    return _SelectedStream(open_stream(selection.name), selection, settings)
 
 
 class _SelectedStream:
@@ -115,11 +113,11 @@ class Unseen:
         return iter(())
 
 
-def _full_scene_name(name: str, settings: Settings) -> str:
+def _full_scene_name(name: str, settings: SourceSettings) -> str:
     """The scene's name with the seed and clutter of the settings where the name itself does not say."""
     match = SCENE_NAME.fullmatch(name)
-    seed = (match and match["seed"]) or settings.source.scene_seed
-    cluttered = (match and match["cluttered"]) or settings.source.scene_cluttered
+    seed = (match and match["seed"]) or settings.scene_seed
+    cluttered = (match and match["cluttered"]) or settings.scene_cluttered
     return f"scene:{seed}{':cluttered' if cluttered else ''}"
 
 
