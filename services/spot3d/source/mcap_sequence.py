@@ -33,7 +33,10 @@ class McapSequence:
         """Raises SourceError where the recording holds no frames."""
         self._contents = contents
         self._topic = next((topic for topic in _MESSAGES if topic in contents.topics), "")
-        places = _places(contents, self._topic) if self._topic else []
+        try:
+            places = _places(contents, self._topic) if self._topic else []
+        except (CodecError, TypeError, ValueError) as error:
+            raise SourceError(f"{contents.path}: cannot find its frames: {error}") from error
         if not places:
             raise SourceError(
                 f"{contents.path} holds no frames: neither source/frame nor heatmap/heat; it holds "
@@ -112,22 +115,24 @@ def _messages(contents: McapContents, chunk: int, topic: str) -> list[bytes]:
 
 def _places(contents: McapContents, topic: str) -> list[Place]:
     """Where each frame is: the recorder's own list, or, where it could not write one, found by reading all."""
-    listed = contents.metadata.get("frames", {})
-    if listed.get("topic") == topic:
-        chunks_and_stamps = [
-            item for item in json.loads(listed["chunk_and_stamp_ns"]) if item[0] < len(contents.chunks)
-        ]
-    else:
-        chunks_and_stamps = [
-            (chunk, peek_header(data).stamp_ns)
-            for chunk in range(len(contents.chunks))
-            for data in _messages(contents, chunk, topic)
-        ]
+    chunks_and_stamps = _listed(contents, topic) or [
+        (chunk, peek_header(data).stamp_ns)
+        for chunk in range(len(contents.chunks))
+        for data in _messages(contents, chunk, topic)
+    ]
     places: list[Place] = []
     for chunk, stamp in chunks_and_stamps:
         number = places[-1][1] + 1 if places and places[-1][0] == chunk else 0
         places.append((chunk, number, stamp))
     return places
+
+
+def _listed(contents: McapContents, topic: str) -> list[tuple[int, int]]:
+    """Chunk and stamp of each frame in a finished recording; empty where it does not tell."""
+    listed = contents.metadata.get("frames", {})
+    if listed.get("topic") != topic:
+        return []
+    return [(int(chunk), int(stamp)) for chunk, stamp in json.loads(listed.get("chunk_and_stamp_ns", "[]"))]
 
 
 def _streams(places: list[Place]) -> list[list[Place]]:
