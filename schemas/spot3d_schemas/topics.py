@@ -5,6 +5,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from spot3d_schemas.messages import (
+    About,
     End,
     Frame,
     Health,
@@ -21,6 +22,9 @@ from spot3d_schemas.names import checked_name
 
 STAGES = ("source", "pose", "proposals", "heatmap", "segments", "fusion")
 """The processes of the dataflow, in its order."""
+
+BRIDGE = "bridge"
+"""The process that joins two devices over a thin link, where there is one."""
 
 Delivery = Literal["live", "lossless", "by run"]
 """live: the latest wins. lossless: nothing is dropped. by run: live for cameras, lossless for recordings."""
@@ -55,7 +59,7 @@ class Topic:
 
     @property
     def producer(self) -> str:
-        """The stage that publishes the topic or answers the query."""
+        """The stage (or the bridge) that publishes the topic or answers the query."""
         return self.name.partition("/")[0]
 
     @property
@@ -79,8 +83,9 @@ _ROWS = (
     Topic("fusion/progress", Progress, 30.0, "lossless", priority="interactive high", express=True),
     *(
         Topic(f"{stage}/health", Health, 1.0, "live", congestion="drop", priority="interactive low", newest=1)
-        for stage in STAGES
+        for stage in (*STAGES, BRIDGE)
     ),
+    *(Topic(f"{stage}/about", About, 0.0, "lossless", "query") for stage in STAGES),
     Topic("fusion/map", MapPoints, 0.0, "lossless", "query"),
     Topic("fusion/reset", Progress, 0.0, "lossless", "query"),
 )
@@ -105,3 +110,9 @@ def alive_key(robot: str, stage: str) -> str:
 def fleet_key(topic: str) -> str:
     """The key expression that matches a topic of every robot. Raises KeyError for an unknown topic."""
     return TOPICS[topic].key_template.format(robot="*")
+
+
+def process_key(robot: str, stage: str, sender: str) -> str:
+    """The key of the liveliness token of one process of a stage, the `sender` of its messages; `*` for any."""
+    name = sender if sender == "*" else checked_name(sender)
+    return f"{alive_key(robot, stage)}/{name}"

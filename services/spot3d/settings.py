@@ -10,6 +10,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, Field, ValidationError, model_validator
 from pydantic_settings import BaseSettings, EnvSettingsSource, SettingsConfigDict, SettingsError
 
+from spot3d.bridge.settings import BridgeSettings
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.fusion.settings import PAPER as PAPER_FUSION
 from spot3d.fusion.settings import FusionSettings
@@ -53,6 +54,7 @@ class Settings(BaseSettings):
     fusion: FusionSettings = FusionSettings()
     link: LinkSettings = LinkSettings()
     access: AccessSettings = AccessSettings()
+    bridge: BridgeSettings = BridgeSettings()
 
     @model_validator(mode="before")
     @classmethod

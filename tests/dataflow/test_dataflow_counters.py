@@ -32,7 +32,7 @@ def test_health_counts() -> None:
         counters.received()
         counters.step(1e-3 * milliseconds)
         counters.latency(2_000_000 * milliseconds)
-    counters.published()
+    counters.published("pose/pose", 100)
     counters.drop("busy", 0)
     counters.drop("late", 2)
     counters.drop("late")

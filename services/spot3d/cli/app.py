@@ -10,6 +10,7 @@ import typer
 from spot3d.cli import recordings, stages
 from spot3d.cli.bench import bench
 from spot3d.cli.certificates import certificates
+from spot3d.cli.doctor import doctor
 from spot3d.cli.evaluate import evaluate
 from spot3d.cli.options import (
     CommandError,
@@ -20,6 +21,7 @@ from spot3d.cli.options import (
     InputArgument,
     IntrinsicsOption,
     ListenOption,
+    NoiseOption,
     PresetOption,
     RateOption,
     RobotOption,
@@ -27,6 +29,7 @@ from spot3d.cli.options import (
     link_overrides,
     play_overrides,
 )
+from spot3d.dataflow.thread_deaths import end_with_any_thread
 from spot3d.settings import InvalidSettingsError, Settings, load_settings, to_toml
 from spot3d.source.errors import SourceError
 
@@ -40,7 +43,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (*stages.COMMANDS, *recordings.COMMANDS, certificates, evaluate, bench):
+for _command in (*stages.COMMANDS, *recordings.COMMANDS, certificates, doctor, evaluate, bench):
     app.command()(_command)
 
 _STAGES = "every stage's packages come with: pip install 'spot3d[all]'"
@@ -55,6 +58,7 @@ _PACKAGES = {
 
 def main() -> None:
     """Run the command line; what a user can put right is told in one line, with exit code 2."""
+    end_with_any_thread()
     try:
         app()
     except ModuleNotFoundError as error:
@@ -80,6 +84,7 @@ def run(
     live: Annotated[bool, typer.Option("--live", help="at the recorded rate, dropping frames if busy")] = False,
     rate: RateOption = None,
     intrinsics: IntrinsicsOption = None,
+    noise: NoiseOption = None,
     listen: ListenOption = None,
 ) -> None:
     """Play INPUT through all stages and write the objects found, with a picture, into a folder."""
@@ -88,7 +93,7 @@ def run(
     topic = pose if pose is not None and "/" in pose else None
     if in_process and topic is not None:
         raise CommandError(f"--in-process hears no topics; leave --in-process away, or do without --pose {pose}")
-    overrides = play_overrides(half, rate)
+    overrides = play_overrides(half, rate, noise)
     overrides["link"] = {"delivery": "live" if live else "lossless"}
     if pose is not None and topic is None:
         overrides["pose"] = {"provider": "given" if pose == "truth" else pose}

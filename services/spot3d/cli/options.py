@@ -3,11 +3,9 @@
 import logging
 import threading
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
-import numpy as np
 import typer
-from numpy.typing import NDArray
 
 from spot3d.run.supervised import stop_with_parent
 from spot3d.settings import Preset
@@ -39,6 +37,10 @@ IntrinsicsOption = Annotated[
     str | None, typer.Option(metavar="FX,FY,CX,CY", help="depth camera's intrinsics, pixels, for any input folder")
 ]
 RateOption = Annotated[float | None, typer.Option(min=0.01, help="frames per second; default: as recorded")]
+NoiseOption = Annotated[
+    str | None,
+    typer.Option("--noise", metavar="d435|tof|...", help="the depth's noise; see: spot3d settings"),
+]
 SupervisedOption = Annotated[bool, typer.Option("--supervised", hidden=True)]
 
 
@@ -46,13 +48,15 @@ class CommandError(Exception):
     """A command cannot do what it was asked to; the message says why."""
 
 
-def play_overrides(half: bool, rate: float | None) -> dict[str, Any]:
+def play_overrides(half: bool, rate: float | None, noise: str | None = None) -> dict[str, Any]:
     """Settings of the options that say how an input is played; only those that were given."""
     source: dict[str, Any] = {}
     if half:
         source["halved"] = True
     if rate is not None:
         source["rate_hz"] = rate
+    if noise is not None:
+        source["depth_noise"] = noise
     return {"source": source}
 
 
@@ -82,15 +86,3 @@ def stage_started(supervised: bool) -> threading.Event:
     if supervised:
         stop_with_parent(stop)
     return stop
-
-
-def parse_anchor(text: str | None) -> NDArray[np.float64] | Literal["frame"] | None:
-    """What `pose --anchor` says: a (4, 4) pose of 16 values, row by row, or the word frame. Raises CommandError."""
-    if text is None:
-        return None
-    if text == "frame":
-        return "frame"
-    try:
-        return np.array([float(value) for value in text.split(",")]).reshape(4, 4)
-    except ValueError as error:
-        raise CommandError(f"--anchor {text!r} is neither 16 values, separated by commas, nor frame") from error

@@ -16,13 +16,13 @@ from spot3d.cli.options import (
     InputArgument,
     IntrinsicsOption,
     ListenOption,
+    NoiseOption,
     PresetOption,
     RateOption,
     RobotOption,
     SettingsOption,
     SupervisedOption,
     link_overrides,
-    parse_anchor,
     play_overrides,
     stage_started,
 )
@@ -42,13 +42,15 @@ def source(
     half: HalfOption = False,
     rate: RateOption = None,
     intrinsics: IntrinsicsOption = None,
+    noise: NoiseOption = None,
     pose_from_elsewhere: Annotated[bool, typer.Option("--no-pose-stage", help="do not wait for a pose stage")] = False,
     after_ns: Annotated[int | None, typer.Option(hidden=True)] = None,
+    stream: Annotated[str | None, typer.Option(hidden=True)] = None,
     supervised: SupervisedOption = False,
 ) -> None:
     """The source stage: play INPUT to the other stages."""
     stop = stage_started(supervised)
-    overrides = play_overrides(half, rate) | link_overrides(robot, connect, listen, lossless)
+    overrides = play_overrides(half, rate, noise) | link_overrides(robot, connect, listen, lossless)
     resolved = load_settings(settings, preset, overrides)
     from spot3d.source.process import EVERY_STAGE, FUSING_STAGES, MissingStagesError
     from spot3d.source.process import run as run_source
@@ -62,7 +64,7 @@ def source(
         awaited = FUSING_STAGES if supervised else ()
     wait_for = tuple(stage for stage in awaited if stage != "pose" or not pose_from_elsewhere)
     try:
-        run_source(resolved.link, resolved.source, sequence, stop=stop, wait_for=wait_for)
+        run_source(resolved.link, resolved.source, sequence, stop=stop, wait_for=wait_for, stream=stream)
     except MissingStagesError as error:
         raise CommandError(str(error)) from error
 
@@ -75,9 +77,6 @@ def pose(
     listen: ListenOption = None,
     lossless: DeliveryOption = None,
     provider: Annotated[str | None, typer.Option(metavar="kiss|gicp|given", help="where poses come from")] = None,
-    anchor: Annotated[
-        str | None, typer.Option(metavar="T|frame", help="started again: the first frame's pose, 16 values, or frame")
-    ] = None,
     supervised: SupervisedOption = False,
 ) -> None:
     """The pose stage: the camera's pose for each frame."""
@@ -88,7 +87,7 @@ def pose(
     resolved = load_settings(settings, preset, overrides)
     from spot3d.pose.process import run as run_pose
 
-    run_pose(resolved.link, resolved.pose, stop, parse_anchor(anchor))
+    run_pose(resolved.link, resolved.pose, stop)
 
 
 Stage = Callable[[Settings, threading.Event], None]
@@ -141,6 +140,26 @@ def fusion(settings: Settings, stop: threading.Event) -> None:
     run(settings.link, settings.fusion, stop)
 
 
+def bridge(
+    settings: SettingsOption = None,
+    robot: RobotOption = None,
+    connect: ConnectOption = None,
+    ground: Annotated[
+        list[str] | None, typer.Option(help="the router on the other side, as tcp/ADDRESS:7447; may be repeated")
+    ] = None,
+    supervised: SupervisedOption = False,
+) -> None:
+    """Join this device's router with another one's over a thin or broken link, which never stalls this device."""
+    stop = stage_started(supervised)
+    overrides = link_overrides(robot, connect, None, None)
+    if ground:
+        overrides["bridge"] = {"ground": tuple(ground)}
+    resolved = load_settings(settings, None, overrides)
+    from spot3d.bridge.process import run
+
+    run(resolved.link, resolved.bridge, stop)
+
+
 def router(
     settings: SettingsOption = None,
     listen: Annotated[list[str] | None, typer.Option(help="endpoints to listen on; may be repeated")] = None,
@@ -171,4 +190,4 @@ def router(
             raise CommandError(f"cannot listen at {', '.join(endpoints)}: {error}") from error
 
 
-COMMANDS = (source, pose, linked(proposals), linked(heatmap), linked(segments), linked(fusion), router)
+COMMANDS = (source, pose, linked(proposals), linked(heatmap), linked(segments), linked(fusion), bridge, router)

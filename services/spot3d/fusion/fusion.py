@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, back_project, invert
+from spot3d.depth_noise import DepthNoise
 from spot3d.found_object import FoundObject
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.map.heatmap3d import Heatmap3D
@@ -124,12 +125,12 @@ class Fusion:
         if self.settings.plane_removal:
             points = back_project(frame.depth, frame.camera)
             if self.frame_count % self.settings.keyframe_interval == 0:
-                self._keyframe(points, frame.heat, T_world_camera)
+                self._keyframe(points, frame.heat, T_world_camera, camera.noise)
             if self._supporting is not None:
                 plane = transform_plane(self._supporting, invert(T_world_camera))
-                warm = np.where(on_plane(plane, points, self.settings), np.uint8(0), frame.heat)
+                warm = np.where(on_plane(plane, points, self.settings, camera.noise), np.uint8(0), frame.heat)
         elif self._supporting is None:
-            self._keyframe(back_project(frame.depth, frame.camera), frame.heat, T_world_camera)
+            self._keyframe(back_project(frame.depth, frame.camera), frame.heat, T_world_camera, camera.noise)
         self.frame_count += 1
         if stamp_ns is not None:
             # At full size the lattice is the caller's own image.
@@ -172,7 +173,11 @@ class Fusion:
         return self.snapshot().run()
 
     def _keyframe(
-        self, points: NDArray[np.float32], heat: NDArray[np.uint8], T_world_camera: NDArray[np.float64]
+        self,
+        points: NDArray[np.float32],
+        heat: NDArray[np.uint8],
+        T_world_camera: NDArray[np.float64],
+        noise: DepthNoise,
     ) -> None:
         """Estimate the supporting plane anew, from the planes known here, and remember all (paper, Sec. IV-A)."""
         T_camera_world = invert(T_world_camera)
@@ -182,8 +187,8 @@ class Fusion:
         if self.settings.plane_search == "triples":
             planes = planes_by_ransac(points, self.settings, rng)
         else:
-            planes = dominant_planes(points, self.settings, rng, known)
-        chosen = supporting_plane(planes, points, heat, self.settings)
+            planes = dominant_planes(points, self.settings, rng, known, noise)
+        chosen = supporting_plane(planes, points, heat, self.settings, noise)
         self._candidates = np.array([transform_plane(plane, T_world_camera) for plane in planes]).reshape(-1, 4)
         if chosen is None:
             return

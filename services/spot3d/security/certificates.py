@@ -3,6 +3,7 @@
 import datetime
 import ipaddress
 import os
+import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -115,7 +116,8 @@ def issue_all(
 
 def _make_authority(folder: Path, now: datetime.datetime) -> Authority:
     key = ec.generate_private_key(ec.SECP256R1())
-    name = _named("spot3d private authority")
+    # A name of its own: of two authorities of one name, a wrong one would be told as a broken signature.
+    name = _named(f"spot3d private authority {secrets.token_hex(4)}")
     ends = now + datetime.timedelta(days=_CA_DAYS)
     signs = x509.KeyUsage(
         digital_signature=False,

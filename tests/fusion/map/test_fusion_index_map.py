@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from spot3d.bench.reference import warp as reference_warp
 from spot3d.camera import Intrinsics, back_project
+from spot3d.depth_noise import KINECT_V1
 from spot3d.fusion.map.heatmap3d import FREQUENCY, HEAT, LAST, WEIGHT, Heatmap3D, X, find_slot
 from spot3d.fusion.map.index_map import IndexMap, MatchCounts, warp
 
@@ -58,7 +59,8 @@ def test_warp_equals_the_plain_transcription(seed: int, colour_gate: float, z_ga
     kernel, nearest = np.full(TINY.shape, -1, np.int32), np.full(TINY.shape, np.inf, np.float32)
     warp(
         last_index, last_depth, last_colour, depth, colour, T, *np.float32((TINY.fx, TINY.fy, TINY.cx, TINY.cy)),
-        np.float32((255 * colour_gate) ** 2), np.float32(z_gate), np.float32(0), nearest, kernel,
+        np.float32((255 * colour_gate) ** 2), np.float32(z_gate), np.float32(0), KINECT_V1.coefficients(), nearest,
+        kernel,
     )  # fmt: skip
     plain = reference_warp(last_index, last_depth, last_colour, depth, colour, T, TINY, colour_gate, z_gate)
     np.testing.assert_array_equal(kernel, plain)
@@ -73,7 +75,7 @@ def test_of_several_on_one_pixel_the_nearest_wins() -> None:
     warp(
         np.array([[4, 5, 6]], np.int32), np.array([[1.02, 1.0, 1.01]], np.float32), colour,
         np.ones((1, 3), np.float32), colour, shrink, *np.float32((line.fx, line.fy, line.cx, line.cy)),
-        np.float32(1), np.float32(0.1), np.float32(0), nearest, found,
+        np.float32(1), np.float32(0.1), np.float32(0), KINECT_V1.coefficients(), nearest, found,
     )  # fmt: skip
     np.testing.assert_array_equal(found, [[5, -1, -1]])
 
