@@ -106,7 +106,7 @@ class _Recorder:
         self._topics = tuple(topics)
         self._backlog = Backlog(BACKLOG_BYTES)
         self._complaints = Complaints(log)
-        self._stamps: list[tuple[int, int]] = []
+        self._places: list[tuple[int, int, str]] = []
         self._lock = threading.Lock()
         self._writer = McapWriter(path, PROFILE, f"spot3d {spot3d.__version__}")
         about = {
@@ -148,8 +148,8 @@ class _Recorder:
         writer = self._writer
         try:
             writer.flush()
-            kept = [item for item in self._stamps if item[0] < writer.chunks]
-            writer.metadata("frames", {"topic": self._frames or "", "chunk_and_stamp_ns": json.dumps(kept)})
+            kept = [item for item in self._places if item[0] < writer.chunks]
+            writer.metadata("frames", {"topic": self._frames or "", "chunk_stamp_ns_stream": json.dumps(kept)})
             writer.metadata("skipped", {reason: str(count) for reason, count in self.recorded.skipped.items()})
         except OSError as error:
             self._failed(error)
@@ -183,7 +183,8 @@ class _Recorder:
     def _try(self, item: Heard) -> None:
         """Give one message to the writer, which may find that the file takes no more."""
         if item.topic == self._frames:
-            self._stamps.append((self._writer.chunks, peek_header(item.data).stamp_ns))
+            header = peek_header(item.data)
+            self._places.append((self._writer.chunks, header.stamp_ns, header.stream or ""))
         try:
             self._writer.add(self._channels[item.topic], item.log_ns, item.publish_ns, item.sequence, item.data)
         except OSError as error:
@@ -194,7 +195,7 @@ class _Recorder:
 
     def _hear(self, topic: str, handler: Handler[zenoh.Sample]) -> None:
         """Copy out what comes; nothing here waits for the disk in a live run."""
-        expected, last_seq = TOPICS[topic].message, None
+        expected, last = TOPICS[topic].message, None
         while True:
             try:
                 sample = handler.recv()
@@ -210,9 +211,9 @@ class _Recorder:
             except CodecError as error:
                 self._skip(topic, "refused", str(error))
                 continue
-            if last_seq is not None and header.seq > last_seq + 1:
-                self._skip(topic, "lost on the way", count=header.seq - last_seq - 1)
-            last_seq = header.seq
+            if last is not None and header.sender == last.sender and header.seq > last.seq + 1:
+                self._skip(topic, "lost on the way", count=header.seq - last.seq - 1)
+            last = header
             sent_ns = header.trace[-1].sent_ns if header.trace else time.time_ns()
             if not self._backlog.put(topic, sent_ns, header.seq, data, wait=self._link.delivery == "lossless"):
                 self._skip(topic, "not written in time")
