@@ -78,7 +78,7 @@ class _Player:
     def run(self, stop: threading.Event) -> None:
         """Play once, or again and again."""
         self._once(stop)
-        while self._playing.loop and not stop.is_set():
+        while self._playing.loop and self.sent and not stop.is_set():
             self._once(stop)
 
     def _once(self, stop: threading.Event) -> None:
