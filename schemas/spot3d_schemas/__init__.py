@@ -8,6 +8,7 @@ from spot3d_schemas.messages import (
     MESSAGES,
     About,
     CameraIntrinsics,
+    DepthNoise,
     End,
     Frame,
     Health,
@@ -22,15 +23,17 @@ from spot3d_schemas.messages import (
     Segments,
 )
 from spot3d_schemas.names import checked_name
-from spot3d_schemas.topics import STAGES, TOPICS, Topic, alive_key, fleet_key, key
+from spot3d_schemas.topics import BRIDGE, STAGES, TOPICS, Topic, alive_key, fleet_key, key
 
 __all__ = [
+    "BRIDGE",
     "MESSAGES",
     "STAGES",
     "TOPICS",
     "About",
     "CameraIntrinsics",
     "CodecError",
+    "DepthNoise",
     "End",
     "Frame",
     "Header",

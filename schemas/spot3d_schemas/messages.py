@@ -80,6 +80,18 @@ class CameraIntrinsics(Record):
         return (self.height, self.width)
 
 
+class DepthNoise(Record):
+    """How noisy depth is: sigma(z) = floor + growth * (z - at)^2 (`model` quadratic), all metres.
+
+    A stereo camera: at 0, growth = subpixel / (focal length * baseline); time of flight: little growth.
+    """
+
+    model: Literal["quadratic"] = "quadratic"
+    floor: Positive
+    growth: NonNegative
+    at: Finite
+
+
 class Message(Record):
     """What every message has."""
 
@@ -96,12 +108,16 @@ class RgbdMessage(Message):
 
     colour: (h, w, 3) uint8 RGB, registered with depth.
     depth: (h, w) uint16 in units of `depth_scale` metres, or float32 metres (`depth_scale` 1); 0 = invalid.
+    depth_noise: since 1.1, the depth camera's; None: not stated, and taken for a Kinect v1's.
     """
+
+    VERSION: ClassVar[str] = "1.1"
 
     intrinsics: CameraIntrinsics
     depth_scale: Positive
     colour: Colour
     depth: Depth
+    depth_noise: DepthNoise | None = None
 
     @field_validator("colour", "depth", "heat", check_fields=False)
     @classmethod

@@ -9,6 +9,7 @@ from hypothesis.extra import numpy as hnp
 from spot3d_schemas import (
     About,
     CameraIntrinsics,
+    DepthNoise,
     End,
     Frame,
     Header,
@@ -37,6 +38,7 @@ def rgbd(height: int = 4, width: int = 6, dtype: Any = np.uint16) -> dict[str, A
         "depth_scale": 0.001 if dtype == np.uint16 else 1.0,
         "colour": np.repeat((ramp % 256).astype(np.uint8)[:, :, None], 3, axis=2),
         "depth": (1000 + ramp % 3000).astype(dtype),
+        "depth_noise": DepthNoise(floor=0.0003, growth=0.0036, at=0.0),
     }
 
 
@@ -191,6 +193,7 @@ def _rgbd(draw: st.DrawFn) -> dict[str, Any]:
         "depth_scale": draw(_positive) if dtype == np.uint16 else 1.0,
         "colour": draw(hnp.arrays(np.uint8, (height, width, 3))),
         "depth": draw(hnp.arrays(dtype, (height, width))),
+        "depth_noise": draw(st.none() | st.builds(DepthNoise, floor=_positive, growth=_positive, at=_finite)),
     }
 
 

@@ -48,7 +48,12 @@ def test_all_names_exist() -> None:
     assert all(hasattr(spot3d_schemas, name) for name in spot3d_schemas.__all__)
 
 
-ADDED = {"Objects": {"left_out", "keyframes_dropped"}, "Health": {"sent", "sent_bytes"}}
+ADDED = {
+    "Objects": {"left_out", "keyframes_dropped"},
+    "Frame": {"depth_noise"},
+    "Heat": {"depth_noise"},
+    "Health": {"sent", "sent_bytes"},
+}
 """What minor versions have added: older senders leave it out."""
 
 

@@ -21,6 +21,7 @@ from spot3d.cli.options import (
     InputArgument,
     IntrinsicsOption,
     ListenOption,
+    NoiseOption,
     PresetOption,
     RateOption,
     RobotOption,
@@ -81,6 +82,7 @@ def run(
     live: Annotated[bool, typer.Option("--live", help="at the recorded rate, dropping frames if busy")] = False,
     rate: RateOption = None,
     intrinsics: IntrinsicsOption = None,
+    noise: NoiseOption = None,
     listen: ListenOption = None,
 ) -> None:
     """Play INPUT through all stages and write the objects found, with a picture, into a folder."""
@@ -89,7 +91,7 @@ def run(
     topic = pose if pose is not None and "/" in pose else None
     if in_process and topic is not None:
         raise CommandError(f"--in-process hears no topics; leave --in-process away, or do without --pose {pose}")
-    overrides = play_overrides(half, rate)
+    overrides = play_overrides(half, rate, noise)
     overrides["link"] = {"delivery": "live" if live else "lossless"}
     if pose is not None and topic is None:
         overrides["pose"] = {"provider": "given" if pose == "truth" else pose}

@@ -89,4 +89,23 @@ def play(
     typer.echo(f"{sent} messages sent")
 
 
-COMMANDS = (record, play)
+def export(
+    source: Annotated[Path, typer.Argument(metavar="RUN|RECORDING.mcap", help="results of spot3d run, or a recording")],
+    out: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="the new file")],
+) -> None:
+    """Write a run or a recording in Foxglove's schemas, for Foxglove, Lichtblick and Rerun."""
+    from spot3d.recorder.foxglove_export import export as export_all
+    from spot3d.recorder.mcap_contents import BrokenRecordingError
+
+    if not source.exists():
+        raise CommandError(f"{source} does not exist; give a folder of results, or a recording")
+    try:
+        exported = export_all(source, out, lambda text: typer.echo(text, err=True))
+    except BrokenRecordingError as error:
+        raise CommandError(str(error)) from error
+    except FileExistsError as error:
+        raise CommandError(f"{out} exists already; give another name, or delete it") from error
+    typer.echo(f"{out}: {exported.summary()}")
+
+
+COMMANDS = (record, play, export)

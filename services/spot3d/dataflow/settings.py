@@ -45,9 +45,25 @@ class LinkSettings(BaseModel):
     shared_memory: bool = Field(
         True, description="live: images go through shared memory on one host; a stalled reader's are dropped, counted"
     )
-    thin_link: bool = Field(False, description="compress images: colour as JPEG, depth and heat lossless")
+    thin_link: bool = Field(False, description="compress images, and of heat messages send what fusion looks at")
     jpeg_quality: int = Field(90, ge=1, le=100, description="thin_link: quality of the colour images")
-    object_interval_s: float = Field(0.4, gt=0, description="capture time between two updates of the objects, seconds")
+    thin_width: int = Field(
+        320, ge=40, description="thin_link: heat is sent on a lattice of about so many samples across, as it is fused"
+    )
+    thin_depth_share: float = Field(
+        0.5,
+        ge=0,
+        le=2,
+        description="thin_link: heat's depth is rounded to steps of this share of its noise, a half adding 1 % to it; "
+        "0: lossless",
+    )
+    thin_heat_levels: int = Field(
+        16,
+        ge=2,
+        le=256,
+        description="thin_link: heat in so many levels; 16 are as far apart as heat differs from frame to frame; "
+        "256: lossless",
+    )
     health_interval_s: float = Field(1.0, gt=0, description="time between two health messages, seconds")
 
     @model_validator(mode="after")

@@ -56,7 +56,7 @@ def open_dataset(
         _has_own_camera(name, intrinsics)
         return DataSet(folder.name, kind, sequences=open_uw_scenes(folder, every, frames))
     if kind is None:
-        raise SourceError(f"{folder} is none of the data sets {LAYOUTS}; the README says how each is laid out")
+        raise SourceError(f"{folder} is none of the data sets {LAYOUTS}; docs/measured.md says how each is laid out")
     sequence = open_selection(Selection(name, frames, every, intrinsics), settings.source)
     return DataSet(folder.name, kind, sequences=(LabelledSequence(folder.name, sequence, _truth_of(folder)),))
 

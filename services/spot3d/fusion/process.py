@@ -73,7 +73,7 @@ class _Stage:
     def __init__(self, node: Node, fusion: Fusion, updates: Updates) -> None:
         self.node, self.fusion, self.updates = node, fusion, updates
         self.inputs = inputs_of(node.link)
-        self.cadence = Cadence(node.link.object_interval_s)
+        self.cadence = Cadence(fusion.settings.object_interval_s)
         self.ledger = Ledger(node.link.credit_timeout_s)
         self.camera: CameraIntrinsics | None = None
         self.last: Received[Message] | None = None

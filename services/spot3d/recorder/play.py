@@ -6,7 +6,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 
 import zenoh
-from mcap.records import Message
 
 from spot3d.dataflow.endpoints import declare_publisher
 from spot3d.dataflow.session import StoppedError, open_session
@@ -15,7 +14,8 @@ from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.recorder.keyboard import on_key
 from spot3d.recorder.mcap_contents import McapContents
 from spot3d.recorder.pace import Pace
-from spot3d_schemas import TOPICS, End, Header, alive_key, decode, encode, peek_header
+from spot3d.recorder.relabel import Labels
+from spot3d_schemas import TOPICS, End, Header, alive_key, encode, peek_header
 
 _FRAME, _END = "source/frame", "source/end"
 _TOKEN_S = 5.0
@@ -83,7 +83,7 @@ class _Player:
         first_ns = start_ns + round(1e9 * playing.start_s)
         last_ns = self._contents.end_ns if playing.end_s is None else start_ns + round(1e9 * playing.end_s)
         self.pace.restart()
-        frames, last_frame = 0, b""
+        frames, last_frame, labels = 0, b"", Labels(self._link.robot)
         for message in self._contents.between(first_ns, last_ns):
             topic = self._topic_of.get(message.channel_id)
             # The end that was recorded counts frames that are not all played.
@@ -91,28 +91,16 @@ class _Player:
                 continue
             if not self.pace.wait(1e-9 * (message.log_time - first_ns), stop):
                 return
-            self._send(topic, message)
+            data = labels.on(message.data)
+            self._publishers[topic].put(data)
+            self.sent[topic] += 1
             if topic == _FRAME:
-                frames, last_frame = frames + 1, message.data
+                frames, last_frame = frames + 1, data
         if frames and _END in self._publishers:
-            header = Header(
-                **peek_header(last_frame).model_dump(include={"seq", "stamp_ns", "frame_id"}), robot=self._link.robot
-            )
+            # Of the same robot, stream and sender as the frames.
+            header = Header(**peek_header(last_frame).model_dump(exclude={"schema_name", "version", "trace"}))
             self._publishers[_END].put(encode(End(header=header, frames_sent=frames)))
             self.sent[_END] += 1
-
-    def _send(self, topic: str, message: Message) -> None:
-        data = message.data
-        if self._link.robot != self._contents.robot:
-            decoded = decode(data, TOPICS[topic].message)
-            header = decoded.header.model_copy(update={"robot": self._link.robot})
-            data = encode(
-                decoded.model_copy(update={"header": header}),
-                thin_link=self._link.thin_link,
-                jpeg_quality=self._link.jpeg_quality,
-            )
-        self._publishers[topic].put(data)
-        self.sent[topic] += 1
 
 
 def _refuse_alive(session: zenoh.Session, robot: str, stages: set[str]) -> None:

@@ -37,6 +37,8 @@ BACKLOG_BYTES = 256 * 2**20
 FLUSH_S = 1.0
 """Longest that a message is not in the file: what a recorder that is killed loses."""
 _FRAMES = ("source/frame", "heatmap/heat")
+_WAITING = 16
+"""Least messages of a topic that wait to be copied: half a second of a camera, where the processors are busy."""
 _IDLE_S = 0.1
 
 
@@ -69,7 +71,7 @@ class NoSuchTopicError(Exception):
 
 
 def matching_topics(patterns: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
-    """Topics among `known` that match a pattern (`source/*`); all without patterns. Raises NoSuchTopicError."""
+    """The topics among `known` that match a pattern (`source/*`), or all. Raises NoSuchTopicError."""
     for pattern in patterns:
         if not fnmatch.filter(known, pattern):
             raise NoSuchTopicError(f"no topic matches {pattern!r}; there are {', '.join(known)}")
@@ -116,7 +118,7 @@ class _Recorder:
         }
         self._writer.metadata("spot3d", about)
         self._writer.metadata("settings", {"toml": to_toml(settings)})
-        self._channels = {topic: _channel(self._writer, self._link.robot, topic) for topic in self._topics}
+        self._channels = {topic: topic_channel(self._writer, self._link.robot, topic) for topic in self._topics}
         self._frames = next((topic for topic in _FRAMES if topic in self._topics), None)
 
     def run(self, stop: threading.Event) -> None:
@@ -163,7 +165,7 @@ class _Recorder:
 
     def _waiting_room(self, topic: str) -> "FifoChannel[zenoh.Sample] | RingChannel[zenoh.Sample]":
         """Live, a full one drops the oldest: one that makes the sender wait would make it wait for all."""
-        size = waiting(topic, self._link)
+        size = max(waiting(topic, self._link), _WAITING)
         return FifoChannel(size) if self._link.delivery == "lossless" else RingChannel(size)
 
     def _write(self, stop: threading.Event) -> None:
@@ -224,7 +226,7 @@ class _Recorder:
         self._complaints.say(f"{topic} {reason}", f"{topic} {reason}{why and f': {why}'}", time.monotonic())
 
 
-def _channel(writer: McapWriter, robot: str, topic: str) -> int:
+def topic_channel(writer: McapWriter, robot: str, topic: str) -> int:
     """The channel of a topic: its key, its message's JSON Schema, and how to publish it again."""
     message = TOPICS[topic].message
     schema = json.dumps(json_schema(message)).encode()

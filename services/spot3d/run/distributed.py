@@ -11,6 +11,7 @@ from spot3d.run.collector import Collector, relay_poses
 from spot3d.run.report import RunReport
 from spot3d.run.results import RunResult, empty_snapshot
 from spot3d.run.supervisor import Supervisor
+from spot3d.run.timeline import Timeline
 from spot3d.run.watcher import Watcher
 from spot3d.security.access import access_control
 from spot3d.settings import Settings
@@ -36,7 +37,13 @@ class Plan:
 
 
 def run_distributed(
-    plan: Plan, supervisor: Supervisor, report: RunReport, logs: Path, watcher: Watcher, stop: Event
+    plan: Plan,
+    supervisor: Supervisor,
+    report: RunReport,
+    logs: Path,
+    timeline: Timeline,
+    watcher: Watcher,
+    stop: Event,
 ) -> RunResult:
     """Run every stage as a process of the supervisor until the input ends, `stop` is set or a stage cannot go on.
 
@@ -49,7 +56,7 @@ def run_distributed(
         access = access_control(plan.settings.access) if plan.settings.access.enabled else None
         listen = (endpoint, *plan.listen)
         session = stack.enter_context(open_router(listen, link=plan.settings.link, access=access))
-        collector = stack.enter_context(Collector(session, robot))
+        collector = stack.enter_context(Collector(session, robot, timeline))
         if plan.pose_topic is not None and plan.pose_topic != key(robot, "pose/pose"):
             stack.enter_context(relay_poses(session, plan.pose_topic, robot))
         for stage in STAGES:
