@@ -4,10 +4,10 @@ import os
 from itertools import pairwise
 
 import pytest
+from dataflow_stages import Recording
 
 from spot3d.bench.looped import Looped
 from spot3d.bench.readings import Reading, charts, growths, minute_table, read_process
-from spot3d.source.sequences import open_source
 
 
 def readings(memory_a_minute: float = 0.0, threads_a_minute: float = 0.0) -> list[Reading]:
@@ -53,7 +53,7 @@ def test_this_process_is_read_and_one_that_is_gone_is_nothing() -> None:
 
 
 def test_frames_without_end_never_jump() -> None:
-    looped = Looped(open_source("scene"), 3, 10, 30.0)
+    looped = Looped(Recording(8), 3, 10, 30.0)
     assert len(looped) == 10
     assert all(0 < later - earlier < 40_000_000 for earlier, later in pairwise(looped.stamps_ns))
     first, _, turn, back, again = (looped[index] for index in range(5))

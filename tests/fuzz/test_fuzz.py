@@ -51,7 +51,7 @@ def test_the_codec_refuses_or_understands(capsys: pytest.CaptureFixture[str]) ->
     assert all(decodes_or_refuses(payload, message) for message, payload in payloads)
     mutator, chance = Mutator(SEED), random.Random(SEED)
     before_mb, tried, understood = rss_mb(), 0, 0
-    for tried in rounds(4000, CODEC_SHARE):
+    for tried in rounds(1500, CODEC_SHARE):
         message, payload = payloads[tried % len(payloads)]
         understood += decodes_or_refuses(mutator.mutated(payload, chance.choice((1, 1, 2, 4))), message)
     assert 0.05 < understood / tried < 0.95, "mutations neither all break a message nor leave it as it was"
@@ -68,7 +68,7 @@ def test_every_stage_goes_on_after_whatever_it_was_sent(capsys: pytest.CaptureFi
     with under_fire() as fired:
         fired.still_works()
         readings = []
-        for number in rounds(4 * BATCH, 1 - CODEC_SHARE):
+        for number in rounds(3 * BATCH, 1 - CODEC_SHARE):
             fired.fire(mutator, chance)
             if number % BATCH == BATCH - 1:
                 fired.ask(chance)
