@@ -23,7 +23,7 @@ from spot3d_schemas.messages import (
     Segments,
 )
 from spot3d_schemas.names import checked_name
-from spot3d_schemas.topics import BRIDGE, STAGES, TOPICS, Topic, alive_key, fleet_key, key
+from spot3d_schemas.topics import BRIDGE, STAGES, TOPICS, Topic, alive_key, fleet_key, key, process_key
 
 __all__ = [
     "BRIDGE",
@@ -59,5 +59,6 @@ __all__ = [
     "json_schema",
     "key",
     "peek_header",
+    "process_key",
     "refuse_encoding",
 ]

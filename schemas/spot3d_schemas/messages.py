@@ -8,7 +8,7 @@ Values are checked strictly, once, when a message is made or decoded. Fields tha
 ignored, not refused: a newer minor version adds fields, and its messages must stay readable; a change that
 would mislead an old reader takes a new major version. Since a misspelt field is ignored as well, every field of
 1.0 but the header's trace must be given: what is missing is refused. What a minor version has added may be missing,
-since older senders do not know it.
+since older senders do not know it: 1.1 added the header's stream and sender.
 """
 
 from typing import Annotated, ClassVar, Literal, Self
@@ -96,7 +96,7 @@ class Message(Record):
     """What every message has."""
 
     SCHEMA: ClassVar[str]
-    VERSION: ClassVar[str] = "1.0"
+    VERSION: ClassVar[str] = "1.1"
     MAX_VALUES: ClassVar[int] = MAX_VALUES
     MAX_FIELD_BYTES: ClassVar[int] = MAX_FIELD_BYTES
 
@@ -223,7 +223,11 @@ class End(Message):
 
 
 class Pose(Message):
-    """The camera's pose at one capture. "lost": not to be fused, and `reason` says why."""
+    """The camera's pose at one capture. "lost": not to be fused, and `reason` says why.
+
+    Since 1.1, epoch: the world that the pose is in; poses of different epochs have nothing to do with each other.
+    lost_since_ns: the capture since which every pose is lost.
+    """
 
     SCHEMA: ClassVar[str] = "spot3d.Pose"
 
@@ -231,6 +235,8 @@ class Pose(Message):
     status: Literal["ok", "lost"]
     reason: Text
     provider: Name
+    epoch: Name | None = None
+    lost_since_ns: Nanoseconds | None = None
 
 
 class Proposals(Message):
@@ -267,11 +273,12 @@ class Objects(Message):
 
     complete: the source's stream has ended, and these are the objects of all its frames. Since 1.1, left_out: what
     was taken for an object and is none, counted by reason; keyframes_dropped: keyframes that were forgotten because
-    there were too many, and with them what no other keyframe shows.
+    there were too many, and with them what no other keyframe shows. Since 1.2, epoch: of the map that they are from;
+    the numbers of objects mean the same in one epoch alone.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Objects"
-    VERSION: ClassVar[str] = "1.1"
+    VERSION: ClassVar[str] = "1.2"
     MAX_VALUES: ClassVar[int] = MAX_OBJECTS_VALUES
     MAX_FIELD_BYTES: ClassVar[int] = MAX_OBJECTS_BYTES
 
@@ -283,13 +290,14 @@ class Objects(Message):
     complete: bool
     left_out: Reasons = Field(default_factory=dict)
     keyframes_dropped: Count = 0
+    epoch: Name | None = None
 
 
 class MapPoints(Message):
     """A bounded snapshot of the 3D heatmap, N of its `total` points.
 
     xyz: (N, 3) float32 m, world. rgb: (N, 3) uint8. heat: (N,) float32 pseudo-average confidence.
-    frequency: (N,) uint32 frames that saw the point.
+    frequency: (N,) uint32 frames that saw the point. Since 1.1, epoch: of the map, as in Objects.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.MapPoints"
@@ -299,6 +307,7 @@ class MapPoints(Message):
     heat: PointHeat
     frequency: PointCounts
     total: Count
+    epoch: Name | None = None
 
     @field_validator("rgb", "heat", "frequency")
     @classmethod
@@ -328,8 +337,9 @@ class Health(Message):
     """How one stage's process fares. Rates and times are None until there is something to measure.
 
     drops: messages that were not worked on, by reason. events: what happened that lost nothing, by kind.
-    latency: from the trace's first hop to this stage's message, by wall clock. step: the core's own time.
-    Since 1.1, sent, sent_bytes: messages and their bytes so far, by topic.
+    latency: from the trace's first hop to this stage's message, by wall clock. step: the core's own time. Since 1.1,
+    state: what is wrong now and what to do about it, for people; empty: nothing is; and sent, sent_bytes: messages and
+    their bytes so far, by topic.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Health"
@@ -352,6 +362,7 @@ class Health(Message):
     cpu_s: NonNegative
     rss_bytes: Count
     threads: Count
+    state: Text = ""
     sent: Reasons = Field(default_factory=dict)
     sent_bytes: Reasons = Field(default_factory=dict)
 

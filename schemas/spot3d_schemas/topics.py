@@ -110,3 +110,9 @@ def alive_key(robot: str, stage: str) -> str:
 def fleet_key(topic: str) -> str:
     """The key expression that matches a topic of every robot. Raises KeyError for an unknown topic."""
     return TOPICS[topic].key_template.format(robot="*")
+
+
+def process_key(robot: str, stage: str, sender: str) -> str:
+    """The key of the liveliness token of one process of a stage, the `sender` of its messages; `*` for any."""
+    name = sender if sender == "*" else checked_name(sender)
+    return f"{alive_key(robot, stage)}/{name}"

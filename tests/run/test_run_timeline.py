@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from spot3d.boxes import Box3D
-from spot3d.evaluate.truth import FoundObject
+from spot3d.found_object import FoundObject
 from spot3d.run.results import RunResult, found_in
 from spot3d.run.timeline import Timeline
 

@@ -26,7 +26,9 @@ from spot3d_schemas import (
     Segments,
 )
 
-HEADER = Header(robot="drone", seq=7, stamp_ns=1_700_000_000_123_456_789, frame_id="camera").with_hop("source", 1, 2)
+HEADER = Header(
+    robot="drone", seq=7, stamp_ns=1_700_000_000_123_456_789, frame_id="camera", stream="a1", sender="b2"
+).with_hop("source", 1, 2)
 
 
 def rgbd(height: int = 4, width: int = 6, dtype: Any = np.uint16) -> dict[str, Any]:
@@ -61,7 +63,15 @@ BOX = Object3D(
 SAMPLES: dict[str, Message] = {
     "Frame": Frame(**rgbd(), T_world_camera=quarter_turn()),
     "End": End(header=HEADER, frames_sent=300),
-    "Pose": Pose(header=HEADER, T_world_camera=quarter_turn(), status="ok", reason="", provider="kiss-icp"),
+    "Pose": Pose(
+        header=HEADER,
+        T_world_camera=quarter_turn(),
+        status="lost",
+        reason="the view fits the map in two places",
+        provider="kiss-icp",
+        epoch="c3",
+        lost_since_ns=1_700_000_000_000_000_000,
+    ),
     "Proposals": Proposals(header=HEADER, boxes=np.arange(15, dtype=np.float32).reshape(3, 5)),
     "Heat": Heat(**rgbd(), heat=np.full((4, 6), 255, np.uint8), accepted=1, masked=2, rejected=3),
     "Segments": Segments(
@@ -83,6 +93,7 @@ SAMPLES: dict[str, Message] = {
         complete=False,
         left_out={"too large": 2},
         keyframes_dropped=20,
+        epoch="d4",
     ),
     "MapPoints": MapPoints(
         header=HEADER,
@@ -91,6 +102,7 @@ SAMPLES: dict[str, Message] = {
         heat=np.array([0.25, 0.5], np.float32),
         frequency=np.array([5, 6], np.uint32),
         total=20,
+        epoch="d4",
     ),
     "Progress": Progress(header=HEADER, fused=5, skipped={"pose lost": 2}, last_stamp_ns=77, complete=True),
     "Health": Health(
@@ -112,6 +124,7 @@ SAMPLES: dict[str, Message] = {
         cpu_s=1.0,
         rss_bytes=10**9,
         threads=4,
+        state="two processes of the stage fusion",
         sent={"fusion/progress": 3},
         sent_bytes={"fusion/progress": 600},
     ),
@@ -173,6 +186,8 @@ _headers = st.builds(
     stamp_ns=_counts,
     frame_id=_names,
     trace=st.lists(_hops, max_size=3).map(tuple),
+    stream=st.none() | _names,
+    sender=st.none() | _names,
 )
 
 
@@ -245,6 +260,7 @@ def _map_points(draw: st.DrawFn) -> MapPoints:
         heat=draw(hnp.arrays(np.float32, n)),
         frequency=draw(hnp.arrays(np.uint32, n)),
         total=draw(_counts),
+        epoch=draw(st.none() | _names),
     )
 
 
@@ -273,6 +289,8 @@ MESSAGES_OF: dict[str, st.SearchStrategy[Message]] = {
         status=st.sampled_from(["ok", "lost"]),
         reason=_texts,
         provider=_names,
+        epoch=st.none() | _names,
+        lost_since_ns=st.none() | _counts,
     ),
     "Proposals": st.builds(Proposals, header=_headers, boxes=_boxes),
     "Heat": _heats(),
@@ -288,6 +306,7 @@ MESSAGES_OF: dict[str, st.SearchStrategy[Message]] = {
         complete=st.booleans(),
         left_out=_reasons,
         keyframes_dropped=_counts,
+        epoch=st.none() | _names,
     ),
     "MapPoints": _map_points(),
     "Progress": st.builds(
@@ -318,6 +337,7 @@ MESSAGES_OF: dict[str, st.SearchStrategy[Message]] = {
         cpu_s=_non_negative,
         rss_bytes=_counts,
         threads=_counts,
+        state=_texts,
         sent=_reasons,
         sent_bytes=_reasons,
     ),

@@ -49,10 +49,12 @@ def test_all_names_exist() -> None:
 
 
 ADDED = {
-    "Objects": {"left_out", "keyframes_dropped"},
+    "Objects": {"left_out", "keyframes_dropped", "epoch"},
+    "Pose": {"epoch", "lost_since_ns"},
+    "MapPoints": {"epoch"},
     "Frame": {"depth_noise"},
     "Heat": {"depth_noise"},
-    "Health": {"sent", "sent_bytes"},
+    "Health": {"state", "sent", "sent_bytes"},
 }
 """What minor versions have added: older senders leave it out."""
 

@@ -62,8 +62,8 @@ NO_BOTTOM = np.array([*np.eye(4)[:3].ravel(), 0, 0, 0.1, 1]).tolist()
             put("header", "schema", "spot3d.Heat"),
             ["spot3d.Frame.header.schema", "spot3d.Heat", "topic"],
         ),
-        ("Frame", put("header", "version", 1.0), ["spot3d.Frame.header.version", "1.0"]),
-        ("Frame", put("header", "version", "1"), ["spot3d.Frame.header.version", "1.1"]),
+        ("Frame", put("header", "version", 1.0), ["spot3d.Frame.header.version", Frame.VERSION]),
+        ("Frame", put("header", "version", "1"), ["spot3d.Frame.header.version", Frame.VERSION]),
         ("Frame", put("header", "robot", "a/b"), ["spot3d.Frame.header.robot", "a/b"]),
         ("Frame", put("header", "seq", -1), ["spot3d.Frame.header.seq", "-1"]),
         ("Frame", put("header", "stamp_ns", 1.5), ["spot3d.Frame.header.stamp_ns", "1.5"]),
@@ -182,7 +182,7 @@ def test_version(stated: str, ok: bool) -> None:
         return
     with pytest.raises(CodecError) as caught:
         decode(msgpack.packb(wire), Pose)
-    for text in ("spot3d.Pose.header.version", stated, "1.0", "1.x"):
+    for text in ("spot3d.Pose.header.version", stated, Pose.VERSION, "1.x"):
         assert text in str(caught.value)
 
 
@@ -202,11 +202,12 @@ def test_fields_of_a_newer_minor_version_are_ignored() -> None:
 
 def test_fields_that_an_older_minor_version_lacks_are_empty() -> None:
     wire = msgpack.unpackb(encode(SAMPLES["Objects"]))
-    assert wire["header"]["version"] == "1.1"
+    assert wire["header"]["version"] == "1.2"
     wire["header"]["version"] = "1.0"
-    del wire["left_out"], wire["keyframes_dropped"]
+    del wire["left_out"], wire["keyframes_dropped"], wire["epoch"], wire["header"]["stream"], wire["header"]["sender"]
     read = decode(msgpack.packb(wire), Objects)
-    assert (read.left_out, read.keyframes_dropped) == ({}, 0)
+    assert (read.left_out, read.keyframes_dropped, read.epoch) == ({}, 0, None)
+    assert (read.header.stream, read.header.sender) == (None, None)
     assert len(read.objects) == 1
 
 

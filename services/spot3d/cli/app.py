@@ -29,6 +29,7 @@ from spot3d.cli.options import (
     link_overrides,
     play_overrides,
 )
+from spot3d.dataflow.thread_deaths import end_with_any_thread
 from spot3d.settings import InvalidSettingsError, Settings, load_settings, to_toml
 from spot3d.source.errors import SourceError
 
@@ -57,6 +58,7 @@ _PACKAGES = {
 
 def main() -> None:
     """Run the command line; what a user can put right is told in one line, with exit code 2."""
+    end_with_any_thread()
     try:
         app()
     except ModuleNotFoundError as error:

@@ -3,11 +3,9 @@
 import logging
 import threading
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
-import numpy as np
 import typer
-from numpy.typing import NDArray
 
 from spot3d.run.supervised import stop_with_parent
 from spot3d.settings import Preset
@@ -88,15 +86,3 @@ def stage_started(supervised: bool) -> threading.Event:
     if supervised:
         stop_with_parent(stop)
     return stop
-
-
-def parse_anchor(text: str | None) -> NDArray[np.float64] | Literal["frame"] | None:
-    """What `pose --anchor` says: a (4, 4) pose of 16 values, row by row, or the word frame. Raises CommandError."""
-    if text is None:
-        return None
-    if text == "frame":
-        return "frame"
-    try:
-        return np.array([float(value) for value in text.split(",")]).reshape(4, 4)
-    except ValueError as error:
-        raise CommandError(f"--anchor {text!r} is neither 16 values, separated by commas, nor frame") from error

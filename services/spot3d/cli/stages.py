@@ -23,7 +23,6 @@ from spot3d.cli.options import (
     SettingsOption,
     SupervisedOption,
     link_overrides,
-    parse_anchor,
     play_overrides,
     stage_started,
 )
@@ -46,6 +45,7 @@ def source(
     noise: NoiseOption = None,
     pose_from_elsewhere: Annotated[bool, typer.Option("--no-pose-stage", help="do not wait for a pose stage")] = False,
     after_ns: Annotated[int | None, typer.Option(hidden=True)] = None,
+    stream: Annotated[str | None, typer.Option(hidden=True)] = None,
     supervised: SupervisedOption = False,
 ) -> None:
     """The source stage: play INPUT to the other stages."""
@@ -64,7 +64,7 @@ def source(
         awaited = FUSING_STAGES if supervised else ()
     wait_for = tuple(stage for stage in awaited if stage != "pose" or not pose_from_elsewhere)
     try:
-        run_source(resolved.link, resolved.source, sequence, stop=stop, wait_for=wait_for)
+        run_source(resolved.link, resolved.source, sequence, stop=stop, wait_for=wait_for, stream=stream)
     except MissingStagesError as error:
         raise CommandError(str(error)) from error
 
@@ -77,9 +77,6 @@ def pose(
     listen: ListenOption = None,
     lossless: DeliveryOption = None,
     provider: Annotated[str | None, typer.Option(metavar="kiss|gicp|given", help="where poses come from")] = None,
-    anchor: Annotated[
-        str | None, typer.Option(metavar="T|frame", help="started again: the first frame's pose, 16 values, or frame")
-    ] = None,
     supervised: SupervisedOption = False,
 ) -> None:
     """The pose stage: the camera's pose for each frame."""
@@ -90,7 +87,7 @@ def pose(
     resolved = load_settings(settings, preset, overrides)
     from spot3d.pose.process import run as run_pose
 
-    run_pose(resolved.link, resolved.pose, stop, parse_anchor(anchor))
+    run_pose(resolved.link, resolved.pose, stop)
 
 
 Stage = Callable[[Settings, threading.Event], None]

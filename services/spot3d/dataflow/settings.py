@@ -45,6 +45,12 @@ class LinkSettings(BaseModel):
     shared_memory: bool = Field(
         True, description="live: images go through shared memory on one host; a stalled reader's are dropped, counted"
     )
+    snapshot_interval_s: float = Field(
+        10.0, ge=0, description="fusion keeps a snapshot of its map this often, seconds, to go on from; 0: none"
+    )
+    snapshot_folder: str = Field(
+        "", description="where snapshots are kept; empty: spot3d/ROBOT in $XDG_STATE_HOME, or in ~/.local/state"
+    )
     thin_link: bool = Field(False, description="compress images, and of heat messages send what fusion looks at")
     jpeg_quality: int = Field(90, ge=1, le=100, description="thin_link: quality of the colour images")
     thin_width: int = Field(

@@ -55,6 +55,9 @@ class FusionSettings(BaseModel):
         description="a pixel that no pixel of the last frame matches finds the point that lies in its voxel; off: it "
         "is a new point (the paper), and only map_limit bounds the map",
     )
+    speed_max: float = Field(
+        20.0, gt=0, description="fastest plausible camera, m/s: a pose further off than that is not fused"
+    )
     voxel: float = Field(0.005, gt=0.001, le=0.1, description="edge of the look-up voxels of map points, metres")
     map_limit: int = Field(2_000_000, ge=1000, le=20_000_000, description="most points that the 3D heatmap holds")
     keyframe_limit: int = Field(

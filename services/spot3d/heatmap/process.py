@@ -55,12 +55,18 @@ def _serve(node: Node, settings: HeatmapSettings) -> None:
         if item is None:
             continue
         topic, given = item
+        if given.begins:
+            _count(node, join.clear())
         add = join.add_left if topic == _FRAME else join.add_right
         outcome: Outcome[Received[Frame], Received[Proposals]] = add(given.message.header.stamp_ns, given)
-        node.counters.drop("no frame", len(outcome.without_left))
-        node.counters.drop("no boxes", len(outcome.without_right))
+        _count(node, outcome)
         if outcome.pair is not None:
             _publish_heat(node, outcome.pair, settings)
+
+
+def _count(node: Node, outcome: Outcome[Received[Frame], Received[Proposals]]) -> None:
+    node.counters.drop("no frame", len(outcome.without_left))
+    node.counters.drop("no boxes", len(outcome.without_right))
 
 
 def _publish_heat(node: Node, pair: Pair, settings: HeatmapSettings) -> None:

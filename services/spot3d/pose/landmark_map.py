@@ -53,6 +53,11 @@ class LandmarkMap:
         self.forgotten = 0
         self._frames = 0
 
+    def restore(self, rows: NDArray[np.void]) -> None:
+        """Make the map the rows of another one; of too many those known last."""
+        self.rows = rows[np.argsort(-rows["last"], kind="stable")[: self.limit]]
+        self._frames = int(rows["last"].max(initial=0))
+
     def match(self, features: Features, camera: Intrinsics, T_world_camera: NDArray[np.float64]) -> Matches:
         """Match features with the landmarks near to where the pose expects them; each landmark at most once."""
         lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy])

@@ -11,7 +11,9 @@ import zenoh
 from zenoh.handlers import FifoChannel, Handler
 
 from spot3d.boxes import Box3D
+from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.endpoints import declare_publisher
+from spot3d.dataflow.producers import Producers
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.found_object import FoundObject
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport
@@ -46,9 +48,12 @@ M = TypeVar("M", bound=Message)
 
 
 class Collector:
-    """Collects what a run reports; call `drain` often and read the attributes in between."""
+    """Collects what a run reports of its stream; call `drain` often and read the attributes in between.
 
-    def __init__(self, session: zenoh.Session, robot: str, timeline: Timeline | None = None) -> None:
+    Other streams' messages are not this run's, nor is what a second producer says.
+    """
+
+    def __init__(self, session: zenoh.Session, robot: str, stream: str, timeline: Timeline | None = None) -> None:
         self._timeline = timeline
         self.objects: Objects | None = None
         self.progress: Progress | None = None
@@ -57,13 +62,15 @@ class Collector:
         self.latency = HopTimes()
         self.rate = FrameRate()
         self._session = session
-        self._robot = robot
+        self._robot, self._stream = robot, stream
+        self._told: set[str] = set()
         self._earlier: dict[str, Counter[str]] = {stage: Counter() for stage in STAGES}
         self._earlier_boxes: Counter[str] = Counter()
         self._exit = ExitStack()
         self._inputs: dict[str, Handler[zenoh.Sample]] = {}
 
     def __enter__(self) -> Self:
+        self._producers = Producers(self._exit.enter_context(watch_alive(self._session, self._robot)))
         small = ("fusion/objects", "fusion/progress", "pose/pose", "proposals/boxes")
         for topic in (*small, *(f"{stage}/health" for stage in STAGES)):
             subscriber = self._session.declare_subscriber(key(self._robot, topic), FifoChannel(_WAITING))
@@ -79,8 +86,18 @@ class Collector:
         for topic, handler in self._inputs.items():
             while (sample := handler.try_recv()) is not None:
                 message = _decoded(sample, TOPICS[topic].message)
-                if message is not None:
+                if message is not None and self._is_of_this_run(topic, message.header):
                     self._take(message)
+
+    def contested(self) -> list[str]:
+        """What else is to be told: each topic that somebody else says as well, once."""
+        new = set(self._producers.contested(time.monotonic())) - self._told
+        self._told |= new
+        return [f"{topic} is said by another process as well, which is not listened to" for topic in sorted(new)]
+
+    def _is_of_this_run(self, topic: str, header: Header) -> bool:
+        ours = header.stream in (None, self._stream)
+        return ours and self._producers.admit(topic, header.sender, time.monotonic())
 
     def snapshot(self, timeout_s: float) -> MapSnapshot:
         """The map as fusion answers now; empty where it does not answer."""

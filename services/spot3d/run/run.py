@@ -25,6 +25,9 @@ from spot3d.source.errors import SourceError
 from spot3d.source.selected import Selection, open_selection
 from spot3d.source.sequence import FrameSequence
 
+_SNAPSHOTS = "snapshots"
+"""Folder of what stages that are started again go on from; it goes with the end of the run, unless that is killed."""
+
 
 @dataclass(frozen=True, slots=True)
 class Finished:
@@ -85,7 +88,8 @@ def _run(
 
             result = run_in_process(sequence, settings, report, timeline, watcher, stop)
         else:
-            plan = Plan(selection, settings, settings_file, pose_topic, tuple(listen))
+            stages_file = _stages_settings(settings, folder)
+            plan = Plan(selection, settings, stages_file, pose_topic, tuple(listen))
             result = run_distributed(plan, supervisor, report, folder / "logs", timeline, watcher, stop)
     if told := timeline.told():
         report.events.append(told)
@@ -99,7 +103,19 @@ def _run(
         # Logs of an earlier run's processes would be taken for this one's.
         shutil.rmtree(folder / "logs", ignore_errors=True)
     write_overview(folder / "overview.png", selection.name, sequence, result)
+    shutil.rmtree(folder / _SNAPSHOTS, ignore_errors=True)
     return Finished(folder, sequence, result, report)
+
+
+def _stages_settings(settings: Settings, folder: Path) -> Path:
+    """A file of the settings for the stages of this run, which keep their snapshots in its own folder."""
+    shutil.rmtree(folder / _SNAPSHOTS, ignore_errors=True)
+    snapshots = settings.link.snapshot_folder or str((folder / _SNAPSHOTS).absolute())
+    link = settings.link.model_copy(update={"snapshot_folder": snapshots})
+    path = folder / "logs" / "settings.toml"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(to_toml(settings.model_copy(update={"link": link})), encoding="utf-8")
+    return path
 
 
 def write_overview(path: Path, name: str, sequence: FrameSequence, result: RunResult) -> None:
