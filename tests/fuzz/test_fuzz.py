@@ -9,6 +9,7 @@ import os
 import random
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from mutation import Mutator
@@ -63,9 +64,9 @@ def test_the_codec_refuses_or_understands(capsys: pytest.CaptureFixture[str]) ->
 
 # As in a stage's process: numbers that overflow there are no error, but must not harm.
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_every_stage_goes_on_after_whatever_it_was_sent(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_stage_goes_on_after_whatever_it_was_sent(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     mutator, chance = Mutator(SEED), random.Random(SEED)
-    with under_fire() as fired:
+    with under_fire(tmp_path) as fired:
         fired.still_works()
         readings = []
         for number in rounds(3 * BATCH, 1 - CODEC_SHARE):
