@@ -60,11 +60,7 @@ def soak(
     for name, picture in charts(readings).items():
         write_picture(out / f"{name}.png", picture)
     grown = growths(readings)
-    record = {
-        "readings": [asdict(reading) for reading in readings],
-        "growth": [asdict(item) for item in grown],
-        "died": died,
-    }
+    record = {"readings": list(map(asdict, readings)), "growth": list(map(asdict, grown)), "died": died}
     (out / "soak.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
     for line in (*minute_table(readings), *map(Growth.line, grown), *died, f"plots and logs are in {out}"):
         typer.echo(line)
@@ -78,10 +74,10 @@ def watch(sequence: Looped, seconds: float, out: Path) -> tuple[list[Reading], l
     link = LinkSettings(robot=_ROBOT, connect=(endpoint,), delivery="live")
     readings: list[Reading] = []
     with ExitStack() as stack:
-        processes = {"router": stack.enter_context(_process(["router", "--listen", endpoint], out / "router.log"))}
+        processes = {"router": stack.enter_context(_process(["router", "--listen", endpoint], out, "router"))}
         arguments = ["--robot", _ROBOT, "--connect", endpoint, "--live"]
         for stage in STAGES[1:]:
-            processes[stage] = stack.enter_context(_process([stage, *arguments], out / f"{stage}.log"))
+            processes[stage] = stack.enter_context(_process([stage, *arguments], out, stage))
         session = stack.enter_context(open_session(link))
         told = {
             topic: session.declare_subscriber(key(_ROBOT, topic), RingChannel(1))
@@ -98,13 +94,13 @@ def watch(sequence: Looped, seconds: float, out: Path) -> tuple[list[Reading], l
         stack.callback(stop.set)
         source.start()
         heard = _Heard(told)
-        while not heard.fused and not _ended(processes):
+        while not heard.fused and source.is_alive() and not _ended(processes):
             heard.listen()
             time.sleep(0.1)
         start_s = time.monotonic()
         log.info("the first frame is fused; reading every %.0f s for %.1f minutes", _EVERY_S, seconds / 60)
         next_s = start_s
-        while time.monotonic() - start_s < seconds and not _ended(processes):
+        while time.monotonic() - start_s < seconds and source.is_alive() and not _ended(processes):
             heard.listen()
             if time.monotonic() >= next_s:
                 next_s += _EVERY_S
@@ -115,6 +111,8 @@ def watch(sequence: Looped, seconds: float, out: Path) -> tuple[list[Reading], l
                     readings.append(Reading(name, at_s, *use, drops, heard.fused if name == "fusion" else 0))
             time.sleep(0.2)
         died = [f"{name} ended with {code}; see {out / name}.log" for name, code in _ended(processes).items()]
+        if time.monotonic() - start_s < seconds - _END_S and not died:
+            died.append("the source has ended too early, see above")
     return readings, died
 
 
@@ -145,12 +143,12 @@ def _ended(processes: Mapping[str, subprocess.Popen[bytes]]) -> dict[str, int]:
 
 
 @contextmanager
-def _process(arguments: list[str], said: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """`spot3d ARGUMENTS` until the block is left."""
-
-    environment = without_settings(os.environ) | SINGLE_THREADED | KEEPING_MEMORY
+def _process(arguments: list[str], out: Path, name: str) -> Iterator[subprocess.Popen[bytes]]:
+    """`spot3d ARGUMENTS` until the block is left; its log, and snapshots of the map, go to `out`."""
+    snapshots = {"SPOT3D_LINK__SNAPSHOT_FOLDER": str((out / "snapshots").absolute())}
+    environment = without_settings(os.environ) | SINGLE_THREADED | KEEPING_MEMORY | snapshots
     with (
-        said.open("wb") as stream,
+        (out / f"{name}.log").open("wb") as stream,
         subprocess.Popen(
             [sys.executable, "-m", "spot3d", *arguments], stdout=stream, stderr=subprocess.STDOUT, env=environment
         ) as process,
