@@ -36,7 +36,7 @@ def test_what_grows_is_named(leak: tuple[float, float], found: set[tuple[str, st
 
 def test_a_minute_is_a_line() -> None:
     heading, *lines = minute_table(readings())
-    assert heading.split()[:5] == ["minute", "fused", "dropped", "pose", "fusion"]
+    assert heading.split()[:5] == ["minute", "fused", "drops", "pose", "fusion"]
     assert len(lines) == 9
     assert lines[1].split() == ["2", "120", "12", "202", "300"]
     assert minute_table([]) == [minute_table([])[0]]

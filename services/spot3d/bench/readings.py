@@ -82,9 +82,9 @@ def growths(readings: Sequence[Reading]) -> list[Growth]:
 
 
 def minute_table(readings: Sequence[Reading]) -> list[str]:
-    """A line a minute: memory of each process, frames fused and dropped in that minute."""
+    """A line a minute: memory of each process, frames fused in that minute, and drops of all stages together."""
     names = _names(readings)
-    lines = ["minute  fused dropped  " + " ".join(f"{name[:9]:>9}" for name in names) + "   (MB)"]
+    lines = ["minute  fused   drops  " + " ".join(f"{name[:9]:>9}" for name in names) + "   (MB)"]
     fused = dropped = 0
     for minute in range(int(readings[-1].at_s // 60) + 1 if readings else 0):
         there = [reading for reading in readings if minute * 60 <= reading.at_s < (minute + 1) * 60]
