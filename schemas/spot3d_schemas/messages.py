@@ -186,7 +186,9 @@ class Segments(Message):
     @field_validator("planes")
     @classmethod
     def _normals_are_unit_vectors(cls, planes: Array) -> Array:
-        if not (np.abs((planes[:, :3] ** 2).sum(axis=1) - 1) <= _UNIT_TOLERANCE).all():
+        with np.errstate(over="ignore"):  # what overflows is no unit vector
+            lengths = (planes[:, :3] ** 2).sum(axis=1)
+        if not (np.abs(lengths - 1) <= _UNIT_TOLERANCE).all():
             raise ValueError("the first three numbers of each plane are its unit normal, to 1e-3")
         return planes
 

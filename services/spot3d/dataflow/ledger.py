@@ -2,6 +2,8 @@
 
 from collections import Counter
 
+from spot3d_schemas.limits import MAX_COUNT
+
 NEVER_ARRIVED = "never arrived"
 
 
@@ -51,7 +53,8 @@ class Ledger:
         frames_sent, stamp_ns = self._end or (0, 0)
         missing = max(0, frames_sent - self._in_stream)
         if missing:
-            self.skipped[NEVER_ARRIVED] += missing
+            # A source may say any number, again and again; a message cannot.
+            self.skipped[NEVER_ARRIVED] = min(self.skipped[NEVER_ARRIVED] + missing, MAX_COUNT)
         self.last_stamp_ns = max(self.last_stamp_ns, stamp_ns)
         self.complete, self._in_stream = True, 0
         return missing
