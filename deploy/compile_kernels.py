@@ -20,7 +20,7 @@ FRAMES = 6
 def compile_source(scene: Scene) -> None:
     """Renders the scene and registers colour to depth."""
     from spot3d.source.calibration import ColourCamera
-    from spot3d.source.registration import ColourRegistration
+    from spot3d.source.colour_registration import ColourRegistration
 
     frame = scene[0]
     camera = ColourCamera(frame.intrinsics, np.eye(4))

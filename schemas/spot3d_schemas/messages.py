@@ -80,6 +80,18 @@ class CameraIntrinsics(Record):
         return (self.height, self.width)
 
 
+class DepthNoise(Record):
+    """How noisy depth is: sigma(z) = floor + growth * (z - at)^2 (`model` quadratic), all metres.
+
+    A stereo camera: at 0, growth = subpixel / (focal length * baseline); time of flight: little growth.
+    """
+
+    model: Literal["quadratic"] = "quadratic"
+    floor: Positive
+    growth: NonNegative
+    at: Finite
+
+
 class Message(Record):
     """What every message has."""
 
@@ -96,12 +108,16 @@ class RgbdMessage(Message):
 
     colour: (h, w, 3) uint8 RGB, registered with depth.
     depth: (h, w) uint16 in units of `depth_scale` metres, or float32 metres (`depth_scale` 1); 0 = invalid.
+    depth_noise: since 1.1, the depth camera's; None: not stated, and taken for a Kinect v1's.
     """
+
+    VERSION: ClassVar[str] = "1.1"
 
     intrinsics: CameraIntrinsics
     depth_scale: Positive
     colour: Colour
     depth: Depth
+    depth_noise: DepthNoise | None = None
 
     @field_validator("colour", "depth", "heat", check_fields=False)
     @classmethod
@@ -320,10 +336,12 @@ class Health(Message):
 
     drops: messages that were not worked on, by reason. events: what happened that lost nothing, by kind.
     latency: from the trace's first hop to this stage's message, by wall clock. step: the core's own time. Since 1.1,
-    state: what is wrong now and what to do about it, for people; empty: nothing is.
+    state: what is wrong now and what to do about it, for people; empty: nothing is; and sent, sent_bytes: messages and
+    their bytes so far, by topic.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Health"
+    VERSION: ClassVar[str] = "1.1"
 
     stage: Name
     pid: Count
@@ -343,10 +361,36 @@ class Health(Message):
     rss_bytes: Count
     threads: Count
     state: Text = ""
+    sent: Reasons = Field(default_factory=dict)
+    sent_bytes: Reasons = Field(default_factory=dict)
+
+
+class About(Message):
+    """What one stage's process runs on: its answer to a query, at once, however busy the stage is.
+
+    time_ns: wall clock when it answered. kernels_missing: modules whose machine code is not kept for the next start.
+    shared_memory_bytes: room for images that go through shared memory, 0 where it is off. disk, disk_free_bytes: where
+    the stage keeps things, and what room is left there. certificate_until_ns: until when its certificate is valid.
+    """
+
+    SCHEMA: ClassVar[str] = "spot3d.About"
+
+    stage: Name
+    pid: Count
+    host: Text
+    spot3d: Text
+    zenoh: Text
+    python: Text
+    time_ns: Nanoseconds
+    kernels_missing: Count
+    shared_memory_bytes: Count
+    disk: Text
+    disk_free_bytes: Count
+    certificate_until_ns: Nanoseconds | None
 
 
 MESSAGES: dict[str, type[Message]] = {
     message.__name__: message
-    for message in (Frame, End, Pose, Proposals, Heat, Segments, Objects, MapPoints, Progress, Health)
+    for message in (Frame, End, Pose, Proposals, Heat, Segments, Objects, MapPoints, Progress, Health, About)
 }
 """Every message by its short name."""

@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from spot3d_schemas import (
+    About,
     CameraIntrinsics,
+    DepthNoise,
     End,
     Frame,
     Header,
@@ -38,6 +40,7 @@ def rgbd(height: int = 4, width: int = 6, dtype: Any = np.uint16) -> dict[str, A
         "depth_scale": 0.001 if dtype == np.uint16 else 1.0,
         "colour": np.repeat((ramp % 256).astype(np.uint8)[:, :, None], 3, axis=2),
         "depth": (1000 + ramp % 3000).astype(dtype),
+        "depth_noise": DepthNoise(floor=0.0003, growth=0.0036, at=0.0),
     }
 
 
@@ -122,6 +125,23 @@ SAMPLES: dict[str, Message] = {
         rss_bytes=10**9,
         threads=4,
         state="two processes of the stage fusion",
+        sent={"fusion/progress": 3},
+        sent_bytes={"fusion/progress": 600},
+    ),
+    "About": About(
+        header=HEADER,
+        stage="pose",
+        pid=1,
+        host="drone",
+        spot3d="0.1.0",
+        zenoh="1.10.2",
+        python="3.11.7",
+        time_ns=5,
+        kernels_missing=2,
+        shared_memory_bytes=10**8,
+        disk="/var/lib",
+        disk_free_bytes=10**10,
+        certificate_until_ns=None,
     ),
 }
 
@@ -188,6 +208,7 @@ def _rgbd(draw: st.DrawFn) -> dict[str, Any]:
         "depth_scale": draw(_positive) if dtype == np.uint16 else 1.0,
         "colour": draw(hnp.arrays(np.uint8, (height, width, 3))),
         "depth": draw(hnp.arrays(dtype, (height, width))),
+        "depth_noise": draw(st.none() | st.builds(DepthNoise, floor=_positive, growth=_positive, at=_finite)),
     }
 
 
@@ -317,5 +338,23 @@ MESSAGES_OF: dict[str, st.SearchStrategy[Message]] = {
         rss_bytes=_counts,
         threads=_counts,
         state=_texts,
+        sent=_reasons,
+        sent_bytes=_reasons,
+    ),
+    "About": st.builds(
+        About,
+        header=_headers,
+        stage=_names,
+        pid=_counts,
+        host=_texts,
+        spot3d=_texts,
+        zenoh=_texts,
+        python=_texts,
+        time_ns=_counts,
+        kernels_missing=_counts,
+        shared_memory_bytes=_counts,
+        disk=_texts,
+        disk_free_bytes=_counts,
+        certificate_until_ns=st.none() | _counts,
     ),
 }

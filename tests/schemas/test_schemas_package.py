@@ -52,7 +52,9 @@ ADDED = {
     "Objects": {"left_out", "keyframes_dropped", "epoch"},
     "Pose": {"epoch", "lost_since_ns"},
     "MapPoints": {"epoch"},
-    "Health": {"state"},
+    "Frame": {"depth_noise"},
+    "Heat": {"depth_noise"},
+    "Health": {"state", "sent", "sent_bytes"},
 }
 """What minor versions have added: older senders leave it out."""
 

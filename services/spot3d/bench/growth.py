@@ -46,7 +46,7 @@ def map_growth(material: Material, length: int, settings: Settings, say: Callabl
         ),
     )
     fusion, times, updates = Fusion(settings.fusion), list[float](), list[float]()
-    keyframes, cadence = Keyframes(settings.segments), Cadence(settings.link.object_interval_s)
+    keyframes, cadence = Keyframes(settings.segments), Cadence(settings.fusion.object_interval_s)
     dbscan = DBSCAN(eps=settings.fusion.density_radius, min_samples=settings.fusion.density_points)
     stops = {round(stop) for stop in np.geomspace(min(100, length), length, CHECKPOINTS)}
     turn = max(1, len(material) - 1)

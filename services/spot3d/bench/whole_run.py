@@ -14,7 +14,7 @@ from spot3d.bench.timing import Timed, alternate, peak_memory_mb
 from spot3d.dataflow.process_use import KEEPING_MEMORY, SINGLE_THREADED, stay_single_threaded
 from spot3d.pipeline import PipelineStep, run_pipeline
 from spot3d.settings import load_settings
-from spot3d.source.selection import Selection, open_selection
+from spot3d.source.selected import Selection, open_selection
 
 _STAGES = ("pose", "proposals", "heatmap", "fusion")
 """Those that work on every frame."""

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from spot3d.cli import stages
+from spot3d.cli import recordings, stages
 from spot3d.cli.bench import bench
+from spot3d.cli.certificates import certificates
+from spot3d.cli.doctor import doctor
 from spot3d.cli.evaluate import evaluate
 from spot3d.cli.options import (
     CommandError,
@@ -19,6 +21,7 @@ from spot3d.cli.options import (
     InputArgument,
     IntrinsicsOption,
     ListenOption,
+    NoiseOption,
     PresetOption,
     RateOption,
     RobotOption,
@@ -40,8 +43,17 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (*stages.COMMANDS, evaluate, bench):
+for _command in (*stages.COMMANDS, *recordings.COMMANDS, certificates, doctor, evaluate, bench):
     app.command()(_command)
+
+_STAGES = "every stage's packages come with: pip install 'spot3d[all]'"
+_PACKAGES = {
+    "mcap": "it comes with: pip install 'spot3d[record]'",
+    "zstandard": "it comes with: pip install 'spot3d[record]'",
+    "cryptography": "it comes with: pip install 'spot3d[certificates]'",
+    "foxglove": "it comes with: pip install 'spot3d[foxglove]'",
+}
+"""Where packages come from that no stage needs."""
 
 
 def main() -> None:
@@ -50,7 +62,8 @@ def main() -> None:
     try:
         app()
     except ModuleNotFoundError as error:
-        _fail(f"{error.name} is not installed; every stage's packages come with: pip install 'spot3d[all]'")
+        package = (error.name or "").partition(".")[0]
+        _fail(f"{error.name} is not installed; {_PACKAGES.get(package, _STAGES)}")
     except (SourceError, InvalidSettingsError, CommandError, OSError) as error:
         _fail(str(error))
 
@@ -71,6 +84,7 @@ def run(
     live: Annotated[bool, typer.Option("--live", help="at the recorded rate, dropping frames if busy")] = False,
     rate: RateOption = None,
     intrinsics: IntrinsicsOption = None,
+    noise: NoiseOption = None,
     listen: ListenOption = None,
 ) -> None:
     """Play INPUT through all stages and write the objects found, with a picture, into a folder."""
@@ -79,13 +93,13 @@ def run(
     topic = pose if pose is not None and "/" in pose else None
     if in_process and topic is not None:
         raise CommandError(f"--in-process hears no topics; leave --in-process away, or do without --pose {pose}")
-    overrides = play_overrides(half, rate)
+    overrides = play_overrides(half, rate, noise)
     overrides["link"] = {"delivery": "live" if live else "lossless"}
     if pose is not None and topic is None:
         overrides["pose"] = {"provider": "given" if pose == "truth" else pose}
     resolved = load_settings(settings, preset, overrides)
     from spot3d.run.run import run as run_input
-    from spot3d.source.selection import selection
+    from spot3d.source.selected import selection
 
     chosen = selection(input_name, frames, every, intrinsics)
     done = run_input(chosen, resolved, out, Console(), in_process, topic, listen or ())
@@ -109,7 +123,7 @@ def demo(
     from spot3d.run.demo import demo_table, match_objects
     from spot3d.run.run import run as run_input
     from spot3d.source.scene.model import build_scene
-    from spot3d.source.selection import selection
+    from spot3d.source.selected import selection
 
     overrides = play_overrides(half, None) | {"link": {"delivery": "lossless"}, "pose": {"provider": "kiss"}}
     resolved = load_settings(settings, preset, overrides)

@@ -11,7 +11,11 @@ from spot3d.run.supervised import stop_with_parent
 from spot3d.settings import Preset
 
 InputArgument = Annotated[
-    str, typer.Argument(metavar="INPUT", help="folder of a recording (7-Scenes, TUM RGB-D), or: scene, scene:SEED")
+    str,
+    typer.Argument(
+        metavar="INPUT",
+        help="folder of a recording (7-Scenes, TUM RGB-D), file of spot3d record, or: scene, scene:SEED",
+    ),
 ]
 SettingsOption = Annotated[Path | None, typer.Option("--settings", help="TOML file; see: spot3d settings")]
 PresetOption = Annotated[Preset | None, typer.Option(help="what is not set otherwise")]
@@ -33,6 +37,10 @@ IntrinsicsOption = Annotated[
     str | None, typer.Option(metavar="FX,FY,CX,CY", help="depth camera's intrinsics, pixels, for any input folder")
 ]
 RateOption = Annotated[float | None, typer.Option(min=0.01, help="frames per second; default: as recorded")]
+NoiseOption = Annotated[
+    str | None,
+    typer.Option("--noise", metavar="d435|tof|...", help="the depth's noise; see: spot3d settings"),
+]
 SupervisedOption = Annotated[bool, typer.Option("--supervised", hidden=True)]
 
 
@@ -40,13 +48,15 @@ class CommandError(Exception):
     """A command cannot do what it was asked to; the message says why."""
 
 
-def play_overrides(half: bool, rate: float | None) -> dict[str, Any]:
+def play_overrides(half: bool, rate: float | None, noise: str | None = None) -> dict[str, Any]:
     """Settings of the options that say how an input is played; only those that were given."""
     source: dict[str, Any] = {}
     if half:
         source["halved"] = True
     if rate is not None:
         source["rate_hz"] = rate
+    if noise is not None:
+        source["depth_noise"] = noise
     return {"source": source}
 
 

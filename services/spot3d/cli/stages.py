@@ -17,6 +17,7 @@ from spot3d.cli.options import (
     InputArgument,
     IntrinsicsOption,
     ListenOption,
+    NoiseOption,
     PresetOption,
     RateOption,
     RobotOption,
@@ -42,6 +43,7 @@ def source(
     half: HalfOption = False,
     rate: RateOption = None,
     intrinsics: IntrinsicsOption = None,
+    noise: NoiseOption = None,
     pose_from_elsewhere: Annotated[bool, typer.Option("--no-pose-stage", help="do not wait for a pose stage")] = False,
     after_ns: Annotated[int | None, typer.Option(hidden=True)] = None,
     stream: Annotated[str | None, typer.Option(hidden=True)] = None,
@@ -49,11 +51,11 @@ def source(
 ) -> None:
     """The source stage: play INPUT to the other stages."""
     stop = stage_started(supervised)
-    overrides = play_overrides(half, rate) | link_overrides(robot, connect, listen, lossless)
+    overrides = play_overrides(half, rate, noise) | link_overrides(robot, connect, listen, lossless)
     resolved = load_settings(settings, preset, overrides)
     from spot3d.source.process import EVERY_STAGE, FUSING_STAGES, MissingStagesError
     from spot3d.source.process import run as run_source
-    from spot3d.source.selection import open_selection, selection
+    from spot3d.source.selected import open_selection, selection
 
     sequence = open_selection(selection(input_name, frames, every, intrinsics, after_ns), resolved.source)
     # A live source is a camera: it waits for nobody, unless a run has started it together with the others. Even then
@@ -156,28 +158,54 @@ def fusion(
         raise CommandError(str(error)) from error
 
 
+def bridge(
+    settings: SettingsOption = None,
+    robot: RobotOption = None,
+    connect: ConnectOption = None,
+    ground: Annotated[
+        list[str] | None, typer.Option(help="the router on the other side, as tcp/ADDRESS:7447; may be repeated")
+    ] = None,
+    supervised: SupervisedOption = False,
+) -> None:
+    """Join this device's router with another one's over a thin or broken link, which never stalls this device."""
+    stop = stage_started(supervised)
+    overrides = link_overrides(robot, connect, None, None)
+    if ground:
+        overrides["bridge"] = {"ground": tuple(ground)}
+    resolved = load_settings(settings, None, overrides)
+    from spot3d.bridge.process import run
+
+    run(resolved.link, resolved.bridge, stop)
+
+
 def router(
+    settings: SettingsOption = None,
     listen: Annotated[list[str] | None, typer.Option(help="endpoints to listen on; may be repeated")] = None,
     connect: Annotated[list[str] | None, typer.Option(help="other routers; may be repeated")] = None,
     supervised: SupervisedOption = False,
 ) -> None:
-    """A router that the stages meet at, where no zenohd runs; ends with Ctrl-C."""
+    """A router that the stages meet at, where no zenohd runs; ends with Ctrl-C.
+
+    Its certificate is that of the settings' [link], and who may do what is what their [access] says.
+    """
     stop = stage_started(supervised)
-    endpoints = tuple(listen or ["tcp/127.0.0.1:7447"])
+    endpoints, others = tuple(listen or ["tcp/127.0.0.1:7447"]), tuple(connect or ())
     # Checked as settings are, so that a slip of the pen is told as one.
-    load_settings(overrides={"link": {"mode": "router", "listen": endpoints, "connect": tuple(connect or ())}})
+    resolved = load_settings(settings, overrides={"link": {"mode": "router", "listen": endpoints, "connect": others}})
     import zenoh
 
     from spot3d.dataflow.router import open_router
     from spot3d.dataflow.stopping import stop_on_signals
+    from spot3d.security.access import access_control
 
+    access = access_control(resolved.access) if resolved.access.enabled else None
     with stop_on_signals(stop) as stopped:
         try:
-            with open_router(endpoints, tuple(connect or ())):
+            with open_router(endpoints, others, resolved.link, access):
                 typer.echo(f"router at {', '.join(endpoints)}")
                 stopped.wait()
         except zenoh.ZError as error:
             raise CommandError(f"cannot listen at {', '.join(endpoints)}: {error}") from error
 
 
-COMMANDS = (source, pose, linked(proposals), linked(heatmap), linked(segments), fusion, router)
+COMMANDS = (source, pose, linked(proposals), linked(heatmap), linked(segments), fusion, bridge, router)

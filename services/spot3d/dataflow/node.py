@@ -11,6 +11,7 @@ from typing import Any, Generic, Self, TypeVar
 import zenoh
 from zenoh.handlers import FifoChannel, Handler
 
+from spot3d.dataflow.about import about
 from spot3d.dataflow.admission import PER_FRAME, Admission
 from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.complaints import Complaints
@@ -81,7 +82,8 @@ class Node:
         self.state = ""
         self.sender = new_stream()
         self._streams = Streams()
-        self._seqs = dict.fromkeys((*self._outputs, *queries), 0)
+        self._about = f"{stage}/about"
+        self._seqs = dict.fromkeys((*self._outputs, *queries, self._about), 0)
         self._log = logging.getLogger(f"spot3d.{stage}")
         self._complaints = Complaints(self._log)
         self._gone = threading.Event()
@@ -103,11 +105,12 @@ class Node:
                 subscriber = declare_subscriber(session, topic, self.link)
                 stack.callback(subscriber.undeclare)
                 threads.append(_reader(self._receive, topic, subscriber.handler))
-            for topic in self._queries:
+            for topic in (*self._queries, self._about):
                 channel: FifoChannel[zenoh.Query] = FifoChannel(_QUERIES_WAITING)
                 queryable = session.declare_queryable(key(self.link.robot, topic), channel, complete=True)
                 stack.callback(queryable.undeclare)
-                threads.append(_reader(self._ask, topic, queryable.handler))
+                answering = self._tell if topic == self._about else self._ask
+                threads.append(_reader(answering, topic, queryable.handler))
             token = session.liveliness().declare_token(alive_key(self.link.robot, self.stage))
             stack.callback(token.undeclare)
             for thread in threads:
@@ -164,7 +167,7 @@ class Node:
         except (CodecError, zenoh.ZError) as error:
             self.failed(topic, f"cannot send {topic}: {error}")
             return False
-        self.counters.published()
+        self.counters.published(topic, len(payload))
         return True
 
     def measure_latency(self, header: Header) -> None:
@@ -229,6 +232,16 @@ class Node:
             # Who asks never waits in a channel that is full: the stage's inputs would wait with it.
             if not self._inbox.offer(topic, query):
                 self.refuse(query, topic, f"{self.stage} is busy; ask again")
+
+    def _tell(self, topic: str, handler: Handler[zenoh.Query]) -> None:
+        """Answer what this process runs on, without the stage's own thread: the time on its clock is asked for too."""
+        while True:
+            try:
+                query = handler.recv()
+            except zenoh.ZError:
+                return  # the queryable has ended
+            header = Header(robot=self.link.robot, seq=0, stamp_ns=time.time_ns(), frame_id=self.stage)
+            self.reply(query, topic, about(self.numbered(topic, header), self.stage, self.link))
 
     def _report(self) -> None:
         while not self._gone.wait(self.link.health_interval_s):

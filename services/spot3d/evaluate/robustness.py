@@ -22,7 +22,7 @@ from spot3d.evaluate.peer import PEER, behind_peer
 from spot3d.evaluate.scores import object_scores, without_object
 from spot3d.evaluate.table import Column, Table
 from spot3d.settings import Settings
-from spot3d.source.selection import Selected
+from spot3d.source.selected import Selected
 from spot3d.source.sequence import FrameSequence
 from spot3d.source.sequences import at_half_size
 

@@ -10,7 +10,7 @@ from spot3d.evaluate.labelled import LabelledFrame, LabelledFrames, LabelledSequ
 from spot3d.evaluate.truth import LabelledScene
 from spot3d.settings import Settings
 from spot3d.source.scene.scene import Scene
-from spot3d.source.selection import Selection, open_selection
+from spot3d.source.selected import Selection, open_selection
 
 SCENES = re.compile(r"scenes:(?P<count>[1-9]\d?)(?P<cluttered>:cluttered)?|scene(?::\d+)?(?::cluttered)?")
 TRUTH_VIEWS = 20

@@ -11,7 +11,7 @@ import zenoh
 from spot3d.dataflow.node import Node
 from spot3d.dataflow.stopping import end_threads
 from spot3d.fusion.fusion import Fusion
-from spot3d.fusion.map.selection import MapPoints as FrequentPoints
+from spot3d.fusion.map.selection import FrequentPoints
 from spot3d_schemas import Header, MapPoints
 from spot3d_schemas.limits import MAX_MAP_POINTS
 

@@ -50,7 +50,7 @@ class Stage:
         self.node, self.fusion, self.keeping = node, fusion, keeping
         self.updates, self.answers = updates, answers
         self.inputs = inputs_of(node.link)
-        self.cadence = Cadence(node.link.object_interval_s)
+        self.cadence = Cadence(fusion.settings.object_interval_s)
         self.ledger = Ledger(node.link.credit_timeout_s)
         self.world = World(fusion.settings.speed_max)
         self.epoch = new_stream() if told is None else told.epoch

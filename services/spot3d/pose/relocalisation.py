@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.pose.features import Features
-from spot3d.sensor import axial_noise
 
 # A descriptor is a landmark's if it differs in no more bits than this, and clearly less than from those elsewhere.
 _BITS_MAX, _RATIO, _SAME_CORNER = 50, 0.8, 0.1
@@ -42,7 +41,7 @@ def relocalised(features: Features, landmarks: NDArray[np.void]) -> Place | None
     if len(feature) < _AGREE_MIN:
         return None
     points, places = features.points[feature], known["position"][landmark]
-    reach = _NEAR + 3 * axial_noise(points[:, 2])
+    reach = _NEAR + 3 * features.noise.sigma(points[:, 2])
     T = _agreed(points, places, reach)
     for _ in range(3):
         near = _off(T, points, places) < reach

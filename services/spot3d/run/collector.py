@@ -3,6 +3,7 @@
 import time
 from collections import Counter
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import Self, TypeVar
 
 import numpy as np
@@ -17,6 +18,7 @@ from spot3d.dataflow.settings import LinkSettings
 from spot3d.found_object import FoundObject
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, empty_snapshot
+from spot3d.run.timeline import Timeline
 from spot3d_schemas import (
     STAGES,
     TOPICS,
@@ -51,7 +53,8 @@ class Collector:
     Other streams' messages are not this run's, nor is what a second producer says.
     """
 
-    def __init__(self, session: zenoh.Session, robot: str, stream: str) -> None:
+    def __init__(self, session: zenoh.Session, robot: str, stream: str, timeline: Timeline | None = None) -> None:
+        self._timeline = timeline
         self.objects: Objects | None = None
         self.progress: Progress | None = None
         self.health: dict[str, Health] = {}
@@ -107,28 +110,8 @@ class Collector:
     def result(self, points: MapSnapshot) -> RunResult:
         """The run's result as it is known now."""
         trajectory = tuple(self.poses[stamp] for stamp in sorted(self.poses))
-        if self.objects is None:
-            return RunResult(trajectory=trajectory, points=points)
-        up = self.objects.up
-        return RunResult(
-            objects=tuple(
-                FoundObject(
-                    item.id,
-                    Box3D(item.centre, item.size, item.rotation),
-                    item.confidence,
-                    item.views,
-                    item.points,
-                    np.array(item.colour, np.float64),
-                )
-                for item in self.objects.objects
-            ),
-            up=(float(up[0]), float(up[1]), float(up[2])),
-            frame_count=self.objects.frame_count,
-            trajectory=trajectory,
-            points=points,
-            left_out=dict(self.objects.left_out),
-            keyframes_dropped=self.objects.keyframes_dropped,
-        )
+        found = RunResult() if self.objects is None else found_objects(self.objects)
+        return replace(found, trajectory=trajectory, points=points)
 
     def fill(self, report: RunReport, restarts: dict[str, int]) -> None:
         """Enter what was counted into the report."""
@@ -158,6 +141,8 @@ class Collector:
     def _take(self, message: Message) -> None:
         if isinstance(message, Objects):
             self.objects = message
+            if self._timeline is not None:
+                self._timeline.add(message.header.stamp_ns, found_objects(message), message.complete)
         elif isinstance(message, Progress):
             self.progress = message
             hops = _hops(message.header)
@@ -191,6 +176,27 @@ def relay_poses(session: zenoh.Session, topic: str, robot: str) -> ExitStack:
     subscriber = session.declare_subscriber(topic, pass_on)
     stack.callback(subscriber.undeclare)
     return stack
+
+
+def found_objects(message: Objects) -> RunResult:
+    """The objects of an update."""
+    return RunResult(
+        objects=tuple(
+            FoundObject(
+                item.id,
+                Box3D(item.centre, item.size, item.rotation),
+                item.confidence,
+                item.views,
+                item.points,
+                np.array(item.colour, np.float64),
+            )
+            for item in message.objects
+        ),
+        up=(float(message.up[0]), float(message.up[1]), float(message.up[2])),
+        frame_count=message.frame_count,
+        left_out=dict(message.left_out),
+        keyframes_dropped=message.keyframes_dropped,
+    )
 
 
 def _hops(header: Header) -> list[tuple[str, int, int]]:

@@ -12,9 +12,11 @@ from spot3d.run.collector import Collector, relay_poses
 from spot3d.run.report import RunReport
 from spot3d.run.results import RunResult, empty_snapshot
 from spot3d.run.supervisor import Supervisor
+from spot3d.run.timeline import Timeline
 from spot3d.run.watcher import Watcher
+from spot3d.security.access import access_control
 from spot3d.settings import Settings
-from spot3d.source.selection import Selection
+from spot3d.source.selected import Selection
 from spot3d_schemas import STAGES, key
 
 _POLL_S = 0.05
@@ -40,7 +42,13 @@ class Plan:
 
 
 def run_distributed(
-    plan: Plan, supervisor: Supervisor, report: RunReport, logs: Path, watcher: Watcher, stop: Event
+    plan: Plan,
+    supervisor: Supervisor,
+    report: RunReport,
+    logs: Path,
+    timeline: Timeline,
+    watcher: Watcher,
+    stop: Event,
 ) -> RunResult:
     """Run every stage as a process of the supervisor until the input ends, `stop` is set or a stage cannot go on.
 
@@ -50,8 +58,10 @@ def run_distributed(
     endpoint = free_loopback_endpoint()
     logs.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
-        session = stack.enter_context(open_router((endpoint, *plan.listen)))
-        collector = stack.enter_context(Collector(session, robot, plan.stream))
+        access = access_control(plan.settings.access) if plan.settings.access.enabled else None
+        listen = (endpoint, *plan.listen)
+        session = stack.enter_context(open_router(listen, link=plan.settings.link, access=access))
+        collector = stack.enter_context(Collector(session, robot, plan.stream, timeline))
         if plan.pose_topic is not None and plan.pose_topic != key(robot, "pose/pose"):
             stack.enter_context(relay_poses(session, plan.pose_topic, robot))
         for stage in STAGES:

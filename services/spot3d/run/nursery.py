@@ -23,7 +23,7 @@ from typing import Any, NoReturn
 _IMPORTED = (
     "cv2",
     "kiss_icp.config",
-    "spot3d.source.selection",
+    "spot3d.source.selected",
     "spot3d.source.process",
     "spot3d.sensor",
     "spot3d.cli.app",

@@ -27,17 +27,18 @@ class StageReport:
 class RunReport:
     """Counters of a run, in process or distributed.
 
-    played: frames that the input has; fused, skipped (by reason): what fusion did with them; keyframes: those whose
-    segments fusion has taken in; keyframes_dropped: those of them that it has forgotten as too many; objects: how many
-    there are; left_out: what was taken for one and is none, by reason; drops: by stage and reason; latency_ms: p50 and
-    p99 of each hop and of the whole way, from the messages' traces; wall_s: the whole run with the start of its
-    processes; ms_per_frame: from the first frame done to the last, per frame.
+    selection: which frames of the input; played: how many those are; fused, skipped (by reason): what fusion did with
+    them; keyframes: those whose segments fusion has taken in; keyframes_dropped: those of them that it has forgotten as
+    too many; objects: how many there are; left_out: what was taken for one and is none, by reason; drops: by stage and
+    reason; latency_ms: p50 and p99 of each hop and of the whole way, from the messages' traces; wall_s: the whole run
+    with the start of its processes; ms_per_frame: from the first frame done to the last, per frame.
     """
 
     input_name: str
     mode: str
     played: int
     image: tuple[int, int]
+    selection: dict[str, Any] = field(default_factory=dict)
     fused: int = 0
     skipped: dict[str, int] = field(default_factory=dict)
     drops: dict[str, dict[str, int]] = field(default_factory=dict)
@@ -62,6 +63,7 @@ def report_document(report: RunReport) -> dict[str, Any]:
     return {
         "version": spot3d.__version__,
         "input": report.input_name,
+        "selection": report.selection,
         "mode": report.mode,
         "image": {"width": report.image[0], "height": report.image[1]},
         "frames": {

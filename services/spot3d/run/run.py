@@ -4,7 +4,7 @@ import shutil
 import time
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +18,11 @@ from spot3d.run.distributed import Plan, run_distributed
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import RunResult, write_json, write_results
 from spot3d.run.supervisor import Supervisor
+from spot3d.run.timeline import NAME as TIMELINE
+from spot3d.run.timeline import Timeline
 from spot3d.settings import Settings, to_toml
 from spot3d.source.errors import SourceError
-from spot3d.source.selection import Selection, open_selection
+from spot3d.source.selected import Selection, open_selection
 from spot3d.source.sequence import FrameSequence
 
 _SNAPSHOTS = "snapshots"
@@ -73,18 +75,25 @@ def _run(
     settings_file.write_text(to_toml(settings), encoding="utf-8")
     camera = sequence.intrinsics
     mode = "in process" if in_process else "processes"
-    report = RunReport(selection.name, mode, len(sequence), (camera.width, camera.height))
+    report = RunReport(selection.name, mode, len(sequence), (camera.width, camera.height), asdict(selection))
     start_s = time.perf_counter()
-    with stop_on_signals(None) as stop, progress_bar(len(sequence), console) as watcher:
+    with (
+        stop_on_signals(None) as stop,
+        progress_bar(len(sequence), console) as watcher,
+        Timeline(folder / TIMELINE) as timeline,
+    ):
         if supervisor is None:
             # The cores take a second to import, and the stages are not started before.
             from spot3d.run.in_process import run_in_process
 
-            result = run_in_process(sequence, settings, report, watcher, stop)
+            result = run_in_process(sequence, settings, report, timeline, watcher, stop)
         else:
             stages_file = _stages_settings(settings, folder)
             plan = Plan(selection, settings, stages_file, pose_topic, tuple(listen))
-            result = run_distributed(plan, supervisor, report, folder / "logs", watcher, stop)
+            result = run_distributed(plan, supervisor, report, folder / "logs", timeline, watcher, stop)
+    if told := timeline.told():
+        report.events.append(told)
+        console.print(told, style="yellow", markup=False, highlight=False, soft_wrap=True)
     report.wall_s = time.perf_counter() - start_s
     report.objects, report.left_out = len(result.objects), result.left_out
     report.keyframes_dropped, report.map_points = result.keyframes_dropped, result.points.total

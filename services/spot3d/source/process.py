@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 
 from spot3d.dataflow.alive import Alive
-from spot3d.dataflow.conversion import intrinsics_message
+from spot3d.dataflow.conversion import intrinsics_message, noise_message
 from spot3d.dataflow.credit import Credit
 from spot3d.dataflow.node import Node
 from spot3d.dataflow.order import StreamOrder
@@ -17,14 +17,14 @@ from spot3d.dataflow.streams import new_stream
 from spot3d.frame import RgbdFrame
 from spot3d.source.sequence import FrameSequence
 from spot3d.source.settings import SourceSettings
-from spot3d_schemas import End, Frame, Header, Progress
+from spot3d_schemas import STAGES, End, Frame, Header, Progress
 
 log = logging.getLogger(__name__)
 
 _OUT, _END, _PROGRESS = "source/frame", "source/end", "fusion/progress"
-FUSING_STAGES = ("pose", "proposals", "heatmap", "fusion")
+FUSING_STAGES = tuple(stage for stage in STAGES if stage not in ("source", "segments"))
 """Without one of these no frame is fused."""
-EVERY_STAGE = (*FUSING_STAGES, "segments")
+EVERY_STAGE = tuple(stage for stage in STAGES if stage != "source")
 START_LIMIT_S = 180.0
 """Longest wait for the stages before the first frame: a first start compiles kernels."""
 _END_LIMIT_S = 60.0
@@ -142,6 +142,7 @@ class _Player:
             depth_scale=frame.depth_scale,
             colour=frame.colour,
             depth=frame.depth,
+            depth_noise=noise_message(frame.intrinsics.noise),
             T_world_camera=frame.T_world_camera,
         )
         if self.node.link.delivery == "lossless":

@@ -8,7 +8,7 @@ from fusion_room import COARSE_PAPER, STAGE, THREE, Cuboid, sampled, standing
 
 from spot3d.boxes import Box3D, iou_matrix_3d
 from spot3d.found_object import FoundObject
-from spot3d.fusion.map.selection import MapPoints
+from spot3d.fusion.map.selection import FrequentPoints
 from spot3d.fusion.paper.density import (
     cluster_by_density,
     density_labels,
@@ -33,11 +33,11 @@ def keyframes(*counts: tuple[np.ndarray, int]) -> np.ndarray:
     return np.concatenate(planes)
 
 
-def found_in(points: MapPoints, settings: FusionSettings = COARSE_PAPER) -> list[FoundObject]:
+def found_in(points: FrequentPoints, settings: FusionSettings = COARSE_PAPER) -> list[FoundObject]:
     return find_by_density(points, TABLE[None], settings)[0]
 
 
-def objects_only(*things: Cuboid) -> MapPoints:
+def objects_only(*things: Cuboid) -> FrequentPoints:
     return sampled((STAGE[0], *things))
 
 

@@ -25,7 +25,7 @@ from spot3d.sensor import axial_noise_kernel
 
 
 @dataclass(frozen=True, slots=True)
-class Registration:
+class MatchCounts:
     """How a frame's valid pixels met the map: warped from the last frame, found by voxel, or new."""
 
     warped: int
@@ -62,7 +62,7 @@ class IndexMap:
         heat: NDArray[np.uint8],
         camera: Intrinsics,
         T_world_camera: NDArray[np.float64],
-    ) -> Registration:
+    ) -> MatchCounts:
         """Fuse one frame into the map: match pixels to points, update running means, append what is new.
 
         colour: (h, w, 3) uint8; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8 255ths.
@@ -87,6 +87,7 @@ class IndexMap:
                 np.float32((255 * settings.colour_gate) ** 2),
                 np.float32(settings.depth_gate),
                 np.float32(settings.noise_gate),
+                camera.noise.coefficients(),
                 np.full(depth.shape, np.inf, np.float32),
                 candidates,
             )
@@ -108,6 +109,7 @@ class IndexMap:
             *_pinhole(camera),
             np.float32(1 / heatmap.voxel),
             np.float32(settings.noise_gate),
+            camera.noise.coefficients(),
             np.float32(settings.range_max),
             np.float32(frame_number),
             settings.noise_weighting,
@@ -115,7 +117,7 @@ class IndexMap:
             index,
         )
         self._last = _LastFrame(index, depth, colour, camera, T_world_camera)
-        return Registration(*registration)
+        return MatchCounts(*registration)
 
     def _make_room(self, heatmap: Heatmap3D, rows: int) -> None:
         """Evict the least useful points; what a frame brings beyond the room that makes is left out."""
@@ -131,7 +133,7 @@ def _pinhole(camera: Intrinsics) -> tuple[np.float32, np.float32, np.float32, np
 
 @kernel(
     "void(i4[:,::1], f4[:,::1], u1[:,:,::1], f4[:,::1], u1[:,:,::1], f4[:,::1], f4, f4, f4, f4, f4, f4, f4,"
-    " f4[:,::1], i4[:,::1])"
+    " UniTuple(f4, 3), f4[:,::1], i4[:,::1])"
 )
 def warp(
     last_index: NDArray[np.int32],
@@ -147,6 +149,7 @@ def warp(
     colour_gate: np.float32,
     depth_gate: np.float32,
     noise_gate: np.float32,
+    noise: tuple[np.float32, np.float32, np.float32],
     nearest: NDArray[np.float32],
     index: NDArray[np.int32],
 ) -> None:
@@ -171,7 +174,7 @@ def warp(
             vw = int(np.rint(fy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / zw + cy))
             if uw < 0 or uw >= w or vw < 0 or vw >= h or zw >= nearest[vw, uw]:
                 continue
-            if abs(depth[vw, uw] - zw) > max(depth_gate, noise_gate * axial_noise_kernel(zw)):
+            if abs(depth[vw, uw] - zw) > max(depth_gate, noise_gate * axial_noise_kernel(zw, noise)):
                 continue
             difference = np.float32(0)
             for i in range(3):
@@ -212,7 +215,8 @@ def _find_along_ray(
 
 @kernel(
     "Tuple((i8, i8, UniTuple(i8, 3)))(f4[:,::1], i8, i8[::1], i4[::1], i4[::1], i4[::1], i8, i4[:,::1],"
-    " f4[:,::1], u1[:,:,::1], u1[:,::1], f4[:,:,::1], f4[:,::1], f4, f4, f4, f4, f4, f4, f4, f4, b1, b1, i4[:,::1])"
+    " f4[:,::1], u1[:,:,::1], u1[:,::1], f4[:,:,::1], f4[:,::1], f4, f4, f4, f4, f4, f4, UniTuple(f4, 3), f4, f4, b1,"
+    " b1, i4[:,::1])"
 )
 def merge(
     rows: NDArray[np.float32],
@@ -234,6 +238,7 @@ def merge(
     cy: np.float32,
     per_metre: np.float32,
     noise_gate: np.float32,
+    noise: tuple[np.float32, np.float32, np.float32],
     range_max: np.float32,
     frame_number: np.float32,
     noise_weighting: bool,
@@ -260,7 +265,7 @@ def merge(
             x = np.float32((T[0, 0] * dx + T[0, 1] * dy + T[0, 2]) * z + T[0, 3])
             y = np.float32((T[1, 0] * dx + T[1, 1] * dy + T[1, 2]) * z + T[1, 3])
             zw = np.float32((T[2, 0] * dx + T[2, 1] * dy + T[2, 2]) * z + T[2, 3])
-            sigma = axial_noise_kernel(z)
+            sigma = axial_noise_kernel(z, noise)
             row = candidates[v, u]
             if row >= 0:
                 warped += 1

@@ -11,7 +11,7 @@ from spot3d.kernel import kernel
 
 
 @dataclass(frozen=True, slots=True)
-class MapPoints:
+class FrequentPoints:
     """Points of the 3D heatmap that were seen often enough.
 
     xyz: (n, 3) float32 world metres; normal: (n, 3) float32 unit, zero where unknown; colour: (n, 3) float32
@@ -27,12 +27,14 @@ class MapPoints:
     def __len__(self) -> int:
         return len(self.xyz)
 
-    def take(self, rows: NDArray[np.bool_] | NDArray[np.int64]) -> "MapPoints":
+    def take(self, rows: NDArray[np.bool_] | NDArray[np.int64]) -> "FrequentPoints":
         """The points of these rows."""
-        return MapPoints(self.xyz[rows], self.normal[rows], self.colour[rows], self.heat[rows], self.frequency[rows])
+        return FrequentPoints(
+            self.xyz[rows], self.normal[rows], self.colour[rows], self.heat[rows], self.frequency[rows]
+        )
 
 
-def frequent_points(rows: NDArray[np.float32], frame_count: int, settings: FusionSettings) -> MapPoints:
+def frequent_points(rows: NDArray[np.float32], frame_count: int, settings: FusionSettings) -> FrequentPoints:
     """Points seen at least min(5, 5 % of the frames) times, with their pseudo-average confidence (Eq. 14).
 
     rows: (n, 16) float32 map rows, of which columns are copied.
@@ -43,7 +45,7 @@ def frequent_points(rows: NDArray[np.float32], frame_count: int, settings: Fusio
     vectors = [np.empty((len(rows), 3), np.float32) for _ in range(3)]
     scalars = [np.empty(len(rows), np.float32) for _ in range(2)]
     count: int = _copy_frequent(rows, np.float32(max(1.0, least)), np.float32(tau), *vectors, *scalars)
-    return MapPoints(*(column[:count] for column in (*vectors, *scalars)))
+    return FrequentPoints(*(column[:count] for column in (*vectors, *scalars)))
 
 
 @kernel("i8(f4[:,::1], f4, f4, f4[:,::1], f4[:,::1], f4[:,::1], f4[::1], f4[::1])")

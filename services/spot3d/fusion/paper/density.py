@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
 from spot3d.found_object import FoundObject
-from spot3d.fusion.map.selection import MapPoints
+from spot3d.fusion.map.selection import FrequentPoints
 from spot3d.fusion.settings import FusionSettings
 from spot3d.geometry.upright import Cluster, rotation_to_upright
 
@@ -24,7 +24,7 @@ class RemovedPlanes:
 
 
 def find_by_density(
-    points: MapPoints, keyframe_planes: NDArray[np.float64], settings: FusionSettings
+    points: FrequentPoints, keyframe_planes: NDArray[np.float64], settings: FusionSettings
 ) -> tuple[list[FoundObject], NDArray[np.float64]]:
     """The objects among the map's frequent points, most confident first, not yet numbered; and up, (3,) unit.
 
@@ -157,7 +157,7 @@ def intersecting(low: NDArray[np.float64], high: NDArray[np.float64]) -> list[li
     return groups
 
 
-def _described(points: MapPoints, rows: NDArray[np.int64], box: Box3D) -> FoundObject:
+def _described(points: FrequentPoints, rows: NDArray[np.int64], box: Box3D) -> FoundObject:
     """The object of these points, not yet numbered."""
     members = points.take(rows)
     colour = members.colour.mean(axis=0, dtype=np.float64)

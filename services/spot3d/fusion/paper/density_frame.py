@@ -24,12 +24,12 @@ def find_by_density_in_frame(
     """
     points = back_project(depth, camera)
     planes = planes_by_ransac(points, settings, np.random.default_rng(settings.seed))
-    chosen = supporting_plane(planes, points, heat, settings)
+    chosen = supporting_plane(planes, points, heat, settings, camera.noise)
     if chosen is None:
         return []
     top = (heat.ravel() >= 255 * settings.heat_min) & (depth.ravel() > 0)
     if settings.plane_removal:
-        top &= ~on_plane(chosen[0], points, settings).ravel()
+        top &= ~on_plane(chosen[0], points, settings, camera.noise).ravel()
     seen = np.flatnonzero(depth.ravel() > 0)
     xyz = points.reshape(-1, 3)
     clusters = cluster_by_density(xyz[np.flatnonzero(top)], chosen[0][:3], settings)

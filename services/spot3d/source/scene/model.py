@@ -17,7 +17,7 @@ from spot3d.source.scene.shapes import (
     Colour,
     Primitive,
     Solids,
-    Surface,
+    Texture,
     pack,
     placed,
 )
@@ -66,13 +66,13 @@ def build_scene(seed: int = 0, cluttered: bool = False) -> SceneModel:
 
 def room(rng: np.random.Generator) -> list[Primitive]:
     """Walls and furniture in the world: the table by the wall x = -0.5, the shelf above its rear edge."""
-    wall = Surface(TILES, (0.62, 0.63, 0.60), (0.50, 0.53, 0.54), 0.20)
+    wall = Texture(TILES, (0.62, 0.63, 0.60), (0.50, 0.53, 0.54), 0.20)
     oak, pale, dark = (
-        Surface(WOOD, OAK, DARK, 0.09),
-        Surface(WOOD, PALE, OAK, 0.12),
-        Surface(WOOD, DARK, OAK, 0.1),
+        Texture(WOOD, OAK, DARK, 0.09),
+        Texture(WOOD, PALE, OAK, 0.12),
+        Texture(WOOD, DARK, OAK, 0.1),
     )
-    cloth = Surface(SPECKLE, (0.25, 0.30, 0.38), (0.42, 0.44, 0.46), 0.05)
+    cloth = Texture(SPECKLE, (0.25, 0.30, 0.38), (0.42, 0.44, 0.46), 0.05)
     inside = (2.35, 2.3, 1.3)
     top = TABLE_HEIGHT - 0.018
     leg_height = TABLE_HEIGHT - 0.036
@@ -90,11 +90,11 @@ def room(rng: np.random.Generator) -> list[Primitive]:
         for x in (-1, 1)
         for y in (-1, 1)
     ]
-    frame = Surface(PLAIN, (0.2, 0.2, 0.2))
+    frame = Texture(PLAIN, (0.2, 0.2, 0.2))
     for y in (-0.85, -0.05, 0.6):
         width, height = rng.uniform(0.18, 0.28, 2)
         first, second = rng.uniform(0.1, 0.8, (2, 3))
-        print_ = Surface(PICTURE, _colour(first), _colour(second), 0.09)
+        print_ = Texture(PICTURE, _colour(first), _colour(second), 0.09)
         z = 1.62 + float(rng.uniform(-0.05, 0.08))
         pieces += [
             Primitive(BOX, (0.012, float(width) + 0.02, float(height) + 0.02), frame, (-0.49, y, z)),

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.depth_noise import KINECT_V1
 from spot3d.kernel import kernel, part
-from spot3d.sensor import SIGMA_0, SIGMA_2, SIGMA_AT
 
 # Depth camera of the Kinect v1: focal length of its disparities (pixels) and baseline to the projector
 # (metres).
@@ -119,7 +119,7 @@ def _measure(
     least_disparity, most_disparity = parallax / np.float32(FAR_M), parallax / np.float32(NEAR_M)
     lost, span = np.float32(GRAZING_LOST), np.float32(GRAZING_KEPT - GRAZING_LOST)
     wobble, gap = np.float32(EDGE_WOBBLE_PX), np.float32(EDGE_GAP)
-    sigma_0, sigma_2, sigma_at = np.float32(SIGMA_0), np.float32(SIGMA_2), np.float32(SIGMA_AT)
+    sigma_0, sigma_2, sigma_at = np.float32(KINECT_V1.floor), np.float32(KINECT_V1.growth), np.float32(KINECT_V1.at)
     zero, one, rounding = np.float32(0), np.float32(1), np.float32(1 / 12)
     millimetre_steps = np.float32(1000) * parallax * steps
     # One more on either side: the first and the last pixel need no case of their own.

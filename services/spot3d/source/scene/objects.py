@@ -17,7 +17,7 @@ from spot3d.source.scene.shapes import (
     STRIPES,
     Colour,
     Primitive,
-    Surface,
+    Texture,
     Vector,
 )
 
@@ -65,7 +65,7 @@ def make(name: str, rng: np.random.Generator) -> Thing:
 def _block(width: float, depth: float, height: float, pattern: int, period: float) -> "Recipe":
     def parts(scale: float, first: Colour, second: Colour) -> list[Primitive]:
         half = (width * scale / 2, depth * scale / 2, height * scale / 2)
-        return [Primitive(BOX, half, Surface(pattern, first, second, period))]
+        return [Primitive(BOX, half, Texture(pattern, first, second, period))]
 
     return parts
 
@@ -73,14 +73,14 @@ def _block(width: float, depth: float, height: float, pattern: int, period: floa
 def _round(height: float, bottom: float, top: float, opened: bool, pattern: int, period: float) -> "Recipe":
     def parts(scale: float, first: Colour, second: Colour) -> list[Primitive]:
         form = (height * scale / 2, bottom * scale, top * scale, float(opened))
-        return [Primitive(CONE, form, Surface(pattern, first, second, period))]
+        return [Primitive(CONE, form, Texture(pattern, first, second, period))]
 
     return parts
 
 
 def _mug(scale: float, first: Colour, second: Colour) -> list[Primitive]:
-    surface = Surface(STRIPES, first, second, 0.03)
-    bar = Surface(PLAIN, first)
+    surface = Texture(STRIPES, first, second, 0.03)
+    bar = Texture(PLAIN, first)
     cup = Primitive(CONE, (0.048 * scale, 0.039 * scale, 0.042 * scale, 1.0), surface)
     reach, thick = 0.041 * scale, 0.006
     upper = Primitive(BOX, (0.014, thick, thick), bar, (reach + 0.012, 0, 0.026 * scale))
@@ -91,33 +91,33 @@ def _mug(scale: float, first: Colour, second: Colour) -> list[Primitive]:
 
 def _pot(scale: float, first: Colour, second: Colour) -> list[Primitive]:
     radius, half = 0.085 * scale, 0.05 * scale
-    bar = Surface(PLAIN, (0.12, 0.12, 0.13))
+    bar = Texture(PLAIN, (0.12, 0.12, 0.13))
     ears = [Primitive(BOX, (0.018, 0.022, 0.006), bar, (side * (radius + 0.012), 0, 0.03)) for side in (-1, 1)]
-    return [Primitive(CONE, (half, radius, radius, 1.0), Surface(SPECKLE, first, second, 0.02)), *ears]
+    return [Primitive(CONE, (half, radius, radius, 1.0), Texture(SPECKLE, first, second, 0.02)), *ears]
 
 
 def _bottle(scale: float, first: Colour, second: Colour) -> list[Primitive]:
     radius, body, neck = 0.036 * scale, 0.075 * scale, 0.045 * scale
     return [
-        Primitive(CONE, (body, radius, radius, 0.0), Surface(LABEL, first, second, 0.04)),
-        Primitive(CONE, (neck, radius, 0.014, 0.0), Surface(PLAIN, first), (0, 0, body + neck)),
-        Primitive(CONE, (0.012, 0.015, 0.015, 0.0), Surface(PLAIN, second), (0, 0, body + 2 * neck + 0.012)),
+        Primitive(CONE, (body, radius, radius, 0.0), Texture(LABEL, first, second, 0.04)),
+        Primitive(CONE, (neck, radius, 0.014, 0.0), Texture(PLAIN, first), (0, 0, body + neck)),
+        Primitive(CONE, (0.012, 0.015, 0.015, 0.0), Texture(PLAIN, second), (0, 0, body + 2 * neck + 0.012)),
     ]
 
 
 def _bowl(scale: float, first: Colour, second: Colour) -> list[Primitive]:
     form = (0.082 * scale, 0.082 * scale, 0.07 * scale, -0.062 * scale, 0.0, 1.0)
-    return [Primitive(ELLIPSOID, form, Surface(STRIPES, first, second, 0.024))]
+    return [Primitive(ELLIPSOID, form, Texture(STRIPES, first, second, 0.024))]
 
 
 def _ball(scale: float, first: Colour, second: Colour) -> list[Primitive]:
     r = 0.055 * scale
-    return [Primitive(ELLIPSOID, (r, r, r, -r, r, 0.0), Surface(CHECKS, first, second, 0.06))]
+    return [Primitive(ELLIPSOID, (r, r, r, -r, r, 0.0), Texture(CHECKS, first, second, 0.06))]
 
 
 def _melon(scale: float, _first: Colour, _second: Colour) -> list[Primitive]:
     a, b, c = 0.105 * scale, 0.075 * scale, 0.072 * scale
-    surface = Surface(STRIPES, (0.12, 0.36, 0.10), (0.55, 0.62, 0.22), 0.05)
+    surface = Texture(STRIPES, (0.12, 0.36, 0.10), (0.55, 0.62, 0.22), 0.05)
     return [Primitive(ELLIPSOID, (a, b, c, -0.97 * c, c, 0.0), surface)]
 
 
@@ -125,14 +125,14 @@ def _vase(scale: float, first: Colour, second: Colour) -> list[Primitive]:
     r, c, neck = 0.06 * scale, 0.075 * scale, 0.03 * scale
     low, high = -0.8 * c, 0.8 * c
     return [
-        Primitive(ELLIPSOID, (r, r, c, low, high, 0.0), Surface(SPECKLE, first, second, 0.03)),
-        Primitive(CONE, (neck, 0.6 * r, 0.75 * r, 1.0), Surface(PLAIN, second), (0, 0, high + neck)),
+        Primitive(ELLIPSOID, (r, r, c, low, high, 0.0), Texture(SPECKLE, first, second, 0.03)),
+        Primitive(CONE, (neck, 0.6 * r, 0.75 * r, 1.0), Texture(PLAIN, second), (0, 0, high + neck)),
     ]
 
 
 def _roll(scale: float, _first: Colour, second: Colour) -> list[Primitive]:
     form = (0.11 * scale, 0.055 * scale, 0.055 * scale, 0.0)
-    return [Primitive(CONE, form, Surface(SPECKLE, (0.85, 0.84, 0.80), second, 0.03), (0, 0, 0), LYING)]
+    return [Primitive(CONE, form, Texture(SPECKLE, (0.85, 0.84, 0.80), second, 0.03), (0, 0, 0), LYING)]
 
 
 Recipe = Callable[[float, Colour, Colour], list[Primitive]]

@@ -13,7 +13,7 @@ Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Surface:
+class Texture:
     """Pattern of a primitive: two colours (0..1, linear RGB), the pattern's period in metres."""
 
     pattern: int
@@ -34,7 +34,7 @@ class Primitive:
 
     kind: int
     form: tuple[float, ...]
-    surface: Surface
+    surface: Texture
     centre: Vector = (0.0, 0.0, 0.0)
     rotation: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 

@@ -1,12 +1,13 @@
 """What a run plays: an input by its path or name, and which of its frames."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
+from spot3d.depth_noise import DepthNoise, parse_noise
 from spot3d.frame import RgbdFrame
 from spot3d.source.errors import SourceError
 from spot3d.source.intrinsics_files import FocalAndCentre, parse_intrinsics
@@ -43,13 +44,15 @@ def open_selection(selection: Selection, settings: SourceSettings) -> FrameSeque
         name = _full_scene_name(name, settings)
         length = length if selection.frames is None else selection.frames * every
     sequence = open_source(name, length, selection.intrinsics, settings.halved)
-    if every == 1 and selection.after_ns is None and (selection.frames or len(sequence)) >= len(sequence):
+    noise = parse_noise(settings.depth_noise) if settings.depth_noise else None
+    all_of_it = every == 1 and selection.after_ns is None and (selection.frames or len(sequence)) >= len(sequence)
+    if all_of_it and noise is None:
         return sequence
     chosen = range(0, len(sequence), every)[: selection.frames]
     if selection.after_ns is not None:
         stamps = sequence.stamps_ns
         chosen = chosen[sum(stamps[index] <= selection.after_ns for index in chosen) :]
-    return Selected(sequence, chosen)
+    return Selected(sequence, chosen, noise)
 
 
 def _full_scene_name(name: str, settings: SourceSettings) -> str:
@@ -61,16 +64,18 @@ def _full_scene_name(name: str, settings: SourceSettings) -> str:
 
 
 class Selected:
-    """Some frames of another sequence."""
+    """Some frames of another sequence, with `noise` of their depth where that is stated."""
 
-    def __init__(self, all_frames: FrameSequence, indices: range) -> None:
+    def __init__(self, all_frames: FrameSequence, indices: range, noise: DepthNoise | None = None) -> None:
         self._all = all_frames
         self._indices = indices
+        self._noise = noise
 
     @property
     def intrinsics(self) -> Intrinsics:
         """Intrinsics of all frames."""
-        return self._all.intrinsics
+        camera = self._all.intrinsics
+        return camera if self._noise is None else replace(camera, noise=self._noise)
 
     @property
     def stamps_ns(self) -> list[int]:
@@ -96,7 +101,10 @@ class Selected:
         return len(self._indices)
 
     def __getitem__(self, index: int) -> RgbdFrame:
-        return self._all[self._indices[index]]
+        frame = self._all[self._indices[index]]
+        if self._noise is None:
+            return frame
+        return replace(frame, intrinsics=replace(frame.intrinsics, noise=self._noise))
 
     def __iter__(self) -> Iterator[RgbdFrame]:
-        return (self._all[index] for index in self._indices)
+        return (self[index] for index in range(len(self)))
