@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -146,11 +147,28 @@ def segments(settings: Settings, stop: threading.Event) -> None:
     run(settings.link, settings.segments, stop)
 
 
-def fusion(settings: Settings, stop: threading.Event) -> None:
+def fusion(
+    settings: SettingsOption = None,
+    preset: PresetOption = None,
+    robot: RobotOption = None,
+    connect: ConnectOption = None,
+    listen: ListenOption = None,
+    lossless: DeliveryOption = None,
+    resume: Annotated[
+        Path | None, typer.Option(help="go on with the map in this snapshot; its world must be that of the poses")
+    ] = None,
+    supervised: SupervisedOption = False,
+) -> None:
     """The fusion stage: frames with heat and pose become a map, and the objects in it."""
+    stop = stage_started(supervised)
+    resolved = load_settings(settings, preset, link_overrides(robot, connect, listen, lossless))
+    from spot3d.dataflow.snapshot_file import SnapshotError
     from spot3d.fusion.process import run
 
-    run(settings.link, settings.fusion, stop)
+    try:
+        run(resolved.link, resolved.fusion, stop, resume)
+    except SnapshotError as error:
+        raise CommandError(str(error)) from error
 
 
 def bridge(
@@ -205,4 +223,4 @@ def router(
             raise CommandError(f"cannot listen at {', '.join(endpoints)}: {error}") from error
 
 
-COMMANDS = (source, pose, linked(proposals), linked(heatmap), linked(segments), linked(fusion), bridge, router)
+COMMANDS = (source, pose, linked(proposals), linked(heatmap), linked(segments), fusion, bridge, router)
