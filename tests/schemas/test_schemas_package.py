@@ -48,7 +48,7 @@ def test_all_names_exist() -> None:
     assert all(hasattr(spot3d_schemas, name) for name in spot3d_schemas.__all__)
 
 
-ADDED = {"Objects": {"left_out", "keyframes_dropped"}}
+ADDED = {"Segments": {"left_out"}, "Objects": {"left_out", "keyframes_dropped"}}
 """What minor versions have added: older senders leave it out."""
 
 

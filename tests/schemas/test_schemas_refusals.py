@@ -19,6 +19,7 @@ from spot3d_schemas import (
     Objects,
     Pose,
     Proposals,
+    Segments,
     decode,
     encode,
     encoding,
@@ -122,6 +123,7 @@ NO_BOTTOM = np.array([*np.eye(4)[:3].ravel(), 0, 0, 0.1, 1]).tolist()
         ("Objects", put("objects", [{}]), ["spot3d.Objects.objects.0.id", "required"]),
         ("Objects", put("up", [0, 1]), ["spot3d.Objects.up", "3 numbers"]),
         ("Objects", put("map_limit_reached", 1), ["spot3d.Objects.map_limit_reached", "boolean"]),
+        ("Segments", put("left_out", {"x" * 65: 1}), ["spot3d.Segments.left_out", "64"]),
         ("Objects", put("left_out", {str(i): i for i in range(65)}), ["spot3d.Objects.left_out", "64"]),
         ("Objects", put("left_out", {"x" * 65: 1}), ["spot3d.Objects.left_out", "64"]),
         ("Objects", put("left_out", "too large", -2), ["spot3d.Objects.left_out", "-2"]),
@@ -208,6 +210,9 @@ def test_fields_that_an_older_minor_version_lacks_are_empty() -> None:
     read = decode(msgpack.packb(wire), Objects)
     assert (read.left_out, read.keyframes_dropped) == ({}, 0)
     assert len(read.objects) == 1
+    wire = msgpack.unpackb(encode(SAMPLES["Segments"]))
+    del wire["left_out"]
+    assert decode(msgpack.packb(wire), Segments).left_out == {}
 
 
 def test_encoding_names_schema_and_major_version() -> None:

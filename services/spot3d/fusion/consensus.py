@@ -9,6 +9,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from spot3d.boxes import Box3D
+from spot3d.frame_segments import KEYFRAME_REASONS
 from spot3d.fusion.agreement import clusters_of
 from spot3d.fusion.found import Seen, box_of
 from spot3d.fusion.growing import Growing
@@ -59,6 +60,7 @@ class ViewConsensus:
         self._skipped = 0
         # Of the updates alone from here on: they may run in a thread of their own.
         self._dropped = 0
+        self._in_keyframes: Counter[str] = Counter()  # what the segments stage left out of keyframes, by reason
         self._taken: deque[Keyframe] = deque()
         self._views: dict[int, View] = {}
         self._rows_of: dict[int, NDArray[np.int32]] = {}  # the segment of each label of a view, (256,), -1 = none
@@ -127,7 +129,7 @@ class ViewConsensus:
             self._describe(self._cluster(), up)
             segments.touched.rows[:] = False
         objects = [found for found, _ in self._found.values() if found is not None]
-        left_out = Counter(reason for _, reason in self._found.values() if reason)
+        left_out = Counter(reason for _, reason in self._found.values() if reason) + self._in_keyframes
         return Consensus(sorted(objects, key=lambda item: item.id), up, left_out, self.dropped)
 
     def _take_in(self, keyframe: Keyframe) -> None:
@@ -136,6 +138,8 @@ class ViewConsensus:
         old = len(segments)
         row_of = segments.extend(keyframe, number)
         self._next_keyframe += 1
+        # Whoever finds segments may have reasons of their own, but not ever new ones.
+        self._in_keyframes.update({k: n for k, n in keyframe.left_out.items() if k in KEYFRAME_REASONS})
         count = len(segments) - old
         said, label = np.empty((2, max(old, count)), np.uint8)
         places, spheres = segments.places.rows, segments.spheres.rows

@@ -105,6 +105,7 @@ class Collector:
             points=points,
             left_out=dict(self.objects.left_out),
             keyframes_dropped=self.objects.keyframes_dropped,
+            map_limit_reached=self.objects.map_limit_reached,
         )
 
     def fill(self, report: RunReport, restarts: dict[str, int]) -> None:

@@ -67,4 +67,5 @@ def _run_result(result: PipelineResult) -> RunResult:
         ),
         left_out=dict(objects.left_out),
         keyframes_dropped=objects.keyframes_dropped,
+        map_limit_reached=result.fusion.heatmap.evicted > 0,
     )
