@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from spot3d.boxes import Box3D
 from spot3d.frame_segments import KEYFRAME_REASONS
 from spot3d.fusion.agreement import clusters_of
+from spot3d.fusion.disputed import without_disputed
 from spot3d.fusion.found import Seen, box_of
 from spot3d.fusion.growing import Growing
 from spot3d.fusion.identity import FoundObject
@@ -339,13 +340,26 @@ class ViewConsensus:
         # The pseudo-average of Eq. 14, over views.
         confidence = float(segments.heat.rows[members].sum() / (max(len(members), sees.sum()) + settings.views_tau))
         views = Seen(segments.places.rows[members], segments.support.rows[members], segments.frame.rows[members])
-        box = box_of(views, up, settings.plane_distance)
-        shortest, middle, longest = np.sort(box.size)
-        if longest > settings.size_max:
-            return box, confidence, TOO_LARGE
+        # What is too large as its views have it is not made an object by leaving out what they disagree on.
+        if float(np.linalg.norm(np.ptp(views.places.reshape(-1, 3), axis=0))) > settings.size_max:
+            whole = box_of(views, up, settings.plane_distance)
+            if whole.size.max() > settings.size_max:
+                return whole, confidence, TOO_LARGE
+        box = box_of(self._undisputed(views, segments.cluster.rows[members[0]]), up, settings.plane_distance)
+        shortest, middle, _ = np.sort(box.size)
         if middle < settings.size_min or box.volume < settings.volume_min:
             return box, confidence, TOO_SMALL
         return box, confidence, TOO_THIN if shortest < settings.plane_distance else ""
+
+    def _undisputed(self, views: Seen, cluster: np.int64) -> Seen:
+        """What was seen of a cluster, without what most of the other views that see the cluster have elsewhere."""
+        cluster_of = np.append(self._segments.cluster.rows, -1)  # row -1: of no segment
+        own = {
+            number: (self._views[number], cluster_of[self._rows_of[number]] == cluster)
+            for number in np.unique(views.frame).tolist()
+        }
+        places, kept = without_disputed(views.places, views.frame, own)
+        return Seen(places[kept], views.support[kept], views.frame[kept])
 
 
 def _numbered(
