@@ -102,6 +102,7 @@ def _run(
     report.wall_s = time.perf_counter() - start_s
     report.objects, report.left_out = len(result.objects), result.left_out
     report.keyframes_dropped, report.map_points = result.keyframes_dropped, result.points.total
+    report.map_limit_reached = result.map_limit_reached
     write_results(folder, result)
     write_json(folder / "report.json", report_document(report))
     if in_process:
