@@ -29,6 +29,8 @@ MAX_MAP_CHANGES = 40_000
 
 MAX_PREVIEW_PIXELS = 320 * 320
 """Largest preview: dashboards over thin links get no more of a frame than this."""
+MAX_COUNT = 2**63 - 1
+"""Largest count; also the latest stamp."""
 
 MAX_HOPS = 16
 """Most entries of a header's trace."""
