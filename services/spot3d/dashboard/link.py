@@ -29,6 +29,9 @@ _HEALTHS_WAITING = 64
 _POLL_S = 1.0
 _ANSWER_S = 5.0
 _POINT_BYTES = 24
+_PRIORITY = zenoh.Priority.DATA_LOW
+_NAME = b"the dashboard"
+"""Fusion tells by whom it was reset."""
 ROBOTS_MAX = 16
 """Robots that are listened to; beyond, the page says that there are more."""
 
@@ -205,7 +208,7 @@ def _decoded(sample: zenoh.Sample, topic: str) -> Message | None:
 
 def _answer(session: zenoh.Session, selector: str, topic: str, timeout_s: float) -> Message | None:
     try:
-        for reply in session.get(selector, timeout=timeout_s, priority=zenoh.Priority.DATA_LOW):
+        for reply in session.get(selector, timeout=timeout_s, priority=_PRIORITY, payload=_NAME):
             if reply.ok is not None:
                 return _decoded(reply.ok, topic)
     except zenoh.ZError as error:
