@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from spot3d.frame import RgbdFrame
-from spot3d.source.scene import Scene
+from spot3d.source.scene.scene import Scene
 
 FRAMES = 6
 """Enough that pose looks for landmarks of earlier ones, and that objects are described (FusionSettings.views_min)."""
@@ -20,7 +20,7 @@ FRAMES = 6
 def compile_source(scene: Scene) -> None:
     """Renders the scene and registers colour to depth."""
     from spot3d.source.calibration import ColourCamera
-    from spot3d.source.registration import ColourRegistration
+    from spot3d.source.colour_registration import ColourRegistration
 
     frame = scene[0]
     camera = ColourCamera(frame.intrinsics, np.eye(4))

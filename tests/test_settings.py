@@ -96,6 +96,18 @@ def test_errors_in_the_environment(name, value, named, monkeypatch):
         assert part in str(error.value)
 
 
+def test_sizes_of_objects_are_set_once_for_all_stages(monkeypatch, tmp_path):
+    monkeypatch.setenv("SPOT3D_SIZE_MAX", "2.0")
+    settings = load_settings(overrides={"segments": {"size_max": 3.0}, "size_min": 0.01})
+    sized = (settings.proposals, settings.heatmap, settings.segments, settings.fusion)
+    assert [section.size_min for section in sized] == [0.01] * 4
+    assert [section.size_max for section in sized] == [2.0, 2.0, 3.0, 2.0], "a stage may have its own"
+    text = to_toml(settings)
+    assert text.count("size_max = ") == 2, "what all share stands there once"
+    monkeypatch.delenv("SPOT3D_SIZE_MAX")
+    assert load_settings(written(tmp_path, text)) == settings
+
+
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(InvalidSettingsError, match=r"nowhere\.toml"):
         load_settings(tmp_path / "nowhere.toml")

@@ -6,7 +6,9 @@ from spot3d_schemas.header import Header, Hop
 from spot3d_schemas.json_schema import json_schema
 from spot3d_schemas.messages import (
     MESSAGES,
+    About,
     CameraIntrinsics,
+    DepthNoise,
     End,
     Frame,
     Health,
@@ -21,14 +23,17 @@ from spot3d_schemas.messages import (
     Segments,
 )
 from spot3d_schemas.names import checked_name
-from spot3d_schemas.topics import STAGES, TOPICS, Topic, alive_key, fleet_key, key
+from spot3d_schemas.topics import BRIDGE, STAGES, TOPICS, Topic, alive_key, fleet_key, key, process_key
 
 __all__ = [
+    "BRIDGE",
     "MESSAGES",
     "STAGES",
     "TOPICS",
+    "About",
     "CameraIntrinsics",
     "CodecError",
+    "DepthNoise",
     "End",
     "Frame",
     "Header",
@@ -54,5 +59,6 @@ __all__ = [
     "json_schema",
     "key",
     "peek_header",
+    "process_key",
     "refuse_encoding",
 ]

@@ -11,12 +11,16 @@ from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 from spot3d_schemas.array_codes import delta_zlib_decode, delta_zlib_encode, jpeg_decode, jpeg_encode
+from spot3d_schemas.palette_code import ManyValuesError, palette_decode, palette_encode
 
 RAW = "raw"
 """The array's bytes in C order, little endian."""
 
 DELTA_ZLIB = "delta-zlib"
 """Lossless, for (h, w) images; see `delta_zlib_encode`."""
+
+PALETTE, PALETTE_2D = "palette", "palette-2d"
+"""Lossless, for (h, w) images of few distinct values; see `palette_code`."""
 
 JPEG = "jpeg"
 """Lossy, for (h, w, 3) uint8 RGB images."""
@@ -31,15 +35,15 @@ class ArraySpec:
     """What an array field may hold; as an annotation it makes pydantic check the field.
 
     dtypes: accepted NumPy type names. axes: a number for a fixed axis, a name for a free one.
-    most: largest product of the free axes. least: smallest free axis. thin: the encoding beside `raw`.
-    finite: whether NaN and infinity are refused.
+    most: largest product of the free axes. least: smallest free axis. thin: the encodings beside `raw`,
+    that of thin links first, the next one where the array is not for it. finite: whether NaN and infinity are refused.
     """
 
     dtypes: tuple[str, ...]
     axes: tuple[int | str, ...]
     most: int
     least: int = 0
-    thin: str = RAW
+    thin: tuple[str, ...] = ()
     finite: bool = False
 
     def check_shape(self, shape: tuple[int, ...]) -> None:
@@ -104,7 +108,7 @@ class ArraySpec:
                     "minItems": len(self.axes),
                     "maxItems": len(self.axes),
                 },
-                "encoding": {"enum": sorted({RAW, self.thin})},
+                "encoding": {"enum": sorted((RAW, *self.thin))},
                 "data": {
                     "type": "string",
                     "contentEncoding": "binary",
@@ -120,14 +124,19 @@ def dtype_name(array: NDArray[Any]) -> str:
     return _NAMES[array.dtype]
 
 
-def encode_data(array: NDArray[Any], encoding: str, jpeg_quality: int) -> bytes | memoryview:
-    """The bytes of a validated `array` in `encoding`; `raw`: a view of its own. Raises ValueError."""
-    if encoding == DELTA_ZLIB:
-        return delta_zlib_encode(array)
-    if encoding == JPEG:
-        return jpeg_encode(array, jpeg_quality)
+def encode_data(array: NDArray[Any], codes: tuple[str, ...], jpeg_quality: int) -> tuple[str, bytes | memoryview]:
+    """The first of `codes` that takes the validated `array`, and its bytes; none: `raw`, a view. Raises ValueError."""
+    for code in codes:
+        if code == JPEG:
+            return code, jpeg_encode(array, jpeg_quality)
+        if code == DELTA_ZLIB:
+            return code, delta_zlib_encode(array)
+        try:
+            return code, palette_encode(array, plane=code == PALETTE_2D)
+        except ManyValuesError:
+            continue
     # By way of uint8: a memoryview of an empty array cannot be cast.
-    return array.reshape(-1).view(np.uint8).data
+    return RAW, array.reshape(-1).view(np.uint8).data
 
 
 def decode_array(described: Mapping[str, Any], data: memoryview, spec: ArraySpec) -> NDArray[Any]:
@@ -148,9 +157,11 @@ def decode_array(described: Mapping[str, Any], data: memoryview, spec: ArraySpec
         if len(data) != expected:
             raise ValueError(f"{len(data)} bytes of data; {dtype} of shape {list(shape)} takes {expected}")
         return np.frombuffer(data, dtype).reshape(shape)
-    if encoding != spec.thin:
-        accepted = " or ".join(sorted({RAW, spec.thin}))
+    if encoding not in spec.thin:
+        accepted = " or ".join(sorted((RAW, *spec.thin)))
         raise ValueError(f"the encoding is {str(encoding)[:40]!r}; send {accepted}")
     if encoding == JPEG:
         return jpeg_decode(data, shape)
-    return delta_zlib_decode(data, dtype, shape)
+    if encoding == DELTA_ZLIB:
+        return delta_zlib_decode(data, dtype, shape)
+    return palette_decode(data, dtype, shape, plane=encoding == PALETTE_2D)

@@ -8,7 +8,7 @@ import msgpack
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from spot3d_schemas.arrays import RAW, ArraySpec, decode_array, dtype_name, encode_data
+from spot3d_schemas.arrays import ArraySpec, decode_array, dtype_name, encode_data
 from spot3d_schemas.errors import CodecError
 from spot3d_schemas.header import Header
 from spot3d_schemas.limits import MAX_FIELD_BYTES, MAX_FIELDS, MAX_MESSAGE_BYTES, MAX_OBJECTS_VALUES
@@ -48,7 +48,7 @@ def encode(message: Message, *, thin_link: bool = False, jpeg_quality: int = 90)
     at = len(pieces[0])
     for name, spec in specs.items():
         try:
-            array = _array_pieces(name, getattr(message, name), spec.thin if thin_link else RAW, jpeg_quality, at)
+            array = _array_pieces(name, getattr(message, name), spec.thin if thin_link else (), jpeg_quality, at)
         except ValueError as error:
             raise CodecError(f"{message.SCHEMA}.{name}: {error}") from None
         pieces += array
@@ -122,9 +122,11 @@ def array_fields(message: type[Message]) -> dict[str, ArraySpec]:
     }
 
 
-def _array_pieces(name: str, array: NDArray[Any], code: str, jpeg_quality: int, at: int) -> list[bytes | memoryview]:
+def _array_pieces(
+    name: str, array: NDArray[Any], codes: tuple[str, ...], jpeg_quality: int, at: int
+) -> list[bytes | memoryview]:
     """Key and value of an array field that begins at byte `at`; a raw array's bytes are not copied here."""
-    data = encode_data(array, code, jpeg_quality)
+    code, data = encode_data(array, codes, jpeg_quality)
     described = _described(name, dtype_name(array), array.shape, code)
     before_data = _DATA_KEY + bin_header(len(data))
     padding = -(at + len(described) + 1 + len(before_data)) % _ALIGNMENT

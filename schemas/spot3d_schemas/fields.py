@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
 
-from spot3d_schemas.arrays import DELTA_ZLIB, JPEG, ArraySpec
+from spot3d_schemas.arrays import DELTA_ZLIB, JPEG, PALETTE, PALETTE_2D, ArraySpec
 from spot3d_schemas.limits import (
     MAX_BOXES,
     MAX_IMAGE_PIXELS,
@@ -42,13 +42,15 @@ Rotation = Annotated[NDArray[np.float64], NumbersSpec((3, 3), "rotation")]
 Transform = Annotated[NDArray[np.float64], NumbersSpec((4, 4), "rigid")]
 
 _IMAGE = ("h", "w")
-Colour = Annotated[NDArray[np.uint8], ArraySpec(("uint8",), ("h", "w", 3), MAX_IMAGE_PIXELS, least=1, thin=JPEG)]
+Colour = Annotated[NDArray[np.uint8], ArraySpec(("uint8",), ("h", "w", 3), MAX_IMAGE_PIXELS, least=1, thin=(JPEG,))]
 Depth = Annotated[
     NDArray[np.uint16] | NDArray[np.float32],
-    ArraySpec(("uint16", "float32"), _IMAGE, MAX_IMAGE_PIXELS, least=1, thin=DELTA_ZLIB),
+    ArraySpec(("uint16", "float32"), _IMAGE, MAX_IMAGE_PIXELS, least=1, thin=(PALETTE, DELTA_ZLIB)),
 ]
-HeatImage = Annotated[NDArray[np.uint8], ArraySpec(("uint8",), _IMAGE, MAX_IMAGE_PIXELS, least=1, thin=DELTA_ZLIB)]
-LabelImage = Annotated[NDArray[np.uint8], ArraySpec(("uint8",), _IMAGE, MAX_IMAGE_PIXELS, thin=DELTA_ZLIB)]
+HeatImage = Annotated[
+    NDArray[np.uint8], ArraySpec(("uint8",), _IMAGE, MAX_IMAGE_PIXELS, least=1, thin=(PALETTE_2D, DELTA_ZLIB))
+]
+LabelImage = Annotated[NDArray[np.uint8], ArraySpec(("uint8",), _IMAGE, MAX_IMAGE_PIXELS, thin=(DELTA_ZLIB,))]
 SegmentHeat = Annotated[NDArray[np.float32], ArraySpec(("float32",), ("n",), MAX_SEGMENTS, finite=True)]
 SegmentPlanes = Annotated[NDArray[np.float64], ArraySpec(("float64",), ("p", 4), MAX_PLANES, finite=True)]
 SegmentSupports = Annotated[NDArray[np.int8], ArraySpec(("int8",), ("n",), MAX_SEGMENTS)]

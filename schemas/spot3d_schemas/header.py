@@ -41,6 +41,13 @@ class Header(Record):
     """Capture time of the frame: what messages are joined by."""
     frame_id: Name
     trace: Annotated[tuple[Hop, ...], FailFast(), Field(strict=False, max_length=MAX_HOPS)] = ()
+    stream: Name | None = None
+    """Which captures belong together: one session of a camera, one pass through a recording. Since 1.1; None: not told.
+
+    Another stream is another scene: nothing of it is joined, tracked or fused with what was before.
+    """
+    sender: Name | None = None
+    """The process that sent the message, another one each time that it starts. Since 1.1; None: not told."""
 
     def with_hop(self, stage: str, received_ns: int, sent_ns: int) -> "Header":
         """This header with one more hop; beyond the limit the oldest one goes."""

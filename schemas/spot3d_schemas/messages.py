@@ -8,7 +8,7 @@ Values are checked strictly, once, when a message is made or decoded. Fields tha
 ignored, not refused: a newer minor version adds fields, and its messages must stay readable; a change that
 would mislead an old reader takes a new major version. Since a misspelt field is ignored as well, every field of
 1.0 but the header's trace must be given: what is missing is refused. What a minor version has added may be missing,
-since older senders do not know it.
+since older senders do not know it: 1.1 added the header's stream and sender.
 """
 
 from typing import Annotated, ClassVar, Literal, Self
@@ -80,11 +80,23 @@ class CameraIntrinsics(Record):
         return (self.height, self.width)
 
 
+class DepthNoise(Record):
+    """How noisy depth is: sigma(z) = floor + growth * (z - at)^2 (`model` quadratic), all metres.
+
+    A stereo camera: at 0, growth = subpixel / (focal length * baseline); time of flight: little growth.
+    """
+
+    model: Literal["quadratic"] = "quadratic"
+    floor: Positive
+    growth: NonNegative
+    at: Finite
+
+
 class Message(Record):
     """What every message has."""
 
     SCHEMA: ClassVar[str]
-    VERSION: ClassVar[str] = "1.0"
+    VERSION: ClassVar[str] = "1.1"
     MAX_VALUES: ClassVar[int] = MAX_VALUES
     MAX_FIELD_BYTES: ClassVar[int] = MAX_FIELD_BYTES
 
@@ -96,12 +108,16 @@ class RgbdMessage(Message):
 
     colour: (h, w, 3) uint8 RGB, registered with depth.
     depth: (h, w) uint16 in units of `depth_scale` metres, or float32 metres (`depth_scale` 1); 0 = invalid.
+    depth_noise: since 1.1, the depth camera's; None: not stated, and taken for a Kinect v1's.
     """
+
+    VERSION: ClassVar[str] = "1.1"
 
     intrinsics: CameraIntrinsics
     depth_scale: Positive
     colour: Colour
     depth: Depth
+    depth_noise: DepthNoise | None = None
 
     @field_validator("colour", "depth", "heat", check_fields=False)
     @classmethod
@@ -148,12 +164,12 @@ class Segments(Message):
     intrinsics: of `labels`, which may be smaller than the frame. labels: (h, w) uint8, 0 = no object, k = segment
     k - 1. heat: (n,) float32 mean confidence of each segment in [0, 1]. planes: (p, 4) float64 [n_x, n_y, n_z, b],
     camera frame, metres, n.x + b = 0: the surfaces on which things stand, the main one first, unit normals up.
-    stands_on: (n,) int8 row of `planes`, -1 = none is known. Since 1.1, left_out: what was taken for an object of this
+    stands_on: (n,) int8 row of `planes`, -1 = none is known. Since 1.2, left_out: what was taken for an object of this
     frame and is no segment, counted by reason.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Segments"
-    VERSION: ClassVar[str] = "1.1"
+    VERSION: ClassVar[str] = "1.2"
 
     keyframe: bool
     intrinsics: CameraIntrinsics | None
@@ -208,7 +224,11 @@ class End(Message):
 
 
 class Pose(Message):
-    """The camera's pose at one capture. "lost": not to be fused, and `reason` says why."""
+    """The camera's pose at one capture. "lost": not to be fused, and `reason` says why.
+
+    Since 1.1, epoch: the world that the pose is in; poses of different epochs have nothing to do with each other.
+    lost_since_ns: the capture since which every pose is lost.
+    """
 
     SCHEMA: ClassVar[str] = "spot3d.Pose"
 
@@ -216,6 +236,8 @@ class Pose(Message):
     status: Literal["ok", "lost"]
     reason: Text
     provider: Name
+    epoch: Name | None = None
+    lost_since_ns: Nanoseconds | None = None
 
 
 class Proposals(Message):
@@ -252,12 +274,13 @@ class Objects(Message):
 
     complete: the source's stream has ended, and these are the objects of all its frames. Since 1.1, left_out: what
     was taken for an object and is none, counted by reason (`... in a keyframe`: what the segments stage said of single
-    keyframes, added up over all); keyframes_dropped: keyframes that were forgotten because
-    there were too many, and with them what no other keyframe shows.
+    keyframes, added up over all); keyframes_dropped: keyframes that were forgotten because there were too many, and
+    with them what no other keyframe shows. Since 1.2, epoch: of the map that they are from; the numbers of objects mean
+    the same in one epoch alone.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Objects"
-    VERSION: ClassVar[str] = "1.1"
+    VERSION: ClassVar[str] = "1.2"
     MAX_VALUES: ClassVar[int] = MAX_OBJECTS_VALUES
     MAX_FIELD_BYTES: ClassVar[int] = MAX_OBJECTS_BYTES
 
@@ -269,13 +292,14 @@ class Objects(Message):
     complete: bool
     left_out: Reasons = Field(default_factory=dict)
     keyframes_dropped: Count = 0
+    epoch: Name | None = None
 
 
 class MapPoints(Message):
     """A bounded snapshot of the 3D heatmap, N of its `total` points.
 
     xyz: (N, 3) float32 m, world. rgb: (N, 3) uint8. heat: (N,) float32 pseudo-average confidence.
-    frequency: (N,) uint32 frames that saw the point.
+    frequency: (N,) uint32 frames that saw the point. Since 1.1, epoch: of the map, as in Objects.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.MapPoints"
@@ -285,6 +309,7 @@ class MapPoints(Message):
     heat: PointHeat
     frequency: PointCounts
     total: Count
+    epoch: Name | None = None
 
     @field_validator("rgb", "heat", "frequency")
     @classmethod
@@ -314,10 +339,13 @@ class Health(Message):
     """How one stage's process fares. Rates and times are None until there is something to measure.
 
     drops: messages that were not worked on, by reason. events: what happened that lost nothing, by kind.
-    latency: from the trace's first hop to this stage's message, by wall clock. step: the core's own time.
+    latency: from the trace's first hop to this stage's message, by wall clock. step: the core's own time. Since 1.1,
+    state: what is wrong now and what to do about it, for people; empty: nothing is; and sent, sent_bytes: messages and
+    their bytes so far, by topic.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Health"
+    VERSION: ClassVar[str] = "1.1"
 
     stage: Name
     pid: Count
@@ -336,10 +364,37 @@ class Health(Message):
     cpu_s: NonNegative
     rss_bytes: Count
     threads: Count
+    state: Text = ""
+    sent: Reasons = Field(default_factory=dict)
+    sent_bytes: Reasons = Field(default_factory=dict)
+
+
+class About(Message):
+    """What one stage's process runs on: its answer to a query, at once, however busy the stage is.
+
+    time_ns: wall clock when it answered. kernels_missing: modules whose machine code is not kept for the next start.
+    shared_memory_bytes: room for images that go through shared memory, 0 where it is off. disk, disk_free_bytes: where
+    the stage keeps things, and what room is left there. certificate_until_ns: until when its certificate is valid.
+    """
+
+    SCHEMA: ClassVar[str] = "spot3d.About"
+
+    stage: Name
+    pid: Count
+    host: Text
+    spot3d: Text
+    zenoh: Text
+    python: Text
+    time_ns: Nanoseconds
+    kernels_missing: Count
+    shared_memory_bytes: Count
+    disk: Text
+    disk_free_bytes: Count
+    certificate_until_ns: Nanoseconds | None
 
 
 MESSAGES: dict[str, type[Message]] = {
     message.__name__: message
-    for message in (Frame, End, Pose, Proposals, Heat, Segments, Objects, MapPoints, Progress, Health)
+    for message in (Frame, End, Pose, Proposals, Heat, Segments, Objects, MapPoints, Progress, Health, About)
 }
 """Every message by its short name."""

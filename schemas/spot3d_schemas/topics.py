@@ -5,6 +5,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from spot3d_schemas.messages import (
+    About,
     End,
     Frame,
     Health,
@@ -22,8 +23,19 @@ from spot3d_schemas.names import checked_name
 STAGES = ("source", "pose", "proposals", "heatmap", "segments", "fusion")
 """The processes of the dataflow, in its order."""
 
+BRIDGE = "bridge"
+"""The process that joins two devices over a thin link, where there is one."""
+
 Delivery = Literal["live", "lossless", "by run"]
 """live: the latest wins. lossless: nothing is dropped. by run: live for cameras, lossless for recordings."""
+
+
+Congestion = Literal["block", "block first", "drop"]
+"""What a sender does where the network is full. block first: it waits with one message, and drops those that
+come meanwhile."""
+
+Priority = Literal["interactive high", "interactive low", "data high", "data", "data low"]
+"""Which message goes first where several wait; the names are Zenoh's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +48,18 @@ class Topic:
     """Nominal rate for a 30 Hz camera; 0 for queries."""
     delivery: Delivery
     kind: Literal["pub", "query"] = "pub"
+    congestion: Congestion = "block"
+    priority: Priority = "data"
+    express: bool = False
+    """Sent at once, not gathered with others into one packet."""
+    newest: int = 0
+    """Most messages that wait for a live reader, the newest; 0: all do, as they are small and few."""
+    kept: bool = False
+    """A reader that comes late still gets the last one."""
 
     @property
     def producer(self) -> str:
-        """The stage that publishes the topic or answers the query."""
+        """The stage (or the bridge) that publishes the topic or answers the query."""
         return self.name.partition("/")[0]
 
     @property
@@ -49,15 +69,23 @@ class Topic:
 
 
 _ROWS = (
-    Topic("source/frame", Frame, 30.0, "by run"),
-    Topic("source/end", End, 2.0, "lossless"),
-    Topic("pose/pose", Pose, 30.0, "lossless"),
-    Topic("proposals/boxes", Proposals, 30.0, "by run"),
-    Topic("heatmap/heat", Heat, 30.0, "by run"),
-    Topic("segments/segments", Segments, 30.0, "by run"),
-    Topic("fusion/objects", Objects, 2.0, "lossless"),
-    Topic("fusion/progress", Progress, 30.0, "lossless"),
-    *(Topic(f"{stage}/health", Health, 1.0, "live") for stage in STAGES),
+    Topic("source/frame", Frame, 30.0, "by run", congestion="block first", newest=3),
+    Topic("source/end", End, 2.0, "lossless", priority="data low"),
+    Topic("pose/pose", Pose, 30.0, "lossless", priority="interactive high", express=True),
+    Topic("proposals/boxes", Proposals, 30.0, "by run", congestion="block first", priority="data high", newest=8),
+    # Over a thin link heat must not delay poses and objects. Fusion is faster than any camera, and catches up with what
+    # has waited while it was held up for a moment.
+    Topic("heatmap/heat", Heat, 30.0, "by run", congestion="block first", priority="data low", newest=4),
+    # Most say that a frame is no keyframe, and must not push out one that is: a second's worth waits. No frame waits
+    # for the stage in a live run, so that it may wait itself.
+    Topic("segments/segments", Segments, 30.0, "by run", newest=32),
+    Topic("fusion/objects", Objects, 2.0, "lossless", priority="data high", kept=True),
+    Topic("fusion/progress", Progress, 30.0, "lossless", priority="interactive high", express=True),
+    *(
+        Topic(f"{stage}/health", Health, 1.0, "live", congestion="drop", priority="interactive low", newest=1)
+        for stage in (*STAGES, BRIDGE)
+    ),
+    *(Topic(f"{stage}/about", About, 0.0, "lossless", "query") for stage in STAGES),
     Topic("fusion/map", MapPoints, 0.0, "lossless", "query"),
     Topic("fusion/reset", Progress, 0.0, "lossless", "query"),
 )
@@ -82,3 +110,9 @@ def alive_key(robot: str, stage: str) -> str:
 def fleet_key(topic: str) -> str:
     """The key expression that matches a topic of every robot. Raises KeyError for an unknown topic."""
     return TOPICS[topic].key_template.format(robot="*")
+
+
+def process_key(robot: str, stage: str, sender: str) -> str:
+    """The key of the liveliness token of one process of a stage, the `sender` of its messages; `*` for any."""
+    name = sender if sender == "*" else checked_name(sender)
+    return f"{alive_key(robot, stage)}/{name}"

@@ -1,3 +1,66 @@
 """spot3d: 3D boxes around unknown objects from a live RGB-D camera (Pahwa et al.'s online method)."""
 
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from spot3d.boxes import Box3D
+    from spot3d.camera import Intrinsics
+    from spot3d.found_object import FoundObject
+    from spot3d.frame import RgbdFrame
+    from spot3d.fusion.fusion import Fusion
+    from spot3d.fusion.settings import FusionSettings
+    from spot3d.heatmap.heat import weighted_heat
+    from spot3d.heatmap.settings import HeatmapSettings
+    from spot3d.pipeline import run_pipeline
+    from spot3d.proposals.propose import propose
+    from spot3d.proposals.settings import ProposalSettings
+    from spot3d.segments.finder import find_segments
+    from spot3d.segments.settings import SegmentsSettings
+    from spot3d.settings import load_settings
+    from spot3d.source.sequences import open_source
+
 __version__ = "0.1.0"
+
+# Imported when first asked for: a stage imports this package too, and has only its own packages.
+_PLACES = {
+    "Box3D": "boxes",
+    "FoundObject": "found_object",
+    "Fusion": "fusion.fusion",
+    "FusionSettings": "fusion.settings",
+    "HeatmapSettings": "heatmap.settings",
+    "Intrinsics": "camera",
+    "ProposalSettings": "proposals.settings",
+    "RgbdFrame": "frame",
+    "SegmentsSettings": "segments.settings",
+    "find_segments": "segments.finder",
+    "load_settings": "settings",
+    "open_source": "source.sequences",
+    "propose": "proposals.propose",
+    "run_pipeline": "pipeline",
+    "weighted_heat": "heatmap.heat",
+}
+
+__all__ = [
+    "Box3D",
+    "FoundObject",
+    "Fusion",
+    "FusionSettings",
+    "HeatmapSettings",
+    "Intrinsics",
+    "ProposalSettings",
+    "RgbdFrame",
+    "SegmentsSettings",
+    "find_segments",
+    "load_settings",
+    "open_source",
+    "propose",
+    "run_pipeline",
+    "weighted_heat",
+]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_PLACES[name]}"), name)

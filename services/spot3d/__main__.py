@@ -1,5 +1,5 @@
 """`python -m spot3d`."""
 
-from spot3d.cli import main
+from spot3d.cli.app import main
 
 main()

@@ -1,16 +1,19 @@
 """The pinhole camera: intrinsics for exactly one image size."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.depth_noise import KINECT_V1, DepthNoise
+
 
 @dataclass(frozen=True, slots=True)
 class Intrinsics:
-    """Pinhole intrinsics in pixels of a `width` x `height` image.
+    """Pinhole intrinsics in pixels of a `width` x `height` image, and the noise of the depth in it.
 
-    Optical frame: x right, y down, z forward; pixel centres are at integer coordinates.
+    Optical frame: x right, y down, z forward; pixel centres are at integer coordinates. Two are equal where their
+    pixels are, whatever the noise.
     """
 
     fx: float
@@ -19,6 +22,7 @@ class Intrinsics:
     cy: float
     width: int
     height: int
+    noise: DepthNoise = field(default=KINECT_V1, compare=False)
 
     def __post_init__(self) -> None:
         if not (self.fx > 0 and self.fy > 0 and np.isfinite([self.fx, self.fy, self.cx, self.cy]).all()):
@@ -33,13 +37,14 @@ class Intrinsics:
 
     def halved(self) -> "Intrinsics":
         """Intrinsics of the image that keeps every second pixel, starting with the first, of each axis."""
-        return Intrinsics(
-            self.fx / 2,
-            self.fy / 2,
-            self.cx / 2,
-            self.cy / 2,
-            (self.width + 1) // 2,
-            (self.height + 1) // 2,
+        return replace(
+            self,
+            fx=self.fx / 2,
+            fy=self.fy / 2,
+            cx=self.cx / 2,
+            cy=self.cy / 2,
+            width=(self.width + 1) // 2,
+            height=(self.height + 1) // 2,
         )
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from spot3d.dataflow.cadence import Cadence
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
-from spot3d.fusion.fusion import Fusion, Objects
-from spot3d.heatmap.heat import Heat, weighted_heat
+from spot3d.fusion.fusion import FoundObjects, Fusion
+from spot3d.heatmap.heat import Heatmap, weighted_heat
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.providers import make_tracker
 from spot3d.proposals.propose import propose
@@ -34,9 +34,9 @@ class PipelineStep:
 
     frame: RgbdFrame
     pose: PoseEstimate
-    heat: Heat
+    heat: Heatmap
     segments: FrameSegments | None
-    objects: Objects | None
+    objects: FoundObjects | None
 
 
 @dataclass(slots=True)
@@ -49,7 +49,7 @@ class PipelineResult:
     """
 
     fusion: Fusion
-    objects: Objects
+    objects: FoundObjects
     trajectory: list[tuple[int, PoseEstimate]] = field(default_factory=list)
     skipped: Counter[str] = field(default_factory=Counter)
     step_s: dict[str, list[float]] = field(default_factory=dict)
@@ -71,7 +71,7 @@ def run_pipeline(
     """
     tracker, fusion = make_tracker(settings.pose), Fusion(settings.fusion)
     keyframes = Keyframes(settings.segments)
-    cadence = Cadence(settings.link.object_interval_s)
+    cadence = Cadence(settings.fusion.object_interval_s)
     result = PipelineResult(fusion, fusion.objects())
     for index in range(len(sequence)):
         if stopped():

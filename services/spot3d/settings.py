@@ -7,16 +7,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError, model_validator
 from pydantic_settings import BaseSettings, EnvSettingsSource, SettingsConfigDict, SettingsError
 
+from spot3d.bridge.settings import BridgeSettings
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.fusion.settings import PAPER as PAPER_FUSION
 from spot3d.fusion.settings import FusionSettings
 from spot3d.heatmap.settings import PAPER as PAPER_HEATMAP
 from spot3d.heatmap.settings import HeatmapSettings
+from spot3d.object_size import SIZE_MAX, SIZE_MIN
 from spot3d.pose.settings import PoseSettings
 from spot3d.proposals.settings import ProposalSettings
+from spot3d.security.access import AccessSettings
 from spot3d.segments.settings import PAPER as PAPER_SEGMENTS
 from spot3d.segments.settings import SegmentsSettings
 from spot3d.source.settings import SourceSettings
@@ -25,6 +28,10 @@ Preset = Literal["default", "paper"]
 ENVIRONMENT_PREFIX = "SPOT3D_"
 
 Layer = dict[str, Any]
+
+_SIZES = ("size_min", "size_max")
+_SIZED = ("proposals", "heatmap", "segments", "fusion")
+"""Sections that go by the sizes of objects."""
 
 
 class Settings(BaseSettings):
@@ -37,6 +44,8 @@ class Settings(BaseSettings):
     preset: Preset = Field(
         "default", description="what is not set otherwise: default (measured better) or paper (its method)"
     )
+    size_min: float = Field(SIZE_MIN, ge=0, description="eps_min, metres: an object's least size, for every stage")
+    size_max: float = Field(SIZE_MAX, gt=0, description="eps_max, metres: an object's greatest size, for every stage")
     source: SourceSettings = SourceSettings()
     pose: PoseSettings = PoseSettings()
     proposals: ProposalSettings = ProposalSettings()
@@ -44,6 +53,15 @@ class Settings(BaseSettings):
     segments: SegmentsSettings = SegmentsSettings()
     fusion: FusionSettings = FusionSettings()
     link: LinkSettings = LinkSettings()
+    access: AccessSettings = AccessSettings()
+    bridge: BridgeSettings = BridgeSettings()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _sizes_for_every_stage(cls, given: Layer) -> Layer:
+        """The sizes of objects go to each stage that has none of its own."""
+        sizes = {name: given[name] for name in _SIZES if name in given}
+        return _merged({section: dict(sizes) for section in _SIZED}, given) if sizes else given
 
 
 PRESETS: dict[str, Layer] = {
@@ -99,7 +117,8 @@ def read_toml(file: Path) -> Layer:
 
 def to_toml(settings: BaseModel) -> str:
     """TOML that `load_settings` reads back to equal settings; each value has its description as a comment."""
-    return "\n".join(_toml_lines(settings, "")) + "\n"
+    shared = {name: getattr(settings, name) for name in _SIZES if name in type(settings).model_fields}
+    return "\n".join(_toml_lines(settings, "", shared)) + "\n"
 
 
 def without_settings(environment: Mapping[str, str]) -> dict[str, str]:
@@ -154,13 +173,16 @@ def _holds(layer: Any, path: list[str]) -> bool:
     return True
 
 
-def _toml_lines(model: BaseModel, table: str) -> list[str]:
+def _toml_lines(model: BaseModel, table: str, shared: Layer) -> list[str]:
+    """Lines of a table and those below it; what a table only repeats of `shared` is left out."""
     lines = [f"\n[{table}]"] if table else []
     inner: list[str] = []
     for name, field in type(model).model_fields.items():
         value = getattr(model, name)
         if isinstance(value, BaseModel):
-            inner += _toml_lines(value, f"{table}.{name}" if table else name)
+            inner += _toml_lines(value, f"{table}.{name}" if table else name, shared)
+        elif table and name in shared and value == shared[name]:
+            continue
         elif value is not None:  # TOML knows no null: absent means the default, which None always is here
             comment = f"  # {' '.join(field.description.split())}" if field.description else ""
             lines.append(f"{name} = {_toml_value(value)}{comment}")

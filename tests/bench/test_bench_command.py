@@ -9,16 +9,16 @@ import typer
 from typer.testing import CliRunner
 
 from spot3d.bench import growth, kernels
-from spot3d.bench.command import bench
 from spot3d.bench.live import live_table
 from spot3d.bench.live_run import LiveRun
 from spot3d.bench.material import Material, load, to_and_fro
 from spot3d.bench.recording import write_recording
 from spot3d.bench.timing import Timed, alternate, peak_memory_mb
 from spot3d.camera import Intrinsics
-from spot3d.cli_options import CommandError
+from spot3d.cli.bench import bench
+from spot3d.cli.options import CommandError
 from spot3d.evaluate.table import to_markdown
-from spot3d.source.scene import Scene
+from spot3d.source.scene.scene import Scene
 from spot3d.source.sequences import open_source
 
 app = typer.Typer(pretty_exceptions_enable=False)
@@ -30,7 +30,7 @@ SMALL = Intrinsics(146.25, 146.25, 80.0, 60.0, 160, 120)
 @pytest.fixture
 def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
     """Small frames, one repetition."""
-    monkeypatch.setattr("spot3d.source.scene.Scene", lambda *words: Scene(*words, intrinsics=SMALL))
+    monkeypatch.setattr("spot3d.source.scene.scene.Scene", lambda *words: Scene(*words, intrinsics=SMALL))
     for name in ("REPEATS", "ROUNDS", "SLOW_ROUNDS"):
         monkeypatch.setattr(kernels, name, 1)
     monkeypatch.setattr(kernels, "TRIPLES", 20)

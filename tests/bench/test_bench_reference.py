@@ -5,17 +5,17 @@ import pytest
 
 from spot3d.bench import reference, reference_map
 from spot3d.camera import Intrinsics, invert
-from spot3d.fusion.agreement import clusters_of
-from spot3d.fusion.heatmap3d import FREQUENCY, HEAT, LAST, NORMAL, WEIGHT, Heatmap3D, R, X
-from spot3d.fusion.index_map import merge
-from spot3d.fusion.keyframes import Keyframe
-from spot3d.fusion.segment_table import SegmentTable
+from spot3d.fusion.map.heatmap3d import FREQUENCY, HEAT, LAST, NORMAL, WEIGHT, Heatmap3D, R, X
+from spot3d.fusion.map.index_map import merge
+from spot3d.fusion.objects.agreement import clusters_of
+from spot3d.fusion.objects.keyframes import Keyframe
+from spot3d.fusion.objects.segment_table import SegmentTable
+from spot3d.fusion.objects.views import ask, view_of
 from spot3d.fusion.settings import FusionSettings
-from spot3d.fusion.views import ask, view_of
 from spot3d.geometry.lattice import to_lattice
 from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import count_inliers
-from spot3d.source.scene import Scene
+from spot3d.source.scene.scene import Scene
 
 CAMERA = Intrinsics(73.0, 71.0, 39.2, 30.4, 80, 60)
 SETTINGS = FusionSettings()

@@ -2,10 +2,14 @@
 
 import pytest
 
+from spot3d.dataflow.alive import Alive
 from spot3d.dataflow.cadence import Cadence
 from spot3d.dataflow.credit import Credit
 from spot3d.dataflow.ledger import NEVER_ARRIVED, Ledger
 from spot3d.dataflow.order import RESTART_NS, Arrival, StreamOrder
+from spot3d.dataflow.producers import Producers
+from spot3d.dataflow.streams import Streams
+from spot3d_schemas import Header
 
 S = 1_000_000_000
 
@@ -130,5 +134,63 @@ def test_cadence_postponed_and_reset() -> None:
 )
 def test_stream_order(messages: list[tuple[int, int]], last: Arrival) -> None:
     order = StreamOrder()
-    arrivals = [order.check(seq, stamp) for seq, stamp in messages]
+    arrivals = [order.check(header(seq, stamp), 0.0) for seq, stamp in messages]
     assert arrivals[-1] == last
+
+
+def header(seq: int, stamp_ns: int, stream: str | None = None, sender: str | None = None) -> Header:
+    return Header(robot="r", seq=seq, stamp_ns=stamp_ns, frame_id="camera", stream=stream, sender=sender)
+
+
+@pytest.mark.parametrize(
+    ("stamps_s", "refused"),
+    [
+        ([10, 11, 12], []),
+        ([10, 3610, 11, 12], [3610]),  # a stray stamp an hour ahead
+        ([10, 3610, 3611, 3612], [3610]),  # the clock was set, and stays so
+        ([3610, 10, 3611], [10]),
+        ([3610, 10, 11, 12], [10]),  # set back
+        ([3610, 10, 10, 10, 3611], [10, 10, 10]),
+        ([10, 19, 28], []),  # a slow camera
+    ],
+)
+def test_a_stray_stamp_of_a_camera_is_refused_alone(stamps_s: list[int], refused: list[int]) -> None:
+    order = StreamOrder(confirm=True)
+    arrivals = [order.check(header(seq, stamp * S, "a"), 0.033 * seq) for seq, stamp in enumerate(stamps_s)]
+    told = [stamp for stamp, arrival in zip(stamps_s, arrivals, strict=True) if arrival.refused]
+    assert told == refused
+    assert {arrival.refused for arrival in arrivals} <= {"", "stray stamp"}
+
+
+def test_a_named_stream_never_goes_back_and_another_begins_anywhere() -> None:
+    order = StreamOrder()
+    assert order.check(header(0, 50 * S, "a", "x"), 0.0) == Arrival()
+    assert order.check(header(1, 5 * S, "a", "x"), 0.1) == Arrival("out of order")
+    assert order.check(header(2, 5 * S, "b", "x"), 0.2) == Arrival(missing=1)
+    assert order.check(header(9, 6 * S, "b", "y"), 0.3) == Arrival(), "another process counts for itself"
+
+
+def test_streams_follow_each_other_and_do_not_come_back() -> None:
+    streams = Streams()
+    told = [streams.judge(name, now_s) for now_s, name in enumerate((None, "a", "a", "b", "a", None, "b"))]
+    assert told == ["same", "begins", "same", "begins", "earlier", "same", "same"]
+    assert streams.current == "b"
+    assert streams.judge("a", 99.0) == "begins", "nothing came of the other for long"
+
+
+def test_the_first_producer_keeps_its_topic_until_it_is_gone() -> None:
+    alive = Alive()
+    producers, topic = Producers(alive), "source/frame"
+    alive.note_process("source", "a", True)
+    assert producers.admit(topic, "a", 0.0)
+    assert not producers.admit(topic, "b", 5.0), "it is there, however silent"
+    assert not producers.admit(topic, None, 5.0)
+    assert producers.admit(topic, "a", 5.1)
+    assert producers.admit("pose/pose", "b", 5.1), "each topic has its own"
+    assert (producers.contested(6.0), producers.contested(99.0)) == ([topic], [])
+    alive.note_process("source", "a", False)
+    assert producers.admit(topic, "b", 5.2), "gone is gone at once"
+    assert not producers.admit(topic, "a", 5.3), "one without a token is there for half a second"
+    assert producers.admit(topic, "a", 6.0)
+    alive.note_process("source", "c", True)
+    assert producers.admit(topic, "c", 6.1), "or until one with a token comes"

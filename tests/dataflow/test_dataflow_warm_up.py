@@ -14,7 +14,7 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 from spot3d.dataflow.warm_up import warm_up
 from spot3d.source.halving import halve
-from spot3d.source.scene import Scene
+from spot3d.source.scene.scene import Scene
 
 frames = [halve(halve(frame)) for frame in Scene(frames=6)]
 
@@ -81,7 +81,7 @@ from spot3d.dataflow.warm_up import warm_up
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.process import _fuse_all
 from spot3d.settings import load_settings
-from spot3d.source.scene import Scene
+from spot3d.source.scene.scene import Scene
 
 early = [name for name in ("sklearn", "scipy.optimize") if name in sys.modules]
 settings = load_settings(preset=sys.argv[1]).fusion

@@ -71,7 +71,7 @@ def test_router_is_pinned_and_closed_to_the_network() -> None:
 def test_command_is_one_of_the_command_line(stage: str) -> None:
     from typer.main import get_command
 
-    from spot3d.cli import app
+    from spot3d.cli.app import app
 
     arguments = SERVICES[stage]["command"]
     command = get_command(app).commands[arguments[0]]

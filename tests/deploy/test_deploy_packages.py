@@ -70,7 +70,7 @@ DISTRIBUTIONS = {"cv2": "opencv-python-headless", "sklearn": "scikit-learn", "ze
 def third_party_imports(folder: Path) -> set[str]:
     """Names of the distributions that the modules in `folder` import, canonical."""
     tops = set()
-    for path in folder.glob("*.py"):
+    for path in folder.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Import):
                 tops |= {alias.name.split(".")[0] for alias in node.names}

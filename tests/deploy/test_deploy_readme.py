@@ -1,4 +1,4 @@
-"""The programs in README.md run as they stand, against a router of ours."""
+"""The programs in README.md and docs/ run as they stand, against a router of ours; what they name exists."""
 
 import queue
 import re
@@ -15,8 +15,11 @@ import zenoh
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d_schemas import CameraIntrinsics, Frame, Header, Objects, Proposals, Segments, decode, encode, key
 
-README = (Path(__file__).parents[2] / "README.md").read_text()
-PROGRAMS = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+ROOT = Path(__file__).parents[2]
+PAGES = {
+    page.relative_to(ROOT): page.read_text() for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+}
+PROGRAMS = [program for text in PAGES.values() for program in re.findall(r"```python\n(.*?)```", text, re.DOTALL)]
 HEADER = Header(robot="robot", seq=1, stamp_ns=5, frame_id="camera")
 
 
@@ -122,14 +125,32 @@ def test_cores_run_without_processes() -> None:
     assert re.fullmatch(r"\d+ boxes: \d+ accepted, \d+ masked, \d+ rejected\n", run.stdout)
 
 
-def test_files_that_it_names_exist() -> None:
-    root = Path(__file__).parents[2]
-    named = set(re.findall(r"\bdeploy/(?:zenoh|settings)/[\w.-]+\w", README))
+def test_every_program_is_tested() -> None:
+    """A page that adds one adds its test."""
+    tested = ("fusion/objects", "proposals/boxes", "segments/segments", "weighted_heat")
+    assert [program for program in PROGRAMS if not any(text in program for text in tested)] == []
+
+
+def test_files_that_they_name_exist() -> None:
+    text = "\n".join(PAGES.values())
+    named = set(re.findall(r"\bdeploy/(?:zenoh|settings)/[\w.-]+\w", text))
     assert named
-    assert [name for name in sorted(named) if not (root / name).exists()] == []
-    table = README.partition("## Where each step")[2].partition("\n## ")[0]
-    for row in (line.split("|") for line in table.splitlines() if "`" in line and ".py" in line):
+    assert [name for name in sorted(named) if not (ROOT / name).exists()] == []
+    table = PAGES[Path("docs/method.md")].partition("## Where each step")[2].partition("\n## ")[0]
+    rows = [line.split("|") for line in table.splitlines() if "`" in line and ".py" in line]
+    assert len(rows) > 10
+    for row in rows:
         folder = ""
         for path in re.findall(r"`([\w/]+\.py)`", row[3]):
             folder = path.rpartition("/")[0] or folder
-            assert (root / "services" / "spot3d" / folder / Path(path).name).is_file(), path
+            assert (ROOT / "services" / "spot3d" / folder / Path(path).name).is_file(), path
+
+
+@pytest.mark.parametrize("page", PAGES, ids=str)
+def test_links_between_pages_lead_somewhere(page: Path) -> None:
+    for target, heading in re.findall(r"\]\((?!https?:)([^)#]*)(?:#([^)]*))?\)", PAGES[page]):
+        file = (ROOT / page).parent / target if target else ROOT / page
+        assert file.exists(), target
+        if heading:
+            headings = [line.lstrip("# ") for line in file.read_text().splitlines() if line.startswith("#")]
+            assert heading in [re.sub(r"[^\w -]", "", line.lower()).replace(" ", "-") for line in headings]

@@ -13,6 +13,7 @@ from spot3d.dataflow.settings import LinkSettings
 
 FOLDER = Path(__file__).parents[2] / "deploy" / "zenoh"
 NAMES = ("one-machine", "drone", "ground")
+WITH_TLS = tuple(f"{name}-mtls" for name in NAMES)  # see test_deploy_mtls.py
 
 
 def load(name: str) -> zenoh.Config:
@@ -24,10 +25,10 @@ def value(config: zenoh.Config, path: str) -> object:
 
 
 def test_every_configuration_is_tested() -> None:
-    assert {path.stem for path in FOLDER.glob("*.json5")} == set(NAMES)
+    assert {path.stem for path in FOLDER.glob("*.json5")} == {*NAMES, *WITH_TLS}
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*NAMES, *WITH_TLS])
 @pytest.mark.parametrize(
     ("path", "expected"),
     [

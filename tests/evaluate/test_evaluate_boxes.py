@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -75,7 +75,6 @@ def test_iou_2d_refuses(wrong: list[list[float]]) -> None:
 rectangles = st.tuples(*[st.floats(-20, 20)] * 2, *[st.floats(0.1, 20)] * 2)
 
 
-@settings(derandomize=True, deadline=None)
 @given(rectangles, rectangles, st.floats(-50, 50))
 def test_iou_2d_is_symmetric_and_invariant_to_shift_and_mirror(
     a: tuple[float, ...], b: tuple[float, ...], shift: float
@@ -185,7 +184,6 @@ angles = st.floats(0, np.pi)
 any_box = st.builds(lambda c, s, axis, angle: box(c, s, turn(axis, angle)), vectors, sizes, axes, angles)
 
 
-@settings(derandomize=True, deadline=None)
 @given(any_box, any_box, axes, angles, vectors)
 def test_iou_3d_is_symmetric_and_invariant_to_rigid_motion(
     a: Box3D, b: Box3D, axis: tuple[float, float, float], angle: float, shift: tuple[float, ...]
@@ -198,7 +196,6 @@ def test_iou_3d_is_symmetric_and_invariant_to_rigid_motion(
     np.testing.assert_allclose(after, iou, atol=1e-9)
 
 
-@settings(derandomize=True, deadline=None)
 @given(vectors, sizes, vectors, sizes, axes, angles)
 def test_boxes_with_parallel_axes_overlap_as_intervals_do(
     centre_a: tuple[float, ...],

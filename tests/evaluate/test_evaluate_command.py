@@ -10,7 +10,7 @@ import typer
 from evaluate_samples import write_osd, write_uw_scenes
 from typer.testing import CliRunner
 
-from spot3d.evaluate.command import evaluate
+from spot3d.cli.evaluate import evaluate
 from spot3d.evaluate.cost_tables import STAGES
 from spot3d.evaluate.datasets import at_half_size, open_dataset
 from spot3d.evaluate.judgement import moved
@@ -18,7 +18,7 @@ from spot3d.evaluate.measured_run import Runs, world_alignment
 from spot3d.evaluate.object_tables import OURS, ablations
 from spot3d.evaluate.peer import PEER
 from spot3d.evaluate.tables import TABLES
-from spot3d.evaluate.truth import FoundObject
+from spot3d.found_object import FoundObject
 from spot3d.run.results import RunResult, TrackedFrame, write_results
 from spot3d.settings import Settings, load_settings
 from spot3d.source.errors import SourceError
@@ -38,7 +38,7 @@ def all_tables(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict[str,
     words = ["all", str(folder / "empty"), "--every", "12", "--frames", str(FRAMES), "--half"]
     words += ["--json", str(folder / "numbers.json"), "--plots", str(folder)]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("spot3d.evaluate.command.BUILT_IN", ("scene:2",))
+        patch.setattr("spot3d.cli.evaluate.BUILT_IN", ("scene:2",))
         patch.setattr("spot3d.evaluate.frame_tables.NUMBERS", (50, 100))
         result = CliRunner().invoke(app, words, catch_exceptions=False)
     assert result.exit_code == 0, result.output
@@ -94,7 +94,7 @@ def test_all_tables_of_what_is_below_a_root(tmp_path: Path, monkeypatch: pytest.
     write_osd(tmp_path / "osd")
     write_uw_scenes(tmp_path / "uw")
     (tmp_path / "uw" / "pc" / "01.ply").unlink()
-    monkeypatch.setattr("spot3d.evaluate.command.BUILT_IN", ())
+    monkeypatch.setattr("spot3d.cli.evaluate.BUILT_IN", ())
     result = CliRunner().invoke(app, ["all", str(tmp_path)], catch_exceptions=False)
     assert result.exit_code == 0
     assert result.stdout.count("###") == 3, "single frames give the tables of proposals, steps and filters"

@@ -11,7 +11,8 @@ from evaluate_samples import write_osd
 from typer.testing import CliRunner
 
 from spot3d.camera import Intrinsics, invert
-from spot3d.evaluate.command import evaluate
+from spot3d.cli.evaluate import evaluate
+from spot3d.depth_noise import KINECT_V1
 from spot3d.evaluate.degraded import (
     Degraded,
     told_poses,
@@ -25,10 +26,9 @@ from spot3d.evaluate.object_tables import OURS
 from spot3d.evaluate.peer import PEER
 from spot3d.evaluate.pose_errors import Pose, late, shaken
 from spot3d.evaluate.robustness import GROUPS, SHAKES, Degradation, groups
-from spot3d.sensor import axial_noise
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import Halved
-from spot3d.source.scene import Scene
+from spot3d.source.scene.scene import Scene
 
 app = typer.Typer(pretty_exceptions_enable=False)
 app.command()(evaluate)
@@ -80,8 +80,8 @@ def test_noisier_depth_has_the_stated_deviation(camera: Intrinsics, z: float) ->
     worse = noisier(depth, camera, 2.0, (1, 7))
     added = (worse - depth)[:, 50:]
     # Sensor's noise and what is added, independent of each other: together twice the sensor's.
-    assert np.hypot(added.std(), axial_noise(z)) == pytest.approx(2 * axial_noise(z), rel=0.06)
-    assert abs(added.mean()) < 0.1 * axial_noise(z)
+    assert np.hypot(added.std(), KINECT_V1.sigma(z)) == pytest.approx(2 * KINECT_V1.sigma(z), rel=0.06)
+    assert abs(added.mean()) < 0.1 * KINECT_V1.sigma(z)
     assert not worse[:, :50].any()
     step = 7 if camera is VGA else 4
     beside, beyond = (np.corrcoef(added[:, :-k].ravel(), added[:, k:].ravel())[0, 1] for k in (1, step + 1))

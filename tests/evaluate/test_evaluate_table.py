@@ -8,12 +8,13 @@ import pytest
 
 from spot3d.boxes import Box3D
 from spot3d.camera import Intrinsics
+from spot3d.drawing.recall_plot import Curve, recall_plot
 from spot3d.evaluate.instances import split_instances, table_normal
-from spot3d.evaluate.plots import recall_plot, write_plots
+from spot3d.evaluate.plots import write_plots
 from spot3d.evaluate.projection import box_surface, boxes_in_view, thinned
 from spot3d.evaluate.record import data_checksum
 from spot3d.evaluate.scores import object_scores, recall_of
-from spot3d.evaluate.table import Column, Curve, Table, to_document, to_markdown
+from spot3d.evaluate.table import Column, Table, to_document, to_markdown
 
 CAMERA = Intrinsics(100, 100, 50, 50, 101, 101)
 

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
 from spot3d.camera import Intrinsics
-from spot3d.fusion.selection import MapPoints
+from spot3d.depth_noise import KINECT_V1
+from spot3d.fusion.map.selection import FrequentPoints
 from spot3d.fusion.settings import PAPER, FusionSettings
-from spot3d.sensor import axial_noise
 
 CAMERA = Intrinsics(150.0, 150.0, 79.5, 59.5, 160, 120)
 COARSE = FusionSettings(
@@ -117,7 +117,7 @@ def view(
         depth[nearer], hit[nearer] = enter[nearer], number
     depth[hit < 0] = 0
     if noise is not None:
-        depth = np.where(hit >= 0, depth + axial_noise(depth) * noise.normal(size=depth.shape), 0)
+        depth = np.where(hit >= 0, depth + KINECT_V1.sigma(depth) * noise.normal(size=depth.shape), 0)
     colours = np.array([cuboid.colour for cuboid in cuboids] + [(0, 0, 0)], np.uint8)
     warmth = np.array([255 * cuboid.heat for cuboid in cuboids] + [0.0], np.float32)[hit]
     spilt = np.maximum(warmth, 0.6 * cv2.dilate(warmth, np.ones((7, 7), np.uint8)))
@@ -129,7 +129,7 @@ def sampled(
     step: float = 0.004,
     heat: float = 0.5,
     cold: float = 0.02,
-) -> MapPoints:
+) -> FrequentPoints:
     """Points every `step` metres on the visible faces of cuboids (no bottoms, nothing inside another).
 
     Structure (heat 0) has `cold` heat, objects have `heat`.
@@ -148,7 +148,7 @@ def sampled(
         warm.append(np.full(len(points), heat * cuboid.heat + cold * (cuboid.heat == 0)))
         colour.append(np.tile(cuboid.colour, (len(points), 1)))
     stacked = [np.concatenate(part).astype(np.float32) for part in (xyz, normal, colour, warm)]
-    return MapPoints(*stacked, frequency=np.full(len(stacked[0]), 20, np.float32))
+    return FrequentPoints(*stacked, frequency=np.full(len(stacked[0]), 20, np.float32))
 
 
 def _faces(cuboid: Cuboid, step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -7,7 +7,7 @@ from voting_room import keyframe
 
 from spot3d.boxes import iou_matrix_3d
 from spot3d.frame_segments import FrameSegments
-from spot3d.fusion.fusion import Fusion, Objects
+from spot3d.fusion.fusion import FoundObjects, Fusion
 
 
 def run(fusion: Fusion, objects: tuple[Cuboid, ...] = THREE, frames: int = 10, seed: int = 0) -> Fusion:
@@ -26,7 +26,7 @@ def fused() -> Fusion:
     return run(Fusion(COARSE))
 
 
-def described(update: Objects) -> list[tuple[object, ...]]:
+def described(update: FoundObjects) -> list[tuple[object, ...]]:
     return [
         (o.id, o.confidence, o.views, o.points, *o.colour, *o.box.centre, *o.box.size, *o.box.rotation.ravel())
         for o in update.objects

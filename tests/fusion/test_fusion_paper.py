@@ -11,14 +11,14 @@ from spot3d.boxes import iou_matrix_2d
 from spot3d.camera import Intrinsics, back_project, invert
 from spot3d.evaluate.frame_tables import boxes_in_frame
 from spot3d.frame import RgbdFrame
-from spot3d.fusion.density_frame import find_by_density_in_frame
 from spot3d.fusion.fusion import Fusion, ObjectsTask, _DensityTask
-from spot3d.fusion.heatmap3d import COLUMNS, FREQUENCY, HEAT, WEIGHT, Heatmap3D, X
-from spot3d.fusion.index_map import IndexMap, Registration
-from spot3d.fusion.selection import frequent_points
+from spot3d.fusion.map.heatmap3d import COLUMNS, FREQUENCY, HEAT, WEIGHT, Heatmap3D, X
+from spot3d.fusion.map.index_map import IndexMap, MatchCounts
+from spot3d.fusion.map.selection import frequent_points
+from spot3d.fusion.paper.density_frame import find_by_density_in_frame
 from spot3d.fusion.settings import FusionSettings
 from spot3d.geometry.planes import on_plane, supporting_plane, transform_plane
-from spot3d.heatmap.heat import Heat
+from spot3d.heatmap.heat import Heatmap
 from spot3d.settings import load_settings
 
 PAPER, DEFAULT = load_settings(preset="paper").fusion, FusionSettings()
@@ -26,7 +26,7 @@ ONE = Intrinsics(100.0, 100.0, 0.0, 0.0, 1, 1)
 POSE = look_at((0.0, -0.95, 0.7))
 
 
-def seen_at(settings: FusionSettings, *samples: tuple[float, int]) -> tuple[Heatmap3D, list[Registration]]:
+def seen_at(settings: FusionSettings, *samples: tuple[float, int]) -> tuple[Heatmap3D, list[MatchCounts]]:
     """The map of one pixel with these depths in metres and greys, one a frame."""
     heatmap, index_map, found = Heatmap3D(1000, settings.voxel), IndexMap(settings), []
     for number, (z, grey) in enumerate(samples):
@@ -157,7 +157,7 @@ def single(cuboids: tuple[Cuboid, ...], preset: Literal["paper", "default"], war
     seen = view(pose, (*ROOM, *cuboids), np.random.default_rng(0), FINE_CAMERA)
     heat = np.where(seen.heat == 255, 255 * warmth, 0).astype(np.uint8)
     frame = RgbdFrame(0, seen.colour, np.rint(1e4 * seen.depth).astype(np.uint16), 1e-4, FINE_CAMERA, pose)
-    found: list[list[float]] = boxes_in_frame(frame, Heat(heat, 1, 0, 0), load_settings(preset=preset)).tolist()
+    found: list[list[float]] = boxes_in_frame(frame, Heatmap(heat, 1, 0, 0), load_settings(preset=preset)).tolist()
     return found
 
 

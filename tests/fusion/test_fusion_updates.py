@@ -5,7 +5,7 @@ from contextlib import closing
 
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.settings import LinkSettings
-from spot3d.fusion.fusion import Objects
+from spot3d.fusion.fusion import FoundObjects
 from spot3d.fusion.updates import Update, Updates
 from spot3d_schemas import Header, Progress
 
@@ -19,7 +19,7 @@ class LongTask:
     end = threading.Event()
     runs = 0
 
-    def run(self) -> Objects:
+    def run(self) -> FoundObjects:
         """Nothing, at last."""
         assert self.end.wait(LIMIT_S)
         LongTask.runs += 1

@@ -6,9 +6,9 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import iou_matrix_3d
 from spot3d.camera import invert
-from spot3d.fusion.consensus import Consensus
-from spot3d.fusion.identity import FoundObject
-from spot3d.fusion.keyframes import Keyframe
+from spot3d.found_object import FoundObject
+from spot3d.fusion.objects.consensus import Consensus
+from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.geometry.planes import transform_plane
 
 TABLE_PLANE = np.array([0.0, 0.0, 1.0, 0.0])

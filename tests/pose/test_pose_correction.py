@@ -7,13 +7,13 @@ import pytest
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
+from spot3d.depth_noise import KINECT_V1
 from spot3d.pose.correction import CorrectedPoses, MeasuredNoise
 from spot3d.pose.estimate import PoseEstimate, PoseTracker
 from spot3d.pose.motion import rotation_from_vector
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
-from spot3d.sensor import axial_noise
-from spot3d.source.scene import Scene
+from spot3d.source.scene.scene import Scene
 from spot3d.trajectory import ate, rotation_angle, rpe
 
 CAMERA = Intrinsics(146.25, 146.25, 80.0, 60.0, 160, 120)
@@ -109,7 +109,7 @@ def test_along_a_bare_plane_the_given_pose_decides() -> None:
     given = shaken(true, 0.01, 0.4)
     rng = np.random.default_rng(3)
     depth = 1.525  # amid the voxels of the map
-    noise = axial_noise(depth) * rng.normal(size=(40, *CAMERA.shape))
+    noise = KINECT_V1.sigma(depth) * rng.normal(size=(40, *CAMERA.shape))
     corrected = poses_of(tracked(corrector(), list((depth + noise).astype(np.float32)), given))
     off = (np.linalg.inv(given) @ corrected)[10:]
     # Depth tells the distance from the plane and its tilt, but nothing of x and y and the turn about its normal.

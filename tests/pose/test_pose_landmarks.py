@@ -5,14 +5,14 @@ import pytest
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, invert
+from spot3d.depth_noise import KINECT_V1
 from spot3d.pose.drift import Agreement, DriftCorrection
 from spot3d.pose.features import FeatureDetector, Features
 from spot3d.pose.landmark_map import LandmarkMap
 from spot3d.pose.motion import moved, rotation_from_vector
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
-from spot3d.sensor import axial_noise
-from spot3d.source.scene import Scene
+from spot3d.source.scene.scene import Scene
 from spot3d.trajectory import rotation_angle
 
 CAMERA = Intrinsics(525.0, 525.0, 319.5, 239.5, 640, 480)
@@ -181,7 +181,7 @@ def gradient(
         lever = T[:3, :3] @ point
         r, ray = lever + T[:3, 3] - landmark, lever / np.linalg.norm(lever)
         skew = np.array([[0, -lever[2], lever[1]], [lever[2], 0, -lever[0]], [-lever[1], lever[0], 0]])
-        wide, deep = (525 / (b * point[2])) ** 2, 1 / (axial_noise(point[2]) + 0.002) ** 2
+        wide, deep = (525 / (b * point[2])) ** 2, 1 / (KINECT_V1.sigma(point[2]) + 0.002) ** 2
         M = wide * np.eye(3) + (deep - wide) * np.outer(ray, ray)
         across, along = np.linalg.norm(r - (r @ ray) * ray), r @ ray
         weight = 1 / (1 + (across**2 * wide / 2 + along**2 * deep) / 4) ** 2

@@ -5,6 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, invert
+from spot3d.depth_noise import KINECT_V1
 from spot3d.pose.given import GivenPoses
 from spot3d.pose.motion import (
     checked_pose,
@@ -16,7 +17,6 @@ from spot3d.pose.motion import (
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import _SUMS, _sum_cells, information, sample_surface, weakest_direction
 from spot3d.pose.surfel_map import SurfelMap
-from spot3d.sensor import axial_noise
 
 CAMERA = Intrinsics(300.0, 300.0, 160.0, 120.0, 320, 240)
 SETTINGS = PoseSettings(lattice_width=80)
@@ -62,7 +62,7 @@ def test_a_plane_is_met_exactly(tilt: tuple[float, float, float]) -> None:
 
 def test_the_fit_averages_noise_away() -> None:
     flat = plane_depth(np.array([0.0, 0.0, 1.0]), 2.0)
-    sigma = float(axial_noise(2.0))
+    sigma = float(KINECT_V1.sigma(2.0))
     noisy = flat + np.random.default_rng(0).normal(0, sigma, flat.shape).astype(np.float32)
     surface = sample_surface(noisy, CAMERA, SETTINGS)
     assert len(surface) > 4000

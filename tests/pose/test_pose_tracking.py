@@ -12,13 +12,13 @@ import pytest
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
+from spot3d.depth_noise import KINECT_V1
 from spot3d.pose.estimate import PoseEstimate, PoseTracker
 from spot3d.pose.motion import rotation_from_vector
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.registration import Registration
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.tracking import implausible
-from spot3d.sensor import axial_noise
 from spot3d.trajectory import rotation_angle, rpe
 
 CAMERA = Intrinsics(146.0, 146.0, 80.0, 60.0, 160, 120)
@@ -70,7 +70,7 @@ def render(T_world_camera: NDArray[np.float64], seed: int) -> NDArray[np.float32
     for near, far in zip(enter[1:], leave[1:], strict=True):
         depth = np.where((near < far) & (near > 0), np.minimum(depth, near), depth)
     noise = np.random.default_rng(seed).normal(size=depth.shape)
-    return (depth + noise * axial_noise(depth)).astype(np.float32)
+    return (depth + noise * KINECT_V1.sigma(depth)).astype(np.float32)
 
 
 @cache

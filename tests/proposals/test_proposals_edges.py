@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from scenes import WALL, camera, squares
 
+from spot3d.depth_noise import KINECT_V1
 from spot3d.proposals.edges import detect_edges, thin
 from spot3d.proposals.inverse_depth import fill_inverse_depth
 from spot3d.proposals.settings import EdgeSettings
-from spot3d.sensor import axial_noise
 
 BOX = (100, 80, 80, 60)
 GREY = np.full((240, 320, 3), 128, np.uint8)
@@ -61,7 +61,7 @@ def test_planes_have_no_edges_however_grazing(tilt):
 def test_noise_of_a_kinect_is_no_edge():
     rng = np.random.default_rng(0)
     for z in (0.8, 1.5, 3.0):
-        depth = z + rng.normal(0, axial_noise(z), (240, 320)).astype(np.float32)
+        depth = z + rng.normal(0, KINECT_V1.sigma(z), (240, 320)).astype(np.float32)
         assert (depth_edges(depth.astype(np.float32)).magnitude > 0).mean() < 0.002
 
 

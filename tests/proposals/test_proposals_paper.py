@@ -1,4 +1,4 @@
-"""What `paper` and `default` propose where they differ (the table in the README)."""
+"""What `paper` and `default` propose where they differ (the table in docs/method.md)."""
 
 import numpy as np
 import pytest

@@ -5,7 +5,7 @@ import pytest
 from rich.console import Console
 
 from spot3d.boxes import Box3D
-from spot3d.evaluate.truth import FoundObject
+from spot3d.found_object import FoundObject
 from spot3d.run.demo import demo_table, match_objects
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from spot3d.boxes import Box3D
-from spot3d.evaluate.truth import FoundObject
-from spot3d.fusion.reasons import REASONS
+from spot3d.found_object import FoundObject
+from spot3d.fusion.objects.reasons import REASONS
 from spot3d.run.left_out import forgotten, why_so_few
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import RunResult
@@ -25,7 +25,7 @@ def result(found: int, left_out: dict[str, int], frames: int = 30) -> RunResult:
             0,
             {"seen too seldom": 4, "too cold": 2, "too large": 3},
             "no objects: 3 candidates were longer than 1 m (eps_max), 2 colder than 0.18 (eps), 4 seen in fewer than 3 "
-            "keyframes; if these are objects, raise fusion.size_max and segments.size_max",
+            "keyframes; if these are objects, raise size_max",
         ),
         (
             0,
@@ -37,7 +37,7 @@ def result(found: int, left_out: dict[str, int], frames: int = 30) -> RunResult:
             1,
             {"too small": 3, "too thin": 1, "seen too seldom": 99},
             "only 1 of 5 candidates is an object: 3 were smaller than 2 cm (eps_min) or 1 cm3, 1 thinner than 5 mm "
-            "(eps_p); if these are objects, go nearer, or lower fusion.size_min and segments.size_min",
+            "(eps_p); if these are objects, go nearer, or lower size_min",
         ),
         (
             2,

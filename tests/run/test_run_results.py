@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from spot3d.boxes import Box3D
-from spot3d.evaluate.truth import FoundObject, read_found_objects
+from spot3d.evaluate.truth import read_found_objects
+from spot3d.found_object import FoundObject
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport, report_document, statistics_ms
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, write_json, write_ply, write_results
 from spot3d.trajectory import read_tum

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from spot3d.fusion.reasons import REASONS
+from spot3d.fusion.objects.reasons import REASONS
 from spot3d.run.status import status_table
 from spot3d_schemas import STAGES, Header, Objects
 

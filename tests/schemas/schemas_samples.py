@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from spot3d_schemas import (
+    About,
     CameraIntrinsics,
+    DepthNoise,
     End,
     Frame,
     Header,
@@ -24,7 +26,9 @@ from spot3d_schemas import (
     Segments,
 )
 
-HEADER = Header(robot="drone", seq=7, stamp_ns=1_700_000_000_123_456_789, frame_id="camera").with_hop("source", 1, 2)
+HEADER = Header(
+    robot="drone", seq=7, stamp_ns=1_700_000_000_123_456_789, frame_id="camera", stream="a1", sender="b2"
+).with_hop("source", 1, 2)
 
 
 def rgbd(height: int = 4, width: int = 6, dtype: Any = np.uint16) -> dict[str, Any]:
@@ -36,6 +40,7 @@ def rgbd(height: int = 4, width: int = 6, dtype: Any = np.uint16) -> dict[str, A
         "depth_scale": 0.001 if dtype == np.uint16 else 1.0,
         "colour": np.repeat((ramp % 256).astype(np.uint8)[:, :, None], 3, axis=2),
         "depth": (1000 + ramp % 3000).astype(dtype),
+        "depth_noise": DepthNoise(floor=0.0003, growth=0.0036, at=0.0),
     }
 
 
@@ -58,7 +63,15 @@ BOX = Object3D(
 SAMPLES: dict[str, Message] = {
     "Frame": Frame(**rgbd(), T_world_camera=quarter_turn()),
     "End": End(header=HEADER, frames_sent=300),
-    "Pose": Pose(header=HEADER, T_world_camera=quarter_turn(), status="ok", reason="", provider="kiss-icp"),
+    "Pose": Pose(
+        header=HEADER,
+        T_world_camera=quarter_turn(),
+        status="lost",
+        reason="the view fits the map in two places",
+        provider="kiss-icp",
+        epoch="c3",
+        lost_since_ns=1_700_000_000_000_000_000,
+    ),
     "Proposals": Proposals(header=HEADER, boxes=np.arange(15, dtype=np.float32).reshape(3, 5)),
     "Heat": Heat(**rgbd(), heat=np.full((4, 6), 255, np.uint8), accepted=1, masked=2, rejected=3),
     "Segments": Segments(
@@ -81,6 +94,7 @@ SAMPLES: dict[str, Message] = {
         complete=False,
         left_out={"too large": 2},
         keyframes_dropped=20,
+        epoch="d4",
     ),
     "MapPoints": MapPoints(
         header=HEADER,
@@ -89,6 +103,7 @@ SAMPLES: dict[str, Message] = {
         heat=np.array([0.25, 0.5], np.float32),
         frequency=np.array([5, 6], np.uint32),
         total=20,
+        epoch="d4",
     ),
     "Progress": Progress(header=HEADER, fused=5, skipped={"pose lost": 2}, last_stamp_ns=77, complete=True),
     "Health": Health(
@@ -110,6 +125,24 @@ SAMPLES: dict[str, Message] = {
         cpu_s=1.0,
         rss_bytes=10**9,
         threads=4,
+        state="two processes of the stage fusion",
+        sent={"fusion/progress": 3},
+        sent_bytes={"fusion/progress": 600},
+    ),
+    "About": About(
+        header=HEADER,
+        stage="pose",
+        pid=1,
+        host="drone",
+        spot3d="0.1.0",
+        zenoh="1.10.2",
+        python="3.11.7",
+        time_ns=5,
+        kernels_missing=2,
+        shared_memory_bytes=10**8,
+        disk="/var/lib",
+        disk_free_bytes=10**10,
+        certificate_until_ns=None,
     ),
 }
 
@@ -154,6 +187,8 @@ _headers = st.builds(
     stamp_ns=_counts,
     frame_id=_names,
     trace=st.lists(_hops, max_size=3).map(tuple),
+    stream=st.none() | _names,
+    sender=st.none() | _names,
 )
 
 
@@ -174,6 +209,7 @@ def _rgbd(draw: st.DrawFn) -> dict[str, Any]:
         "depth_scale": draw(_positive) if dtype == np.uint16 else 1.0,
         "colour": draw(hnp.arrays(np.uint8, (height, width, 3))),
         "depth": draw(hnp.arrays(dtype, (height, width))),
+        "depth_noise": draw(st.none() | st.builds(DepthNoise, floor=_positive, growth=_positive, at=_finite)),
     }
 
 
@@ -226,6 +262,7 @@ def _map_points(draw: st.DrawFn) -> MapPoints:
         heat=draw(hnp.arrays(np.float32, n)),
         frequency=draw(hnp.arrays(np.uint32, n)),
         total=draw(_counts),
+        epoch=draw(st.none() | _names),
     )
 
 
@@ -254,6 +291,8 @@ MESSAGES_OF: dict[str, st.SearchStrategy[Message]] = {
         status=st.sampled_from(["ok", "lost"]),
         reason=_texts,
         provider=_names,
+        epoch=st.none() | _names,
+        lost_since_ns=st.none() | _counts,
     ),
     "Proposals": st.builds(Proposals, header=_headers, boxes=_boxes),
     "Heat": _heats(),
@@ -269,6 +308,7 @@ MESSAGES_OF: dict[str, st.SearchStrategy[Message]] = {
         complete=st.booleans(),
         left_out=_reasons,
         keyframes_dropped=_counts,
+        epoch=st.none() | _names,
     ),
     "MapPoints": _map_points(),
     "Progress": st.builds(
@@ -299,5 +339,24 @@ MESSAGES_OF: dict[str, st.SearchStrategy[Message]] = {
         cpu_s=_non_negative,
         rss_bytes=_counts,
         threads=_counts,
+        state=_texts,
+        sent=_reasons,
+        sent_bytes=_reasons,
+    ),
+    "About": st.builds(
+        About,
+        header=_headers,
+        stage=_names,
+        pid=_counts,
+        host=_texts,
+        spot3d=_texts,
+        zenoh=_texts,
+        python=_texts,
+        time_ns=_counts,
+        kernels_missing=_counts,
+        shared_memory_bytes=_counts,
+        disk=_texts,
+        disk_free_bytes=_counts,
+        certificate_until_ns=st.none() | _counts,
     ),
 }

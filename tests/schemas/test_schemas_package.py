@@ -48,7 +48,15 @@ def test_all_names_exist() -> None:
     assert all(hasattr(spot3d_schemas, name) for name in spot3d_schemas.__all__)
 
 
-ADDED = {"Segments": {"left_out"}, "Objects": {"left_out", "keyframes_dropped"}}
+ADDED = {
+    "Segments": {"left_out"},
+    "Objects": {"left_out", "keyframes_dropped", "epoch"},
+    "Pose": {"epoch", "lost_since_ns"},
+    "MapPoints": {"epoch"},
+    "Frame": {"depth_noise"},
+    "Heat": {"depth_noise"},
+    "Health": {"state", "sent", "sent_bytes"},
+}
 """What minor versions have added: older senders leave it out."""
 
 

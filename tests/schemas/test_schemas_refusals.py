@@ -63,8 +63,8 @@ NO_BOTTOM = np.array([*np.eye(4)[:3].ravel(), 0, 0, 0.1, 1]).tolist()
             put("header", "schema", "spot3d.Heat"),
             ["spot3d.Frame.header.schema", "spot3d.Heat", "topic"],
         ),
-        ("Frame", put("header", "version", 1.0), ["spot3d.Frame.header.version", "1.0"]),
-        ("Frame", put("header", "version", "1"), ["spot3d.Frame.header.version", "1.0"]),
+        ("Frame", put("header", "version", 1.0), ["spot3d.Frame.header.version", Frame.VERSION]),
+        ("Frame", put("header", "version", "1"), ["spot3d.Frame.header.version", Frame.VERSION]),
         ("Frame", put("header", "robot", "a/b"), ["spot3d.Frame.header.robot", "a/b"]),
         ("Frame", put("header", "seq", -1), ["spot3d.Frame.header.seq", "-1"]),
         ("Frame", put("header", "stamp_ns", 1.5), ["spot3d.Frame.header.stamp_ns", "1.5"]),
@@ -87,8 +87,8 @@ NO_BOTTOM = np.array([*np.eye(4)[:3].ravel(), 0, 0, 0.1, 1]).tolist()
         ("Frame", put("depth", "shape", [4, 6.0]), ["spot3d.Frame.depth", "whole numbers"]),
         ("Frame", put("depth", "shape", [0, 6]), ["spot3d.Frame.depth", "(h, w)"]),
         ("Frame", put("depth", "shape", [2**40, 2**40]), ["spot3d.Frame.depth", "limit"]),
-        ("Frame", put("depth", "encoding", "png"), ["spot3d.Frame.depth", "png", "delta-zlib or raw"]),
-        ("Frame", put("depth", "encoding", "jpeg"), ["spot3d.Frame.depth", "jpeg", "delta-zlib or raw"]),
+        ("Frame", put("depth", "encoding", "png"), ["spot3d.Frame.depth", "png", "delta-zlib or palette or raw"]),
+        ("Frame", put("depth", "encoding", "jpeg"), ["spot3d.Frame.depth", "jpeg", "delta-zlib or palette or raw"]),
         ("Frame", put("depth", "encoding", "delta-zlib"), ["spot3d.Frame.depth", "damaged"]),
         ("Frame", put("colour", "encoding", "jpeg"), ["spot3d.Frame.colour", "JPEG"]),
         ("Frame", put("depth", "data", "text"), ["spot3d.Frame.depth", "bin"]),
@@ -184,7 +184,7 @@ def test_version(stated: str, ok: bool) -> None:
         return
     with pytest.raises(CodecError) as caught:
         decode(msgpack.packb(wire), Pose)
-    for text in ("spot3d.Pose.header.version", stated, "1.0", "1.x"):
+    for text in ("spot3d.Pose.header.version", stated, Pose.VERSION, "1.x"):
         assert text in str(caught.value)
 
 
@@ -204,15 +204,28 @@ def test_fields_of_a_newer_minor_version_are_ignored() -> None:
 
 def test_fields_that_an_older_minor_version_lacks_are_empty() -> None:
     wire = msgpack.unpackb(encode(SAMPLES["Objects"]))
-    assert wire["header"]["version"] == "1.1"
+    assert wire["header"]["version"] == "1.2"
     wire["header"]["version"] = "1.0"
-    del wire["left_out"], wire["keyframes_dropped"]
+    del wire["left_out"], wire["keyframes_dropped"], wire["epoch"], wire["header"]["stream"], wire["header"]["sender"]
     read = decode(msgpack.packb(wire), Objects)
-    assert (read.left_out, read.keyframes_dropped) == ({}, 0)
+    assert (read.left_out, read.keyframes_dropped, read.epoch) == ({}, 0, None)
+    assert (read.header.stream, read.header.sender) == (None, None)
     assert len(read.objects) == 1
     wire = msgpack.unpackb(encode(SAMPLES["Segments"]))
     del wire["left_out"]
     assert decode(msgpack.packb(wire), Segments).left_out == {}
+
+
+@pytest.mark.parametrize("name", ["Frame", "Heat"])
+def test_a_frame_of_an_older_sender_states_no_noise(name: str) -> None:
+    wire = msgpack.unpackb(encode(SAMPLES[name]))
+    assert wire["header"]["version"] == "1.1"
+    wire["header"]["version"] = "1.0"
+    del wire["depth_noise"]
+    assert decode(msgpack.packb(wire), type(SAMPLES[name])).depth_noise is None
+    wire["depth_noise"] = {"model": "quadratic", "floor": 0.0, "growth": 0.001, "at": 0.4}
+    with pytest.raises(CodecError, match=r"depth_noise\.floor: input should be greater than 0"):
+        decode(msgpack.packb(wire), type(SAMPLES[name]))
 
 
 def test_encoding_names_schema_and_major_version() -> None:

@@ -36,7 +36,7 @@ def test_samples_and_strategies_cover_every_message() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-@settings(derandomize=True, deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(data=st.data())
 def test_round_trip(name: str, data: st.DataObject) -> None:
     message = data.draw(MESSAGES_OF[name])
@@ -51,7 +51,7 @@ def test_sample_round_trip_equals(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["Frame", "Heat"])
-@settings(derandomize=True, deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(data=st.data())
 def test_thin_link_keeps_depth_and_heat_to_the_bit(name: str, data: st.DataObject) -> None:
     pytest.importorskip("cv2", reason="JPEG needs OpenCV")

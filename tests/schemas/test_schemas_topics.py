@@ -2,7 +2,7 @@
 
 import pytest
 
-from spot3d_schemas import MESSAGES, STAGES, TOPICS, alive_key, checked_name, fleet_key, key
+from spot3d_schemas import BRIDGE, MESSAGES, STAGES, TOPICS, alive_key, checked_name, fleet_key, key
 
 
 def test_the_table_holds_what_the_dataflow_needs() -> None:
@@ -17,7 +17,8 @@ def test_the_table_holds_what_the_dataflow_needs() -> None:
         "fusion/progress",
         "fusion/map",
         "fusion/reset",
-        *(f"{stage}/health" for stage in STAGES),
+        *(f"{stage}/health" for stage in (*STAGES, BRIDGE)),
+        *(f"{stage}/about" for stage in STAGES),
     }
 
 
@@ -25,7 +26,7 @@ def test_the_table_holds_what_the_dataflow_needs() -> None:
 def test_rows_agree_with_themselves(name: str) -> None:
     topic = TOPICS[name]
     assert topic.name == name
-    assert topic.producer in STAGES
+    assert topic.producer in (*STAGES, BRIDGE)
     assert topic.message in MESSAGES.values()
     assert topic.key_template == "spot3d/{robot}/" + name
     assert (topic.rate_hz == 0) == (topic.kind == "query")

@@ -5,8 +5,8 @@ import pytest
 
 from spot3d.camera import Intrinsics, back_project
 from spot3d.source.calibration import ColourCamera
+from spot3d.source.colour_registration import ColourRegistration
 from spot3d.source.errors import SourceError
-from spot3d.source.registration import ColourRegistration
 
 DEPTH_CAMERA = Intrinsics(100.0, 100.0, 40.0, 30.0, 80, 60)
 RNG = np.random.default_rng(5)

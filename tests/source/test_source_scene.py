@@ -7,11 +7,11 @@ import pytest
 
 from spot3d.camera import Intrinsics, back_project
 from spot3d.source.errors import SourceError
-from spot3d.source.scene import Scene
-from spot3d.source.scene_model import TrueBox, build_scene
-from spot3d.source.scene_noise import block_noise, measured_depth, noisy_colour
-from spot3d.source.scene_path import camera_pose
-from spot3d.source.scene_placement import arrange, footprint, separation
+from spot3d.source.scene.model import TrueBox, build_scene
+from spot3d.source.scene.noise import block_noise, measured_depth, noisy_colour
+from spot3d.source.scene.path import camera_pose
+from spot3d.source.scene.placement import arrange, footprint, separation
+from spot3d.source.scene.scene import Scene
 from spot3d.source.sequences import open_source
 
 SMALL = Intrinsics(585 / 4, 585 / 4, 80.0, 60.0, 160, 120)

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from tempfile import TemporaryDirectory
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -32,6 +33,8 @@ PERIOD_NS = 50_000_000
 _STAGE = """
 import importlib, sys
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.thread_deaths import end_with_any_thread
+end_with_any_thread()
 stage, link = sys.argv[1], LinkSettings.model_validate_json(sys.argv[2])
 names = {"pose": "PoseSettings", "proposals": "ProposalSettings", "heatmap": "HeatmapSettings",
          "segments": "SegmentsSettings", "fusion": "FusionSettings"}
@@ -91,8 +94,9 @@ class Stages:
     """Stages of one robot, each a process of its own."""
 
     def __init__(self, link: LinkSettings) -> None:
-        self.link = link
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._folder = TemporaryDirectory()
+        self.link = link.model_copy(update={"snapshot_folder": self._folder.name})
 
     def __enter__(self) -> Self:
         return self
@@ -120,6 +124,7 @@ class Stages:
             if process.poll() is None:
                 process.kill()
                 process.wait(10)
+        self._folder.cleanup()
 
 
 @dataclass
@@ -150,6 +155,11 @@ class Ear:
         """The stage's last health, if there was any."""
         heard: list[Health] = self.heard[f"{stage}/health"]
         return heard[-1] if heard else None
+
+    @property
+    def stream(self) -> str | None:
+        """The stream that fusion is in, as its last progress says."""
+        return self.progress.header.stream if self.progress else None
 
     @property
     def fused(self) -> int:

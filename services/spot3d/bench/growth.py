@@ -7,22 +7,22 @@ from functools import cache, partial
 import numpy as np
 from sklearn.cluster import DBSCAN
 
-from spot3d.bench.charts import Line, line_chart
 from spot3d.bench.material import Material, to_and_fro
 from spot3d.bench.timing import Timed, alternate, peak_memory_mb
 from spot3d.camera import Intrinsics
 from spot3d.dataflow.cadence import Cadence
 from spot3d.dataflow.process_use import process_use
+from spot3d.drawing.line_chart import Line, line_chart
+from spot3d.drawing.picture import Picture
 from spot3d.evaluate.table import Column, Table
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import Fusion
 from spot3d.proposals.propose import propose
 from spot3d.proposals.settings import ProposalSettings
-from spot3d.run.drawing import Picture
 from spot3d.segments.finder import find_segments
 from spot3d.segments.keyframes import Keyframes
 from spot3d.settings import Settings
-from spot3d.source.scene import KINECT, Scene
+from spot3d.source.scene.scene import KINECT, Scene
 
 ROOM = 6.0
 """Distance between one pass through the frames and the next, metres: each sees a room of its own."""
@@ -46,7 +46,7 @@ def map_growth(material: Material, length: int, settings: Settings, say: Callabl
         ),
     )
     fusion, times, updates = Fusion(settings.fusion), list[float](), list[float]()
-    keyframes, cadence = Keyframes(settings.segments), Cadence(settings.link.object_interval_s)
+    keyframes, cadence = Keyframes(settings.segments), Cadence(settings.fusion.object_interval_s)
     dbscan = DBSCAN(eps=settings.fusion.density_radius, min_samples=settings.fusion.density_points)
     stops = {round(stop) for stop in np.geomspace(min(100, length), length, CHECKPOINTS)}
     turn = max(1, len(material) - 1)

@@ -16,8 +16,8 @@ from spot3d.bench.timing import MEASURED, Timed, alternate, measured_row, peak_m
 from spot3d.camera import back_project, invert
 from spot3d.evaluate.table import Table
 from spot3d.fusion.fusion import Fusion
-from spot3d.fusion.heatmap3d import Heatmap3D
-from spot3d.fusion.index_map import IndexMap
+from spot3d.fusion.map.heatmap3d import Heatmap3D
+from spot3d.fusion.map.index_map import IndexMap
 from spot3d.fusion.settings import FusionSettings
 from spot3d.geometry.lattice import LatticeFrame, to_lattice
 from spot3d.geometry.planes import dominant_planes, on_plane, supporting_plane, transform_plane

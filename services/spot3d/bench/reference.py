@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, back_project
-from spot3d.sensor import axial_noise
+from spot3d.depth_noise import KINECT_V1
 
 
 def weighted_heat(
@@ -42,7 +42,7 @@ def lattice_depth(depth: NDArray[np.float32], factor: int) -> NDArray[np.float32
     padded = np.pad(depth, ((0, -h % factor), (0, -w % factor)))
     blocks = padded.reshape(padded.shape[0] // factor, factor, -1, factor)
     nearest = np.where(blocks > 0, blocks, np.inf).min(axis=(1, 3))
-    limit = np.where(np.isfinite(nearest), 1.005 * nearest + 4 * axial_noise(np.minimum(nearest, 1e3)), 0)
+    limit = np.where(np.isfinite(nearest), 1.005 * nearest + 4 * KINECT_V1.sigma(np.minimum(nearest, 1e3)), 0)
     near = (blocks > 0) & (blocks <= limit[:, None, :, None])
     count = near.sum(axis=(1, 3))
     mean = (blocks * near).sum(axis=(1, 3)) / np.maximum(count, 1)

@@ -4,8 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
-from spot3d.fusion.heatmap3d import COLUMNS, FREQUENCY, HEAT, LAST, NORMAL, WEIGHT, Heatmap3D, R, X
-from spot3d.sensor import axial_noise
+from spot3d.fusion.map.heatmap3d import COLUMNS, FREQUENCY, HEAT, LAST, NORMAL, WEIGHT, Heatmap3D, R, X
 
 _REACH = 3
 _HALF = 1 << 20
@@ -36,7 +35,7 @@ def surface_normals(depth: NDArray[np.float32], camera: Intrinsics) -> NDArray[n
     """Unit normals (h, w, 3) towards the camera by central differences, zero where nothing is continuous."""
     h, w = depth.shape
     u, v = np.meshgrid(np.arange(w, dtype=np.float64), np.arange(h, dtype=np.float64))
-    jump = 6 * _REACH * depth / camera.fx + 4 * axial_noise(depth)
+    jump = 6 * _REACH * depth / camera.fx + 4 * camera.noise.sigma(depth)
 
     def neighbour(dv: int, du: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         around = np.pad(depth, _REACH)[_REACH + dv : _REACH + dv + h, _REACH + du : _REACH + du + w]
@@ -64,7 +63,7 @@ def merge(
     range_max: float,
     frame_number: int,
 ) -> tuple[NDArray[np.int32], int, int]:
-    """Give every valid pixel its map point and update that, as `spot3d.fusion.index_map.merge` does.
+    """Give every valid pixel its map point and update that, as `spot3d.fusion.map.index_map.merge` does.
 
     Returns the index map (h, w), and how many pixels were warped and found. `known` grows by what is new.
     """
@@ -74,7 +73,7 @@ def merge(
     intrinsics = np.array((camera.fx, camera.fy, camera.cx, camera.cy), np.float32).astype(np.float64)
     rays = np.stack(((u - intrinsics[2]) / intrinsics[0], (v - intrinsics[3]) / intrinsics[1], np.ones(len(u))), 1)
     xyz = ((rays @ T[:3, :3].T) * z[:, None] + T[:3, 3]).astype(np.float32)
-    sigma = axial_noise(z)
+    sigma = camera.noise.sigma(z)
     pixel_rows = candidates[v, u].astype(np.int64)
     warped = int(np.count_nonzero(pixel_rows >= 0))
     new, found = _look_up(known, pixel_rows, xyz, z, T[:3, 3].astype(np.float32), np.float32(noise_gate) * sigma)

@@ -5,8 +5,9 @@ from pathlib import Path
 
 from spot3d.bench.whole_run import whole_run
 from spot3d.evaluate.table import Column, Table
+from spot3d_schemas import STAGES
 
-_STAGES = ("pose", "proposals", "heatmap", "segments", "fusion", "objects")
+_STEPS = (*STAGES[1:], "objects")
 
 
 def pipeline_tables(inputs: Sequence[tuple[str, int | None]], say: Callable[[str], None]) -> list[Table]:
@@ -16,7 +17,7 @@ def pipeline_tables(inputs: Sequence[tuple[str, int | None]], say: Callable[[str
         "The pipeline in one process",
         (
             *(Column("data"), Column("size"), Column("frames"), Column("ms a frame", 1), Column("p99 ms", 1)),
-            *(Column("CPU ms a frame", 1), *(Column(f"{stage} ms", 1) for stage in _STAGES)),
+            *(Column("CPU ms a frame", 1), *(Column(f"{stage} ms", 1) for stage in _STEPS)),
             *(Column("segments ms a frame", 1), Column("objects ms a frame", 1)),
             *(Column("peak MB", 0), Column("map points")),
         ),
@@ -45,7 +46,7 @@ def pipeline_tables(inputs: Sequence[tuple[str, int | None]], say: Callable[[str
             say(f"pipeline: {name}{', half size' if halved else ''} ...")
             found = whole_run(name, frames, halved)
             where = (Path(name).name, f"{found['width']}x{found['height']}")
-            stages = [found["stage_ms"].get(stage) for stage in _STAGES]
+            stages = [found["stage_ms"].get(stage) for stage in _STEPS]
             pipeline.add(
                 *where,
                 found["frames"],

@@ -13,8 +13,8 @@ from sklearn.cluster import DBSCAN
 from spot3d.bench.timing import Timed, alternate, peak_memory_mb
 from spot3d.dataflow.process_use import KEEPING_MEMORY, SINGLE_THREADED, stay_single_threaded
 from spot3d.pipeline import PipelineStep, run_pipeline
-from spot3d.run.selected import Selection, open_selection
 from spot3d.settings import load_settings
+from spot3d.source.selected import Selection, open_selection
 
 _STAGES = ("pose", "proposals", "heatmap", "fusion")
 """Those that work on every frame."""
@@ -46,7 +46,7 @@ def measure(name: str, frames: int | None, halved: bool) -> dict[str, Any]:
     """
     stay_single_threaded()
     settings = load_settings(overrides={"source": {"halved": halved}})
-    sequence = open_selection(Selection(name, frames), settings)
+    sequence = open_selection(Selection(name, frames), settings.source)
     clock = _Clock()
     result = run_pipeline(sequence, settings, clock.frame_done, clock=clock)
     memory = peak_memory_mb()

@@ -1,4 +1,4 @@
-"""Which stages are alive, by their liveliness tokens."""
+"""Which stages are alive, and by which processes, as their liveliness tokens say."""
 
 import threading
 import time
@@ -11,12 +11,16 @@ from zenoh.handlers import FifoChannel, Handler
 from spot3d.dataflow.stopping import end_threads
 from spot3d_schemas import alive_key
 
+_PROCESSES = 16
+"""Most processes of one stage that are told apart; anybody can make up tokens."""
+
 
 class Alive:
-    """The stages whose processes are there now."""
+    """The stages that are there now, and their processes by the `sender` of their messages."""
 
     def __init__(self) -> None:
         self._stages: set[str] = set()
+        self._processes: dict[str, set[str]] = {}
         self._changed = threading.Condition()
 
     def __contains__(self, stage: str) -> bool:
@@ -28,6 +32,20 @@ class Alive:
         with self._changed:
             (self._stages.add if there else self._stages.discard)(stage)
             self._changed.notify_all()
+
+    def note_process(self, stage: str, sender: str, there: bool) -> None:
+        """A process of a stage has come or gone."""
+        with self._changed:
+            processes = self._processes.setdefault(stage, set())
+            if not there:
+                processes.discard(sender)
+            elif len(processes) < _PROCESSES:
+                processes.add(sender)
+
+    def processes(self, stage: str) -> frozenset[str]:
+        """The processes of a stage that are there now: more than one is one too many."""
+        with self._changed:
+            return frozenset(self._processes.get(stage, ()))
 
     def missing(self, stages: tuple[str, ...], limit_s: float, stop: threading.Event) -> tuple[str, ...]:
         """Wait until all `stages` are there; returns those absent after `limit_s` or at a stop."""
@@ -43,11 +61,11 @@ class Alive:
 
 @contextmanager
 def watch_alive(session: zenoh.Session, robot: str) -> Iterator[Alive]:
-    """Watches the stages of a robot, those included that are there already."""
+    """Watches the stages of a robot and their processes, those included that are there already."""
     alive = Alive()
     channel: FifoChannel[zenoh.Sample] = FifoChannel(64)
     tokens = alive_key(robot, "*")
-    with session.liveliness().declare_subscriber(tokens, channel, history=True) as subscriber:
+    with session.liveliness().declare_subscriber(f"{tokens}/**", channel, history=True) as subscriber:
         follower = threading.Thread(target=_follow, args=(subscriber.handler, alive), name="alive", daemon=True)
         follower.start()
         yield alive
@@ -60,4 +78,9 @@ def _follow(handler: Handler[zenoh.Sample], alive: Alive) -> None:
             sample = handler.recv()
         except zenoh.ZError:
             return  # nobody watches any more
-        alive.note(str(sample.key_expr).split("/")[2], sample.kind == zenoh.SampleKind.PUT)
+        _, _, stage, _, *sender = str(sample.key_expr).split("/")
+        there = sample.kind == zenoh.SampleKind.PUT
+        if sender:
+            alive.note_process(stage, sender[0], there)
+        else:
+            alive.note(stage, there)

@@ -9,6 +9,11 @@ _REASONS = 64
 """Reasons that are told apart; senders of nonsense can make up any number."""
 
 
+def printable(text: str) -> str:
+    """The text as one line without control characters, which would do things to a terminal; these are spelt out."""
+    return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in text)
+
+
 class Complaints:
     """Logs each reason at once, and then at most every ten seconds with the number of times."""
 
@@ -27,5 +32,5 @@ class Complaints:
                 self._said[reason] = (last_s, silent + 1)
                 return False
             self._said[reason] = (now_s, 0)
-        self._log.warning("%s%s", text, f" ({silent} more of these since)" if silent else "")
+        self._log.warning("%s%s", printable(text), f" ({silent} more of these since)" if silent else "")
         return True

@@ -1,13 +1,13 @@
 """Messages as the cores see them."""
 
-from dataclasses import asdict
-
 import numpy as np
 
 from spot3d.camera import Intrinsics
+from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
 from spot3d_schemas import CameraIntrinsics, Frame, Header, Heat, Segments
+from spot3d_schemas import DepthNoise as NoiseMessage
 
 
 def rgbd_frame(message: Frame | Heat) -> RgbdFrame:
@@ -17,14 +17,23 @@ def rgbd_frame(message: Frame | Heat) -> RgbdFrame:
         colour=message.colour,
         depth=message.depth,
         depth_scale=message.depth_scale,
-        intrinsics=Intrinsics(**message.intrinsics.model_dump()),
+        intrinsics=Intrinsics(**message.intrinsics.model_dump(), noise=_noise(message.depth_noise)),
         T_world_camera=message.T_world_camera if isinstance(message, Frame) else None,
     )
 
 
 def intrinsics_message(camera: Intrinsics) -> CameraIntrinsics:
     """Intrinsics as messages state them."""
-    return CameraIntrinsics(**asdict(camera))
+    return CameraIntrinsics(**{name: getattr(camera, name) for name in CameraIntrinsics.model_fields})
+
+
+def noise_message(noise: DepthNoise) -> NoiseMessage:
+    """The noise of depth as messages state it."""
+    return NoiseMessage(**noise._asdict())
+
+
+def _noise(stated: NoiseMessage | None) -> DepthNoise:
+    return KINECT_V1 if stated is None else DepthNoise(stated.floor, stated.growth, stated.at)
 
 
 def segments_message(header: Header, found: FrameSegments | None) -> Segments:

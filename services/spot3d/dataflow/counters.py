@@ -23,6 +23,8 @@ class Counters:
         self._last_error = ""
         self._drops: Counter[str] = Counter()
         self._events: Counter[str] = Counter()
+        self._sent: Counter[str] = Counter()
+        self._sent_bytes: Counter[str] = Counter()
         self._latencies_ms: deque[float] = deque(maxlen=_REMEMBERED)
         self._steps_ms: deque[float] = deque(maxlen=_REMEMBERED)
         self._lock = threading.Lock()
@@ -32,10 +34,12 @@ class Counters:
         with self._lock:
             self._received += 1
 
-    def published(self) -> None:
-        """A message was sent."""
+    def published(self, topic: str, size: int) -> None:
+        """A message of `size` bytes was sent."""
         with self._lock:
             self._published += 1
+            self._sent[topic] += 1
+            self._sent_bytes[topic] += size
 
     def drop(self, reason: str, count: int = 1) -> None:
         """Messages that are not worked on."""
@@ -90,6 +94,8 @@ class Counters:
                 cpu_s=use.cpu_s,
                 rss_bytes=use.rss_bytes,
                 threads=use.threads,
+                sent=dict(self._sent),
+                sent_bytes=dict(self._sent_bytes),
             )
 
 

@@ -1,6 +1,4 @@
-"""How each topic travels: congestion, priority and how much waits at a subscriber."""
-
-from dataclasses import dataclass
+"""Publishers and subscribers as the table of topics says: congestion, priority and how much waits."""
 
 import zenoh
 from zenoh import CongestionControl, Priority
@@ -14,41 +12,23 @@ _SMALL_WAITING = 64
 """Most small messages that wait at a subscriber; poses and progress are never dropped."""
 
 
-@dataclass(frozen=True, slots=True)
-class Quality:
-    """How a topic is sent, and how many messages wait for a live reader (0: all that are small)."""
-
-    congestion: CongestionControl
-    priority: Priority
-    express: bool = False
-    newest: int = 0
-
-
-_QUALITIES = {
-    "source/frame": Quality(CongestionControl.BLOCK_FIRST, Priority.DATA, newest=3),
-    "source/end": Quality(CongestionControl.BLOCK, Priority.DATA_LOW),
-    "pose/pose": Quality(CongestionControl.BLOCK, Priority.INTERACTIVE_HIGH, express=True),
-    "proposals/boxes": Quality(CongestionControl.BLOCK_FIRST, Priority.DATA_HIGH, newest=8),
-    # Over a thin link heat must not delay poses and objects. Fusion is faster than any camera, and catches up with what
-    # has waited while it was held up for a moment.
-    "heatmap/heat": Quality(CongestionControl.BLOCK_FIRST, Priority.DATA_LOW, newest=4),
-    # Most say that a frame is no keyframe, and must not push out one that is: a second's worth waits. No frame waits
-    # for the stage in a live run, so that it may wait itself.
-    "segments/segments": Quality(CongestionControl.BLOCK, Priority.DATA, newest=32),
-    "fusion/objects": Quality(CongestionControl.BLOCK, Priority.DATA_HIGH),
-    "fusion/progress": Quality(CongestionControl.BLOCK, Priority.INTERACTIVE_HIGH, express=True),
+_CONGESTION = {
+    "block": CongestionControl.BLOCK,
+    "block first": CongestionControl.BLOCK_FIRST,
+    "drop": CongestionControl.DROP,
 }
-_HEALTH = Quality(CongestionControl.DROP, Priority.INTERACTIVE_LOW, newest=1)
-
-
-def quality(topic: str) -> Quality:
-    """How a published topic travels. Raises KeyError for queries and unknown topics."""
-    return _HEALTH if topic.endswith("/health") else _QUALITIES[topic]
+_PRIORITY = {
+    "interactive high": Priority.INTERACTIVE_HIGH,
+    "interactive low": Priority.INTERACTIVE_LOW,
+    "data high": Priority.DATA_HIGH,
+    "data": Priority.DATA,
+    "data low": Priority.DATA_LOW,
+}
 
 
 def waiting(topic: str, link: LinkSettings) -> int:
     """Most messages of a topic that wait at a subscriber, in Zenoh's channel and again in the inbox."""
-    newest = quality(topic).newest
+    newest = TOPICS[topic].newest
     if link.delivery == "lossless" and newest:
         return link.in_flight + 2
     return newest or _SMALL_WAITING
@@ -56,28 +36,28 @@ def waiting(topic: str, link: LinkSettings) -> int:
 
 def keeps_newest(topic: str, link: LinkSettings) -> bool:
     """Whether a full inbox drops the oldest message rather than make the sender wait."""
-    return link.delivery == "live" and quality(topic).newest > 0
+    return link.delivery == "live" and TOPICS[topic].newest > 0
 
 
 def declare_publisher(session: zenoh.Session, topic: str, link: LinkSettings) -> zenoh.Publisher | AdvancedPublisher:
-    """The publisher of a topic; objects are kept for those who come late."""
-    how = quality(topic)
-    congestion = how.congestion
+    """The publisher of a topic; what is kept, a reader that comes late gets as well."""
+    row = TOPICS[topic]
+    congestion, priority = _CONGESTION[row.congestion], _PRIORITY[row.priority]
     if link.delivery == "lossless" and congestion == CongestionControl.BLOCK_FIRST:
         congestion = CongestionControl.BLOCK
-    where, what = key(link.robot, topic), encoding(TOPICS[topic].message)
-    if topic == "fusion/objects":
+    where, what = key(link.robot, topic), encoding(row.message)
+    if row.kept:
         return declare_advanced_publisher(
             session,
             where,
             encoding=what,
             congestion_control=congestion,
-            priority=how.priority,
+            priority=priority,
             cache=CacheConfig(1),
             publisher_detection=True,
         )
     return session.declare_publisher(
-        where, encoding=what, congestion_control=congestion, priority=how.priority, express=how.express
+        where, encoding=what, congestion_control=congestion, priority=priority, express=row.express
     )
 
 

@@ -41,6 +41,16 @@ class Inbox:
                 self._changed.notify_all()
             return pushed_out
 
+    def offer(self, name: str, item: Any) -> bool:
+        """Add an item if there is room for it; returns whether there was."""
+        with self._changed:
+            if self._closed or len(self._waiting[name]) >= self._trays[name].size:
+                return False
+            self._arrivals += 1
+            self._waiting[name].append((self._arrivals, item))
+            self._changed.notify_all()
+            return True
+
     def get(self, timeout_s: float) -> tuple[str, Any] | None:
         """The oldest item with the name of its input; None where nothing came in time."""
         with self._changed:

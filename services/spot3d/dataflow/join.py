@@ -67,12 +67,14 @@ class Join(Generic[L, R]):
             without_left += self._evict(self._right, self._sizes[1])
         return Outcome(None, without_left, without_right)
 
-    def clear(self) -> None:
-        """Forget what waits."""
+    def clear(self) -> Outcome[L, R]:
+        """Forget what waits: another stream begins. Returns it as what stays without its other side."""
+        outcome: Outcome[L, R] = Outcome(None, list(self._right), list(self._left))
         self._left.clear()
         self._right.clear()
         self._evicted.clear()
         self._newest = [None, None]
+        return outcome
 
     def _passed(self, side: int, stamp_ns: int) -> bool:
         newest = self._newest[side]

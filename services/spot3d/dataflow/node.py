@@ -4,23 +4,27 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
-from dataclasses import dataclass
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, replace
 from typing import Any, Generic, Self, TypeVar
 
 import zenoh
 from zenoh.handlers import FifoChannel, Handler
 
+from spot3d.dataflow.about import about
+from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.complaints import Complaints
 from spot3d.dataflow.counters import Counters
 from spot3d.dataflow.endpoints import declare_publisher, declare_subscriber, keeps_newest, waiting
 from spot3d.dataflow.inbox import Inbox, Tray
-from spot3d.dataflow.order import StreamOrder
+from spot3d.dataflow.order import Arrival, StreamOrder
 from spot3d.dataflow.payload import intact_bytes
 from spot3d.dataflow.process_use import process_use, stay_single_threaded
+from spot3d.dataflow.producers import Producers
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import end_threads
+from spot3d.dataflow.streams import Streams, new_stream
 from spot3d_schemas import (
     TOPICS,
     CodecError,
@@ -31,6 +35,7 @@ from spot3d_schemas import (
     encode,
     encoding,
     key,
+    process_key,
     refuse_encoding,
 )
 
@@ -38,6 +43,9 @@ M_co = TypeVar("M_co", bound=Message, covariant=True)
 
 _PER_FRAME = frozenset(("source/frame", "pose/pose", "proposals/boxes", "heatmap/heat", "segments/segments"))
 """Topics with one message a capture, whose stamps therefore ascend."""
+_OF_A_STREAM = _PER_FRAME | {"source/end"}
+"""Topics of one stream of captures."""
+_SECOND = "of a second producer"
 _QUERIES_WAITING = 4
 _IDLE_S = 0.1
 """Longest that a stage does not look whether it is to stop."""
@@ -45,17 +53,19 @@ _IDLE_S = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Received(Generic[M_co]):
-    """A valid message and when it came, wall clock."""
+    """A valid message and when it came, wall clock. begins: it is the first of another stream of captures."""
 
     message: M_co
     received_ns: int
+    begins: bool = False
 
 
 class Node:
     """A stage's connection to the others; enter it to go on line, leave it to be gone.
 
     Each input has a thread that decodes, refuses, counts and puts into the inbox; the stage's own thread
-    reads it by `next`. The liveliness token follows the subscriptions: who sees it can send.
+    reads it by `next`. The liveliness token follows the subscriptions: who sees it can send. state: what is wrong with
+    the stage now, for people; the stage sets it, and its health says it.
     """
 
     def __init__(
@@ -73,8 +83,12 @@ class Node:
         self._outputs = (*outputs, f"{stage}/health")
         trays = {topic: Tray(waiting(topic, link), keeps_newest(topic, link)) for topic in inputs}
         self._inbox = Inbox(trays | {topic: Tray(_QUERIES_WAITING, False) for topic in queries})
-        self._orders = {topic: StreamOrder() for topic in inputs if topic in _PER_FRAME}
-        self._seqs = dict.fromkeys((*self._outputs, *queries), 0)
+        self.state = ""
+        self.sender = new_stream()
+        self._orders = {topic: StreamOrder(link.delivery == "live") for topic in inputs if topic in _PER_FRAME}
+        self._streams = Streams()
+        self._about = f"{stage}/about"
+        self._seqs = dict.fromkeys((*self._outputs, *queries, self._about), 0)
         self._log = logging.getLogger(f"spot3d.{stage}")
         self._complaints = Complaints(self._log)
         self._gone = threading.Event()
@@ -85,6 +99,10 @@ class Node:
         with ExitStack() as stack:
             session = stack.enter_context(open_session(self.link, self.stop))
             self.session = session
+            own = session.liveliness().declare_token(process_key(self.link.robot, self.stage, self.sender))
+            stack.callback(own.undeclare)
+            self.alive = stack.enter_context(watch_alive(session, self.link.robot))
+            self._producers = Producers(self.alive)
             self._publishers = {topic: declare_publisher(session, topic, self.link) for topic in self._outputs}
             threads = [threading.Thread(target=self._report, name="health", daemon=True)]
             stack.callback(end_threads, threads)
@@ -92,11 +110,12 @@ class Node:
                 subscriber = declare_subscriber(session, topic, self.link)
                 stack.callback(subscriber.undeclare)
                 threads.append(_reader(self._receive, topic, subscriber.handler))
-            for topic in self._queries:
+            for topic in (*self._queries, self._about):
                 channel: FifoChannel[zenoh.Query] = FifoChannel(_QUERIES_WAITING)
                 queryable = session.declare_queryable(key(self.link.robot, topic), channel, complete=True)
                 stack.callback(queryable.undeclare)
-                threads.append(_reader(self._ask, topic, queryable.handler))
+                answering = self._tell if topic == self._about else self._ask
+                threads.append(_reader(answering, topic, queryable.handler))
             token = session.liveliness().declare_token(alive_key(self.link.robot, self.stage))
             stack.callback(token.undeclare)
             for thread in threads:
@@ -110,8 +129,29 @@ class Node:
         self._exit.close()
 
     def next(self, timeout_s: float = _IDLE_S) -> tuple[str, Any] | None:
-        """The next input: its topic and a `Received`, or a zenoh.Query; None where nothing came in time."""
-        return self._inbox.get(min(timeout_s, _IDLE_S))
+        """The next input: its topic and a `Received`, or a zenoh.Query; None where nothing came in time.
+
+        What is left over of an earlier stream is dropped, and counted.
+        """
+        item = self._inbox.get(min(timeout_s, _IDLE_S))
+        if item is None or item[0] not in _OF_A_STREAM:
+            return item
+        topic, given = item
+        stream = given.message.header.stream
+        verdict = self._streams.judge(stream, time.monotonic())
+        if verdict == "earlier":
+            self.counters.drop(f"{topic} of an earlier stream")
+            return None
+        if verdict == "begins":
+            self.counters.event("streams")
+            self._log.info("stream %s begins", stream)
+            return topic, replace(given, begins=True)
+        return item
+
+    @property
+    def stream(self) -> str | None:
+        """The stream of captures that the stage is in, where its source tells."""
+        return self._streams.current
 
     def header(self, topic: str, given: Received[Message]) -> Header:
         """The header of this stage's answer on `topic` to a message: same capture, one more hop."""
@@ -119,10 +159,10 @@ class Node:
         return self.numbered(topic, header.with_hop(self.stage, given.received_ns, time.time_ns()))
 
     def numbered(self, topic: str, header: Header) -> Header:
-        """The header with this robot's name and the topic's next sequence number."""
+        """The header with this robot's name, this process and the topic's next sequence number."""
         seq = self._seqs[topic]
         self._seqs[topic] = seq + 1
-        return header.model_copy(update={"robot": self.link.robot, "seq": seq})
+        return header.model_copy(update={"robot": self.link.robot, "seq": seq, "sender": self.sender})
 
     def publish(self, topic: str, message: Message) -> bool:
         """Send a message; returns whether it went out. What cannot be sent is counted as an error."""
@@ -132,7 +172,7 @@ class Node:
         except (CodecError, zenoh.ZError) as error:
             self.failed(topic, f"cannot send {topic}: {error}")
             return False
-        self.counters.published()
+        self.counters.published(topic, len(payload))
         return True
 
     def measure_latency(self, header: Header) -> None:
@@ -147,6 +187,12 @@ class Node:
                 query.reply(key(self.link.robot, topic), encode(message), encoding=encoding(type(message)))
             except (CodecError, zenoh.ZError) as error:
                 self.failed(topic, f"cannot answer {topic}: {error}")
+
+    def refuse(self, query: zenoh.Query, topic: str, why: str) -> None:
+        """Answer a query with an error, which counts as dropped."""
+        self.counters.drop(f"{topic} refused")
+        with query, suppress(zenoh.ZError):  # who asked may be gone
+            query.reply_err(why.encode())
 
     def failed(self, reason: str, text: str) -> None:
         """Count an error and log it, if this reason was not just logged."""
@@ -178,19 +224,25 @@ class Node:
                 self.failed(f"{topic} {str(error).partition(':')[0]}", f"{topic}: refused: {error}")
                 continue
             self.counters.received()
-            if order is not None and not self._in_order(topic, order, message.header):
+            now_s = time.monotonic()
+            if not self._producers.admit(topic, message.header.sender, now_s):
+                self.counters.drop(f"{topic} {_SECOND}")
+                text = f"{topic}: somebody else says it as well (process {message.header.sender}); is refused"
+                self._complaints.say(f"{topic} {_SECOND}", text, now_s)
                 continue
-            pushed_out = self._inbox.put(topic, Received(message, received_ns))
-            self.counters.drop(f"{topic} busy", pushed_out)
+            arrival = Arrival() if order is None else self._arrival(topic, order.check(message.header, now_s))
+            if not arrival.refused:
+                pushed_out = self._inbox.put(topic, Received(message, received_ns, arrival.restarted))
+                self.counters.drop(f"{topic} busy", pushed_out)
 
-    def _in_order(self, topic: str, order: StreamOrder, header: Header) -> bool:
-        arrival = order.check(header.seq, header.stamp_ns)
+    def _arrival(self, topic: str, arrival: Arrival) -> Arrival:
+        """Count and tell what is to be said of a message."""
         self.counters.drop(f"{topic} lost on the way", arrival.missing)
         if arrival.restarted:
             self.note("another recording", f"{topic}: stamps went back: another recording begins")
         if arrival.refused:
             self.counters.drop(f"{topic} {arrival.refused}")
-        return not arrival.refused
+        return arrival
 
     def _ask(self, topic: str, handler: Handler[zenoh.Query]) -> None:
         while True:
@@ -198,7 +250,19 @@ class Node:
                 query = handler.recv()
             except zenoh.ZError:
                 return  # the queryable has ended
-            self._inbox.put(topic, query)
+            # Who asks never waits in a channel that is full: the stage's inputs would wait with it.
+            if not self._inbox.offer(topic, query):
+                self.refuse(query, topic, f"{self.stage} is busy; ask again")
+
+    def _tell(self, topic: str, handler: Handler[zenoh.Query]) -> None:
+        """Answer what this process runs on, without the stage's own thread: the time on its clock is asked for too."""
+        while True:
+            try:
+                query = handler.recv()
+            except zenoh.ZError:
+                return  # the queryable has ended
+            header = Header(robot=self.link.robot, seq=0, stamp_ns=time.time_ns(), frame_id=self.stage)
+            self.reply(query, topic, about(self.numbered(topic, header), self.stage, self.link))
 
     def _report(self) -> None:
         while not self._gone.wait(self.link.health_interval_s):
@@ -209,7 +273,16 @@ class Node:
         now_ns = time.time_ns()
         header = Header(robot=self.link.robot, seq=0, stamp_ns=now_ns, frame_id=self.stage)
         health = self.counters.health(self.numbered(topic, header), time.monotonic(), process_use())
-        self.publish(topic, health)
+        self.publish(topic, health.model_copy(update={"state": self._state()}))
+
+    def _state(self) -> str:
+        """What is wrong now, the stage's own first."""
+        wrong = [self.state] if self.state else []
+        count = len(self.alive.processes(self.stage))
+        if count > 1:
+            wrong.append(f"{count} processes of {self.stage} are running for {self.link.robot}: end all but one")
+        wrong += [f"{topic} is said by more than one process" for topic in self._producers.contested(time.monotonic())]
+        return "; ".join(wrong)
 
     def _leave(self) -> None:
         self._gone.set()

@@ -2,35 +2,72 @@
 
 from dataclasses import dataclass
 
+from spot3d_schemas import Header
+
 RESTART_NS = 1_000_000_000
 """A stamp this far back is no straggler: another recording begins."""
+_LEAP_NS = 10_000_000_000
+"""A stamp this far ahead, beyond twice the time that has passed, is in doubt."""
+
+DUPLICATE, OUT_OF_ORDER, STRAY = "duplicate stamp", "out of order", "stray stamp"
 
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """What is to be said of one message. refused: why it must not be used, or empty."""
+    """What is to be said of one message.
+
+    refused: why it must not be used, or empty. restarted: its stamps went back, and another recording begins with it
+    that no new stream was told of.
+    """
 
     refused: str = ""
     missing: int = 0
     restarted: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    header: Header
+    at_s: float
+
+
 class StreamOrder:
-    """Watches one input's stamps and sequence numbers."""
+    """Watches one input's streams, stamps and sequence numbers.
 
-    def __init__(self) -> None:
-        self._stamp_ns: int | None = None
-        self._seq = 0
+    confirm: for a live input. A stamp that leaps is refused alone, unless the next message follows it: a camera's clock
+    that slips once costs one frame. Recordings have no such clock, and may have gaps.
+    """
 
-    def check(self, seq: int, stamp_ns: int) -> Arrival:
-        """Judge the message that has just come.
+    def __init__(self, confirm: bool = False) -> None:
+        self._confirm = confirm
+        self._last: _Seen | None = None
+        self._suspect: Header | None = None
+
+    def check(self, header: Header, now_s: float) -> Arrival:
+        """Judge the message that has just come, at `now_s` monotonic seconds.
 
         missing: messages that the sender counted and that never came (an anew started sender counts from 0).
         """
-        last, last_seq = self._stamp_ns, self._seq
-        if last is not None and stamp_ns <= last and last - stamp_ns < RESTART_NS:
-            return Arrival("duplicate stamp" if stamp_ns == last else "out of order")
-        self._stamp_ns, self._seq = stamp_ns, seq
-        if last is None:
-            return Arrival()
-        return Arrival(missing=max(0, seq - last_seq - 1), restarted=stamp_ns < last)
+        last, suspect = self._last, self._suspect
+        if last is None or header.stream != last.header.stream:
+            return self._accept(header, now_s)
+        ahead_ns = header.stamp_ns - last.header.stamp_ns
+        if -RESTART_NS < ahead_ns <= 0:
+            return Arrival(OUT_OF_ORDER if ahead_ns else DUPLICATE)
+        back = ahead_ns < 0
+        leaps = self._confirm and ahead_ns - 2e9 * (now_s - last.at_s) > _LEAP_NS
+        if not (back or leaps):
+            return self._accept(header, now_s)
+        if not self._confirm:
+            # A stream that has a name ends before its stamps go back.
+            return Arrival(OUT_OF_ORDER) if header.stream is not None else self._accept(header, now_s, restarted=True)
+        if suspect is not None and 0 < header.stamp_ns - suspect.stamp_ns < _LEAP_NS:
+            return self._accept(header, now_s, restarted=back)
+        self._suspect = header
+        return Arrival(STRAY)
+
+    def _accept(self, header: Header, now_s: float, restarted: bool = False) -> Arrival:
+        last, self._last, self._suspect = self._last, _Seen(header, now_s), None
+        if last is None or header.sender != last.header.sender:
+            return Arrival(restarted=restarted)
+        return Arrival(missing=max(0, header.seq - last.header.seq - 1), restarted=restarted)

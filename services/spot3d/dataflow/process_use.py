@@ -5,6 +5,7 @@ import resource
 import sys
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,7 +60,8 @@ def stay_single_threaded() -> None:
 
 
 def let_frames_go_first() -> None:
-    """Lower the priority of the calling thread, for work that no frame waits for."""
+    """Lower the priority of the calling thread below what it is, for work that no frame waits for."""
     if sys.platform == "linux":  # elsewhere the priority of a thread cannot be set alone
         thread = threading.get_native_id()
-        os.setpriority(os.PRIO_PROCESS, thread, os.getpriority(os.PRIO_PROCESS, thread) + _NICENESS)
+        with suppress(OSError):  # a sandbox may forbid it: the work is the same, the frames wait a little
+            os.setpriority(os.PRIO_PROCESS, thread, os.getpriority(os.PRIO_PROCESS, thread) + _NICENESS)

@@ -1,7 +1,7 @@
 """A router of ours, for hosts where no Zenoh router runs."""
 
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 import zenoh
@@ -18,10 +18,18 @@ def free_loopback_endpoint() -> str:
 
 
 @contextmanager
-def open_router(listen: tuple[str, ...], connect: tuple[str, ...] = ()) -> Iterator[zenoh.Session]:
+def open_router(
+    listen: tuple[str, ...],
+    connect: tuple[str, ...] = (),
+    link: LinkSettings | None = None,
+    access: Mapping[str, object] | None = None,
+) -> Iterator[zenoh.Session]:
     """Routes between the clients at `listen` (and the routers at `connect`) for as long as it is open.
 
-    The session takes part in the dataflow as any other does. Raises zenoh.ZError where it cannot listen.
+    link: whose certificates are used at tls endpoints. access: Zenoh's `access_control`; None: everybody may do
+    everything. The session takes part in the dataflow as any other does, whatever `access` says.
+    Raises zenoh.ZError where it cannot listen, TlsError where its certificate cannot be used.
     """
-    with open_session(LinkSettings(mode="router", listen=listen, connect=connect)) as session:
+    secrets = {} if link is None else link.model_dump(include={"ca", "certificate", "key", "verify_names"})
+    with open_session(LinkSettings(mode="router", listen=listen, connect=connect, **secrets), None, access) as session:
         yield session

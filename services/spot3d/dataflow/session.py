@@ -3,12 +3,13 @@
 import json
 import logging
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 import zenoh
 
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.tls import own_certificate, uses_tls, why_refused
 
 log = logging.getLogger(__name__)
 
@@ -45,33 +46,61 @@ def zenoh_config(link: LinkSettings) -> zenoh.Config:
         "transport/shared_memory/transport_optimization/message_size_threshold": _LARGE_BYTES,
         "transport/shared_memory/transport_optimization/messages": ["put"],
     }
+    if any(map(uses_tls, (*link.connect, *link.listen))):
+        values["transport/link/tls"] = _tls(link)
     for key, value in values.items():
         config.insert_json5(key, json.dumps(value))
     return config
 
 
+def _tls(link: LinkSettings) -> dict[str, object]:
+    """Who listens asks for a certificate, always: there is no half of mutual TLS."""
+    certificate, key = (None if file is None else str(file) for file in (link.certificate, link.key))
+    return {
+        "root_ca_certificate": None if link.ca is None else str(link.ca),
+        "enable_mtls": certificate is not None,
+        "listen_certificate": certificate,
+        "listen_private_key": key,
+        "connect_certificate": certificate,
+        "connect_private_key": key,
+        "verify_name_on_connect": link.verify_names,
+        "close_link_on_expiration": True,
+    }
+
+
 @contextmanager
-def open_session(link: LinkSettings, stop: threading.Event | None = None) -> Iterator[zenoh.Session]:
+def open_session(
+    link: LinkSettings, stop: threading.Event | None = None, access: Mapping[str, object] | None = None
+) -> Iterator[zenoh.Session]:
     """A session that is closed in the end; a client waits for its router, and says so.
 
-    Raises StoppedError where `stop` is set while waiting, zenoh.ZError where a router or peer cannot open.
+    access: Zenoh's `access_control`, for a router. Raises StoppedError where `stop` is set while waiting, TlsError
+    where the link's own certificate cannot be used, zenoh.ZError where a router or peer cannot open.
     """
-    zenoh.init_log_from_env_or("error")
+    # A router tells of those that it refuses by a warning.
+    zenoh.init_log_from_env_or("error,zenoh_link_tls=warn")
+    own = own_certificate(link)
+    if own is not None and own.soon_over:
+        log.warning("this side's certificate %s is for %s: make a new one in time", link.certificate, own)
     # A session that is left open keeps the interpreter from ending.
-    with _open(link, stop) as session:
+    with _open(link, stop, access) as session:
         yield session
 
 
-def _open(link: LinkSettings, stop: threading.Event | None) -> zenoh.Session:
+def _open(link: LinkSettings, stop: threading.Event | None, access: Mapping[str, object] | None) -> zenoh.Session:
+    config = zenoh_config(link)
+    if access is not None:
+        config.insert_json5("access_control", json.dumps(access))
     tries = 0
     while stop is None or not stop.is_set():
         try:
-            return zenoh.open(zenoh_config(link))
+            return zenoh.open(config)
         except zenoh.ZError as error:
             if link.mode != "client":
                 raise
             if tries % 10 == 0:
-                log.warning("no router at %s yet, trying again: %s", ", ".join(link.connect), error)
+                reason = why_refused(link) or error
+                log.warning("no router at %s yet, trying again: %s", ", ".join(link.connect), reason)
             tries += 1
             if stop is not None:
                 stop.wait(0.1)

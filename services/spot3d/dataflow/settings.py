@@ -1,8 +1,9 @@
 """Settings of the links between the stages."""
 
-from typing import Annotated, Literal
+from pathlib import Path
+from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from spot3d_schemas import checked_name
 
@@ -26,6 +27,12 @@ class LinkSettings(BaseModel):
         ("tcp/127.0.0.1:7447",), description="endpoints to connect to; retried for ever"
     )
     listen: tuple[Endpoint, ...] = Field((), description="endpoints to listen on")
+    ca: Path | None = Field(
+        None, description="tls: certificate of the authority that signs the others'; none: the public web's authorities"
+    )
+    certificate: Path | None = Field(None, description="tls: this side's own certificate, PEM (spot3d certificates)")
+    key: Path | None = Field(None, description="tls: the private key of `certificate`, PEM")
+    verify_names: bool = Field(True, description="tls: a router's certificate must be for the host connected to")
     delivery: Literal["live", "lossless"] = Field(
         "live", description="live: the latest frame wins; lossless: nothing is dropped, the source waits"
     )
@@ -38,7 +45,37 @@ class LinkSettings(BaseModel):
     shared_memory: bool = Field(
         True, description="live: images go through shared memory on one host; a stalled reader's are dropped, counted"
     )
-    thin_link: bool = Field(False, description="compress images: colour as JPEG, depth and heat lossless")
+    snapshot_interval_s: float = Field(
+        10.0, ge=0, description="fusion keeps a snapshot of its map this often, seconds, to go on from; 0: none"
+    )
+    snapshot_folder: str = Field(
+        "", description="where snapshots are kept; empty: spot3d/ROBOT in $XDG_STATE_HOME, or in ~/.local/state"
+    )
+    thin_link: bool = Field(False, description="compress images, and of heat messages send what fusion looks at")
     jpeg_quality: int = Field(90, ge=1, le=100, description="thin_link: quality of the colour images")
-    object_interval_s: float = Field(0.4, gt=0, description="capture time between two updates of the objects, seconds")
+    thin_width: int = Field(
+        320, ge=40, description="thin_link: heat is sent on a lattice of about so many samples across, as it is fused"
+    )
+    thin_depth_share: float = Field(
+        0.5,
+        ge=0,
+        le=2,
+        description="thin_link: heat's depth is rounded to steps of this share of its noise, a half adding 1 % to it; "
+        "0: lossless",
+    )
+    thin_heat_levels: int = Field(
+        16,
+        ge=2,
+        le=256,
+        description="thin_link: heat in so many levels; 16 are as far apart as heat differs from frame to frame; "
+        "256: lossless",
+    )
     health_interval_s: float = Field(1.0, gt=0, description="time between two health messages, seconds")
+
+    @model_validator(mode="after")
+    def _has_what_tls_needs(self) -> Self:
+        if (self.certificate is None) != (self.key is None):
+            raise ValueError("certificate and key belong together: give both, or neither")
+        if self.certificate is None and any(endpoint.startswith(("tls/", "quic/")) for endpoint in self.listen):
+            raise ValueError("who listens at tls/... needs a certificate and its key (spot3d certificates)")
+        return self

@@ -11,7 +11,6 @@ from spot3d.camera import Intrinsics, invert
 from spot3d.evaluate.judgement import moved
 from spot3d.evaluate.projection import NEAR, box_surface
 from spot3d.evaluate.truth import LabelledScene
-from spot3d.sensor import axial_noise
 
 _POINTS = 300
 """So many points of an object tell whether a frame sees it."""
@@ -89,7 +88,7 @@ def _share_seen(
     v = np.rint(local[:, 1] / local[:, 2] * camera.fy + camera.cy).astype(np.int64)
     inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
     expected, measured = local[inside, 2], depth[v[inside], u[inside]]
-    agrees = (measured > 0) & (np.abs(measured - expected) <= _AGREES + 3 * axial_noise(expected))
+    agrees = (measured > 0) & (np.abs(measured - expected) <= _AGREES + 3 * camera.noise.sigma(expected))
     return float(np.count_nonzero(agrees) / len(points))
 
 

@@ -10,11 +10,11 @@ from spot3d.evaluate.rgbd_scenes import is_rgbd_scenes, open_rgbd_scenes
 from spot3d.evaluate.scenes import open_scene, scene_names
 from spot3d.evaluate.truth import LabelledScene, read_cuboids, read_labelled_scene
 from spot3d.evaluate.uw_scenes import is_uw_scenes, open_uw_scenes
-from spot3d.run.selected import Selection, open_selection
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import halve
 from spot3d.source.intrinsics_files import FocalAndCentre
+from spot3d.source.selected import Selection, open_selection
 from spot3d.source.sequences import at_half_size as half_sequence
 from spot3d.source.seven_scenes import is_seven_scenes
 from spot3d.source.tum import is_tum
@@ -56,8 +56,8 @@ def open_dataset(
         _has_own_camera(name, intrinsics)
         return DataSet(folder.name, kind, sequences=open_uw_scenes(folder, every, frames))
     if kind is None:
-        raise SourceError(f"{folder} is none of the data sets {LAYOUTS}; the README says how each is laid out")
-    sequence = open_selection(Selection(name, frames, every, intrinsics), settings)
+        raise SourceError(f"{folder} is none of the data sets {LAYOUTS}; docs/measured.md says how each is laid out")
+    sequence = open_selection(Selection(name, frames, every, intrinsics), settings.source)
     return DataSet(folder.name, kind, sequences=(LabelledSequence(folder.name, sequence, _truth_of(folder)),))
 
 

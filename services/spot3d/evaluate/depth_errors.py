@@ -5,8 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
-from spot3d.sensor import axial_noise
-from spot3d.source.scene_noise import FOCAL_PX, block_noise
+from spot3d.source.scene.noise import FOCAL_PX, block_noise
 
 HOLE_M = 0.03
 """Holes are made of patches about this wide at 1 m, so 3 to 10 cm across: glare on a can, a dark label, a wet spot."""
@@ -15,7 +14,7 @@ HOLE_M = 0.03
 def noisier(
     depth: NDArray[np.float32], camera: Intrinsics, factor: float, seed: tuple[int, int]
 ) -> NDArray[np.float32]:
-    """Depth whose noise has `factor` times the deviation that the sensor's already has (`sensor.axial_noise`).
+    """Depth whose noise has `factor` times the deviation that the sensor's already has (`depth_noise.py`).
 
     depth: (h, w) float32 metres, 0 = invalid and stays so. Noise of a Kinect is alike within its 7 px blocks, and so
     is what is added; of an image at half size, the blocks are half as wide. seed: of the recording, and the frame.
@@ -26,7 +25,7 @@ def noisier(
     state = np.random.SeedSequence((*seed, 3)).generate_state(1, np.uint64)[0]
     height, width = depth.shape
     field = block_noise(step * height, step * width, np.uint64(state))[::step, ::step]
-    added = np.float32(np.sqrt(factor**2 - 1)) * axial_noise(depth) * field
+    added = np.float32(np.sqrt(factor**2 - 1)) * camera.noise.sigma(depth) * field
     return np.where(depth > 0, np.maximum(depth + added, np.float32(0)), np.float32(0)).astype(np.float32)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 ON_PLANE = 0.01
-"""Points this near lie on a plane, metres: three sigma of a Kinect's depth at 1.4 m (sensor.axial_noise)."""
+"""Points this near lie on a plane, metres: three sigma of a Kinect's depth at 1.4 m (depth_noise.KINECT_V1)."""
 _TRIPLES = 1000
 """A plane with a fifth of the points is among so many triples with a chance of 0.9997."""
 _SAMPLE = 4000

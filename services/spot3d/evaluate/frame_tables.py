@@ -14,8 +14,8 @@ from spot3d.evaluate.scores import recall_of, without_object
 from spot3d.evaluate.table import Cell, Column, Table
 from spot3d.evaluate.unjudged import judged_overlap
 from spot3d.frame import RgbdFrame
-from spot3d.fusion.density_frame import find_by_density_in_frame
-from spot3d.heatmap.heat import Heat, weighted_heat
+from spot3d.fusion.paper.density_frame import find_by_density_in_frame
+from spot3d.heatmap.heat import Heatmap, weighted_heat
 from spot3d.proposals.propose import propose
 from spot3d.segments.finder import find_segments
 from spot3d.settings import Settings
@@ -122,14 +122,14 @@ def filters_table(datasets: list[DataSet], settings: Settings) -> Table:
     return table
 
 
-def proposals_and_heat(frame: RgbdFrame, settings: Settings) -> tuple[NDArray[np.float32], Heat]:
+def proposals_and_heat(frame: RgbdFrame, settings: Settings) -> tuple[NDArray[np.float32], Heatmap]:
     """The first two stages on one frame: (M, 5) boxes, and the heat of what the filters leave of them."""
     depth, camera = frame.depth_metres(), frame.intrinsics
     boxes = propose(frame.colour, depth, camera, settings.proposals)
     return boxes, weighted_heat(depth, camera, boxes, settings.heatmap)
 
 
-def boxes_in_frame(frame: RgbdFrame, heat: Heat, settings: Settings) -> NDArray[np.float64]:
+def boxes_in_frame(frame: RgbdFrame, heat: Heatmap, settings: Settings) -> NDArray[np.float64]:
     """(n, 4) [x, y, w, h] boxes of the objects of one frame alone, found as fusion finds them over time."""
     depth, camera = frame.depth_metres(), frame.intrinsics
     if settings.fusion.clustering == "density":

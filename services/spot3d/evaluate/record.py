@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import spot3d
-from spot3d.run.report import machine
+from spot3d.machine import machine
 from spot3d.settings import Settings
 
 FILES_READ = 256

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spot3d.drawing.recall_plot import Curve
 from spot3d.evaluate.degraded import with_late_poses, with_noisier_depth, with_shaken_poses, with_torn_depth
 from spot3d.evaluate.labelled import DataSet, LabelledSequence
 from spot3d.evaluate.measured_run import Measured, MeasuredRun, measure
@@ -19,9 +20,9 @@ from spot3d.evaluate.object_tables import (
 )
 from spot3d.evaluate.peer import PEER, behind_peer
 from spot3d.evaluate.scores import object_scores, without_object
-from spot3d.evaluate.table import Column, Curve, Table
-from spot3d.run.selected import Selected
+from spot3d.evaluate.table import Column, Table
 from spot3d.settings import Settings
+from spot3d.source.selected import Selected
 from spot3d.source.sequence import FrameSequence
 from spot3d.source.sequences import at_half_size
 

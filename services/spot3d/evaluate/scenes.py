@@ -8,9 +8,9 @@ from spot3d.boxes import Box3D
 from spot3d.camera import back_project
 from spot3d.evaluate.labelled import LabelledFrame, LabelledFrames, LabelledSequence, mask_boxes
 from spot3d.evaluate.truth import LabelledScene
-from spot3d.run.selected import Selection, open_selection
 from spot3d.settings import Settings
-from spot3d.source.scene import Scene
+from spot3d.source.scene.scene import Scene
+from spot3d.source.selected import Selection, open_selection
 
 SCENES = re.compile(r"scenes:(?P<count>[1-9]\d?)(?P<cluttered>:cluttered)?|scene(?::\d+)?(?::cluttered)?")
 TRUTH_VIEWS = 20
@@ -35,7 +35,7 @@ def open_scene(
     name: str, settings: Settings, every: int = 1, frames: int | None = None
 ) -> tuple[LabelledSequence, LabelledFrames]:
     """The scene of this name as a labelled sequence, and some of its frames with boxes around the true masks."""
-    sequence = open_selection(Selection(name, frames, every), settings)
+    sequence = open_selection(Selection(name, frames, every), settings.source)
     seed = re.search(r"\d+", name)
     number = int(seed[0]) if seed else settings.source.scene_seed
     scene = Scene(number, "cluttered" in name or settings.source.scene_cluttered, frames=every * len(sequence))

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
+from spot3d.drawing.recall_plot import Curve
 
 Cell = str | int | float | None
 
@@ -17,20 +16,6 @@ class Column:
 
     name: str
     digits: int = 2
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Curve:
-    """A curve of one data set: recall (t,) over the IoU thresholds (t,).
-
-    levels: or another rate over the named levels of something, whose places along the axis are in `thresholds`.
-    """
-
-    data: str
-    name: str
-    thresholds: NDArray[np.float64]
-    recall: NDArray[np.float64]
-    levels: tuple[str, ...] = ()
 
 
 @dataclass(slots=True)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, FiniteFloat, ValidationError
 
 from spot3d.boxes import Box3D
+from spot3d.found_object import FoundObject
 
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Matrix = tuple[Vector, Vector, Vector]
@@ -31,17 +32,6 @@ class LabelledScene:
     up: NDArray[np.float64]
     xyz: NDArray[np.float32]
     label: NDArray[np.uint8]
-
-
-@dataclass(frozen=True, slots=True)
-class FoundObject:
-    """One object of a run's `objects.json`: its box in the world frame and how well it is supported."""
-
-    id: int
-    box: Box3D
-    confidence: float
-    views: int
-    points: int
 
 
 class _MinAreaBox(BaseModel):

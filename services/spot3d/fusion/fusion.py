@@ -8,15 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, back_project, invert
+from spot3d.depth_noise import DepthNoise
+from spot3d.found_object import FoundObject
 from spot3d.frame_segments import FrameSegments
-from spot3d.fusion.consensus import ViewConsensus
-from spot3d.fusion.density import find_by_density
-from spot3d.fusion.heatmap3d import Heatmap3D
-from spot3d.fusion.identity import FoundObject, Identities
-from spot3d.fusion.index_map import IndexMap, Registration
-from spot3d.fusion.keyframes import FusedFrame, FusedFrames, Keyframe, keyframe_of
-from spot3d.fusion.ransac import planes_by_ransac
-from spot3d.fusion.selection import MapPoints, frequent_points
+from spot3d.fusion.map.heatmap3d import Heatmap3D
+from spot3d.fusion.map.index_map import IndexMap, MatchCounts
+from spot3d.fusion.map.selection import FrequentPoints, frequent_points
+from spot3d.fusion.objects.consensus import ViewConsensus
+from spot3d.fusion.objects.identity import Identities
+from spot3d.fusion.objects.keyframes import FusedFrame, FusedFrames, Keyframe, keyframe_of
+from spot3d.fusion.paper.density import find_by_density
+from spot3d.fusion.paper.ransac import planes_by_ransac
 from spot3d.fusion.settings import FusionSettings
 from spot3d.geometry.lattice import to_lattice
 from spot3d.geometry.planes import dominant_planes, on_plane, supporting_plane, transform_plane
@@ -28,7 +30,7 @@ _REMEMBERED = 10_000
 
 
 @dataclass(frozen=True, slots=True)
-class Objects:
+class FoundObjects:
     """The objects of one update; up: (3,) unit, world; frame_count: frames fused so far.
 
     left_out: what was taken for an object at first, by the reason why it is none (see `reasons`). keyframes_dropped:
@@ -47,7 +49,7 @@ class ObjectsTask(Protocol):
 
     frame_count: int
 
-    def run(self) -> Objects:
+    def run(self) -> FoundObjects:
         """The objects, numbered as in the tasks that ran before."""
 
 
@@ -59,24 +61,24 @@ class _ConsensusTask:
     keyframes: list[Keyframe]
     frame_count: int
 
-    def run(self) -> Objects:
+    def run(self) -> FoundObjects:
         agreed = self.consensus.update(self.keyframes)
-        return Objects(agreed.objects, agreed.up, self.frame_count, agreed.left_out, agreed.dropped)
+        return FoundObjects(agreed.objects, agreed.up, self.frame_count, agreed.left_out, agreed.dropped)
 
 
 @dataclass(slots=True)
 class _DensityTask:
     """The paper's way over the map's points."""
 
-    points: MapPoints
+    points: FrequentPoints
     keyframe_planes: NDArray[np.float64]
     identities: Identities
     settings: FusionSettings
     frame_count: int
 
-    def run(self) -> Objects:
+    def run(self) -> FoundObjects:
         found, up = find_by_density(self.points, self.keyframe_planes, self.settings)
-        return Objects(self.identities.assign(found), up, self.frame_count)
+        return FoundObjects(self.identities.assign(found), up, self.frame_count)
 
 
 class Fusion:
@@ -112,7 +114,7 @@ class Fusion:
         camera: Intrinsics,
         T_world_camera: NDArray[np.float64],
         stamp_ns: int | None = None,
-    ) -> Registration:
+    ) -> MatchCounts:
         """Take in one frame: supporting plane, its removal from the heat, registration with the map.
 
         colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths;
@@ -123,12 +125,12 @@ class Fusion:
         if self.settings.plane_removal:
             points = back_project(frame.depth, frame.camera)
             if self.frame_count % self.settings.keyframe_interval == 0:
-                self._keyframe(points, frame.heat, T_world_camera)
+                self._keyframe(points, frame.heat, T_world_camera, camera.noise)
             if self._supporting is not None:
                 plane = transform_plane(self._supporting, invert(T_world_camera))
-                warm = np.where(on_plane(plane, points, self.settings), np.uint8(0), frame.heat)
+                warm = np.where(on_plane(plane, points, self.settings, camera.noise), np.uint8(0), frame.heat)
         elif self._supporting is None:
-            self._keyframe(back_project(frame.depth, frame.camera), frame.heat, T_world_camera)
+            self._keyframe(back_project(frame.depth, frame.camera), frame.heat, T_world_camera, camera.noise)
         self.frame_count += 1
         if stamp_ns is not None:
             # At full size the lattice is the caller's own image.
@@ -150,7 +152,7 @@ class Fusion:
         self.consensus.add(keyframe_of(frame, segments))
         return True
 
-    def frequent_points(self) -> MapPoints:
+    def frequent_points(self) -> FrequentPoints:
         """A copy of the map's points that were seen often enough."""
         return frequent_points(self.heatmap.points(), self.frame_count, self.settings)
 
@@ -166,12 +168,16 @@ class Fusion:
             )
         return _ConsensusTask(self.consensus, self.consensus.take_waiting(), self.frame_count)
 
-    def objects(self) -> Objects:
+    def objects(self) -> FoundObjects:
         """The objects as the map now shows them."""
         return self.snapshot().run()
 
     def _keyframe(
-        self, points: NDArray[np.float32], heat: NDArray[np.uint8], T_world_camera: NDArray[np.float64]
+        self,
+        points: NDArray[np.float32],
+        heat: NDArray[np.uint8],
+        T_world_camera: NDArray[np.float64],
+        noise: DepthNoise,
     ) -> None:
         """Estimate the supporting plane anew, from the planes known here, and remember all (paper, Sec. IV-A)."""
         T_camera_world = invert(T_world_camera)
@@ -181,8 +187,8 @@ class Fusion:
         if self.settings.plane_search == "triples":
             planes = planes_by_ransac(points, self.settings, rng)
         else:
-            planes = dominant_planes(points, self.settings, rng, known)
-        chosen = supporting_plane(planes, points, heat, self.settings)
+            planes = dominant_planes(points, self.settings, rng, known, noise)
+        chosen = supporting_plane(planes, points, heat, self.settings, noise)
         self._candidates = np.array([transform_plane(plane, T_world_camera) for plane in planes]).reshape(-1, 4)
         if chosen is None:
             return

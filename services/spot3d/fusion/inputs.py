@@ -80,6 +80,12 @@ class LiveInputs:
         """What still waits when the stream has ended: nothing."""
         return []
 
+    def clear(self) -> int:
+        """Forget what waits: another stream begins. Returns how many frames that were."""
+        self._early.clear()
+        self._last_ns = None
+        return _count(self._pairs.clear())
+
     def _paired(self, outcome: Outcome[Received[Heat], Received[Pose]]) -> Arrival:
         arrival = Arrival(skipped=_skipped(outcome))
         if outcome.pair is not None:
@@ -126,6 +132,10 @@ class LosslessInputs:
         self._answers.clear()
         return [Ready(heat, pose, None) for heat, pose in pairs.values()]
 
+    def clear(self) -> int:
+        """Forget what waits: another stream begins. Returns how many frames that were."""
+        return len(self.rest()) + _count(self._pairs.clear())
+
     def _paired(self, outcome: Outcome[Received[Heat], Received[Pose]]) -> Arrival:
         arrival = Arrival(skipped=_skipped(outcome))
         if outcome.pair is not None:
@@ -149,6 +159,10 @@ class LosslessInputs:
 def inputs_of(link: LinkSettings) -> LiveInputs | LosslessInputs:
     """The inputs for a delivery."""
     return LosslessInputs(link.in_flight) if link.delivery == "lossless" else LiveInputs()
+
+
+def _count(waiting: Outcome[Received[Heat], Received[Pose]]) -> int:
+    return len(waiting.without_left) + len(waiting.without_right)
 
 
 def _skipped(outcome: Outcome[Received[Heat], Received[Pose]]) -> list[tuple[int, str]]:

@@ -1,5 +1,6 @@
 """The fusion stage's process: joins heat, poses and segments, fuses, and tells what it has found and how far it is."""
 
+import logging
 import threading
 import time
 from collections.abc import Sequence
@@ -16,23 +17,28 @@ from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.dataflow.streams import new_stream
 from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.inputs import NO_SEGMENTS, WITHOUT_FRAME, Arrival, Ready, inputs_of
+from spot3d.fusion.map_answers import MapAnswers
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.updates import Updates, take_update
-from spot3d_schemas import CameraIntrinsics, End, Header, Heat, MapPoints, Message, Progress, Segments
-from spot3d_schemas.limits import MAX_MAP_POINTS
+from spot3d.fusion.worlds import IMPLAUSIBLE, World
+from spot3d_schemas import CameraIntrinsics, End, Header, Heat, Message, Progress, Segments
+
+log = logging.getLogger(__name__)
 
 _HEAT, _POSE, _SEGMENTS, _END = "heatmap/heat", "pose/pose", "segments/segments", "source/end"
+_OF_A_STREAM = (_HEAT, _POSE, _SEGMENTS, _END)
 _OBJECTS, _PROGRESS = "fusion/objects", "fusion/progress"
 _MAP, _RESET = "fusion/map", "fusion/reset"
 _ALONE = 300
 """Live: after so many fused frames without a word of the segments stage, ten seconds of a camera, that is told."""
 
-LOST, FAILED = "lost pose", "error"
+LOST, FAILED, AGAIN = "lost pose", "error", "fused before"
 """Why a frame is skipped whose heat and pose are there."""
 KEYFRAMES = "keyframes"
 """The event of a keyframe whose segments are taken in."""
@@ -42,17 +48,19 @@ def run(link: LinkSettings, settings: FusionSettings, stop: threading.Event | No
     """Fuse every frame whose heat and pose come, until stopped by `stop`, SIGINT or SIGTERM.
 
     Publishes progress for every frame, the objects at the cadence of capture time, and both once more when
-    a stream is complete. Answers `fusion/map` (parameter `limit`: most points) and `fusion/reset`.
+    a stream is complete. Answers `fusion/map` (parameter `limit`: most points) and `fusion/reset`. Another stream of
+    frames, or another epoch of poses, is another scene: the map and the numbers of the objects begin anew.
     """
     warm_up("fusion", partial(_fuse_all, Fusion(settings)))
     with stop_on_signals(stop) as stopped:
         try:
-            inputs, outputs, queries = (_HEAT, _POSE, _SEGMENTS, _END), (_OBJECTS, _PROGRESS), (_MAP, _RESET)
+            inputs, outputs, queries = _OF_A_STREAM, (_OBJECTS, _PROGRESS), (_MAP, _RESET)
             with (
                 Node("fusion", link, stopped, inputs, outputs, queries) as node,
                 closing(Updates(node)) as updates,
+                closing(MapAnswers(node)) as answers,
             ):
-                _Stage(node, Fusion(settings), updates).serve()
+                _Stage(node, Fusion(settings), updates, answers).serve()
         except StoppedError:
             return
 
@@ -70,11 +78,13 @@ def _fuse_all(fusion: Fusion, frames: Sequence[RgbdFrame]) -> None:
 
 
 class _Stage:
-    def __init__(self, node: Node, fusion: Fusion, updates: Updates) -> None:
-        self.node, self.fusion, self.updates = node, fusion, updates
+    def __init__(self, node: Node, fusion: Fusion, updates: Updates, answers: MapAnswers) -> None:
+        self.node, self.fusion, self.updates, self.answers = node, fusion, updates, answers
         self.inputs = inputs_of(node.link)
-        self.cadence = Cadence(node.link.object_interval_s)
+        self.cadence = Cadence(fusion.settings.object_interval_s)
         self.ledger = Ledger(node.link.credit_timeout_s)
+        self.world = World(fusion.settings.speed_max)
+        self.epoch = new_stream()
         self.camera: CameraIntrinsics | None = None
         self.last: Received[Message] | None = None
 
@@ -84,6 +94,8 @@ class _Stage:
             item = self.node.next()
             if item is not None:
                 topic, given = item
+                if topic in _OF_A_STREAM and given.begins and given.message.header.stream is not None:
+                    self._begin_stream()
                 if topic == _HEAT:
                     self._arrived(self.inputs.add_heat(given), given)
                 elif topic == _POSE:
@@ -93,11 +105,28 @@ class _Stage:
                 elif topic == _END:
                     self._ended(given)
                 elif topic == _MAP:
-                    self._answer_map(given)
+                    complete, header = self.ledger.complete, self._own_header(_MAP)
+                    self.answers.submit(given, self.fusion, header, self.epoch, complete)
                 else:
                     self._answer_reset(given)
             if self.ledger.due(time.monotonic()):
                 self._complete()
+
+    def _begin_stream(self) -> None:
+        """Another scene: nothing of the one before is left."""
+        self.node.counters.drop("of an earlier stream", self.inputs.clear())
+        self.ledger = Ledger(self.node.link.credit_timeout_s)
+        self.last = None
+        self._begin_map()
+
+    def _begin_map(self) -> None:
+        """An empty map of another epoch, whose objects are numbered anew."""
+        self.updates.forget()
+        self.answers.forget()
+        self.fusion.reset()
+        self.cadence.reset()
+        self.world.leave()
+        self.epoch = new_stream()
 
     def _arrived(self, arrival: Arrival, given: Received[Message]) -> None:
         now_s = time.monotonic()
@@ -116,8 +145,9 @@ class _Stage:
     def _fuse(self, ready: Ready) -> None:
         heat, pose = ready.heat, ready.pose
         message, stamp_ns = heat.message, heat.message.header.stamp_ns
-        if pose.message.status == "lost":
-            self.ledger.skip(LOST, stamp_ns, time.monotonic())
+        refused = LOST if pose.message.status == "lost" else self._refused(ready)
+        if refused:
+            self.ledger.skip(refused, stamp_ns, time.monotonic())
             return
         if self.camera not in (None, message.intrinsics):
             self.node.note("intrinsics changed", f"the camera has become {message.intrinsics}")
@@ -138,6 +168,7 @@ class _Stage:
             self.node.failed(f"fuse {type(error).__name__}", text)
             self.ledger.skip(FAILED, stamp_ns, time.monotonic())
             return
+        self.world.follow(pose.message.epoch, pose.message.T_world_camera, stamp_ns)
         if ready.segments is not None:
             self._observe(ready.segments)
         self.node.counters.step(time.perf_counter() - start_s)
@@ -147,6 +178,20 @@ class _Stage:
         self.node.measure_latency(message.header.with_hop("fusion", heat.received_ns, time.time_ns()))
         if self.cadence.due(stamp_ns):
             self._update(heat)
+
+    def _refused(self, ready: Ready) -> str:
+        """Why a frame that has a pose is not fused, or nothing; another world begins with the first pose in it."""
+        heat, pose = ready.heat, ready.pose.message
+        verdict = self.world.judge(pose.epoch, pose.T_world_camera, pose.header.stamp_ns)
+        if verdict == "begins" or (heat.begins and heat.message.header.stream is None and pose.epoch is None):
+            text = f"poses of another world (epoch {pose.epoch}): the map begins anew, {self.fusion.frame_count} frames"
+            self.node.note("another world", f"{text} of the one before are left behind")
+            self._begin_map()
+            verdict = self.world.judge(pose.epoch, pose.T_world_camera, pose.header.stamp_ns)
+        if verdict == IMPLAUSIBLE:
+            place = ", ".join(f"{value:.3g}" for value in pose.T_world_camera[:3, 3])
+            self.node.note("implausible poses", f"a pose at ({place}) m is not fused: no camera can be there so soon")
+        return "" if verdict in ("same", "begins") else verdict
 
     def _observe(self, given: Received[Segments]) -> None:
         """Take in a keyframe's segments; what was fused without them stays as it is where they cannot be used."""
@@ -174,7 +219,7 @@ class _Stage:
         if self.node.link.delivery == "live" and self.updates.busy:
             self.cadence.postpone()
         elif self.updates.wait(self._say_progress):
-            self.updates.submit(take_update(self.fusion, heat, complete=False))
+            self.updates.submit(take_update(self.fusion, heat, False, self.epoch))
 
     def _ended(self, given: Received[End]) -> None:
         end = given.message
@@ -188,7 +233,7 @@ class _Stage:
             self.node.counters.drop(NO_SEGMENTS)
             self._fuse(ready)
         if self.last is not None and self.updates.wait(self._say_progress):
-            self.updates.submit(take_update(self.fusion, self.last, complete=True))
+            self.updates.submit(take_update(self.fusion, self.last, True, self.epoch))
             self.updates.wait(self._say_progress)
         self.node.counters.drop("never arrived", self.ledger.close())
         self._say_progress()
@@ -208,33 +253,17 @@ class _Stage:
             complete=self.ledger.complete,
         )
 
-    def _answer_map(self, query: zenoh.Query) -> None:
-        try:
-            limit = int(query.parameters.get("limit") or MAX_MAP_POINTS)
-        except ValueError:
-            limit = MAX_MAP_POINTS
-        points = self.fusion.frequent_points()
-        count = max(0, min(len(points), limit, MAX_MAP_POINTS))
-        # Spread over the map, which is about in the order in which the points were first seen.
-        points = points.take(np.linspace(0, len(points) - 1, count).astype(np.int64))
-        message = MapPoints(
-            header=self._own_header(_MAP),
-            xyz=points.xyz,
-            rgb=np.clip(np.rint(points.colour), 0, 255).astype(np.uint8),
-            heat=points.heat,
-            frequency=points.frequency.astype(np.uint32),
-            total=self.fusion.heatmap.count,
-        )
-        self.node.reply(query, _MAP, message)
-
     def _answer_reset(self, query: zenoh.Query) -> None:
-        self.updates.forget()
-        self.fusion.reset()
-        self.cadence.reset()
+        who = query.payload.to_string() if query.payload is not None else "somebody who gives no name"
+        text = f"reset, asked for by {who[:100]!r}: {self.fusion.frame_count} frames and their objects are forgotten"
+        log.warning("%s", text)
+        self.node.counters.event("reset")
+        self._begin_map()
         self.ledger.reset()
         self.last = None
         self.node.reply(query, _RESET, self._progress(self._own_header(_RESET)))
 
     def _own_header(self, topic: str) -> Header:
-        header = Header(robot=self.node.link.robot, seq=0, stamp_ns=self.ledger.last_stamp_ns, frame_id="camera")
+        stream, stamp_ns = self.node.stream, self.ledger.last_stamp_ns
+        header = Header(robot=self.node.link.robot, seq=0, stamp_ns=stamp_ns, frame_id="camera", stream=stream)
         return self.node.numbered(topic, header)

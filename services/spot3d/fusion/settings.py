@@ -4,6 +4,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from spot3d.object_size import SIZE_MAX, SIZE_MIN
+
 
 class FusionSettings(BaseModel):
     """Plane removal, registration, point selection, clustering and boxes (paper, Sec. IV)."""
@@ -53,6 +55,9 @@ class FusionSettings(BaseModel):
         description="a pixel that no pixel of the last frame matches finds the point that lies in its voxel; off: it "
         "is a new point (the paper), and only map_limit bounds the map",
     )
+    speed_max: float = Field(
+        20.0, gt=0, description="fastest plausible camera, m/s: a pose further off than that is not fused"
+    )
     voxel: float = Field(0.005, gt=0.001, le=0.1, description="edge of the look-up voxels of map points, metres")
     map_limit: int = Field(2_000_000, ge=1000, le=20_000_000, description="most points that the 3D heatmap holds")
     keyframe_limit: int = Field(
@@ -90,6 +95,7 @@ class FusionSettings(BaseModel):
         description="DBSCAN sees the points of a cell of this edge as one at their mean, with their number as its "
         "weight, metres; 0: every point (the paper)",
     )
+    object_interval_s: float = Field(0.4, gt=0, description="capture time between two updates of the objects, seconds")
     views_min: int = Field(3, ge=1, description="an object is seen in at least so many keyframes, if there are as many")
     views_tau: float = Field(
         1.0, ge=0, description="tau of an object's confidence, in keyframes: as 10 frames are about one keyframe"
@@ -97,8 +103,8 @@ class FusionSettings(BaseModel):
     object_share: float = Field(
         0.3, ge=0, le=1, description="share of the keyframes that see an object which must see it as one"
     )
-    size_min: float = Field(0.02, ge=0, description="an object's second longest edge is at least this, metres")
-    size_max: float = Field(1.0, gt=0, description="an object's longest edge is at most this, metres")
+    size_min: float = Field(SIZE_MIN, ge=0, description="an object's second longest edge is at least this, metres")
+    size_max: float = Field(SIZE_MAX, gt=0, description="an object's longest edge is at most this, metres")
     volume_min: float = Field(1e-6, ge=0, description="boxes below this volume are dropped, cubic metres")
     seed: int = Field(0, ge=0, description="seed of RANSAC's choice of triples")
 

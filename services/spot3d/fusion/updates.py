@@ -10,9 +10,8 @@ import numpy as np
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.process_use import let_frames_go_first
 from spot3d.dataflow.stopping import end_threads
-from spot3d.fusion.fusion import Fusion, ObjectsTask
-from spot3d.fusion.fusion import Objects as FoundObjects
-from spot3d.fusion.identity import FoundObject
+from spot3d.found_object import FoundObject
+from spot3d.fusion.fusion import FoundObjects, Fusion, ObjectsTask
 from spot3d_schemas import Message, Object3D, Objects
 
 _OUT = "fusion/objects"
@@ -29,11 +28,12 @@ class Update:
     map_points: int
     map_limit_reached: bool
     complete: bool
+    epoch: str
 
 
-def take_update(fusion: Fusion, given: Received[Message], complete: bool) -> Update:
-    """A snapshot of the map as it is now."""
-    return Update(fusion.snapshot(), given, fusion.heatmap.count, fusion.heatmap.evicted > 0, complete)
+def take_update(fusion: Fusion, given: Received[Message], complete: bool, epoch: str) -> Update:
+    """A snapshot of the map as it is now; `epoch` names the map."""
+    return Update(fusion.snapshot(), given, fusion.heatmap.count, fusion.heatmap.evicted > 0, complete, epoch)
 
 
 class Updates:
@@ -126,6 +126,7 @@ def _message(node: Node, update: Update, found: FoundObjects) -> Objects:
         complete=update.complete,
         left_out=dict(found.left_out),
         keyframes_dropped=found.keyframes_dropped,
+        epoch=update.epoch,
     )
 
 

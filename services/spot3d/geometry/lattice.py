@@ -1,11 +1,12 @@
 """The lattice on which a frame is fused: blocks of pixels about as large as what the map resolves."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
+from spot3d.depth_noise import DepthNoise
 from spot3d.kernel import kernel
 from spot3d.sensor import axial_noise_kernel
 
@@ -43,16 +44,17 @@ def to_lattice(
         return LatticeFrame(
             np.require(colour, requirements=["C", "W"]), depth, np.require(heat, requirements=["C", "W"]), camera
         )
-    small = _mean_of_nearest(depth, factor)
+    small = _mean_of_nearest(depth, factor, camera.noise)
     shift = (factor - 1) / 2
     h, w = small.shape
-    lattice = Intrinsics(
-        camera.fx / factor,
-        camera.fy / factor,
-        (camera.cx - shift) / factor,
-        (camera.cy - shift) / factor,
-        w,
-        h,
+    lattice = replace(
+        camera,
+        fx=camera.fx / factor,
+        fy=camera.fy / factor,
+        cx=(camera.cx - shift) / factor,
+        cy=(camera.cy - shift) / factor,
+        width=w,
+        height=h,
     )
     return LatticeFrame(
         np.ascontiguousarray(colour[::factor, ::factor]),
@@ -62,19 +64,20 @@ def to_lattice(
     )
 
 
-def _mean_of_nearest(depth: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
+def _mean_of_nearest(depth: NDArray[np.float32], factor: int, noise: DepthNoise) -> NDArray[np.float32]:
     """Mean of each block's valid pixels within the noise of the block's nearest; 0 where none is valid."""
     h, w = depth.shape
     small = np.zeros(((h + factor - 1) // factor, (w + factor - 1) // factor), np.float32)
     limit, count = np.empty(small.shape[1], np.float32), np.empty(small.shape[1], np.float32)
-    _mean_within_noise(depth, factor, limit, count, small)
+    _mean_within_noise(depth, factor, noise.coefficients(), limit, count, small)
     return small
 
 
-@kernel("void(f4[:,::1], i8, f4[::1], f4[::1], f4[:,::1])")
+@kernel("void(f4[:,::1], i8, UniTuple(f4, 3), f4[::1], f4[::1], f4[:,::1])")
 def _mean_within_noise(
     depth: NDArray[np.float32],
     factor: int,
+    noise: tuple[np.float32, np.float32, np.float32],
     limit: NDArray[np.float32],
     count: NDArray[np.float32],
     mean: NDArray[np.float32],
@@ -94,7 +97,7 @@ def _mean_within_noise(
                     nearest = z if z > none else far
                     limit[u] = nearest if nearest < limit[u] else limit[u]
         for u in range(mean.shape[1]):
-            limit[u] += np.float32(0.005) * limit[u] + np.float32(4) * axial_noise_kernel(limit[u])
+            limit[u] += np.float32(0.005) * limit[u] + np.float32(4) * axial_noise_kernel(limit[u], noise)
         for y in rows:
             for x in range(factor):
                 for u in range((w - x + factor - 1) // factor):

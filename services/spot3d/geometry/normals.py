@@ -19,17 +19,18 @@ def surface_normals(depth: NDArray[np.float32], camera: Intrinsics) -> NDArray[n
     """
     fx, fy, cx, cy = (np.float32(value) for value in (camera.fx, camera.fy, camera.cx, camera.cy))
     normals = np.zeros((*depth.shape, 3), np.float32)
-    _normals(np.require(depth, np.float32, ["C", "W"]), fx, fy, cx, cy, normals)
+    _normals(np.require(depth, np.float32, ["C", "W"]), fx, fy, cx, cy, camera.noise.coefficients(), normals)
     return normals
 
 
-@kernel("void(f4[:,::1], f4, f4, f4, f4, f4[:,:,::1])")
+@kernel("void(f4[:,::1], f4, f4, f4, f4, UniTuple(f4, 3), f4[:,:,::1])")
 def _normals(
     depth: NDArray[np.float32],
     fx: np.float32,
     fy: np.float32,
     cx: np.float32,
     cy: np.float32,
+    noise: tuple[np.float32, np.float32, np.float32],
     normals: NDArray[np.float32],
 ) -> None:
     """Cross product of the horizontal and the vertical difference; one-sided at the rims of surfaces."""
@@ -40,7 +41,7 @@ def _normals(
             if not z > 0:
                 continue
             # A surface seen at 80 degrees slopes by tan(80 deg) pixel footprints; more is a jump.
-            jump = np.float32(6) * _REACH * z / fx + np.float32(4) * axial_noise_kernel(z)
+            jump = np.float32(6) * _REACH * z / fx + np.float32(4) * axial_noise_kernel(z, noise)
             left, right, up, down = u, u, v, v
             if u >= _REACH and depth[v, u - _REACH] > 0 and abs(depth[v, u - _REACH] - z) < jump:
                 left = u - _REACH

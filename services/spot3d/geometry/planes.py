@@ -5,8 +5,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.kernel import kernel
-from spot3d.sensor import axial_noise
 
 _NEIGHBOUR_SHARE = 1 / 16
 """The three points of a triple lie within this share of the image's width: far enough apart to beat the noise."""
@@ -46,10 +46,12 @@ class SupportSettings(PlaneSettings, Protocol):
         """A plane hotter than this on average is an object's own face."""
 
 
-def plane_tolerance(depth: NDArray[np.float32], settings: PlaneSettings) -> NDArray[np.float32]:
+def plane_tolerance(
+    depth: NDArray[np.float32], settings: PlaneSettings, noise: DepthNoise = KINECT_V1
+) -> NDArray[np.float32]:
     """eps_p, but never below what the noise at that depth allows. depth: metres; the same shape back."""
-    noise = np.float32(settings.noise_gate) * axial_noise(depth)
-    tolerance: NDArray[np.float32] = np.maximum(np.float32(settings.plane_distance), noise)
+    gate = np.float32(settings.noise_gate) * noise.sigma(depth)
+    tolerance: NDArray[np.float32] = np.maximum(np.float32(settings.plane_distance), gate)
     return tolerance
 
 
@@ -58,6 +60,7 @@ def dominant_planes(
     settings: PlaneSettings,
     rng: np.random.Generator,
     known: NDArray[np.float64] | None = None,
+    noise: DepthNoise = KINECT_V1,
 ) -> NDArray[np.float64]:
     """The distinct planes with most inliers, by RANSAC over triples of neighbouring pixels (paper, Eq. 9).
 
@@ -77,7 +80,7 @@ def dominant_planes(
     if len(planes) == 0:
         return planes
     sample = flat[valid[rng.integers(0, len(valid), _FINE)]]
-    tolerance = plane_tolerance(sample[:, 2], settings)
+    tolerance = plane_tolerance(sample[:, 2], settings, noise)
     distinct: list[NDArray[np.float64]] = []
     while len(distinct) < settings.plane_candidates and len(sample) > _FINE * _LEAST_SHARE:
         plane = _most_inliers(planes, sample, tolerance)
@@ -108,6 +111,7 @@ def supporting_plane(
     points: NDArray[np.float32],
     heat: NDArray[np.uint8],
     settings: SupportSettings,
+    noise: DepthNoise = KINECT_V1,
 ) -> tuple[NDArray[np.float64], float] | None:
     """The plane whose inliers hold most heat (paper, Eq. 10), with that heat (sum of H_2D); None if none holds any.
 
@@ -116,19 +120,24 @@ def supporting_plane(
     """
     best, most = None, 0.0
     for plane in planes:
-        inliers = heat[on_plane(plane, points, settings)]
+        inliers = heat[on_plane(plane, points, settings, noise)]
         total = float(inliers.sum(dtype=np.int64)) / 255
         if total > most and total <= settings.plane_heat_max * len(inliers):
             best, most = plane, total
     return None if best is None else (best, most)
 
 
-def on_plane(plane: NDArray[np.float64], points: NDArray[np.float32], settings: PlaneSettings) -> NDArray[np.bool_]:
+def on_plane(
+    plane: NDArray[np.float64],
+    points: NDArray[np.float32],
+    settings: PlaneSettings,
+    noise: DepthNoise = KINECT_V1,
+) -> NDArray[np.bool_]:
     """Which valid points lie on the plane within the tolerance of their depth (paper, Eq. 9). Camera frame."""
     n = plane[:3].astype(np.float32)
     z = points[..., 2]
     distance = np.abs(points @ n + np.float32(plane[3]))
-    inliers: NDArray[np.bool_] = (distance < plane_tolerance(z, settings)) & (z > 0)
+    inliers: NDArray[np.bool_] = (distance < plane_tolerance(z, settings, noise)) & (z > 0)
     return inliers
 
 

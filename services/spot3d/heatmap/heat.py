@@ -16,7 +16,7 @@ ALL = 2.0**30
 
 
 @dataclass(frozen=True, slots=True)
-class Heat:
+class Heatmap:
     """The heatmap stage's result for one frame.
 
     heat: (h, w) uint8, H_2D in 255ths of the frame's maximum.
@@ -34,7 +34,7 @@ def weighted_heat(
     camera: Intrinsics,
     boxes: NDArray[np.float32],
     settings: HeatmapSettings,
-) -> Heat:
+) -> Heatmap:
     """Filter the proposals by depth and sum what is left of them (paper, Eqs. 2-5).
 
     depth: (h, w) float32 metres, 0 = invalid. boxes: (M, 5) float32 [x, y, w, h, c] pixels.
@@ -49,7 +49,7 @@ def weighted_heat(
     tiles = depth_tiles(depth)
     proposals = filter_proposals(boxes, tiles, camera, settings)
     heat = sum_proposals(proposals, tiles, depth.shape)
-    return Heat(heat, proposals.accepted, proposals.masked, proposals.rejected)
+    return Heatmap(heat, proposals.accepted, proposals.masked, proposals.rejected)
 
 
 def sum_proposals(proposals: FilteredProposals, tiles: DepthTiles, shape: tuple[int, int]) -> NDArray[np.uint8]:

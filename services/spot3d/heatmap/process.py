@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from spot3d.dataflow.conversion import rgbd_frame
+from spot3d.dataflow.conversion import intrinsics_message, rgbd_frame
 from spot3d.dataflow.join import Join, Outcome
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.session import StoppedError
@@ -15,10 +15,10 @@ from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
-from spot3d.heatmap.heat import Heat, weighted_heat
+from spot3d.heatmap.heat import Heatmap, weighted_heat
 from spot3d.heatmap.settings import HeatmapSettings
-from spot3d_schemas import Frame, Proposals
-from spot3d_schemas import Heat as HeatMessage
+from spot3d.heatmap.thinning import ThinFrame, thinned
+from spot3d_schemas import Frame, Heat, Proposals
 
 _FRAME, _BOXES, _OUT = "source/frame", "proposals/boxes", "heatmap/heat"
 _FRAMES_WAITING = 16
@@ -55,12 +55,18 @@ def _serve(node: Node, settings: HeatmapSettings) -> None:
         if item is None:
             continue
         topic, given = item
+        if given.begins:
+            _count(node, join.clear())
         add = join.add_left if topic == _FRAME else join.add_right
         outcome: Outcome[Received[Frame], Received[Proposals]] = add(given.message.header.stamp_ns, given)
-        node.counters.drop("no frame", len(outcome.without_left))
-        node.counters.drop("no boxes", len(outcome.without_right))
+        _count(node, outcome)
         if outcome.pair is not None:
             _publish_heat(node, outcome.pair, settings)
+
+
+def _count(node: Node, outcome: Outcome[Received[Frame], Received[Proposals]]) -> None:
+    node.counters.drop("no frame", len(outcome.without_left))
+    node.counters.drop("no boxes", len(outcome.without_right))
 
 
 def _publish_heat(node: Node, pair: Pair, settings: HeatmapSettings) -> None:
@@ -69,17 +75,21 @@ def _publish_heat(node: Node, pair: Pair, settings: HeatmapSettings) -> None:
     if heat is None:
         if node.link.delivery == "live":
             return
-        heat = Heat(np.zeros(frame.depth.shape, np.uint8), 0, 0, len(boxes.message.boxes))
+        heat = Heatmap(np.zeros(frame.depth.shape, np.uint8), 0, 0, len(boxes.message.boxes))
     for what, count in (("accepted", heat.accepted), ("masked", heat.masked), ("rejected", heat.rejected)):
         node.counters.event(what, count)
+    sent = ThinFrame(rgbd_frame(frame), heat.heat)
+    if node.link.thin_link:
+        sent = thinned(sent.frame, sent.heat, node.link)
     # The boxes' trace is the longer one: it holds the source and the proposals.
-    message = HeatMessage(
+    message = Heat(
         header=node.header(_OUT, boxes),
-        intrinsics=frame.intrinsics,
-        depth_scale=frame.depth_scale,
-        colour=frame.colour,
-        depth=frame.depth,
-        heat=heat.heat,
+        intrinsics=intrinsics_message(sent.frame.intrinsics),
+        depth_scale=sent.frame.depth_scale,
+        colour=sent.frame.colour,
+        depth=sent.frame.depth,
+        depth_noise=frame.depth_noise,
+        heat=sent.heat,
         accepted=heat.accepted,
         masked=heat.masked,
         rejected=heat.rejected,
@@ -88,7 +98,7 @@ def _publish_heat(node: Node, pair: Pair, settings: HeatmapSettings) -> None:
         node.measure_latency(message.header)
 
 
-def _heat(node: Node, frame: Frame, boxes: Proposals, settings: HeatmapSettings) -> Heat | None:
+def _heat(node: Node, frame: Frame, boxes: Proposals, settings: HeatmapSettings) -> Heatmap | None:
     rgbd = rgbd_frame(frame)
     start_s = time.perf_counter()
     try:

@@ -2,6 +2,8 @@
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from spot3d.object_size import SIZE_MAX, SIZE_MIN
+
 
 class HeatmapSettings(BaseModel):
     """Thresholds of the depth filters (paper, Sec. III-B and III-C)."""
@@ -14,14 +16,14 @@ class HeatmapSettings(BaseModel):
         description="eps_delta: depth range in metres above which a proposal's background is masked",
     )
     size_min: float = Field(
-        0.02, ge=0, description="eps_min: a proposal smaller than this (metres) both ways is rejected"
+        SIZE_MIN, ge=0, description="eps_min: a proposal smaller than this (metres) both ways is rejected"
     )
     size_max: float = Field(
-        1.0, gt=0, description="eps_max: a proposal larger than this (metres) both ways is rejected"
+        SIZE_MAX, gt=0, description="eps_max: a proposal larger than this (metres) both ways is rejected"
     )
     soft_filter: bool = Field(True, description="mask the background of proposals (off: ablation noSFilt)")
     hard_filter: bool = Field(True, description="reject odd-sized proposals (off: ablation noHFilt)")
 
 
-PAPER = HeatmapSettings(depth_range_min=0.5, size_min=0.02, size_max=1.0, soft_filter=True, hard_filter=True)
+PAPER = HeatmapSettings(depth_range_min=0.5, soft_filter=True, hard_filter=True)
 """The paper's values (Sec. V-A)."""

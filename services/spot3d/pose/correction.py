@@ -19,7 +19,6 @@ from spot3d.pose.registration import judged, refined
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface, sample_surface
 from spot3d.pose.surfel_map import SurfelMap
-from spot3d.sensor import SIGMA_0
 from spot3d.trajectory import rotation_angle
 
 # A whole image's surface tells as much of the pose as so many points of independent noise would: a depth camera's own
@@ -40,6 +39,8 @@ _STRIDE = 4
 _SETTLING_S = 3.0
 # Information that is less than this, in units of the stated uncertainty, is none.
 _UNKNOWN = 1e-6
+# What depth cameras see is this far away or more, metres.
+_NEAREST_M = 0.4
 # Offsets count up to so many standard deviations.
 _OUTLIER = 3.0
 
@@ -52,8 +53,7 @@ class CorrectedPoses:
         self._given = GivenPoses()
         self._planes = SurfelMap(settings.surfel_voxel, settings.surfel_limit)
         self._sigma = np.repeat((settings.given_sigma, settings.given_turn_sigma), 3)
-        # Less than the noise of a single pixel at its nearest makes no surface thicker.
-        self._noise = MeasuredNoise((SIGMA_0 / settings.given_sigma) ** 2)
+        self._noise = MeasuredNoise(0.0)
         self._correction = np.zeros(6)
         self._T_world_map = np.eye(4)
         self._age = 0.0
@@ -78,6 +78,8 @@ class CorrectedPoses:
         pose, last = given.T_world_camera, self._last
         self._last = (stamp_ns, pose)
         surface = sample_surface(depth_m, intrinsics, self._settings)
+        # Less than the noise of a single pixel at its nearest makes no surface thicker.
+        self._noise.negligible = (intrinsics.noise.sigma(_NEAREST_M) / self._settings.given_sigma) ** 2
         if last is None or self._planes.count == 0:
             self._insert(surface, pose)
             return given
@@ -150,7 +152,7 @@ class MeasuredNoise:
     """
 
     def __init__(self, negligible: float) -> None:
-        self._negligible = negligible
+        self.negligible = negligible
         self._count = 0
         self._mean = np.zeros(6)
         # Poses count as exact until they are seen not to be.
@@ -169,12 +171,12 @@ class MeasuredNoise:
         spread = 1 / np.maximum(known, _UNKNOWN)
         # The directions that the registration knows best tell most of the noise; a single registration that fails
         # tells nothing.
-        expected = spread + max(self._variance, self._negligible)
+        expected = spread + max(self._variance, self.negligible)
         weight = 1 / expected**2
         square = np.minimum((axes.T @ (offset - self._mean)) ** 2, _OUTLIER**2 * expected)
         excess = weight @ (square - spread) / weight.sum()
         self._variance += gain * (excess - self._variance)
-        return float(np.clip(self._variance - self._negligible, 0.0, 1.0))
+        return float(np.clip(self._variance - self.negligible, 0.0, 1.0))
 
 
 def _twist(T_world_from: NDArray[np.float64], T_world_to: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
+from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.kernel import kernel
 from spot3d.pose.features import FeatureDetector, Features
 from spot3d.pose.landmark_map import LandmarkMap
 from spot3d.pose.motion import moved, nearest_rotation
 from spot3d.pose.settings import PoseSettings
-from spot3d.sensor import axial_noise
 
 # The correction follows the landmarks within about this time, two frames: colour and depth may be one apart.
 _SETTLING_S = 1 / 15
@@ -70,6 +70,7 @@ class DriftCorrection:
             features.blur[matched],
             self.map.rows["position"][matches.landmark[matched]],
             _PIXEL * 2 / (camera.fx + camera.fy),
+            features.noise,
         )
         turn = np.kron(np.eye(2), T_world_registered[:3, :3])
         drift = agreement.drift(T_world_registered, _DEPTH_SHARE * turn @ information @ turn.T)
@@ -97,13 +98,14 @@ class Agreement:
     """How matched features agree with their landmarks.
 
     points: (n, 3) float64 metres, camera frame; blur: (n,) pixels; landmarks: (n, 3) metres, world;
-    pixel: radians that a pixel is wide.
+    pixel: radians that a pixel is wide; noise: of the points' depth.
     """
 
     points: NDArray[np.float64]
     blur: NDArray[np.float64]
     landmarks: NDArray[np.float64]
     pixel: float
+    noise: DepthNoise = KINECT_V1
 
     def drift(self, T_world_camera: NDArray[np.float64], prior: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """The motion (6,) that corrects a pose, less where it is in doubt; None where too few landmarks agree."""
@@ -143,7 +145,7 @@ class Agreement:
         H, g, weights = np.zeros((6, 6)), np.zeros(6), np.zeros(len(self.points))
         (ray, r, lever), J, MJ = np.empty((3, 3)), np.eye(3, 6), np.empty((3, 6))
         lateral = self.pixel * self.blur * self.points[:, 2]
-        axial = axial_noise(self.points[:, 2]) + _MAP_NOISE
+        axial = self.noise.sigma(self.points[:, 2]) + _MAP_NOISE
         T = np.ascontiguousarray(T_world_camera)
         _normal_equations(T, self.points, self.landmarks, lateral, axial, ray, r, lever, J, MJ, H, g, weights)
         return H, g, weights

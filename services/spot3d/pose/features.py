@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
+from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.kernel import kernel
 
 # ORB's pyramid: features are known again from half to twice the distance.
@@ -23,13 +24,15 @@ class Features:
     """Features of one frame, all with depth.
 
     pixels: (n, 2) float64, u and v inside the image; points: (n, 3) float64 metres in the camera frame;
-    descriptors: (n, 4) uint64, ORB's 256 bits; blur: (n,) float64, standard deviation of the pixel's coordinates.
+    descriptors: (n, 4) uint64, ORB's 256 bits; blur: (n,) float64, standard deviation of the pixel's coordinates;
+    noise: of their depth.
     """
 
     pixels: NDArray[np.float64]
     points: NDArray[np.float64]
     descriptors: NDArray[np.uint64]
     blur: NDArray[np.float64]
+    noise: DepthNoise = KINECT_V1
 
     def __len__(self) -> int:
         return len(self.pixels)
@@ -55,7 +58,7 @@ class FeatureDetector:
         pixels, blur, z = pixels[seen], blur[seen], z[seen]
         x, y = (pixels[:, 0] - camera.cx) / camera.fx * z, (pixels[:, 1] - camera.cy) / camera.fy * z
         descriptors = np.zeros((0, 4), np.uint64) if found is None else np.asarray(found[seen]).view(np.uint64)
-        return Features(pixels, np.stack((x, y, z), axis=1), descriptors, blur)
+        return Features(pixels, np.stack((x, y, z), axis=1), descriptors, blur, camera.noise)
 
 
 @kernel()

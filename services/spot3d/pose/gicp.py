@@ -27,12 +27,9 @@ class SmallGicp:
 
     def __init__(self, settings: PoseSettings) -> None:
         self._settings = settings
-        self._map = small_gicp.GaussianVoxelMap(settings.gicp_voxel)
-        self._coarse_map = small_gicp.GaussianVoxelMap(_COARSE * settings.gicp_voxel)
-        for voxels in (self._map, self._coarse_map):
-            voxels.set_lru(_HORIZON, _CLEAR_CYCLE)
+        self._empty_maps()
         # Judges what was registered, by the same measure as the other provider's.
-        self._planes = SurfelMap(settings.surfel_voxel, settings.surfel_limit)
+        self.planes = SurfelMap(settings.surfel_voxel, settings.surfel_limit)
         # The cloud of the surface at hand: a frame is registered, perhaps several times, and then inserted.
         self._prepared: tuple[Surface, small_gicp.PointCloud] | None = None
 
@@ -44,30 +41,43 @@ class SmallGicp:
             pose = self._align(self._coarse_map, source, pose, _COARSE * self._settings.gicp_distance)
         pose = self._align(self._map, source, pose, self._settings.gicp_distance)
         distance = self._settings.recovery_distance if wide else self._settings.refine_distance
-        return judged(self._planes, surface, pose, distance)
+        return judged(self.planes, surface, pose, distance)
 
     def insert(self, surface: Surface, T_world_camera: NDArray[np.float64]) -> None:
         """Add an accepted frame to every map."""
         source = self._source(surface)
         self._map.insert(source, T_world_camera)
         self._coarse_map.insert(source, T_world_camera)
-        self._planes.insert(surface, T_world_camera)
+        self.planes.insert(surface, T_world_camera)
 
-    @property
-    def forgotten(self) -> int:
-        """How many surfels the full map of planes has dropped so far."""
-        return self._planes.forgotten
+    def restored(self) -> None:
+        """The maps of Gaussians become those of the places of the surfels."""
+        self._empty_maps()
+        places = self.planes.held()[1][:, :3]
+        if len(places) > _NEIGHBOURS:
+            cloud = self._cloud(places)
+            self._map.insert(cloud, np.eye(4))
+            self._coarse_map.insert(cloud, np.eye(4))
+
+    def _empty_maps(self) -> None:
+        self._map = small_gicp.GaussianVoxelMap(self._settings.gicp_voxel)
+        self._coarse_map = small_gicp.GaussianVoxelMap(_COARSE * self._settings.gicp_voxel)
+        for voxels in (self._map, self._coarse_map):
+            voxels.set_lru(_HORIZON, _CLEAR_CYCLE)
 
     def _source(self, surface: Surface) -> "small_gicp.PointCloud":
         if self._prepared is None or self._prepared[0] is not surface:
-            cloud, _ = small_gicp.preprocess_points(
-                surface.points.astype(np.float64),
-                downsampling_resolution=self._settings.gicp_downsampling,
-                num_neighbors=_NEIGHBOURS,
-                num_threads=1,
-            )
-            self._prepared = (surface, cloud)
+            self._prepared = (surface, self._cloud(surface.points.astype(np.float64)))
         return self._prepared[1]
+
+    def _cloud(self, points: NDArray[np.float64]) -> "small_gicp.PointCloud":
+        cloud, _ = small_gicp.preprocess_points(
+            points,
+            downsampling_resolution=self._settings.gicp_downsampling,
+            num_neighbors=_NEIGHBOURS,
+            num_threads=1,
+        )
+        return cloud
 
     def _align(
         self,

@@ -41,7 +41,7 @@ class KissIcp:
         )
         self._wide_registration = get_registration(wide_config)
         self._wide_map = get_voxel_hash_map(wide_config)
-        self._planes = SurfelMap(settings.surfel_voxel, settings.surfel_limit)
+        self.planes = SurfelMap(settings.surfel_voxel, settings.surfel_limit)
         self._deviation: NDArray[np.float64] | None = None
 
     def register(self, surface: Surface, T_world_guess: NDArray[np.float64], wide: bool) -> Registration:
@@ -51,14 +51,14 @@ class KissIcp:
             self._deviation = None
             pose = self._align_wide(surface, T_world_guess)
             return judged(
-                self._planes, surface, refined(self._planes, surface, pose, settings), settings.recovery_distance
+                self.planes, surface, refined(self.planes, surface, pose, settings), settings.recovery_distance
             )
         sigma = self._threshold.get_threshold()
         source = _thinned(surface, 0.5 * settings.kiss_voxel, 1.5 * settings.kiss_voxel)
         pose = self._registration.align_points_to_map(source, self._map, T_world_guess, 3 * sigma, sigma)
-        pose = refined(self._planes, surface, pose, settings)
+        pose = refined(self.planes, surface, pose, settings)
         self._deviation = invert(T_world_guess) @ pose
-        return judged(self._planes, surface, pose, settings.refine_distance)
+        return judged(self.planes, surface, pose, settings.refine_distance)
 
     def insert(self, surface: Surface, T_world_camera: NDArray[np.float64]) -> None:
         """Add an accepted frame to every map; its distance from the prediction adapts the threshold."""
@@ -66,12 +66,15 @@ class KissIcp:
             self._threshold.update_model_deviation(self._deviation)
         self._map.update(_thinned(surface, 0.5 * self._settings.kiss_voxel), T_world_camera)
         self._wide_map.update(_thinned(surface, 0.5 * _WIDE_VOXEL), T_world_camera)
-        self._planes.insert(surface, T_world_camera)
+        self.planes.insert(surface, T_world_camera)
 
-    @property
-    def forgotten(self) -> int:
-        """How many surfels the full map of planes has dropped so far."""
-        return self._planes.forgotten
+    def restored(self) -> None:
+        """KISS-ICP's own maps become the places of the surfels."""
+        places = self.planes.held()[1][:, :3]
+        for voxels in (self._map, self._wide_map):
+            voxels.clear()
+            voxels.add_points(places)
+        self._deviation = None
 
     def _align_wide(self, surface: Surface, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """KISS-ICP from afar: first against the map of larger voxels."""

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from spot3d.camera import Intrinsics, invert
 from spot3d.kernel import kernel, part
 from spot3d.pose.features import Features
-from spot3d.sensor import axial_noise
 
 # ORB descriptors of one corner differ in no more of their 256 bits, and clearly less than those of any other nearby.
 _BITS_MAX, _RATIO = 50, 0.85
@@ -54,6 +53,11 @@ class LandmarkMap:
         self.forgotten = 0
         self._frames = 0
 
+    def restore(self, rows: NDArray[np.void]) -> None:
+        """Make the map the rows of another one; of too many those known last."""
+        self.rows = rows[np.argsort(-rows["last"], kind="stable")[: self.limit]]
+        self._frames = int(rows["last"].max(initial=0))
+
     def match(self, features: Features, camera: Intrinsics, T_world_camera: NDArray[np.float64]) -> Matches:
         """Match features with the landmarks near to where the pose expects them; each landmark at most once."""
         lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
@@ -73,7 +77,7 @@ class LandmarkMap:
         """
         self._frames += 1
         places = features.points @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
-        weights = 1 / axial_noise(features.points[:, 2]) ** 2
+        weights = 1 / features.noise.sigma(features.points[:, 2]) ** 2
         known = matches.landmark[trusted]
         rows = self.rows
         weight = np.where(rows["sightings"][known] < _SETTLED, weights[trusted], 0.0)

@@ -1,54 +1,55 @@
 """The pose stage's process: one pose for each frame."""
 
+import logging
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
-from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spot3d.dataflow.conversion import rgbd_frame
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.snapshot_file import SnapshotError, snapshot_bytes
+from spot3d.dataflow.snapshot_writer import SnapshotWriter, snapshot_path
 from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.dataflow.streams import new_stream
 from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
 from spot3d.pose.estimate import PoseEstimate, PoseTracker
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
+from spot3d.pose.snapshot import read_tracker, tracker_snapshot
+from spot3d.pose.tracking import MapTracker
 from spot3d_schemas import Frame, Pose
+
+log = logging.getLogger(__name__)
 
 _IN, _OUT = "source/frame", "pose/pose"
 _FORGOTTEN = "surfels and landmarks forgotten: the map's limit is reached"
 _RESTARTED = "given poses jumped: the map that corrects them began anew"
-_HOMELESS = "started amid a run, whose world it cannot know: frames that carry a pose, or a new run, give it one"
+_SNAPSHOT_S = 2.0
+"""Time between two snapshots of the tracker's map, if any are kept: what is new since is little to be found in."""
+_TOLD_NS = 1_000_000_000
+"""Tracking that is lost for this long is told."""
 
 
-def run(
-    link: LinkSettings,
-    settings: PoseSettings,
-    stop: threading.Event | None = None,
-    anchor: NDArray[np.float64] | Literal["frame"] | None = None,
-) -> None:
+def run(link: LinkSettings, settings: PoseSettings, stop: threading.Event | None = None) -> None:
     """Publish the pose of every frame that comes, until stopped by `stop`, SIGINT or SIGTERM.
 
-    anchor: where the world is, for a stage that is started again amid a run: T_world_camera (4, 4) of the frame that
-    comes first, or "frame": only frames that carry a pose can tell, and others are lost until one has. None: the
-    first frame's pose, or identity.
-
-    A frame that the provider fails on counts as an error and has a "lost" pose, so that nobody waits for it.
+    Each stream of frames has a world of its own, whose name, the epoch, the poses carry. A stage that is started again
+    amid a stream is lost until it finds itself in the world before, by its snapshot; where there is none, it begins
+    another. Poses that frames bring along need none. A frame that the provider fails on counts as an error and has a
+    "lost" pose, so that nobody waits for it.
     Raises ModuleNotFoundError where the provider's package is absent.
     """
-    tracker = make_tracker(settings)
     warm_up("pose", partial(_track_all, make_tracker(settings)))
     with stop_on_signals(stop) as stopped:
         try:
             with Node("pose", link, stopped, (_IN,), (_OUT,)) as node:
-                _serve(node, tracker, settings.provider, anchor)
+                _Stage(node, settings).serve()
         except StoppedError:
             return
 
@@ -58,48 +59,103 @@ def _track_all(tracker: PoseTracker, frames: Sequence[RgbdFrame]) -> None:
         tracker.track(frame.stamp_ns, frame.depth_metres(), frame.intrinsics, frame.T_world_camera, frame.colour)
 
 
-def _serve(
-    node: Node, tracker: PoseTracker, provider: str, anchor: NDArray[np.float64] | Literal["frame"] | None
-) -> None:
-    last = PoseEstimate(np.eye(4), "lost")
-    while not node.stop.is_set():
-        item = node.next()
-        if item is None:
-            continue
-        given: Received[Frame] = item[1]
+class _Stage:
+    def __init__(self, node: Node, settings: PoseSettings) -> None:
+        self.node, self.settings = node, settings
+        interval_s = min(_SNAPSHOT_S, node.link.snapshot_interval_s)
+        failed = partial(node.note, "no snapshot")
+        self.snapshots = SnapshotWriter(snapshot_path(node.link, "pose"), interval_s, failed)
+        self._begin()
+
+    def serve(self) -> None:
+        """Answer every frame."""
+        while not self.node.stop.is_set():
+            item = self.node.next()
+            if item is not None:
+                self._answer(item[1])
+        self.snapshots.close()
+
+    def _begin(self) -> None:
+        """Another scene, another tracker, another world; that of given poses is theirs, whoever passes them on."""
+        self.tracker = make_tracker(self.settings)
+        self.epoch = new_stream() if isinstance(self.tracker, MapTracker) else self.node.stream or "given"
+        self.last = PoseEstimate(np.eye(4), "lost")
+        self.lost_since: tuple[int, str] | None = None
+        self.node.state = ""
+
+    def _answer(self, given: Received[Frame]) -> None:
+        if given.begins:
+            self._begin()
+            self._resume()
         frame = rgbd_frame(given.message)
-        if isinstance(anchor, np.ndarray):
-            frame = replace(frame, T_world_camera=anchor)
-        if isinstance(anchor, str) and frame.T_world_camera is None:
-            last = PoseEstimate(last.T_world_camera, "lost", _HOMELESS)
-        else:
-            last = _track(node, tracker, frame, last)
-        if last.status == "ok":
-            anchor = None
+        self.last = self._track(frame)
+        self._tell_if_lost(frame.stamp_ns)
         pose = Pose(
-            header=node.header(_OUT, given),
-            T_world_camera=last.T_world_camera,
-            status=last.status,
-            reason=last.reason,
-            provider=provider,
+            header=self.node.header(_OUT, given),
+            T_world_camera=self.last.T_world_camera,
+            status=self.last.status,
+            reason=self.last.reason,
+            provider=self.settings.provider,
+            epoch=self.epoch,
+            lost_since_ns=None if self.lost_since is None else self.lost_since[0],
         )
-        if node.publish(_OUT, pose):
-            node.measure_latency(pose.header)
+        if self.node.publish(_OUT, pose):
+            self.node.measure_latency(pose.header)
+        if self.last.status == "ok" and self.snapshots.due(time.monotonic()):
+            self._keep()
 
+    def _resume(self) -> None:
+        """Go on in the world where this stream was followed before, if a snapshot tells of it."""
+        stream, path = self.node.stream, self.snapshots.path
+        if stream is None or self.node.link.snapshot_interval_s == 0 or not isinstance(self.tracker, MapTracker):
+            return
+        try:
+            kept = read_tracker(path, stream, self.settings)
+        except (SnapshotError, OSError) as error:
+            log.warning("begins another world: %s", error)
+            return
+        if kept is not None:
+            state, self.epoch = kept
+            self.tracker.resume(state)
+            log.info("looks for itself in the world of %s, of %d surfels", path, len(state.keys))
 
-def _track(node: Node, tracker: PoseTracker, frame: RgbdFrame, last: PoseEstimate) -> PoseEstimate:
-    start_s = time.perf_counter()
-    try:
-        estimate = tracker.track(
-            frame.stamp_ns, frame.depth_metres(), frame.intrinsics, frame.T_world_camera, frame.colour
-        )
-    except Exception as error:
-        text = f"{type(error).__name__}: {error}"
-        node.failed(f"pose {type(error).__name__}", f"no pose of the frame at {frame.stamp_ns} ns: {text}")
-        return PoseEstimate(last.T_world_camera, "lost", text)
-    node.counters.step(time.perf_counter() - start_s)
-    if estimate.forgotten:
-        node.counters.event(_FORGOTTEN, estimate.forgotten)
-    if estimate.restarted:
-        node.counters.event(_RESTARTED)
-    return estimate
+    def _track(self, frame: RgbdFrame) -> PoseEstimate:
+        start_s = time.perf_counter()
+        try:
+            estimate = self.tracker.track(
+                frame.stamp_ns, frame.depth_metres(), frame.intrinsics, frame.T_world_camera, frame.colour
+            )
+        except Exception as error:
+            text = f"{type(error).__name__}: {error}"
+            self.node.failed(f"pose {type(error).__name__}", f"no pose of the frame at {frame.stamp_ns} ns: {text}")
+            return PoseEstimate(self.last.T_world_camera, "lost", text)
+        self.node.counters.step(time.perf_counter() - start_s)
+        if estimate.forgotten:
+            self.node.counters.event(_FORGOTTEN, estimate.forgotten)
+        if estimate.restarted:
+            self.node.counters.event(_RESTARTED)
+        return estimate
+
+    def _tell_if_lost(self, stamp_ns: int) -> None:
+        """Say since when tracking is lost, and what to do about it, in the log and the state."""
+        told = bool(self.node.state)
+        if self.last.status == "ok":
+            if self.lost_since is not None and told:
+                log.info("found again after %.1f s", 1e-9 * (stamp_ns - self.lost_since[0]))
+            self.lost_since, self.node.state = None, ""
+            return
+        if self.lost_since is None:
+            self.lost_since = (stamp_ns, time.strftime("%H:%M:%S"))
+        lost_ns = stamp_ns - self.lost_since[0]
+        if lost_ns >= _TOLD_NS:
+            what = f"lost since {self.lost_since[1]}, for {1e-9 * lost_ns:.0f} s of frames"
+            self.node.state = f"{what}: move the camera back to where it was ({self.last.reason})"
+            if not told:
+                self.node.note("lost tracking", self.node.state)
+
+    def _keep(self) -> None:
+        """A snapshot of the tracker's map, where it has one and its stream has a name to find it by."""
+        state = self.tracker.state() if isinstance(self.tracker, MapTracker) else None
+        if state is not None and self.node.stream is not None:
+            kept = tracker_snapshot(state, self.node.stream, self.epoch, self.settings)
+            self.snapshots.write(snapshot_bytes(kept))

@@ -47,8 +47,12 @@ class Registrar(Protocol):
         ...
 
     @property
-    def forgotten(self) -> int:
-        """How many surfels a full map has dropped so far."""
+    def planes(self) -> SurfelMap:
+        """The map of planes, of which `restored` can make the others."""
+        ...
+
+    def restored(self) -> None:
+        """The map of planes has become that of an earlier process: make the other maps fit it."""
         ...
 
 

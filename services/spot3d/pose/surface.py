@@ -49,7 +49,7 @@ def sample_surface(depth_m: NDArray[np.float32], camera: Intrinsics, settings: P
     sigma = np.empty(rows * columns, np.float32)
     lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
     gates = np.array([settings.fill_min, settings.grazing_cos, settings.flatness])
-    count = _fit_planes(sums, cell, lens, gates, points, normals, sigma)
+    count = _fit_planes(sums, cell, lens, gates, camera.noise.coefficients(), points, normals, sigma)
     return Surface(points[:count], normals[:count], sigma[:count])
 
 
@@ -122,6 +122,7 @@ def _fit_planes(
     cell: int,
     lens: NDArray[np.float64],
     gates: NDArray[np.float64],
+    noise_model: tuple[np.float32, np.float32, np.float32],
     points: NDArray[np.float32],
     normals: NDArray[np.float32],
     sigma: NDArray[np.float32],
@@ -162,7 +163,7 @@ def _fit_planes(
             a = (cuq * cvv - cvq * cuv) / det
             b = (cvq * cuu - cuq * cuv) / det
             z = 1.0 / mq
-            noise = axial_noise_kernel(np.float32(z))
+            noise = axial_noise_kernel(np.float32(z), noise_model)
             # dz = z^2 dq turns the residual of the fit into metres.
             if not np.sqrt(max(cqq - a * cuq - b * cvq, 0.0)) * z * z <= flatness * noise:
                 continue  # also where sums overflowed and it is no number

@@ -49,6 +49,20 @@ class SurfelMap:
             surface.sigma,
         )
 
+    def held(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Keys (n,) and surfels (n, 8) of the map, copied."""
+        used = np.flatnonzero(self.keys != _FREE)
+        return self.keys[used], self.surfels[used]
+
+    def restore(self, keys: NDArray[np.int64], surfels: NDArray[np.float64]) -> None:
+        """Make the map that which `held` has returned of one with this size of voxel; at most `limit` surfels."""
+        keys, surfels = keys[: self.limit], surfels[: self.limit]
+        self.keys.fill(_FREE)
+        self.surfels.fill(0)
+        _restore(self.keys, self.surfels, keys, surfels)
+        self.count = len(keys)
+        self.frames = int(surfels[:, 7].max(initial=0))
+
     def normal_equations(
         self,
         surface: Surface,

@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 from spot3d.camera import Intrinsics, invert
 from spot3d.pose.drift import DriftCorrection
 from spot3d.pose.estimate import PoseEstimate
+from spot3d.pose.landmark_map import LANDMARK
 from spot3d.pose.motion import checked_pose, extrapolated, rotation_from_vector
 from spot3d.pose.registration import Registrar, Registration
+from spot3d.pose.relocalisation import relocalised
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface, information, sample_surface, weakest_direction
 from spot3d.trajectory import rotation_angle
@@ -20,6 +22,8 @@ _TURNS = ((0, 12), (0, -12), (12, 0), (-12, 0), (0, 25), (0, -25), (12, 12), (-1
 _COASTING = 0.3
 # Places this close to each other are one place (metres, radians).
 _SAME_PLACE, _SAME_TURN = 0.10, np.radians(5.0)
+# So far from where landmarks place it may a camera be by its surface, metres.
+_LANDMARKS_OFF = 0.25
 # After this many lost frames only every fifth is searched for: being lost for long must not cost a core.
 _PATIENCE, _SEARCH_INTERVAL = 60, 5
 
@@ -60,6 +64,21 @@ class _View:
 
 
 @dataclass(frozen=True, slots=True)
+class TrackerState:
+    """What a tracker goes on from in another process.
+
+    stamp_ns, T_world_camera (4, 4): its last trusted pose. keys (n,), surfels (n, 8): its map of planes. landmarks:
+    (m,) of the type LANDMARK.
+    """
+
+    stamp_ns: int
+    T_world_camera: NDArray[np.float64]
+    keys: NDArray[np.int64]
+    surfels: NDArray[np.float64]
+    landmarks: NDArray[np.void]
+
+
+@dataclass(frozen=True, slots=True)
 class _Fix:
     """A trusted pose and its stamp."""
 
@@ -78,6 +97,23 @@ class MapTracker:
         self._lost_frames = 0
         self._drift = DriftCorrection(settings) if settings.landmarks else None
         self._compared_ns: int | None = None
+
+    def state(self) -> TrackerState | None:
+        """What to go on from, copied; None before the first pose."""
+        if self._last is None:
+            return None
+        keys, surfels = self._registrar.planes.held()
+        rows = np.zeros(0, LANDMARK) if self._drift is None else self._drift.map.rows.copy()
+        return TrackerState(self._last.stamp_ns, self._last.T_world_camera.copy(), keys, surfels, rows)
+
+    def resume(self, state: TrackerState) -> None:
+        """Go on in the world of another tracker of these settings: the next frame is lost until it is found there."""
+        self._registrar.planes.restore(state.keys, state.surfels)
+        self._registrar.restored()
+        if self._drift is not None:
+            self._drift.map.restore(state.landmarks)
+        self._last, self._before = _Fix(state.T_world_camera, state.stamp_ns), None
+        self._lost_frames = 1
 
     def track(
         self,
@@ -129,12 +165,31 @@ class MapTracker:
         tried = [self._registrar.register(view.surface, guess, True) for guess in self._guesses(last, stamp_ns)]
         best = max(tried, key=lambda registration: registration.overlap)
         doubt = self._doubt(best, last, stamp_ns, settings.recovery_overlap_min)
-        if doubt:
-            return self._lose(f"not found again: {doubt}")
         rivals = (other for other in tried if other.overlap > best.overlap - settings.recovery_margin)
-        if any(_elsewhere(best, rival) for rival in rivals):
-            return self._lose("not found again: the view fits the map in two places")
-        return self._accept(stamp_ns, view, best.T_world_camera)
+        if not doubt and any(_elsewhere(best, rival) for rival in rivals):
+            doubt = "the view fits the map in two places"
+        if not doubt:
+            return self._accept(stamp_ns, view, best.T_world_camera)
+        known_again = self._known_again(last, stamp_ns, view)
+        if known_again is None:
+            return self._lose(f"not found again: {doubt}")
+        return self._accept(stamp_ns, view, known_again)
+
+    def _known_again(self, last: _Fix, stamp_ns: int, view: _View) -> NDArray[np.float64] | None:
+        """The pose where the landmarks have it, wherever that is, if the surface proves it; None where it does not."""
+        if self._drift is None or view.colour is None:
+            return None
+        features = self._drift.detect(view.colour, view.depth_m, view.camera)
+        place = relocalised(features, self._drift.map.rows)
+        if place is None:
+            return None
+        found = self._registrar.register(view.surface, place.T_world_camera, False)
+        settings, off = self._settings, np.linalg.norm((found.T_world_camera - place.T_world_camera)[:3, 3])
+        # Few landmarks, all on one side, place the camera roughly: then the surface must be all the surer.
+        overlap_min = settings.overlap_min if off < _SAME_PLACE else settings.recovery_overlap_min
+        if off > _LANDMARKS_OFF or self._doubt(found, last, stamp_ns, overlap_min):
+            return None
+        return found.T_world_camera
 
     def _guesses(self, last: _Fix, stamp_ns: int) -> list[NDArray[np.float64]]:
         """Starting poses for a frame that is searched for, the likeliest first."""
@@ -170,7 +225,7 @@ class MapTracker:
         return PoseEstimate(pose, "ok", forgotten=self._forgotten() - forgotten)
 
     def _forgotten(self) -> int:
-        return self._registrar.forgotten + (0 if self._drift is None else self._drift.map.forgotten)
+        return self._registrar.planes.forgotten + (0 if self._drift is None else self._drift.map.forgotten)
 
     def _corrected(self, stamp_ns: int, view: _View, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """The registered pose without the drift that landmarks tell of."""

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.kernel import kernel
 from spot3d.proposals.inverse_depth import depth_strength, fill_inverse_depth
 from spot3d.proposals.settings import EdgeSettings
@@ -24,7 +25,11 @@ class EdgeMap(NamedTuple):
 
 
 def detect_edges(
-    colour: NDArray[np.uint8], depth: NDArray[np.float32], focal_length: float, settings: EdgeSettings
+    colour: NDArray[np.uint8],
+    depth: NDArray[np.float32],
+    focal_length: float,
+    settings: EdgeSettings,
+    noise: DepthNoise = KINECT_V1,
 ) -> EdgeMap:
     """Thin edges of a registered RGB-D frame: the stronger of colour and depth at each pixel, thinned.
 
@@ -37,7 +42,8 @@ def detect_edges(
     weight = np.float32(settings.colour_weight if has_depth else 1)
     strength = colour_strength(smooth, weight, np.float32(settings.colour_contrast), least)
     if has_depth:
-        raise_to_depth(strength, depth_strength(fill_inverse_depth(depth), focal_length, settings), depth, least)
+        of_depth = depth_strength(fill_inverse_depth(depth), focal_length, settings, noise)
+        raise_to_depth(strength, of_depth, depth, least)
     ridges = np.asarray(cv2.GaussianBlur(strength, (0, 0), ALONG), np.float32)
     return thin(strength, ridges)
 

@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.depth_noise import DepthNoise
 from spot3d.kernel import kernel
 from spot3d.proposals.settings import EdgeSettings
-from spot3d.sensor import SIGMA_0, SIGMA_2, SIGMA_AT
 
 FINE, COARSE = 1.0, 2.0  # standard deviations of the two smoothings, pixels
 SUPPORT = 13  # width of the coarser filter, pixels
@@ -61,7 +61,9 @@ def _fill_inverse_depth(depth: NDArray[np.float32], inverse: NDArray[np.float32]
                 inverse[y, x] = inverse[last_filled, x]
 
 
-def depth_strength(inverse: NDArray[np.float32], focal_length: float, settings: EdgeSettings) -> NDArray[np.float32]:
+def depth_strength(
+    inverse: NDArray[np.float32], focal_length: float, settings: EdgeSettings, noise: DepthNoise
+) -> NDArray[np.float32]:
     """Strength (h, w) float32 of the jump or crease at each pixel: v / sqrt(1 + v^2), v = 1 for a full edge.
 
     Inverse depth is linear on planes: a peak of its gradient above the slope around it is a jump, a peak of
@@ -75,8 +77,9 @@ def depth_strength(inverse: NDArray[np.float32], focal_length: float, settings: 
     scale = (
         focal_length / (JUMP_RESPONSE * settings.jump_slope),
         focal_length / (CREASE_RESPONSE * settings.crease_slope),
-        settings.noise_gate * SIGMA_0,
-        settings.noise_gate * SIGMA_2,
+        settings.noise_gate * noise.floor,
+        settings.noise_gate * noise.growth,
+        noise.at,
     )
     # Curvature has a lobe on either side of a jump: what is no stronger than that is no crease.
     near_jumps = np.asarray(cv2.dilate(jumps, np.ones((SUPPORT, SUPPORT), np.uint8)), np.float32)
@@ -131,17 +134,17 @@ def _judge(
 ) -> None:
     """Strength (h, w) float32 of edges from the filters' answers, their noise taken off.
 
-    jumps, creases, near_jumps (largest jump around), coarse: (h, w) float32; scale: (4,) float32 = what one
-    jump and one crease are multiplied by, SIGMA_0 and SIGMA_2, both gated.
+    jumps, creases, near_jumps (largest jump around), coarse: (h, w) float32; scale: (5,) float32 = what one
+    jump and one crease are multiplied by, the noise's floor and growth, both gated, and its `at`.
     """
     h, w = jumps.shape
-    jump_scale, crease_scale, floor, growth = scale[0], scale[1], scale[2], scale[3]
+    jump_scale, crease_scale, floor, growth, at = scale[0], scale[1], scale[2], scale[3], scale[4]
     zero, one = np.float32(0), np.float32(1)
     for y in range(h):
         row, jump, crease, near, inverse = strength[y], jumps[y], creases[y], near_jumps[y], coarse[y]
         for x in range(w):
             c = inverse[x]
-            beyond = one - np.float32(SIGMA_AT) * c
+            beyond = one - at * c
             noise = floor * c * c + growth * beyond * beyond  # sigma_z / z^2: the noise of inverse depth
             jumped = (jump[x] - JUMP_NOISE * noise) * jump_scale
             beside = near[x] - JUMP_NOISE * noise

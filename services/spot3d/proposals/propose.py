@@ -1,5 +1,7 @@
 """The proposals stage's core: a registered RGB-D frame becomes M generic boxes."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +37,7 @@ def propose(
     if not 0 <= depth_m.min() <= depth_m.max() < np.inf:
         raise ValueError("depth must be finite and not negative; 0 marks invalid pixels")
     colour, depth_m, camera, factor = _reduced(colour, depth_m, intrinsics, settings.search_width)
-    edges = detect_edges(colour, depth_m, camera.fx, settings.edges)
+    edges = detect_edges(colour, depth_m, camera.fx, settings.edges, camera.noise)
     boxes = boxes_from_edges(edges, metric_limits(depth_m, camera, settings), settings)
     boxes[:, :4] *= factor
     return boxes
@@ -50,7 +52,8 @@ def _reduced(
     """
     factor = max(1, round(camera.width / width))
     w, h = camera.width // factor, camera.height // factor
-    small = Intrinsics(camera.fx / factor, camera.fy / factor, camera.cx / factor, camera.cy / factor, w, h)
+    fx, fy, cx, cy = (value / factor for value in (camera.fx, camera.fy, camera.cx, camera.cy))
+    small = replace(camera, fx=fx, fy=fy, cx=cx, cy=cy, width=w, height=h)
     if factor > 1:
         whole = colour[: h * factor, : w * factor]
         colour = cv2.resize(whole, (w, h), interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
@@ -61,7 +64,7 @@ def _reduced(
 def metric_limits(depth: NDArray[np.float32], intrinsics: Intrinsics, settings: ProposalSettings) -> DepthRange:
     """Depth ranges for culling windows by metric size; they let all pass without depth or by the settings."""
     wanted = settings.metric_culling and bool(depth.any())
-    return depth_range(depth, intrinsics.fx if wanted else 0, intrinsics.fy, settings.min_size, settings.max_size)
+    return depth_range(depth, intrinsics.fx if wanted else 0, intrinsics.fy, settings.size_min, settings.size_max)
 
 
 def boxes_from_edges(edges: EdgeMap, ranges: DepthRange, settings: ProposalSettings) -> NDArray[np.float32]:

@@ -4,6 +4,8 @@ from typing import ClassVar, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from spot3d.object_size import SIZE_MAX, SIZE_MIN
+
 
 class EdgeSettings(BaseModel):
     """How colour and depth become one thin edge map with magnitudes in [0, 1]."""
@@ -76,8 +78,8 @@ class ProposalSettings(BaseModel):
     metric_culling: bool = Field(
         True, description="skip windows that the hard filter (paper, Sec. III-C, Eq. 4) would reject anyway"
     )
-    min_size: float = Field(0.02, ge=0, description="epsilon_min, smallest cross-section, metres")
-    max_size: float = Field(1.0, gt=0, description="epsilon_max, largest cross-section, metres")
+    size_min: float = Field(SIZE_MIN, ge=0, description="epsilon_min, smallest cross-section, metres")
+    size_max: float = Field(SIZE_MAX, gt=0, description="epsilon_max, largest cross-section, metres")
     edges: EdgeSettings = EdgeSettings()
 
 

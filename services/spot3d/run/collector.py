@@ -3,17 +3,22 @@
 import time
 from collections import Counter
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import Self, TypeVar
 
+import numpy as np
 import zenoh
 from zenoh.handlers import FifoChannel, Handler
 
 from spot3d.boxes import Box3D
+from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.endpoints import declare_publisher
+from spot3d.dataflow.producers import Producers
 from spot3d.dataflow.settings import LinkSettings
-from spot3d.evaluate.truth import FoundObject
+from spot3d.found_object import FoundObject
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, empty_snapshot
+from spot3d.run.timeline import Timeline
 from spot3d_schemas import (
     STAGES,
     TOPICS,
@@ -43,9 +48,13 @@ M = TypeVar("M", bound=Message)
 
 
 class Collector:
-    """Collects what a run reports; call `drain` often and read the attributes in between."""
+    """Collects what a run reports of its stream; call `drain` often and read the attributes in between.
 
-    def __init__(self, session: zenoh.Session, robot: str) -> None:
+    Other streams' messages are not this run's, nor is what a second producer says.
+    """
+
+    def __init__(self, session: zenoh.Session, robot: str, stream: str, timeline: Timeline | None = None) -> None:
+        self._timeline = timeline
         self.objects: Objects | None = None
         self.progress: Progress | None = None
         self.health: dict[str, Health] = {}
@@ -53,13 +62,15 @@ class Collector:
         self.latency = HopTimes()
         self.rate = FrameRate()
         self._session = session
-        self._robot = robot
+        self._robot, self._stream = robot, stream
+        self._told: set[str] = set()
         self._earlier: dict[str, Counter[str]] = {stage: Counter() for stage in STAGES}
         self._earlier_boxes: Counter[str] = Counter()
         self._exit = ExitStack()
         self._inputs: dict[str, Handler[zenoh.Sample]] = {}
 
     def __enter__(self) -> Self:
+        self._producers = Producers(self._exit.enter_context(watch_alive(self._session, self._robot)))
         small = ("fusion/objects", "fusion/progress", "pose/pose", "proposals/boxes")
         for topic in (*small, *(f"{stage}/health" for stage in STAGES)):
             subscriber = self._session.declare_subscriber(key(self._robot, topic), FifoChannel(_WAITING))
@@ -75,8 +86,18 @@ class Collector:
         for topic, handler in self._inputs.items():
             while (sample := handler.try_recv()) is not None:
                 message = _decoded(sample, TOPICS[topic].message)
-                if message is not None:
+                if message is not None and self._is_of_this_run(topic, message.header):
                     self._take(message)
+
+    def contested(self) -> list[str]:
+        """What else is to be told: each topic that somebody else says as well, once."""
+        new = set(self._producers.contested(time.monotonic())) - self._told
+        self._told |= new
+        return [f"{topic} is said by another process as well, which is not listened to" for topic in sorted(new)]
+
+    def _is_of_this_run(self, topic: str, header: Header) -> bool:
+        ours = header.stream in (None, self._stream)
+        return ours and self._producers.admit(topic, header.sender, time.monotonic())
 
     def snapshot(self, timeout_s: float) -> MapSnapshot:
         """The map as fusion answers now; empty where it does not answer."""
@@ -89,24 +110,8 @@ class Collector:
     def result(self, points: MapSnapshot) -> RunResult:
         """The run's result as it is known now."""
         trajectory = tuple(self.poses[stamp] for stamp in sorted(self.poses))
-        if self.objects is None:
-            return RunResult(trajectory=trajectory, points=points)
-        up = self.objects.up
-        return RunResult(
-            objects=tuple(
-                FoundObject(
-                    item.id, Box3D(item.centre, item.size, item.rotation), item.confidence, item.views, item.points
-                )
-                for item in self.objects.objects
-            ),
-            up=(float(up[0]), float(up[1]), float(up[2])),
-            frame_count=self.objects.frame_count,
-            trajectory=trajectory,
-            points=points,
-            left_out=dict(self.objects.left_out),
-            keyframes_dropped=self.objects.keyframes_dropped,
-            map_limit_reached=self.objects.map_limit_reached,
-        )
+        found = RunResult() if self.objects is None else found_objects(self.objects)
+        return replace(found, trajectory=trajectory, points=points)
 
     def fill(self, report: RunReport, restarts: dict[str, int]) -> None:
         """Enter what was counted into the report."""
@@ -136,6 +141,8 @@ class Collector:
     def _take(self, message: Message) -> None:
         if isinstance(message, Objects):
             self.objects = message
+            if self._timeline is not None:
+                self._timeline.add(message.header.stamp_ns, found_objects(message), message.complete)
         elif isinstance(message, Progress):
             self.progress = message
             hops = _hops(message.header)
@@ -169,6 +176,28 @@ def relay_poses(session: zenoh.Session, topic: str, robot: str) -> ExitStack:
     subscriber = session.declare_subscriber(topic, pass_on)
     stack.callback(subscriber.undeclare)
     return stack
+
+
+def found_objects(message: Objects) -> RunResult:
+    """The objects of an update."""
+    return RunResult(
+        objects=tuple(
+            FoundObject(
+                item.id,
+                Box3D(item.centre, item.size, item.rotation),
+                item.confidence,
+                item.views,
+                item.points,
+                np.array(item.colour, np.float64),
+            )
+            for item in message.objects
+        ),
+        up=(float(message.up[0]), float(message.up[1]), float(message.up[2])),
+        frame_count=message.frame_count,
+        left_out=dict(message.left_out),
+        keyframes_dropped=message.keyframes_dropped,
+        map_limit_reached=message.map_limit_reached,
+    )
 
 
 def _hops(header: Header) -> list[tuple[str, int, int]]:

@@ -7,7 +7,7 @@ import numpy as np
 from rich.table import Table
 
 from spot3d.boxes import Box3D, iou_matrix_3d
-from spot3d.evaluate.truth import FoundObject
+from spot3d.found_object import FoundObject
 
 FOUND_IOU = 0.25
 """An object counts as found from this overlap on."""

@@ -2,18 +2,21 @@
 
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
+from spot3d.dataflow.streams import new_stream
 from spot3d.run.collector import Collector, relay_poses
 from spot3d.run.report import RunReport
 from spot3d.run.results import RunResult, empty_snapshot
-from spot3d.run.selected import Selection
 from spot3d.run.supervisor import Supervisor
+from spot3d.run.timeline import Timeline
 from spot3d.run.watcher import Watcher
+from spot3d.security.access import access_control
 from spot3d.settings import Settings
+from spot3d.source.selected import Selection
 from spot3d_schemas import STAGES, key
 
 _POLL_S = 0.05
@@ -25,17 +28,27 @@ _MAP_S, _MAP_INTERRUPTED_S = 30.0, 2.0
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What to run. settings_file: the resolved settings; pose_topic: key of someone else's poses, or None."""
+    """What to run. settings_file: the resolved settings; pose_topic: key of someone else's poses, or None.
+
+    stream: the name of the frames' stream, which a source that is started again goes on with.
+    """
 
     selection: Selection
     settings: Settings
     settings_file: Path
     pose_topic: str | None = None
     listen: tuple[str, ...] = ()
+    stream: str = field(default_factory=new_stream)
 
 
 def run_distributed(
-    plan: Plan, supervisor: Supervisor, report: RunReport, logs: Path, watcher: Watcher, stop: Event
+    plan: Plan,
+    supervisor: Supervisor,
+    report: RunReport,
+    logs: Path,
+    timeline: Timeline,
+    watcher: Watcher,
+    stop: Event,
 ) -> RunResult:
     """Run every stage as a process of the supervisor until the input ends, `stop` is set or a stage cannot go on.
 
@@ -45,8 +58,10 @@ def run_distributed(
     endpoint = free_loopback_endpoint()
     logs.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
-        session = stack.enter_context(open_router((endpoint, *plan.listen)))
-        collector = stack.enter_context(Collector(session, robot))
+        access = access_control(plan.settings.access) if plan.settings.access.enabled else None
+        listen = (endpoint, *plan.listen)
+        session = stack.enter_context(open_router(listen, link=plan.settings.link, access=access))
+        collector = stack.enter_context(Collector(session, robot, plan.stream, timeline))
         if plan.pose_topic is not None and plan.pose_topic != key(robot, "pose/pose"):
             stack.enter_context(relay_poses(session, plan.pose_topic, robot))
         for stage in STAGES:
@@ -78,11 +93,10 @@ def _follow(
         collector.drain()
         progress, objects = collector.progress, collector.objects
         again = {"source": _arguments(plan, "source", endpoint, None if progress is None else progress.last_stamp_ns)}
-        if collector.poses:
-            again["pose"] = [*_arguments(plan, "pose", endpoint), "--anchor", _anchor(plan, collector)]
+        for text in collector.contested():
+            _tell(report, watcher, text)
         for death in supervisor.poll(again):
-            report.events.append(death.message)
-            watcher.on_event(death.message)
+            _tell(report, watcher, death.message)
             if death.fatal:
                 report.error = death.message
                 return
@@ -100,16 +114,9 @@ def _follow(
     supervisor.end("source")
 
 
-def _anchor(plan: Plan, collector: Collector) -> str:
-    """Where a pose stage that is started again finds the world of its map, which went with it.
-
-    In a lossless run the next frame is next to the last one that had a pose. In a live run the camera went on
-    meanwhile: only a frame that carries its pose can tell, and without one nothing is fused into the wrong place.
-    """
-    found = [item for item in collector.poses.values() if not item.lost]
-    if plan.settings.link.delivery == "live" or not found:
-        return "frame"
-    return ",".join(repr(float(value)) for value in max(found, key=lambda item: item.stamp_ns).T_world_camera.ravel())
+def _tell(report: RunReport, watcher: Watcher, text: str) -> None:
+    report.events.append(text)
+    watcher.on_event(text)
 
 
 def _arguments(plan: Plan, stage: str, endpoint: str, after_ns: int | None = None) -> list[str]:
@@ -125,6 +132,7 @@ def _arguments(plan: Plan, stage: str, endpoint: str, after_ns: int | None = Non
         arguments += ["--intrinsics", ",".join(repr(value) for value in selection.intrinsics)]
     if plan.pose_topic is not None:
         arguments.append("--no-pose-stage")
+    arguments += ["--stream", plan.stream]
     if after_ns is not None:
         arguments += ["--after-ns", str(after_ns)]
     return [selection.name, *arguments]

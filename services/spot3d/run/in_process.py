@@ -1,22 +1,29 @@
 """A run of the composed cores in this process, without Zenoh."""
 
 import time
+from dataclasses import replace
 from threading import Event
 
 import numpy as np
 
 from spot3d.dataflow.process_use import process_use, stay_single_threaded
-from spot3d.evaluate.truth import FoundObject
+from spot3d.fusion.fusion import FoundObjects
 from spot3d.pipeline import PipelineResult, PipelineStep, run_pipeline
 from spot3d.run.report import FrameRate, RunReport, StageReport, statistics_ms
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame
+from spot3d.run.timeline import Timeline
 from spot3d.run.watcher import Watcher
 from spot3d.settings import Settings
 from spot3d.source.sequence import FrameSequence
 
 
 def run_in_process(
-    sequence: FrameSequence, settings: Settings, report: RunReport, watcher: Watcher, stop: Event
+    sequence: FrameSequence,
+    settings: Settings,
+    report: RunReport,
+    timeline: Timeline,
+    watcher: Watcher,
+    stop: Event,
 ) -> RunResult:
     """Run every frame, or until `stop` is set; fills the report."""
     stay_single_threaded()
@@ -28,10 +35,14 @@ def run_in_process(
         nonlocal fused, skipped, found
         fused, skipped = fused + (step.pose.status == "ok"), skipped + (step.pose.status != "ok")
         found = found if step.objects is None else len(step.objects.objects)
+        if step.objects is not None:
+            timeline.add(step.frame.stamp_ns, _found(step.objects), complete=False)
         rate.add(fused + skipped, time.monotonic())
         watcher.on_progress(fused, skipped, found)
 
     result = run_pipeline(sequence, settings, follow, stop.is_set)
+    if result.trajectory:
+        timeline.add(result.trajectory[-1][0], _found(result.objects), complete=not stop.is_set())
     use = process_use()
     report.proposals = dict(result.heat_counts)
     report.keyframes = len(result.step_s.get("segments", ()))
@@ -47,14 +58,21 @@ def run_in_process(
     return _run_result(result)
 
 
-def _run_result(result: PipelineResult) -> RunResult:
-    points, objects = result.fusion.frequent_points(), result.objects
+def _found(objects: FoundObjects) -> RunResult:
+    """The objects of an update."""
     return RunResult(
-        objects=tuple(
-            FoundObject(item.id, item.box, item.confidence, item.views, item.points) for item in objects.objects
-        ),
+        objects=tuple(objects.objects),
         up=(float(objects.up[0]), float(objects.up[1]), float(objects.up[2])),
         frame_count=objects.frame_count,
+        left_out=dict(objects.left_out),
+        keyframes_dropped=objects.keyframes_dropped,
+    )
+
+
+def _run_result(result: PipelineResult) -> RunResult:
+    points = result.fusion.frequent_points()
+    return replace(
+        _found(result.objects),
         trajectory=tuple(
             TrackedFrame(stamp, pose.T_world_camera, pose.status == "lost") for stamp, pose in result.trajectory
         ),
@@ -65,7 +83,5 @@ def _run_result(result: PipelineResult) -> RunResult:
             points.frequency.astype(np.uint32),
             result.fusion.heatmap.count,
         ),
-        left_out=dict(objects.left_out),
-        keyframes_dropped=objects.keyframes_dropped,
         map_limit_reached=result.fusion.heatmap.evicted > 0,
     )

@@ -1,7 +1,7 @@
 """Why a run found nothing, or almost nothing: one line for people."""
 
 from spot3d.frame_segments import KEYFRAME_REASONS
-from spot3d.fusion.reasons import MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
+from spot3d.fusion.objects.reasons import MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
 from spot3d.fusion.settings import FusionSettings
 from spot3d.run.results import RunResult
 from spot3d.settings import Settings
@@ -54,9 +54,9 @@ def forgotten(keyframes_dropped: int, settings: Settings) -> str:
 
 
 _ADVICE = {
-    TOO_LARGE: "if these are objects, raise fusion.size_max and segments.size_max",
+    TOO_LARGE: "if these are objects, raise size_max",
     TOO_COLD: "if these are objects, lower fusion.heat_min and segments.heat_min",
-    TOO_SMALL: "if these are objects, go nearer, or lower fusion.size_min and segments.size_min",
+    TOO_SMALL: "if these are objects, go nearer, or lower size_min",
     TOO_THIN: "if these are objects, lower fusion.plane_distance",
     MOSTLY_BACKGROUND: "other views see a table or a wall there: see whether the poses fit the depth",
     TOO_SELDOM: "move the camera around things, slowly, or record for longer",

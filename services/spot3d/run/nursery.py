@@ -11,6 +11,7 @@ import gc
 import importlib
 import json
 import os
+import runpy
 import select
 import signal
 import sys
@@ -19,9 +20,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
-from spot3d.cli import main
-
-_IMPORTED = ("cv2", "kiss_icp.config", "spot3d.run.selected", "spot3d.source.process", "spot3d.sensor")
+_IMPORTED = (
+    "cv2",
+    "kiss_icp.config",
+    "spot3d.source.selected",
+    "spot3d.source.process",
+    "spot3d.sensor",
+    "spot3d.cli.app",
+)
 """What several stages need: the libraries and, with a first small kernel, all that numba loads to load kernels.
 
 Not the stages: their own kernels may have to be compiled, which they do side by side.
@@ -102,7 +108,7 @@ def _become(stage: str, arguments: list[str], standard_input: int, log: Path) ->
     with suppress(OSError):  # where the system knows no such file, all stages have one name
         Path("/proc/self/comm").write_text(f"spot3d {stage}", encoding="ascii")
     sys.argv = ["spot3d", stage, *arguments]
-    main()
+    runpy.run_module("spot3d", run_name="__main__")
     sys.exit(0)
 
 

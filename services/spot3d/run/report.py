@@ -1,16 +1,14 @@
 """report.json: what a run did with its frames, and what it cost."""
 
-import os
-import platform
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import spot3d
+from spot3d.machine import machine
 
 
 @dataclass(slots=True)
@@ -29,18 +27,19 @@ class StageReport:
 class RunReport:
     """Counters of a run, in process or distributed.
 
-    played: frames that the input has; fused, skipped (by reason): what fusion did with them; keyframes: those whose
-    segments fusion has taken in; keyframes_dropped: those of them that it has forgotten as too many; objects: how many
-    there are; left_out: what was taken for one and is none, by reason; map_limit_reached: points of the map were
-    forgotten as too many; drops: by stage and reason; latency_ms: p50 and p99 of each hop and of the whole way, from
-    the messages' traces; wall_s: the whole run with the start of its processes; ms_per_frame: from the first frame done
-    to the last, per frame.
+    selection: which frames of the input; played: how many those are; fused, skipped (by reason): what fusion did with
+    them; keyframes: those whose segments fusion has taken in; keyframes_dropped: those of them that it has forgotten as
+    too many; objects: how many there are; left_out: what was taken for one and is none, by reason; map_limit_reached:
+    points of the map were forgotten as too many; drops: by stage and reason; latency_ms: p50 and p99 of each hop and of
+    the whole way, from the messages' traces; wall_s: the whole run with the start of its processes; ms_per_frame: from
+    the first frame done to the last, per frame.
     """
 
     input_name: str
     mode: str
     played: int
     image: tuple[int, int]
+    selection: dict[str, Any] = field(default_factory=dict)
     fused: int = 0
     skipped: dict[str, int] = field(default_factory=dict)
     drops: dict[str, dict[str, int]] = field(default_factory=dict)
@@ -66,6 +65,7 @@ def report_document(report: RunReport) -> dict[str, Any]:
     return {
         "version": spot3d.__version__,
         "input": report.input_name,
+        "selection": report.selection,
         "mode": report.mode,
         "image": {"width": report.image[0], "height": report.image[1]},
         "frames": {
@@ -142,25 +142,6 @@ class HopTimes:
     def statistics(self) -> dict[str, dict[str, float]]:
         """p50, p99 and mean of each hop."""
         return {name: statistics_ms(values) for name, values in self._ms.items()}
-
-
-def machine() -> dict[str, Any]:
-    """The machine that numbers were measured on."""
-    return {
-        "cpu": _cpu_name(),
-        "cores": os.cpu_count(),
-        "system": platform.system(),
-        "python": platform.python_version(),
-    }
-
-
-def _cpu_name() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(named, platform.machine())
 
 
 def _stage_document(item: StageReport) -> dict[str, Any]:

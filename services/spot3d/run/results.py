@@ -1,6 +1,7 @@
 """What a run leaves behind, and the files of it."""
 
 import json
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -10,8 +11,19 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.evaluate.truth import FoundObject
+from spot3d.boxes import Box3D
+from spot3d.found_object import FoundObject
 from spot3d.trajectory import write_tum
+
+_VERTEX = np.dtype(
+    [
+        *((axis, "<f4") for axis in "xyz"),
+        *((channel, "u1") for channel in ("red", "green", "blue")),
+        ("heat", "<f4"),
+        ("frequency", "<u4"),
+    ]
+)
+"""One point of heatmap.ply."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +109,25 @@ def objects_document(result: RunResult) -> dict[str, Any]:
     }
 
 
+def found_in(document: Any) -> RunResult:
+    """The objects of a document that `objects_document` has made. Raises ValueError where it is none."""
+    try:
+        x, y, z = map(float, document["up"])
+        found = tuple(
+            FoundObject(
+                id=item["id"],
+                box=Box3D(np.array(item["centre"]), np.array(item["size"]), np.array(item["rotation"])),
+                confidence=item["confidence"],
+                views=item["views"],
+                points=item["points"],
+            )
+            for item in document["objects"]
+        )
+        return RunResult(objects=found, up=(x, y, z), frame_count=int(document["frame_count"]))
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"no objects of a run: {type(error).__name__} {error}") from error
+
+
 def write_json(path: Path, document: dict[str, Any]) -> None:
     """Write a JSON document, indented. Raises ValueError for numbers that JSON does not know."""
     with _whole_file(path) as stream:
@@ -105,22 +136,14 @@ def write_json(path: Path, document: dict[str, Any]) -> None:
 
 def write_ply(path: Path, points: MapSnapshot) -> None:
     """Write binary little-endian PLY: x y z (float), red green blue (uchar), heat (float), frequency (uint)."""
-    vertex = np.dtype(
-        [
-            *((axis, "<f4") for axis in "xyz"),
-            *((channel, "u1") for channel in ("red", "green", "blue")),
-            ("heat", "<f4"),
-            ("frequency", "<u4"),
-        ]
-    )
-    rows = np.empty(len(points.xyz), vertex)
+    rows = np.empty(len(points.xyz), _VERTEX)
     for column, axis in enumerate("xyz"):
         rows[axis] = points.xyz[:, column]
     for column, channel in enumerate(("red", "green", "blue")):
         rows[channel] = points.rgb[:, column]
     rows["heat"], rows["frequency"] = points.heat, points.frequency
     kinds = {"<f4": "float", "|u1": "uchar", "<u4": "uint"}
-    properties = [f"property {kinds[vertex[name].str]} {name}" for name in vertex.names or ()]
+    properties = [f"property {kinds[_VERTEX[name].str]} {name}" for name in _VERTEX.names or ()]
     header = [
         "ply",
         "format binary_little_endian 1.0",
@@ -132,6 +155,20 @@ def write_ply(path: Path, points: MapSnapshot) -> None:
     with _whole_file(path) as stream:
         stream.write(("\n".join(header) + "\n").encode("ascii"))
         rows.tofile(stream)
+
+
+def read_ply(path: Path) -> MapSnapshot:
+    """The points of a file that `write_ply` has made. Raises ValueError where it is another, or cut off."""
+    header, found, body = path.read_bytes().partition(b"end_header\n")
+    count = re.search(rb"^element vertex (\d+)$", header, re.MULTILINE)
+    if not found or b"comment spot3d 3D heatmap" not in header or count is None:
+        raise ValueError(f"{path} is no heatmap.ply of a run")
+    if len(body) != int(count[1]) * _VERTEX.itemsize:
+        raise ValueError(f"{path} is cut off")
+    rows = np.frombuffer(body, _VERTEX)
+    xyz = np.stack([rows[axis] for axis in "xyz"], axis=1)
+    rgb = np.stack([rows[channel] for channel in ("red", "green", "blue")], axis=1)
+    return MapSnapshot(xyz, rgb, rows["heat"].copy(), rows["frequency"].copy(), len(rows))
 
 
 @contextmanager

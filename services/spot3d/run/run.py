@@ -4,29 +4,29 @@ import shutil
 import time
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 
 from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.drawing.overview import candidate_indices, draw_overview
+from spot3d.drawing.picture import write_picture
 from spot3d.run.display import progress_bar
 from spot3d.run.distributed import Plan, run_distributed
-from spot3d.run.overview import (
-    ShownMap,
-    ShownObject,
-    candidate_indices,
-    draw_overview,
-    write_picture,
-)
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import RunResult, write_json, write_results
-from spot3d.run.selected import Selection, open_selection
 from spot3d.run.supervisor import Supervisor
+from spot3d.run.timeline import NAME as TIMELINE
+from spot3d.run.timeline import Timeline
 from spot3d.settings import Settings, to_toml
 from spot3d.source.errors import SourceError
+from spot3d.source.selected import Selection, open_selection
 from spot3d.source.sequence import FrameSequence
+
+_SNAPSHOTS = "snapshots"
+"""Folder of what stages that are started again go on from; it goes with the end of the run, unless that is killed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ def _run(
     listen: Sequence[str],
 ) -> Finished:
     in_process = supervisor is None
-    sequence = open_selection(selection, settings)
+    sequence = open_selection(selection, settings.source)
     if settings.pose.provider == "given" and not sequence.has_true_poses and pose_topic is None:
         raise SourceError(f"{selection.name} has no true poses; choose --pose kiss or --pose gicp")
     folder.mkdir(parents=True, exist_ok=True)
@@ -75,17 +75,25 @@ def _run(
     settings_file.write_text(to_toml(settings), encoding="utf-8")
     camera = sequence.intrinsics
     mode = "in process" if in_process else "processes"
-    report = RunReport(selection.name, mode, len(sequence), (camera.width, camera.height))
+    report = RunReport(selection.name, mode, len(sequence), (camera.width, camera.height), asdict(selection))
     start_s = time.perf_counter()
-    with stop_on_signals(None) as stop, progress_bar(len(sequence), console) as watcher:
+    with (
+        stop_on_signals(None) as stop,
+        progress_bar(len(sequence), console) as watcher,
+        Timeline(folder / TIMELINE) as timeline,
+    ):
         if supervisor is None:
             # The cores take a second to import, and the stages are not started before.
             from spot3d.run.in_process import run_in_process
 
-            result = run_in_process(sequence, settings, report, watcher, stop)
+            result = run_in_process(sequence, settings, report, timeline, watcher, stop)
         else:
-            plan = Plan(selection, settings, settings_file, pose_topic, tuple(listen))
-            result = run_distributed(plan, supervisor, report, folder / "logs", watcher, stop)
+            stages_file = _stages_settings(settings, folder)
+            plan = Plan(selection, settings, stages_file, pose_topic, tuple(listen))
+            result = run_distributed(plan, supervisor, report, folder / "logs", timeline, watcher, stop)
+    if told := timeline.told():
+        report.events.append(told)
+        console.print(told, style="yellow", markup=False, highlight=False, soft_wrap=True)
     report.wall_s = time.perf_counter() - start_s
     report.objects, report.left_out = len(result.objects), result.left_out
     report.keyframes_dropped, report.map_points = result.keyframes_dropped, result.points.total
@@ -96,7 +104,19 @@ def _run(
         # Logs of an earlier run's processes would be taken for this one's.
         shutil.rmtree(folder / "logs", ignore_errors=True)
     write_overview(folder / "overview.png", selection.name, sequence, result)
+    shutil.rmtree(folder / _SNAPSHOTS, ignore_errors=True)
     return Finished(folder, sequence, result, report)
+
+
+def _stages_settings(settings: Settings, folder: Path) -> Path:
+    """A file of the settings for the stages of this run, which keep their snapshots in its own folder."""
+    shutil.rmtree(folder / _SNAPSHOTS, ignore_errors=True)
+    snapshots = settings.link.snapshot_folder or str((folder / _SNAPSHOTS).absolute())
+    link = settings.link.model_copy(update={"snapshot_folder": snapshots})
+    path = folder / "logs" / "settings.toml"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(to_toml(settings.model_copy(update={"link": link})), encoding="utf-8")
+    return path
 
 
 def write_overview(path: Path, name: str, sequence: FrameSequence, result: RunResult) -> None:
@@ -115,8 +135,9 @@ def write_overview(path: Path, name: str, sequence: FrameSequence, result: RunRe
     picture = draw_overview(
         title,
         views,
-        [ShownObject(item.id, item.box, item.confidence, item.views) for item in result.objects],
-        ShownMap(result.points.xyz, result.points.rgb),
+        result.objects,
+        result.points.xyz,
+        result.points.rgb,
         np.array([item.T_world_camera[:3, 3] for item in tracked]).reshape(-1, 3),
         np.array(result.up),
     )

@@ -16,6 +16,7 @@ from rich.text import Text
 from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dataflow.alive import Alive, watch_alive
+from spot3d.dataflow.complaints import printable
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d_schemas import STAGES, CodecError, Health, Message, Objects, decode, key
@@ -47,7 +48,7 @@ class _Heard:
 
 
 def show_status(link: LinkSettings, console: Console, watch: bool) -> bool:
-    """Print the table once, or keep it up to date until Ctrl-C; returns whether every stage is alive.
+    """Print the table once, or keep it up to date until Ctrl-C; returns whether every stage is alive and all is well.
 
     Raises ConnectionError where no router answers.
     """
@@ -71,20 +72,25 @@ def show_status(link: LinkSettings, console: Console, watch: bool) -> bool:
         channels, heard = _Channels(subscribers[:-1], subscribers[-1]), _Heard()
         if not watch:
             _listen(channels, heard, _LISTEN_S)
-            there = {stage: stage in alive for stage in STAGES}
+            there = _processes(alive)
             console.print(status_table(link.robot, there, heard.health, heard.objects))
-            return all(there.values())
+            return all(there.values()) and not any(item.state for item in heard.health.values())
         _watch(link.robot, console, channels, alive, heard)
     return True
 
 
+def _processes(alive: Alive) -> dict[str, int]:
+    """How many processes of each stage there are; one that tells no name of its own counts as one."""
+    return {stage: max(len(alive.processes(stage)), int(stage in alive)) for stage in STAGES}
+
+
 def status_table(
-    robot: str, alive: Mapping[str, bool], health: Mapping[str, Health], objects: Objects | None = None
+    robot: str, alive: Mapping[str, int], health: Mapping[str, Health], objects: Objects | None = None
 ) -> Group:
     """One row a stage: whether it lives, its rate, its core's time, its lag behind the source, what it dropped.
 
-    Below: why it dropped, and the last error; the objects of the latest update, and what it left out. Fits into 80
-    columns.
+    alive: processes of each stage. Below: what is wrong now, why messages were dropped, and the last error; the objects
+    of the latest update, and what it left out. Fits into 80 columns.
     """
     table = Table(title=f"robot {robot}", title_justify="left", box=SIMPLE_HEAD)
     for heading in ("stage", "alive", "frames/s", "step ms p50/p99", "lag ms p50/p99", "dropped", "errors", "MB"):
@@ -92,8 +98,13 @@ def status_table(
         table.add_column(heading, justify="left" if left else "right", no_wrap=" " not in heading)
     details = []
     for stage, there in alive.items():
-        state = "[green]yes" if there else "[red]no"
+        state = "[green]yes" if there == 1 else f"[red]{there} times" if there else "[red]no"
         item = health.get(stage)
+        if there > 1:
+            text = f"{there} processes of {stage} are running; one is heard: end the others"
+            details.append(Text(text, style="bold red"))
+        if item is not None and item.state:
+            details.append(Text(printable(f"{stage}: {item.state}"), style="bold red"))
         if item is None:
             table.add_row(stage, state, *["-"] * 6)
             continue
@@ -109,12 +120,13 @@ def status_table(
         )
         if item.drops:
             reasons = ", ".join(f"{count} {reason}" for reason, count in item.drops.items())
-            details.append(Text(f"{stage} dropped: {reasons}", style="yellow"))
+            details.append(Text(printable(f"{stage} dropped: {reasons}"), style="yellow"))
         if item.errors:
-            details.append(Text(f"{stage}: {item.last_error}", style="red"))
+            details.append(Text(printable(f"{stage}: {item.last_error}"), style="red"))
     if objects is not None:
         left_out = ", ".join(f"{count} {reason}" for reason, count in objects.left_out.items())
-        details.append(Text(f"objects: {len(objects.objects)}" + (f"; left out: {left_out}" if left_out else "")))
+        text = f"objects: {len(objects.objects)}" + (f"; left out: {left_out}" if left_out else "")
+        details.append(Text(printable(text)))
     return Group(table, *details)
 
 
@@ -123,8 +135,7 @@ def _watch(robot: str, console: Console, channels: _Channels, alive: Alive, hear
         with Live(console=console, auto_refresh=False) as live:
             while True:
                 _listen(channels, heard, _REFRESH_S)
-                there = {stage: stage in alive for stage in STAGES}
-                live.update(status_table(robot, there, heard.health, heard.objects), refresh=True)
+                live.update(status_table(robot, _processes(alive), heard.health, heard.objects), refresh=True)
     except KeyboardInterrupt:
         return
 

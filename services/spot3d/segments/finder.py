@@ -49,8 +49,8 @@ def find_segments(
     """
     frame = to_lattice(colour, depth, heat, camera, settings.lattice_width)
     points = back_project(frame.depth, frame.camera)
-    planes = dominant_planes(points, settings, np.random.default_rng(settings.seed))
-    support = choose_support(planes, points, frame.heat, settings, settings.image_up)
+    planes = dominant_planes(points, settings, np.random.default_rng(settings.seed), noise=camera.noise)
+    support = choose_support(planes, points, frame.heat, settings, settings.image_up, camera.noise)
     if support is None:
         return _segments([], frame, np.zeros((0, 4)), np.zeros(0, np.float32), Counter(), settings)
     normals = surface_normals(frame.depth, frame.camera)
@@ -58,7 +58,7 @@ def find_segments(
     height, up = heights(points, support, bent=wanted["bend"]), support[:3]
     others = planes[(planes != support).any(axis=1)]
     if wanted["support"]:
-        out = standing_out(points, normals, height, others, settings)
+        out = standing_out(points, normals, height, others, settings, camera.noise)
     else:
         out = (frame.depth > 0) & (frame.depth <= settings.range_max)
 
@@ -67,7 +67,7 @@ def find_segments(
     if wanted["vessels"]:
         regions = _join_vessels(regions, points, normals, up, least, settings)
     if wanted["torn"]:
-        regions = join_torn(regions, points, normals, least)
+        regions = join_torn(regions, points, normals, least, camera.noise)
     if wanted["fragments"]:
         regions = join_fragments(regions, points, frame.camera.fx, least, settings.size_min)
     candidates = [(part, _fault(part, frame, points, height, settings)) for part in _pixels(regions)]
@@ -171,7 +171,7 @@ def _segments(
     for number, pixels in enumerate(parts):
         labels.ravel()[pixels] = number + 1
         heat[number] = frame.heat.ravel()[pixels].mean() / 255
-        if np.quantile(height[pixels] - plane_tolerance(depth[pixels], settings), 0.02) < _STANDS:
+        if np.quantile(height[pixels] - plane_tolerance(depth[pixels], settings, frame.camera.noise), 0.02) < _STANDS:
             stands_on[number] = 0
     if "holes" not in settings.skipped:
         labels = fill_holes(labels, frame.depth, frame.colour, frame.camera.fx)

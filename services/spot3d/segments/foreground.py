@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.geometry.planes import on_plane, plane_tolerance
 from spot3d.kernel import kernel
 from spot3d.segments.settings import SegmentsSettings
@@ -21,6 +22,7 @@ def standing_out(
     height: NDArray[np.float32],
     others: NDArray[np.float64],
     settings: SegmentsSettings,
+    noise: DepthNoise = KINECT_V1,
 ) -> NDArray[np.bool_]:
     """(h, w) bool: valid pixels above the support by more than noise, on no plane that is longer than an object.
 
@@ -28,10 +30,10 @@ def standing_out(
     the view's other dominant planes.
     """
     depth = points[..., 2]
-    out = (depth > 0) & (depth <= settings.range_max) & (height > plane_tolerance(depth, settings))
+    out = (depth > 0) & (depth <= settings.range_max) & (height > plane_tolerance(depth, settings, noise))
     for plane in others:
         facing = normals @ plane[:3].astype(np.float32) > _FACING
-        out &= ~_long_pieces(on_plane(plane, points, settings) & facing, points, settings.size_max)
+        out &= ~_long_pieces(on_plane(plane, points, settings, noise) & facing, points, settings.size_max)
     return _opened(out)
 
 

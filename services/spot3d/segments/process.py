@@ -62,10 +62,12 @@ def _serve(node: Node, settings: SegmentsSettings) -> None:
         if item is None:
             continue
         topic, given = item
+        if given.begins:
+            _count(node, join.clear())
+            keyframes = Keyframes(settings)
         add = join.add_left if topic == _HEAT else join.add_right
         outcome: Outcome[Received[Heat], Received[Pose]] = add(given.message.header.stamp_ns, given)
-        node.counters.drop("no heat", len(outcome.without_left))
-        node.counters.drop("no pose", len(outcome.without_right))
+        _count(node, outcome)
         if outcome.pair is None:
             continue
         heat, pose = outcome.pair
@@ -78,6 +80,11 @@ def _serve(node: Node, settings: SegmentsSettings) -> None:
         message = segments_message(node.header(_OUT, heat), found)
         if node.publish(_OUT, message):
             node.measure_latency(message.header)
+
+
+def _count(node: Node, outcome: Outcome[Received[Heat], Received[Pose]]) -> None:
+    node.counters.drop("no heat", len(outcome.without_left))
+    node.counters.drop("no pose", len(outcome.without_right))
 
 
 def _find(node: Node, heat: Heat, settings: SegmentsSettings) -> FrameSegments | None:

@@ -5,6 +5,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from spot3d.object_size import SIZE_MAX, SIZE_MIN
+
 Step = Literal["support", "bend", "vessels", "torn", "fragments", "occluded", "contained", "holes"]
 """A step of the finder that can be left out, to see what it is worth."""
 
@@ -76,8 +78,10 @@ class SegmentsSettings(BaseModel):
     height_min: float = Field(
         0.01, ge=0, description="what rises less above its support is noise or glare: things of 1.5 cm count, metres"
     )
-    size_min: float = Field(0.02, ge=0, description="eps_min: an object covers at least a square of this edge, metres")
-    size_max: float = Field(1.0, gt=0, description="eps_max: an object's longest edge is at most this, metres")
+    size_min: float = Field(
+        SIZE_MIN, ge=0, description="eps_min: an object covers at least a square of this edge, metres"
+    )
+    size_max: float = Field(SIZE_MAX, gt=0, description="eps_max: an object's longest edge is at most this, metres")
     skipped: tuple[Step, ...] = Field(
         (),
         description="steps to leave out, for ablations: removal of the support and other planes, its bend, joining of "

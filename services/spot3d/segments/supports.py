@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.geometry.planes import PlaneSettings, on_plane
 
 _FROM_BELOW = 0.02
@@ -24,6 +25,7 @@ def choose_support(
     heat: NDArray[np.uint8],
     settings: PlaneSettings,
     image_up: str,
+    noise: DepthNoise = KINECT_V1,
 ) -> NDArray[np.float64] | None:
     """The plane whose inliers hold most heat (paper, Eq. 10), each as much as the plane faces up in the image.
 
@@ -35,7 +37,7 @@ def choose_support(
     best, most, (x, y) = None, 0.0, UP[image_up]
     for plane in planes:
         upwards = max(_FROM_BELOW, float(x * plane[0] + y * plane[1]))
-        held = float(heat[on_plane(plane, points, settings)].sum(dtype=np.int64)) * upwards
+        held = float(heat[on_plane(plane, points, settings, noise)].sum(dtype=np.int64)) * upwards
         if held > most:
             best, most = plane, held
     return best

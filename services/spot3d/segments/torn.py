@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.kernel import kernel
 from spot3d.sensor import axial_noise_kernel
 
@@ -40,6 +41,7 @@ def join_torn(
     points: NDArray[np.float32],
     normals: NDArray[np.float32],
     least: int,
+    noise: DepthNoise = KINECT_V1,
 ) -> NDArray[np.int32]:
     """Regions joined that are one surface but for a hole in depth between them.
 
@@ -47,7 +49,7 @@ def join_torn(
     least: regions of fewer pixels have no reliable normal: they join whatever they meet.
     """
     count = int(labels.max(initial=-1)) + 1
-    met = _meetings(labels, points)
+    met = _meetings(labels, points, noise)
     if len(met.regions) == 0:
         return labels
     valid = (points[..., 2] > 0).astype(np.float32)
@@ -63,7 +65,7 @@ def join_torn(
     return _united(labels, met.regions[joined], count)
 
 
-def _meetings(labels: NDArray[np.int32], points: NDArray[np.float32]) -> _Meetings:
+def _meetings(labels: NDArray[np.int32], points: NDArray[np.float32], noise: DepthNoise) -> _Meetings:
     """Where two regions face each other across pixels without depth, each such pixel being its nearest valid one's."""
     h, w = labels.shape
     valid = points[..., 2] > 0
@@ -73,16 +75,17 @@ def _meetings(labels: NDArray[np.int32], points: NDArray[np.float32]) -> _Meetin
     source = np.zeros(nearest.max() + 1, np.int64)
     source[nearest[valid]] = np.flatnonzero(valid)
     links, regions = np.empty((4 * h * w, 2), np.int64), np.empty((4 * h * w, 2), np.int64)
-    count = _link(labels, source[nearest], np.ascontiguousarray(points), links, regions)
+    count = _link(labels, source[nearest], np.ascontiguousarray(points), noise.coefficients(), links, regions)
     key, pair = np.unique(regions[:count, 0] << 32 | regions[:count, 1], return_inverse=True)
     return _Meetings(np.stack((key >> 32, key & 0xFFFFFFFF), axis=1), pair.ravel(), links[:count])
 
 
-@kernel("i8(i4[:,::1], i8[:,::1], f4[:,:,::1], i8[:,::1], i8[:,::1])")
+@kernel("i8(i4[:,::1], i8[:,::1], f4[:,:,::1], UniTuple(f4, 3), i8[:,::1], i8[:,::1])")
 def _link(
     labels: NDArray[np.int32],
     owner: NDArray[np.int64],
     points: NDArray[np.float32],
+    noise: tuple[np.float32, np.float32, np.float32],
     links: NDArray[np.int64],
     regions: NDArray[np.int64],
 ) -> int:
@@ -107,7 +110,7 @@ def _link(
                 deep = abs(points[y, x, 2] - points[q, p, 2])
                 square = right * right + down * down + deep * deep
                 aside = np.sqrt(max(square - deep * deep, np.float32(0)))
-                if square < near and deep < steep * aside + noises * axial_noise_kernel(points[y, x, 2]):
+                if square < near and deep < steep * aside + noises * axial_noise_kernel(points[y, x, 2], noise):
                     if a > b:
                         a, b, i, j = b, a, j, i
                     links[count, 0], links[count, 1] = i, j

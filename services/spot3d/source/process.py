@@ -5,24 +5,26 @@ import threading
 import time
 from collections.abc import Iterator
 
-from spot3d.dataflow.alive import Alive, watch_alive
-from spot3d.dataflow.conversion import intrinsics_message
+from spot3d.dataflow.alive import Alive
+from spot3d.dataflow.conversion import intrinsics_message, noise_message
 from spot3d.dataflow.credit import Credit
 from spot3d.dataflow.node import Node
+from spot3d.dataflow.order import StreamOrder
 from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.dataflow.streams import new_stream
 from spot3d.frame import RgbdFrame
 from spot3d.source.sequence import FrameSequence
 from spot3d.source.settings import SourceSettings
-from spot3d_schemas import End, Frame, Header, Progress
+from spot3d_schemas import STAGES, End, Frame, Header, Progress
 
 log = logging.getLogger(__name__)
 
 _OUT, _END, _PROGRESS = "source/frame", "source/end", "fusion/progress"
-FUSING_STAGES = ("pose", "proposals", "heatmap", "fusion")
+FUSING_STAGES = tuple(stage for stage in STAGES if stage not in ("source", "segments"))
 """Without one of these no frame is fused."""
-EVERY_STAGE = (*FUSING_STAGES, "segments")
+EVERY_STAGE = tuple(stage for stage in STAGES if stage != "source")
 START_LIMIT_S = 180.0
 """Longest wait for the stages before the first frame: a first start compiles kernels."""
 _END_LIMIT_S = 60.0
@@ -43,8 +45,11 @@ def run(
     rate_hz: float | None = None,
     stop: threading.Event | None = None,
     wait_for: tuple[str, ...] | None = None,
+    stream: str | None = None,
 ) -> None:
     """Publish every frame of `sequence`, then its end; returns when fusion has answered, or when stopped.
+
+    The frames are a stream of their own; `stream` names one that this source goes on with.
 
     rate_hz: frames per second; None: `settings.rate_hz`, and with 0 there the recorded stamps (live) or as
     fast as fusion's progress allows (lossless). wait_for: stages that must be alive before the first frame;
@@ -55,12 +60,9 @@ def run(
         wait_for = EVERY_STAGE if link.delivery == "lossless" else ()
     with stop_on_signals(stop) as stopped:
         try:
-            with (
-                Node("source", link, stopped, (_PROGRESS,), (_OUT, _END)) as node,
-                watch_alive(node.session, link.robot) as alive,
-            ):
-                _wait_for(node, alive, wait_for)
-                _Player(node, alive).play(sequence, rate_hz or settings.rate_hz or None)
+            with Node("source", link, stopped, (_PROGRESS,), (_OUT, _END)) as node:
+                _wait_for(node, node.alive, wait_for)
+                _Player(node, stream or new_stream()).play(sequence, rate_hz or settings.rate_hz or None)
         except StoppedError:
             return
 
@@ -77,10 +79,11 @@ def _wait_for(node: Node, alive: Alive, stages: tuple[str, ...]) -> None:
 class _Player:
     """One pass through a sequence."""
 
-    def __init__(self, node: Node, alive: Alive) -> None:
-        self.node, self.alive = node, alive
+    def __init__(self, node: Node, stream: str) -> None:
+        self.node, self.alive, self.stream = node, node.alive, stream
         self.credit = Credit(node.link.in_flight)
-        self.sent = 0
+        self.order = StreamOrder(node.link.delivery == "live")
+        self.sent = self.sent_before = 0
         self.last_stamp_ns = 0
 
     def play(self, sequence: FrameSequence, rate_hz: float | None) -> None:
@@ -88,8 +91,7 @@ class _Player:
         lossless = self.node.link.delivery == "lossless"
         pace = _Pace(self.node, rate_hz, recorded=not lossless)
         for frame, read_ns in self._frames(sequence):
-            if self.sent and frame.stamp_ns <= self.last_stamp_ns:
-                self.node.counters.drop("stamp not after the last one")
+            if not self._in_order(frame.stamp_ns):
                 continue
             pace.wait(self.sent, frame.stamp_ns)
             if lossless:
@@ -118,14 +120,29 @@ class _Player:
             self.node.counters.step(time.perf_counter() - start_s)
             yield frame, read_ns
 
+    def _in_order(self, stamp_ns: int) -> bool:
+        """Whether the frame is sent; stamps of a camera that go back for good begin another stream."""
+        arrival = self.order.check(self._header(stamp_ns), time.monotonic())
+        if arrival.refused:
+            self.node.counters.drop(f"{arrival.refused} in the input")
+        elif arrival.restarted:
+            self.stream, self.sent_before = new_stream(), self.sent
+            self.node.note("streams", "the camera's stamps went back: another stream begins")
+        return not arrival.refused
+
+    def _header(self, stamp_ns: int) -> Header:
+        header = Header(robot=self.node.link.robot, seq=0, stamp_ns=stamp_ns, frame_id="camera")
+        return header.model_copy(update={"stream": self.stream})
+
     def _send(self, frame: RgbdFrame, read_ns: int) -> None:
-        header = Header(robot=self.node.link.robot, seq=0, stamp_ns=frame.stamp_ns, frame_id="camera")
+        header = self._header(frame.stamp_ns)
         message = Frame(
             header=self.node.numbered(_OUT, header.with_hop("source", read_ns, time.time_ns())),
             intrinsics=intrinsics_message(frame.intrinsics),
             depth_scale=frame.depth_scale,
             colour=frame.colour,
             depth=frame.depth,
+            depth_noise=noise_message(frame.intrinsics.noise),
             T_world_camera=frame.T_world_camera,
         )
         if self.node.link.delivery == "lossless":
@@ -137,10 +154,12 @@ class _Player:
     def _read_progress(self, timeout_s: float) -> Progress | None:
         """The newest progress that is there, or comes within `timeout_s`; the credit follows it."""
         newest: Progress | None = None
+        # What another stream has come to says nothing of this one.
         item = self.node.next(timeout_s)
         while item is not None:
-            newest = item[1].message
-            self.credit.answered(newest.last_stamp_ns)
+            if item[1].message.header.stream in (None, self.stream):
+                newest = item[1].message
+                self.credit.answered(newest.last_stamp_ns)
             item = self.node.next(0.0)
         return newest
 
@@ -176,8 +195,8 @@ class _Player:
                 return
             if now_s - said_s >= _END_INTERVAL_S:
                 said_s = now_s
-                header = Header(robot=self.node.link.robot, seq=0, stamp_ns=self.last_stamp_ns, frame_id="camera")
-                self.node.publish(_END, End(header=self.node.numbered(_END, header), frames_sent=self.sent))
+                header = self.node.numbered(_END, self._header(self.last_stamp_ns))
+                self.node.publish(_END, End(header=header, frames_sent=self.sent - self.sent_before))
             progress = self._read_progress(_END_INTERVAL_S)
             if progress is None:
                 continue

@@ -18,7 +18,7 @@ from spot3d.source.halving import halve
 from spot3d.source.images import read_colour, read_depth
 
 if TYPE_CHECKING:
-    from spot3d.source.registration import ColourRegistration
+    from spot3d.source.colour_registration import ColourRegistration
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,7 @@ class Recording:
         if self._colour_camera is None:
             return None
         # Its kernels are slow to import, and who only asks for stamps and poses needs none.
-        from spot3d.source.registration import ColourRegistration
+        from spot3d.source.colour_registration import ColourRegistration
 
         camera = self._colour_camera.averaged() if self._halved else self._colour_camera
         return ColourRegistration(self.intrinsics, camera)

@@ -1,6 +1,8 @@
 """Settings of the source stage."""
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from spot3d.depth_noise import parse_noise
 
 
 class SourceSettings(BaseModel):
@@ -15,6 +17,18 @@ class SourceSettings(BaseModel):
         description="frames per second to play at; 0: the recorded rate",
     )
     halved: bool = Field(False, description="play frames at half size")
+    depth_noise: str = Field(
+        "",
+        description="noise of the depth: kinect-v1, d415, d435, d455, tof, stereo:BASELINE,FOCAL[,SUBPIXEL] or "
+        "FLOOR,GROWTH,AT in metres (and pixels); empty: what the input knows of itself, else a Kinect v1's",
+    )
     scene_frames: int = Field(300, ge=1, le=1_000_000, description="length of the built-in scene, frames at 30 Hz")
     scene_seed: int = Field(0, ge=0, le=2**31 - 1, description="which built-in scene, where the name gives no seed")
     scene_cluttered: bool = Field(False, description="built-in scene with 18 to 24 objects instead of 12")
+
+    @field_validator("depth_noise")
+    @classmethod
+    def _noise_is_known(cls, text: str) -> str:
+        if text:
+            parse_noise(text)
+        return text

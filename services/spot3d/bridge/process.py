@@ -1,0 +1,95 @@
+"""The bridge's process: keeps a crossing to the other side, and takes another one where it falls silent."""
+
+import logging
+import threading
+import time
+
+import zenoh
+
+from spot3d.bridge.crossing import Crossing
+from spot3d.bridge.settings import BridgeSettings
+from spot3d.dataflow.complaints import Complaints
+from spot3d.dataflow.counters import Counters
+from spot3d.dataflow.endpoints import declare_publisher
+from spot3d.dataflow.process_use import process_use
+from spot3d.dataflow.session import StoppedError, open_session
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.stopping import stop_on_signals
+from spot3d_schemas import BRIDGE, Header, alive_key, encode
+
+_TICK_S = 0.1
+
+log = logging.getLogger("spot3d.bridge")
+
+
+def run(link: LinkSettings, settings: BridgeSettings, stop: threading.Event | None = None) -> None:
+    """Join the router at `link.connect` with that at `settings.ground`, until stopped by `stop`, SIGINT or SIGTERM.
+
+    The robot's own router knows nothing of the link, and its stages go on as if there were none.
+    """
+    with stop_on_signals(stop) as stopped:
+        try:
+            with open_session(link, stopped) as local:
+                _Bridge(local, link, settings).serve(stopped)
+        except StoppedError:
+            return
+
+
+class _Bridge:
+    def __init__(self, local: zenoh.Session, link: LinkSettings, settings: BridgeSettings) -> None:
+        self._local, self._link, self._settings = local, link, settings
+        self._started_s = time.monotonic()
+        self._counters = Counters(BRIDGE, self._started_s)
+        self._health = declare_publisher(local, f"{BRIDGE}/health", link)
+        self._healths, self._due_s = 0, self._started_s
+        self._complaints = Complaints(log)
+        self._crossing: Crossing | None = None
+        self._lost_s: float | None = self._started_s
+
+    def serve(self, stop: threading.Event) -> None:
+        """Keep the two sides joined."""
+        with self._local.liveliness().declare_token(alive_key(self._link.robot, BRIDGE)):
+            while not stop.wait(_TICK_S):
+                if self._crossing is not None:
+                    self._crossing.tick()
+                if self._crossing is None or self._crossing.silent_s() > self._settings.silence_s:
+                    self._note_silence()
+                    self._connect()
+                else:
+                    self._note_echo()
+                self._report()
+        if self._crossing is not None:
+            self._crossing.close()
+
+    def _connect(self) -> None:
+        """Try once. The old connections stay meanwhile: they may wake up by themselves."""
+        crossing = Crossing(self._local, self._link, self._settings, self._counters)
+        try:
+            crossing.__enter__()
+        except zenoh.ZError as error:
+            self._complaints.say("no way", f"no way to {', '.join(self._settings.ground)}: {error}", time.monotonic())
+            return
+        old, self._crossing = self._crossing, crossing
+        if old is not None:
+            # It may hang on a connection that is dead, which nobody is to wait for.
+            threading.Thread(target=old.close, name="closing", daemon=True).start()
+
+    def _note_silence(self) -> None:
+        if self._lost_s is None:
+            self._lost_s = time.monotonic()
+            self._counters.event("link lost")
+            log.warning("the other side is silent: trying new connections beside the old ones")
+
+    def _note_echo(self) -> None:
+        if self._lost_s is not None:
+            log.info("the other side is there, after %.1f s", time.monotonic() - self._lost_s)
+            self._lost_s = None
+
+    def _report(self) -> None:
+        now_s = time.monotonic()
+        if now_s < self._due_s:
+            return
+        self._due_s = now_s + self._link.health_interval_s
+        header = Header(robot=self._link.robot, seq=self._healths, stamp_ns=time.time_ns(), frame_id=BRIDGE)
+        self._healths += 1
+        self._health.put(encode(self._counters.health(header, now_s, process_use())))

@@ -1,0 +1,27 @@
+"""Settings of the bridge over a thin link."""
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from spot3d.dataflow.settings import Endpoint
+
+
+class BridgeSettings(BaseModel):
+    """Where the other side is, what is on this one, and when the link counts as gone."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    ground: tuple[Endpoint, ...] = Field(
+        ("tcp/ground-station:7447",), description="the router on the other side of the link; tried for ever"
+    )
+    stages: tuple[str, ...] = Field(
+        ("source", "pose", "proposals", "heatmap"), description="stages on this side; all others are on the other one"
+    )
+    silence_s: float = Field(
+        0.6,
+        gt=0,
+        description="without an echo from the other side for this long, new connections are tried beside the old ones, "
+        "which TCP may leave waiting for seconds after the link is back",
+    )
+    attempt_s: float = Field(
+        0.4, gt=0, description="one try to connect, seconds: at least six times the way there and back"
+    )

@@ -1,0 +1,209 @@
+"""The command line. Heavy modules are imported by the command that needs them."""
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NoReturn
+
+import typer
+
+from spot3d.cli import recordings, stages
+from spot3d.cli.bench import bench
+from spot3d.cli.certificates import certificates
+from spot3d.cli.doctor import doctor
+from spot3d.cli.evaluate import evaluate
+from spot3d.cli.options import (
+    CommandError,
+    ConnectOption,
+    EveryOption,
+    FramesOption,
+    HalfOption,
+    InputArgument,
+    IntrinsicsOption,
+    ListenOption,
+    NoiseOption,
+    PresetOption,
+    RateOption,
+    RobotOption,
+    SettingsOption,
+    link_overrides,
+    play_overrides,
+)
+from spot3d.dataflow.thread_deaths import end_with_any_thread
+from spot3d.settings import InvalidSettingsError, Settings, load_settings, to_toml
+from spot3d.source.errors import SourceError
+
+if TYPE_CHECKING:
+    from spot3d.run.run import Finished
+
+app = typer.Typer(
+    help="Finds the objects in front of an RGB-D camera: 3D boxes around things nobody told it about.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+for _command in (*stages.COMMANDS, *recordings.COMMANDS, certificates, doctor, evaluate, bench):
+    app.command()(_command)
+
+_STAGES = "every stage's packages come with: pip install 'spot3d[all]'"
+_PACKAGES = {
+    "mcap": "it comes with: pip install 'spot3d[record]'",
+    "zstandard": "it comes with: pip install 'spot3d[record]'",
+    "cryptography": "it comes with: pip install 'spot3d[certificates]'",
+    "foxglove": "it comes with: pip install 'spot3d[foxglove]'",
+}
+"""Where packages come from that no stage needs."""
+
+
+def main() -> None:
+    """Run the command line; what a user can put right is told in one line, with exit code 2."""
+    end_with_any_thread()
+    try:
+        app()
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        _fail(f"{error.name} is not installed; {_PACKAGES.get(package, _STAGES)}")
+    except (SourceError, InvalidSettingsError, CommandError, OSError) as error:
+        _fail(str(error))
+
+
+@app.command()
+def run(
+    input_name: InputArgument,
+    out: Annotated[Path, typer.Option(help="folder for the results")],
+    pose: Annotated[
+        str | None, typer.Option(metavar="kiss|gicp|truth|TOPIC", help="where camera poses come from; default: kiss")
+    ] = None,
+    settings: SettingsOption = None,
+    preset: PresetOption = None,
+    in_process: Annotated[bool, typer.Option("--in-process", help="all in one process, without Zenoh")] = False,
+    half: HalfOption = False,
+    frames: FramesOption = None,
+    every: EveryOption = 1,
+    live: Annotated[bool, typer.Option("--live", help="at the recorded rate, dropping frames if busy")] = False,
+    rate: RateOption = None,
+    intrinsics: IntrinsicsOption = None,
+    noise: NoiseOption = None,
+    listen: ListenOption = None,
+) -> None:
+    """Play INPUT through all stages and write the objects found, with a picture, into a folder."""
+    from rich.console import Console
+
+    topic = pose if pose is not None and "/" in pose else None
+    if in_process and topic is not None:
+        raise CommandError(f"--in-process hears no topics; leave --in-process away, or do without --pose {pose}")
+    overrides = play_overrides(half, rate, noise)
+    overrides["link"] = {"delivery": "live" if live else "lossless"}
+    if pose is not None and topic is None:
+        overrides["pose"] = {"provider": "given" if pose == "truth" else pose}
+    resolved = load_settings(settings, preset, overrides)
+    from spot3d.run.run import run as run_input
+    from spot3d.source.selected import selection
+
+    chosen = selection(input_name, frames, every, intrinsics)
+    done = run_input(chosen, resolved, out, Console(), in_process, topic, listen or ())
+    _conclude(done, resolved)
+
+
+@app.command()
+def demo(
+    frames: Annotated[int, typer.Option(min=1, help="length of the scene, frames at 30 Hz")] = 300,
+    seed: Annotated[int, typer.Option(min=0, help="which scene")] = 0,
+    out: Annotated[Path, typer.Option(help="folder for the results")] = Path("out/demo"),
+    settings: SettingsOption = None,
+    preset: PresetOption = None,
+    in_process: Annotated[bool, typer.Option("--in-process", help="all in one process, without Zenoh")] = False,
+    half: HalfOption = False,
+) -> None:
+    """Find the objects of the built-in scene, with KISS-ICP's poses, and compare them with what is there."""
+    from rich.console import Console
+
+    from spot3d.boxes import Box3D
+    from spot3d.run.demo import demo_table, match_objects
+    from spot3d.run.run import run as run_input
+    from spot3d.source.scene.model import build_scene
+    from spot3d.source.selected import selection
+
+    overrides = play_overrides(half, None) | {"link": {"delivery": "lossless"}, "pose": {"provider": "kiss"}}
+    resolved = load_settings(settings, preset, overrides)
+    console = Console()
+    done = run_input(selection(f"scene:{seed}", frames, 1, None), resolved, out, console, in_process)
+    true = [(item.name, Box3D(item.centre, item.size, item.rotation)) for item in build_scene(seed).boxes]
+    console.print(demo_table(*match_objects(true, done.result.objects)))
+    _conclude(done, resolved)
+
+
+@app.command()
+def topics(robot: RobotOption = None) -> None:
+    """Print every topic: its key, message, rate and delivery."""
+    from spot3d_schemas import TOPICS
+
+    rows = [("key", "message", "rate", "delivery")]
+    for topic in TOPICS.values():
+        where = topic.key_template.format(robot=robot or "<robot>")
+        rate = f"{topic.rate_hz:g} Hz" if topic.kind == "pub" else "query"
+        rows.append((where, topic.message.__name__, rate, topic.delivery))
+    widths = [max(len(row[column]) for row in rows) for column in range(4)]
+    for row in rows:
+        typer.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+@app.command()
+def schema(name: Annotated[str, typer.Argument(help="a message, such as Frame")]) -> None:
+    """Print the JSON Schema of a message, for clients in other languages."""
+    from spot3d_schemas import MESSAGES, json_schema
+
+    message = MESSAGES.get(name.removeprefix("spot3d."))
+    if message is None:
+        raise CommandError(f"there is no message {name!r}; there are {', '.join(MESSAGES)}")
+    typer.echo(json.dumps(json_schema(message), indent=2))
+
+
+@app.command()
+def status(
+    settings: SettingsOption = None,
+    robot: RobotOption = None,
+    connect: ConnectOption = None,
+    watch: Annotated[bool, typer.Option("--watch", help="keep it up to date until Ctrl-C")] = False,
+) -> None:
+    """Print the live health of every stage; exit code 1 if one is not alive."""
+    from rich.console import Console
+
+    from spot3d.run.status import show_status
+
+    resolved = load_settings(settings, None, link_overrides(robot, connect, None, None))
+    if not show_status(resolved.link, Console(), watch):
+        raise typer.Exit(1)
+
+
+@app.command(name="settings")
+def print_settings(settings: SettingsOption = None, preset: PresetOption = None) -> None:
+    """Print all settings as they would be used, as a TOML file with descriptions."""
+    typer.echo(to_toml(load_settings(settings, preset)), nl=False)
+
+
+def _conclude(done: "Finished", settings: Settings) -> None:
+    """Say how a run went, and end with the exit code that tells programs."""
+    from spot3d.run.left_out import forgotten, why_so_few
+
+    report = done.report
+    dropped = sum(report.skipped.values())
+    reasons = ", ".join(f"{count} {reason}" for reason, count in report.skipped.items() if count)
+    typer.echo(
+        f"{report.objects} objects from {report.fused} of {report.played} frames in {report.wall_s:.1f} s"
+        f" ({f'not fused: {reasons}' if dropped else 'none dropped'}); results in {done.folder}"
+    )
+    for line in (why_so_few(done.result, report.keyframes, settings), forgotten(report.keyframes_dropped, settings)):
+        if line:
+            typer.echo(line)
+    typer.echo(f"picture: {done.folder / 'overview.png'}")
+    if report.error:
+        _fail(report.error, code=1)
+    if report.interrupted:
+        raise typer.Exit(130)
+
+
+def _fail(message: str, code: int = 2) -> NoReturn:
+    typer.echo(f"error: {message}", err=True)
+    sys.exit(code)

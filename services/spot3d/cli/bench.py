@@ -1,0 +1,130 @@
+"""`spot3d bench`: where the time goes, beside references measured in the same run."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from spot3d.cli.options import CommandError
+
+if TYPE_CHECKING:
+    from spot3d.bench.material import Material
+    from spot3d.evaluate.table import Table
+    from spot3d.settings import Settings
+
+SECTIONS = ("kernels", "pose", "messages", "pipeline", "live", "growth")
+SCENE = "scene"
+IN_MEMORY = 60
+"""Frames of each data set that are held in memory; the pipeline reads its own."""
+FEW = 24
+"""Frames that kernels go through, to and fro."""
+
+
+def bench(
+    json_file: Annotated[Path | None, typer.Option("--json", help="write the numbers and their record here")] = None,
+    plots: Annotated[Path | None, typer.Option(help="folder for pictures of the growth")] = None,
+    frames: Annotated[
+        int | None, typer.Option(min=2, help="frames of a data set; default: 300 of the scene, all of a recording")
+    ] = None,
+    data: Annotated[
+        list[Path] | None, typer.Option(help="recording with true poses to measure on too; may be repeated")
+    ] = None,
+    only: Annotated[
+        list[str] | None, typer.Option(help=f"measure this part only: {', '.join(SECTIONS)}; may be repeated")
+    ] = None,
+    live_seconds: Annotated[float, typer.Option(min=0.1, help="length of the live runs")] = 20.0,
+    rate: Annotated[float, typer.Option(min=0.1, help="frames per second of the live runs")] = 30.0,
+    cold: Annotated[bool, typer.Option("--cold", help="also start the processes without compiled kernels")] = False,
+    growth: Annotated[int, typer.Option(min=2, help="longest path of the growth, frames")] = 2000,
+) -> None:
+    """Measure time and memory of every step, stage and process on the built-in scene; print Markdown."""
+    from spot3d.dataflow.process_use import stay_single_threaded
+    from spot3d.evaluate.record import data_checksum, record
+    from spot3d.evaluate.table import to_document, to_markdown
+    from spot3d.machine import machine
+    from spot3d.settings import load_settings
+
+    chosen = tuple(only or SECTIONS)
+    for name in chosen:
+        if name not in SECTIONS:
+            raise CommandError(f"there is nothing called {name!r} to measure; there are {', '.join(SECTIONS)}")
+    stay_single_threaded()
+    settings = load_settings()
+    names = [SCENE, *map(str, data or [])]
+    made = []
+    for table in _tables(chosen, names, frames, live_seconds, rate, cold, growth, plots, settings):
+        made.append(table)
+        typer.echo(to_markdown(table))
+    on = machine()
+    typer.echo(f"On {on['cpu']}, {on['cores']} cores, Python {on['python']}.")
+    if json_file is not None:
+        options = {"only": only, "frames": frames, "live_seconds": live_seconds, "rate": rate, "growth": growth}
+        kept = record(settings, {name: data_checksum(name) for name in names}, options)
+        document = {"record": kept, "tables": [to_document(table) for table in made]}
+        json_file.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _tables(
+    chosen: tuple[str, ...],
+    names: list[str],
+    frames: int | None,
+    live_seconds: float,
+    rate: float,
+    cold: bool,
+    growth: int,
+    plots: Path | None,
+    settings: "Settings",
+) -> Iterator["Table"]:
+    """The chosen tables, each as soon as it is measured."""
+    materials = _materials(names, min(frames or IN_MEMORY, IN_MEMORY), settings) if chosen != ("pipeline",) else []
+    if "kernels" in chosen:
+        from spot3d.bench.kernels import kernels_table
+
+        yield kernels_table([material.first(FEW) for material in materials], settings, _say)
+    if "pose" in chosen:
+        from spot3d.bench.poses import pose_table
+
+        yield pose_table(materials, settings.pose, _say)
+    if "messages" in chosen:
+        from spot3d.bench.messages import messages_table
+
+        yield messages_table(materials, _say)
+    if "pipeline" in chosen:
+        from spot3d.bench.whole import pipeline_tables
+
+        yield from pipeline_tables([(name, frames or (300 if name == SCENE else None)) for name in names], _say)
+    if "live" in chosen:
+        from spot3d.bench.live import live_table
+
+        yield live_table(materials, rate, live_seconds, cold, _say)
+    if "growth" in chosen:
+        from spot3d.bench.growth import charts, map_growth, proposals_growth
+        from spot3d.drawing.picture import write_picture
+
+        found = (map_growth(materials[1], growth, settings, _say), proposals_growth(settings.proposals, _say))
+        yield from found
+        if plots is not None:
+            plots.mkdir(parents=True, exist_ok=True)
+            for name, picture in charts(*found).items():
+                write_picture(plots / f"growth-{name}.png", picture)
+
+
+def _materials(names: list[str], count: int, settings: "Settings") -> list["Material"]:
+    """Each data set at full and at half size."""
+    from spot3d.bench.material import at_half_size, load, prepare
+    from spot3d.source.sequences import open_source
+
+    made = []
+    for name in names:
+        _say(f"{name}: {count} frames ...")
+        frames = load(open_source(name), count)
+        short = Path(name).name
+        made += [prepare(short, frames, settings), prepare(short, at_half_size(frames), settings)]
+    return made
+
+
+def _say(message: str) -> None:
+    """Progress goes to standard error, so that the tables can be piped."""
+    typer.echo(message, err=True)

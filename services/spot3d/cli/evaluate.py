@@ -1,0 +1,129 @@
+"""`spot3d evaluate`: the paper's tables on data sets that are there."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from spot3d.cli.options import (
+    CommandError,
+    EveryOption,
+    FramesOption,
+    HalfOption,
+    IntrinsicsOption,
+    PresetOption,
+    SettingsOption,
+)
+from spot3d.settings import load_settings
+from spot3d.source.errors import SourceError
+from spot3d.source.intrinsics_files import parse_intrinsics
+
+ALL, RUN, ROBUSTNESS = "all", "run", "robustness"
+BUILT_IN = ("scenes:5",)
+"""Measured by `evaluate all` beside the data sets below its root."""
+
+
+def evaluate(
+    table: Annotated[
+        str,
+        typer.Argument(
+            help="proposals, filters, objects, ablations, points, time, poses, stability; or: all, run, robustness"
+        ),
+    ],
+    path: Annotated[
+        str, typer.Argument(metavar="PATH", help="a data set's folder, scene:SEED or scenes:5; for all: their root")
+    ],
+    json_file: Annotated[Path | None, typer.Option("--json", help="write the numbers and their record here")] = None,
+    plots: Annotated[Path | None, typer.Option(help="folder for pictures of recall over IoU")] = None,
+    pose: Annotated[
+        Literal["given", "kiss", "gicp"],
+        typer.Option(help="where poses come from; given: the data's true ones (kiss where it has none)"),
+    ] = "given",
+    of: Annotated[Path | None, typer.Option(help="for run: the folder of a finished run of PATH, live or not")] = None,
+    only: Annotated[
+        str | None,
+        typer.Option(metavar="KIND,..", help="for robustness: poses, delay, depth, holes, every, half; default: all"),
+    ] = None,
+    every: EveryOption = 1,
+    frames: FramesOption = None,
+    half: HalfOption = False,
+    intrinsics: IntrinsicsOption = None,
+    settings: SettingsOption = None,
+    preset: PresetOption = None,
+) -> None:
+    """Measure as the paper does: print TABLE in Markdown for the data set at PATH, or all tables for all data.
+
+    The table `run` is of a run that is over, live ones included: spot3d evaluate run PATH --of FOLDER. The table
+    `robustness` is of runs on input that is made worse, a kind after the other; it is not among `all`, it takes long.
+    """
+    from spot3d.dataflow.process_use import stay_single_threaded
+    from spot3d.evaluate.datasets import at_half_size, datasets_below, open_dataset
+    from spot3d.evaluate.finished_run import finished_table
+    from spot3d.evaluate.plots import write_plots
+    from spot3d.evaluate.record import data_checksum, record
+    from spot3d.evaluate.robustness import GROUPS, robustness_table
+    from spot3d.evaluate.table import to_document, to_markdown
+    from spot3d.evaluate.tables import TABLES, make_tables, with_objects
+
+    if table not in (ALL, RUN, ROBUSTNESS, *TABLES):
+        raise CommandError(f"there is no table {table!r}; there are {', '.join(TABLES)}, run, robustness, and all")
+    kinds = GROUPS if only is None else tuple(only.replace(",", " ").split())
+    if (only is not None and table != ROBUSTNESS) or not kinds or not set(kinds) <= set(GROUPS):
+        raise CommandError(f"--only is for robustness, and chooses some of {', '.join(GROUPS)}")
+    if (table == RUN) != (of is not None):
+        raise CommandError("a finished run is measured by: spot3d evaluate run PATH --of FOLDER")
+    if intrinsics is not None and table == ALL:
+        raise CommandError("--intrinsics are one data set's: name it and one table")
+    stay_single_threaded()
+    names = [path] if table != ALL else [*BUILT_IN, *map(str, datasets_below(Path(path)))]
+    resolved = load_settings(settings, preset, {"pose": {"provider": pose}})
+    camera = None if intrinsics is None else parse_intrinsics(intrinsics)
+    datasets = []
+    for name in names:
+        try:
+            if table == ROBUSTNESS:
+                # All frames of the stretch: errors of poses are those of neighbours, whichever are then taken.
+                dataset = open_dataset(name, resolved, 1, frames and frames * every, camera)
+            else:
+                dataset = open_dataset(name, resolved, every, frames, camera)
+        except SourceError as error:
+            if table != ALL:
+                raise
+            _say(f"left out: {error}")
+            continue
+        datasets.append(at_half_size(dataset) if half else dataset)
+    made = []
+    if table == ROBUSTNESS:
+        tables = iter([robustness_table(with_objects(datasets), resolved, every, kinds, _say)])
+    elif of is not None:
+        tables = iter([finished_table(dataset, of, resolved) for dataset in datasets])
+    else:
+        tables = make_tables(list(TABLES) if table == ALL else [table], datasets, resolved, _say)
+    for one in tables:
+        made.append(one)
+        typer.echo(to_markdown(one))
+    options = {"table": table, "every": every, "frames": frames, "half": half, "pose": pose, "of": of and str(of)}
+    options |= {"intrinsics": intrinsics, "only": only}
+    kept = record(resolved, {name: data_checksum(name) for name in names}, options)
+    typer.echo(_measured_on(kept))
+    if json_file is not None:
+        document = {"record": kept, "tables": [to_document(one) for one in made]}
+        json_file.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    if plots is not None:
+        write_plots(plots, made)
+
+
+def _measured_on(kept: dict[str, Any]) -> str:
+    machine, options = kept["machine"], kept["options"]
+    given = ", ".join(f"{name} {value}" for name, value in options.items() if value not in (None, False))
+    data = "; ".join(f"{name} ({checksum[:12]})" for name, checksum in kept["data"].items())
+    return (
+        f"spot3d {kept['version']}, preset {kept['settings']['preset']}, on {machine['cpu']}, "
+        f"{machine['cores']} cores, Python {machine['python']}. Options: {given}. Data, with checksum: {data}."
+    )
+
+
+def _say(message: str) -> None:
+    """Progress goes to standard error, so that the tables can be piped."""
+    typer.echo(message, err=True)

@@ -1,0 +1,88 @@
+"""Options that several commands share, and what they mean for the settings."""
+
+import logging
+import threading
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from spot3d.run.supervised import stop_with_parent
+from spot3d.settings import Preset
+
+InputArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="INPUT",
+        help="folder of a recording (7-Scenes, TUM RGB-D), file of spot3d record, or: scene, scene:SEED",
+    ),
+]
+SettingsOption = Annotated[Path | None, typer.Option("--settings", help="TOML file; see: spot3d settings")]
+PresetOption = Annotated[Preset | None, typer.Option(help="what is not set otherwise")]
+RobotOption = Annotated[str | None, typer.Option(help="the robot's name, first part of every key")]
+ConnectOption = Annotated[
+    list[str] | None, typer.Option(help="router to connect to, as tcp/127.0.0.1:7447; may be repeated")
+]
+ListenOption = Annotated[
+    list[str] | None, typer.Option(help="endpoint to listen on, as a router for the others; may be repeated")
+]
+DeliveryOption = Annotated[
+    bool | None,
+    typer.Option("--lossless/--live", help="lossless: nothing is dropped; live: the latest frame wins"),
+]
+FramesOption = Annotated[int | None, typer.Option(min=1, help="play at most so many frames")]
+EveryOption = Annotated[int, typer.Option(min=1, help="play only every so-manieth frame")]
+HalfOption = Annotated[bool, typer.Option("--half", help="frames at half size")]
+IntrinsicsOption = Annotated[
+    str | None, typer.Option(metavar="FX,FY,CX,CY", help="depth camera's intrinsics, pixels, for any input folder")
+]
+RateOption = Annotated[float | None, typer.Option(min=0.01, help="frames per second; default: as recorded")]
+NoiseOption = Annotated[
+    str | None,
+    typer.Option("--noise", metavar="d435|tof|...", help="the depth's noise; see: spot3d settings"),
+]
+SupervisedOption = Annotated[bool, typer.Option("--supervised", hidden=True)]
+
+
+class CommandError(Exception):
+    """A command cannot do what it was asked to; the message says why."""
+
+
+def play_overrides(half: bool, rate: float | None, noise: str | None = None) -> dict[str, Any]:
+    """Settings of the options that say how an input is played; only those that were given."""
+    source: dict[str, Any] = {}
+    if half:
+        source["halved"] = True
+    if rate is not None:
+        source["rate_hz"] = rate
+    if noise is not None:
+        source["depth_noise"] = noise
+    return {"source": source}
+
+
+def link_overrides(
+    robot: str | None, connect: list[str] | None, listen: list[str] | None, lossless: bool | None
+) -> dict[str, Any]:
+    """Settings of the options that say how a stage reaches the others; only those that were given.
+
+    A stage that listens is the router of those who connect to it, and needs no other.
+    """
+    link: dict[str, Any] = {}
+    if robot is not None:
+        link["robot"] = robot
+    if listen:
+        link |= {"mode": "router", "listen": tuple(listen), "connect": ()}
+    if connect:
+        link["connect"] = tuple(connect)
+    if lossless is not None:
+        link["delivery"] = "lossless" if lossless else "live"
+    return {"link": link}
+
+
+def stage_started(supervised: bool) -> threading.Event:
+    """Sets up a stage's process: its log on standard error, and the event that ends it."""
+    logging.basicConfig(format="%(asctime)s %(name)s %(levelname)s: %(message)s", level=logging.INFO)
+    stop = threading.Event()
+    if supervised:
+        stop_with_parent(stop)
+    return stop

@@ -1,0 +1,193 @@
+"""One command for each stage and the router: the processes of the dataflow, on whatever device."""
+
+import threading
+from collections.abc import Callable
+from typing import Annotated
+
+import typer
+
+from spot3d.cli.options import (
+    CommandError,
+    ConnectOption,
+    DeliveryOption,
+    EveryOption,
+    FramesOption,
+    HalfOption,
+    InputArgument,
+    IntrinsicsOption,
+    ListenOption,
+    NoiseOption,
+    PresetOption,
+    RateOption,
+    RobotOption,
+    SettingsOption,
+    SupervisedOption,
+    link_overrides,
+    play_overrides,
+    stage_started,
+)
+from spot3d.settings import Settings, load_settings
+
+
+def source(
+    input_name: InputArgument,
+    settings: SettingsOption = None,
+    preset: PresetOption = None,
+    robot: RobotOption = None,
+    connect: ConnectOption = None,
+    listen: ListenOption = None,
+    lossless: DeliveryOption = None,
+    frames: FramesOption = None,
+    every: EveryOption = 1,
+    half: HalfOption = False,
+    rate: RateOption = None,
+    intrinsics: IntrinsicsOption = None,
+    noise: NoiseOption = None,
+    pose_from_elsewhere: Annotated[bool, typer.Option("--no-pose-stage", help="do not wait for a pose stage")] = False,
+    after_ns: Annotated[int | None, typer.Option(hidden=True)] = None,
+    stream: Annotated[str | None, typer.Option(hidden=True)] = None,
+    supervised: SupervisedOption = False,
+) -> None:
+    """The source stage: play INPUT to the other stages."""
+    stop = stage_started(supervised)
+    overrides = play_overrides(half, rate, noise) | link_overrides(robot, connect, listen, lossless)
+    resolved = load_settings(settings, preset, overrides)
+    from spot3d.source.process import EVERY_STAGE, FUSING_STAGES, MissingStagesError
+    from spot3d.source.process import run as run_source
+    from spot3d.source.selected import open_selection, selection
+
+    sequence = open_selection(selection(input_name, frames, every, intrinsics, after_ns), resolved.source)
+    # A live source is a camera: it waits for nobody, unless a run has started it together with the others. Even then
+    # frames can be fused while segments is still compiling its kernels.
+    awaited: tuple[str, ...] = EVERY_STAGE
+    if resolved.link.delivery == "live":
+        awaited = FUSING_STAGES if supervised else ()
+    wait_for = tuple(stage for stage in awaited if stage != "pose" or not pose_from_elsewhere)
+    try:
+        run_source(resolved.link, resolved.source, sequence, stop=stop, wait_for=wait_for, stream=stream)
+    except MissingStagesError as error:
+        raise CommandError(str(error)) from error
+
+
+def pose(
+    settings: SettingsOption = None,
+    preset: PresetOption = None,
+    robot: RobotOption = None,
+    connect: ConnectOption = None,
+    listen: ListenOption = None,
+    lossless: DeliveryOption = None,
+    provider: Annotated[str | None, typer.Option(metavar="kiss|gicp|given", help="where poses come from")] = None,
+    supervised: SupervisedOption = False,
+) -> None:
+    """The pose stage: the camera's pose for each frame."""
+    stop = stage_started(supervised)
+    overrides = link_overrides(robot, connect, listen, lossless)
+    if provider is not None:
+        overrides["pose"] = {"provider": provider}
+    resolved = load_settings(settings, preset, overrides)
+    from spot3d.pose.process import run as run_pose
+
+    run_pose(resolved.link, resolved.pose, stop)
+
+
+Stage = Callable[[Settings, threading.Event], None]
+
+
+def linked(stage: Stage) -> Callable[..., None]:
+    """The command of a stage that has no options but those of every stage; its name and help are the stage's."""
+
+    def command(
+        settings: SettingsOption = None,
+        preset: PresetOption = None,
+        robot: RobotOption = None,
+        connect: ConnectOption = None,
+        listen: ListenOption = None,
+        lossless: DeliveryOption = None,
+        supervised: SupervisedOption = False,
+    ) -> None:
+        stop = stage_started(supervised)
+        stage(load_settings(settings, preset, link_overrides(robot, connect, listen, lossless)), stop)
+
+    command.__name__, command.__doc__ = stage.__name__, stage.__doc__
+    return command
+
+
+def proposals(settings: Settings, stop: threading.Event) -> None:
+    """The proposals stage: generic 2D boxes of each frame."""
+    from spot3d.proposals.process import run
+
+    run(settings.link, settings.proposals, stop)
+
+
+def heatmap(settings: Settings, stop: threading.Event) -> None:
+    """The heatmap stage: how likely each pixel shows an object."""
+    from spot3d.heatmap.process import run
+
+    run(settings.link, settings.heatmap, stop)
+
+
+def segments(settings: Settings, stop: threading.Event) -> None:
+    """The segments stage: the objects of single keyframes."""
+    from spot3d.segments.process import run
+
+    run(settings.link, settings.segments, stop)
+
+
+def fusion(settings: Settings, stop: threading.Event) -> None:
+    """The fusion stage: frames with heat and pose become a map, and the objects in it."""
+    from spot3d.fusion.process import run
+
+    run(settings.link, settings.fusion, stop)
+
+
+def bridge(
+    settings: SettingsOption = None,
+    robot: RobotOption = None,
+    connect: ConnectOption = None,
+    ground: Annotated[
+        list[str] | None, typer.Option(help="the router on the other side, as tcp/ADDRESS:7447; may be repeated")
+    ] = None,
+    supervised: SupervisedOption = False,
+) -> None:
+    """Join this device's router with another one's over a thin or broken link, which never stalls this device."""
+    stop = stage_started(supervised)
+    overrides = link_overrides(robot, connect, None, None)
+    if ground:
+        overrides["bridge"] = {"ground": tuple(ground)}
+    resolved = load_settings(settings, None, overrides)
+    from spot3d.bridge.process import run
+
+    run(resolved.link, resolved.bridge, stop)
+
+
+def router(
+    settings: SettingsOption = None,
+    listen: Annotated[list[str] | None, typer.Option(help="endpoints to listen on; may be repeated")] = None,
+    connect: Annotated[list[str] | None, typer.Option(help="other routers; may be repeated")] = None,
+    supervised: SupervisedOption = False,
+) -> None:
+    """A router that the stages meet at, where no zenohd runs; ends with Ctrl-C.
+
+    Its certificate is that of the settings' [link], and who may do what is what their [access] says.
+    """
+    stop = stage_started(supervised)
+    endpoints, others = tuple(listen or ["tcp/127.0.0.1:7447"]), tuple(connect or ())
+    # Checked as settings are, so that a slip of the pen is told as one.
+    resolved = load_settings(settings, overrides={"link": {"mode": "router", "listen": endpoints, "connect": others}})
+    import zenoh
+
+    from spot3d.dataflow.router import open_router
+    from spot3d.dataflow.stopping import stop_on_signals
+    from spot3d.security.access import access_control
+
+    access = access_control(resolved.access) if resolved.access.enabled else None
+    with stop_on_signals(stop) as stopped:
+        try:
+            with open_router(endpoints, others, resolved.link, access):
+                typer.echo(f"router at {', '.join(endpoints)}")
+                stopped.wait()
+        except zenoh.ZError as error:
+            raise CommandError(f"cannot listen at {', '.join(endpoints)}: {error}") from error
+
+
+COMMANDS = (source, pose, linked(proposals), linked(heatmap), linked(segments), linked(fusion), bridge, router)

@@ -1,0 +1,63 @@
+"""What this process runs on: versions, room, certificate. Asked for by `spot3d doctor`."""
+
+import importlib.metadata
+import os
+import platform
+import shutil
+import socket
+import time
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
+from spot3d import __version__
+from spot3d.dataflow.kernel_cache import kernels_missing
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.tls import TlsError, own_certificate
+from spot3d_schemas import About, Header
+
+_SHARED = Path("/dev/shm")
+
+
+def about(header: Header, stage: str, link: LinkSettings) -> About:
+    """The message of a stage's process; the clock is read last, as close to the answer as can be."""
+    own = None
+    with suppress(TlsError):  # told when the session was opened
+        own = own_certificate(link)
+    disk = state_disk()
+    return About(
+        header=header,
+        stage=stage,
+        pid=os.getpid(),
+        host=socket.gethostname(),
+        spot3d=__version__,
+        zenoh=zenoh_version(),
+        python=platform.python_version(),
+        kernels_missing=_missing(stage),
+        shared_memory_bytes=shared_memory_bytes() if link.shared_memory and link.delivery == "live" else 0,
+        disk=str(disk),
+        disk_free_bytes=shutil.disk_usage(disk).free,
+        certificate_until_ns=None if own is None else int(1e9 * own.until.timestamp()),
+        time_ns=time.time_ns(),
+    )
+
+
+def zenoh_version() -> str:
+    """The version of Zenoh that this process speaks."""
+    return importlib.metadata.version("eclipse-zenoh")
+
+
+def shared_memory_bytes() -> int:
+    """Room for images in shared memory; 0 where there is none that this process may use."""
+    return shutil.disk_usage(_SHARED).free if os.access(_SHARED, os.W_OK) else 0
+
+
+def state_disk() -> Path:
+    """Where this user's programs keep their state, or the nearest folder above it that exists."""
+    folder = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+    return next(path for path in (folder, *folder.parents) if path.exists())
+
+
+@cache
+def _missing(stage: str) -> int:
+    return len(kernels_missing(Path(__file__).parents[1] / stage))

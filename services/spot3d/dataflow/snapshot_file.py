@@ -1,0 +1,85 @@
+"""A file of named arrays and plain values that is read whole or not at all, and appears whole or not at all."""
+
+import json
+import os
+import struct
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_MAGIC = b"spot3d snapshot 1\n"
+_LENGTH = struct.Struct("<Q")
+_CHECKSUM = struct.Struct("<I")
+_HEAD_MAX = 2**26
+"""Longest description: 64 MB."""
+
+
+class SnapshotError(ValueError):
+    """A file is no snapshot that can be gone on from; the message says which and why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """kind: which stage's it is. values: what JSON can say. arrays: by name, read-only when read."""
+
+    kind: str
+    values: dict[str, Any]
+    arrays: Mapping[str, NDArray[Any]]
+
+
+def snapshot_bytes(snapshot: Snapshot) -> list[bytes]:
+    """The file's content in pieces, a copy of what the snapshot holds now: its arrays may change afterwards."""
+    described = [[name, array.dtype.str, list(array.shape)] for name, array in snapshot.arrays.items()]
+    if any(array.dtype.hasobject or array.dtype.names for array in snapshot.arrays.values()):
+        raise TypeError("arrays of plain numbers alone can be kept")
+    head = json.dumps({"kind": snapshot.kind, "values": snapshot.values, "arrays": described}, allow_nan=False).encode()
+    return [_MAGIC, _LENGTH.pack(len(head)), head, *(array.tobytes() for array in snapshot.arrays.values())]
+
+
+def write_snapshot(path: Path, pieces: list[bytes]) -> None:
+    """Write the content that `snapshot_bytes` gave; whoever looks finds the file before or this one. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        with partial.open("wb") as stream:
+            checksum = 0
+            for piece in pieces:
+                stream.write(piece)
+                checksum = zlib.crc32(piece, checksum)
+            stream.write(_CHECKSUM.pack(checksum))
+            stream.flush()
+            os.fsync(stream.fileno())
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def read_snapshot(path: Path, kind: str) -> Snapshot:
+    """The snapshot in a file. Raises SnapshotError where there is none of this kind that is whole, OSError."""
+    data = path.read_bytes()
+    if not data.startswith(_MAGIC):
+        raise SnapshotError(f"{path} is no snapshot of spot3d, or one of another version")
+    body, at = memoryview(data)[: -_CHECKSUM.size], len(_MAGIC) + _LENGTH.size
+    if len(body) < at or zlib.crc32(body) != _CHECKSUM.unpack(data[-_CHECKSUM.size :])[0]:
+        raise SnapshotError(f"{path} is damaged: its checksum is wrong; it is not used")
+    (length,) = _LENGTH.unpack(body[len(_MAGIC) : at])
+    try:
+        if length > _HEAD_MAX:
+            raise ValueError("its description is too long")
+        head = json.loads(bytes(body[at : at + length]))
+        arrays, at = {}, at + length
+        for name, dtype, shape in head["arrays"]:
+            count = int(np.prod(shape, dtype=np.int64))
+            arrays[name] = np.frombuffer(body, np.dtype(dtype), count, at).reshape(shape)
+            at += arrays[name].nbytes
+        snapshot = Snapshot(head["kind"], head["values"], arrays)
+    except (ValueError, KeyError, TypeError) as error:
+        raise SnapshotError(f"{path} cannot be read: {error}; it is not used") from error
+    if snapshot.kind != kind:
+        raise SnapshotError(f"{path} is a snapshot of {snapshot.kind}, not of {kind}")
+    return snapshot

@@ -1,0 +1,55 @@
+"""Snapshots are written beside a stage's work, one at a time, into a folder of its robot's."""
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.snapshot_file import write_snapshot
+from spot3d.dataflow.stopping import end_threads
+
+
+def snapshot_path(link: LinkSettings, stage: str) -> Path:
+    """Where a stage of this robot keeps its snapshot."""
+    state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    folder = Path(link.snapshot_folder) if link.snapshot_folder else Path(state) / "spot3d" / link.robot
+    return folder / f"{stage}.snapshot"
+
+
+class SnapshotWriter:
+    """Writes a stage's snapshot at intervals; what cannot be written is told, and tried again at the next.
+
+    failed: told why a snapshot could not be written.
+    """
+
+    def __init__(self, path: Path, interval_s: float, failed: Callable[[str], None]) -> None:
+        self.path = path
+        self._interval_s = interval_s
+        self._failed = failed
+        self._last_s = float("-inf")
+        self._thread: threading.Thread | None = None
+
+    def due(self, now_s: float) -> bool:
+        """Whether the next one is to be made, monotonic seconds; never while one is being written, or without any."""
+        busy = self._thread is not None and self._thread.is_alive()
+        return self._interval_s > 0 and not busy and now_s - self._last_s >= self._interval_s
+
+    def write(self, pieces: list[bytes]) -> None:
+        """Begin to write the content of a file (see `snapshot_bytes`)."""
+        self.close()
+        self._last_s = time.monotonic()
+        self._thread = threading.Thread(target=self._write, args=(pieces,), name="snapshot", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Wait for what is being written."""
+        if self._thread is not None:
+            end_threads((self._thread,))
+
+    def _write(self, pieces: list[bytes]) -> None:
+        try:
+            write_snapshot(self.path, pieces)
+        except OSError as error:
+            self._failed(f"no snapshot in {self.path.parent}: {error.strerror or error}; a restart would begin anew")

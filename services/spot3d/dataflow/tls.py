@@ -1,0 +1,180 @@
+"""Why a TLS link does not come about, in words: Zenoh itself only lets the time run out."""
+
+import datetime
+import socket
+import ssl
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from spot3d.dataflow.settings import LinkSettings
+
+EXPIRES_SOON = datetime.timedelta(days=14)
+_PROBE_S = 1.0
+"""Longest wait for a router to begin TLS."""
+_REFUSAL_S = 0.3
+"""A server says what it holds of a client's certificate right after the handshake, or nothing."""
+_PROTOCOLS = ("tls", "quic")
+
+
+class TlsError(OSError):
+    """A certificate, key or authority that cannot be used; the message says which and why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Validity:
+    """Whose certificate it is (its common name) and until when it is valid."""
+
+    name: str
+    until: datetime.datetime
+
+    def __str__(self) -> str:
+        return f"{self.name}, valid until {self.until:%Y-%m-%d %H:%M} UTC"
+
+    @property
+    def soon_over(self) -> bool:
+        """Whether it expires in two weeks."""
+        return self.until - datetime.datetime.now(datetime.UTC) < EXPIRES_SOON
+
+
+def uses_tls(endpoint: str) -> bool:
+    """Whether an endpoint such as tls/10.0.0.2:7447 is encrypted."""
+    return endpoint.partition("/")[0] in _PROTOCOLS
+
+
+def own_certificate(link: LinkSettings) -> Validity | None:
+    """The validity of the link's own certificate, proved as another side would; None where it has none.
+
+    Raises TlsError where a file cannot be read, key and certificate do not belong together, or the authority would
+    not accept the certificate today (it has expired, say).
+    """
+    if link.certificate is None or link.key is None:
+        return None
+    ours = _context(ssl.PROTOCOL_TLS_SERVER, link)
+    other = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    other.check_hostname = False
+    if link.ca is None:
+        other.load_default_certs()
+    else:
+        _load_authority(other, link.ca)
+    try:
+        return _validity(_talk(ours, other))
+    except ssl.SSLCertVerificationError as error:
+        raise TlsError(
+            f"the certificate {link.certificate} is not accepted by {link.ca or 'public authorities'}: "
+            f"{error.verify_message}; make a new one with spot3d certificates, and look at this device's clock"
+        ) from error
+
+
+def probe(endpoint: str, link: LinkSettings) -> Validity:
+    """Begin TLS with the router at `endpoint` as this link would; returns the validity of its certificate.
+
+    Raises TlsError with the reason in words where either side refuses the other, or nobody answers.
+    """
+    host, port = _address(endpoint)
+    context = _context(ssl.PROTOCOL_TLS_CLIENT, link)
+    context.check_hostname = link.verify_names
+    try:
+        with (
+            socket.create_connection((host, port), timeout=_PROBE_S) as plain,
+            context.wrap_socket(plain, server_hostname=host) as secured,
+        ):
+            validity = _validity(secured.getpeercert())
+            secured.settimeout(_REFUSAL_S)
+            with suppress(TimeoutError):  # it waits for us: we are in
+                secured.recv(1)
+            return validity
+    except ssl.SSLCertVerificationError as error:
+        raise TlsError(f"{endpoint}: the router's certificate is refused: {error.verify_message}") from error
+    except ssl.SSLError as error:
+        raise TlsError(f"{endpoint}: the router refuses: {_words(error)}") from error
+    except OSError as error:
+        raise TlsError(f"{endpoint}: {error.strerror or error}") from error
+
+
+def why_refused(link: LinkSettings) -> str:
+    """What is wrong with the encrypted endpoints that a link connects to; empty where nothing is to be seen."""
+    reasons = []
+    for endpoint in filter(_probed, link.connect):
+        try:
+            probe(endpoint, link)
+        except TlsError as error:
+            reasons.append(str(error))
+    return "; ".join(reasons)
+
+
+def _probed(endpoint: str) -> bool:
+    return endpoint.startswith("tls/")
+
+
+def _context(protocol: int, link: LinkSettings) -> ssl.SSLContext:
+    context = ssl.SSLContext(protocol)
+    if protocol == ssl.PROTOCOL_TLS_CLIENT and link.ca is None:
+        context.load_default_certs()
+    if link.ca is not None:
+        _load_authority(context, link.ca)
+    if link.certificate is not None and link.key is not None:
+        for file in (link.certificate, link.key):
+            _refuse_unreadable(file)
+        try:
+            context.load_cert_chain(link.certificate, link.key)
+        except ssl.SSLError as error:
+            if error.reason == "KEY_VALUES_MISMATCH":
+                raise TlsError(f"{link.key} is not the key of the certificate {link.certificate}") from error
+            raise TlsError(f"{link.certificate} and {link.key} are no certificate and key: {_words(error)}") from error
+    return context
+
+
+def _load_authority(context: ssl.SSLContext, file: Path) -> None:
+    _refuse_unreadable(file)
+    try:
+        context.load_verify_locations(file)
+    except ssl.SSLError as error:
+        raise TlsError(f"{file} is no certificate of an authority: {_words(error)}") from error
+
+
+def _refuse_unreadable(file: Path) -> None:
+    try:
+        file.open("rb").close()
+    except OSError as error:
+        raise TlsError(f"cannot read {file}: {error.strerror}") from error
+
+
+def _talk(ours: ssl.SSLContext, other: ssl.SSLContext) -> Mapping[str, object] | None:
+    """A handshake in memory; returns our certificate as the other side has read it."""
+    to_us, to_other = ssl.MemoryBIO(), ssl.MemoryBIO()
+    server = ours.wrap_bio(to_us, to_other, server_side=True)
+    client = other.wrap_bio(to_other, to_us)
+    for _ in range(4):
+        for side in (client, server):
+            try:
+                side.do_handshake()
+            except ssl.SSLWantReadError:
+                continue
+    return client.getpeercert()
+
+
+def _validity(certificate: Mapping[str, object] | None) -> Validity:
+    fields = certificate or {}
+    subject = fields.get("subject")
+    names = (
+        [value for part in subject for name, value in part if name == "commonName"]
+        if isinstance(subject, tuple)
+        else []
+    )
+    ends_s = ssl.cert_time_to_seconds(str(fields["notAfter"]))
+    return Validity(names[0] if names else "no name", datetime.datetime.fromtimestamp(ends_s, datetime.UTC))
+
+
+def _address(endpoint: str) -> tuple[str, int]:
+    """Host and port of an endpoint: tls/[::1]:7447#so_sndbuf=65536."""
+    host, _, port = endpoint.partition("/")[2].partition("#")[0].partition("?")[0].rpartition(":")
+    if not host or not port.isdecimal():
+        raise TlsError(f"{endpoint} has no host and port, as tls/192.168.1.2:7447 has")
+    return host.strip("[]"), int(port)
+
+
+def _words(error: ssl.SSLError) -> str:
+    """OpenSSL's reason without its number: an alert is what the other side says."""
+    return (error.reason or str(error)).lower().replace("_", " ")

@@ -1,0 +1,87 @@
+"""How noisy a depth camera is: the standard deviation of its depth as a function of range, with presets."""
+
+import math
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Metres = TypeVar("Metres", float, NDArray[np.float32], NDArray[np.float64])
+
+
+class DepthNoise(NamedTuple):
+    """sigma(z) = floor + growth * (z - at)^2, metres: every kind of depth camera is near to such a parabola.
+
+    floor: metres; growth: metres per square metre; at: the range of least noise, metres.
+    """
+
+    floor: float
+    growth: float
+    at: float
+
+    def sigma(self, z: Metres) -> Metres:
+        """Standard deviation of depth z, metres."""
+        return self.floor + self.growth * (z - self.at) ** 2
+
+    def coefficients(self) -> tuple[np.float32, np.float32, np.float32]:
+        """What `sensor.axial_noise_kernel` takes."""
+        return np.float32(self.floor), np.float32(self.growth), np.float32(self.at)
+
+
+def checked_noise(floor: float, growth: float, at: float) -> DepthNoise:
+    """The noise of these coefficients. Raises ValueError where they are none."""
+    noise = DepthNoise(floor, growth, at)
+    if not (all(map(math.isfinite, noise)) and floor > 0 and growth >= 0):
+        raise ValueError(f"depth noise needs a floor above 0, growth of 0 or more and a range, metres; got {noise}")
+    return noise
+
+
+KINECT_V1 = DepthNoise(0.0012, 0.0019, 0.4)
+"""Nguyen, Izadi and Lovell 2012 (Eq. 3), quantisation included; what holds where an input states nothing."""
+
+TIME_OF_FLIGHT = DepthNoise(0.001, 0.0004, 0.5)
+"""About that of Azure Kinect's narrow view on matt surfaces: 1 mm near, 2 to 3 mm at 2.5 m."""
+
+_MILLIMETRE_STEPS = 0.001 / math.sqrt(12)
+SUBPIXEL = 0.08
+"""Disparity's standard deviation on textured surfaces, pixels: what Intel states for the D400 series."""
+
+
+def stereo_noise(baseline_m: float, focal_px: float, subpixel: float = SUBPIXEL) -> DepthNoise:
+    """Noise of a stereo camera: z^2 * subpixel / (focal length * baseline), and depth in steps of a millimetre.
+
+    focal_px: of the depth image at the size at which disparity is computed. Raises ValueError.
+    """
+    if not (baseline_m > 0 and focal_px > 0 and subpixel > 0):
+        raise ValueError(f"baseline, focal length and subpixel must be positive: {baseline_m}, {focal_px}, {subpixel}")
+    return checked_noise(_MILLIMETRE_STEPS, subpixel / (focal_px * baseline_m), 0.0)
+
+
+# Focal lengths of 848 pixels across, as the data sheets' fields of view give them: 65, 87 and 87 degrees.
+PRESETS = {
+    "kinect-v1": KINECT_V1,
+    "d415": stereo_noise(0.055, 848 / 2 / math.tan(math.radians(65 / 2))),
+    "d435": stereo_noise(0.050, 848 / 2 / math.tan(math.radians(87 / 2))),
+    "d455": stereo_noise(0.095, 848 / 2 / math.tan(math.radians(87 / 2))),
+    "tof": TIME_OF_FLIGHT,
+}
+"""Cameras by name."""
+
+
+def parse_noise(text: str) -> DepthNoise:
+    """A preset by name, `stereo:BASELINE,FOCAL[,SUBPIXEL]`, or `FLOOR,GROWTH,AT`. Raises ValueError."""
+    if text in PRESETS:
+        return PRESETS[text]
+    kind, _, numbers = text.rpartition(":")
+    try:
+        values = [float(number) for number in numbers.split(",")]
+    except ValueError:
+        values = []
+    if kind == "stereo" and len(values) in (2, 3):
+        return stereo_noise(*values)
+    if not kind and len(values) == 3:
+        return checked_noise(*values)
+    raise ValueError(
+        f"{text!r} is no depth noise: give {', '.join(PRESETS)}, stereo:BASELINE,FOCAL or "
+        "stereo:BASELINE,FOCAL,SUBPIXEL (metres, pixels), or FLOOR,GROWTH,AT (metres)"
+    )

@@ -1,0 +1,1 @@
+"""What a field engineer runs first: what is wrong here, and what to do about it."""

@@ -1,0 +1,84 @@
+"""Asks the stages of a robot what they run on and how much they send, without taking part in the dataflow."""
+
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+
+import zenoh
+from zenoh.handlers import FifoChannel
+
+from spot3d.doctor.others import Answer, Flow, flows
+from spot3d_schemas import STAGES, About, CodecError, Health, decode, key
+
+_ASKS = 5
+"""The fastest answer tells the clock best."""
+_ANSWER_S = 1.0
+_HEALTH_WAITING = 16
+
+
+def ask_all(session: zenoh.Session, robot: str) -> list[Answer]:
+    """What each process that answers as one of the robot's stages runs on; two may answer for one stage."""
+    best: dict[tuple[str, str, int], Answer] = {}
+    for stage in STAGES:
+        for _ in range(_ASKS):
+            answers = _ask(session, key(robot, f"{stage}/about"))
+            for answer in answers:
+                who = (stage, answer.about.host, answer.about.pid)
+                if who not in best or answer.within_ms < best[who].within_ms:
+                    best[who] = answer
+            if not answers:
+                break
+    return list(best.values())
+
+
+def _ask(session: zenoh.Session, where: str) -> list[Answer]:
+    asked_ns = time.time_ns()
+    replies = session.get(
+        where,
+        timeout=_ANSWER_S,
+        target=zenoh.QueryTarget.ALL,
+        consolidation=zenoh.ConsolidationMode.NONE,
+    )
+    answers = []
+    for reply in replies:
+        back_ns = time.time_ns()
+        if reply.ok is None:
+            continue
+        try:
+            told = decode(reply.ok.payload.to_bytes(), About)
+        except CodecError:
+            continue  # someone else's answer; `stages` says that none came
+        answers.append(Answer(told, 1e-6 * (told.time_ns - (asked_ns + back_ns) / 2), 1e-6 * (back_ns - asked_ns) / 2))
+    return answers
+
+
+def measure_flows(session: zenoh.Session, robot: str, seconds: float) -> list[Flow]:
+    """What every stage sends, by what they count themselves: listening would fill the link that is looked at."""
+    told: dict[str, list[Health]] = {stage: [] for stage in STAGES}
+    with ExitStack() as stack:
+        subscribers = {}
+        for stage in STAGES:
+            channel: FifoChannel[zenoh.Sample] = FifoChannel(_HEALTH_WAITING)
+            subscribers[stage] = session.declare_subscriber(key(robot, f"{stage}/health"), channel)
+            stack.callback(subscribers[stage].undeclare)
+        deadline_s = time.monotonic() + seconds
+        while time.monotonic() < deadline_s:
+            for stage, subscriber in subscribers.items():
+                sample = subscriber.handler.try_recv()
+                if sample is not None:
+                    _note(told[stage], sample)
+            time.sleep(0.01)
+    return [flow for told_by in told.values() for flow in _between(told_by)]
+
+
+def _note(told: list[Health], sample: zenoh.Sample) -> None:
+    try:
+        told.append(decode(sample.payload.to_bytes(), Health))
+    except CodecError:
+        return  # `spot3d status` tells of stages that nobody understands
+
+
+def _between(told: Sequence[Health]) -> list[Flow]:
+    """From the first to the last of one process: two of one name count each for itself."""
+    own = [health for health in told if health.pid == told[0].pid]
+    return flows(own[0], own[-1]) if len(own) > 1 else []

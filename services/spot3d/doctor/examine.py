@@ -1,0 +1,58 @@
+"""The whole examination: this device, the router, the stages."""
+
+import threading
+
+from spot3d.dataflow.alive import watch_alive
+from spot3d.dataflow.session import StoppedError, open_session
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.tls import TlsError, probe, why_refused
+from spot3d.doctor.asking import ask_all, measure_flows
+from spot3d.doctor.finding import Finding
+from spot3d.doctor.others import Flow, look_at
+from spot3d.doctor.this_device import look_here
+from spot3d_schemas import STAGES
+
+_CONNECT_S = 3.0
+
+
+def examine(link: LinkSettings, seconds: float) -> tuple[list[Finding], list[Flow]]:
+    """All findings about this device and, where the router answers, about the robot's stages; and what they send."""
+    findings = look_here(link)
+    stop = threading.Event()
+    impatience = threading.Timer(_CONNECT_S, stop.set)
+    impatience.daemon = True
+    impatience.start()
+    try:
+        with open_session(link, stop) as session, watch_alive(session, link.robot) as alive:
+            impatience.cancel()
+            findings += reached(link)
+            # The first second of measuring is also the time for the tokens to come.
+            sent = measure_flows(session, link.robot, seconds)
+            there = {stage: stage in alive for stage in STAGES}
+            return findings + look_at(ask_all(session, link.robot), there), sent
+    except TlsError:
+        return [*findings, Finding("problem", "router", "not tried without a certificate", "see above")], []
+    except StoppedError:
+        return findings + reached(link, answered=False), []
+    finally:
+        impatience.cancel()
+
+
+def reached(link: LinkSettings, answered: bool = True) -> list[Finding]:
+    """The router's endpoints, and the certificates that it shows."""
+    where = ", ".join(link.connect)
+    if not answered:
+        reason = why_refused(link) or "nobody answers"
+        remedy = "start it, set [link] connect, and look at the way there: addresses, firewall, docs/security.md"
+        return [Finding("problem", "router", f"{where}: {reason}", remedy)]
+    findings = [Finding("ok", "router", f"reached at {where}")]
+    for endpoint in link.connect:
+        if endpoint.startswith("tls/"):
+            try:
+                shown = probe(endpoint, link)
+            except TlsError as error:
+                findings.append(Finding("note", "router", str(error), "another of its endpoints was reached"))
+                continue
+            remedy = "make it a new one: spot3d certificates --renew" if shown.soon_over else ""
+            findings.append(Finding("problem" if remedy else "ok", "router's certificate", str(shown), remedy))
+    return findings

@@ -1,0 +1,125 @@
+"""What the stages' own answers say, on whatever device they run."""
+
+import datetime
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from spot3d import __version__
+from spot3d.dataflow.about import zenoh_version
+from spot3d.dataflow.tls import EXPIRES_SOON
+from spot3d.doctor.finding import Finding
+from spot3d.doctor.this_device import disk, kernels, shared_memory
+from spot3d_schemas import STAGES, About, Health
+
+CLOCK_MS = 50.0
+"""Captures are joined by their stamps and lags are read from clocks: further apart, both mislead."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a stage answered. offset_ms: its clock minus this device's, +- within_ms, half the round trip."""
+
+    about: About
+    offset_ms: float
+    within_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class Flow:
+    """What one stage sends under one topic."""
+
+    topic: str
+    rate_hz: float
+    bytes_per_s: float
+
+
+def look_at(answers: Sequence[Answer], alive: Mapping[str, bool]) -> list[Finding]:
+    """Findings of all stages that answered, one a device where that says it all. alive: by liveliness token."""
+    findings = [stages(alive, answers)]
+    hosts: dict[str, list[Answer]] = defaultdict(list)
+    for answer in answers:
+        hosts[answer.about.host].append(answer)
+    for host, there in hosts.items():
+        where = f"on {host}"
+        findings += [versions(host, there), clock(host, there)]
+        missing = sum(answer.about.kernels_missing for answer in there)
+        findings.append(kernels(missing, where))
+        findings.append(shared_memory(min(answer.about.shared_memory_bytes for answer in there), where))
+        least = min(there, key=lambda answer: answer.about.disk_free_bytes).about
+        findings.append(disk(least.disk, least.disk_free_bytes, where))
+        findings += certificates(host, there)
+    return findings
+
+
+def stages(alive: Mapping[str, bool], answers: Sequence[Answer]) -> Finding:
+    """Which stages there are, and whether each is one process only."""
+    pids: dict[str, set[tuple[str, int]]] = defaultdict(set)
+    for answer in answers:
+        pids[answer.about.stage].add((answer.about.host, answer.about.pid))
+    for stage, processes in pids.items():
+        if len(processes) > 1:
+            named = ", ".join(f"{host} ({pid})" for host, pid in sorted(processes))
+            return Finding(
+                "problem", "stages", f"{stage} runs {len(processes)} times: {named}", "end all but one of them"
+            )
+    absent = [stage for stage in STAGES if not alive.get(stage)]
+    if absent:
+        return Finding(
+            "problem", "stages", f"not alive: {', '.join(absent)}", "start them; their logs say why they ended"
+        )
+    mute = [stage for stage in STAGES if stage not in pids]
+    if mute:
+        text = f"alive, but they do not say what they run on: {', '.join(mute)}"
+        return Finding("note", "stages", text, "an older version, or someone else's stage")
+    return Finding("ok", "stages", f"all alive: {', '.join(STAGES)}")
+
+
+def versions(host: str, there: Sequence[Answer]) -> Finding:
+    """The same on both sides?"""
+    here = (__version__, zenoh_version())
+    told = sorted({(answer.about.spot3d, answer.about.zenoh) for answer in there})
+    text = "; ".join(f"spot3d {spot3d}, zenoh {zenoh}" for spot3d, zenoh in told)
+    if told == [here]:
+        return Finding("ok", f"versions on {host}", text)
+    text += f" (here: spot3d {here[0]}, zenoh {here[1]})"
+    return Finding("problem", f"versions on {host}", text, "install the same version on every device")
+
+
+def clock(host: str, there: Sequence[Answer]) -> Finding:
+    """The device's clock beside this one's, by the answer that came fastest."""
+    best = min(there, key=lambda answer: answer.within_ms)
+    text = f"{best.offset_ms:+.1f} ms beside this device's, +- {best.within_ms:.1f} ms"
+    if abs(best.offset_ms) - best.within_ms > CLOCK_MS:
+        remedy = "synchronise the clocks: chrony or systemd-timesyncd on both, the drone from the ground station"
+        return Finding("problem", f"clock on {host}", text, remedy)
+    if best.within_ms > CLOCK_MS:
+        return Finding("note", f"clock on {host}", text, "the link is too slow to tell more")
+    return Finding("ok", f"clock on {host}", text)
+
+
+def certificates(host: str, there: Sequence[Answer]) -> list[Finding]:
+    """Until when the stages' certificates are valid; nothing where they have none."""
+    ends = [answer.about.certificate_until_ns for answer in there if answer.about.certificate_until_ns is not None]
+    if not ends:
+        return []
+    until = datetime.datetime.fromtimestamp(min(ends) / 1e9, datetime.UTC)
+    soon = until - datetime.datetime.now(datetime.UTC) < EXPIRES_SOON
+    text = f"valid until {until:%Y-%m-%d %H:%M} UTC"
+    remedy = "make new ones: spot3d certificates --renew" if soon else ""
+    return [Finding("problem" if soon else "ok", f"certificates on {host}", text, remedy)]
+
+
+def flows(before: Health, after: Health) -> list[Flow]:
+    """What a stage sent from one health message to a later one."""
+    seconds = 1e-9 * (after.header.stamp_ns - before.header.stamp_ns)
+    if seconds <= 0:
+        return []
+    return [
+        Flow(
+            topic,
+            (count - before.sent.get(topic, 0)) / seconds,
+            (after.sent_bytes.get(topic, 0) - before.sent_bytes.get(topic, 0)) / seconds,
+        )
+        for topic, count in after.sent.items()
+    ]

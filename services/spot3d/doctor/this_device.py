@@ -1,0 +1,73 @@
+"""What can be looked at on this device alone."""
+
+import platform
+import shutil
+from pathlib import Path
+
+from spot3d import __version__
+from spot3d.dataflow.about import shared_memory_bytes, state_disk, zenoh_version
+from spot3d.dataflow.kernel_cache import kernels_missing
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.tls import TlsError, own_certificate
+from spot3d.doctor.finding import Finding
+from spot3d_schemas import STAGES
+
+_SERVICES = Path(__file__).parents[1]
+SHARED_BYTES = 128 << 20
+"""Zenoh's pool is 16 MiB a process; six stages, and room for readers."""
+DISK_BYTES = 2 << 30
+"""A map of a long flight and its successor are some hundred MB."""
+_RENEW = "make a new one: spot3d certificates --renew"
+
+
+def look_here(link: LinkSettings) -> list[Finding]:
+    """Versions, certificate, kernels, shared memory and disk of this device."""
+    return [
+        Finding(
+            "ok", "versions here", f"spot3d {__version__}, zenoh {zenoh_version()}, Python {platform.python_version()}"
+        ),
+        certificate(link),
+        kernels(sum(len(kernels_missing(_SERVICES / part)) for part in (*STAGES, "geometry")), "here"),
+        shared_memory(shared_memory_bytes() if link.shared_memory else 0, "here"),
+        disk(str(state_disk()), shutil.disk_usage(state_disk()).free, "here"),
+    ]
+
+
+def certificate(link: LinkSettings) -> Finding:
+    """This side's certificate, as the other side would see it."""
+    try:
+        own = own_certificate(link)
+    except TlsError as error:
+        return Finding("problem", "certificate", str(error), _RENEW)
+    if own is None:
+        return Finding("ok", "certificate", "none is set ([link] certificate, key, ca): the link is open to everybody")
+    return Finding("problem" if own.soon_over else "ok", "certificate", str(own), _RENEW if own.soon_over else "")
+
+
+def kernels(missing: int, where: str) -> Finding:
+    """missing: modules whose kernels are not compiled."""
+    if not missing:
+        return Finding("ok", f"kernels {where}", "compiled, and kept for the next start")
+    text = f"{missing} of the modules that have some are not compiled: their first use takes seconds"
+    return Finding(
+        "note", f"kernels {where}", text, "start every stage once before the flight, or spot3d demo --frames 30"
+    )
+
+
+def shared_memory(room: int, where: str) -> Finding:
+    """room: bytes left for images; 0: off."""
+    if not room:
+        text = "off, or there is no /dev/shm: images go through the network, at twice the processor time"
+        return Finding("note", f"shared memory {where}", text, "mount /dev/shm, and leave link.shared_memory on")
+    little = room < SHARED_BYTES
+    remedy = (
+        f"give it {SHARED_BYTES >> 20} MB (docker: --shm-size), or set link.shared_memory = false" if little else ""
+    )
+    return Finding("problem" if little else "ok", f"shared memory {where}", f"{room / 1e6:.0f} MB left", remedy)
+
+
+def disk(folder: str, free: int, where: str) -> Finding:
+    """free: bytes left in `folder`, where snapshots of the map are kept."""
+    little = free < DISK_BYTES
+    remedy = f"free some space: snapshots of the map need up to {DISK_BYTES >> 30} GB" if little else ""
+    return Finding("problem" if little else "ok", f"disk {where}", f"{free / 1e9:.1f} GB left in {folder}", remedy)

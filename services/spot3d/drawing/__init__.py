@@ -1,0 +1,1 @@
+"""Pictures, drawn with OpenCV: views with boxes, the scene from above, curves."""

@@ -1,0 +1,107 @@
+"""The map's points for whoever asks, answered beside the fusing of further frames."""
+
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+import zenoh
+
+from spot3d.dataflow.node import Node
+from spot3d.dataflow.stopping import end_threads
+from spot3d.fusion.fusion import Fusion
+from spot3d.fusion.map.selection import FrequentPoints
+from spot3d_schemas import Header, MapPoints
+from spot3d_schemas.limits import MAX_MAP_POINTS
+
+TOPIC = "fusion/map"
+_FRESH_S = 1.0
+"""Those who ask within so long of each other are given the same points: a crowd costs no more than one."""
+_WAITING = 8
+"""Most who wait for an answer; others are told to ask again."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Copy:
+    """The map's points as they were at `at_s`, monotonic; of so many frames, of the stream's end or before it."""
+
+    at_s: float
+    complete: bool
+    points: FrequentPoints
+    total: int
+    header: Header
+    epoch: str
+
+
+class MapAnswers:
+    """One thread that answers one query at a time."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._copy: _Copy | None = None
+        self._queries: deque[tuple[zenoh.Query, _Copy]] = deque()
+        self._changed = threading.Condition()
+        self._closed = False
+        self._thread = threading.Thread(target=self._work, name="map", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread; who still waits has no answer."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+        end_threads((self._thread,))
+
+    def forget(self) -> None:
+        """The map has begun anew."""
+        self._copy = None
+
+    def submit(self, query: zenoh.Query, fusion: Fusion, header: Header, epoch: str, complete: bool) -> None:
+        """Answer a query with the map as it is now, or was within the last second.
+
+        complete: the stream has ended, and the map with it.
+        """
+        with self._changed:
+            full = len(self._queries) >= _WAITING
+        if full:
+            self._node.refuse(query, TOPIC, "too many ask for the map at once; ask again in a second")
+            return
+        copy, now_s = self._copy, time.monotonic()
+        if copy is None or now_s - copy.at_s > _FRESH_S or copy.complete != complete:
+            copy = _Copy(now_s, complete, fusion.frequent_points(), fusion.heatmap.count, header, epoch)
+            self._copy = copy
+        with self._changed:
+            self._queries.append((query, copy))
+            self._changed.notify_all()
+
+    def _work(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._queries or self._closed)
+                if self._closed:
+                    return
+                query, copy = self._queries.popleft()
+            self._node.reply(query, TOPIC, _message(copy, _limit(query)))
+
+
+def _limit(query: zenoh.Query) -> int:
+    try:
+        return int(query.parameters.get("limit") or MAX_MAP_POINTS)
+    except ValueError:
+        return MAX_MAP_POINTS
+
+
+def _message(copy: _Copy, limit: int) -> MapPoints:
+    count = max(0, min(len(copy.points), limit, MAX_MAP_POINTS))
+    # Spread over the map, which is about in the order in which the points were first seen.
+    points = copy.points.take(np.linspace(0, len(copy.points) - 1, count).astype(np.int64))
+    return MapPoints(
+        header=copy.header,
+        xyz=points.xyz,
+        rgb=np.clip(np.rint(points.colour), 0, 255).astype(np.uint8),
+        heat=points.heat,
+        frequency=points.frequency.astype(np.uint32),
+        total=copy.total,
+        epoch=copy.epoch,
+    )

@@ -1,0 +1,1 @@
+"""The default's way to objects: segments of single keyframes, joined where most views agree."""

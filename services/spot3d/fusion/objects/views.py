@@ -1,0 +1,159 @@
+"""What the keyframes' views say of each other's segments: which see one, and as part of what.
+
+After M. Yan, J. Zhang, Y. Zhu and H. Wang, *MaskClustering: View Consensus Based Mask Graph Clustering for
+Open-Vocabulary 3D Instance Segmentation*, CVPR 2024.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.fusion.objects.keyframes import Keyframe
+from spot3d.kernel import kernel, part
+
+STRIDE = 2
+"""Of a view's lattice every second pixel is kept each way: a label is asked for within centimetres."""
+SAMPLE = 200
+"""A segment is so many of its points."""
+_TESTED = 4
+"""Every so-many-th of these is projected: 50 tell a share to 7 %."""
+_TOLERANCE = np.float32(0.03)
+"""A point is seen where depth agrees within this, metres: as far as surfaces lie apart by depth noise and by poses."""
+_SEEN = 0.3
+"""A view sees a segment of which it sees this share."""
+_WITHIN = 0.75
+"""A segment lies in one of a view's where this share of what is seen carries its label."""
+_BACKGROUND = 0.5
+"""A view that says of more than this share that there is no object says nothing of what belongs together."""
+_SPLIT = 0.2
+"""A view splits a segment that lies in two of its own, each with this share."""
+
+NOTHING, BACKGROUND, OBJECT, WHOLE, DIVIDED = range(5)
+"""What a view says of a segment: does not see it; sees background; sees objects; all in one; in several."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """A keyframe as later ones are compared with it.
+
+    labels: (h, w) uint8, 0 = no object; depth: (h, w) uint16 millimetres, 0 = invalid; pose: (3, 4) float32, from the
+    world to the camera; focal: (4,) float32, fx, fy, cx, cy; centre: (3,) float32 world and reach, metres: a segment
+    that lies further from there is not seen.
+    """
+
+    labels: NDArray[np.uint8]
+    depth: NDArray[np.uint16]
+    pose: NDArray[np.float32]
+    focal: NDArray[np.float32]
+    centre: NDArray[np.float32]
+    reach: float
+
+
+def view_of(keyframe: Keyframe) -> View:
+    """The view of a keyframe: every second pixel of its lattice."""
+    T, camera = np.linalg.inv(keyframe.T_world_camera), keyframe.camera
+    millimetres = np.rint(keyframe.depth[::STRIDE, ::STRIDE] * 1000)
+    depth = np.where(millimetres < 65536, millimetres, 0).astype(np.uint16)
+    focal = np.array((camera.fx, camera.fy, camera.cx, camera.cy), np.float32) / np.float32(STRIDE)
+    deepest = float(depth.max(initial=0)) / 1000 + float(_TOLERANCE)
+    # What is seen lies in a pyramid as deep as this: the sphere is around its apex and its base's corners.
+    h, w = depth.shape
+    u, v = (np.array((-1.0, w, -1.0, w)) - focal[2]) / focal[0], (np.array((-1.0, -1.0, h, h)) - focal[3]) / focal[1]
+    corners = deepest * np.column_stack((u, v, np.ones(4)))
+    centre = np.array((0, 0, deepest / 2))
+    reach = max(deepest / 2, float(np.linalg.norm(corners - centre, axis=1).max()))
+    return View(
+        np.ascontiguousarray(keyframe.labels[::STRIDE, ::STRIDE]),
+        depth,
+        np.ascontiguousarray(T[:3], np.float32),
+        focal,
+        (keyframe.T_world_camera[:3, :3] @ centre + keyframe.T_world_camera[:3, 3]).astype(np.float32),
+        reach,
+    )
+
+
+def ask(
+    view: View,
+    places: NDArray[np.float32],
+    spheres: NDArray[np.float32],
+    said: NDArray[np.uint8],
+    label: NDArray[np.uint8],
+) -> None:
+    """Enter what a view says of each of (n, SAMPLE, 3) segments' places, world: `said`, (n,), and in which label.
+
+    spheres: (n, 4) float32, centre and radius around each one's places: what is out of reach is not projected.
+    """
+    limit = np.append(view.centre, np.float32(view.reach))
+    _ask(view.labels, view.depth, view.pose, view.focal, limit, places, spheres, said, label)
+
+
+@part()
+def seen_at(
+    places: NDArray[np.float32],
+    i: int,
+    k: int,
+    depth: NDArray[np.uint16],
+    pose: NDArray[np.float32],
+    focal: NDArray[np.float32],
+) -> int:
+    """The flat number of the pixel in which a view (see `View`) sees place [i, k] of (n, m, 3); -1 = it does not."""
+    h, w = depth.shape
+    x, y, z = places[i, k, 0], places[i, k, 1], places[i, k, 2]
+    c = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
+    if c < np.float32(0.1):
+        return -1
+    a = pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3]
+    b = pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]
+    column = np.int64(np.floor(a / c * focal[0] + focal[2] + np.float32(0.5)))
+    row = np.int64(np.floor(b / c * focal[1] + focal[3] + np.float32(0.5)))
+    if row < 0 or column < 0 or row >= h or column >= w or depth[row, column] == 0:
+        return -1
+    near = abs(np.float32(depth[row, column]) * np.float32(0.001) - c) < _TOLERANCE
+    return row * w + column if near else -1
+
+
+@kernel("void(u1[:,::1], u2[:,::1], f4[:,::1], f4[::1], f4[::1], f4[:,:,::1], f4[:,::1], u1[::1], u1[::1])")
+def _ask(
+    labels: NDArray[np.uint8],
+    depth: NDArray[np.uint16],
+    pose: NDArray[np.float32],
+    focal: NDArray[np.float32],
+    limit: NDArray[np.float32],
+    places: NDArray[np.float32],
+    spheres: NDArray[np.float32],
+    said: NDArray[np.uint8],
+    label: NDArray[np.uint8],
+) -> None:
+    w = labels.shape[1]
+    count = np.zeros(256, np.int32)
+    tested = (places.shape[1] + _TESTED - 1) // _TESTED
+    for i in range(len(places)):
+        said[i], label[i] = NOTHING, 0
+        a, b, c = spheres[i, 0] - limit[0], spheres[i, 1] - limit[1], spheres[i, 2] - limit[2]
+        if a * a + b * b + c * c > (spheres[i, 3] + limit[3]) ** 2:
+            continue
+        count[:] = 0
+        seen = 0
+        for k in range(0, places.shape[1], _TESTED):
+            if seen + (places.shape[1] - k + _TESTED - 1) // _TESTED < _SEEN * tested:
+                break
+            pixel = seen_at(places, i, k, depth, pose, focal)
+            if pixel >= 0:
+                seen += 1
+                count[labels[pixel // w, pixel % w]] += 1
+        if seen < _SEEN * tested:
+            continue
+        said[i] = BACKGROUND
+        if count[0] > _BACKGROUND * seen:
+            continue
+        best, large = 0, 0
+        for number in range(1, 256):
+            large += count[number] >= _SPLIT * seen
+            if count[number] > count[best] or best == 0:
+                best = number
+        said[i] = OBJECT
+        if large >= 2:
+            said[i] = DIVIDED
+        elif count[best] >= _WITHIN * seen:
+            said[i], label[i] = WHOLE, best

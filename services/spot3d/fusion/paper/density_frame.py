@@ -1,0 +1,42 @@
+"""Objects of a single frame as the paper has them: no fusion, the rest as in Sec. IV (paper, Sec. V-A)."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.boxes import Box3D
+from spot3d.camera import Intrinsics, back_project
+from spot3d.fusion.paper.density import cluster_by_density
+from spot3d.fusion.paper.ransac import planes_by_ransac
+from spot3d.fusion.settings import FusionSettings
+from spot3d.geometry.planes import on_plane, supporting_plane
+
+_ROUNDING = 1e-5
+"""Metres: the points that a box ends at belong to it, whatever the rounding."""
+
+
+def find_by_density_in_frame(
+    depth: NDArray[np.float32], heat: NDArray[np.uint8], camera: Intrinsics, settings: FusionSettings
+) -> list[NDArray[np.int64]]:
+    """Remove the supporting plane, cluster the hot points, and take the pixels of all points in each cluster's 3D box.
+
+    depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths. Hot is what has H_2D >= eps: the paper does
+    not say so for single frames, and there is no frequency to average by. Returns flat pixel numbers of each object.
+    """
+    points = back_project(depth, camera)
+    planes = planes_by_ransac(points, settings, np.random.default_rng(settings.seed))
+    chosen = supporting_plane(planes, points, heat, settings, camera.noise)
+    if chosen is None:
+        return []
+    top = (heat.ravel() >= 255 * settings.heat_min) & (depth.ravel() > 0)
+    if settings.plane_removal:
+        top &= ~on_plane(chosen[0], points, settings, camera.noise).ravel()
+    seen = np.flatnonzero(depth.ravel() > 0)
+    xyz = points.reshape(-1, 3)
+    clusters = cluster_by_density(xyz[np.flatnonzero(top)], chosen[0][:3], settings)
+    return [seen[_inside(xyz[seen], cluster.box)] for cluster in clusters]
+
+
+def _inside(xyz: NDArray[np.float32], box: Box3D) -> NDArray[np.bool_]:
+    """Which of (n, 3) points lie in the box."""
+    along = np.abs((xyz - box.centre) @ box.rotation)
+    return np.asarray(np.all(along <= box.size / 2 + _ROUNDING, axis=1))

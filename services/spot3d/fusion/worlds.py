@@ -1,0 +1,58 @@
+"""Which poses belong to the map: those of its own world, where a camera can be."""
+
+from collections import deque
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Verdict = Literal["same", "begins", "implausible pose", "pose of an earlier epoch"]
+
+IMPLAUSIBLE: Literal["implausible pose"] = "implausible pose"
+EARLIER_EPOCH: Literal["pose of an earlier epoch"] = "pose of an earlier epoch"
+"""Why a frame is not fused whose pose is there and not lost."""
+
+_REACH_M = 2000.0
+"""The map's voxels wrap beyond 5 km from the origin; no room is so large."""
+_JUMP_M = 0.5
+"""Given poses jump so far where their own map is corrected."""
+_PAST = 16
+"""So many epochs before are known again."""
+
+
+class World:
+    """The world that the map is in, by the epoch of its poses.
+
+    speed_max: fastest plausible camera, m/s.
+    """
+
+    def __init__(self, speed_max: float) -> None:
+        self._speed_max = speed_max
+        self.epoch: str | None = None
+        self.past: deque[str] = deque(maxlen=_PAST)
+        self._last: tuple[int, NDArray[np.float64]] | None = None
+
+    def judge(self, epoch: str | None, T_world_camera: NDArray[np.float64], stamp_ns: int) -> Verdict:
+        """Whether a pose, (4, 4) metres, belongs to the map, begins another, or must not be used."""
+        place = T_world_camera[:3, 3]
+        if epoch is not None and epoch in self.past:
+            return EARLIER_EPOCH
+        if not float(np.abs(place).max()) < _REACH_M:
+            return IMPLAUSIBLE
+        if self._last is not None and epoch != self.epoch:
+            return "begins"
+        if self._last is not None:
+            elapsed = 1e-9 * abs(stamp_ns - self._last[0])
+            if np.linalg.norm(place - self._last[1]) > _JUMP_M + self._speed_max * elapsed:
+                return IMPLAUSIBLE
+        return "same"
+
+    def follow(self, epoch: str | None, T_world_camera: NDArray[np.float64], stamp_ns: int) -> None:
+        """A frame with this pose has been fused."""
+        self.epoch, self._last = epoch, (stamp_ns, T_world_camera[:3, 3].copy())
+
+    def leave(self) -> None:
+        """The map begins anew, in another world."""
+        if self.epoch is not None:
+            self.past.append(self.epoch)
+        self.epoch, self._last = None, None

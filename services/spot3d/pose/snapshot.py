@@ -1,0 +1,47 @@
+"""The tracker's world in a file, so that a pose stage that is started again finds itself in it."""
+
+from pathlib import Path
+
+import numpy as np
+
+from spot3d.dataflow.snapshot_file import Snapshot, SnapshotError, read_snapshot
+from spot3d.pose.landmark_map import LANDMARK
+from spot3d.pose.settings import PoseSettings
+from spot3d.pose.tracking import TrackerState
+
+_KIND = "pose"
+
+
+def tracker_snapshot(state: TrackerState, stream: str, epoch: str, settings: PoseSettings) -> Snapshot:
+    """What is kept of a tracker that follows `stream` in the world `epoch`."""
+    values = {"stream": stream, "epoch": epoch, "stamp_ns": state.stamp_ns, "surfel_voxel": settings.surfel_voxel}
+    landmarks = {f"landmark {name}": np.ascontiguousarray(state.landmarks[name]) for name in LANDMARK.names or ()}
+    arrays = {"T_world_camera": state.T_world_camera, "keys": state.keys, "surfels": state.surfels, **landmarks}
+    return Snapshot(_KIND, values, arrays)
+
+
+def read_tracker(path: Path, stream: str, settings: PoseSettings) -> tuple[TrackerState, str] | None:
+    """The state of the tracker of this stream and its epoch; None where it is of another stream, or there is none.
+
+    Raises SnapshotError where the file is no whole snapshot of a tracker of these settings, OSError.
+    """
+    if not path.exists():
+        return None
+    kept = read_snapshot(path, _KIND)
+    if kept.values.get("stream") != stream:
+        return None
+    try:
+        if kept.values["surfel_voxel"] != settings.surfel_voxel:
+            raise SnapshotError(f"{path} has surfels of {kept.values['surfel_voxel']} m, not {settings.surfel_voxel} m")
+        arrays = kept.arrays
+        landmarks = np.zeros(len(arrays["landmark last"]), LANDMARK)
+        for name in LANDMARK.names or ():
+            landmarks[name] = arrays[f"landmark {name}"]
+        keys, surfels, pose = arrays["keys"], arrays["surfels"], arrays["T_world_camera"]
+        if surfels.shape != (len(keys), 8) or pose.shape != (4, 4):
+            raise SnapshotError(f"{path} has arrays of other shapes than a tracker's")
+        return TrackerState(int(kept.values["stamp_ns"]), pose, keys, surfels, landmarks), str(kept.values["epoch"])
+    except (KeyError, ValueError) as error:
+        if isinstance(error, SnapshotError):
+            raise
+        raise SnapshotError(f"{path} lacks a part of a tracker's: {error}") from error

@@ -1,0 +1,97 @@
+"""A run or a recording as an MCAP file in Foxglove's schemas."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from foxglove import Schema
+from foxglove.messages import CameraCalibration, CompressedImage, FrameTransforms, PointCloud, SceneUpdate
+
+import spot3d
+from spot3d.frame import RgbdFrame
+from spot3d.recorder import foxglove_messages as made
+from spot3d.recorder.mcap_contents import open_mcap
+from spot3d.recorder.mcap_writer import McapWriter
+from spot3d.recorder.sights import Cloud, Sight, sights_of_recording, sights_of_run
+
+
+class _Encoded(Protocol):
+    @staticmethod
+    def get_schema() -> Schema: ...
+
+    def encode(self) -> bytes: ...
+
+
+_CHANNELS: dict[str, type[_Encoded]] = {
+    "/camera/image": CompressedImage,
+    "/camera/calibration": CameraCalibration,
+    "/tf": FrameTransforms,
+    "/points": PointCloud,
+    "/objects": SceneUpdate,
+}
+
+
+@dataclass(slots=True)
+class Exported:
+    """Messages by topic."""
+
+    messages: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_CHANNELS, 0))
+
+    def summary(self) -> str:
+        """One line for people."""
+        return ", ".join(f"{count} {topic}" for topic, count in self.messages.items())
+
+
+def export(source: Path, out: Path, complain: Callable[[str], None]) -> Exported:
+    """Write the results folder of a run, or a recording, as Foxglove's messages; log times are capture times.
+
+    complain: told of what had to be left out. Raises SourceError or BrokenRecordingError where `source` cannot be
+    read, FileExistsError, and OSError where the disk is full.
+    """
+    if source.is_dir():
+        sights: Iterable[tuple[int, Sight]] = sights_of_run(source, complain)
+    else:
+        sights = sights_of_recording(open_mcap(source), complain)
+    writer = McapWriter(out, "", f"spot3d {spot3d.__version__}")
+    try:
+        exporter = _Exporter(writer)
+        for stamp_ns, sight in sights:
+            exporter.add(stamp_ns, sight)
+        return exporter.exported
+    finally:
+        writer.close()
+
+
+class _Exporter:
+    def __init__(self, writer: McapWriter) -> None:
+        self.exported = Exported()
+        self._writer = writer
+        self._shown: set[int] = set()
+        self._channels: dict[str, int] = {}
+        for topic, message in _CHANNELS.items():
+            schema = message.get_schema()
+            self._channels[topic] = writer.channel(topic, schema.name, schema.data, schema.encoding, "protobuf", {})
+
+    def add(self, stamp_ns: int, sight: Sight) -> None:
+        """Write one sight as the messages that show it."""
+        if isinstance(sight, RgbdFrame):
+            self._put("/camera/image", stamp_ns, made.image(stamp_ns, sight.colour))
+            self._put("/camera/calibration", stamp_ns, made.calibration(stamp_ns, sight.intrinsics))
+        elif isinstance(sight, Cloud):
+            frame_id = made.CAMERA if sight.in_camera else made.WORLD
+            self._put("/points", stamp_ns, made.points(stamp_ns, frame_id, sight.xyz, sight.rgb))
+        elif isinstance(sight, np.ndarray):
+            self._put("/tf", stamp_ns, made.camera_pose(stamp_ns, sight))
+        else:
+            found = {item.id for item in sight.objects}
+            self._put("/tf", stamp_ns, made.upright(stamp_ns, sight.up))
+            scene = made.scene(stamp_ns, sight.objects, sight.up, sorted(self._shown - found))
+            self._put("/objects", stamp_ns, scene)
+            self._shown = found
+
+    def _put(self, topic: str, stamp_ns: int, message: _Encoded) -> None:
+        count = self.exported.messages[topic]
+        self._writer.add(self._channels[topic], stamp_ns, stamp_ns, count, message.encode())
+        self.exported.messages[topic] = count + 1

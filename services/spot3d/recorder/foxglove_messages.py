@@ -1,0 +1,182 @@
+"""Messages in Foxglove's schemas, which Foxglove, Lichtblick and Rerun show as they are.
+
+Frames: `map` has z up, `world` is that of the run, `camera` is optical (x right, y down, z forward).
+"""
+
+from collections.abc import Iterable, Sequence
+
+import cv2
+import numpy as np
+from foxglove.messages import (
+    CameraCalibration,
+    Color,
+    CompressedImage,
+    CubePrimitive,
+    FrameTransform,
+    FrameTransforms,
+    KeyValuePair,
+    PackedElementField,
+    PackedElementFieldNumericType,
+    PointCloud,
+    Pose,
+    Quaternion,
+    SceneEntity,
+    SceneEntityDeletion,
+    SceneUpdate,
+    TextPrimitive,
+    Timestamp,
+    Vector3,
+)
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.drawing.picture import object_colour
+from spot3d.found_object import FoundObject
+from spot3d.trajectory import quaternion_from_rotation
+
+MAP, WORLD, CAMERA = "map", "world", "camera"
+_JPEG_QUALITY = 85
+_BOX_ALPHA = 0.35
+_LABEL_SIZE = 0.03
+"""Height of the labels' letters, metres."""
+
+_POINT = np.dtype(
+    [*((axis, "<f4") for axis in "xyz"), *((channel, "u1") for channel in ("red", "green", "blue", "alpha"))]
+)
+_TYPES = {"<f4": PackedElementFieldNumericType.Float32, "|u1": PackedElementFieldNumericType.Uint8}
+
+
+def stamp(stamp_ns: int) -> Timestamp:
+    """A capture time."""
+    return Timestamp(sec=stamp_ns // 10**9, nsec=stamp_ns % 10**9)
+
+
+def image(stamp_ns: int, colour: NDArray[np.uint8]) -> CompressedImage:
+    """colour: (h, w, 3) uint8 RGB, as JPEG."""
+    bgr = cv2.cvtColor(colour, cv2.COLOR_RGB2BGR)
+    _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    return CompressedImage(timestamp=stamp(stamp_ns), frame_id=CAMERA, data=data.tobytes(), format="jpeg")
+
+
+def calibration(stamp_ns: int, camera: Intrinsics) -> CameraCalibration:
+    """A pinhole camera without distortion."""
+    fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
+    return CameraCalibration(
+        timestamp=stamp(stamp_ns),
+        frame_id=CAMERA,
+        width=camera.width,
+        height=camera.height,
+        K=[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
+        R=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        P=[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+    )
+
+
+def camera_pose(stamp_ns: int, T_world_camera: NDArray[np.float64]) -> FrameTransforms:
+    """Where the camera was, (4, 4)."""
+    return _transform(stamp_ns, WORLD, CAMERA, T_world_camera[:3, :3], T_world_camera[:3, 3])
+
+
+def upright(stamp_ns: int, up: Sequence[float]) -> FrameTransforms:
+    """The world turned so that `up`, (3,) unit vector in the world, is z of the map."""
+    return _transform(stamp_ns, MAP, WORLD, rotation_to_z(np.array(up, np.float64)), np.zeros(3))
+
+
+def rotation_to_z(up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The (3, 3) rotation of least angle that turns the unit vector `up` to (0, 0, 1) (Rodrigues)."""
+    axis, cosine = np.array((up[1], -up[0], 0.0)), up[2]
+    if cosine < -1 + 1e-9:
+        return np.diag((1.0, -1.0, -1.0))
+    cross = np.array(((0, 0, axis[1]), (0, 0, -axis[0]), (-axis[1], axis[0], 0)), np.float64)
+    rotation: NDArray[np.float64] = np.eye(3) + cross + cross @ cross / (1 + cosine)
+    return rotation
+
+
+def points(stamp_ns: int, frame_id: str, xyz: NDArray[np.float32], rgb: NDArray[np.uint8]) -> PointCloud:
+    """xyz: (n, 3) metres in `frame_id`. rgb: (n, 3)."""
+    rows = np.empty(len(xyz), _POINT)
+    for column, axis in enumerate("xyz"):
+        rows[axis] = xyz[:, column]
+    for column, channel in enumerate(("red", "green", "blue")):
+        rows[channel] = rgb[:, column]
+    rows["alpha"] = 255
+    fields = [
+        PackedElementField(name=name, offset=int(offset), type=_TYPES[kind.str])
+        for name, (kind, offset, *_) in (_POINT.fields or {}).items()
+    ]
+    return PointCloud(
+        timestamp=stamp(stamp_ns),
+        frame_id=frame_id,
+        pose=_pose(np.eye(3), np.zeros(3)),
+        point_stride=_POINT.itemsize,
+        fields=fields,
+        data=rows.tobytes(),
+    )
+
+
+def scene(stamp_ns: int, objects: Iterable[FoundObject], up: Sequence[float], gone: Iterable[int]) -> SceneUpdate:
+    """Each object as a box with its number and confidence above it; `gone`: ids that are no objects any more."""
+    return SceneUpdate(
+        deletions=[SceneEntityDeletion(timestamp=stamp(stamp_ns), id=str(number)) for number in gone],
+        entities=[_entity(stamp_ns, item, np.array(up, np.float64)) for item in objects],
+    )
+
+
+def _entity(stamp_ns: int, item: FoundObject, up: NDArray[np.float64]) -> SceneEntity:
+    red, green, blue = (value / 255 for value in object_colour(item.id))
+    box = item.box
+    top = box.centre + up * (0.5 * np.abs(box.rotation.T @ up) @ box.size + _LABEL_SIZE)
+    width, depth, height = box.size.tolist()
+    return SceneEntity(
+        timestamp=stamp(stamp_ns),
+        frame_id=WORLD,
+        id=str(item.id),
+        metadata=[
+            KeyValuePair(key="confidence", value=f"{item.confidence:.3f}"),
+            KeyValuePair(key="views", value=str(item.views)),
+            KeyValuePair(key="points", value=str(item.points)),
+        ],
+        cubes=[
+            CubePrimitive(
+                pose=_pose(box.rotation, box.centre),
+                size=Vector3(x=width, y=depth, z=height),
+                color=Color(r=red, g=green, b=blue, a=_BOX_ALPHA),
+            )
+        ],
+        texts=[
+            TextPrimitive(
+                pose=_pose(np.eye(3), top),
+                billboard=True,
+                font_size=_LABEL_SIZE,
+                color=Color(r=red, g=green, b=blue, a=1.0),
+                text=f"{item.id}: {item.confidence:.2f}",
+            )
+        ],
+    )
+
+
+def _transform(
+    stamp_ns: int, parent: str, child: str, rotation: NDArray[np.float64], translation: NDArray[np.float64]
+) -> FrameTransforms:
+    pose = FrameTransform(
+        timestamp=stamp(stamp_ns),
+        parent_frame_id=parent,
+        child_frame_id=child,
+        translation=_vector(translation),
+        rotation=_quaternion(rotation),
+    )
+    return FrameTransforms(transforms=[pose])
+
+
+def _pose(rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> Pose:
+    return Pose(position=_vector(translation), orientation=_quaternion(rotation))
+
+
+def _vector(values: NDArray[np.float64]) -> Vector3:
+    x, y, z = values.tolist()
+    return Vector3(x=x, y=y, z=z)
+
+
+def _quaternion(rotation: NDArray[np.float64]) -> Quaternion:
+    x, y, z, w = quaternion_from_rotation(rotation).tolist()
+    return Quaternion(x=x, y=y, z=z, w=w)

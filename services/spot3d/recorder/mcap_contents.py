@@ -1,0 +1,132 @@
+"""What an MCAP file of ours holds, finished or not: its chunks are found without the summary at its end."""
+
+import io
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Message, Metadata
+from mcap.stream_reader import breakup_chunk
+
+from spot3d.recorder.mcap_writer import MAGIC
+from spot3d.recorder.profile import PROFILE, is_our_mcap
+
+_RECORD = struct.Struct("<BQ")
+_CHUNK_TIMES = struct.Struct("<QQ")
+_LONGEST_CHUNK = 2**30
+"""A chunk holds 16 MB and one message; what claims to be longer than this is broken."""
+
+
+class BrokenRecordingError(Exception):
+    """A file that is no recording of ours, or whose bytes are damaged; the message says which and where."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChunkPlace:
+    """Bytes of a chunk's record in the file, and the log times of its first and last message."""
+
+    offset: int
+    length: int
+    start_ns: int
+    end_ns: int
+
+
+@dataclass(slots=True)
+class McapContents:
+    """An opened recording.
+
+    channels: by id. metadata: values by name. complete: whether the recording was finished; if not, `lost_bytes` at
+    its end are no whole chunk.
+    """
+
+    path: Path
+    channels: dict[int, Channel] = field(default_factory=dict)
+    chunks: list[ChunkPlace] = field(default_factory=list)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    complete: bool = False
+    lost_bytes: int = 0
+
+    @property
+    def topics(self) -> dict[str, int]:
+        """Channel ids by topic, as the table of topics names it: `source/frame`."""
+        return {channel.metadata.get("topic", channel.topic): number for number, channel in self.channels.items()}
+
+    @property
+    def start_ns(self) -> int:
+        """Log time of the first message; 0 of an empty recording."""
+        return min((chunk.start_ns for chunk in self.chunks), default=0)
+
+    @property
+    def end_ns(self) -> int:
+        """Log time of the last message; 0 of an empty recording."""
+        return max((chunk.end_ns for chunk in self.chunks), default=0)
+
+    @property
+    def robot(self) -> str:
+        """The robot that was recorded."""
+        return self.metadata.get("spot3d", {}).get("robot", "robot")
+
+    def messages(self, chunk: ChunkPlace) -> list[Message]:
+        """The messages of one chunk, in the order of their log times. Raises BrokenRecordingError."""
+        try:
+            with self.path.open("rb") as stream:
+                stream.seek(chunk.offset)
+                records = breakup_chunk(Chunk.read(ReadDataStream(stream)), validate_crc=True)
+        except (McapError, ValueError, struct.error, zstandard.ZstdError) as error:
+            raise BrokenRecordingError(f"{self.path} is damaged at byte {chunk.offset}: {error}") from error
+        return sorted((item for item in records if isinstance(item, Message)), key=lambda item: item.log_time)
+
+    def between(self, start_ns: int, end_ns: int) -> Iterator[Message]:
+        """The messages logged from start_ns to end_ns, both included. Raises BrokenRecordingError."""
+        for chunk in self.chunks:
+            if chunk.end_ns >= start_ns and chunk.start_ns <= end_ns:
+                yield from (item for item in self.messages(chunk) if start_ns <= item.log_time <= end_ns)
+
+
+def open_mcap(path: Path) -> McapContents:
+    """The contents of a recording; messages are read when asked for. Raises BrokenRecordingError, OSError."""
+    if not is_our_mcap(path):
+        raise BrokenRecordingError(f"{path} is no recording of spot3d (an MCAP file with the profile {PROFILE!r})")
+    contents = McapContents(path)
+    size = path.stat().st_size
+    with path.open("rb") as stream:
+        stream.seek(len(MAGIC))
+        at = len(MAGIC)
+        while not contents.complete:
+            head = stream.read(_RECORD.size)
+            if len(head) < _RECORD.size:
+                break
+            opcode, length = _RECORD.unpack(head)
+            after = at + _RECORD.size + length
+            if after > size or length > _LONGEST_CHUNK or not 0 < opcode <= Opcode.DATA_END:
+                break
+            _take(contents, opcode, length, stream)
+            stream.seek(after)
+            at = after
+    contents.lost_bytes = 0 if contents.complete else size - at
+    return contents
+
+
+def _take(contents: McapContents, opcode: int, length: int, stream: IO[bytes]) -> None:
+    """Enter one record, whose body begins at the stream's place."""
+    if opcode == Opcode.CHUNK:
+        start_ns, end_ns = _CHUNK_TIMES.unpack(stream.read(_CHUNK_TIMES.size))
+        contents.chunks.append(ChunkPlace(stream.tell() - _CHUNK_TIMES.size, length, start_ns, end_ns))
+    elif opcode == Opcode.CHANNEL:
+        channel = Channel.read(_body(stream, length))
+        contents.channels[channel.id] = channel
+    elif opcode == Opcode.METADATA:
+        record = Metadata.read(_body(stream, length))
+        contents.metadata[record.name] = record.metadata
+    elif opcode == Opcode.DATA_END:
+        contents.complete = True
+
+
+def _body(stream: IO[bytes], length: int) -> ReadDataStream:
+    return ReadDataStream(io.BytesIO(stream.read(length)))

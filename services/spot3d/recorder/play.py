@@ -1,0 +1,113 @@
+"""Puts a recording back on the wire, in its own time."""
+
+import threading
+from collections import Counter
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+import zenoh
+
+from spot3d.dataflow.endpoints import declare_publisher
+from spot3d.dataflow.session import StoppedError, open_session
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.recorder.keyboard import on_key
+from spot3d.recorder.mcap_contents import McapContents
+from spot3d.recorder.pace import Pace
+from spot3d.recorder.relabel import Labels
+from spot3d_schemas import TOPICS, End, Header, alive_key, encode, peek_header
+
+_FRAME, _END = "source/frame", "source/end"
+_TOKEN_S = 5.0
+"""Longest wait for the answer which stages are alive."""
+
+
+class StageAliveError(RuntimeError):
+    """A stage whose topics are to be played runs already: both would talk at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class Playing:
+    """How to play. topics: which; rate: times as fast; start_s, end_s: seconds from the recording's beginning."""
+
+    topics: tuple[str, ...]
+    rate: float = 1.0
+    loop: bool = False
+    start_s: float = 0.0
+    end_s: float | None = None
+
+
+def play(contents: McapContents, playing: Playing, link: LinkSettings, stop: threading.Event | None = None) -> int:
+    """Publish the messages of a recording under the robot of `link` until its end, or for ever in a loop.
+
+    The space bar pauses and goes on. Returns how many messages were sent. Raises StageAliveError, and
+    BrokenRecordingError where the file is damaged.
+    """
+    with stop_on_signals(stop) as stopped:
+        try:
+            with ExitStack() as stack:
+                session = stack.enter_context(open_session(link, stopped))
+                player = _Player(contents, playing, link, session, stack)
+                stack.enter_context(on_key(lambda pressed: player.pace.toggle() if pressed == " " else None))
+                player.run(stopped)
+                return player.sent.total()
+        except StoppedError:
+            return 0
+
+
+class _Player:
+    def __init__(
+        self, contents: McapContents, playing: Playing, link: LinkSettings, session: zenoh.Session, stack: ExitStack
+    ) -> None:
+        self.pace = Pace(playing.rate)
+        self.sent: Counter[str] = Counter()
+        self._contents, self._playing, self._link = contents, playing, link
+        self._topic_of = {number: topic for topic, number in contents.topics.items() if topic in playing.topics}
+        stages = {TOPICS[topic].producer for topic in playing.topics}
+        _refuse_alive(session, link.robot, stages)
+        self._publishers = {topic: declare_publisher(session, topic, link) for topic in playing.topics}
+        for publisher in self._publishers.values():
+            stack.callback(publisher.undeclare)
+        for stage in sorted(stages):
+            # Dashboards and sources know by the tokens who is there.
+            stack.callback(session.liveliness().declare_token(alive_key(link.robot, stage)).undeclare)
+
+    def run(self, stop: threading.Event) -> None:
+        """Play once, or again and again."""
+        self._once(stop)
+        while self._playing.loop and not stop.is_set():
+            self._once(stop)
+
+    def _once(self, stop: threading.Event) -> None:
+        playing, start_ns = self._playing, self._contents.start_ns
+        first_ns = start_ns + round(1e9 * playing.start_s)
+        last_ns = self._contents.end_ns if playing.end_s is None else start_ns + round(1e9 * playing.end_s)
+        self.pace.restart()
+        frames, last_frame, labels = 0, b"", Labels(self._link.robot)
+        for message in self._contents.between(first_ns, last_ns):
+            topic = self._topic_of.get(message.channel_id)
+            # The end that was recorded counts frames that are not all played.
+            if topic is None or topic == _END:
+                continue
+            if not self.pace.wait(1e-9 * (message.log_time - first_ns), stop):
+                return
+            data = labels.on(message.data)
+            self._publishers[topic].put(data)
+            self.sent[topic] += 1
+            if topic == _FRAME:
+                frames, last_frame = frames + 1, data
+        if frames and _END in self._publishers:
+            # Of the same robot, stream and sender as the frames.
+            header = Header(**peek_header(last_frame).model_dump(exclude={"schema_name", "version", "trace"}))
+            self._publishers[_END].put(encode(End(header=header, frames_sent=frames)))
+            self.sent[_END] += 1
+
+
+def _refuse_alive(session: zenoh.Session, robot: str, stages: set[str]) -> None:
+    replies = session.liveliness().get(alive_key(robot, "*"), timeout=_TOKEN_S)
+    alive = {str(reply.ok.key_expr).split("/")[2] for reply in replies if reply.ok is not None}
+    if alive & stages:
+        raise StageAliveError(
+            f"{', '.join(sorted(alive & stages))} of robot {robot!r} is alive; play under another name with --robot, "
+            "or leave its topics away with --topics"
+        )

@@ -1,0 +1,234 @@
+"""The recorder's process: what a robot's stages say goes into an MCAP file, and no frame waits for it."""
+
+import fnmatch
+import json
+import logging
+import threading
+import time
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+
+import zenoh
+from zenoh.handlers import FifoChannel, Handler, RingChannel
+
+import spot3d
+from spot3d.dataflow.complaints import Complaints
+from spot3d.dataflow.endpoints import waiting
+from spot3d.dataflow.payload import intact_bytes
+from spot3d.dataflow.process_use import let_frames_go_first
+from spot3d.dataflow.session import StoppedError, open_session
+from spot3d.dataflow.stopping import end_threads, stop_on_signals
+from spot3d.recorder.backlog import Backlog, Heard
+from spot3d.recorder.mcap_writer import McapWriter
+from spot3d.recorder.profile import PROFILE
+from spot3d.settings import Settings, to_toml
+from spot3d_schemas import TOPICS, CodecError, alive_key, encoding, json_schema, key, peek_header, refuse_encoding
+
+log = logging.getLogger(__name__)
+
+RECORDER = "recorder"
+"""The name of the recorder's liveliness token, where a stage has its stage's."""
+BACKLOG_BYTES = 256 * 2**20
+"""Most memory for messages that wait for the disk: two seconds of a VGA camera with everything that is made of it."""
+FLUSH_S = 1.0
+"""Longest that a message is not in the file: what a recorder that is killed loses."""
+_FRAMES = ("source/frame", "heatmap/heat")
+_WAITING = 16
+"""Least messages of a topic that wait to be copied: half a second of a camera, where the processors are busy."""
+_IDLE_S = 0.1
+
+
+@dataclass(slots=True)
+class Recorded:
+    """What became of a recording.
+
+    messages: in the file, by topic; skipped: not in it, by topic and reason; error: why it ended early, or empty.
+    """
+
+    path: Path
+    messages: dict[str, int] = field(default_factory=dict)
+    skipped: Counter[str] = field(default_factory=Counter)
+    size: int = 0
+    seconds: float = 0.0
+    error: str = ""
+
+    def summary(self) -> str:
+        """One line for people."""
+        left_out = ", ".join(f"{count} {reason}" for reason, count in sorted(self.skipped.items()))
+        return (
+            f"{self.path}: {'' if not self.error else f'{self.error}; it holds the first '}{self.seconds:.1f} s, "
+            f"{sum(self.messages.values())} messages of {len(self.messages)} topics, {self.size / 1e6:.1f} MB"
+            f"; {f'skipped: {left_out}' if left_out else 'nothing skipped'}"
+        )
+
+
+class NoSuchTopicError(Exception):
+    """A pattern matches no topic; the message names those that there are."""
+
+
+def matching_topics(patterns: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    """The topics among `known` that match a pattern (`source/*`), or all. Raises NoSuchTopicError."""
+    for pattern in patterns:
+        if not fnmatch.filter(known, pattern):
+            raise NoSuchTopicError(f"no topic matches {pattern!r}; there are {', '.join(known)}")
+    return tuple(topic for topic in known if not patterns or any(fnmatch.fnmatch(topic, item) for item in patterns))
+
+
+def published_topics() -> list[str]:
+    """Every topic that is published; queries are not."""
+    return [topic.name for topic in TOPICS.values() if topic.kind == "pub"]
+
+
+def record(settings: Settings, path: Path, topics: Sequence[str], stop: threading.Event | None = None) -> Recorded:
+    """Record topics of the link's robot into a new file at `path` until stopped, or until the disk is full.
+
+    In a live run what cannot be written in time is skipped and counted; in a lossless run the senders wait.
+    Raises FileExistsError, and OSError where nothing can be written at all.
+    """
+    with stop_on_signals(stop) as stopped:
+        recorder = _Recorder(settings, path, topics)
+        try:
+            with suppress(StoppedError):
+                recorder.run(stopped)
+        finally:
+            recorder.close()
+        return recorder.recorded
+
+
+class _Recorder:
+    def __init__(self, settings: Settings, path: Path, topics: Sequence[str]) -> None:
+        self.recorded = Recorded(path)
+        self._link = settings.link
+        self._topics = tuple(topics)
+        self._backlog = Backlog(BACKLOG_BYTES)
+        self._complaints = Complaints(log)
+        self._stamps: list[tuple[int, int]] = []
+        self._lock = threading.Lock()
+        self._writer = McapWriter(path, PROFILE, f"spot3d {spot3d.__version__}")
+        about = {
+            "spot3d": spot3d.__version__,
+            "zenoh": version("eclipse-zenoh"),
+            "robot": self._link.robot,
+            "delivery": self._link.delivery,
+            "topics": " ".join(self._topics),
+        }
+        self._writer.metadata("spot3d", about)
+        self._writer.metadata("settings", {"toml": to_toml(settings)})
+        self._channels = {topic: topic_channel(self._writer, self._link.robot, topic) for topic in self._topics}
+        self._frames = next((topic for topic in _FRAMES if topic in self._topics), None)
+
+    def run(self, stop: threading.Event) -> None:
+        """Record until stopped."""
+        with ExitStack() as stack:
+            session = stack.enter_context(open_session(self._link, stop))
+            threads: list[threading.Thread] = []
+            stack.callback(end_threads, threads)
+            stack.callback(self._backlog.close)
+            for topic in self._topics:
+                subscriber = session.declare_subscriber(key(self._link.robot, topic), self._waiting_room(topic))
+                stack.callback(subscriber.undeclare)
+                reader = threading.Thread(target=self._hear, args=(topic, subscriber.handler), name=topic, daemon=True)
+                threads.append(reader)
+                reader.start()
+            # The token follows the subscriptions: who sees it can begin.
+            token = session.liveliness().declare_token(alive_key(self._link.robot, RECORDER))
+            stack.callback(token.undeclare)
+            log.info("recording %s topics of %s into %s", len(self._topics), self._link.robot, self.recorded.path)
+            let_frames_go_first()
+            self._write(stop)
+
+    def close(self) -> None:
+        """Finish the file; what cannot be written is left away, and said."""
+        backlog_left = True
+        while backlog_left and not self.recorded.error:
+            item = self._backlog.get(0)
+            backlog_left = item is not None and self._tried(item)
+        writer = self._writer
+        try:
+            writer.flush()
+            writer.metadata("frames", {"topic": self._frames or "", "chunk_and_stamp_ns": json.dumps(self._stamps)})
+            writer.metadata("skipped", {reason: str(count) for reason, count in self.recorded.skipped.items()})
+        except OSError as error:
+            self._failed(error)
+        try:
+            writer.close()
+        except OSError as error:
+            self._failed(error)
+        by_channel = {number: topic for topic, number in self._channels.items()}
+        self.recorded.messages = {by_channel[number]: count for number, count in sorted(writer.kept.items())}
+        self.recorded.size = writer.size
+        self.recorded.seconds = 1e-9 * (writer.end_ns - writer.start_ns)
+
+    def _waiting_room(self, topic: str) -> "FifoChannel[zenoh.Sample] | RingChannel[zenoh.Sample]":
+        """Live, a full one drops the oldest: one that makes the sender wait would make it wait for all."""
+        size = max(waiting(topic, self._link), _WAITING)
+        return FifoChannel(size) if self._link.delivery == "lossless" else RingChannel(size)
+
+    def _write(self, stop: threading.Event) -> None:
+        flushed_s = time.monotonic()
+        while not (stop.is_set() or self.recorded.error):
+            item = self._backlog.get(_IDLE_S)
+            if item is not None:
+                self._tried(item)
+            if time.monotonic() - flushed_s >= FLUSH_S:
+                flushed_s = time.monotonic()
+                try:
+                    self._writer.flush()
+                except OSError as error:
+                    self._failed(error)
+
+    def _tried(self, item: Heard) -> bool:
+        """Give one message to the writer; returns whether the file takes more."""
+        if item.topic == self._frames:
+            self._stamps.append((self._writer.chunks, peek_header(item.data).stamp_ns))
+        try:
+            self._writer.add(self._channels[item.topic], item.log_ns, item.publish_ns, item.sequence, item.data)
+        except OSError as error:
+            self._failed(error)
+            return False
+        return True
+
+    def _failed(self, error: OSError) -> None:
+        self.recorded.error = self.recorded.error or (error.strerror or str(error))
+
+    def _hear(self, topic: str, handler: Handler[zenoh.Sample]) -> None:
+        """Copy out what comes; nothing here waits for the disk in a live run."""
+        expected, last_seq = TOPICS[topic].message, None
+        while True:
+            try:
+                sample = handler.recv()
+            except zenoh.ZError:
+                return  # the subscription has ended
+            try:
+                refuse_encoding(str(sample.encoding), expected)
+                data = intact_bytes(sample.payload)
+                if data is None:
+                    self._skip(topic, "overwritten")
+                    continue
+                header = peek_header(data)
+            except CodecError as error:
+                self._skip(topic, "refused", str(error))
+                continue
+            if last_seq is not None and header.seq > last_seq + 1:
+                self._skip(topic, "lost on the way", count=header.seq - last_seq - 1)
+            last_seq = header.seq
+            sent_ns = header.trace[-1].sent_ns if header.trace else time.time_ns()
+            if not self._backlog.put(topic, sent_ns, header.seq, data, wait=self._link.delivery == "lossless"):
+                self._skip(topic, "not written in time")
+
+    def _skip(self, topic: str, reason: str, why: str = "", count: int = 1) -> None:
+        with self._lock:
+            self.recorded.skipped[f"{topic} {reason}"] += count
+        self._complaints.say(f"{topic} {reason}", f"{topic} {reason}{why and f': {why}'}", time.monotonic())
+
+
+def topic_channel(writer: McapWriter, robot: str, topic: str) -> int:
+    """The channel of a topic: its key, its message's JSON Schema, and how to publish it again."""
+    message = TOPICS[topic].message
+    schema = json.dumps(json_schema(message)).encode()
+    about = {"topic": topic, "robot": robot, "encoding": encoding(message)}
+    return writer.channel(key(robot, topic), message.SCHEMA, schema, "jsonschema", "msgpack", about)

@@ -1,0 +1,1 @@
+"""Who may take part in the dataflow, and in what role: certificates and access control."""

@@ -1,0 +1,180 @@
+"""A private certificate authority, and a certificate for each role that it signs."""
+
+import datetime
+import ipaddress
+import os
+import secrets
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import (
+    Encoding,
+    NoEncryption,
+    PrivateFormat,
+    load_pem_private_key,
+)
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from spot3d_schemas import checked_name
+
+CA = "ca"
+"""Name of the authority's files."""
+_CA_DAYS = 3650
+_BACKDATED = datetime.timedelta(hours=1)
+"""Devices' clocks are not always right."""
+
+
+@dataclass(frozen=True, slots=True)
+class Issued:
+    """A certificate and its private key, as files."""
+
+    name: str
+    certificate: Path
+    key: Path
+    valid_until: datetime.datetime
+
+
+@dataclass(frozen=True, slots=True)
+class Authority:
+    """What signs: a certificate and its key."""
+
+    certificate: x509.Certificate
+    key: ec.EllipticCurvePrivateKey
+
+
+def open_authority(folder: Path, now: datetime.datetime) -> Authority:
+    """The authority whose `ca.pem` and `ca.key` are in `folder`; made where there is none.
+
+    Raises ValueError where only one of them is there, or one is none.
+    """
+    certificate, key = folder / f"{CA}.pem", folder / f"{CA}.key"
+    if certificate.exists() != key.exists():
+        raise ValueError(f"{folder} holds one of {CA}.pem and {CA}.key: bring the other, or begin in an empty folder")
+    if not certificate.exists():
+        return _make_authority(folder, now)
+    private = load_pem_private_key(key.read_bytes(), None)
+    if not isinstance(private, ec.EllipticCurvePrivateKey):
+        raise ValueError(f"{key} is no key of an elliptic curve; it was not made by this program")
+    return Authority(x509.load_pem_x509_certificate(certificate.read_bytes()), private)
+
+
+def issue(
+    authority: Authority,
+    folder: Path,
+    name: str,
+    hosts: Sequence[str] = (),
+    *,
+    begins: datetime.datetime,
+    ends: datetime.datetime,
+) -> Issued:
+    """Write `NAME.pem` and `NAME.key` (readable by its owner alone) for the common name `name`.
+
+    hosts: host names and addresses at which others connect to it, which they verify; its own name is one always.
+    Raises ValueError where the name cannot be part of a key, or `ends` is after the authority's own end.
+    """
+    last = authority.certificate.not_valid_after_utc
+    if ends > last:
+        raise ValueError(f"{name} would be valid until {ends:%Y-%m-%d}, but the authority only until {last:%Y-%m-%d}")
+    key = ec.generate_private_key(ec.SECP256R1())
+    usages = [ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH]
+    certificate = (
+        _builder(_named(checked_name(name)), authority.certificate.subject, key.public_key(), begins, ends)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(x509.ExtendedKeyUsage(usages), critical=False)
+        .add_extension(x509.SubjectAlternativeName([_host(host) for host in (name, *hosts)]), critical=False)
+        .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(authority.key.public_key()), critical=False)
+        .sign(authority.key, hashes.SHA256())
+    )
+    return _write(folder, name, certificate, key)
+
+
+def issue_all(
+    folder: Path, names: Sequence[str], hosts: Mapping[str, Sequence[str]], days: int, *, renew: bool = False
+) -> list[Issued]:
+    """Certificates for all `names`, valid for `days` from now; the authority is made where there is none.
+
+    Raises ValueError where a certificate of that name is there already and is not to be renewed, and of `issue`.
+    """
+    unknown = sorted(set(hosts) - set(names))
+    if unknown:
+        raise ValueError(f"hosts are given for {', '.join(unknown)}, for whom no certificate is asked")
+    if CA in names:
+        raise ValueError(f"{CA} is the authority's own name")
+    there = [name for name in names if (folder / f"{name}.pem").exists()]
+    if there and not renew:
+        raise ValueError(f"{folder} holds certificates of {', '.join(there)} already; --renew replaces them")
+    now = datetime.datetime.now(datetime.UTC)
+    folder.mkdir(parents=True, exist_ok=True)
+    authority = open_authority(folder, now)
+    begins, ends = now - _BACKDATED, now + datetime.timedelta(days=days)
+    return [issue(authority, folder, name, hosts.get(name, ()), begins=begins, ends=ends) for name in names]
+
+
+def _make_authority(folder: Path, now: datetime.datetime) -> Authority:
+    key = ec.generate_private_key(ec.SECP256R1())
+    # A name of its own: of two authorities of one name, a wrong one would be told as a broken signature.
+    name = _named(f"spot3d private authority {secrets.token_hex(4)}")
+    ends = now + datetime.timedelta(days=_CA_DAYS)
+    signs = x509.KeyUsage(
+        digital_signature=False,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        key_cert_sign=True,
+        crl_sign=True,
+        encipher_only=False,
+        decipher_only=False,
+    )
+    certificate = (
+        _builder(name, name, key.public_key(), now - _BACKDATED, ends)
+        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        .add_extension(signs, critical=True)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
+        .sign(key, hashes.SHA256())
+    )
+    _write(folder, CA, certificate, key)
+    return Authority(certificate, key)
+
+
+def _builder(
+    subject: x509.Name,
+    issuer: x509.Name,
+    key: ec.EllipticCurvePublicKey,
+    begins: datetime.datetime,
+    ends: datetime.datetime,
+) -> x509.CertificateBuilder:
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key)
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(begins)
+        .not_valid_after(ends)
+    )
+
+
+def _named(common_name: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
+
+
+def _host(host: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        return x509.DNSName(host)
+
+
+def _write(folder: Path, name: str, certificate: x509.Certificate, key: ec.EllipticCurvePrivateKey) -> Issued:
+    issued = Issued(name, folder / f"{name}.pem", folder / f"{name}.key", certificate.not_valid_after_utc)
+    issued.certificate.write_bytes(certificate.public_bytes(Encoding.PEM))
+    issued.key.unlink(missing_ok=True)
+    # Made readable for nobody else from the beginning.
+    with os.fdopen(os.open(issued.key, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as stream:
+        stream.write(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+    return issued

@@ -1,0 +1,142 @@
+"""The frames of a recording that `spot3d record` has made, as an input."""
+
+import json
+import logging
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.dataflow.conversion import rgbd_frame
+from spot3d.dataflow.order import RESTART_NS
+from spot3d.frame import RgbdFrame
+from spot3d.recorder.mcap_contents import BrokenRecordingError, McapContents, open_mcap
+from spot3d.source.errors import SourceError
+from spot3d_schemas import CodecError, Frame, Heat, decode, peek_header
+
+log = logging.getLogger(__name__)
+
+Place = tuple[int, int, int]
+"""Of one frame: its chunk, its number among the frames of the chunk, its stamp in ns."""
+
+_MESSAGES: dict[str, type[Frame] | type[Heat]] = {"source/frame": Frame, "heatmap/heat": Heat}
+"""What holds an RGB-D frame. Where only heat has crossed a link, it brings its frame along."""
+
+
+class McapSequence:
+    """A sequence of RgbdFrame, read on access; of a recording that holds several streams, the longest."""
+
+    def __init__(self, contents: McapContents) -> None:
+        """Raises SourceError where the recording holds no frames."""
+        self._contents = contents
+        self._topic = next((topic for topic in _MESSAGES if topic in contents.topics), "")
+        places = _places(contents, self._topic) if self._topic else []
+        if not places:
+            raise SourceError(
+                f"{contents.path} holds no frames: neither source/frame nor heatmap/heat; it holds "
+                f"{', '.join(contents.topics) or 'nothing'}"
+            )
+        if not contents.complete:
+            log.warning("%s was not finished: %d bytes at its end are lost", contents.path, contents.lost_bytes)
+        streams = _streams(places)
+        self._places = max(streams, key=len)
+        if len(streams) > 1:
+            told = ", ".join(str(len(stream)) for stream in streams)
+            log.warning("%s holds %d streams of %s frames; the longest is played", contents.path, len(streams), told)
+        self._chunk: tuple[int, list[bytes]] = (-1, [])
+        first = self[0]
+        self._intrinsics, self._has_poses = first.intrinsics, first.T_world_camera is not None
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Intrinsics of the first frame; one of another size cannot be read."""
+        return self._intrinsics
+
+    @property
+    def stamps_ns(self) -> list[int]:
+        """Capture times in integer nanoseconds."""
+        return [stamp for _, _, stamp in self._places]
+
+    @property
+    def rate_hz(self) -> float:
+        """Recorded rate in frames per second, by the median gap between frames; 30 for a single frame."""
+        gaps = np.diff(self.stamps_ns)
+        return 1e9 / float(np.median(gaps)) if gaps.size else 30.0
+
+    @property
+    def has_true_poses(self) -> bool:
+        """Whether the first frame came with a pose that its source knew."""
+        return self._has_poses
+
+    def true_pose(self, index: int) -> NDArray[np.float64] | None:
+        """T_world_camera (4, 4) float64 of a frame, or None."""
+        return self[index].T_world_camera
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        return (self[index] for index in range(len(self)))
+
+    def __getitem__(self, index: int) -> RgbdFrame:
+        """Reads one frame. Raises SourceError where the file is damaged there."""
+        chunk, number, _ = self._places[index]
+        if self._chunk[0] != chunk:
+            self._chunk = (chunk, _messages(self._contents, chunk, self._topic))
+        try:
+            frame = rgbd_frame(decode(self._chunk[1][number], _MESSAGES[self._topic]))
+        except (CodecError, IndexError) as error:
+            raise SourceError(f"{self._contents.path}, frame {index}: {error}") from error
+        return replace(frame, colour=frame.colour.copy(), depth=frame.depth.copy())
+
+
+def open_recorded_mcap(path: Path) -> McapSequence:
+    """Opens a recording. Raises SourceError, saying what is wrong with it."""
+    try:
+        return McapSequence(open_mcap(path))
+    except BrokenRecordingError as error:
+        raise SourceError(str(error)) from error
+
+
+def _messages(contents: McapContents, chunk: int, topic: str) -> list[bytes]:
+    wanted = contents.topics[topic]
+    try:
+        messages = contents.messages(contents.chunks[chunk])
+    except BrokenRecordingError as error:
+        raise SourceError(str(error)) from error
+    return [item.data for item in messages if item.channel_id == wanted]
+
+
+def _places(contents: McapContents, topic: str) -> list[Place]:
+    """Where each frame is: the recorder's own list, or, where it could not write one, found by reading all."""
+    listed = contents.metadata.get("frames", {})
+    if listed.get("topic") == topic:
+        chunks_and_stamps = [
+            item for item in json.loads(listed["chunk_and_stamp_ns"]) if item[0] < len(contents.chunks)
+        ]
+    else:
+        chunks_and_stamps = [
+            (chunk, peek_header(data).stamp_ns)
+            for chunk in range(len(contents.chunks))
+            for data in _messages(contents, chunk, topic)
+        ]
+    places: list[Place] = []
+    for chunk, stamp in chunks_and_stamps:
+        number = places[-1][1] + 1 if places and places[-1][0] == chunk else 0
+        places.append((chunk, number, stamp))
+    return places
+
+
+def _streams(places: list[Place]) -> list[list[Place]]:
+    """Cut where the stamps go back: another recording was played."""
+    streams = [places[:1]]
+    for place in places[1:]:
+        last = streams[-1][-1][2]
+        if place[2] > last:
+            streams[-1].append(place)
+        elif last - place[2] >= RESTART_NS:
+            streams.append([place])
+    return streams

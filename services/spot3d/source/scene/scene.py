@@ -1,0 +1,93 @@
+"""The built-in scene as a sequence of frames, with everything that is true about it."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.frame import RgbdFrame
+from spot3d.source.scene.model import UP, TrueBox, build_scene
+from spot3d.source.scene.noise import measured_depth, noisy_colour
+from spot3d.source.scene.path import RATE_HZ, camera_pose
+from spot3d.source.scene.render import Renderer, View, empty_view
+
+KINECT = Intrinsics(585.0, 585.0, 320.0, 240.0, 640, 480)
+METRES_PER_UNIT = 0.001
+
+
+class Scene:
+    """The built-in scene: `frames` RgbdFrame at 30 Hz, as a hand-held Kinect sees them; made when asked for.
+
+    A frame depends on seed, `cluttered` and its index alone. `noisy=False` gives exact depth (float32
+    metres) and colour. True poses are in every frame; `boxes`, `up` and `truth` hold the rest. World frame:
+    z up, metres.
+    """
+
+    has_true_poses = True
+    rate_hz = float(RATE_HZ)
+
+    def __init__(
+        self,
+        seed: int = 0,
+        cluttered: bool = False,
+        frames: int = 300,
+        intrinsics: Intrinsics = KINECT,
+        noisy: bool = True,
+    ) -> None:
+        self.seed = seed
+        self.cluttered = cluttered
+        self.frames = frames
+        self.intrinsics = intrinsics
+        self.noisy = noisy
+        self._renderer = Renderer(build_scene(seed, cluttered), intrinsics, seed)
+        self._exact = empty_view(intrinsics.shape)
+
+    @property
+    def boxes(self) -> tuple[TrueBox, ...]:
+        """True boxes of all objects, world frame."""
+        return self._renderer.model.boxes
+
+    @property
+    def up(self) -> NDArray[np.float64]:
+        """The world's up direction (3,)."""
+        return np.array(UP)
+
+    def __len__(self) -> int:
+        return self.frames
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        return (self[index] for index in range(len(self)))
+
+    @property
+    def stamps_ns(self) -> list[int]:
+        """Capture times in integer nanoseconds."""
+        return [index * 10**9 // RATE_HZ for index in range(self.frames)]
+
+    def true_pose(self, index: int) -> NDArray[np.float64]:
+        """T_world_camera (4, 4) float64 of a frame."""
+        return camera_pose(self._index(index), self.seed)
+
+    def truth(self, index: int) -> View:
+        """Exact depth, instance mask (0 = no object, else the box's id) and colour of a frame."""
+        view = empty_view(self.intrinsics.shape)
+        self._renderer.render(self.true_pose(index), view)
+        return view
+
+    def __getitem__(self, index: int) -> RgbdFrame:
+        """Renders one frame. Raises IndexError beyond the sequence."""
+        index = self._index(index)
+        stamp_ns, pose = index * 10**9 // RATE_HZ, self.true_pose(index)
+        if not self.noisy:
+            view = self.truth(index)
+            return RgbdFrame(stamp_ns, view.colour, view.depth, 1.0, self.intrinsics, pose)
+        view = self._exact
+        self._renderer.render(pose, view)
+        depth = measured_depth(view.depth, view.cosine, self.intrinsics.fx, self.seed, index)
+        colour = noisy_colour(view.colour, self.seed, index)
+        return RgbdFrame(stamp_ns, colour, depth, METRES_PER_UNIT, self.intrinsics, pose)
+
+    def _index(self, index: int) -> int:
+        if not -self.frames <= index < self.frames:
+            raise IndexError(f"frame {index} of {self.frames}")
+        return index % self.frames

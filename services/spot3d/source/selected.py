@@ -1,0 +1,110 @@
+"""What a run plays: an input by its path or name, and which of its frames."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.depth_noise import DepthNoise, parse_noise
+from spot3d.frame import RgbdFrame
+from spot3d.source.errors import SourceError
+from spot3d.source.intrinsics_files import FocalAndCentre, parse_intrinsics
+from spot3d.source.sequence import FrameSequence
+from spot3d.source.sequences import SCENE_NAME, open_source
+from spot3d.source.settings import SourceSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """frames: how many at most (None: all); every: only every n-th; after_ns: only those captured later."""
+
+    name: str
+    frames: int | None = None
+    every: int = 1
+    intrinsics: FocalAndCentre | None = None
+    after_ns: int | None = None
+
+
+def selection(
+    name: str, frames: int | None, every: int, intrinsics: str | None, after_ns: int | None = None
+) -> Selection:
+    """A selection as a command line states it: intrinsics are FX,FY,CX,CY. Raises SourceError."""
+    return Selection(name, frames, every, None if intrinsics is None else parse_intrinsics(intrinsics), after_ns)
+
+
+def open_selection(selection: Selection, settings: SourceSettings) -> FrameSequence:
+    """The selected frames of the input, at half size where the settings say so. Raises SourceError."""
+    name, every = selection.name, selection.every
+    if every < 1 or (selection.frames is not None and selection.frames < 1):
+        raise SourceError("--every and --frames must be at least 1")
+    length = settings.scene_frames
+    if SCENE_NAME.fullmatch(name):
+        name = _full_scene_name(name, settings)
+        length = length if selection.frames is None else selection.frames * every
+    sequence = open_source(name, length, selection.intrinsics, settings.halved)
+    noise = parse_noise(settings.depth_noise) if settings.depth_noise else None
+    all_of_it = every == 1 and selection.after_ns is None and (selection.frames or len(sequence)) >= len(sequence)
+    if all_of_it and noise is None:
+        return sequence
+    chosen = range(0, len(sequence), every)[: selection.frames]
+    if selection.after_ns is not None:
+        stamps = sequence.stamps_ns
+        chosen = chosen[sum(stamps[index] <= selection.after_ns for index in chosen) :]
+    return Selected(sequence, chosen, noise)
+
+
+def _full_scene_name(name: str, settings: SourceSettings) -> str:
+    """The scene's name with the seed and clutter of the settings where the name itself does not say."""
+    match = SCENE_NAME.fullmatch(name)
+    seed = (match and match["seed"]) or settings.scene_seed
+    cluttered = (match and match["cluttered"]) or settings.scene_cluttered
+    return f"scene:{seed}{':cluttered' if cluttered else ''}"
+
+
+class Selected:
+    """Some frames of another sequence, with `noise` of their depth where that is stated."""
+
+    def __init__(self, all_frames: FrameSequence, indices: range, noise: DepthNoise | None = None) -> None:
+        self._all = all_frames
+        self._indices = indices
+        self._noise = noise
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Intrinsics of all frames."""
+        camera = self._all.intrinsics
+        return camera if self._noise is None else replace(camera, noise=self._noise)
+
+    @property
+    def stamps_ns(self) -> list[int]:
+        """Capture times in integer nanoseconds."""
+        stamps = self._all.stamps_ns
+        return [stamps[index] for index in self._indices]
+
+    @property
+    def rate_hz(self) -> float:
+        """Rate of the frames that are left, frames per second."""
+        return self._all.rate_hz / self._indices.step
+
+    @property
+    def has_true_poses(self) -> bool:
+        """Whether any frame comes with a true pose."""
+        return self._all.has_true_poses
+
+    def true_pose(self, index: int) -> NDArray[np.float64] | None:
+        """T_world_camera (4, 4) float64 of a frame, or None."""
+        return self._all.true_pose(self._indices[index])
+
+    def __len__(self) -> int:
+        return len(self._indices)
+
+    def __getitem__(self, index: int) -> RgbdFrame:
+        frame = self._all[self._indices[index]]
+        if self._noise is None:
+            return frame
+        return replace(frame, intrinsics=replace(frame.intrinsics, noise=self._noise))
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        return (self[index] for index in range(len(self)))

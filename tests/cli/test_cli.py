@@ -1,0 +1,85 @@
+import json
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+from spot3d.cli import app as cli
+from spot3d_schemas import MESSAGES, TOPICS
+
+runner = CliRunner()
+
+
+def test_topics_prints_the_whole_table():
+    result = runner.invoke(cli.app, ["topics", "--robot", "drone"])
+    assert result.exit_code == 0
+    lines = result.output.splitlines()
+    assert len(lines) == 1 + len(TOPICS)
+    for topic, line in zip(TOPICS.values(), lines[1:], strict=True):
+        assert line.split()[:2] == [f"spot3d/drone/{topic.name}", topic.message.__name__]
+
+
+@pytest.mark.parametrize("name", [*MESSAGES, "spot3d.Frame"])
+def test_schema_prints_json(name):
+    result = runner.invoke(cli.app, ["schema", name])
+    assert result.exit_code == 0
+    assert json.loads(result.output)["properties"]["header"]
+
+
+def test_settings_prints_what_can_be_read_again(tmp_path):
+    first = runner.invoke(cli.app, ["settings", "--preset", "paper"]).output
+    path = tmp_path / "paper.toml"
+    path.write_text(first, encoding="utf-8")
+    assert runner.invoke(cli.app, ["settings", "--settings", str(path)]).output == first
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["schema", "Frome"], "there is no message 'Frome'; there are Frame"),
+        (["run", "/nowhere/at/all", "--out", "{tmp}"], "/nowhere/at/all does not exist"),
+        (["run", "scene", "--out", "{tmp}", "--pose", "magic"], "pose.provider"),
+        (["run", "scene", "--out", "{tmp}", "--intrinsics", "1,2"], "four numbers"),
+        (["run", "scene", "--out", "{tmp}", "--in-process", "--pose", "a/b"], "--in-process hears no topics"),
+        (["run", "scene", "--out", "{tmp}/file/x", "--frames", "1"], "file"),
+        (["pose", "--connect", "nonsense"], "link.connect.0"),
+        (["fusion", "--settings", "/nowhere.toml"], "/nowhere.toml"),
+        (["status", "--connect", "tcp/127.0.0.1:1"], "no router answers at tcp/127.0.0.1:1"),
+        (["router", "--listen", "tcp/256.0.0.1:1"], "cannot listen"),
+    ],
+)
+def test_what_a_user_can_put_right_is_one_line(arguments, said, tmp_path, monkeypatch, capsys):
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(sys, "argv", ["spot3d", *(text.format(tmp=tmp_path) for text in arguments)])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 2
+    error = capsys.readouterr().err.strip()
+    assert error.startswith("error: ")
+    assert said in error
+    assert "\n" not in error
+
+
+def test_the_light_commands_load_no_algorithm():
+    code = (
+        "import sys; from typer.testing import CliRunner; from spot3d.cli.app import app\n"
+        "import spot3d.run.status\n"
+        "assert CliRunner().invoke(app, ['topics']).exit_code == 0\n"
+        "assert CliRunner().invoke(app, ['schema', 'Pose']).exit_code == 0\n"
+        "print(sorted({'numba', 'cv2', 'sklearn', 'scipy', 'kiss_icp'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_a_missing_package_is_named(monkeypatch, capsys, tmp_path):
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    importers = ("spot3d.run.", "spot3d.drawing.", "spot3d.source.images")
+    for name in [name for name in sys.modules if name.startswith(importers)]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setattr(sys, "argv", ["spot3d", "run", "scene", "--out", str(tmp_path)])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 2
+    assert "pip install" in capsys.readouterr().err

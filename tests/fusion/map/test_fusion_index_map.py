@@ -1,0 +1,201 @@
+"""Registration of frames with the map: the warp of Eqs. 11-13, running means, the voxel look-up, the limit."""
+
+import numpy as np
+import pytest
+from fusion_room import CAMERA, COARSE, ROOM, THREE, View, look_at, orbit, view
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spot3d.bench.reference import warp as reference_warp
+from spot3d.camera import Intrinsics, back_project
+from spot3d.depth_noise import KINECT_V1
+from spot3d.fusion.map.heatmap3d import FREQUENCY, HEAT, LAST, WEIGHT, Heatmap3D, X, find_slot
+from spot3d.fusion.map.index_map import IndexMap, MatchCounts, warp
+
+POSE = look_at((0.0, -0.95, 0.7))
+TINY = Intrinsics(12.0, 11.0, 5.3, 3.9, 12, 9)
+
+
+class Mapper:
+    """A map and the index map that fills it, frame by frame."""
+
+    def __init__(self, **changes: float) -> None:
+        self.settings = COARSE.model_copy(update=changes)
+        self.heatmap = Heatmap3D(self.settings.map_limit, self.settings.voxel)
+        self.index_map = IndexMap(self.settings)
+        self.frames = 0
+
+    def see(self, seen: View, pose: np.ndarray, camera: Intrinsics = CAMERA) -> MatchCounts:
+        self.frames += 1
+        return self.index_map.register(self.heatmap, self.frames, seen.colour, seen.depth, seen.heat, camera, pose)
+
+    def column(self, index: int) -> np.ndarray:
+        return self.heatmap.points()[:, index]
+
+
+def random_frames(seed: int) -> tuple[np.ndarray, ...]:
+    rng = np.random.default_rng(seed)
+    shape = TINY.shape
+    last_index = np.where(rng.random(shape) < 0.8, rng.integers(0, 500, shape), -1).astype(np.int32)
+    smooth = rng.uniform(0.8, 1.2)
+    depths = [np.where(rng.random(shape) < 0.9, smooth + rng.uniform(0, 0.02, shape), 0) for _ in range(2)]
+    colours = [rng.integers(100, 140, (*shape, 3), np.uint8) for _ in range(2)]
+    angle = rng.normal(0, 0.05, 3)
+    T = np.eye(4)
+    skew = np.array([[0, -angle[2], angle[1]], [angle[2], 0, -angle[0]], [-angle[1], angle[0], 0]])
+    T[:3, :3] = np.linalg.qr(np.eye(3) + skew)[0] * np.array([-1, -1, -1])
+    T[:3, 3] = rng.normal(0, 0.05, 3)
+    T[2, 3] += rng.choice([0.0, 0.3])
+    return last_index, depths[0].astype(np.float32), colours[0], depths[1].astype(np.float32), colours[1], T
+
+
+@settings(max_examples=60)
+@given(
+    seed=st.integers(0, 2**32 - 1), colour_gate=st.sampled_from([0.05, 0.1, 0.5]), z_gate=st.sampled_from([0.01, 0.3])
+)
+def test_warp_equals_the_plain_transcription(seed: int, colour_gate: float, z_gate: float) -> None:
+    last_index, last_depth, last_colour, depth, colour, T = random_frames(seed)
+    T = T.astype(np.float32)
+    kernel, nearest = np.full(TINY.shape, -1, np.int32), np.full(TINY.shape, np.inf, np.float32)
+    warp(
+        last_index, last_depth, last_colour, depth, colour, T, *np.float32((TINY.fx, TINY.fy, TINY.cx, TINY.cy)),
+        np.float32((255 * colour_gate) ** 2), np.float32(z_gate), np.float32(0), KINECT_V1.coefficients(), nearest,
+        kernel,
+    )  # fmt: skip
+    plain = reference_warp(last_index, last_depth, last_colour, depth, colour, T, TINY, colour_gate, z_gate)
+    np.testing.assert_array_equal(kernel, plain)
+
+
+def test_of_several_on_one_pixel_the_nearest_wins() -> None:
+    line = Intrinsics(10.0, 10.0, 0.0, 0.0, 3, 1)
+    colour = np.full((1, 3, 3), 9, np.uint8)
+    shrink = np.eye(4, dtype=np.float32)
+    shrink[0, 0] = 1e-3  # all three land on the first pixel
+    found, nearest = np.full((1, 3), -1, np.int32), np.full((1, 3), np.inf, np.float32)
+    warp(
+        np.array([[4, 5, 6]], np.int32), np.array([[1.02, 1.0, 1.01]], np.float32), colour,
+        np.ones((1, 3), np.float32), colour, shrink, *np.float32((line.fx, line.fy, line.cx, line.cy)),
+        np.float32(1), np.float32(0.1), np.float32(0), KINECT_V1.coefficients(), nearest, found,
+    )  # fmt: skip
+    np.testing.assert_array_equal(found, [[5, -1, -1]])
+
+
+def test_the_same_view_twice_adds_nothing() -> None:
+    mapper, seen = Mapper(), view(POSE, ROOM + THREE)
+    first = mapper.see(seen, POSE)
+    assert (first.warped, first.found + first.appended) == (0, np.count_nonzero(seen.depth))
+    second = mapper.see(seen, POSE)
+    assert second == MatchCounts(warped=np.count_nonzero(seen.depth), found=0, appended=0)
+    assert mapper.heatmap.count == first.appended
+    assert (mapper.column(FREQUENCY) == 2).all()
+    assert np.isfinite(mapper.heatmap.points()).all()
+
+
+def test_heat_and_frequency_grow_once_a_frame_however_many_pixels_share_a_point() -> None:
+    mapper = Mapper(voxel=0.1)
+    black, hot = np.zeros((*CAMERA.shape, 3), np.uint8), np.full(CAMERA.shape, 255, np.uint8)
+    for frame in (1, 2, 3):
+        mapper.see(View(black, np.ones(CAMERA.shape, np.float32), hot), np.eye(4))
+        assert (mapper.column(FREQUENCY) == frame).all()
+        assert (mapper.column(HEAT) == frame).all()
+        assert (mapper.column(LAST) == frame).all()
+    assert mapper.heatmap.count < 200
+
+
+def test_positions_are_running_means() -> None:
+    mapper = Mapper()
+    one = Intrinsics(100.0, 100.0, 0.0, 0.0, 1, 1)
+    depths = [1.000, 1.004, 1.002]
+    for z in depths:
+        pixel = View(np.full((1, 1, 3), 50, np.uint8), np.full((1, 1), z, np.float32), np.zeros((1, 1), np.uint8))
+        mapper.see(pixel, np.eye(4), one)
+    assert mapper.heatmap.count == 1
+    np.testing.assert_allclose(mapper.heatmap.points()[0, X : X + 3], [0, 0, np.mean(depths)], atol=1e-4)
+    assert mapper.column(WEIGHT)[0] > 0
+
+
+def test_noise_averages_out() -> None:
+    mapper, rng = Mapper(), np.random.default_rng(0)
+    wall = np.full(CAMERA.shape, 1.5, np.float32)
+    for _ in range(12):
+        noisy = wall + rng.normal(0, 0.003, wall.shape).astype(np.float32)
+        mapper.see(View(np.zeros((*wall.shape, 3), np.uint8), noisy, np.zeros(wall.shape, np.uint8)), np.eye(4))
+    often = mapper.heatmap.points()[mapper.column(FREQUENCY) >= 10]
+    assert len(often) > 0.9 * wall.size
+    assert np.sqrt(np.mean((often[:, X + 2] - 1.5) ** 2)) < 0.0015
+
+
+def test_a_revisited_surface_finds_its_points() -> None:
+    mapper, away = Mapper(), look_at((0.0, -0.95, 0.7), (0, -3, 0.5))
+    seen = view(POSE, ROOM + THREE)
+    mapper.see(seen, POSE)
+    mapper.see(view(away, ROOM + THREE), away)
+    before = mapper.heatmap.count
+    again = mapper.see(seen, POSE)
+    assert again.warped == 0
+    assert again.found == np.count_nonzero(seen.depth)
+    assert again.appended == 0
+    assert mapper.heatmap.count == before
+
+
+def test_the_map_stops_growing() -> None:
+    mapper, rng = Mapper(), np.random.default_rng(2)
+    poses = orbit(6)
+    for pose in poses:
+        mapper.see(view(pose, ROOM + THREE, rng), pose)
+    once = mapper.heatmap.count
+    appended = [mapper.see(view(pose, ROOM + THREE, rng), pose).appended for pose in poses * 3]
+    assert sum(appended[-6:]) < 0.15 * once
+    assert np.isfinite(mapper.heatmap.points()).all()
+
+
+def test_other_intrinsics_mid_stream_meet_the_map_through_its_voxels() -> None:
+    mapper, wide = Mapper(), Intrinsics(75.0, 75.0, 39.5, 29.5, 80, 60)
+    mapper.see(view(POSE, ROOM + THREE), POSE)
+    seen = view(POSE, ROOM + THREE, camera=wide)
+    second = mapper.see(seen, POSE, wide)
+    assert second.warped == 0
+    assert second.found > 0.3 * np.count_nonzero(seen.depth)
+    third = mapper.see(seen, POSE, wide)
+    assert third.warped == np.count_nonzero(seen.depth)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf, 4.1])
+def test_depth_that_is_invalid_or_too_far_is_not_fused(value: float) -> None:
+    mapper, seen = Mapper(range_max=4.0), view(POSE, ROOM)
+    seen.depth[:60] = value
+    result = mapper.see(seen, POSE)
+    assert result.found + result.appended == np.count_nonzero(seen.depth[60:])
+    assert np.isfinite(mapper.heatmap.points()).all()
+
+
+@pytest.mark.parametrize("limit", [1000, 20_000, 30_000])
+def test_a_full_map_stays_within_its_limit_and_consistent(limit: int) -> None:
+    mapper, rng = Mapper(map_limit=limit), np.random.default_rng(3)
+    for pose in orbit(8, turn=4.0):
+        result = mapper.see(view(pose, ROOM + THREE, rng), pose)
+        assert 0 < mapper.heatmap.count <= limit
+        assert result.appended > 0
+        assert (mapper.column(LAST) == mapper.frames).sum() >= result.appended
+    assert mapper.heatmap.evicted > 0
+    taken = np.flatnonzero(mapper.column(FREQUENCY) > 0)
+    assert mapper.heatmap.count == len(taken) == np.count_nonzero(mapper.heatmap.keys >= 0)
+    slots = mapper.heatmap.row_slots[taken]
+    np.testing.assert_array_equal(mapper.heatmap.slot_rows[slots], taken)
+    assert [find_slot(mapper.heatmap.keys, key) for key in mapper.heatmap.keys[slots]] == slots.tolist()
+
+
+def test_rows_that_points_have_left_are_taken_again() -> None:
+    limit = 20_000
+    mapper, rng = Mapper(map_limit=limit), np.random.default_rng(3)
+    added = sum(mapper.see(view(pose, ROOM + THREE, rng), pose).appended for pose in orbit(8, turn=4.0))
+    assert added > limit
+    assert mapper.heatmap.count == added - mapper.heatmap.evicted
+
+
+def test_a_point_lies_where_its_pixel_was() -> None:
+    mapper, seen = Mapper(voxel=0.0011), view(POSE, ROOM + THREE)
+    mapper.see(seen, POSE)
+    points = back_project(seen.depth, CAMERA)[seen.depth > 0] @ POSE[:3, :3].T + POSE[:3, 3]
+    assert mapper.heatmap.count == len(points)
+    np.testing.assert_allclose(mapper.heatmap.points()[:, X : X + 3], points, atol=1e-5)

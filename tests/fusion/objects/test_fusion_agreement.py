@@ -1,0 +1,86 @@
+"""Which segments become one, by who sees and holds them."""
+
+import numpy as np
+import pytest
+
+from spot3d.fusion.objects.agreement import clusters_of
+
+Pairs = list[tuple[int, int]]
+
+
+def clusters(frame: list[int], observed: Pairs, within: Pairs, divided: list[int] | None = None) -> list[int]:
+    def pairs(listed: Pairs) -> np.ndarray:
+        return np.array(listed, np.int64).reshape(-1, 2)
+
+    none: list[int] = []
+    found = clusters_of(np.array(frame, np.int64), pairs(observed), pairs(within), np.array(divided or none, np.int64))
+    numbers: dict[int, int] = {-1: -1}
+    return [numbers.setdefault(number, len(numbers) - 1) for number in found.tolist()]
+
+
+def seen_by_all(frame: list[int]) -> Pairs:
+    return [(row, other) for row, own in enumerate(frame) for other in sorted(set(frame)) if other != own]
+
+
+def held_by(groups: list[list[int]]) -> Pairs:
+    return [(a, b) for group in groups for a in group for b in group if a != b]
+
+
+def test_of_none_there_is_none() -> None:
+    assert clusters([], [], []) == []
+
+
+@pytest.mark.parametrize("count", [2, 3, 10, 40])
+def test_two_objects_that_all_frames_tell_apart(count: int) -> None:
+    frame = [k // 2 for k in range(2 * count)]
+    rows = list(range(2 * count))
+    assert clusters(frame, seen_by_all(frame), held_by([rows[::2], rows[1::2]])) == [0, 1] * count
+
+
+def test_what_nobody_else_sees_stays_alone() -> None:
+    assert clusters([0, 1, 2], [], []) == [0, 1, 2]
+
+
+def test_a_view_that_holds_several_objects_joins_none_of_them() -> None:
+    """Rows 0, 2, 4 and 1, 3, 5 are objects; row 6, of frame 3, is both, and three frames divide it."""
+    frame = [0, 0, 1, 1, 2, 2, 3]
+    within = held_by([[0, 2, 4], [1, 3, 5]]) + [(row, 6) for row in range(6)]
+    assert clusters(frame, seen_by_all(frame), within, divided=[6, 6, 6]) == [0, 1, 0, 1, 0, 1, -1]
+
+
+def test_a_view_that_is_wrong_does_not_outvote_the_others() -> None:
+    """Nobody divides row 6, but of four views of both objects one alone has them in one."""
+    frame = [0, 0, 1, 1, 2, 2, 3]
+    within = held_by([[0, 2, 4], [1, 3, 5]]) + [(row, 6) for row in range(6)]
+    found = clusters(frame, seen_by_all(frame), within)
+    assert found[:6] == [0, 1, 0, 1, 0, 1]
+
+
+def test_parts_that_most_views_have_in_one_join() -> None:
+    """Frames 0 and 1 tore it in two; frames 2 to 9 have it whole."""
+    frame = [0, 0, 1, 1, *range(2, 10)]
+    parts = [(row, whole) for row in range(4) for whole in range(4, 12)]
+    within = parts + held_by([[0, 2], [1, 3], list(range(4, 12))])
+    observed = seen_by_all(frame)
+    assert len(set(clusters(frame, observed, within))) == 1
+
+
+def test_the_order_of_what_is_said_does_not_matter() -> None:
+    frame = [k // 3 for k in range(30)]
+    observed = seen_by_all(frame)
+    within = held_by([list(range(start, 30, 3)) for start in range(3)])
+    rng = np.random.default_rng(0)
+    shuffled = [[pairs[k] for k in rng.permutation(len(pairs))] for pairs in (observed, within)]
+    assert clusters(frame, *shuffled) == clusters(frame, observed, within)
+
+
+def test_what_does_not_hang_together_may_be_clustered_apart() -> None:
+    """The reason why an update may look again at a part of all."""
+    frame = [k // 4 for k in range(24)]
+    groups = [list(range(start, 24, 4)) for start in range(4)]
+    whole = clusters(frame, seen_by_all(frame), held_by(groups))
+    left = [row for row in range(24) if row % 4 < 2]
+    new = {row: k for k, row in enumerate(left)}
+    observed = [(new[row], other) for row, other in seen_by_all(frame) if row in new]
+    within = [(new[a], new[b]) for a, b in held_by(groups[:2])]
+    assert clusters([frame[row] for row in left], observed, within) == [whole[row] for row in left]

@@ -1,0 +1,116 @@
+"""Boxes from what several views saw of one thing."""
+
+import numpy as np
+import pytest
+from fusion_room import rotation_z
+from numpy.typing import NDArray
+
+from spot3d.boxes import Box3D, iou_matrix_3d
+from spot3d.fusion.objects.found import Seen, box_of
+from spot3d.fusion.objects.views import SAMPLE
+
+UP = np.array([0.0, 0.0, 1.0])
+TABLE = np.array([0.0, 0.0, 1.0, 0.0])
+SIZE = np.array([0.2, 0.1, 0.12])
+
+
+def segment(rng: np.random.Generator, low: float = 0.0, high: float = 0.12, yaw: float = 0.4) -> NDArray[np.float32]:
+    """SAMPLE points on the sides and top of a box on the table, from a height to another."""
+    points = rng.uniform(-0.5, 0.5, (SAMPLE, 3)) * SIZE
+    side = np.arange(SAMPLE) % 5
+    points[side == 0, 0], points[side == 1, 0] = -0.1, 0.1
+    points[side == 2, 1], points[side == 3, 1] = -0.05, 0.05
+    points[side == 4, 2] = 0.06
+    points[:, 2] = np.clip(points[:, 2] + 0.06, low, high)
+    return (points @ rotation_z(yaw).T).astype(np.float32)
+
+
+def seen(
+    places: list[NDArray[np.float32]], support: NDArray[np.float64] = TABLE, frame: list[int] | None = None
+) -> Seen:
+    frames = np.arange(len(places)) if frame is None else np.array(frame)
+    return Seen(np.array(places), np.tile(support, (len(places), 1)), frames)
+
+
+def true_box(yaw: float = 0.4) -> Box3D:
+    return Box3D(np.array([0, 0, 0.06]), SIZE, rotation_z(yaw))
+
+
+def overlap(box: Box3D, yaw: float = 0.4) -> float:
+    return float(iou_matrix_3d([true_box(yaw)], [box])[0, 0])
+
+
+def bottom(box: Box3D) -> float:
+    return float(box.centre[2] - box.size[2] / 2)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.4, 1.2])
+def test_a_box_is_as_large_as_what_was_seen(yaw: float) -> None:
+    rng = np.random.default_rng(0)
+    box = box_of(seen([segment(rng, yaw=yaw) for _ in range(6)]), UP, 0.005)
+    assert overlap(box, yaw) > 0.85
+    assert bottom(box) == pytest.approx(0.005, abs=1e-6)
+
+
+def test_a_view_that_is_off_moves_no_face() -> None:
+    rng = np.random.default_rng(0)
+    places = [segment(rng) for _ in range(20)]
+    straight = box_of(seen(places), UP, 0.005)
+    places[7] = places[7] + np.float32(0.05)
+    moved = box_of(seen(places), UP, 0.005)
+    assert overlap(moved) > overlap(straight) - 0.1
+
+
+def test_points_that_fly_off_move_no_face() -> None:
+    rng = np.random.default_rng(0)
+    places = [segment(rng) for _ in range(5)]
+    for place in places:
+        place[:2] += (0.0, 0.0, 0.4)
+    assert overlap(box_of(seen(places), UP, 0.005)) > 0.8
+
+
+@pytest.mark.parametrize(("hidden", "expected"), [(0.03, 0.005), (0.08, 0.08)])
+def test_a_hidden_bottom_is_on_the_support_if_that_is_near(hidden: float, expected: float) -> None:
+    rng = np.random.default_rng(0)
+    places = [segment(rng, low=hidden) for _ in range(5)]
+    assert bottom(box_of(seen(places), UP, 0.005)) == pytest.approx(expected, abs=2e-3)
+
+
+def test_what_stands_on_nothing_known_ends_where_it_ends() -> None:
+    rng = np.random.default_rng(0)
+    box = box_of(seen([segment(rng, low=0.03) for _ in range(5)], np.zeros(4)), UP, 0.005)
+    assert bottom(box) == pytest.approx(0.03, abs=2e-3)
+
+
+def test_most_of_its_segments_say_what_it_stands_on() -> None:
+    rng = np.random.default_rng(0)
+    places = [segment(rng, low=0.02) for _ in range(5)]
+    support = np.array([TABLE, TABLE, np.zeros(4), np.zeros(4), np.zeros(4)])
+    assert bottom(box_of(Seen(np.array(places), support, np.arange(5)), UP, 0.0)) == pytest.approx(0.02, abs=2e-3)
+    support[2] = TABLE
+    assert bottom(box_of(Seen(np.array(places), support, np.arange(5)), UP, 0.0)) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_flat_things_keep_their_height() -> None:
+    rng = np.random.default_rng(0)
+    box = box_of(seen([segment(rng, high=0.01) for _ in range(5)]), UP, 0.005)
+    assert box.size[2] == pytest.approx(0.85 * 0.01, abs=1e-3)
+
+
+def test_parts_of_one_view_count_as_one_view() -> None:
+    """A view that tore a thing in two says how far both reach, together."""
+    rng = np.random.default_rng(0)
+    places, frames = [], []
+    for frame in range(6):
+        whole = segment(rng)
+        left = (whole @ rotation_z(0.4))[:, 0] < 0
+        for half in (whole[left], whole[~left]):
+            places.append(half[np.linspace(0, len(half) - 1, SAMPLE).astype(int)])
+            frames.append(frame)
+    assert overlap(box_of(seen(places, frame=frames), UP, 0.005)) > 0.85
+
+
+def test_a_single_point_is_a_box_without_a_hole() -> None:
+    box = box_of(seen([np.ones((SAMPLE, 3), np.float32)], np.zeros(4)), UP, 0.005)
+    assert np.isfinite(box.centre).all()
+    assert (box.size > 0).all()

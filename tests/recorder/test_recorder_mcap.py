@@ -1,0 +1,96 @@
+"""Files that any MCAP reader opens, and that lose no whole chunk however they end."""
+
+import json
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from recordings import START_NS, frame, write_recording
+
+from spot3d.recorder.mcap_contents import BrokenRecordingError, open_mcap
+from spot3d.source.errors import SourceError
+from spot3d.source.sequences import open_source
+from spot3d_schemas import Frame, json_schema
+
+PERIOD_NS = 33_000_000
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """Six frames in three chunks."""
+    path = tmp_path / "six.mcap"
+    sent = [("source/frame", 0.1 * seq, frame(seq, PERIOD_NS * seq)) for seq in range(6)]
+    write_recording(path, [sent[:2], sent[2:4], sent[4:]])
+    return path
+
+
+def test_the_mcap_library_reads_it(recording: Path) -> None:
+    with recording.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        messages = list(reader.iter_messages(topics=["spot3d/robot/source/frame"]))
+        assert [record.name for record in reader.iter_metadata()] == ["spot3d"]
+    assert summary is not None
+    assert summary.statistics is not None
+    assert (summary.statistics.message_count, summary.statistics.chunk_count) == (6, 3)
+    assert [item.sequence for _, _, item in messages] == list(range(6))
+    assert [item.log_time - START_NS for _, _, item in messages] == [100_000_000 * seq for seq in range(6)]
+    schema, channel, _ = messages[0]
+    assert schema is not None
+    assert (schema.name, schema.encoding, channel.message_encoding) == ("spot3d.Frame", "jsonschema", "msgpack")
+    assert json.loads(schema.data) == json_schema(Frame)
+
+
+def test_frames_come_back_as_they_were(recording: Path) -> None:
+    sequence = open_source(recording)
+    assert sequence.stamps_ns == [PERIOD_NS * seq for seq in range(6)]
+    assert sequence.has_true_poses
+    for index in (5, 0, 3):
+        sent, got = frame(index, PERIOD_NS * index), sequence[index]
+        assert (got.colour == sent.colour).all()
+        assert (got.depth == sent.depth).all()
+        assert got.colour.flags.writeable, "the kernels take no read-only arrays"
+
+
+def test_what_was_cut_off_is_read_up_to_the_last_whole_chunk(recording: Path, tmp_path: Path) -> None:
+    whole = recording.read_bytes()
+    ends = [chunk.offset + chunk.length for chunk in open_mcap(recording).chunks]
+    cut = tmp_path / "cut.mcap"
+    for length, frames in ((ends[0], 2), (ends[1] - 1, 2), (ends[1], 4), (ends[1] + 5, 4), (ends[2] + 40, 6)):
+        cut.write_bytes(whole[:length])
+        contents = open_mcap(cut)
+        assert (len(contents.chunks), contents.complete) == (frames // 2, False)
+        assert len(open_source(cut)) == frames
+    cut.write_bytes(whole[: ends[0] - 1])
+    with pytest.raises(SourceError, match="holds no frames"):
+        open_source(cut)
+
+
+def test_damage_is_told_with_its_place(recording: Path) -> None:
+    whole = bytearray(recording.read_bytes())
+    second = open_mcap(recording).chunks[1]
+    whole[second.offset + second.length // 2] ^= 0xFF
+    recording.write_bytes(whole)
+    contents = open_mcap(recording)
+    assert len(contents.messages(contents.chunks[0])) == 2
+    with pytest.raises(BrokenRecordingError, match=f"damaged at byte {second.offset}"):
+        contents.messages(second)
+
+
+def test_the_longest_stream_is_played(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    stamps = [10 * 10**9, 10 * 10**9 + PERIOD_NS, 0, PERIOD_NS, PERIOD_NS, 2 * PERIOD_NS]
+    path = tmp_path / "two.mcap"
+    write_recording(path, [[("source/frame", 0.1 * seq, frame(seq, stamp)) for seq, stamp in enumerate(stamps)]])
+    sequence = open_source(path)
+    assert sequence.stamps_ns == [0, PERIOD_NS, 2 * PERIOD_NS]
+    assert (sequence[2].depth == frame(5, 0).depth).all()
+    assert "holds 2 streams of 2, 3 frames" in caplog.text
+
+
+def test_other_files_are_refused_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "other.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n\x01" + bytes(40))
+    with pytest.raises(BrokenRecordingError, match="no recording of spot3d"):
+        open_mcap(path)
+    with pytest.raises(SourceError, match="none that spot3d record has made"):
+        open_source(path)

@@ -1,0 +1,145 @@
+"""A recording on the wire again: in its time, under any name, and never beside the stages themselves."""
+
+import os
+import pty
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zenoh
+from recordings import ROBOT, frame, write_recording
+
+from spot3d.dataflow.router import free_loopback_endpoint, open_router
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.recorder.keyboard import on_key
+from spot3d.recorder.mcap_contents import McapContents, open_mcap
+from spot3d.recorder.pace import Pace
+from spot3d.recorder.play import Playing, StageAliveError, play
+from spot3d_schemas import End, Frame, Header, Pose, alive_key, decode, encoding, key
+
+PERIOD_NS = 50_000_000
+LIMIT_S = 30.0
+
+
+@pytest.fixture
+def contents(tmp_path: Path) -> McapContents:
+    """Eight frames with poses, 50 ms apart, and an end that counts a hundred."""
+    sent = []
+    for seq in range(8):
+        header = Header(robot=ROBOT, seq=seq, stamp_ns=PERIOD_NS * seq, frame_id="camera")
+        pose = Pose(header=header, T_world_camera=np.eye(4), status="ok", reason="", provider="given")
+        sent += [("source/frame", 0.05 * seq, frame(seq, PERIOD_NS * seq)), ("pose/pose", 0.05 * seq + 0.01, pose)]
+    end = End(header=header, frames_sent=100)
+    path = tmp_path / "eight.mcap"
+    write_recording(path, [sent[:7], [*sent[7:], ("source/end", 0.4, end)]])
+    return open_mcap(path)
+
+
+@pytest.fixture
+def link() -> LinkSettings:
+    return LinkSettings(connect=(free_loopback_endpoint(),))
+
+
+@pytest.fixture
+def session(link: LinkSettings) -> Iterator[zenoh.Session]:
+    with open_router(link.connect) as opened:
+        yield opened
+
+
+class Ear:
+    """What is said under a robot's name, with the monotonic time."""
+
+    def __init__(self, session: zenoh.Session, robot: str) -> None:
+        self.heard: list[tuple[float, str, str, bytes]] = []
+        self.changed = threading.Condition()
+        self.subscriber = session.declare_subscriber(f"spot3d/{robot}/**", self.hear)
+
+    def hear(self, sample: zenoh.Sample) -> None:
+        with self.changed:
+            said = time.monotonic(), str(sample.key_expr), str(sample.encoding), sample.payload.to_bytes()
+            self.heard.append(said)
+            self.changed.notify_all()
+
+    def wait(self, count: int) -> None:
+        with self.changed:
+            assert self.changed.wait_for(lambda: len(self.heard) >= count, LIMIT_S), f"heard {len(self.heard)}"
+
+
+def test_all_of_it_comes_in_its_time(contents: McapContents, link: LinkSettings, session: zenoh.Session) -> None:
+    ear = Ear(session, ROBOT)
+    sent = play(contents, Playing(tuple(contents.topics)), link)
+    assert sent == 17
+    ear.wait(17)
+    frames = [item for item in ear.heard if item[1] == key(ROBOT, "source/frame")]
+    assert [decode(data, Frame) for _, _, _, data in frames] == [frame(seq, PERIOD_NS * seq) for seq in range(8)]
+    assert {what for _, _, what, _ in frames} == {encoding(Frame)}
+    assert frames[-1][0] - frames[0][0] == pytest.approx(0.35, abs=0.15)
+    assert [decode(data, End).frames_sent for _, where, _, data in ear.heard if where.endswith("end")] == [8]
+
+
+def test_a_part_of_it_under_another_name(contents: McapContents, link: LinkSettings, session: zenoh.Session) -> None:
+    ear = Ear(session, "other")
+    other = link.model_copy(update={"robot": "other"})
+    playing = Playing(("source/frame", "source/end"), rate=10.0, start_s=0.1, end_s=0.25)
+    assert play(contents, playing, other) == 5
+    ear.wait(5)
+    frames = [decode(data, Frame) for _, where, _, data in ear.heard if where == key("other", "source/frame")]
+    assert [(item.header.robot, item.header.seq) for item in frames] == [("other", seq) for seq in range(2, 6)]
+    (end,) = [decode(data, End) for _, where, _, data in ear.heard if where == key("other", "source/end")]
+    assert (end.frames_sent, end.header.stamp_ns) == (4, 5 * PERIOD_NS)
+
+
+def test_in_a_loop_until_it_is_stopped(contents: McapContents, link: LinkSettings, session: zenoh.Session) -> None:
+    ear, stop = Ear(session, ROBOT), threading.Event()
+    playing = Playing(("pose/pose",), rate=10.0, loop=True)
+    player = threading.Thread(target=play, args=(contents, playing, link, stop))
+    player.start()
+    try:
+        ear.wait(17)
+        alive = [str(reply.ok.key_expr) for reply in session.liveliness().get(alive_key(ROBOT, "*")) if reply.ok]
+    finally:
+        stop.set()
+        player.join(LIMIT_S)
+    assert not player.is_alive()
+    assert alive == [alive_key(ROBOT, "pose")]
+    seqs = [decode(data, Pose).header.seq for _, _, _, data in ear.heard]
+    assert seqs[:17] == [*range(8), *range(8), 0]
+
+
+def test_not_beside_the_stage_itself(contents: McapContents, link: LinkSettings, session: zenoh.Session) -> None:
+    token = session.liveliness().declare_token(alive_key(ROBOT, "pose"))
+    with pytest.raises(StageAliveError, match="pose of robot 'robot' is alive; play under another name"):
+        play(contents, Playing(tuple(contents.topics)), link)
+    token.undeclare()
+
+
+def test_a_key_pauses_and_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, theirs = pty.openpty()
+    pace, stop, reached = Pace(1.0), threading.Event(), list[float]()
+    with os.fdopen(theirs, "r") as terminal, os.fdopen(ours, "w") as keyboard:
+        monkeypatch.setattr(sys, "stdin", terminal)
+        with on_key(lambda pressed: pace.toggle() if pressed == " " else None) as there:
+            assert there
+            start_s = time.monotonic()
+            pace.restart()
+            keyboard.write(" ")
+            keyboard.flush()
+            end_s = start_s + LIMIT_S
+            while not pace.paused:
+                assert time.monotonic() < end_s
+                time.sleep(0.01)
+            waiting = threading.Thread(
+                target=lambda: reached.append(time.monotonic()) if pace.wait(0.2, stop) else None
+            )
+            waiting.start()
+            time.sleep(0.5)
+            assert not reached, "the clock stands still"
+            keyboard.write("x ")
+            keyboard.flush()
+            waiting.join(LIMIT_S)
+    assert reached
+    assert reached[0] - start_s > 0.6

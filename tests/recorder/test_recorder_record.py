@@ -1,0 +1,148 @@
+"""The recorder on a real wire: what it keeps, what it counts, and what is left after kill -9 or on a full disk."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import zenoh
+from recordings import ROBOT, frame
+
+from spot3d.dataflow.endpoints import declare_publisher
+from spot3d.dataflow.router import free_loopback_endpoint, open_router
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.recorder.mcap_contents import McapContents, open_mcap
+from spot3d.recorder.record import RECORDER, Recorded, record
+from spot3d.settings import Settings, without_settings
+from spot3d.source.sequences import open_source
+from spot3d_schemas import alive_key, encode
+
+PERIOD_NS = 33_000_000
+LIMIT_S = 60.0
+TOPICS = ("source/frame",)
+
+
+def wait_until(condition: Callable[[], bool], what: str) -> None:
+    end_s = time.monotonic() + LIMIT_S
+    while not condition():
+        assert time.monotonic() < end_s, what
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def endpoint() -> str:
+    return free_loopback_endpoint()
+
+
+@pytest.fixture
+def session(endpoint: str) -> Iterator[zenoh.Session]:
+    with open_router((endpoint,)) as opened:
+        yield opened
+
+
+def wait_for_recorder(session: zenoh.Session) -> None:
+    def there() -> bool:
+        return any(reply.ok is not None for reply in session.liveliness().get(alive_key(ROBOT, RECORDER), timeout=5))
+
+    wait_until(there, "the recorder is there")
+
+
+def send(session: zenoh.Session, seqs: range) -> None:
+    publisher = declare_publisher(session, "source/frame", LinkSettings(delivery="lossless"))
+    for seq in seqs:
+        publisher.put(encode(frame(seq, PERIOD_NS * seq)))
+        time.sleep(0.02)
+    publisher.undeclare()
+
+
+def process(endpoint: str, out: Path, before: Callable[[], None] | None = None) -> subprocess.Popen[str]:
+    """The recorder as a process of its own, which lets senders wait rather than skip."""
+    command = [sys.executable, "-m", "spot3d", "record", str(out), "--topics", "source/*", "--lossless"]
+    return subprocess.Popen(
+        [*command, "--connect", endpoint],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        preexec_fn=before,
+        env=without_settings(os.environ),
+    )
+
+
+def test_it_keeps_what_it_hears_and_counts_what_it_does_not(
+    session: zenoh.Session, endpoint: str, tmp_path: Path
+) -> None:
+    path, stop, done = tmp_path / "flight.mcap", threading.Event(), list[Recorded]()
+    settings = Settings(link=LinkSettings(connect=(endpoint,)))
+    thread = threading.Thread(target=lambda: done.append(record(settings, path, TOPICS, stop)))
+    thread.start()
+    try:
+        wait_for_recorder(session)
+        send(session, range(5))
+        with session.declare_publisher(f"spot3d/{ROBOT}/source/frame") as publisher:
+            publisher.put(b"nonsense")
+        send(session, range(8, 10))
+        wait_until(lambda: path.stat().st_size > 7 * 9000, "the last frame is in the file, a second later")
+    finally:
+        stop.set()
+        thread.join(LIMIT_S)
+    (recorded,) = done
+    assert recorded.messages == {"source/frame": 7}
+    assert recorded.skipped == {"source/frame lost on the way": 3, "source/frame refused": 1}
+    assert "7 messages of 1 topics" in recorded.summary()
+    assert "skipped: 3 source/frame lost on the way, 1 source/frame refused" in recorded.summary()
+    contents = open_mcap(path)
+    assert contents.complete
+    assert contents.metadata["spot3d"]["topics"] == "source/frame"
+    assert contents.metadata["skipped"] == {reason: str(count) for reason, count in recorded.skipped.items()}
+    assert "[link]" in contents.metadata["settings"]["toml"]
+    assert open_source(path).stamps_ns == [PERIOD_NS * seq for seq in (0, 1, 2, 3, 4, 8, 9)]
+
+
+def test_kill_9_leaves_all_but_the_last_second(session: zenoh.Session, endpoint: str, tmp_path: Path) -> None:
+    path = tmp_path / "flight.mcap"
+    with process(endpoint, path) as recorder:
+        try:
+            wait_for_recorder(session)
+            send(session, range(20))
+
+            def kept() -> int:
+                contents: McapContents = open_mcap(path)
+                return sum(len(contents.messages(chunk)) for chunk in contents.chunks)
+
+            wait_until(lambda: kept() == 20, "all are in the file, a second later")
+        finally:
+            recorder.send_signal(signal.SIGKILL)
+    assert not open_mcap(path).complete
+    sequence = open_source(path)
+    assert len(sequence) == 20
+    assert (sequence[19].depth == frame(19, 0).depth).all()
+
+
+def test_a_full_disk_is_told_in_one_line(session: zenoh.Session, endpoint: str, tmp_path: Path) -> None:
+    path, limit = tmp_path / "flight.mcap", 200_000
+
+    def small_files_only() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    with process(endpoint, path, small_files_only) as recorder:
+        try:
+            wait_for_recorder(session)
+            send(session, range(10))
+            wait_until(lambda: path.stat().st_size > 90_000, "the first chunk is in the file")
+            send(session, range(10, 40))
+            said, _ = recorder.communicate(timeout=LIMIT_S)
+        finally:
+            recorder.kill()
+    assert recorder.returncode == 1
+    assert said.count("\n") == 1
+    assert "File too large; it holds the first" in said
+    contents = open_mcap(path)
+    assert contents.complete, "there is room for the summary where a chunk had none"
+    assert path.stat().st_size <= limit
+    assert 10 <= len(open_source(path)) < 40

@@ -1,0 +1,43 @@
+import msgpack
+import numpy as np
+from recordings import frame
+
+from spot3d.recorder.relabel import Labels
+from spot3d_schemas import Frame, decode, encode
+
+
+def named(**names: str) -> bytes:
+    """A frame with more names in its header."""
+    fields = msgpack.unpackb(encode(frame(0, 5)))
+    fields["header"] |= names
+    return bytes(msgpack.packb(fields))
+
+
+def test_a_message_under_its_own_name_is_not_touched() -> None:
+    payload = encode(frame(0, 5))
+    assert Labels("robot").on(payload) is payload
+
+
+def test_all_but_the_names_is_as_it_was_and_aligned() -> None:
+    sent = frame(3, 5)
+    for robot in ("r", "another", "a-robot-with-a-name-that-is-long"):
+        got = decode(Labels(robot).on(encode(sent)), Frame)
+        assert got.header == sent.header.model_copy(update={"robot": robot})
+        assert (got.intrinsics, got.depth_scale) == (sent.intrinsics, sent.depth_scale)
+        assert np.array_equal(got.colour, sent.colour)
+        assert np.array_equal(got.depth, sent.depth)
+        assert got.depth.flags.aligned
+        again = decode(Labels("robot").on(Labels(robot).on(encode(sent))), Frame)
+        assert again == sent
+
+
+def test_each_pass_names_streams_and_senders_anew() -> None:
+    def names(labels: Labels, **given: str) -> tuple[str, str]:
+        header = msgpack.unpackb(labels.on(named(**given)))["header"]
+        return header["stream"], header["sender"]
+
+    first, second = Labels("robot"), Labels("robot")
+    one = names(first, stream="s", sender="a")
+    assert names(first, stream="s", sender="a") == one
+    assert names(first, stream="s", sender="b") == (one[0], names(first, stream="t", sender="b")[1])
+    assert len({"s", "a", *one, *names(first, stream="t", sender="b"), *names(second, stream="s", sender="a")}) == 8

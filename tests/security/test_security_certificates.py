@@ -1,0 +1,77 @@
+"""`spot3d certificates`: a private authority in a folder, and what is refused."""
+
+import stat
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from typer.testing import CliRunner
+
+from spot3d.cli.app import app
+from spot3d.cli.options import CommandError
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.tls import own_certificate
+
+
+def ask(folder: Path, *arguments: str) -> str:
+    outcome = CliRunner().invoke(app, ["certificates", "--out", str(folder), *arguments])
+    if outcome.exception is not None:
+        raise outcome.exception
+    return outcome.output
+
+
+def certificate(folder: Path, name: str) -> x509.Certificate:
+    return x509.load_pem_x509_certificate((folder / f"{name}.pem").read_bytes())
+
+
+def test_a_certificate_for_each_role_of_one_authority(tmp_path: Path) -> None:
+    folder = tmp_path / "new" / "certificates"
+    said = ask(folder, "drone", "ground", "--host", "ground=10.0.0.2", "--host", "ground=base", "--days", "30")
+    assert "ground.pem and ground.key: ground, valid until 20" in said
+    said = ask(folder, "dashboard")
+    assert {path.name for path in folder.iterdir()} == {
+        f"{name}.{kind}" for name in ("ca", "drone", "ground", "dashboard") for kind in ("pem", "key")
+    }
+    assert {stat.S_IMODE(path.stat().st_mode) for path in folder.glob("*.key")} == {0o600}
+    names = certificate(folder, "ground").extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert names.get_values_for_type(x509.DNSName) == ["ground", "base"]
+    assert [str(address) for address in names.get_values_for_type(x509.IPAddress)] == ["10.0.0.2"]
+    for name in ("drone", "ground", "dashboard"):
+        files = {"certificate": folder / f"{name}.pem", "key": folder / f"{name}.key"}
+        own = own_certificate(LinkSettings(ca=folder / "ca.pem", **files))
+        assert own is not None
+        assert own.name == name
+        assert own.soon_over is False
+
+
+def test_what_is_there_is_replaced_only_if_asked(tmp_path: Path) -> None:
+    ask(tmp_path, "drone")
+    before = certificate(tmp_path, "drone"), certificate(tmp_path, "ca")
+    with pytest.raises(CommandError, match=r"holds certificates of drone already; --renew"):
+        ask(tmp_path, "drone", "ground")
+    assert not (tmp_path / "ground.pem").exists()
+    ask(tmp_path, "drone", "--renew")
+    assert certificate(tmp_path, "drone") != before[0]
+    assert certificate(tmp_path, "ca") == before[1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("a/b",), "cannot be part of a key"),
+        (("ca",), "the authority's own name"),
+        (("drone", "--days", "4000"), "but the authority only until"),
+        (("drone", "--host", "ground=10.0.0.2"), "hosts are given for ground, for whom no certificate is asked"),
+        (("drone", "--host", "drone"), "is not NAME=ADDRESS"),
+    ],
+)
+def test_what_makes_no_certificate_is_told(tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
+    with pytest.raises(CommandError, match=words):
+        ask(tmp_path, *arguments)
+
+
+def test_half_an_authority_is_refused(tmp_path: Path) -> None:
+    ask(tmp_path, "drone")
+    (tmp_path / "ca.key").unlink()
+    with pytest.raises(CommandError, match=r"holds one of ca.pem and ca.key"):
+        ask(tmp_path, "ground")

@@ -1,0 +1,99 @@
+"""A certificate that cannot be used is told in words, on the side that has it and on the side that sees it."""
+
+import logging
+import re
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+from authority import link, make_fleet
+
+from spot3d.dataflow.router import free_loopback_endpoint, open_router
+from spot3d.dataflow.session import StoppedError, open_session
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.tls import TlsError, own_certificate, probe
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_fleet(tmp_path_factory.mktemp("fleet"))
+
+
+def test_own_certificate_says_whose_and_until_when(fleet: Path) -> None:
+    own = own_certificate(link(fleet, "drone"))
+    assert own is not None
+    assert own.name == "drone"
+    assert own.soon_over
+    assert re.fullmatch(r"drone, valid until \d{4}-\d\d-\d\d \d\d:\d\d UTC", str(own))
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "words"),
+    [
+        ("expired", None, r"expired.pem is not accepted by .*ca.pem: certificate has expired; .* this device's clock"),
+        ("drone", "dashboard", r"dashboard.key is not the key of the certificate .*drone.pem"),
+        ("nobody", None, r"cannot read .*nobody.pem: No such file"),
+        ("stranger/drone", None, r"drone.pem is not accepted by .*ca.pem: unable to get local issuer certificate"),
+    ],
+)
+def test_own_certificate_that_cannot_be_used_is_refused_before_it_is_shown(
+    fleet: Path, name: str, key: str | None, words: str
+) -> None:
+    with pytest.raises(TlsError, match=words), open_session(link(fleet, name, "tls/127.0.0.1:1", key=key)):
+        pass
+
+
+def test_what_is_no_certificate_is_told(fleet: Path, tmp_path: Path) -> None:
+    (tmp_path / "ca.pem").write_text("no certificate")
+    with pytest.raises(TlsError, match=r"ca.pem is no certificate of an authority"):
+        own_certificate(link(fleet, "drone").model_copy(update={"ca": tmp_path / "ca.pem"}))
+    with pytest.raises(ValueError, match="belong together"):
+        LinkSettings(certificate=fleet / "drone.pem")
+    with pytest.raises(ValueError, match="needs a certificate"):
+        LinkSettings(mode="router", listen=("tls/127.0.0.1:1",))
+
+
+def test_a_router_tells_whom_it_refuses_and_the_refused_learns_why(fleet: Path) -> None:
+    """The router as a process of its own, so that its log is what an operator reads."""
+    endpoint = free_loopback_endpoint().replace("tcp/", "tls/")
+    settings = fleet / "router.toml"
+    settings.write_text(
+        f'[link]\nca = "{fleet / "ca.pem"}"\ncertificate = "{fleet / "ground.pem"}"\nkey = "{fleet / "ground.key"}"\n'
+    )
+    command = [sys.executable, "-m", "spot3d", "router", "--settings", str(settings), "--listen", endpoint]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as router:
+        try:
+            assert router.stdout is not None
+            assert "ground.pem is for ground, valid until" in router.stdout.readline()
+            assert router.stdout.readline() == f"router at {endpoint}\n"
+            assert probe(endpoint, link(fleet, "drone")).name == "ground"
+            with pytest.raises(TlsError, match=r"the router refuses: .*certificate required"):
+                probe(endpoint, link(fleet, None))
+            with pytest.raises(TlsError, match=r"the router refuses: .*certificate expired"):
+                probe(endpoint, link(fleet, "expired"))
+            foreign = link(fleet, "drone").model_copy(update={"ca": fleet / "stranger" / "ca.pem"})
+            with pytest.raises(TlsError, match=r"the router's certificate is refused: .*certificate"):
+                probe(endpoint, foreign)
+            with pytest.raises(TlsError, match=r"the router's certificate is refused: .*localhost"):
+                probe(endpoint.replace("127.0.0.1", "localhost"), link(fleet, "drone"))
+        finally:
+            router.terminate()
+        said = router.stdout.read()
+    assert "certificate expired: verification time" in said
+    assert "peer sent no certificates" in said
+
+
+def test_a_client_says_why_its_router_does_not_let_it_in(fleet: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A router whose certificate is for another host than the one connected to."""
+    endpoint = free_loopback_endpoint().replace("tcp/", "tls/")
+    stop = threading.Event()
+    given = link(fleet, "drone", endpoint.replace("127.0.0.1", "localhost"))
+    with open_router((endpoint,), link=link(fleet, "ground")), caplog.at_level(logging.WARNING):
+        threading.Timer(0.5, stop.set).start()
+        with pytest.raises(StoppedError), open_session(given, stop):
+            pass
+        assert "the router's certificate is refused: Hostname mismatch" in caplog.text
+        with open_session(given.model_copy(update={"verify_names": False})) as session:
+            assert not session.is_closed()

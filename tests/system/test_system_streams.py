@@ -1,0 +1,137 @@
+"""Streams of frames: another recording is another scene, and nobody else's word counts, whoever intrudes."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+import zenoh
+from dataflow_stages import STAGES, Ear, Recording, Stages, frame_message, listening, wait_alive
+
+from spot3d.dataflow.router import free_loopback_endpoint, open_router
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.source.process import run as run_source
+from spot3d.source.settings import SourceSettings
+from spot3d_schemas import Header, Heat, MapPoints, Pose, decode, encode, encoding, key
+
+S = 10**9
+
+
+@pytest.fixture(scope="module")
+def live() -> Iterator[tuple[zenoh.Session, Stages, Ear]]:
+    """All stages of one robot, live."""
+    endpoint = free_loopback_endpoint()
+    with open_router((endpoint,)) as session:
+        link = LinkSettings(robot="roving", connect=(endpoint,), health_interval_s=0.2, object_interval_s=0.2)
+        with listening(session, "roving", "pose/pose") as ear, Stages(link) as stages:
+            stages.start(*STAGES)
+            wait_alive(session, "roving", set(STAGES))
+            yield session, stages, ear
+
+
+@contextmanager
+def source(link: LinkSettings, recording: Recording) -> Iterator[None]:
+    """A camera without an end, in a thread of this process."""
+    stop = threading.Event()
+    arguments = {"link": link, "settings": SourceSettings(), "sequence": recording, "rate_hz": 10.0, "stop": stop}
+    thread = threading.Thread(target=run_source, kwargs=arguments)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join(20)
+        assert not thread.is_alive()
+
+
+def put(session: zenoh.Session, topic: str, message: Pose | Heat) -> None:
+    where = key("roving", topic)
+    session.put(
+        where, encode(message), encoding=encoding(type(message)), congestion_control=zenoh.CongestionControl.BLOCK
+    )
+
+
+def test_a_source_that_starts_again_with_older_stamps_is_another_scene(live) -> None:
+    _, stages, ear = live
+    with source(stages.link, Recording(10_000, 1000 * S)):
+        ear.wait(lambda: ear.fused >= 5 and bool(ear.objects))
+    first, objects = ear.stream, ear.objects[-1]
+    assert first is not None
+    assert objects.header.stream == first
+    assert objects.epoch is not None
+    with source(stages.link, Recording(10_000, 5 * S)):
+        ear.wait(lambda: ear.stream not in (None, first) and ear.fused >= 5)
+        ear.wait(lambda: ear.objects[-1].header.stream == ear.stream)
+        second = ear.objects[-1]
+        assert second.epoch != objects.epoch
+        # Nothing of the scene before is in the map that is told.
+        assert second.frame_count <= ear.fused < 100
+        assert {pose.epoch for pose in ear.heard["pose/pose"] if pose.header.stream == first} == {first}
+
+
+def test_nobody_else_is_heard_while_the_source_is_there(live) -> None:
+    session, stages, ear = live
+    with source(stages.link, Recording(10_000, 2000 * S)):
+        before = ear.stream
+        ear.wait(lambda: ear.stream != before and ear.fused >= 3)
+        ours = ear.stream
+        with source(stages.link, Recording(10_000, 9 * S)):
+            ear.wait(lambda: "source/frame is said by more than one process" in _state(ear, "pose"))
+            fused = ear.fused
+            ear.wait(lambda: ear.fused >= fused + 5)
+            # An intruder's frame, hours ahead, and a pose and a heat in step with ours, from afar.
+            frame = frame_message(Recording(1, 9000 * S)[0], "roving", 0)
+            session.put(key("roving", "source/frame"), encode(frame), encoding=encoding(type(frame)))
+            stamp_ns = ear.progress.last_stamp_ns + 1000 if ear.progress else 0
+            header = Header(robot="roving", seq=0, stamp_ns=stamp_ns, frame_id="camera")
+            far = np.eye(4)
+            far[0, 3] = 1e6
+            put(session, "pose/pose", Pose(header=header, T_world_camera=far, status="ok", reason="", provider="x"))
+            image = frame.model_dump(include={"intrinsics", "depth_scale", "colour", "depth"})
+            heat = np.full(frame.depth.shape, 255, np.uint8)
+            put(session, "heatmap/heat", Heat(**image, header=header, heat=heat, accepted=1, masked=0, rejected=0))
+            ear.wait(lambda: "pose/pose is said by more than one process" in _state(ear, "fusion"))
+            fused = ear.fused
+            ear.wait(lambda: ear.fused >= fused + 5)
+        assert ear.stream == ours
+        answer = next(iter(session.get(key("roving", "fusion/map"), timeout=20)))
+        points = decode(answer.ok.payload.to_bytes(), MapPoints)
+        assert np.abs(points.xyz).max() < 10
+        health = ear.health("fusion")
+        assert health is not None
+        assert health.drops["pose/pose of a second producer"] == 1
+
+
+def test_a_crowd_that_asks_for_the_map_stops_nobody(live) -> None:
+    session, stages, ear = live
+    with source(stages.link, Recording(10_000, 3000 * S)):
+        before = ear.stream
+        ear.wait(lambda: ear.stream != before and ear.fused >= 3)
+        fused = ear.fused
+        crowd = [session.get(key("roving", "fusion/map"), timeout=30) for _ in range(100)]
+        answers = [reply for replies in crowd for reply in replies]
+        assert any(answer.ok is not None for answer in answers)
+        told = [answer.err.payload.to_string() for answer in answers if answer.err is not None]
+        assert all("ask again" in text for text in told)
+        assert len(answers) == 100, "nobody waits in vain"
+        ear.wait(lambda: ear.fused >= fused + 10, 20)
+
+
+def test_a_second_fusion_is_named_and_not_heard(live) -> None:
+    _, stages, ear = live
+    first = stages.processes["fusion"]
+    with source(stages.link, Recording(10_000, 4000 * S)):
+        before = ear.stream
+        ear.wait(lambda: ear.stream != before and ear.fused >= 3)
+        stages.start("fusion")
+        try:
+            ear.wait(lambda: "2 processes of fusion are running" in _state(ear, "fusion"))
+        finally:
+            stages.kill("fusion")
+            stages.processes["fusion"] = first
+
+
+def _state(ear: Ear, stage: str) -> str:
+    health = ear.health(stage)
+    return health.state if health else ""
