@@ -189,7 +189,9 @@ class Segments(Message):
     @field_validator("planes")
     @classmethod
     def _normals_are_unit_vectors(cls, planes: Array) -> Array:
-        if not (np.abs((planes[:, :3] ** 2).sum(axis=1) - 1) <= _UNIT_TOLERANCE).all():
+        with np.errstate(over="ignore"):  # what overflows is no unit vector
+            lengths = (planes[:, :3] ** 2).sum(axis=1)
+        if not (np.abs(lengths - 1) <= _UNIT_TOLERANCE).all():
             raise ValueError("the first three numbers of each plane are its unit normal, to 1e-3")
         return planes
 
@@ -275,8 +277,8 @@ class Objects(Message):
     complete: the source's stream has ended, and these are the objects of all its frames. Since 1.1, left_out: what
     was taken for an object and is none, counted by reason (`... in a keyframe`: what the segments stage said of single
     keyframes, added up over all); keyframes_dropped: keyframes that were forgotten because there were too many, and
-    with them what no other keyframe shows. Since 1.2, epoch: of the map that they are from; the numbers of objects mean
-    the same in one epoch alone.
+    with them what no other keyframe shows. Since 1.2, epoch: of the map that they are from; the numbers of objects
+    mean the same in one epoch alone.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Objects"

@@ -1,6 +1,7 @@
 """The objects that the keyframes' views agree on, kept from update to update (see `views` and `agreement`)."""
 
 from collections import Counter, deque
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,6 +96,12 @@ class ViewConsensus:
         if len(self._waiting) > self._settings.keyframe_limit:
             self._waiting.popleft()
             self._skipped += 1
+
+    def without_waiting(self) -> "ViewConsensus":
+        """The same without the keyframes that came since the last update: it shares everything else with this one."""
+        shared = copy(self)
+        shared._waiting = deque()
+        return shared
 
     def take_waiting(self) -> list[Keyframe]:
         """The keyframes that came since the last update, which are that update's to take in."""
