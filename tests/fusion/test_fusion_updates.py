@@ -6,6 +6,7 @@ from contextlib import closing
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.fusion.fusion import FoundObjects
+from spot3d.fusion.keeping import Keeping
 from spot3d.fusion.updates import Update, Updates
 from spot3d_schemas import Header, Progress
 
@@ -37,13 +38,13 @@ def test_who_waits_for_an_update_is_called_again_and_again() -> None:
         if len(calls) == 3:
             LongTask.end.set()
 
-    with closing(Updates(node)) as updates:
+    with closing(Updates(node, Keeping(node))) as updates:
         assert updates.wait(count, 0.01)
         assert not calls, "nothing to wait for"
-        updates.submit(Update(LongTask(), Received(progress, 0), 0, False, False))
+        updates.submit(Update(LongTask(), Received(progress, 0), 0, False, False, "a"))
         assert updates.wait(count, 0.01)
         for _ in range(2):  # an update that fails does not keep the next one from being computed
-            updates.submit(Update(LongTask(), Received(progress, 0), 0, False, False))
+            updates.submit(Update(LongTask(), Received(progress, 0), 0, False, False, "a"))
             assert updates.wait(count, 10.0)
     assert LongTask.runs == 3
     assert len(calls) >= 3

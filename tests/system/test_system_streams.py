@@ -23,7 +23,7 @@ def live() -> Iterator[tuple[zenoh.Session, Stages, Ear]]:
     """All stages of one robot, live."""
     endpoint = free_loopback_endpoint()
     with open_router((endpoint,)) as session:
-        link = LinkSettings(robot="roving", connect=(endpoint,), health_interval_s=0.2, object_interval_s=0.2)
+        link = LinkSettings(robot="roving", connect=(endpoint,), health_interval_s=0.2, snapshot_interval_s=0.5)
         with listening(session, "roving", "pose/pose") as ear, Stages(link) as stages:
             stages.start(*STAGES)
             wait_alive(session, "roving", set(STAGES))
@@ -130,6 +130,29 @@ def test_a_second_fusion_is_named_and_not_heard(live) -> None:
         finally:
             stages.kill("fusion")
             stages.processes["fusion"] = first
+
+
+def test_a_killed_fusion_goes_on_with_its_map(live) -> None:
+    session, stages, ear = live
+    with source(stages.link, Recording(10_000, 5000 * S)):
+        earlier = ear.stream
+        ear.wait(lambda: ear.stream != earlier and ear.fused >= 20 and ear.objects[-1].header.stream == ear.stream)
+        ear.wait(lambda: _event(ear, "fusion", "snapshots") >= 2)
+        fused, before = ear.fused, ear.objects[-1]
+        stages.kill("fusion")
+        heard = len(ear.objects)
+        stages.start("fusion")
+        ear.wait(lambda: len(ear.objects) >= heard + 3)
+        after = ear.objects[heard]
+        assert (after.epoch, after.header.stream) == (before.epoch, before.header.stream)
+        assert after.frame_count > fused - 15, "at most the last second is lost"
+        assert after.map_points > 0.9 * before.map_points
+    wait_alive(session, "roving", set(STAGES))
+
+
+def _event(ear: Ear, stage: str, kind: str) -> int:
+    health = ear.health(stage)
+    return health.events.get(kind, 0) if health else 0
 
 
 def _state(ear: Ear, stage: str) -> str:

@@ -2,14 +2,17 @@
 
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from spot3d.cli.options import (
+    ColourTopicOption,
     CommandError,
     ConnectOption,
     DeliveryOption,
+    DepthTopicOption,
     EveryOption,
     FramesOption,
     HalfOption,
@@ -46,6 +49,9 @@ def source(
     rate: RateOption = None,
     intrinsics: IntrinsicsOption = None,
     noise: NoiseOption = None,
+    colour_topic: ColourTopicOption = None,
+    depth_topic: DepthTopicOption = None,
+    pose_topic: Annotated[str | None, typer.Option("--pose-topic", help="ROS bags: the camera's poses")] = None,
     pose_from_elsewhere: Annotated[bool, typer.Option("--no-pose-stage", help="do not wait for a pose stage")] = False,
     after_ns: Annotated[int | None, typer.Option(hidden=True)] = None,
     stream: Annotated[str | None, typer.Option(hidden=True)] = None,
@@ -53,13 +59,18 @@ def source(
 ) -> None:
     """The source stage: play INPUT to the other stages."""
     stop = stage_started(supervised)
-    overrides = play_overrides(half, rate, noise) | link_overrides(robot, connect, listen, lossless)
+    overrides = play_overrides(
+        half, rate, depth_noise=noise, colour_topic=colour_topic, depth_topic=depth_topic, pose_topic=pose_topic
+    ) | link_overrides(robot, connect, listen, lossless)
     resolved = load_settings(settings, preset, overrides)
     from spot3d.source.process import EVERY_STAGE, FUSING_STAGES, MissingStagesError
     from spot3d.source.process import run as run_source
-    from spot3d.source.selected import open_selection, selection
+    from spot3d.source.selected import open_selected_stream, open_selection, selection
+    from spot3d.source.sequences import is_stream
 
-    sequence = open_selection(selection(input_name, frames, every, intrinsics, after_ns), resolved.source)
+    chosen = selection(input_name, frames, every, intrinsics, after_ns)
+    opened = open_selected_stream if is_stream(input_name) else open_selection
+    sequence = opened(chosen, resolved.source)
     # A live source is a camera: it waits for nobody, unless a run has started it together with the others. Even then
     # frames can be fused while segments is still compiling its kernels.
     awaited: tuple[str, ...] = EVERY_STAGE
@@ -136,11 +147,28 @@ def segments(settings: Settings, stop: threading.Event) -> None:
     run(settings.link, settings.segments, stop)
 
 
-def fusion(settings: Settings, stop: threading.Event) -> None:
+def fusion(
+    settings: SettingsOption = None,
+    preset: PresetOption = None,
+    robot: RobotOption = None,
+    connect: ConnectOption = None,
+    listen: ListenOption = None,
+    lossless: DeliveryOption = None,
+    resume: Annotated[
+        Path | None, typer.Option(help="go on with the map in this snapshot; its world must be that of the poses")
+    ] = None,
+    supervised: SupervisedOption = False,
+) -> None:
     """The fusion stage: frames with heat and pose become a map, and the objects in it."""
+    stop = stage_started(supervised)
+    resolved = load_settings(settings, preset, link_overrides(robot, connect, listen, lossless))
+    from spot3d.dataflow.snapshot_file import SnapshotError
     from spot3d.fusion.process import run
 
-    run(settings.link, settings.fusion, stop)
+    try:
+        run(resolved.link, resolved.fusion, stop, resume)
+    except SnapshotError as error:
+        raise CommandError(str(error)) from error
 
 
 def bridge(
@@ -195,4 +223,4 @@ def router(
             raise CommandError(f"cannot listen at {', '.join(endpoints)}: {error}") from error
 
 
-COMMANDS = (source, pose, linked(proposals), linked(heatmap), linked(segments), linked(fusion), bridge, router)
+COMMANDS = (source, pose, linked(proposals), linked(heatmap), linked(segments), fusion, bridge, router)

@@ -12,15 +12,14 @@ import zenoh
 from zenoh.handlers import FifoChannel, Handler
 
 from spot3d.dataflow.about import about
+from spot3d.dataflow.admission import PER_FRAME, Admission
 from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.complaints import Complaints
 from spot3d.dataflow.counters import Counters
 from spot3d.dataflow.endpoints import declare_publisher, declare_subscriber, keeps_newest, waiting
 from spot3d.dataflow.inbox import Inbox, Tray
-from spot3d.dataflow.order import Arrival, StreamOrder
 from spot3d.dataflow.payload import intact_bytes
 from spot3d.dataflow.process_use import process_use, stay_single_threaded
-from spot3d.dataflow.producers import Producers
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import end_threads
@@ -41,11 +40,8 @@ from spot3d_schemas import (
 
 M_co = TypeVar("M_co", bound=Message, covariant=True)
 
-_PER_FRAME = frozenset(("source/frame", "pose/pose", "proposals/boxes", "heatmap/heat", "segments/segments"))
-"""Topics with one message a capture, whose stamps therefore ascend."""
-_OF_A_STREAM = _PER_FRAME | {"source/end"}
+_OF_A_STREAM = PER_FRAME | {"source/end"}
 """Topics of one stream of captures."""
-_SECOND = "of a second producer"
 _QUERIES_WAITING = 4
 _IDLE_S = 0.1
 """Longest that a stage does not look whether it is to stop."""
@@ -85,7 +81,6 @@ class Node:
         self._inbox = Inbox(trays | {topic: Tray(_QUERIES_WAITING, False) for topic in queries})
         self.state = ""
         self.sender = new_stream()
-        self._orders = {topic: StreamOrder(link.delivery == "live") for topic in inputs if topic in _PER_FRAME}
         self._streams = Streams()
         self._about = f"{stage}/about"
         self._seqs = dict.fromkeys((*self._outputs, *queries, self._about), 0)
@@ -102,7 +97,7 @@ class Node:
             own = session.liveliness().declare_token(process_key(self.link.robot, self.stage, self.sender))
             stack.callback(own.undeclare)
             self.alive = stack.enter_context(watch_alive(session, self.link.robot))
-            self._producers = Producers(self.alive)
+            self._admission = Admission(self._inputs, self.link, self.alive, self.counters, self._complaints)
             self._publishers = {topic: declare_publisher(session, topic, self.link) for topic in self._outputs}
             threads = [threading.Thread(target=self._report, name="health", daemon=True)]
             stack.callback(end_threads, threads)
@@ -206,7 +201,6 @@ class Node:
 
     def _receive(self, topic: str, handler: Handler[zenoh.Sample]) -> None:
         expected = TOPICS[topic].message
-        order = self._orders.get(topic)
         while True:
             try:
                 sample = handler.recv()
@@ -224,25 +218,10 @@ class Node:
                 self.failed(f"{topic} {str(error).partition(':')[0]}", f"{topic}: refused: {error}")
                 continue
             self.counters.received()
-            now_s = time.monotonic()
-            if not self._producers.admit(topic, message.header.sender, now_s):
-                self.counters.drop(f"{topic} {_SECOND}")
-                text = f"{topic}: somebody else says it as well (process {message.header.sender}); is refused"
-                self._complaints.say(f"{topic} {_SECOND}", text, now_s)
-                continue
-            arrival = Arrival() if order is None else self._arrival(topic, order.check(message.header, now_s))
+            arrival = self._admission.judge(topic, message.header, time.monotonic())
             if not arrival.refused:
                 pushed_out = self._inbox.put(topic, Received(message, received_ns, arrival.restarted))
                 self.counters.drop(f"{topic} busy", pushed_out)
-
-    def _arrival(self, topic: str, arrival: Arrival) -> Arrival:
-        """Count and tell what is to be said of a message."""
-        self.counters.drop(f"{topic} lost on the way", arrival.missing)
-        if arrival.restarted:
-            self.note("another recording", f"{topic}: stamps went back: another recording begins")
-        if arrival.refused:
-            self.counters.drop(f"{topic} {arrival.refused}")
-        return arrival
 
     def _ask(self, topic: str, handler: Handler[zenoh.Query]) -> None:
         while True:
@@ -262,7 +241,12 @@ class Node:
             except zenoh.ZError:
                 return  # the queryable has ended
             header = Header(robot=self.link.robot, seq=0, stamp_ns=time.time_ns(), frame_id=self.stage)
-            self.reply(query, topic, about(self.numbered(topic, header), self.stage, self.link))
+            try:
+                told = about(self.numbered(topic, header), self.stage, self.link)
+            except (OSError, ValueError) as error:  # a disk that does not answer, say
+                self.refuse(query, topic, f"{type(error).__name__}: {error}")
+                continue
+            self.reply(query, topic, told)
 
     def _report(self) -> None:
         while not self._gone.wait(self.link.health_interval_s):
@@ -281,7 +265,7 @@ class Node:
         count = len(self.alive.processes(self.stage))
         if count > 1:
             wrong.append(f"{count} processes of {self.stage} are running for {self.link.robot}: end all but one")
-        wrong += [f"{topic} is said by more than one process" for topic in self._producers.contested(time.monotonic())]
+        wrong += [f"{topic} is said by more than one process" for topic in self._admission.contested(time.monotonic())]
         return "; ".join(wrong)
 
     def _leave(self) -> None:

@@ -25,7 +25,7 @@ class SnapshotError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """kind: which stage's it is. values: what JSON can say. arrays: by name, read-only when read."""
+    """kind: which stage's it is. values: what JSON can say. arrays: by name."""
 
     kind: str
     values: dict[str, Any]
@@ -75,7 +75,7 @@ def read_snapshot(path: Path, kind: str) -> Snapshot:
         arrays, at = {}, at + length
         for name, dtype, shape in head["arrays"]:
             count = int(np.prod(shape, dtype=np.int64))
-            arrays[name] = np.frombuffer(body, np.dtype(dtype), count, at).reshape(shape)
+            arrays[name] = np.frombuffer(body, np.dtype(dtype), count, at).reshape(shape).copy()
             at += arrays[name].nbytes
         snapshot = Snapshot(head["kind"], head["values"], arrays)
     except (ValueError, KeyError, TypeError) as error:

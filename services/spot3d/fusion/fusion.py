@@ -44,6 +44,23 @@ class FoundObjects:
     keyframes_dropped: int = 0
 
 
+@dataclass(frozen=True, slots=True)
+class MapState:
+    """A map that another fusion can go on from.
+
+    rows: (n, 16) float32 points and keys: (n,) int64 the voxel of each (see `Heatmap3D.held`); removed, candidates:
+    (k, 4) planes, world; supporting: (4,) or None.
+    """
+
+    rows: NDArray[np.float32]
+    keys: NDArray[np.int64]
+    evicted: int
+    frame_count: int
+    removed: NDArray[np.float64]
+    candidates: NDArray[np.float64]
+    supporting: NDArray[np.float64] | None
+
+
 class ObjectsTask(Protocol):
     """Finds the objects of one moment. Tasks run one at a time, in the order of their snapshots."""
 
@@ -92,7 +109,7 @@ class Fusion:
         self._fused = FusedFrames(_AWAITING_SEGMENTS)
         self._index_map = IndexMap(settings)
         self._removed: list[NDArray[np.float64]] = []
-        self._identities = Identities()
+        self.identities = Identities()
         self._candidates = np.zeros((0, 4))
         self._supporting: NDArray[np.float64] | None = None
 
@@ -103,8 +120,30 @@ class Fusion:
         self._fused.clear()
         self._index_map.clear()
         self._removed = []
-        self._identities = Identities()
+        self.identities = Identities()
         self._candidates, self._supporting, self.frame_count = np.zeros((0, 4)), None, 0
+
+    def map_state(self) -> MapState:
+        """The map as it is now, copied, without its objects."""
+        rows, keys = self.heatmap.held()
+        return MapState(
+            rows=rows,
+            keys=keys,
+            evicted=self.heatmap.evicted,
+            frame_count=self.frame_count,
+            removed=np.array(self._removed).reshape(-1, 4),
+            candidates=self._candidates,
+            supporting=self._supporting,
+        )
+
+    def resume(self, state: MapState, consensus: ViewConsensus, identities: Identities) -> None:
+        """Go on from another fusion's map, and from the objects that belong to it."""
+        self.reset()
+        self.heatmap.restore(state.rows, state.keys)
+        self.heatmap.evicted, self.frame_count = state.evicted, state.frame_count
+        self._removed = list(state.removed)
+        self._candidates, self._supporting = state.candidates, state.supporting
+        self.consensus, self.identities = consensus, identities
 
     def fuse(
         self,
@@ -164,7 +203,7 @@ class Fusion:
         if self.settings.clustering == "density":
             points = self.frequent_points()
             return _DensityTask(
-                points, np.array(self._removed).reshape(-1, 4), self._identities, self.settings, self.frame_count
+                points, np.array(self._removed).reshape(-1, 4), self.identities, self.settings, self.frame_count
             )
         return _ConsensusTask(self.consensus, self.consensus.take_waiting(), self.frame_count)
 

@@ -1,66 +1,52 @@
 """The fusion stage's process: joins heat, poses and segments, fuses, and tells what it has found and how far it is."""
 
-import logging
 import threading
-import time
 from collections.abc import Sequence
 from contextlib import closing
 from functools import partial
+from pathlib import Path
 
 import numpy as np
-import zenoh
 
-from spot3d.dataflow.cadence import Cadence
-from spot3d.dataflow.conversion import frame_segments, rgbd_frame
-from spot3d.dataflow.ledger import Ledger
-from spot3d.dataflow.node import Node, Received
+from spot3d.dataflow.node import Node
 from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
-from spot3d.dataflow.streams import new_stream
 from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import Fusion
-from spot3d.fusion.inputs import NO_SEGMENTS, WITHOUT_FRAME, Arrival, Ready, inputs_of
+from spot3d.fusion.keeping import Keeping, resumed
 from spot3d.fusion.map_answers import MapAnswers
 from spot3d.fusion.settings import FusionSettings
-from spot3d.fusion.updates import Updates, take_update
-from spot3d.fusion.worlds import IMPLAUSIBLE, World
-from spot3d_schemas import CameraIntrinsics, End, Header, Heat, Message, Progress, Segments
-
-log = logging.getLogger(__name__)
-
-_HEAT, _POSE, _SEGMENTS, _END = "heatmap/heat", "pose/pose", "segments/segments", "source/end"
-_OF_A_STREAM = (_HEAT, _POSE, _SEGMENTS, _END)
-_OBJECTS, _PROGRESS = "fusion/objects", "fusion/progress"
-_MAP, _RESET = "fusion/map", "fusion/reset"
-_ALONE = 300
-"""Live: after so many fused frames without a word of the segments stage, ten seconds of a camera, that is told."""
-
-LOST, FAILED, AGAIN = "lost pose", "error", "fused before"
-"""Why a frame is skipped whose heat and pose are there."""
-KEYFRAMES = "keyframes"
-"""The event of a keyframe whose segments are taken in."""
+from spot3d.fusion.stage import INPUTS, OUTPUTS, QUERIES, Stage
+from spot3d.fusion.updates import Updates
 
 
-def run(link: LinkSettings, settings: FusionSettings, stop: threading.Event | None = None) -> None:
+def run(
+    link: LinkSettings, settings: FusionSettings, stop: threading.Event | None = None, resume: Path | None = None
+) -> None:
     """Fuse every frame whose heat and pose come, until stopped by `stop`, SIGINT or SIGTERM.
 
     Publishes progress for every frame, the objects at the cadence of capture time, and both once more when
     a stream is complete. Answers `fusion/map` (parameter `limit`: most points) and `fusion/reset`. Another stream of
     frames, or another epoch of poses, is another scene: the map and the numbers of the objects begin anew.
+    The map is kept in a file, and a fusion that is started again amid a stream goes on from it. resume: the snapshot of
+    an earlier map that the first stream goes on with, whose poses are of the same world. Raises SnapshotError where
+    that file is none.
     """
+    fusion = Fusion(settings)
+    told = None if resume is None else resumed(fusion, resume)
     warm_up("fusion", partial(_fuse_all, Fusion(settings)))
     with stop_on_signals(stop) as stopped:
         try:
-            inputs, outputs, queries = _OF_A_STREAM, (_OBJECTS, _PROGRESS), (_MAP, _RESET)
             with (
-                Node("fusion", link, stopped, inputs, outputs, queries) as node,
-                closing(Updates(node)) as updates,
+                Node("fusion", link, stopped, INPUTS, OUTPUTS, QUERIES) as node,
+                closing(Keeping(node)) as keeping,
+                closing(Updates(node, keeping)) as updates,
                 closing(MapAnswers(node)) as answers,
             ):
-                _Stage(node, Fusion(settings), updates, answers).serve()
+                Stage(node, fusion, keeping, updates, answers, told).serve()
         except StoppedError:
             return
 
@@ -75,195 +61,3 @@ def _fuse_all(fusion: Fusion, frames: Sequence[RgbdFrame]) -> None:
         wall, on_it = np.array([[0.0, 0.0, -1.0, 1.2]]), np.zeros(1, np.int8)
         fusion.observe(FrameSegments(labels, confidence, wall, on_it, frame.intrinsics), frame.stamp_ns)
     fusion.objects()
-
-
-class _Stage:
-    def __init__(self, node: Node, fusion: Fusion, updates: Updates, answers: MapAnswers) -> None:
-        self.node, self.fusion, self.updates, self.answers = node, fusion, updates, answers
-        self.inputs = inputs_of(node.link)
-        self.cadence = Cadence(fusion.settings.object_interval_s)
-        self.ledger = Ledger(node.link.credit_timeout_s)
-        self.world = World(fusion.settings.speed_max)
-        self.epoch = new_stream()
-        self.camera: CameraIntrinsics | None = None
-        self.last: Received[Message] | None = None
-
-    def serve(self) -> None:
-        """Work on what comes, one thing at a time."""
-        while not self.node.stop.is_set():
-            item = self.node.next()
-            if item is not None:
-                topic, given = item
-                if topic in _OF_A_STREAM and given.begins and given.message.header.stream is not None:
-                    self._begin_stream()
-                if topic == _HEAT:
-                    self._arrived(self.inputs.add_heat(given), given)
-                elif topic == _POSE:
-                    self._arrived(self.inputs.add_pose(given), given)
-                elif topic == _SEGMENTS:
-                    self._arrived(self.inputs.add_segments(given), given)
-                elif topic == _END:
-                    self._ended(given)
-                elif topic == _MAP:
-                    complete, header = self.ledger.complete, self._own_header(_MAP)
-                    self.answers.submit(given, self.fusion, header, self.epoch, complete)
-                else:
-                    self._answer_reset(given)
-            if self.ledger.due(time.monotonic()):
-                self._complete()
-
-    def _begin_stream(self) -> None:
-        """Another scene: nothing of the one before is left."""
-        self.node.counters.drop("of an earlier stream", self.inputs.clear())
-        self.ledger = Ledger(self.node.link.credit_timeout_s)
-        self.last = None
-        self._begin_map()
-
-    def _begin_map(self) -> None:
-        """An empty map of another epoch, whose objects are numbered anew."""
-        self.updates.forget()
-        self.answers.forget()
-        self.fusion.reset()
-        self.cadence.reset()
-        self.world.leave()
-        self.epoch = new_stream()
-
-    def _arrived(self, arrival: Arrival, given: Received[Message]) -> None:
-        now_s = time.monotonic()
-        for stamp_ns, reason in arrival.skipped:
-            self.ledger.skip(reason, stamp_ns, now_s)
-            self.node.counters.drop(reason)
-        for reason in arrival.drops:
-            self.node.counters.drop(reason)
-        for ready in arrival.ready:
-            self._fuse(ready)
-        if arrival.late is not None:
-            self._observe(arrival.late)
-        if arrival.skipped or arrival.ready:
-            self._publish_progress(self.node.header(_PROGRESS, given))
-
-    def _fuse(self, ready: Ready) -> None:
-        heat, pose = ready.heat, ready.pose
-        message, stamp_ns = heat.message, heat.message.header.stamp_ns
-        refused = LOST if pose.message.status == "lost" else self._refused(ready)
-        if refused:
-            self.ledger.skip(refused, stamp_ns, time.monotonic())
-            return
-        if self.camera not in (None, message.intrinsics):
-            self.node.note("intrinsics changed", f"the camera has become {message.intrinsics}")
-        self.camera = message.intrinsics
-        frame = rgbd_frame(message)
-        start_s = time.perf_counter()
-        try:
-            self.fusion.fuse(
-                frame.colour.copy(),
-                frame.depth_metres(),
-                message.heat.copy(),
-                frame.intrinsics,
-                pose.message.T_world_camera.copy(),
-                stamp_ns,
-            )
-        except Exception as error:
-            text = f"cannot fuse the frame at {stamp_ns} ns: {type(error).__name__}: {error}"
-            self.node.failed(f"fuse {type(error).__name__}", text)
-            self.ledger.skip(FAILED, stamp_ns, time.monotonic())
-            return
-        self.world.follow(pose.message.epoch, pose.message.T_world_camera, stamp_ns)
-        if ready.segments is not None:
-            self._observe(ready.segments)
-        self.node.counters.step(time.perf_counter() - start_s)
-        self.ledger.fuse(stamp_ns, time.monotonic())
-        self.last = heat
-        self._note_if_alone()
-        self.node.measure_latency(message.header.with_hop("fusion", heat.received_ns, time.time_ns()))
-        if self.cadence.due(stamp_ns):
-            self._update(heat)
-
-    def _refused(self, ready: Ready) -> str:
-        """Why a frame that has a pose is not fused, or nothing; another world begins with the first pose in it."""
-        heat, pose = ready.heat, ready.pose.message
-        verdict = self.world.judge(pose.epoch, pose.T_world_camera, pose.header.stamp_ns)
-        if verdict == "begins" or (heat.begins and heat.message.header.stream is None and pose.epoch is None):
-            text = f"poses of another world (epoch {pose.epoch}): the map begins anew, {self.fusion.frame_count} frames"
-            self.node.note("another world", f"{text} of the one before are left behind")
-            self._begin_map()
-            verdict = self.world.judge(pose.epoch, pose.T_world_camera, pose.header.stamp_ns)
-        if verdict == IMPLAUSIBLE:
-            place = ", ".join(f"{value:.3g}" for value in pose.T_world_camera[:3, 3])
-            self.node.note("implausible poses", f"a pose at ({place}) m is not fused: no camera can be there so soon")
-        return "" if verdict in ("same", "begins") else verdict
-
-    def _observe(self, given: Received[Segments]) -> None:
-        """Take in a keyframe's segments; what was fused without them stays as it is where they cannot be used."""
-        stamp_ns = given.message.header.stamp_ns
-        try:
-            segments = frame_segments(given.message)
-            if segments is None:
-                return
-            if self.fusion.observe(segments, stamp_ns):
-                self.node.counters.event(KEYFRAMES)
-            else:
-                self.node.counters.drop(WITHOUT_FRAME)
-        except Exception as error:
-            text = f"cannot use the segments of the frame at {stamp_ns} ns: {type(error).__name__}: {error}"
-            self.node.failed(f"observe {type(error).__name__}", text)
-
-    def _note_if_alone(self) -> None:
-        alone = self.inputs.alone
-        if alone and alone % _ALONE == 0:
-            text = f"no word of the segments stage in {alone} frames, which are fused without it: is it running?"
-            self.node.note("no segments", text)
-
-    def _update(self, heat: Received[Heat]) -> None:
-        """Start an update. Live it waits for a free moment; lossless it is made of exactly this frame."""
-        if self.node.link.delivery == "live" and self.updates.busy:
-            self.cadence.postpone()
-        elif self.updates.wait(self._say_progress):
-            self.updates.submit(take_update(self.fusion, heat, False, self.epoch))
-
-    def _ended(self, given: Received[End]) -> None:
-        end = given.message
-        self.last = self.last or given
-        if self.ledger.end(end.frames_sent, end.header.stamp_ns, time.monotonic()):
-            self._publish_progress(self.node.header(_PROGRESS, given))
-
-    def _complete(self) -> None:
-        """Everything is in: the last objects, then the word that they are the last."""
-        for ready in self.inputs.rest():
-            self.node.counters.drop(NO_SEGMENTS)
-            self._fuse(ready)
-        if self.last is not None and self.updates.wait(self._say_progress):
-            self.updates.submit(take_update(self.fusion, self.last, True, self.epoch))
-            self.updates.wait(self._say_progress)
-        self.node.counters.drop("never arrived", self.ledger.close())
-        self._say_progress()
-
-    def _say_progress(self) -> None:
-        self._publish_progress(self._own_header(_PROGRESS))
-
-    def _publish_progress(self, header: Header) -> None:
-        self.node.publish(_PROGRESS, self._progress(header))
-
-    def _progress(self, header: Header) -> Progress:
-        return Progress(
-            header=header,
-            fused=self.ledger.fused,
-            skipped=dict(self.ledger.skipped),
-            last_stamp_ns=self.ledger.last_stamp_ns,
-            complete=self.ledger.complete,
-        )
-
-    def _answer_reset(self, query: zenoh.Query) -> None:
-        who = query.payload.to_string() if query.payload is not None else "somebody who gives no name"
-        text = f"reset, asked for by {who[:100]!r}: {self.fusion.frame_count} frames and their objects are forgotten"
-        log.warning("%s", text)
-        self.node.counters.event("reset")
-        self._begin_map()
-        self.ledger.reset()
-        self.last = None
-        self.node.reply(query, _RESET, self._progress(self._own_header(_RESET)))
-
-    def _own_header(self, topic: str) -> Header:
-        stream, stamp_ns = self.node.stream, self.ledger.last_stamp_ns
-        header = Header(robot=self.node.link.robot, seq=0, stamp_ns=stamp_ns, frame_id="camera", stream=stream)
-        return self.node.numbered(topic, header)

@@ -12,6 +12,8 @@ from spot3d.dataflow.process_use import let_frames_go_first
 from spot3d.dataflow.stopping import end_threads
 from spot3d.found_object import FoundObject
 from spot3d.fusion.fusion import FoundObjects, Fusion, ObjectsTask
+from spot3d.fusion.keeping import Keeping
+from spot3d.fusion.snapshot import Kept
 from spot3d_schemas import Message, Object3D, Objects
 
 _OUT = "fusion/objects"
@@ -29,18 +31,21 @@ class Update:
     map_limit_reached: bool
     complete: bool
     epoch: str
+    kept: Kept | None = None
 
 
-def take_update(fusion: Fusion, given: Received[Message], complete: bool, epoch: str) -> Update:
-    """A snapshot of the map as it is now; `epoch` names the map."""
-    return Update(fusion.snapshot(), given, fusion.heatmap.count, fusion.heatmap.evicted > 0, complete, epoch)
+def take_update(
+    fusion: Fusion, given: Received[Message], complete: bool, epoch: str, kept: Kept | None = None
+) -> Update:
+    """A snapshot of the map as it is now; `epoch` names the map. kept: what is to be written to a file afterwards."""
+    return Update(fusion.snapshot(), given, fusion.heatmap.count, fusion.heatmap.evicted > 0, complete, epoch, kept)
 
 
 class Updates:
     """One thread that computes and publishes one update at a time, in their order."""
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    def __init__(self, node: Node, keeping: Keeping) -> None:
+        self._node, self._keeping = node, keeping
         self._waiting: Update | None = None
         self._busy = False
         self._wanted: Update | None = None
@@ -113,6 +118,8 @@ class Updates:
             wanted = self._wanted is update
         if wanted:
             self._node.publish(_OUT, message)
+            if update.kept is not None:
+                self._keeping.write(update.kept)
 
 
 def _message(node: Node, update: Update, found: FoundObjects) -> Objects:

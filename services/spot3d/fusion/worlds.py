@@ -30,6 +30,7 @@ class World:
         self._speed_max = speed_max
         self.epoch: str | None = None
         self.past: deque[str] = deque(maxlen=_PAST)
+        self._begun = False
         self._last: tuple[int, NDArray[np.float64]] | None = None
 
     def judge(self, epoch: str | None, T_world_camera: NDArray[np.float64], stamp_ns: int) -> Verdict:
@@ -39,7 +40,7 @@ class World:
             return EARLIER_EPOCH
         if not float(np.abs(place).max()) < _REACH_M:
             return IMPLAUSIBLE
-        if self._last is not None and epoch != self.epoch:
+        if self._begun and epoch != self.epoch:
             return "begins"
         if self._last is not None:
             elapsed = 1e-9 * abs(stamp_ns - self._last[0])
@@ -49,10 +50,14 @@ class World:
 
     def follow(self, epoch: str | None, T_world_camera: NDArray[np.float64], stamp_ns: int) -> None:
         """A frame with this pose has been fused."""
-        self.epoch, self._last = epoch, (stamp_ns, T_world_camera[:3, 3].copy())
+        self.epoch, self._begun, self._last = epoch, True, (stamp_ns, T_world_camera[:3, 3].copy())
+
+    def go_on(self, epoch: str | None) -> None:
+        """The map is one of this world, begun by another process."""
+        self.epoch, self._begun, self._last = epoch, True, None
 
     def leave(self) -> None:
         """The map begins anew, in another world."""
         if self.epoch is not None:
             self.past.append(self.epoch)
-        self.epoch, self._last = None, None
+        self.epoch, self._begun, self._last = None, False, None

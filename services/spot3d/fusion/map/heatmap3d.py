@@ -56,6 +56,20 @@ class Heatmap3D:
         self.used = self.free_count = self.evicted = self._looked_at = 0
         self.keys.fill(_EMPTY)
 
+    def held(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+        """The points alone, (n, 16) float32, and the voxel's key of each, (n,) int64, -1 = none; both copied."""
+        rows = np.flatnonzero(self.points()[:, FREQUENCY] > 0)
+        slots = self.row_slots[rows]
+        return self.rows[rows], np.where(slots >= 0, self.keys[slots], _EMPTY)
+
+    def restore(self, rows: NDArray[np.float32], keys: NDArray[np.int64]) -> None:
+        """Make the map that of which `held` has returned this; at most `limit` points."""
+        self.clear()
+        self.used = len(rows)
+        self.rows[: self.used] = rows
+        self.row_slots[: self.used] = -1
+        _enter(keys, self.keys, self.slot_rows, self.row_slots)
+
     def evict(self, wanted: int, tau: float) -> int:
         """Free the rows of so many of the least useful points, or of a fifth of all; returns of how many.
 
@@ -129,6 +143,19 @@ def remove_key(
             row_slots[slot_rows[hole]] = hole
             hole = slot
     keys[hole] = _EMPTY
+
+
+@kernel("void(i8[::1], i8[::1], i4[::1], i4[::1])")
+def _enter(
+    wanted: NDArray[np.int64], keys: NDArray[np.int64], slot_rows: NDArray[np.int32], row_slots: NDArray[np.int32]
+) -> None:
+    """Put the keys of the first rows into the empty table."""
+    for row in range(len(wanted)):
+        if wanted[row] == _EMPTY:
+            continue
+        slot = find_slot(keys, wanted[row])
+        if keys[slot] == _EMPTY:
+            keys[slot], slot_rows[slot], row_slots[row] = wanted[row], row, slot
 
 
 @kernel("Tuple((i8, i8))(f4[:,::1], i8, i8, f4, f4, f4, i8[::1], i4[::1], i4[::1], i4[::1], i8)")

@@ -1,0 +1,51 @@
+"""Which messages of a stage's inputs are worked on: those of one producer each, in the order of their capture."""
+
+from collections.abc import Iterable
+
+from spot3d.dataflow.alive import Alive
+from spot3d.dataflow.complaints import Complaints
+from spot3d.dataflow.counters import Counters
+from spot3d.dataflow.order import Arrival, StreamOrder
+from spot3d.dataflow.producers import Producers
+from spot3d.dataflow.settings import LinkSettings
+from spot3d_schemas import Header
+
+PER_FRAME = frozenset(("source/frame", "pose/pose", "proposals/boxes", "heatmap/heat", "segments/segments"))
+"""Topics with one message a capture, whose stamps therefore ascend."""
+SECOND = "of a second producer"
+
+
+class Admission:
+    """Judges each input's messages, counts what is refused, and says why; one thread an input. Monotonic seconds."""
+
+    def __init__(
+        self, inputs: Iterable[str], link: LinkSettings, alive: Alive, counters: Counters, complaints: Complaints
+    ) -> None:
+        live = link.delivery == "live"
+        self._orders = {topic: StreamOrder(confirm=live) for topic in inputs if topic in PER_FRAME}
+        self._producers = Producers(alive)
+        self._counters, self._complaints = counters, complaints
+
+    def judge(self, topic: str, header: Header, now_s: float) -> Arrival:
+        """What is to be said of a message that has just come."""
+        if not self._producers.admit(topic, header.sender, now_s):
+            self._counters.drop(f"{topic} {SECOND}")
+            text = f"{topic}: somebody else says it as well (process {header.sender}); is refused"
+            self._complaints.say(f"{topic} {SECOND}", text, now_s)
+            return Arrival(refused=SECOND)
+        order = self._orders.get(topic)
+        if order is None:
+            return Arrival()
+        arrival = order.check(header, now_s)
+        self._counters.drop(f"{topic} lost on the way", arrival.missing)
+        if arrival.restarted:
+            self._counters.event("another recording")
+            text = f"{topic}: stamps went back: another recording begins"
+            self._complaints.say("another recording", text, now_s)
+        if arrival.refused:
+            self._counters.drop(f"{topic} {arrival.refused}")
+        return arrival
+
+    def contested(self, now_s: float) -> list[str]:
+        """The topics that somebody else has said as well, of late."""
+        return self._producers.contested(now_s)

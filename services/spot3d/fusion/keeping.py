@@ -1,0 +1,64 @@
+"""When fusion's map is kept in a file, and when it goes on from one."""
+
+import logging
+import time
+from pathlib import Path
+
+from spot3d.dataflow.node import Node
+from spot3d.dataflow.snapshot_file import SnapshotError, snapshot_bytes
+from spot3d.dataflow.snapshot_writer import SnapshotWriter, snapshot_path
+from spot3d.fusion.fusion import Fusion
+from spot3d.fusion.snapshot import Account, Kept, fusion_snapshot, read_account, resume
+
+log = logging.getLogger(__name__)
+
+BEFORE = "before"
+"""The map of the stream before has a file of its own: fusion-before.snapshot."""
+
+
+class Keeping:
+    """The snapshots of one robot's map: one of its present stream, and one of the stream before."""
+
+    def __init__(self, node: Node) -> None:
+        interval_s = node.link.snapshot_interval_s
+        self._path, self._on = snapshot_path(node.link, "fusion"), interval_s > 0
+        self._node = node
+        self._writer = SnapshotWriter(self._path, interval_s, lambda text: node.note("no snapshot", text))
+
+    def due(self, complete: bool) -> bool:
+        """Whether the map is to be kept as it is after this frame; complete: it is the stream's last."""
+        return self._on and (complete or self._writer.due(time.monotonic()))
+
+    def write(self, kept: Kept) -> None:
+        """Write what was taken, in a thread of its own."""
+        start_s = time.perf_counter()
+        pieces = snapshot_bytes(fusion_snapshot(kept))
+        self._node.counters.event("snapshots")
+        log.debug("snapshot of %d bytes made in %.3f s", sum(map(len, pieces)), time.perf_counter() - start_s)
+        self._writer.write(pieces)
+
+    def close(self) -> None:
+        """Wait for what is being written."""
+        self._writer.close()
+
+    def begin(self, fusion: Fusion, stream: str) -> Account | None:
+        """A stream begins: go on from its snapshot where there is one, and keep that of another stream apart."""
+        if not (self._on and self._path.exists()):
+            return None
+        try:
+            told, kept = read_account(self._path)
+            if told.stream == stream:
+                resume(fusion, kept, self._path)
+                log.info("goes on from %s: %d frames of this stream", self._path, fusion.frame_count)
+                return told
+            self._path.replace(self._path.with_stem(f"{self._path.stem}-{BEFORE}"))
+        except (SnapshotError, OSError) as error:
+            self._node.note("no snapshot", f"begins with an empty map: {error}")
+        return None
+
+
+def resumed(fusion: Fusion, path: Path) -> Account:
+    """Go on from the map in a file that somebody names. Raises SnapshotError, OSError."""
+    told, kept = read_account(path)
+    resume(fusion, kept, path)
+    return told

@@ -1,0 +1,261 @@
+"""What fusion does with what comes: joins heat, poses and segments, fuses, and tells how far it is."""
+
+import logging
+import time
+
+import zenoh
+
+from spot3d.dataflow.cadence import Cadence
+from spot3d.dataflow.conversion import frame_segments, rgbd_frame
+from spot3d.dataflow.ledger import Ledger
+from spot3d.dataflow.node import Node, Received
+from spot3d.dataflow.streams import new_stream
+from spot3d.fusion.fusion import Fusion
+from spot3d.fusion.inputs import NO_SEGMENTS, WITHOUT_FRAME, Arrival, Ready, inputs_of
+from spot3d.fusion.keeping import Keeping
+from spot3d.fusion.map_answers import MapAnswers
+from spot3d.fusion.snapshot import Account, account, keep
+from spot3d.fusion.updates import Updates, take_update
+from spot3d.fusion.worlds import IMPLAUSIBLE, World
+from spot3d_schemas import CameraIntrinsics, End, Header, Heat, Message, Progress, Segments
+
+log = logging.getLogger(__name__)
+
+_HEAT, _POSE, _SEGMENTS, _END = "heatmap/heat", "pose/pose", "segments/segments", "source/end"
+INPUTS = (_HEAT, _POSE, _SEGMENTS, _END)
+_OBJECTS, _PROGRESS = "fusion/objects", "fusion/progress"
+_MAP, _RESET = "fusion/map", "fusion/reset"
+OUTPUTS, QUERIES = (_OBJECTS, _PROGRESS), (_MAP, _RESET)
+_ALONE = 300
+"""Live: after so many fused frames without a word of the segments stage, ten seconds of a camera, that is told."""
+
+LOST, FAILED, AGAIN = "lost pose", "error", "fused before"
+"""Why a frame is skipped whose heat and pose are there."""
+KEYFRAMES = "keyframes"
+"""The event of a keyframe whose segments are taken in."""
+
+
+class Stage:
+    """One robot's map, its objects, and the account of its stream."""
+
+    def __init__(
+        self,
+        node: Node,
+        fusion: Fusion,
+        keeping: Keeping,
+        updates: Updates,
+        answers: MapAnswers,
+        told: Account | None,
+    ) -> None:
+        self.node, self.fusion, self.keeping = node, fusion, keeping
+        self.updates, self.answers = updates, answers
+        self.inputs = inputs_of(node.link)
+        self.cadence = Cadence(fusion.settings.object_interval_s)
+        self.ledger = Ledger(node.link.credit_timeout_s)
+        self.world = World(fusion.settings.speed_max)
+        self.epoch = new_stream() if told is None else told.epoch
+        self.goes_on = told is not None
+        self.fused_ns = -1
+        self.camera: CameraIntrinsics | None = None
+        self.last: Received[Message] | None = None
+
+    def serve(self) -> None:
+        """Work on what comes, one thing at a time."""
+        while not self.node.stop.is_set():
+            item = self.node.next()
+            if item is not None:
+                topic, given = item
+                if topic in INPUTS and given.begins and given.message.header.stream is not None:
+                    self._begin_stream(given.message.header.stream)
+                if topic == _HEAT:
+                    self._arrived(self.inputs.add_heat(given), given)
+                elif topic == _POSE:
+                    self._arrived(self.inputs.add_pose(given), given)
+                elif topic == _SEGMENTS:
+                    self._arrived(self.inputs.add_segments(given), given)
+                elif topic == _END:
+                    self._ended(given)
+                elif topic == _MAP:
+                    complete, header = self.ledger.complete, self._own_header(_MAP)
+                    self.answers.submit(given, self.fusion, header, self.epoch, complete)
+                else:
+                    self._answer_reset(given)
+            if self.ledger.due(time.monotonic()):
+                self._complete()
+
+    def _begin_stream(self, stream: str) -> None:
+        """Another scene: nothing of the one before is left, unless this one was begun by an earlier process."""
+        self.node.counters.drop("of an earlier stream", self.inputs.clear())
+        self.ledger = Ledger(self.node.link.credit_timeout_s)
+        self.last = None
+        if self.goes_on:
+            self.goes_on = False
+            return
+        self._begin_map()
+        told = self.keeping.begin(self.fusion, stream)
+        if told is not None:
+            self.epoch, self.fused_ns = told.epoch, told.fused_ns
+            self.world.go_on(told.world)
+            self.ledger.go_on(told.fused, told.skipped, told.last_stamp_ns, told.in_stream)
+
+    def _begin_map(self) -> None:
+        """An empty map of another epoch, whose objects are numbered anew."""
+        self.updates.forget()
+        self.answers.forget()
+        self.fusion.reset()
+        self.cadence.reset()
+        self.world.leave()
+        self.epoch, self.fused_ns = new_stream(), -1
+
+    def _arrived(self, arrival: Arrival, given: Received[Message]) -> None:
+        now_s = time.monotonic()
+        for stamp_ns, reason in arrival.skipped:
+            self.ledger.skip(reason, stamp_ns, now_s)
+            self.node.counters.drop(reason)
+        for reason in arrival.drops:
+            self.node.counters.drop(reason)
+        for ready in arrival.ready:
+            self._fuse(ready)
+        if arrival.late is not None:
+            self._observe(arrival.late)
+        if arrival.skipped or arrival.ready:
+            self._publish_progress(self.node.header(_PROGRESS, given))
+
+    def _fuse(self, ready: Ready) -> None:
+        heat, pose = ready.heat, ready.pose
+        message, stamp_ns = heat.message, heat.message.header.stamp_ns
+        if stamp_ns <= self.fused_ns and not heat.begins:
+            self.node.counters.drop(AGAIN)
+            return
+        refused = LOST if pose.message.status == "lost" else self._refused(ready)
+        if refused:
+            self.ledger.skip(refused, stamp_ns, time.monotonic())
+            return
+        if self.camera not in (None, message.intrinsics):
+            self.node.note("intrinsics changed", f"the camera has become {message.intrinsics}")
+        self.camera = message.intrinsics
+        frame = rgbd_frame(message)
+        start_s = time.perf_counter()
+        try:
+            self.fusion.fuse(
+                frame.colour.copy(),
+                frame.depth_metres(),
+                message.heat.copy(),
+                frame.intrinsics,
+                pose.message.T_world_camera.copy(),
+                stamp_ns,
+            )
+        except Exception as error:
+            text = f"cannot fuse the frame at {stamp_ns} ns: {type(error).__name__}: {error}"
+            self.node.failed(f"fuse {type(error).__name__}", text)
+            self.ledger.skip(FAILED, stamp_ns, time.monotonic())
+            return
+        self.fused_ns = stamp_ns
+        self.world.follow(pose.message.epoch, pose.message.T_world_camera, stamp_ns)
+        if ready.segments is not None:
+            self._observe(ready.segments)
+        self.node.counters.step(time.perf_counter() - start_s)
+        self.ledger.fuse(stamp_ns, time.monotonic())
+        self.last = heat
+        self._note_if_alone()
+        self.node.measure_latency(message.header.with_hop("fusion", heat.received_ns, time.time_ns()))
+        if self.cadence.due(stamp_ns):
+            self._update(heat)
+
+    def _refused(self, ready: Ready) -> str:
+        """Why a frame that has a pose is not fused, or nothing; another world begins with the first pose in it."""
+        heat, pose = ready.heat, ready.pose.message
+        verdict = self.world.judge(pose.epoch, pose.T_world_camera, pose.header.stamp_ns)
+        if verdict == "begins" or (heat.begins and heat.message.header.stream is None and pose.epoch is None):
+            text = f"poses of another world (epoch {pose.epoch}): the map begins anew, {self.fusion.frame_count} frames"
+            self.node.note("another world", f"{text} of the one before are left behind")
+            self._begin_map()
+            verdict = self.world.judge(pose.epoch, pose.T_world_camera, pose.header.stamp_ns)
+        if verdict == IMPLAUSIBLE:
+            place = ", ".join(f"{value:.3g}" for value in pose.T_world_camera[:3, 3])
+            self.node.note("implausible poses", f"a pose at ({place}) m is not fused: no camera can be there so soon")
+        return "" if verdict in ("same", "begins") else verdict
+
+    def _observe(self, given: Received[Segments]) -> None:
+        """Take in a keyframe's segments; what was fused without them stays as it is where they cannot be used."""
+        stamp_ns = given.message.header.stamp_ns
+        try:
+            segments = frame_segments(given.message)
+            if segments is None:
+                return
+            if self.fusion.observe(segments, stamp_ns):
+                self.node.counters.event(KEYFRAMES)
+            else:
+                self.node.counters.drop(WITHOUT_FRAME)
+        except Exception as error:
+            text = f"cannot use the segments of the frame at {stamp_ns} ns: {type(error).__name__}: {error}"
+            self.node.failed(f"observe {type(error).__name__}", text)
+
+    def _note_if_alone(self) -> None:
+        alone = self.inputs.alone
+        if alone and alone % _ALONE == 0:
+            text = f"no word of the segments stage in {alone} frames, which are fused without it: is it running?"
+            self.node.note("no segments", text)
+
+    def _update(self, heat: Received[Heat]) -> None:
+        """Start an update. Live it waits for a free moment; lossless it is made of exactly this frame."""
+        if self.node.link.delivery == "live" and self.updates.busy:
+            self.cadence.postpone()
+        elif self.updates.wait(self._say_progress):
+            self._submit(heat, complete=False)
+
+    def _submit(self, given: Received[Message], complete: bool) -> None:
+        """Have the objects found, and the map kept where that is due."""
+        kept = None
+        if self.keeping.due(complete) and self.fusion.frame_count:
+            told = account(self.node.stream, self.epoch, self.world.epoch, self.fused_ns, self.ledger)
+            kept = keep(self.fusion, told)
+        self.updates.submit(take_update(self.fusion, given, complete, self.epoch, kept))
+
+    def _ended(self, given: Received[End]) -> None:
+        end = given.message
+        self.last = self.last or given
+        if self.ledger.end(end.frames_sent, end.header.stamp_ns, time.monotonic()):
+            self._publish_progress(self.node.header(_PROGRESS, given))
+
+    def _complete(self) -> None:
+        """Everything is in: the last objects, then the word that they are the last."""
+        for ready in self.inputs.rest():
+            self.node.counters.drop(NO_SEGMENTS)
+            self._fuse(ready)
+        if self.last is not None and self.updates.wait(self._say_progress):
+            self._submit(self.last, complete=True)
+            self.updates.wait(self._say_progress)
+        self.node.counters.drop("never arrived", self.ledger.close())
+        self._say_progress()
+
+    def _say_progress(self) -> None:
+        self._publish_progress(self._own_header(_PROGRESS))
+
+    def _publish_progress(self, header: Header) -> None:
+        self.node.publish(_PROGRESS, self._progress(header))
+
+    def _progress(self, header: Header) -> Progress:
+        return Progress(
+            header=header,
+            fused=self.ledger.fused,
+            skipped=dict(self.ledger.skipped),
+            last_stamp_ns=self.ledger.last_stamp_ns,
+            complete=self.ledger.complete,
+        )
+
+    def _answer_reset(self, query: zenoh.Query) -> None:
+        name = b"somebody who gives no name" if query.payload is None else query.payload.to_bytes()[:100]
+        who = name.decode(errors="replace")  # anybody may ask, with anything
+        text = f"reset, asked for by {who!r}: {self.fusion.frame_count} frames and their objects are forgotten"
+        log.warning("%s", text)
+        self.node.counters.event("reset")
+        self._begin_map()
+        self.ledger.reset()
+        self.last = None
+        self.node.reply(query, _RESET, self._progress(self._own_header(_RESET)))
+
+    def _own_header(self, topic: str) -> Header:
+        stream, stamp_ns = self.node.stream, self.ledger.last_stamp_ns
+        header = Header(robot=self.node.link.robot, seq=0, stamp_ns=stamp_ns, frame_id="camera", stream=stream)
+        return self.node.numbered(topic, header)
