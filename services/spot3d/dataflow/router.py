@@ -28,7 +28,7 @@ def open_router(
 
     link: whose certificates are used at tls endpoints. access: Zenoh's `access_control`; None: everybody may do
     everything. The session takes part in the dataflow as any other does, whatever `access` says.
-    Raises zenoh.ZError where it cannot listen, TlsError where its certificate cannot be used.
+    Raises ConnectionError where it cannot listen, TlsError where its certificate cannot be used.
     """
     secrets = {} if link is None else link.model_dump(include={"ca", "certificate", "key", "verify_names"})
     with open_session(LinkSettings(mode="router", listen=listen, connect=connect, **secrets), None, access) as session:

@@ -97,7 +97,8 @@ def _open(link: LinkSettings, stop: threading.Event | None, access: Mapping[str,
             return zenoh.open(config)
         except zenoh.ZError as error:
             if link.mode != "client":
-                raise
+                where = ", ".join(link.listen or link.connect)
+                raise ConnectionError(f"cannot listen at {where}: {_first_line(error)}; is the port in use?") from error
             if tries % 10 == 0:
                 reason = why_refused(link) or error
                 log.warning("no router at %s yet, trying again: %s", ", ".join(link.connect), reason)
@@ -105,3 +106,8 @@ def _open(link: LinkSettings, stop: threading.Event | None, access: Mapping[str,
             if stop is not None:
                 stop.wait(0.1)
     raise StoppedError
+
+
+def _first_line(error: Exception) -> str:
+    """What Zenoh says, without where in its source it says so."""
+    return str(error).partition("\n")[0].partition(" at /")[0].strip()

@@ -1,6 +1,7 @@
 """A run with each stage in a process of its own, all meeting at this process's router."""
 
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +23,8 @@ from spot3d_schemas import STAGES, key
 _POLL_S = 0.05
 _FINAL_OBJECTS_S = 30.0
 """Longest wait for the last update of the objects after the last frame."""
+_KEEP_S = 10.0
+"""Time between two times that what there is so far is kept."""
 _MAP_S, _MAP_INTERRUPTED_S = 30.0, 2.0
 """Longest wait for the map, at the end and after Ctrl-C."""
 
@@ -49,10 +52,12 @@ def run_distributed(
     timeline: Timeline,
     watcher: Watcher,
     stop: Event,
+    keep: Callable[[RunResult], None],
 ) -> RunResult:
     """Run every stage as a process of the supervisor until the input ends, `stop` is set or a stage cannot go on.
 
-    Fills the report (`error` says why a run ended that should have gone on). No process is left behind.
+    Fills the report (`error` says why a run ended that should have gone on). No process is left behind. keep: called
+    every ten seconds with what there is so far.
     """
     robot = plan.settings.link.robot
     endpoint = free_loopback_endpoint()
@@ -67,7 +72,7 @@ def run_distributed(
         for stage in STAGES:
             if stage != "pose" or plan.pose_topic is None:
                 supervisor.start(stage, _arguments(plan, stage, endpoint), logs / f"{stage}.log")
-        _follow(plan, report, endpoint, supervisor, collector, watcher, stop)
+        _follow(plan, report, endpoint, supervisor, collector, watcher, stop, keep)
         points = empty_snapshot()
         if collector.progress is not None:
             points = collector.snapshot(_MAP_INTERRUPTED_S if stop.is_set() else _MAP_S)
@@ -86,9 +91,11 @@ def _follow(
     collector: Collector,
     watcher: Watcher,
     stop: Event,
+    keep: Callable[[RunResult], None],
 ) -> None:
     """Watch the stages until the source has ended and the last objects are here."""
     ended_s: float | None = None
+    kept_s = time.monotonic()
     while not stop.wait(_POLL_S):
         collector.drain()
         progress, objects = collector.progress, collector.objects
@@ -103,6 +110,10 @@ def _follow(
         if progress is not None:
             found = 0 if objects is None else len(objects.objects)
             watcher.on_progress(progress.fused, sum(progress.skipped.values()), found)
+            if time.monotonic() - kept_s >= _KEEP_S:
+                collector.fill(report, supervisor.restarts())
+                keep(collector.result(collector.snapshot(_MAP_INTERRUPTED_S)))
+                kept_s = time.monotonic()
         if supervisor.finished("source"):
             ended_s = ended_s or time.monotonic()
             if progress is None or progress.fused == 0 or (objects is not None and objects.complete):
