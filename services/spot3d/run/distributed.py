@@ -1,10 +1,12 @@
 """A run with each stage in a process of its own, all meeting at this process's router."""
 
+import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from threading import Event
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
@@ -60,12 +62,15 @@ def run_distributed(
     every ten seconds with what there is so far.
     """
     robot = plan.settings.link.robot
-    endpoint = free_loopback_endpoint()
     logs.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         access = access_control(plan.settings.access) if plan.settings.access.enabled else None
+        spare = _spares_onlookers(plan)
+        endpoint = free_loopback_endpoint()
+        if spare:
+            endpoint = f"unixsock-stream/{stack.enter_context(TemporaryDirectory(prefix='spot3d-'))}/stages"
         listen = (endpoint, *plan.listen)
-        session = stack.enter_context(open_router(listen, link=plan.settings.link, access=access))
+        session = stack.enter_context(open_router(listen, link=plan.settings.link, access=access, spare=spare))
         collector = stack.enter_context(Collector(session, robot, plan.stream, timeline))
         if plan.pose_topic is not None and plan.pose_topic != key(robot, "pose/pose"):
             stack.enter_context(relay_poses(session, plan.pose_topic, robot))
@@ -81,6 +86,15 @@ def run_distributed(
         collector.drain()
         collector.fill(report, supervisor.restarts())
         return collector.result(points)
+
+
+def _spares_onlookers(plan: Plan) -> bool:
+    """Whether the stages meet where nobody else does, so that a slow onlooker of a lossless run holds nobody up.
+
+    Not where somebody from elsewhere is a stage, as whoever gives the poses, nor where roles go by the endpoint.
+    """
+    lossless = plan.settings.link.delivery == "lossless" and plan.pose_topic is None
+    return lossless and bool(plan.listen) and not plan.settings.access.enabled and sys.platform != "win32"
 
 
 def _follow(
