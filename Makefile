@@ -13,7 +13,10 @@ INSTALLED := $(VENV)/installed-$(shell printf '%s' '$(CURDIR)' | cksum | cut -d 
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help install demo test lint check bench evaluate clean
+SECONDS ?= 600
+MINUTES ?= 60
+
+.PHONY: help install demo test lint check bench fuzz soak evaluate clean
 .DEFAULT_GOAL := help
 
 help:
@@ -22,6 +25,8 @@ help:
 	@echo "make test      run the tests"
 	@echo "make check     format, lint, types and tests: what CI runs"
 	@echo "make bench     measure time and memory"
+	@echo "make fuzz      mutated messages through every stage, for SECONDS (now: $(SECONDS))"
+	@echo "make soak      a live run of MINUTES (now: $(MINUTES)): does anything grow?"
 	@echo "make evaluate  the paper's tables, for the data sets found in DATA (now: $(DATA))"
 	@echo "make clean     remove what the other targets made, except .venv"
 
@@ -54,6 +59,12 @@ check: lint test
 bench: $(INSTALLED)
 	@mkdir -p out
 	$(RUN) spot3d bench --json out/bench.json --plots out/bench $(if $(wildcard $(DATA)/redkitchen),--data "$(DATA)/redkitchen" --frames 300)
+
+fuzz: $(INSTALLED)
+	SPOT3D_FUZZ_SECONDS=$(SECONDS) $(RUN) pytest --show-capture=no tests/fuzz
+
+soak: $(INSTALLED)
+	$(RUN) spot3d.bench.soak $(if $(wildcard $(DATA)/redkitchen),"$(DATA)/redkitchen",scene) --minutes $(MINUTES) --out out/soak
 
 evaluate: $(INSTALLED)
 	@mkdir -p out

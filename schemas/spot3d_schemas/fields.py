@@ -9,6 +9,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
 from spot3d_schemas.arrays import DELTA_ZLIB, JPEG, PALETTE, PALETTE_2D, ArraySpec
 from spot3d_schemas.limits import (
     MAX_BOXES,
+    MAX_COUNT,
     MAX_IMAGE_PIXELS,
     MAX_MAP_POINTS,
     MAX_NAME,
@@ -29,8 +30,8 @@ def _cut(text: object) -> object:
 Name = Annotated[str, AfterValidator(checked_name), WithJsonSchema({"type": "string", "maxLength": MAX_NAME})]
 Text = Annotated[str, BeforeValidator(_cut), Field(max_length=MAX_TEXT)]
 Byte = Annotated[int, Field(ge=0, le=255)]
-Count = Annotated[int, Field(ge=0, lt=2**63)]
-Nanoseconds = Annotated[int, Field(ge=0, lt=2**63)]
+Count = Annotated[int, Field(ge=0, le=MAX_COUNT)]
+Nanoseconds = Annotated[int, Field(ge=0, le=MAX_COUNT)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]

@@ -24,6 +24,9 @@ MAX_OBJECTS = 10_000
 MAX_MAP_POINTS = 2_000_000
 """Most points of one snapshot of the 3D heatmap; 23 bytes each, 46 MB."""
 
+MAX_COUNT = 2**63 - 1
+"""Largest count; also the latest stamp."""
+
 MAX_HOPS = 16
 """Most entries of a header's trace."""
 

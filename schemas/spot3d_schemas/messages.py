@@ -164,10 +164,12 @@ class Segments(Message):
     intrinsics: of `labels`, which may be smaller than the frame. labels: (h, w) uint8, 0 = no object, k = segment
     k - 1. heat: (n,) float32 mean confidence of each segment in [0, 1]. planes: (p, 4) float64 [n_x, n_y, n_z, b],
     camera frame, metres, n.x + b = 0: the surfaces on which things stand, the main one first, unit normals up.
-    stands_on: (n,) int8 row of `planes`, -1 = none is known.
+    stands_on: (n,) int8 row of `planes`, -1 = none is known. Since 1.1, left_out: what was taken for an object of this
+    frame and is no segment, counted by reason.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Segments"
+    VERSION: ClassVar[str] = "1.1"
 
     keyframe: bool
     intrinsics: CameraIntrinsics | None
@@ -175,6 +177,7 @@ class Segments(Message):
     heat: SegmentHeat
     planes: SegmentPlanes
     stands_on: SegmentSupports
+    left_out: Reasons = Field(default_factory=dict)
 
     @field_validator("heat")
     @classmethod
@@ -186,7 +189,9 @@ class Segments(Message):
     @field_validator("planes")
     @classmethod
     def _normals_are_unit_vectors(cls, planes: Array) -> Array:
-        if not (np.abs((planes[:, :3] ** 2).sum(axis=1) - 1) <= _UNIT_TOLERANCE).all():
+        with np.errstate(over="ignore"):  # what overflows is no unit vector
+            lengths = (planes[:, :3] ** 2).sum(axis=1)
+        if not (np.abs(lengths - 1) <= _UNIT_TOLERANCE).all():
             raise ValueError("the first three numbers of each plane are its unit normal, to 1e-3")
         return planes
 
@@ -270,9 +275,10 @@ class Objects(Message):
     """All objects known after `frame_count` fused frames. up: (3,) the supporting planes' normal, world.
 
     complete: the source's stream has ended, and these are the objects of all its frames. Since 1.1, left_out: what
-    was taken for an object and is none, counted by reason; keyframes_dropped: keyframes that were forgotten because
-    there were too many, and with them what no other keyframe shows. Since 1.2, epoch: of the map that they are from;
-    the numbers of objects mean the same in one epoch alone.
+    was taken for an object and is none, counted by reason (`... in a keyframe`: what the segments stage said of single
+    keyframes, added up over all); keyframes_dropped: keyframes that were forgotten because there were too many, and
+    with them what no other keyframe shows. Since 1.2, epoch: of the map that they are from; the numbers of objects
+    mean the same in one epoch alone.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Objects"

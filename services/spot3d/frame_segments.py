@@ -1,12 +1,20 @@
 """The objects of one single frame, as the stage that finds them hands them to the one that lets them vote."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
 from spot3d_schemas.limits import MAX_PLANES, MAX_SEGMENTS
+
+TOO_SMALL, TOO_LOW, TOO_LONG, TOO_COLD, TOO_MANY = (
+    f"{how} in a keyframe" for how in ("too small", "too low", "too long", "too cold", "too many")
+)
+"""Why a part of a frame is no segment: it covers less than the least object; rises hardly above its support; is longer
+than eps_max; is colder than a segment may be; or there are more, and larger ones, than a message holds."""
+KEYFRAME_REASONS = (TOO_SMALL, TOO_LOW, TOO_LONG, TOO_COLD, TOO_MANY)
+"""All of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +26,7 @@ class FrameSegments:
     planes: (p, 4) float64 [n_x, n_y, n_z, b], camera frame, metres, n.x + b = 0: the surfaces on which things stand,
     the main one first, unit normals up (towards the camera's side), p <= 32.
     stands_on: (n,) int8, the row of `planes` on which each segment stands, -1 = none is known.
-    camera: intrinsics of `labels`.
+    camera: intrinsics of `labels`. left_out: parts that are no segments, counted by reason.
     """
 
     labels: NDArray[np.uint8]
@@ -26,6 +34,7 @@ class FrameSegments:
     planes: NDArray[np.float64]
     stands_on: NDArray[np.int8]
     camera: Intrinsics
+    left_out: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _check("labels", self.labels, np.uint8, self.camera.shape)
@@ -74,7 +83,7 @@ class FrameSegments:
         labels = self.labels[np.ix_(np.clip(v, 0, own.height - 1), np.clip(u, 0, own.width - 1))]
         labels[(v < 0) | (v >= own.height), :] = 0
         labels[:, (u < 0) | (u >= own.width)] = 0
-        return FrameSegments(labels, self.heat, self.planes, self.stands_on, camera)
+        return replace(self, labels=labels, camera=camera)
 
 
 def _check(name: str, array: NDArray[np.generic], dtype: type[np.generic], shape: tuple[int, ...]) -> None:

@@ -46,6 +46,11 @@ def test_settings_prints_what_can_be_read_again(tmp_path):
         (["pose", "--connect", "nonsense"], "link.connect.0"),
         (["fusion", "--settings", "/nowhere.toml"], "/nowhere.toml"),
         (["status", "--connect", "tcp/127.0.0.1:1"], "no router answers at tcp/127.0.0.1:1"),
+        (["record", "{tmp}/new.mcap", "--topics", "sauce/*"], "no topic matches 'sauce/*'; there are source/frame"),
+        (["record", "{tmp}/file"], "file exists already"),
+        (["play", "/nowhere.mcap"], "/nowhere.mcap does not exist"),
+        (["play", "{tmp}/file"], "file is no recording of spot3d"),
+        (["export", "{tmp}", "{tmp}/new.mcap"], "report.json is missing"),
         (["router", "--listen", "tcp/256.0.0.1:1"], "cannot listen"),
     ],
 )

@@ -11,9 +11,11 @@ from spot3d.dataflow.complaints import Complaints
 from spot3d.dataflow.counters import Counters
 from spot3d.dataflow.endpoints import keeps_newest, waiting
 from spot3d.dataflow.inbox import Inbox, Tray
+from spot3d.dataflow.ledger import Ledger
 from spot3d.dataflow.process_use import ProcessUse, process_use
 from spot3d.dataflow.settings import LinkSettings
-from spot3d_schemas import TOPICS, Header
+from spot3d_schemas import TOPICS, Header, Progress
+from spot3d_schemas.limits import MAX_COUNT
 
 HEADER = Header(robot="r", seq=0, stamp_ns=1, frame_id="pose")
 USE = ProcessUse(cpu_s=1.5, rss_bytes=1000, threads=3)
@@ -24,6 +26,17 @@ def test_health_without_anything() -> None:
     assert (health.received, health.published, health.drops, health.errors) == (0, 0, {}, 0)
     assert (health.rate_hz, health.latency_ms_p50, health.step_ms_p99) == (None, None, None)
     assert (health.pid, health.cpu_s, health.rss_bytes, health.threads) == (os.getpid(), 1.5, 1000, 3)
+
+
+def test_counts_that_others_make_up_stay_within_the_contract() -> None:
+    counters, ledger = Counters("fusion", 10.0), Ledger(1.0)
+    for _ in range(2):
+        counters.drop("lost on the way", MAX_COUNT)
+        ledger.end(MAX_COUNT, 1, 0.0)
+        ledger.close()
+        ledger.fuse(2, 0.0)
+    assert counters.health(HEADER, 10.0, USE).drops == {"lost on the way": MAX_COUNT}
+    Progress(header=HEADER, fused=1, skipped=dict(ledger.skipped), last_stamp_ns=1, complete=False)
 
 
 def test_health_counts() -> None:

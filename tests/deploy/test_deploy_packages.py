@@ -82,7 +82,8 @@ def third_party_imports(folder: Path) -> set[str]:
 
 @pytest.mark.parametrize("stage", STAGES)
 def test_an_extra_holds_all_that_its_stage_imports(stage: str) -> None:
-    texts = [*PROJECT["dependencies"], *EXTRAS[stage], *(EXTRAS["gicp"] if stage == "pose" else [])]
+    optional = {"pose": ["gicp"], "source": ["ros", "realsense"]}.get(stage, [])
+    texts = [*PROJECT["dependencies"], *EXTRAS[stage], *(text for extra in optional for text in EXTRAS[extra])]
     installed = {canonicalize_name(Requirement(text).name) for text in texts}
     imported = third_party_imports(ROOT / "services" / "spot3d" / stage)
     assert "numpy" in imported

@@ -13,7 +13,18 @@ import pytest
 import zenoh
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
-from spot3d_schemas import CameraIntrinsics, Frame, Header, Objects, Proposals, Segments, decode, encode, key
+from spot3d_schemas import (
+    CameraIntrinsics,
+    Frame,
+    Header,
+    Objects,
+    Proposals,
+    Segments,
+    decode,
+    encode,
+    key,
+    refuse_encoding,
+)
 
 ROOT = Path(__file__).parents[2]
 PAGES = {
@@ -118,6 +129,19 @@ def test_own_segmenter_labels_a_frame(router: zenoh.Session, endpoint: str) -> N
     assert (first.keyframe, first.heat.tolist(), first.stands_on.tolist()) == (True, [1.0], [-1])
 
 
+def test_own_camera_publishes_frames(router: zenoh.Session, endpoint: str) -> None:
+    arrived: queue.SimpleQueue[zenoh.Sample] = queue.SimpleQueue()
+    subscriber = router.declare_subscriber(key("robot", "source/frame"), arrived.put)
+    with running(program_with("def capture"), endpoint):
+        samples = [arrived.get(timeout=20) for _ in range(2)]
+    subscriber.undeclare()
+    first, second = (decode(sample.payload.to_bytes(), Frame) for sample in samples)
+    refuse_encoding(str(samples[0].encoding), Frame)
+    assert second.header.seq == first.header.seq + 1
+    assert second.header.stamp_ns > first.header.stamp_ns
+    assert first.depth_noise is not None
+
+
 def test_cores_run_without_processes() -> None:
     program = program_with("weighted_heat")
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
@@ -127,7 +151,7 @@ def test_cores_run_without_processes() -> None:
 
 def test_every_program_is_tested() -> None:
     """A page that adds one adds its test."""
-    tested = ("fusion/objects", "proposals/boxes", "segments/segments", "weighted_heat")
+    tested = ("fusion/objects", "proposals/boxes", "segments/segments", "weighted_heat", "def capture")
     assert [program for program in PROGRAMS if not any(text in program for text in tested)] == []
 
 

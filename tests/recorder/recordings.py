@@ -15,11 +15,13 @@ START_NS = 1_000_000_000_000
 CAMERA = CameraIntrinsics(fx=50.0, fy=50.0, cx=31.5, cy=23.5, width=64, height=48)
 
 
-def frame(seq: int, stamp_ns: int) -> Frame:
+def frame(seq: int, stamp_ns: int, stream: str | None = None) -> Frame:
     """A frame of noise, which does not compress away."""
     rng = np.random.default_rng(seq)
     return Frame(
-        header=Header(robot=ROBOT, seq=seq, stamp_ns=stamp_ns, frame_id="camera").with_hop("source", 1, 2),
+        header=Header(robot=ROBOT, seq=seq, stamp_ns=stamp_ns, frame_id="camera", stream=stream).with_hop(
+            "source", 1, 2
+        ),
         intrinsics=CAMERA,
         depth_scale=0.001,
         colour=rng.integers(0, 256, (48, 64, 3), np.uint8),

@@ -77,13 +77,20 @@ def test_damage_is_told_with_its_place(recording: Path) -> None:
         contents.messages(second)
 
 
-def test_the_longest_stream_is_played(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    stamps = [10 * 10**9, 10 * 10**9 + PERIOD_NS, 0, PERIOD_NS, PERIOD_NS, 2 * PERIOD_NS]
+@pytest.mark.parametrize(
+    ("stamps_ms", "streams"),
+    [((10_000, 10_033, 0, 33, 33, 66), [None] * 6), ((-66, -33, 0, 33, 33, 66), ["a", "a", "b", "b", "b", "b"])],
+    ids=["stamps go back", "another is named"],
+)
+def test_the_longest_stream_is_played(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, stamps_ms: tuple[int, ...], streams: list[str | None]
+) -> None:
     path = tmp_path / "two.mcap"
-    write_recording(path, [[("source/frame", 0.1 * seq, frame(seq, stamp)) for seq, stamp in enumerate(stamps)]])
+    frames = [frame(seq, 10**6 * (100 + stamps_ms[seq]), streams[seq]) for seq in range(6)]
+    write_recording(path, [[("source/frame", 0.1 * seq, item) for seq, item in enumerate(frames)]])
     sequence = open_source(path)
-    assert sequence.stamps_ns == [0, PERIOD_NS, 2 * PERIOD_NS]
-    assert (sequence[2].depth == frame(5, 0).depth).all()
+    assert sequence.stamps_ns == [10**6 * (100 + stamp) for stamp in (0, 33, 66)]
+    assert (sequence[2].depth == frames[5].depth).all()
     assert "holds 2 streams of 2, 3 frames" in caplog.text
 
 

@@ -41,7 +41,8 @@ def contents(tmp_path: Path) -> McapContents:
 
 @pytest.fixture
 def link() -> LinkSettings:
-    return LinkSettings(connect=(free_loopback_endpoint(),))
+    """Lossless, so that frames are not dropped where the machine is busy."""
+    return LinkSettings(connect=(free_loopback_endpoint(),), delivery="lossless")
 
 
 @pytest.fixture
@@ -77,7 +78,7 @@ def test_all_of_it_comes_in_its_time(contents: McapContents, link: LinkSettings,
     frames = [item for item in ear.heard if item[1] == key(ROBOT, "source/frame")]
     assert [decode(data, Frame) for _, _, _, data in frames] == [frame(seq, PERIOD_NS * seq) for seq in range(8)]
     assert {what for _, _, what, _ in frames} == {encoding(Frame)}
-    assert frames[-1][0] - frames[0][0] == pytest.approx(0.35, abs=0.15)
+    assert frames[-1][0] - frames[0][0] > 0.25, "they were 0.35 s apart"
     assert [decode(data, End).frames_sent for _, where, _, data in ear.heard if where.endswith("end")] == [8]
 
 

@@ -84,6 +84,12 @@ def test_where_nothing_was_so_much_as_a_candidate(preset: str | None, keyframes:
     assert why_so_few(result(0, {}), keyframes, load_settings(preset=preset)).startswith(f"no objects: {said}")
 
 
+def test_parts_of_keyframes_are_told_where_nothing_else_is() -> None:
+    parts = {"too long in a keyframe": 40, "too cold in a keyframe": 12}
+    assert why_so_few(result(0, parts), 12, load_settings()).endswith("; parts left out: 40 too long, 12 too cold")
+    assert why_so_few(result(1, parts), 12, load_settings()) == ""
+
+
 def test_frames_that_were_not_fused_are_told_elsewhere() -> None:
     assert why_so_few(result(0, {}, frames=0), 0, load_settings()) == ""
 
@@ -98,6 +104,8 @@ def test_forgotten_keyframes_are_told() -> None:
 
 def test_the_report_counts_them_by_reason() -> None:
     report = RunReport("scene", "processes", 10, (320, 240), objects=2, left_out={"too cold": 3}, keyframes_dropped=20)
+    report.map_limit_reached = True
     document = report_document(report)
     assert document["objects"] == {"found": 2, "left_out": {"too cold": 3}}
     assert document["keyframes_dropped"] == 20
+    assert document["map_limit_reached"] is True

@@ -82,6 +82,7 @@ SAMPLES: dict[str, Message] = {
         heat=np.array([0.25, 1.0], np.float32),
         planes=np.array([[0.0, -0.6, -0.8, 1.2]]),
         stands_on=np.array([0, -1], np.int8),
+        left_out={"too low in a keyframe": 4},
     ),
     "Objects": Objects(
         header=HEADER,
@@ -247,6 +248,7 @@ def _segments(draw: st.DrawFn) -> Segments:
         heat=draw(hnp.arrays(np.float32, count, elements=st.floats(0, 1, width=32))),
         planes=np.array(surfaces, np.float64).reshape(-1, 4),
         stands_on=draw(hnp.arrays(np.int8, count, elements=st.integers(-1, planes - 1))),
+        left_out=draw(_reasons),
     )
 
 

@@ -49,6 +49,7 @@ def test_all_names_exist() -> None:
 
 
 ADDED = {
+    "Segments": {"left_out"},
     "Objects": {"left_out", "keyframes_dropped", "epoch"},
     "Pose": {"epoch", "lost_since_ns"},
     "MapPoints": {"epoch"},

@@ -19,6 +19,7 @@ from spot3d_schemas import (
     Objects,
     Pose,
     Proposals,
+    Segments,
     decode,
     encode,
     encoding,
@@ -122,6 +123,7 @@ NO_BOTTOM = np.array([*np.eye(4)[:3].ravel(), 0, 0, 0.1, 1]).tolist()
         ("Objects", put("objects", [{}]), ["spot3d.Objects.objects.0.id", "required"]),
         ("Objects", put("up", [0, 1]), ["spot3d.Objects.up", "3 numbers"]),
         ("Objects", put("map_limit_reached", 1), ["spot3d.Objects.map_limit_reached", "boolean"]),
+        ("Segments", put("left_out", {"x" * 65: 1}), ["spot3d.Segments.left_out", "64"]),
         ("Objects", put("left_out", {str(i): i for i in range(65)}), ["spot3d.Objects.left_out", "64"]),
         ("Objects", put("left_out", {"x" * 65: 1}), ["spot3d.Objects.left_out", "64"]),
         ("Objects", put("left_out", "too large", -2), ["spot3d.Objects.left_out", "-2"]),
@@ -221,6 +223,12 @@ def test_a_frame_of_an_older_sender_states_no_noise(name: str) -> None:
     wire["depth_noise"] = {"model": "quadratic", "floor": 0.0, "growth": 0.001, "at": 0.4}
     with pytest.raises(CodecError, match=r"depth_noise\.floor: input should be greater than 0"):
         decode(msgpack.packb(wire), type(SAMPLES[name]))
+
+
+def test_segments_of_an_older_sender_leave_nothing_out() -> None:
+    wire = msgpack.unpackb(encode(SAMPLES["Segments"]))
+    del wire["left_out"]
+    assert decode(msgpack.packb(wire), Segments).left_out == {}
 
 
 def test_encoding_names_schema_and_major_version() -> None:

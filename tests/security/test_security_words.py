@@ -8,12 +8,13 @@ import threading
 from pathlib import Path
 
 import pytest
+import zenoh
 from authority import link, make_fleet
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
-from spot3d.dataflow.session import StoppedError, open_session
+from spot3d.dataflow.session import StoppedError, open_session, zenoh_config
 from spot3d.dataflow.settings import LinkSettings
-from spot3d.dataflow.tls import TlsError, own_certificate, probe
+from spot3d.dataflow.tls import TlsError, own_certificate, probe, why_refused
 
 
 @pytest.fixture(scope="module")
@@ -83,6 +84,17 @@ def test_a_router_tells_whom_it_refuses_and_the_refused_learns_why(fleet: Path) 
         said = router.stdout.read()
     assert "certificate expired: verification time" in said
     assert "peer sent no certificates" in said
+
+
+def test_a_router_whose_certificate_has_expired_is_told_by_its_clients(fleet: Path) -> None:
+    """A router of ours does not even start with it; one that runs, or zenohd, does."""
+    endpoint = free_loopback_endpoint().replace("tcp/", "tls/")
+    over = link(fleet, "expired").model_copy(update={"mode": "router", "listen": (endpoint,), "connect": ()})
+    with pytest.raises(TlsError, match="certificate has expired"), open_session(over):
+        pass
+    with zenoh.open(zenoh_config(over)):
+        said = why_refused(link(fleet, "drone", endpoint))
+    assert said == f"{endpoint}: the router's certificate is refused: certificate has expired"
 
 
 def test_a_client_says_why_its_router_does_not_let_it_in(fleet: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -1,6 +1,7 @@
 """The segments of one frame: as many as there are objects, each standing on the table."""
 
 import dataclasses
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import iou_matrix_2d
 from spot3d.camera import Intrinsics, invert
-from spot3d.frame_segments import FrameSegments
+from spot3d.frame_segments import TOO_COLD, TOO_LONG, TOO_LOW, TOO_MANY, FrameSegments
 from spot3d.geometry.lattice import LatticeFrame
 from spot3d.geometry.planes import transform_plane
 from spot3d.segments.finder import _pixels, _segments, find_segments
@@ -138,6 +139,16 @@ def test_a_wall_is_no_object_however_warm() -> None:
     assert (iou.max(axis=1) > 0.8).all()
 
 
+def test_what_is_no_segment_is_counted_by_reason() -> None:
+    longer = find(seen(standing(0, 0, (0.3, 0.3, 0.3))), SETTINGS.model_copy(update={"size_max": 0.35}))
+    low = find(seen(standing(0, 0, (0.2, 0.14, 0.03))), SETTINGS.model_copy(update={"height_min": 0.05}))
+    frame = seen(*THREE)
+    cold = find(dataclasses.replace(frame, heat=frame.heat // 2), SETTINGS.model_copy(update={"heat_min": 1.0}))
+    assert (len(cold), cold.left_out[TOO_COLD]) == (0, 3)
+    assert (len(longer), longer.left_out[TOO_LONG]) == (0, 1)
+    assert (len(low), low.left_out[TOO_LOW]) == (0, 1)
+
+
 def test_two_boxes_that_touch_are_two() -> None:
     things = standing(0, 0, (0.14, 0.1, 0.12), colour=(200, 40, 40)), standing(-0.05, -0.1, (0.2, 0.1, 0.05))
     assert len(find(seen(*things))) == 2
@@ -201,8 +212,8 @@ def test_of_more_objects_than_a_message_takes_the_largest_are_kept() -> None:
     colour, heat = np.zeros((*camera.shape, 3), np.uint8), np.full(camera.shape, 100, np.uint8)
     height = np.full(depth.size, 0.01, np.float32)
     table = np.array([[0, -0.6, -0.8, 0.5]])
-    segments = _segments(parts, LatticeFrame(colour, depth, heat, camera), table, height, SETTINGS)
-    assert len(segments) == 255
+    segments = _segments(parts, LatticeFrame(colour, depth, heat, camera), table, height, Counter(), SETTINGS)
+    assert (len(segments), segments.left_out) == (255, {TOO_MANY: 45})
     assert np.unique(segments.labels).tolist() == list(range(256))
     assert not segments.labels.ravel()[parts[7]].any()
 

@@ -24,12 +24,12 @@ def arc(
     return points.astype(np.float32), (-outwards if inside else outwards).astype(np.float32)
 
 
-def joined(*parts: Part, size_max: float = 1.0) -> list[list[int]]:
-    """Which of the parts are joined, by number, seen with the noise of a depth camera."""
+def joined(*parts: Part, size_max: float = 1.0, tilt: float = 0.1) -> list[list[int]]:
+    """Which of the parts are joined, by number, seen with the noise of a depth camera, which tilts normals."""
     rng = np.random.default_rng(0)
     points, normals = (np.concatenate(stacked) for stacked in zip(*parts, strict=True))
     points = (points + rng.normal(0, 0.001, points.shape)).astype(np.float32)
-    normals = normals + rng.normal(0, 0.1, normals.shape).astype(np.float32)
+    normals = normals + rng.normal(0, tilt, normals.shape).astype(np.float32)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     owner = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
     rows = [np.flatnonzero(owner == number) for number in range(len(parts))]
@@ -44,6 +44,14 @@ OUTSIDE = arc(190, 350, 0.0, HEIGHT, inside=False, radius=RADIUS + 0.004)
 
 def test_the_inside_of_a_mug_belongs_to_its_outside() -> None:
     assert joined(INSIDE, OUTSIDE) == [[0, 1]]
+
+
+def test_where_normals_are_poor_the_places_of_an_inside_tell_its_axis() -> None:
+    assert joined(INSIDE, OUTSIDE, tilt=0.6) == [[0, 1]]
+    flat = np.stack((np.linspace(-0.04, 0.04, 200), np.tile((0.001, -0.001), 100), np.linspace(0.07, 0.1, 200)), axis=1)
+    wall = flat.astype(np.float32), np.tile(np.float32((0, -1, 0)), (200, 1))
+    assert joined(wall, OUTSIDE, tilt=0.6) == [[0], [1]]
+    assert joined(arc(20, 160, 0.07, HEIGHT, inside=False), OUTSIDE, tilt=0.6) == [[0], [1]]
 
 
 @pytest.mark.parametrize(

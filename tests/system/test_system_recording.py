@@ -21,7 +21,7 @@ from spot3d.trajectory import rotation_from_quaternion
 from spot3d_schemas import TOPICS
 
 FRAMES = 12
-LIMIT_S = 120.0
+LIMIT_S = 240.0
 """A first start may compile kernels."""
 
 
@@ -37,6 +37,7 @@ def done(process: subprocess.Popen[str]) -> str:
         said, _ = process.communicate(timeout=LIMIT_S)
     finally:
         process.kill()
+        process.wait()
     assert process.returncode == 0, said
     return said
 

@@ -23,12 +23,7 @@ def live() -> Iterator[tuple[zenoh.Session, Stages, Ear]]:
     """All stages of one robot, live."""
     endpoint = free_loopback_endpoint()
     with open_router((endpoint,)) as session:
-        link = LinkSettings(
-            robot="roving",
-            connect=(endpoint,),
-            health_interval_s=0.2,
-            snapshot_interval_s=0.5,
-        )
+        link = LinkSettings(robot="roving", connect=(endpoint,), health_interval_s=0.2, snapshot_interval_s=0.5)
         with listening(session, "roving", "pose/pose") as ear, Stages(link) as stages:
             stages.start(*STAGES)
             wait_alive(session, "roving", set(STAGES))

@@ -13,12 +13,17 @@ from spot3d.bridge.flow import Flow, Put, Questions, Signs
 from spot3d.bridge.pacing import Pacing
 from spot3d.bridge.settings import BridgeSettings
 from spot3d.dataflow.counters import Counters
+from spot3d.dataflow.lingering import close_at_once
 from spot3d.dataflow.session import zenoh_config
 from spot3d.dataflow.settings import LinkSettings
 from spot3d_schemas import BRIDGE, TOPICS, Topic
 
 PACED = frozenset(("source/frame", "proposals/boxes", "heatmap/heat"))
 """Topics that can fill a link: they have a connection of their own, and are skipped where it does not take them."""
+
+_PING_S = 0.1
+_LEASE_MS = 10_000
+"""The other side takes us for gone after this time; we find out by ourselves when it is."""
 
 
 class Crossing:
@@ -39,6 +44,7 @@ class Crossing:
         with ExitStack() as stack:
             self._prompt, self._bulk = self._open_both(stack)
             self._heard_s = dict.fromkeys(("prompt", "bulk"), time.monotonic())
+            self._asked_s = float("-inf")
             self._declare_echoes()
             self._flows = self._declare_flows(stack)
             self._exit = stack.pop_all()
@@ -57,9 +63,11 @@ class Crossing:
         return max(now_s - self._heard_s["prompt"], (now_s - self._heard_s["bulk"]) / 2)
 
     def tick(self) -> None:
-        """Ask for an echo of either connection, and let flow what is wanted; call it some ten times a second."""
-        for ping in self._pings:
-            ping.put(b"")
+        """Ask for an echo of either connection, and let flow what is wanted; call it some twenty times a second."""
+        if (now_s := time.monotonic()) - self._asked_s > _PING_S:
+            self._asked_s = now_s
+            for ping in self._pings:
+                ping.put(b"")
         for flow in self._flows:
             flow.follow()
 
@@ -67,12 +75,16 @@ class Crossing:
         way = {"mode": "client", "connect": self._settings.ground, "listen": (), "shared_memory": False}
         config = zenoh_config(self._link.model_copy(update=way))
         config.insert_json5("connect/timeout_ms", json.dumps(round(1000 * self._settings.attempt_s)))
+        # A router on the other side that closes a connection to us while the link is gone may stand still after that.
+        config.insert_json5("transport/link/tx/lease", str(_LEASE_MS))
         with ThreadPoolExecutor(2) as pool:
             tries = [pool.submit(zenoh.open, config) for _ in range(2)]
         for one in tries:
             if one.exception() is None:
                 stack.callback(one.result().close)
-        return [one.result() for one in tries]
+        opened = [one.result() for one in tries]
+        close_at_once()
+        return opened
 
     def _declare_echoes(self) -> None:
         prompt, bulk = (f"spot3d/{self._link.robot}/bridge/echo/{name}" for name in ("prompt", "bulk"))

@@ -7,6 +7,7 @@ import time
 import zenoh
 
 from spot3d.bridge.crossing import Crossing
+from spot3d.bridge.probe import reachable
 from spot3d.bridge.settings import BridgeSettings
 from spot3d.dataflow.complaints import Complaints
 from spot3d.dataflow.counters import Counters
@@ -17,7 +18,9 @@ from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d_schemas import BRIDGE, Header, alive_key, encode
 
-_TICK_S = 0.1
+_TICK_S = 0.05
+_ASKED_S = 0.3
+"""The other side is asked for this long before it is looked whether the old connections are awake."""
 
 log = logging.getLogger("spot3d.bridge")
 
@@ -65,8 +68,10 @@ class _Bridge:
         """Try once. The old connections stay meanwhile: they may wake up by themselves."""
         crossing = Crossing(self._local, self._link, self._settings, self._counters)
         try:
+            if not reachable(self._settings.ground, _ASKED_S):
+                raise TimeoutError("no answer")
             crossing.__enter__()
-        except zenoh.ZError as error:
+        except (zenoh.ZError, OSError) as error:
             self._complaints.say("no way", f"no way to {', '.join(self._settings.ground)}: {error}", time.monotonic())
             return
         old, self._crossing = self._crossing, crossing

@@ -23,5 +23,5 @@ class BridgeSettings(BaseModel):
         "which TCP may leave waiting for seconds after the link is back",
     )
     attempt_s: float = Field(
-        0.4, gt=0, description="one try to connect, seconds: at least six times the way there and back"
+        1.0, gt=0, description="longest that connecting may take where the other side answers, seconds"
     )

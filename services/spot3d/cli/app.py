@@ -13,8 +13,10 @@ from spot3d.cli.certificates import certificates
 from spot3d.cli.doctor import doctor
 from spot3d.cli.evaluate import evaluate
 from spot3d.cli.options import (
+    ColourTopicOption,
     CommandError,
     ConnectOption,
+    DepthTopicOption,
     EveryOption,
     FramesOption,
     HalfOption,
@@ -85,16 +87,29 @@ def run(
     rate: RateOption = None,
     intrinsics: IntrinsicsOption = None,
     noise: NoiseOption = None,
+    colour_topic: ColourTopicOption = None,
+    depth_topic: DepthTopicOption = None,
     listen: ListenOption = None,
 ) -> None:
     """Play INPUT through all stages and write the objects found, with a picture, into a folder."""
     from rich.console import Console
 
+    from spot3d.source.ros.bag import is_ros_bag
+    from spot3d.source.sequences import is_stream
+
     topic = pose if pose is not None and "/" in pose else None
+    in_bag = None
+    if topic is not None and is_ros_bag(Path(input_name)):
+        pose, topic, in_bag = "truth", None, topic
     if in_process and topic is not None:
         raise CommandError(f"--in-process hears no topics; leave --in-process away, or do without --pose {pose}")
-    overrides = play_overrides(half, rate, noise)
-    overrides["link"] = {"delivery": "live" if live else "lossless"}
+    overrides = play_overrides(
+        half, rate, depth_noise=noise, colour_topic=colour_topic, depth_topic=depth_topic, pose_topic=in_bag
+    )
+    camera = is_stream(input_name)
+    if camera and in_process:
+        raise CommandError(f"--in-process plays recordings; leave it away for {input_name}, which plays live")
+    overrides["link"] = {"delivery": "live" if live or camera else "lossless"}
     if pose is not None and topic is None:
         overrides["pose"] = {"provider": "given" if pose == "truth" else pose}
     resolved = load_settings(settings, preset, overrides)

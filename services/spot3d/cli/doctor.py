@@ -46,8 +46,8 @@ def show(console: Console, findings: Sequence[Finding], sent: Sequence[Flow]) ->
             console.print(Text(f"        -> {finding.remedy}"), soft_wrap=True)
     if not sent:
         return
-    table = Table(title="sent; what nobody on the other side subscribes to crosses no link", box=SIMPLE_HEAD)
-    table.title_justify = "left"
+    console.print("\nsent (what nobody on the other side subscribes to crosses no link):", soft_wrap=True)
+    table = Table(box=SIMPLE_HEAD)
     for heading in ("topic", "messages/s", "Mbit/s"):
         table.add_column(heading, justify="left" if heading == "topic" else "right")
     for flow in sorted(sent, key=lambda flow: -flow.bytes_per_s):

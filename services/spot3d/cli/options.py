@@ -14,7 +14,7 @@ InputArgument = Annotated[
     str,
     typer.Argument(
         metavar="INPUT",
-        help="folder of a recording (7-Scenes, TUM RGB-D), file of spot3d record, or: scene, scene:SEED",
+        help="folder (7-Scenes, TUM RGB-D), ROS bag, file of spot3d record, or: realsense, scene, scene:SEED",
     ),
 ]
 SettingsOption = Annotated[Path | None, typer.Option("--settings", help="TOML file; see: spot3d settings")]
@@ -41,6 +41,8 @@ NoiseOption = Annotated[
     str | None,
     typer.Option("--noise", metavar="d435|tof|...", help="the depth's noise; see: spot3d settings"),
 ]
+ColourTopicOption = Annotated[str | None, typer.Option("--colour-topic", help="ROS bags: the colour images")]
+DepthTopicOption = Annotated[str | None, typer.Option("--depth-topic", help="ROS bags: the depth images")]
 SupervisedOption = Annotated[bool, typer.Option("--supervised", hidden=True)]
 
 
@@ -48,15 +50,16 @@ class CommandError(Exception):
     """A command cannot do what it was asked to; the message says why."""
 
 
-def play_overrides(half: bool, rate: float | None, noise: str | None = None) -> dict[str, Any]:
-    """Settings of the options that say how an input is played; only those that were given."""
-    source: dict[str, Any] = {}
+def play_overrides(half: bool, rate: float | None, **named: str | None) -> dict[str, Any]:
+    """Settings of the options that say how an input is played; only those that were given.
+
+    named: the source's settings by their names.
+    """
+    source: dict[str, Any] = {name: value for name, value in named.items() if value is not None}
     if half:
         source["halved"] = True
     if rate is not None:
         source["rate_hz"] = rate
-    if noise is not None:
-        source["depth_noise"] = noise
     return {"source": source}
 
 

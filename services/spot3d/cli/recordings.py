@@ -65,6 +65,7 @@ def play(
     robot: RobotOption = None,
     connect: ConnectOption = None,
     listen: ListenOption = None,
+    lossless: DeliveryOption = None,
 ) -> None:
     """Put a recording back on the wire, in its own time; the space bar pauses it."""
     logging.basicConfig(format="%(asctime)s %(name)s %(levelname)s: %(message)s", level=logging.INFO)
@@ -76,7 +77,7 @@ def play(
     try:
         contents = open_mcap(recording)
         chosen = matching_topics(topics or (), list(contents.topics))
-        resolved = load_settings(settings, None, link_overrides(robot or contents.robot, connect, listen, None))
+        resolved = load_settings(settings, None, link_overrides(robot or contents.robot, connect, listen, lossless))
         length_s = 1e-9 * (contents.end_ns - contents.start_ns)
         if start >= (length_s if end is None else min(end, length_s)):
             raise CommandError(f"nothing to play: {recording} is {length_s:.1f} s long, --from is {start:g}")

@@ -8,9 +8,11 @@ from typing import Annotated
 import typer
 
 from spot3d.cli.options import (
+    ColourTopicOption,
     CommandError,
     ConnectOption,
     DeliveryOption,
+    DepthTopicOption,
     EveryOption,
     FramesOption,
     HalfOption,
@@ -29,6 +31,9 @@ from spot3d.cli.options import (
 )
 from spot3d.settings import Settings, load_settings
 
+_NEWCOMERS_S = 0.5
+"""Time between two looks at who has connected to the router."""
+
 
 def source(
     input_name: InputArgument,
@@ -44,6 +49,9 @@ def source(
     rate: RateOption = None,
     intrinsics: IntrinsicsOption = None,
     noise: NoiseOption = None,
+    colour_topic: ColourTopicOption = None,
+    depth_topic: DepthTopicOption = None,
+    pose_topic: Annotated[str | None, typer.Option("--pose-topic", help="ROS bags: the camera's poses")] = None,
     pose_from_elsewhere: Annotated[bool, typer.Option("--no-pose-stage", help="do not wait for a pose stage")] = False,
     after_ns: Annotated[int | None, typer.Option(hidden=True)] = None,
     stream: Annotated[str | None, typer.Option(hidden=True)] = None,
@@ -51,13 +59,18 @@ def source(
 ) -> None:
     """The source stage: play INPUT to the other stages."""
     stop = stage_started(supervised)
-    overrides = play_overrides(half, rate, noise) | link_overrides(robot, connect, listen, lossless)
+    overrides = play_overrides(
+        half, rate, depth_noise=noise, colour_topic=colour_topic, depth_topic=depth_topic, pose_topic=pose_topic
+    ) | link_overrides(robot, connect, listen, lossless)
     resolved = load_settings(settings, preset, overrides)
     from spot3d.source.process import EVERY_STAGE, FUSING_STAGES, MissingStagesError
     from spot3d.source.process import run as run_source
-    from spot3d.source.selected import open_selection, selection
+    from spot3d.source.selected import open_selected_stream, open_selection, selection
+    from spot3d.source.sequences import is_stream
 
-    sequence = open_selection(selection(input_name, frames, every, intrinsics, after_ns), resolved.source)
+    chosen = selection(input_name, frames, every, intrinsics, after_ns)
+    opened = open_selected_stream if is_stream(input_name) else open_selection
+    sequence = opened(chosen, resolved.source)
     # A live source is a camera: it waits for nobody, unless a run has started it together with the others. Even then
     # frames can be fused while segments is still compiling its kernels.
     awaited: tuple[str, ...] = EVERY_STAGE
@@ -192,6 +205,7 @@ def router(
     endpoints, others = tuple(listen or ["tcp/127.0.0.1:7447"]), tuple(connect or ())
     # Checked as settings are, so that a slip of the pen is told as one.
     resolved = load_settings(settings, overrides={"link": {"mode": "router", "listen": endpoints, "connect": others}})
+    from spot3d.dataflow.lingering import close_at_once
     from spot3d.dataflow.router import open_router
     from spot3d.dataflow.stopping import stop_on_signals
     from spot3d.security.access import access_control
@@ -199,7 +213,8 @@ def router(
     access = access_control(resolved.access) if resolved.access.enabled else None
     with stop_on_signals(stop) as stopped, open_router(endpoints, others, resolved.link, access):
         typer.echo(f"router at {', '.join(endpoints)}")
-        stopped.wait()
+        while not stopped.wait(_NEWCOMERS_S):
+            close_at_once()
 
 
 COMMANDS = (source, pose, linked(proposals), linked(heatmap), linked(segments), fusion, bridge, router)

@@ -13,6 +13,7 @@ from pathlib import Path
 from spot3d import __version__
 from spot3d.dataflow.kernel_cache import kernels_missing
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.snapshot_writer import snapshot_path
 from spot3d.dataflow.tls import TlsError, own_certificate
 from spot3d_schemas import About, Header
 
@@ -24,7 +25,7 @@ def about(header: Header, stage: str, link: LinkSettings) -> About:
     own = None
     with suppress(TlsError):  # told when the session was opened
         own = own_certificate(link)
-    disk = state_disk()
+    disk = snapshot_disk(link)
     return About(
         header=header,
         stage=stage,
@@ -52,9 +53,9 @@ def shared_memory_bytes() -> int:
     return shutil.disk_usage(_SHARED).free if os.access(_SHARED, os.W_OK) else 0
 
 
-def state_disk() -> Path:
-    """Where this user's programs keep their state, or the nearest folder above it that exists."""
-    folder = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+def snapshot_disk(link: LinkSettings) -> Path:
+    """Where snapshots of the map are kept, or the nearest folder above it that exists."""
+    folder = snapshot_path(link, "fusion").parent.absolute()
     return next(path for path in (folder, *folder.parents) if path.exists())
 
 

@@ -56,6 +56,7 @@ def segments_message(header: Header, found: FrameSegments | None) -> Segments:
         heat=found.heat,
         planes=found.planes,
         stands_on=found.stands_on,
+        left_out=found.left_out,
     )
 
 
@@ -69,4 +70,5 @@ def frame_segments(message: Segments) -> FrameSegments | None:
         planes=message.planes.copy(),
         stands_on=message.stands_on.copy(),
         camera=Intrinsics(**message.intrinsics.model_dump()),
+        left_out=message.left_out,
     )

@@ -8,6 +8,7 @@ import numpy as np
 
 from spot3d.dataflow.process_use import ProcessUse
 from spot3d_schemas import Header, Health
+from spot3d_schemas.limits import MAX_COUNT
 
 _REMEMBERED = 300
 """Latencies and steps that the percentiles are taken over: the last ten seconds of a camera."""
@@ -45,7 +46,8 @@ class Counters:
         """Messages that are not worked on."""
         if count:
             with self._lock:
-                self._drops[reason] += count
+                # Senders who make up their sequence numbers can "lose" more than a message can state.
+                self._drops[reason] = min(self._drops[reason] + count, MAX_COUNT)
 
     def event(self, kind: str, count: int = 1) -> None:
         """Something worth knowing that lost nothing."""

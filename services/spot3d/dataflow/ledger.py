@@ -3,6 +3,8 @@
 from collections import Counter
 from collections.abc import Mapping
 
+from spot3d_schemas.limits import MAX_COUNT
+
 NEVER_ARRIVED, IN_RESTART = "never arrived", "lost in a restart"
 """Why frames of a stream that has ended are missing: where fusion was started again, they went with the one before."""
 
@@ -59,7 +61,8 @@ class Ledger:
         frames_sent, stamp_ns = self._end or (0, 0)
         missing = max(0, frames_sent - self.in_stream)
         if missing:
-            self.skipped[self.missing] += missing
+            # A source may say any number, again and again; a message cannot.
+            self.skipped[self.missing] = min(self.skipped[self.missing] + missing, MAX_COUNT)
         self.last_stamp_ns = max(self.last_stamp_ns, stamp_ns)
         self.complete, self.in_stream = True, 0
         return missing

@@ -241,7 +241,12 @@ class Node:
             except zenoh.ZError:
                 return  # the queryable has ended
             header = Header(robot=self.link.robot, seq=0, stamp_ns=time.time_ns(), frame_id=self.stage)
-            self.reply(query, topic, about(self.numbered(topic, header), self.stage, self.link))
+            try:
+                told = about(self.numbered(topic, header), self.stage, self.link)
+            except (OSError, ValueError) as error:  # a disk that does not answer, say
+                self.refuse(query, topic, f"{type(error).__name__}: {error}")
+                continue
+            self.reply(query, topic, told)
 
     def _report(self) -> None:
         while not self._gone.wait(self.link.health_interval_s):

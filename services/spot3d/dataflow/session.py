@@ -74,8 +74,9 @@ def open_session(
 ) -> Iterator[zenoh.Session]:
     """A session that is closed in the end; a client waits for its router, and says so.
 
-    more: other values of Zenoh's configuration, by key, for a router. Raises StoppedError where `stop` is set while waiting, TlsError
-    where the link's own certificate cannot be used, ConnectionError where a router or peer cannot open.
+    more: other values of Zenoh's configuration, by key, for a router. Raises StoppedError where `stop` is set while
+    waiting, TlsError where the link's own certificate cannot be used, ConnectionError where a router or peer cannot
+    open.
     """
     # A router tells of those that it refuses by a warning.
     zenoh.init_log_from_env_or("error,zenoh_link_tls=warn")

@@ -96,16 +96,12 @@ def probe(endpoint: str, link: LinkSettings) -> Validity:
 def why_refused(link: LinkSettings) -> str:
     """What is wrong with the encrypted endpoints that a link connects to; empty where nothing is to be seen."""
     reasons = []
-    for endpoint in filter(_probed, link.connect):
+    for endpoint in (name for name in link.connect if name.startswith("tls/")):
         try:
             probe(endpoint, link)
         except TlsError as error:
             reasons.append(str(error))
     return "; ".join(reasons)
-
-
-def _probed(endpoint: str) -> bool:
-    return endpoint.startswith("tls/")
 
 
 def _context(protocol: int, link: LinkSettings) -> ssl.SSLContext:
@@ -158,13 +154,10 @@ def _talk(ours: ssl.SSLContext, other: ssl.SSLContext) -> Mapping[str, object] |
 def _validity(certificate: Mapping[str, object] | None) -> Validity:
     fields = certificate or {}
     subject = fields.get("subject")
-    names = (
-        [value for part in subject for name, value in part if name == "commonName"]
-        if isinstance(subject, tuple)
-        else []
-    )
+    parts = subject if isinstance(subject, tuple) else ()
+    named = next((value for part in parts for name, value in part if name == "commonName"), "no name")
     ends_s = ssl.cert_time_to_seconds(str(fields["notAfter"]))
-    return Validity(names[0] if names else "no name", datetime.datetime.fromtimestamp(ends_s, datetime.UTC))
+    return Validity(named, datetime.datetime.fromtimestamp(ends_s, datetime.UTC))
 
 
 def _address(endpoint: str) -> tuple[str, int]:

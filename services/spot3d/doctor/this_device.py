@@ -5,7 +5,7 @@ import shutil
 from pathlib import Path
 
 from spot3d import __version__
-from spot3d.dataflow.about import shared_memory_bytes, state_disk, zenoh_version
+from spot3d.dataflow.about import shared_memory_bytes, snapshot_disk, zenoh_version
 from spot3d.dataflow.kernel_cache import kernels_missing
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.tls import TlsError, own_certificate
@@ -22,14 +22,15 @@ _RENEW = "make a new one: spot3d certificates --renew"
 
 def look_here(link: LinkSettings) -> list[Finding]:
     """Versions, certificate, kernels, shared memory and disk of this device."""
+    versions = f"spot3d {__version__}, zenoh {zenoh_version()}, Python {platform.python_version()}"
+    modules = sum(len(kernels_missing(_SERVICES / part)) for part in (*STAGES, "geometry"))
+    folder = snapshot_disk(link)
     return [
-        Finding(
-            "ok", "versions here", f"spot3d {__version__}, zenoh {zenoh_version()}, Python {platform.python_version()}"
-        ),
+        Finding("ok", "versions here", versions),
         certificate(link),
-        kernels(sum(len(kernels_missing(_SERVICES / part)) for part in (*STAGES, "geometry")), "here"),
+        kernels(modules, "here"),
         shared_memory(shared_memory_bytes() if link.shared_memory else 0, "here"),
-        disk(str(state_disk()), shutil.disk_usage(state_disk()).free, "here"),
+        disk(str(folder), shutil.disk_usage(folder).free, "here"),
     ]
 
 

@@ -245,8 +245,9 @@ class Stage:
         )
 
     def _answer_reset(self, query: zenoh.Query) -> None:
-        who = query.payload.to_string() if query.payload is not None else "somebody who gives no name"
-        text = f"reset, asked for by {who[:100]!r}: {self.fusion.frame_count} frames and their objects are forgotten"
+        name = b"somebody who gives no name" if query.payload is None else query.payload.to_bytes()[:100]
+        who = name.decode(errors="replace")  # anybody may ask, with anything
+        text = f"reset, asked for by {who!r}: {self.fusion.frame_count} frames and their objects are forgotten"
         log.warning("%s", text)
         self.node.counters.event("reset")
         self._begin_map()

@@ -5,6 +5,11 @@ import time
 from collections import deque
 from dataclasses import dataclass
 
+_LARGE_BYTES = 65536
+"""A message that is at least so long holds an image."""
+_RESERVED_BYTES = 16 * 2**20
+"""Room where images do not wait: poses and objects of minutes, which are worth more."""
+
 
 @dataclass(frozen=True, slots=True)
 class Heard:
@@ -31,9 +36,10 @@ class Backlog:
     def put(self, topic: str, publish_ns: int, sequence: int, data: bytes, wait: bool) -> bool:
         """Add a message, stamped with the time of now; returns whether there was room, or waits for it."""
         with self._changed:
+            limit = self._limit - len(data) - (_RESERVED_BYTES if len(data) >= _LARGE_BYTES else 0)
             if wait:
-                self._changed.wait_for(lambda: self._bytes + len(data) <= self._limit or self._closed)
-            if self._closed or self._bytes + len(data) > self._limit:
+                self._changed.wait_for(lambda: self._bytes <= limit or self._closed)
+            if self._closed or self._bytes > limit:
                 return False
             # Log times ascend in the file even where the clock was set back.
             self._last_ns = max(time.time_ns(), self._last_ns)

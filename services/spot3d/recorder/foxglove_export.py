@@ -1,6 +1,7 @@
 """A run or a recording as an MCAP file in Foxglove's schemas."""
 
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -59,9 +60,14 @@ def export(source: Path, out: Path, complain: Callable[[str], None]) -> Exported
         exporter = _Exporter(writer)
         for stamp_ns, sight in sights:
             exporter.add(stamp_ns, sight)
-        return exporter.exported
-    finally:
         writer.close()
+    except BaseException:
+        with suppress(OSError):
+            writer.close()
+        # Half an export would be taken for a whole one.
+        out.unlink()
+        raise
+    return exporter.exported
 
 
 class _Exporter:

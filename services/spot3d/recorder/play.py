@@ -1,6 +1,7 @@
 """Puts a recording back on the wire, in its own time."""
 
 import threading
+import uuid
 from collections import Counter
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from spot3d.recorder.keyboard import on_key
 from spot3d.recorder.mcap_contents import McapContents
 from spot3d.recorder.pace import Pace
 from spot3d.recorder.relabel import Labels
-from spot3d_schemas import TOPICS, End, Header, alive_key, encode, peek_header
+from spot3d_schemas import TOPICS, End, Header, alive_key, encode, peek_header, process_key
 
 _FRAME, _END = "source/frame", "source/end"
 _TOKEN_S = 5.0
@@ -68,14 +69,16 @@ class _Player:
         self._publishers = {topic: declare_publisher(session, topic, link) for topic in playing.topics}
         for publisher in self._publishers.values():
             stack.callback(publisher.undeclare)
+        self._sender = uuid.uuid4().hex[:12]
         for stage in sorted(stages):
-            # Dashboards and sources know by the tokens who is there.
-            stack.callback(session.liveliness().declare_token(alive_key(link.robot, stage)).undeclare)
+            # Dashboards, sources and stages know by the tokens who is there.
+            for token in (alive_key(link.robot, stage), process_key(link.robot, stage, self._sender)):
+                stack.callback(session.liveliness().declare_token(token).undeclare)
 
     def run(self, stop: threading.Event) -> None:
         """Play once, or again and again."""
         self._once(stop)
-        while self._playing.loop and not stop.is_set():
+        while self._playing.loop and self.sent and not stop.is_set():
             self._once(stop)
 
     def _once(self, stop: threading.Event) -> None:
@@ -83,7 +86,7 @@ class _Player:
         first_ns = start_ns + round(1e9 * playing.start_s)
         last_ns = self._contents.end_ns if playing.end_s is None else start_ns + round(1e9 * playing.end_s)
         self.pace.restart()
-        frames, last_frame, labels = 0, b"", Labels(self._link.robot)
+        frames, last_frame, labels = 0, b"", Labels(self._link.robot, self._sender)
         for message in self._contents.between(first_ns, last_ns):
             topic = self._topic_of.get(message.channel_id)
             # The end that was recorded counts frames that are not all played.

@@ -106,7 +106,7 @@ class _Recorder:
         self._topics = tuple(topics)
         self._backlog = Backlog(BACKLOG_BYTES)
         self._complaints = Complaints(log)
-        self._stamps: list[tuple[int, int]] = []
+        self._places: list[tuple[int, int, str]] = []
         self._lock = threading.Lock()
         self._writer = McapWriter(path, PROFILE, f"spot3d {spot3d.__version__}")
         about = {
@@ -143,14 +143,13 @@ class _Recorder:
 
     def close(self) -> None:
         """Finish the file; what cannot be written is left away, and said."""
-        backlog_left = True
-        while backlog_left and not self.recorded.error:
-            item = self._backlog.get(0)
-            backlog_left = item is not None and self._tried(item)
+        while not self.recorded.error and (item := self._backlog.get(0)) is not None:
+            self._try(item)
         writer = self._writer
         try:
             writer.flush()
-            writer.metadata("frames", {"topic": self._frames or "", "chunk_and_stamp_ns": json.dumps(self._stamps)})
+            kept = [item for item in self._places if item[0] < writer.chunks]
+            writer.metadata("frames", {"topic": self._frames or "", "chunk_stamp_ns_stream": json.dumps(kept)})
             writer.metadata("skipped", {reason: str(count) for reason, count in self.recorded.skipped.items()})
         except OSError as error:
             self._failed(error)
@@ -173,7 +172,7 @@ class _Recorder:
         while not (stop.is_set() or self.recorded.error):
             item = self._backlog.get(_IDLE_S)
             if item is not None:
-                self._tried(item)
+                self._try(item)
             if time.monotonic() - flushed_s >= FLUSH_S:
                 flushed_s = time.monotonic()
                 try:
@@ -181,23 +180,22 @@ class _Recorder:
                 except OSError as error:
                     self._failed(error)
 
-    def _tried(self, item: Heard) -> bool:
-        """Give one message to the writer; returns whether the file takes more."""
+    def _try(self, item: Heard) -> None:
+        """Give one message to the writer, which may find that the file takes no more."""
         if item.topic == self._frames:
-            self._stamps.append((self._writer.chunks, peek_header(item.data).stamp_ns))
+            header = peek_header(item.data)
+            self._places.append((self._writer.chunks, header.stamp_ns, header.stream or ""))
         try:
             self._writer.add(self._channels[item.topic], item.log_ns, item.publish_ns, item.sequence, item.data)
         except OSError as error:
             self._failed(error)
-            return False
-        return True
 
     def _failed(self, error: OSError) -> None:
         self.recorded.error = self.recorded.error or (error.strerror or str(error))
 
     def _hear(self, topic: str, handler: Handler[zenoh.Sample]) -> None:
         """Copy out what comes; nothing here waits for the disk in a live run."""
-        expected, last_seq = TOPICS[topic].message, None
+        expected, last = TOPICS[topic].message, None
         while True:
             try:
                 sample = handler.recv()
@@ -213,9 +211,9 @@ class _Recorder:
             except CodecError as error:
                 self._skip(topic, "refused", str(error))
                 continue
-            if last_seq is not None and header.seq > last_seq + 1:
-                self._skip(topic, "lost on the way", count=header.seq - last_seq - 1)
-            last_seq = header.seq
+            if last is not None and header.sender == last.sender and header.seq > last.seq + 1:
+                self._skip(topic, "lost on the way", count=header.seq - last.seq - 1)
+            last = header
             sent_ns = header.trace[-1].sent_ns if header.trace else time.time_ns()
             if not self._backlog.put(topic, sent_ns, header.seq, data, wait=self._link.delivery == "lossless"):
                 self._skip(topic, "not written in time")

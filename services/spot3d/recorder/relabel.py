@@ -8,17 +8,15 @@ import msgpack
 from spot3d_schemas.limits import MAX_FIELD_BYTES, MAX_FIELDS, MAX_OBJECTS_VALUES
 from spot3d_schemas.wire import map_spans, unpack
 
-_OF_ONE_PASS = ("stream", "sender")
-"""Names that a header may have, and that must not come again when the same messages do."""
 _ALIGNMENT = 16
 
 
 class Labels:
-    """The names of one pass through a recording: the robot's, and a new one for each stream and sender."""
+    """The names of one pass through a recording: this robot, this process, and a new name for each stream."""
 
-    def __init__(self, robot: str) -> None:
-        self._robot = robot
-        self._fresh: dict[tuple[str, str], str] = {}
+    def __init__(self, robot: str, sender: str) -> None:
+        self._robot, self._sender = robot, sender
+        self._streams: dict[str, str] = {}
 
     def on(self, payload: bytes) -> bytes:
         """The message with these names; all behind its header is as it was. Raises ValueError where it is no message.
@@ -41,7 +39,9 @@ class Labels:
 
     def _renamed(self, header: dict[str, Any]) -> dict[str, Any]:
         names: dict[str, Any] = {"robot": self._robot}
-        for field in _OF_ONE_PASS:
-            if isinstance(header.get(field), str):
-                names[field] = self._fresh.setdefault((field, header[field]), uuid.uuid4().hex[:12])
+        # Messages of 1.0 tell neither.
+        if header.get("sender") is not None:
+            names["sender"] = self._sender
+        if header.get("stream") is not None:
+            names["stream"] = self._streams.setdefault(str(header["stream"]), uuid.uuid4().hex[:12])
         return header | names

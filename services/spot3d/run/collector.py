@@ -203,6 +203,7 @@ def found_objects(message: Objects) -> RunResult:
         frame_count=message.frame_count,
         left_out=dict(message.left_out),
         keyframes_dropped=message.keyframes_dropped,
+        map_limit_reached=message.map_limit_reached,
     )
 
 

@@ -10,8 +10,8 @@ from spot3d.run.watcher import Watcher
 
 
 @contextmanager
-def progress_bar(total: int, console: Console) -> Iterator[Watcher]:
-    """A bar on the console (a terminal, or nothing but its events) that follows the frames fused."""
+def progress_bar(total: int | None, console: Console) -> Iterator[Watcher]:
+    """A bar on the console (a terminal, or nothing but its events) for the frames fused; total: None: unknown."""
     columns = (
         TextColumn("[progress.description]{task.description}"),
         BarColumn(bar_width=None),

@@ -75,6 +75,7 @@ def _run_result(result: PipelineResult) -> RunResult:
     points = result.fusion.frequent_points()
     return replace(
         _found(result.objects),
+        map_limit_reached=result.fusion.heatmap.evicted > 0,
         trajectory=tuple(
             TrackedFrame(stamp, pose.T_world_camera, pose.status == "lost") for stamp, pose in result.trajectory
         ),

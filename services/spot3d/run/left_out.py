@@ -1,5 +1,6 @@
 """Why a run found nothing, or almost nothing: one line for people."""
 
+from spot3d.frame_segments import KEYFRAME_REASONS
 from spot3d.fusion.objects.reasons import MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
 from spot3d.fusion.settings import FusionSettings
 from spot3d.run.results import RunResult
@@ -13,18 +14,22 @@ and walls are candidates too, and four of five or more on a cabinet and on built
 def why_so_few(result: RunResult, keyframes: int, settings: Settings) -> str:
     """Why there is no object, or hardly one for many candidates, and what to do; empty where all is well.
 
-    What was seen too seldom is mostly a fragment of one view, and counts only where nothing was found. keyframes: how
-    many were looked at.
+    What was seen too seldom is mostly a fragment of one view, and counts only where nothing was found; parts of single
+    keyframes count only where nothing else was so much as a candidate. keyframes: how many were looked at.
     """
     if not result.frame_count:
         return ""  # why no frame was fused is told with the frames
     found = len(result.objects)
-    reasons = {name: count for name, count in result.left_out.items() if count and (name != TOO_SELDOM or not found)}
+    parts = {name: result.left_out[name] for name in KEYFRAME_REASONS if name in result.left_out}
+    others = {name: count for name, count in result.left_out.items() if count and name not in parts}
+    reasons = {name: count for name, count in others.items() if name != TOO_SELDOM or not found}
     candidates = found + sum(reasons.values())
     if _FEW * found >= candidates and found:
         return ""
     if not reasons:
-        return f"no objects: {_without_candidates(keyframes, settings)}"
+        counts = ", ".join(f"{count} {name.removesuffix(' in a keyframe')}" for name, count in parts.items())
+        left_out = f"; parts left out: {counts}" if counts else ""
+        return f"no objects: {_without_candidates(keyframes, settings)}{left_out}"
     ordered = sorted(reasons, key=lambda name: (name == TOO_SELDOM, -reasons[name], name))
     words = _words(settings.fusion)
     said = [f"{reasons[name]} {words.get(name, name)}" for name in ordered]

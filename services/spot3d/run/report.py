@@ -30,9 +30,10 @@ class RunReport:
 
     selection: which frames of the input; played: how many those are; fused, skipped (by reason): what fusion did with
     them; keyframes: those whose segments fusion has taken in; keyframes_dropped: those of them that it has forgotten as
-    too many; objects: how many there are; left_out: what was taken for one and is none, by reason; drops: by stage and
-    reason; latency_ms: p50 and p99 of each hop and of the whole way, from the messages' traces; wall_s: the whole run
-    with the start of its processes; ms_per_frame: from the first frame done to the last, per frame.
+    too many; objects: how many there are; left_out: what was taken for one and is none, by reason; map_limit_reached:
+    points of the map were forgotten as too many; drops: by stage and reason; latency_ms: p50 and p99 of each hop and of
+    the whole way, from the messages' traces; wall_s: the whole run with the start of its processes; ms_per_frame: from
+    the first frame done to the last, per frame.
     """
 
     input_name: str
@@ -51,6 +52,7 @@ class RunReport:
     objects: int = 0
     left_out: dict[str, int] = field(default_factory=dict)
     map_points: int = 0
+    map_limit_reached: bool = False
     wall_s: float = 0.0
     ms_per_frame: float | None = None
     interrupted: bool = False
@@ -81,6 +83,7 @@ def report_document(report: RunReport) -> dict[str, Any]:
         "drops": {stage: reasons for stage, reasons in report.drops.items() if reasons},
         "objects": {"found": report.objects, "left_out": report.left_out},
         "map_points": report.map_points,
+        "map_limit_reached": report.map_limit_reached,
         "interrupted": report.interrupted,
         "error": report.error or None,
         "wall_s": _rounded(report.wall_s),

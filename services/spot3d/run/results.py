@@ -61,7 +61,8 @@ class RunResult:
     """What was found, and from what.
 
     up: (3,) unit normal of the supporting plane, world; frame_count: frames fused; trajectory: by stamp; left_out: what
-    was taken for an object and is none, by reason; keyframes_dropped: keyframes that were forgotten as too many.
+    was taken for an object and is none, by reason; keyframes_dropped: keyframes that were forgotten as too many;
+    map_limit_reached: points of the map were, too.
     """
 
     objects: tuple[FoundObject, ...] = ()
@@ -71,6 +72,7 @@ class RunResult:
     points: MapSnapshot = field(default_factory=empty_snapshot)
     left_out: dict[str, int] = field(default_factory=dict)
     keyframes_dropped: int = 0
+    map_limit_reached: bool = False
 
     def path(self) -> list[TrackedFrame]:
         """The frames whose pose is trusted."""

@@ -22,8 +22,9 @@ from spot3d.run.timeline import NAME as TIMELINE
 from spot3d.run.timeline import Timeline
 from spot3d.settings import Settings, to_toml
 from spot3d.source.errors import UNREADABLE, SourceError
-from spot3d.source.selected import Selection, open_selection
+from spot3d.source.selected import Selection, Unseen, open_selection
 from spot3d.source.sequence import FrameSequence
+from spot3d.source.sequences import is_stream
 
 _UNFINISHED = "the run goes on, or was killed"
 """What a report says as the error until the run has ended."""
@@ -69,19 +70,21 @@ def _run(
     listen: Sequence[str],
 ) -> Finished:
     in_process = supervisor is None
-    sequence = open_selection(selection, settings.source)
+    camera = is_stream(selection.name)
+    sequence = Unseen(selection.name) if camera else open_selection(selection, settings.source)
     if settings.pose.provider == "given" and not sequence.has_true_poses and pose_topic is None:
         raise SourceError(f"{selection.name} has no true poses; choose --pose kiss or --pose gicp")
     folder.mkdir(parents=True, exist_ok=True)
     settings_file = folder / "settings.toml"
     settings_file.write_text(to_toml(settings), encoding="utf-8")
-    camera = sequence.intrinsics
+    size = (0, 0) if camera else (sequence.intrinsics.width, sequence.intrinsics.height)
     mode = "in process" if in_process else "processes"
-    report = RunReport(selection.name, mode, len(sequence), (camera.width, camera.height), asdict(selection))
+    played = (selection.frames or 0) if camera else len(sequence)
+    report = RunReport(selection.name, mode, played, size, asdict(selection))
     start_s = time.perf_counter()
     with (
         stop_on_signals(None) as stop,
-        progress_bar(len(sequence), console) as watcher,
+        progress_bar(played or None, console) as watcher,
         Timeline(folder / TIMELINE) as timeline,
     ):
         if supervisor is None:
@@ -100,6 +103,8 @@ def _run(
                     watcher.on_event(f"not kept so far: {error}")
 
             result = run_distributed(plan, supervisor, report, folder / "logs", timeline, watcher, stop, keep)
+    if camera:
+        report.played = report.fused + sum(report.skipped.values())
     if told := timeline.told():
         report.events.append(told)
         console.print(told, style="yellow", markup=False, highlight=False, soft_wrap=True)
@@ -120,6 +125,7 @@ def _write(folder: Path, result: RunResult, report: RunReport, wall_s: float) ->
     report.wall_s = wall_s
     report.objects, report.left_out = len(result.objects), result.left_out
     report.keyframes_dropped, report.map_points = result.keyframes_dropped, result.points.total
+    report.map_limit_reached = result.map_limit_reached
     write_json(folder / "report.json", report_document(report))
     write_results(folder, result)
 
@@ -138,7 +144,8 @@ def _stages_settings(settings: Settings, folder: Path) -> Path:
 def write_overview(path: Path, name: str, sequence: FrameSequence, result: RunResult) -> None:
     """Draw the overview picture of a finished run; a picture that no longer can be read is left out."""
     index_of = {stamp: index for index, stamp in enumerate(sequence.stamps_ns)}
-    tracked = [item for item in result.path() if item.stamp_ns in index_of]
+    path_items = result.path()
+    tracked = [item for item in path_items if item.stamp_ns in index_of]
     views = []
     for chosen in candidate_indices(len(tracked)):
         try:
@@ -154,7 +161,7 @@ def write_overview(path: Path, name: str, sequence: FrameSequence, result: RunRe
         result.objects,
         result.points.xyz,
         result.points.rgb,
-        np.array([item.T_world_camera[:3, 3] for item in tracked]).reshape(-1, 3),
+        np.array([item.T_world_camera[:3, 3] for item in path_items]).reshape(-1, 3),
         np.array(result.up),
     )
     write_picture(path, picture)

@@ -1,12 +1,13 @@
 """The objects of a single frame, without fusion over time (paper, Sec. V-A, RGBD scenes)."""
 
+from collections import Counter
 from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, back_project
-from spot3d.frame_segments import FrameSegments
+from spot3d.frame_segments import TOO_COLD, TOO_LONG, TOO_LOW, TOO_MANY, TOO_SMALL, FrameSegments
 from spot3d.geometry.lattice import LatticeFrame, to_lattice
 from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import dominant_planes, plane_tolerance
@@ -51,7 +52,7 @@ def find_segments(
     planes = dominant_planes(points, settings, np.random.default_rng(settings.seed), noise=camera.noise)
     support = choose_support(planes, points, frame.heat, settings, settings.image_up, camera.noise)
     if support is None:
-        return _segments([], frame, np.zeros((0, 4)), np.zeros(0, np.float32), settings)
+        return _segments([], frame, np.zeros((0, 4)), np.zeros(0, np.float32), Counter(), settings)
     normals = surface_normals(frame.depth, frame.camera)
     wanted = {step: step not in settings.skipped for step in get_args(Step)}
     height, up = heights(points, support, bent=wanted["bend"]), support[:3]
@@ -69,13 +70,16 @@ def find_segments(
         regions = join_torn(regions, points, normals, least, camera.noise)
     if wanted["fragments"]:
         regions = join_fragments(regions, points, frame.camera.fx, least, settings.size_min)
-    parts = [part for part in _pixels(regions) if _plausible(part, frame, points, height, settings)]
-    parts = _warm(parts, frame.heat, settings.heat_min)
+    candidates = [(part, _fault(part, frame, points, height, settings)) for part in _pixels(regions)]
+    left_out = Counter(fault for _, fault in candidates if fault)
+    plausible = [part for part, fault in candidates if not fault]
+    parts = _warm(plausible, frame.heat, settings.heat_min)
+    left_out[TOO_COLD] = len(plausible) - len(parts)
     if wanted["occluded"]:
         parts = join_occluded(parts, points, normals, up)
     if wanted["contained"]:
         parts = _join_contained(parts, points, up, settings.contained_share)
-    return _segments(parts, frame, support[None], height.ravel(), settings)
+    return _segments(parts, frame, support[None], height.ravel(), left_out, settings)
 
 
 def _pixels(labels: NDArray[np.int32]) -> list[NDArray[np.int64]]:
@@ -107,23 +111,23 @@ def _join_vessels(
     return joined
 
 
-def _plausible(
+def _fault(
     pixels: NDArray[np.int64],
     frame: LatticeFrame,
     points: NDArray[np.float32],
     height: NDArray[np.float32],
     settings: SegmentsSettings,
-) -> bool:
-    """Whether a part rises above the support, and covers what the least object covers, but is not too long."""
+) -> str:
+    """Why a part is no object, if so: it covers less than the least one, is too low above the support, or too long."""
     flat = points.reshape(-1, 3)[pixels]
     area = float((flat[:, 2] ** 2).sum()) / (frame.camera.fx * frame.camera.fy)
     if area < _FACES * settings.size_min**2:
-        return False
+        return TOO_SMALL
     if float(np.quantile(height.ravel()[pixels], 0.9)) < settings.height_min:
-        return False
+        return TOO_LOW
     centred = flat - flat.mean(axis=0)
     longest = np.linalg.eigh(centred.T @ centred)[1][:, 2]
-    return float(np.ptp(centred @ longest)) <= settings.size_max
+    return TOO_LONG if float(np.ptp(centred @ longest)) > settings.size_max else ""
 
 
 def _warm(parts: list[NDArray[np.int64]], heat: NDArray[np.uint8], heat_min: float) -> list[NDArray[np.int64]]:
@@ -156,9 +160,11 @@ def _segments(
     frame: LatticeFrame,
     planes: NDArray[np.float64],
     height: NDArray[np.float32],
+    left_out: Counter[str],
     settings: SegmentsSettings,
 ) -> FrameSegments:
     """The parts as segments, the largest first if there are too many, with the holes in them filled."""
+    left_out[TOO_MANY] = max(0, len(parts) - MAX_SEGMENTS)
     parts = sorted(parts, key=len, reverse=True)[:MAX_SEGMENTS]
     labels, depth = np.zeros(frame.depth.shape, np.int32), frame.depth.ravel()
     heat, stands_on = np.zeros(len(parts), np.float32), np.full(len(parts), -1, np.int8)
@@ -169,4 +175,5 @@ def _segments(
             stands_on[number] = 0
     if "holes" not in settings.skipped:
         labels = fill_holes(labels, frame.depth, frame.colour, frame.camera.fx)
-    return FrameSegments(labels.astype(np.uint8), np.minimum(heat, 1), planes, stands_on, frame.camera)
+    counts = {reason: count for reason, count in left_out.items() if count}
+    return FrameSegments(labels.astype(np.uint8), np.minimum(heat, 1), planes, stands_on, frame.camera, counts)

@@ -18,8 +18,10 @@ _AIMED = 0.9
 """Normals point to the axis within 25 degrees in the mean."""
 _RING = 0.12
 """The walls of a ring are this share of its radius thick, each way; a square's corners are farther out."""
-_SIDE, _SIDES = np.pi / 6, 7
-"""A ring is seen in so many of the twelve directions that are so wide, radians."""
+_SIDE, _SIDES, _ARC = np.pi / 6, 7, 4
+"""A ring is seen in so many of the twelve directions that are so wide, radians; of one that faces its axis, an arc."""
+_FACING = 0.5
+"""... in the mean with this cosine: where places tell the axis, normals tell but the inside from the outside."""
 _WALL = 0.03
 """The outside of a vessel lies no further outside its inside than this: its wall, and the axis' error, metres."""
 _WITHIN = 0.8
@@ -55,7 +57,7 @@ def hollow_groups(
     """
     R = rotation_to_upright(up).T.astype(np.float32)
     upright = [(places @ R, sampled(normals, part) @ R) for part, places in zip(parts, samples, strict=True)]
-    found = {k: _hollow(places, facing) or _ring(places) for k, (places, facing) in enumerate(upright)}
+    found = {k: _hollow(places, facing) or _ring(places, facing) for k, (places, facing) in enumerate(upright)}
     hollows = {k: hollow for k, hollow in found.items() if hollow is not None}
     group_of = {k: [k] for k in range(len(parts))}
     for k in sorted(hollows, key=lambda k: -len(parts[k])):
@@ -97,13 +99,20 @@ def _hollow(places: NDArray[np.float32], normals: NDArray[np.float32]) -> Hollow
     return Hollow(axis, float(np.quantile(distance, 0.95)), _top(places))
 
 
-def _ring(places: NDArray[np.float32]) -> Hollow | None:
-    """What (n, 3) upright places stand around on most sides, at one distance, as thin walls do seen from both sides."""
+def _ring(places: NDArray[np.float32], normals: NDArray[np.float32]) -> Hollow | None:
+    """What (n, 3) upright places stand around at one distance: on most sides, as thin walls do seen from both sides, or
+    in an arc whose walls, by their normals, face the axis, as a vessel's inside does."""
     x, y, share, sides = _ring_of(places)
-    if share < _WITHIN or sides < _SIDES:
+    if share < _WITHIN or sides < _ARC:
         return None
     axis = np.array([x, y])
-    distance = np.linalg.norm(places[:, :2] - axis, axis=1)
+    inwards = axis - places[:, :2]
+    distance, level = np.linalg.norm(inwards, axis=1), np.linalg.norm(normals[:, :2], axis=1)
+    if sides < _SIDES:
+        walls = level > _LEVEL
+        aim = (inwards * normals[:, :2]).sum(axis=1)[walls] / np.maximum(distance * level, 1e-9)[walls]
+        if len(aim) < _WALLS_MIN or aim.mean() < _FACING:
+            return None
     return Hollow(axis, float(np.quantile(distance, 0.95)), _top(places))
 
 

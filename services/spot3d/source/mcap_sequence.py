@@ -5,6 +5,7 @@ import logging
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,15 @@ from spot3d_schemas import CodecError, Frame, Heat, decode, peek_header
 
 log = logging.getLogger(__name__)
 
-Place = tuple[int, int, int]
-"""Of one frame: its chunk, its number among the frames of the chunk, its stamp in ns."""
+
+class _Place(NamedTuple):
+    """Where one frame is: its chunk and its number among the frames of that chunk; its stamp, and its stream or ""."""
+
+    chunk: int
+    number: int
+    stamp_ns: int
+    stream: str
+
 
 _MESSAGES: dict[str, type[Frame] | type[Heat]] = {"source/frame": Frame, "heatmap/heat": Heat}
 """What holds an RGB-D frame. Where only heat has crossed a link, it brings its frame along."""
@@ -33,7 +41,10 @@ class McapSequence:
         """Raises SourceError where the recording holds no frames."""
         self._contents = contents
         self._topic = next((topic for topic in _MESSAGES if topic in contents.topics), "")
-        places = _places(contents, self._topic) if self._topic else []
+        try:
+            places = _places(contents, self._topic) if self._topic else []
+        except (CodecError, TypeError, ValueError) as error:
+            raise SourceError(f"{contents.path}: cannot find its frames: {error}") from error
         if not places:
             raise SourceError(
                 f"{contents.path} holds no frames: neither source/frame nor heatmap/heat; it holds "
@@ -58,7 +69,7 @@ class McapSequence:
     @property
     def stamps_ns(self) -> list[int]:
         """Capture times in integer nanoseconds."""
-        return [stamp for _, _, stamp in self._places]
+        return [place.stamp_ns for place in self._places]
 
     @property
     def rate_hz(self) -> float:
@@ -83,7 +94,7 @@ class McapSequence:
 
     def __getitem__(self, index: int) -> RgbdFrame:
         """Reads one frame. Raises SourceError where the file is damaged there."""
-        chunk, number, _ = self._places[index]
+        chunk, number, *_ = self._places[index]
         if self._chunk[0] != chunk:
             self._chunk = (chunk, _messages(self._contents, chunk, self._topic))
         try:
@@ -110,33 +121,39 @@ def _messages(contents: McapContents, chunk: int, topic: str) -> list[bytes]:
     return [item.data for item in messages if item.channel_id == wanted]
 
 
-def _places(contents: McapContents, topic: str) -> list[Place]:
+def _places(contents: McapContents, topic: str) -> list[_Place]:
     """Where each frame is: the recorder's own list, or, where it could not write one, found by reading all."""
-    listed = contents.metadata.get("frames", {})
-    if listed.get("topic") == topic:
-        chunks_and_stamps = [
-            item for item in json.loads(listed["chunk_and_stamp_ns"]) if item[0] < len(contents.chunks)
-        ]
-    else:
-        chunks_and_stamps = [
-            (chunk, peek_header(data).stamp_ns)
-            for chunk in range(len(contents.chunks))
-            for data in _messages(contents, chunk, topic)
-        ]
-    places: list[Place] = []
-    for chunk, stamp in chunks_and_stamps:
-        number = places[-1][1] + 1 if places and places[-1][0] == chunk else 0
-        places.append((chunk, number, stamp))
+    places: list[_Place] = []
+    for chunk, stamp_ns, stream in _listed(contents, topic) or _searched(contents, topic):
+        number = places[-1].number + 1 if places and places[-1].chunk == chunk else 0
+        places.append(_Place(chunk, number, stamp_ns, stream))
     return places
 
 
-def _streams(places: list[Place]) -> list[list[Place]]:
-    """Cut where the stamps go back: another recording was played."""
+def _listed(contents: McapContents, topic: str) -> list[tuple[int, int, str]]:
+    """Chunk, stamp and stream of each frame in a finished recording; empty where it does not tell."""
+    listed = contents.metadata.get("frames", {})
+    if listed.get("topic") != topic:
+        return []
+    rows = json.loads(listed.get("chunk_stamp_ns_stream", "[]"))
+    return [(int(chunk), int(stamp_ns), str(stream)) for chunk, stamp_ns, stream in rows]
+
+
+def _searched(contents: McapContents, topic: str) -> Iterator[tuple[int, int, str]]:
+    """Chunk, stamp and stream of each frame."""
+    for chunk in range(len(contents.chunks)):
+        for data in _messages(contents, chunk, topic):
+            header = peek_header(data)
+            yield chunk, header.stamp_ns, header.stream or ""
+
+
+def _streams(places: list[_Place]) -> list[list[_Place]]:
+    """Cut where another stream is told of, or the stamps go back; stragglers are left out."""
     streams = [places[:1]]
     for place in places[1:]:
-        last = streams[-1][-1][2]
-        if place[2] > last:
-            streams[-1].append(place)
-        elif last - place[2] >= RESTART_NS:
+        last = streams[-1][-1]
+        if place.stream != last.stream or last.stamp_ns - place.stamp_ns >= RESTART_NS:
             streams.append([place])
+        elif place.stamp_ns > last.stamp_ns:
+            streams[-1].append(place)
     return streams

@@ -16,7 +16,7 @@ from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.streams import new_stream
 from spot3d.frame import RgbdFrame
 from spot3d.source.errors import UNREADABLE
-from spot3d.source.sequence import FrameSequence
+from spot3d.source.sequence import FrameSequence, FrameStream
 from spot3d.source.settings import SourceSettings
 from spot3d_schemas import STAGES, End, Frame, Header, Progress
 
@@ -42,7 +42,7 @@ class MissingStagesError(RuntimeError):
 def run(
     link: LinkSettings,
     settings: SourceSettings,
-    sequence: FrameSequence,
+    sequence: FrameSequence | FrameStream,
     rate_hz: float | None = None,
     stop: threading.Event | None = None,
     wait_for: tuple[str, ...] | None = None,
@@ -87,11 +87,15 @@ class _Player:
         self.sent = self.sent_before = 0
         self.last_stamp_ns = 0
 
-    def play(self, sequence: FrameSequence, rate_hz: float | None) -> None:
+    def play(self, sequence: FrameSequence | FrameStream, rate_hz: float | None) -> None:
         """Send the frames and the end."""
         lossless = self.node.link.delivery == "lossless"
-        pace = _Pace(self.node, rate_hz, recorded=not lossless)
-        for frame, read_ns in self._frames(sequence):
+        if isinstance(sequence, FrameStream):
+            # A camera has a pace of its own.
+            pace, frames = _Pace(self.node, None, recorded=False), self._streamed(sequence)
+        else:
+            pace, frames = _Pace(self.node, rate_hz, recorded=not lossless), self._frames(sequence)
+        for frame, read_ns in frames:
             if not self._in_order(frame.stamp_ns):
                 continue
             pace.wait(self.sent, frame.stamp_ns)
@@ -121,6 +125,11 @@ class _Player:
                 continue
             self.node.counters.step(time.perf_counter() - start_s)
             yield frame, read_ns
+
+    def _streamed(self, camera: FrameStream) -> Iterator[tuple[RgbdFrame, int]]:
+        """A camera's frames, with the wall clock when each was there."""
+        for frame in camera.stream(self.node.stop, self.node.note):
+            yield frame, time.time_ns()
 
     def _in_order(self, stamp_ns: int) -> bool:
         """Whether the frame is sent; stamps of a camera that go back for good begin another stream."""

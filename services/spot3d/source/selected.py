@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
+from threading import Event
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +12,11 @@ from spot3d.camera import Intrinsics
 from spot3d.depth_noise import DepthNoise, parse_noise
 from spot3d.frame import RgbdFrame
 from spot3d.source.errors import SourceError
+from spot3d.source.halving import halve
 from spot3d.source.intrinsics_files import FocalAndCentre, parse_intrinsics
-from spot3d.source.sequence import FrameSequence
-from spot3d.source.sequences import SCENE_NAME, open_source
+from spot3d.source.ros.topics import TopicNames
+from spot3d.source.sequence import FrameSequence, FrameStream, Note
+from spot3d.source.sequences import SCENE_NAME, open_source, open_stream
 from spot3d.source.settings import SourceSettings
 
 
@@ -43,7 +47,8 @@ def open_selection(selection: Selection, settings: SourceSettings) -> FrameSeque
     if SCENE_NAME.fullmatch(name):
         name = _full_scene_name(name, settings)
         length = length if selection.frames is None else selection.frames * every
-    sequence = open_source(name, length, selection.intrinsics, settings.halved)
+    topics = TopicNames(settings.colour_topic, settings.depth_topic, settings.pose_topic)
+    sequence = open_source(name, length, selection.intrinsics, settings.halved, topics)
     noise = parse_noise(settings.depth_noise) if settings.depth_noise else None
     all_of_it = every == 1 and selection.after_ns is None and (selection.frames or len(sequence)) >= len(sequence)
     if all_of_it and noise is None:
@@ -53,6 +58,59 @@ def open_selection(selection: Selection, settings: SourceSettings) -> FrameSeque
         stamps = sequence.stamps_ns
         chosen = chosen[sum(stamps[index] <= selection.after_ns for index in chosen) :]
     return Selected(sequence, chosen, noise)
+
+
+def open_selected_stream(selection: Selection, settings: SourceSettings) -> FrameStream:
+    """The selected frames of a camera, at half size where the settings say so. Raises SourceError."""
+    if selection.every < 1 or (selection.frames is not None and selection.frames < 1):
+        raise SourceError("--every and --frames must be at least 1")
+    if selection.intrinsics is not None:
+        raise SourceError(f"{selection.name} has its own intrinsics; leave --intrinsics away")
+    return _SelectedStream(open_stream(selection.name), selection, settings)
+
+
+class _SelectedStream:
+    """Some frames of a camera."""
+
+    def __init__(self, camera: FrameStream, selection: Selection, settings: SourceSettings) -> None:
+        self._camera, self._selection, self._halved = camera, selection, settings.halved
+        self._noise = parse_noise(settings.depth_noise) if settings.depth_noise else None
+
+    def stream(self, stop: Event, note: Note) -> Iterator[RgbdFrame]:
+        """The camera's frames, until there are as many as were asked for."""
+        end = None if self._selection.frames is None else self._selection.frames * self._selection.every
+        for frame in islice(self._camera.stream(stop, note), 0, end, self._selection.every):
+            if self._noise is not None:
+                frame = replace(frame, intrinsics=replace(frame.intrinsics, noise=self._noise))
+            yield halve(frame) if self._halved else frame
+
+
+class Unseen:
+    """What a run knows of a camera's frames: nothing before, and nothing after."""
+
+    has_true_poses = False
+    rate_hz = 0.0
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self.stamps_ns: list[int] = []
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Raises SourceError."""
+        raise SourceError(f"the intrinsics of {self._name} come with its frames")
+
+    def true_pose(self, index: int) -> None:
+        """None."""
+
+    def __len__(self) -> int:
+        return 0
+
+    def __getitem__(self, index: int) -> RgbdFrame:
+        raise SourceError(f"the frames of {self._name} are gone")
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        return iter(())
 
 
 def _full_scene_name(name: str, settings: SourceSettings) -> str:

@@ -1,13 +1,25 @@
 """What every input looks like to the rest of the source stage."""
 
-from collections.abc import Iterator
-from typing import Protocol
+from collections.abc import Callable, Iterator
+from threading import Event
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
 from spot3d.frame import RgbdFrame
+
+Note = Callable[[str, str], None]
+"""Told what happened: its kind, and a sentence."""
+
+
+@runtime_checkable
+class FrameStream(Protocol):
+    """A camera, or what behaves like one: frames come when they come, and only once."""
+
+    def stream(self, stop: Event, note: Note) -> Iterator[RgbdFrame]:
+        """Frames until the stream ends, or until `stop`; `note` is told when a camera is found, missing or lost."""
 
 
 class FrameSequence(Protocol):

@@ -7,8 +7,13 @@ from spot3d.recorder.profile import is_our_mcap
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import Halved
 from spot3d.source.intrinsics_files import FocalAndCentre
+from spot3d.source.realsense.camera import NAME as REALSENSE
+from spot3d.source.realsense.camera import RealSenseCamera
+from spot3d.source.realsense.recording import RealSenseRecording, is_realsense_recording
 from spot3d.source.recording import Recording
-from spot3d.source.sequence import FrameSequence
+from spot3d.source.ros.bag import is_ros_bag
+from spot3d.source.ros.topics import TopicNames
+from spot3d.source.sequence import FrameSequence, FrameStream
 from spot3d.source.seven_scenes import is_seven_scenes, open_seven_scenes
 from spot3d.source.tum import is_tum, open_tum
 
@@ -20,13 +25,14 @@ def open_source(
     frames: int = 300,
     intrinsics: FocalAndCentre | None = None,
     halved: bool = False,
+    topics: TopicNames | None = None,
 ) -> FrameSequence:
     """Opens a recording's folder by what it holds, or the built-in scene.
 
     `scene`, `scene:SEED`, `scene:SEED:cluttered` (or `scene:cluttered`) are the built-in scene with
-    `frames` frames; a file is one that `spot3d record` has made; everything else is a folder in the layout of
-    7-Scenes or TUM RGB-D. `intrinsics` (fx, fy, cx, cy) override a folder's; `halved` halves every frame.
-    Raises SourceError, saying what is wrong and what to do.
+    `frames` frames; a file is a ROS bag, of which `topics` are played, or one that `spot3d record` has made;
+    everything else is a folder in the layout of 7-Scenes or TUM RGB-D. `intrinsics` (fx, fy, cx, cy) override the
+    input's own; `halved` halves every frame. Raises SourceError, saying what is wrong and what to do.
     """
     sequence: FrameSequence
     if match := SCENE_NAME.fullmatch(str(path_or_name)):
@@ -42,8 +48,18 @@ def open_source(
 
         sequence = open_recorded_mcap(Path(path_or_name))
     else:
-        sequence = _open_folder(Path(path_or_name), intrinsics)
+        sequence = _open_path(Path(path_or_name), intrinsics, topics or TopicNames())
     return at_half_size(sequence) if halved else sequence
+
+
+def is_stream(name: str) -> bool:
+    """Whether an input is a camera, or a recording that plays like one: its frames come only once."""
+    return name == REALSENSE or is_realsense_recording(Path(name))
+
+
+def open_stream(name: str) -> FrameStream:
+    """The stream of a name for which `is_stream` holds. Raises SourceError where its SDK is not installed."""
+    return RealSenseCamera() if name == REALSENSE else RealSenseRecording(Path(name))
 
 
 def at_half_size(sequence: FrameSequence) -> FrameSequence:
@@ -51,11 +67,15 @@ def at_half_size(sequence: FrameSequence) -> FrameSequence:
     return sequence.halved() if isinstance(sequence, Recording) else Halved(sequence)
 
 
-def _open_folder(folder: Path, intrinsics: FocalAndCentre | None) -> FrameSequence:
+def _open_path(folder: Path, intrinsics: FocalAndCentre | None, topics: TopicNames) -> FrameSequence:
     if not folder.exists():
         raise SourceError(f"{folder} does not exist; give a recording's folder, or `scene` for the built-in scene")
+    if is_ros_bag(folder):
+        from spot3d.source.ros.recording import open_bag
+
+        return open_bag(folder, topics, intrinsics)
     if not folder.is_dir():
-        raise SourceError(f"{folder} is a file, and none that spot3d record has made; give a folder or such a file")
+        raise SourceError(f"{folder} is a file, and no ROS bag (.bag, .mcap, .db3); give a folder or such a file")
     if is_tum(folder):
         return open_tum(folder, intrinsics)
     if is_seven_scenes(folder):
@@ -65,5 +85,6 @@ def _open_folder(folder: Path, intrinsics: FocalAndCentre | None) -> FrameSequen
         if is_tum(folder / name) or is_seven_scenes(folder / name):
             raise SourceError(f"{folder} holds recordings, but is none itself; open one, such as {folder / name}")
     raise SourceError(
-        f"{folder} is no recording: neither frame-NNNNNN.depth.png (7-Scenes) nor depth.txt and rgb.txt (TUM RGB-D)"
+        f"{folder} is no recording: neither frame-NNNNNN.depth.png (7-Scenes), nor depth.txt and rgb.txt "
+        "(TUM RGB-D), nor metadata.yaml (ROS 2)"
     )

@@ -22,6 +22,11 @@ class SourceSettings(BaseModel):
         description="noise of the depth: kinect-v1, d415, d435, d455, tof, stereo:BASELINE,FOCAL[,SUBPIXEL] or "
         "FLOOR,GROWTH,AT in metres (and pixels); empty: what the input knows of itself, else a Kinect v1's",
     )
+    colour_topic: str = Field("", description="ROS bags: topic of the colour images; empty: found by type and name")
+    depth_topic: str = Field("", description="ROS bags: topic of the depth images; empty: found by type and name")
+    pose_topic: str = Field(
+        "", description="ROS bags: topic of the camera's poses, for provider given: odometry, poses, /tf or /tf:WORLD"
+    )
     scene_frames: int = Field(300, ge=1, le=1_000_000, description="length of the built-in scene, frames at 30 Hz")
     scene_seed: int = Field(0, ge=0, le=2**31 - 1, description="which built-in scene, where the name gives no seed")
     scene_cluttered: bool = Field(False, description="built-in scene with 18 to 24 objects instead of 12")

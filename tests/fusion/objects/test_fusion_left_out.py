@@ -1,9 +1,12 @@
 """What was taken for an object and is none is counted by the reason."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from spot3d.camera import Intrinsics
+from spot3d.frame_segments import TOO_LONG
 from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.reasons import (
@@ -68,6 +71,12 @@ def test_each_reason_is_counted(
 
 def test_there_is_a_case_for_every_reason() -> None:
     assert {case[-1] for case in CASES} - {None} == set(REASONS)
+
+
+def test_what_the_finder_left_out_is_counted_over_all_keyframes() -> None:
+    keyframes = [keyframe(number, OBJECT, 0.8, 0.1) for number in range(3)]
+    told = [replace(item, left_out={TOO_LONG: 2, "of their own": 9}) for item in keyframes]
+    assert ViewConsensus(FusionSettings()).update(told).left_out == {TOO_LONG: 6}
 
 
 def test_what_becomes_an_object_is_left_out_no_longer() -> None:

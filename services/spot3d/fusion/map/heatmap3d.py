@@ -57,7 +57,7 @@ class Heatmap3D:
         self.keys.fill(_EMPTY)
 
     def held(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-        """`points` and the voxel's key of each, (n,) int64, -1 = none; both copied, which no frame shall wait for long."""
+        """`points`, and the voxel's key of each, (n,) int64, -1 = none; copied, as plainly as frames want it."""
         slots = self.row_slots[: self.used]
         return self.points().copy(), np.where(slots >= 0, self.keys[slots], _EMPTY)
 

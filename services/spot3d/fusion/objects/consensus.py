@@ -11,7 +11,9 @@ from scipy.sparse.csgraph import connected_components
 
 from spot3d.boxes import Box3D
 from spot3d.found_object import FoundObject
+from spot3d.frame_segments import KEYFRAME_REASONS
 from spot3d.fusion.objects.agreement import clusters_of
+from spot3d.fusion.objects.disputed import without_disputed
 from spot3d.fusion.objects.found import Seen, box_of
 from spot3d.fusion.objects.growing import Growing
 from spot3d.fusion.objects.keyframes import Keyframe
@@ -60,6 +62,7 @@ class ViewConsensus:
         self._skipped = 0
         # Of the updates alone from here on: they may run in a thread of their own.
         self._dropped = 0
+        self._in_keyframes: Counter[str] = Counter()  # what the segments stage left out of keyframes, by reason
         self._taken: deque[Keyframe] = deque()
         self._views: dict[int, View] = {}
         self._rows_of: dict[int, NDArray[np.int32]] = {}  # the segment of each label of a view, (256,), -1 = none
@@ -134,7 +137,7 @@ class ViewConsensus:
             self._describe(self._cluster(), up)
             segments.touched.rows[:] = False
         objects = [found for found, _ in self._found.values() if found is not None]
-        left_out = Counter(reason for _, reason in self._found.values() if reason)
+        left_out = Counter(reason for _, reason in self._found.values() if reason) + self._in_keyframes
         return Consensus(sorted(objects, key=lambda item: item.id), up, left_out, self.dropped)
 
     def _take_in(self, keyframe: Keyframe) -> None:
@@ -143,6 +146,8 @@ class ViewConsensus:
         old = len(segments)
         row_of = segments.extend(keyframe, number)
         self._next_keyframe += 1
+        # Whoever finds segments may have reasons of their own, but not ever new ones.
+        self._in_keyframes.update({k: n for k, n in keyframe.left_out.items() if k in KEYFRAME_REASONS})
         count = len(segments) - old
         said, label = np.empty((2, max(old, count)), np.uint8)
         places, spheres = segments.places.rows, segments.spheres.rows
@@ -342,13 +347,26 @@ class ViewConsensus:
         # The pseudo-average of Eq. 14, over views.
         confidence = float(segments.heat.rows[members].sum() / (max(len(members), sees.sum()) + settings.views_tau))
         views = Seen(segments.places.rows[members], segments.support.rows[members], segments.frame.rows[members])
-        box = box_of(views, up, settings.plane_distance)
-        shortest, middle, longest = np.sort(box.size)
-        if longest > settings.size_max:
-            return box, confidence, TOO_LARGE
+        # What is too large as its views have it is not made an object by leaving out what they disagree on.
+        if float(np.linalg.norm(np.ptp(views.places.reshape(-1, 3), axis=0))) > settings.size_max:
+            whole = box_of(views, up, settings.plane_distance)
+            if whole.size.max() > settings.size_max:
+                return whole, confidence, TOO_LARGE
+        box = box_of(self._undisputed(views, segments.cluster.rows[members[0]]), up, settings.plane_distance)
+        shortest, middle, _ = np.sort(box.size)
         if middle < settings.size_min or box.volume < settings.volume_min:
             return box, confidence, TOO_SMALL
         return box, confidence, TOO_THIN if shortest < settings.plane_distance else ""
+
+    def _undisputed(self, views: Seen, cluster: np.int64) -> Seen:
+        """What was seen of a cluster, without what most of the other views that see the cluster have elsewhere."""
+        cluster_of = np.append(self._segments.cluster.rows, -1)  # row -1: of no segment
+        own = {
+            number: (self._views[number], cluster_of[self._rows_of[number]] == cluster)
+            for number in np.unique(views.frame).tolist()
+        }
+        places, kept = without_disputed(views.places, views.frame, own)
+        return Seen(places[kept], views.support[kept], views.frame[kept])
 
 
 def _numbered(

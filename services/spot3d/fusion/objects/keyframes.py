@@ -1,7 +1,7 @@
 """A keyframe as fusion knows it: what was found in one frame, and where that frame was."""
 
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -35,7 +35,7 @@ class Keyframe:
 
     labels: (h, w) uint8 on the lattice of `depth`, 0 = no object, k = segment k - 1; depth: (h, w) float32 metres,
     0 = invalid; colour: (h, w, 3) uint8 RGB; camera: of that lattice; T_world_camera: (4, 4) float64. heat, planes
-    (camera frame) and stands_on: as in `FrameSegments`.
+    (camera frame), stands_on and left_out: as in `FrameSegments`.
     """
 
     stamp_ns: int
@@ -47,6 +47,7 @@ class Keyframe:
     heat: NDArray[np.float32]
     planes: NDArray[np.float64]
     stands_on: NDArray[np.int8]
+    left_out: dict[str, int] = field(default_factory=dict)
 
 
 def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
@@ -65,6 +66,7 @@ def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
         seen.heat,
         seen.planes,
         seen.stands_on,
+        seen.left_out,
     )
 
 

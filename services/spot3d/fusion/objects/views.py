@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.fusion.objects.keyframes import Keyframe
-from spot3d.kernel import kernel
+from spot3d.kernel import kernel, part
 
 STRIDE = 2
 """Of a view's lattice every second pixel is kept each way: a label is asked for within centimetres."""
@@ -88,6 +88,31 @@ def ask(
     _ask(view.labels, view.depth, view.pose, view.focal, limit, places, spheres, said, label)
 
 
+@part()
+def seen_at(
+    places: NDArray[np.float32],
+    i: int,
+    k: int,
+    depth: NDArray[np.uint16],
+    pose: NDArray[np.float32],
+    focal: NDArray[np.float32],
+) -> int:
+    """The flat number of the pixel in which a view (see `View`) sees place [i, k] of (n, m, 3); -1 = it does not."""
+    h, w = depth.shape
+    x, y, z = places[i, k, 0], places[i, k, 1], places[i, k, 2]
+    c = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
+    if c < np.float32(0.1):
+        return -1
+    a = pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3]
+    b = pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]
+    column = np.int64(np.floor(a / c * focal[0] + focal[2] + np.float32(0.5)))
+    row = np.int64(np.floor(b / c * focal[1] + focal[3] + np.float32(0.5)))
+    if row < 0 or column < 0 or row >= h or column >= w or depth[row, column] == 0:
+        return -1
+    near = abs(np.float32(depth[row, column]) * np.float32(0.001) - c) < _TOLERANCE
+    return row * w + column if near else -1
+
+
 @kernel("void(u1[:,::1], u2[:,::1], f4[:,::1], f4[::1], f4[::1], f4[:,:,::1], f4[:,::1], u1[::1], u1[::1])")
 def _ask(
     labels: NDArray[np.uint8],
@@ -100,7 +125,7 @@ def _ask(
     said: NDArray[np.uint8],
     label: NDArray[np.uint8],
 ) -> None:
-    h, w = labels.shape
+    w = labels.shape[1]
     count = np.zeros(256, np.int32)
     tested = (places.shape[1] + _TESTED - 1) // _TESTED
     for i in range(len(places)):
@@ -113,19 +138,10 @@ def _ask(
         for k in range(0, places.shape[1], _TESTED):
             if seen + (places.shape[1] - k + _TESTED - 1) // _TESTED < _SEEN * tested:
                 break
-            x, y, z = places[i, k, 0], places[i, k, 1], places[i, k, 2]
-            c = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
-            if c < np.float32(0.1):
-                continue
-            a = pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3]
-            b = pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]
-            column = np.int64(np.floor(a / c * focal[0] + focal[2] + np.float32(0.5)))
-            row = np.int64(np.floor(b / c * focal[1] + focal[3] + np.float32(0.5)))
-            if row < 0 or column < 0 or row >= h or column >= w or depth[row, column] == 0:
-                continue
-            if abs(np.float32(depth[row, column]) * np.float32(0.001) - c) < _TOLERANCE:
+            pixel = seen_at(places, i, k, depth, pose, focal)
+            if pixel >= 0:
                 seen += 1
-                count[labels[row, column]] += 1
+                count[labels[pixel // w, pixel % w]] += 1
         if seen < _SEEN * tested:
             continue
         said[i] = BACKGROUND

@@ -1,0 +1,167 @@
+"""A live run without end: does anything grow?
+
+    python -m spot3d.bench.soak --minutes 60 path/to/recording
+
+plays the frames to and fro at half size through real processes, and reads memory, descriptors, threads and drops of
+each. Linux only, where /proc tells them.
+"""
+
+import json
+import logging
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+import zenoh
+from zenoh.handlers import RingChannel
+
+from spot3d.bench.looped import Looped
+from spot3d.bench.readings import Growth, Reading, charts, growths, minute_table, read_process
+from spot3d.dataflow.process_use import KEEPING_MEMORY, SINGLE_THREADED
+from spot3d.dataflow.router import free_loopback_endpoint
+from spot3d.dataflow.session import open_session
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.drawing.picture import write_picture
+from spot3d.settings import without_settings
+from spot3d.source.process import run as run_source
+from spot3d.source.sequences import open_source
+from spot3d.source.settings import SourceSettings
+from spot3d_schemas import STAGES, Health, Progress, decode, key
+
+_RATE_HZ = 30.0
+_FRAMES = 300
+"""Held in memory, as what is read anew each time would measure the disk: 0.12 GB at half size of VGA."""
+_EVERY_S = 5.0
+_ROBOT = "soak"
+_END_S = 10.0
+
+log = logging.getLogger("spot3d.soak")
+
+
+def soak(
+    input_name: Annotated[str, typer.Argument(metavar="INPUT", help="a recording's folder, or: scene")] = "scene",
+    minutes: Annotated[float, typer.Option(min=0.5, help="how long")] = 60.0,
+    out: Annotated[Path, typer.Option(help="folder for the readings, plots and logs")] = Path("out/soak"),
+) -> None:
+    """Run live at 30 half-size frames a second and watch the processes; exit code 1 where one dies or grows."""
+    logging.basicConfig(format="%(asctime)s %(name)s %(levelname)s: %(message)s", level=logging.INFO)
+    out.mkdir(parents=True, exist_ok=True)
+    log.info("%s: reading %d frames", input_name, _FRAMES)
+    sequence = Looped(open_source(input_name), _FRAMES, round(60 * minutes * _RATE_HZ), _RATE_HZ)
+    readings, died = watch(sequence, 60 * minutes, out)
+    for name, picture in charts(readings).items():
+        write_picture(out / f"{name}.png", picture)
+    grown = growths(readings)
+    record = {"readings": list(map(asdict, readings)), "growth": list(map(asdict, grown)), "died": died}
+    (out / "soak.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    for line in (*minute_table(readings), *map(Growth.line, grown), *died, f"plots and logs are in {out}"):
+        typer.echo(line)
+    if died or any(item.too_much for item in grown):
+        raise typer.Exit(1)
+
+
+def watch(sequence: Looped, seconds: float, out: Path) -> tuple[list[Reading], list[str]]:
+    """Readings of every process while the sequence plays, and what was said of those that ended by themselves."""
+    endpoint = free_loopback_endpoint()
+    link = LinkSettings(robot=_ROBOT, connect=(endpoint,), delivery="live")
+    readings: list[Reading] = []
+    with ExitStack() as stack:
+        processes = {"router": stack.enter_context(_process(["router", "--listen", endpoint], out, "router"))}
+        arguments = ["--robot", _ROBOT, "--connect", endpoint, "--live"]
+        for stage in STAGES[1:]:
+            processes[stage] = stack.enter_context(_process([stage, *arguments], out, stage))
+        session = stack.enter_context(open_session(link))
+        told = {
+            topic: session.declare_subscriber(key(_ROBOT, topic), RingChannel(1))
+            for topic in (*(f"{stage}/health" for stage in STAGES), "fusion/progress")
+        }
+        stop = threading.Event()
+        source = threading.Thread(
+            target=run_source,
+            args=(link, SourceSettings(), sequence, _RATE_HZ, stop, STAGES[1:]),
+            name="soak source",
+            daemon=True,
+        )
+        stack.callback(source.join, _END_S)
+        stack.callback(stop.set)
+        source.start()
+        heard = _Heard(told)
+        while not heard.fused and source.is_alive() and not _ended(processes):
+            heard.listen()
+            time.sleep(0.1)
+        start_s = time.monotonic()
+        log.info("the first frame is fused; reading every %.0f s for %.1f minutes", _EVERY_S, seconds / 60)
+        next_s = start_s
+        while time.monotonic() - start_s < seconds and source.is_alive() and not _ended(processes):
+            heard.listen()
+            if time.monotonic() >= next_s:
+                next_s += _EVERY_S
+                at_s = time.monotonic() - start_s
+                for name, process in processes.items():
+                    use = read_process(process.pid)
+                    drops = heard.drops.get(name, 0)
+                    readings.append(Reading(name, at_s, *use, drops, heard.fused if name == "fusion" else 0))
+            time.sleep(0.2)
+        died = [f"{name} ended with {code}; see {out / name}.log" for name, code in _ended(processes).items()]
+        if time.monotonic() - start_s < seconds - _END_S and not died:
+            died.append("the source has ended too early, see above")
+    return readings, died
+
+
+class _Heard:
+    """The latest word of each stage."""
+
+    def __init__(self, told: Mapping[str, zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]]) -> None:
+        self._told = told
+        self.drops: dict[str, int] = {}
+        self.fused = 0
+
+    def listen(self) -> None:
+        """Take in what has come."""
+        for topic, subscriber in self._told.items():
+            sample = subscriber.handler.try_recv()
+            if sample is None:
+                continue
+            if topic == "fusion/progress":
+                self.fused = decode(sample.payload.to_bytes(), Progress).fused
+            else:
+                health = decode(sample.payload.to_bytes(), Health)
+                self.drops[health.stage] = sum(health.drops.values())
+
+
+def _ended(processes: Mapping[str, subprocess.Popen[bytes]]) -> dict[str, int]:
+    codes = {name: process.poll() for name, process in processes.items()}
+    return {name: code for name, code in codes.items() if code is not None}
+
+
+@contextmanager
+def _process(arguments: list[str], out: Path, name: str) -> Iterator[subprocess.Popen[bytes]]:
+    """`spot3d ARGUMENTS` until the block is left; its log, and snapshots of the map, go to `out`."""
+    snapshots = {"SPOT3D_LINK__SNAPSHOT_FOLDER": str((out / "snapshots").absolute())}
+    environment = without_settings(os.environ) | SINGLE_THREADED | KEEPING_MEMORY | snapshots
+    with (
+        (out / f"{name}.log").open("wb") as stream,
+        subprocess.Popen(
+            [sys.executable, "-m", "spot3d", *arguments], stdout=stream, stderr=subprocess.STDOUT, env=environment
+        ) as process,
+    ):
+        try:
+            yield process
+        finally:
+            process.terminate()
+            try:
+                process.wait(_END_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+if __name__ == "__main__":
+    typer.run(soak)

@@ -1,0 +1,139 @@
+"""What the RealSense SDK gives as frames: depth aligned with colour, its unit, stamp, intrinsics and noise."""
+
+import logging
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from threading import Event
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.depth_noise import KINECT_V1, TIME_OF_FLIGHT, DepthNoise, stereo_noise
+from spot3d.frame import RgbdFrame
+from spot3d.source.errors import SourceError
+
+log = logging.getLogger(__name__)
+
+_TOGETHER_MS = 20.0
+"""Colour farther away in time than this is another frame's."""
+_WAIT_MS = 200
+# Stereo is best at 848 x 480 (Intel's tuning guide), which USB 2 cannot carry; else whatever the device has.
+_WANTED = (((848, 480), (640, 480)), ((640, 480), (640, 480)), ((0, 0), (0, 0)))
+
+
+def sdk() -> Any:
+    """The package pyrealsense2. Raises SourceError where it is not installed."""
+    try:
+        import pyrealsense2
+    except ModuleNotFoundError:
+        hint = "which is not installed: pip install 'spot3d[realsense]'"
+        raise SourceError(f"RealSense cameras and recordings need pyrealsense2, {hint}") from None
+    return pyrealsense2
+
+
+def streamed(device: Any, stop: Event, ended: Callable[[], bool]) -> Iterator[RgbdFrame]:
+    """Frames of a device, live or played, until `stop`, or until none comes and `ended` says so.
+
+    Raises RuntimeError, as the SDK does for whatever is wrong, and ValueError.
+    """
+    rs = sdk()
+    pipeline = rs.pipeline(rs.context())
+    pipeline.set_device(device)
+    _start(pipeline, device.is_playback())
+    try:
+        framesets = Framesets(device)
+        while not stop.is_set():
+            arrived, frameset = pipeline.try_wait_for_frames(_WAIT_MS)
+            if not arrived:
+                if ended():
+                    return
+                continue
+            depth, colour = frameset.get_depth_frame(), frameset.get_color_frame()
+            if depth and colour and abs(depth.get_timestamp() - colour.get_timestamp()) <= _TOGETHER_MS:
+                yield framesets.frame(frameset)
+    finally:
+        with suppress(RuntimeError):  # unplugged: it has stopped by itself
+            pipeline.stop()
+
+
+def _start(pipeline: Any, recorded: bool) -> None:
+    rs, refused = sdk(), None
+    for depth, colour in _WANTED[:1] if recorded else _WANTED:
+        config = rs.config()
+        if recorded:
+            config.enable_stream(rs.stream.depth)
+            config.enable_stream(rs.stream.color)
+        else:
+            config.enable_stream(rs.stream.depth, *depth, rs.format.z16, 30)
+            config.enable_stream(rs.stream.color, *colour, rs.format.rgb8, 30)
+        try:
+            pipeline.start(config)
+            return
+        except RuntimeError as error:
+            refused = error
+    raise RuntimeError(f"it gives no depth with colour ({refused})")
+
+
+class Framesets:
+    """Makes frames of what a device gives; one for each time that it is started."""
+
+    def __init__(self, device: Any) -> None:
+        rs = sdk()
+        self._rs = rs
+        self._device = device
+        self._sensor = device.first_depth_sensor()
+        self._scale = float(self._sensor.get_depth_scale())
+        self._noise: DepthNoise | None = None
+        self._align = rs.align(rs.stream.color)
+        self._played = device.is_playback()
+        self._ahead_ns: int | None = None
+
+    def frame(self, frameset: Any) -> RgbdFrame:
+        """Depth resampled to the colour camera's pixels, with colour.
+
+        A live device's stamps by its own clock are moved to this machine's. Raises ValueError for colour of another
+        format than is read.
+        """
+        depth = frameset.get_depth_frame()
+        stamp_ns = self._stamp_ns(depth)
+        if self._noise is None:
+            self._noise = _noise(self._rs, self._device, self._sensor, depth)
+        aligned = self._align.process(frameset)
+        image = aligned.get_color_frame()
+        k = image.profile.as_video_stream_profile().get_intrinsics()
+        camera = Intrinsics(k.fx, k.fy, k.ppx, k.ppy, k.width, k.height, self._noise)
+        # Copies: the SDK fills its buffers anew.
+        units = np.array(aligned.get_depth_frame().get_data())
+        return RgbdFrame(stamp_ns, self._rgb(image), units, self._scale, camera)
+
+    def _stamp_ns(self, depth: Any) -> int:
+        # The SDK's milliseconds are floats, whose last digits of the nanoseconds since 1970 mean nothing.
+        stamp_ns = 1000 * round(1000 * float(depth.get_timestamp()))
+        if self._played or depth.get_frame_timestamp_domain() != self._rs.timestamp_domain.hardware_clock:
+            return stamp_ns
+        if self._ahead_ns is None:
+            self._ahead_ns = time.time_ns() - stamp_ns
+        return stamp_ns + self._ahead_ns
+
+    def _rgb(self, image: Any) -> NDArray[np.uint8]:
+        form, pixels = image.profile.format(), np.array(image.get_data())
+        if form == self._rs.format.bgr8:
+            return np.ascontiguousarray(pixels[..., ::-1])
+        if form != self._rs.format.rgb8:
+            raise ValueError(f"colour is {form}; record it as rgb8 or bgr8")
+        return pixels
+
+
+def _noise(rs: Any, device: Any, sensor: Any, depth: Any) -> DepthNoise:
+    """Of a stereo camera by its baseline and focal length, which are those of depth before it is aligned."""
+    if sensor.supports(rs.option.stereo_baseline):
+        focal = depth.profile.as_video_stream_profile().get_intrinsics().fx
+        return stereo_noise(sensor.get_option(rs.option.stereo_baseline) / 1000, focal)
+    name = device.get_info(rs.camera_info.name) if device.supports(rs.camera_info.name) else ""
+    if "L5" in name:  # the lidar cameras
+        return TIME_OF_FLIGHT
+    log.warning("the camera %s does not state its baseline; its depth's noise is taken for a Kinect v1's", name)
+    return KINECT_V1

@@ -1,0 +1,147 @@
+"""A ROS bag of version 1 or 2: which topics it has, and their messages, read one at a time when asked for."""
+
+import struct
+import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.source.errors import SourceError
+
+_MCAP_MAGIC = b"\x89MCAP0\r\n"
+_READ_ON = 32
+"""Messages up to this far ahead are reached by reading on, farther ones by the bag's index."""
+
+
+def is_ros_bag(path: Path) -> bool:
+    """Whether a path looks like a bag: a `.bag`, `.db3` or `.mcap` file, or the folder of a ROS 2 bag."""
+    if path.is_dir():
+        return (path / "metadata.yaml").is_file() and any(path.glob("*.db3*")) | any(path.glob("*.mcap*"))
+    return path.suffix in (".bag", ".db3", ".mcap") and path.is_file()
+
+
+def mcap_profile(path: Path) -> str:
+    """What an MCAP file says that it follows: `ros2`, `ros1` or something else. Raises SourceError if it is none."""
+    with path.open("rb") as file:
+        start = file.read(8 + 1 + 8 + 4)
+        if not start.startswith(_MCAP_MAGIC) or len(start) < 21:
+            raise SourceError(f"{path} is no MCAP file; is the recording complete?")
+        length = struct.unpack("<I", start[17:21])[0]
+        return file.read(min(length, 100)).decode(errors="replace")
+
+
+class Bag:
+    """An open bag. Raises SourceError, also later on, for what cannot be read."""
+
+    def __init__(self, path: Path) -> None:
+        if path.suffix == ".mcap" and (profile := mcap_profile(path)) != "ros2":
+            raise SourceError(
+                f"{path} is an MCAP file, but no ROS 2 bag: its profile is {profile!r}, not 'ros2'"
+                + ("; convert it to a .bag, or record with ROS 2" if profile == "ros1" else "")
+            )
+        self.path = path
+        with _told(path):
+            self._reader = _opened_for(self, path)
+        self.types: dict[str, str] = {one.topic: one.msgtype for one in self._reader.connections}
+        """Message type of each topic, as `sensor_msgs/msg/Image` for either version."""
+
+    def messages(self, *topics: str) -> Iterator[tuple[str, int, Any]]:
+        """Topic, time of receipt in ns, and message, of all messages of the topics, in the order of receipt."""
+        for topic, received_ns, raw in self._raw(topics):
+            yield topic, received_ns, self.decoded(topic, raw)
+
+    def stamps(self, *topics: str) -> "dict[str, BagTopic]":
+        """The topics' messages by index, for one pass through the bag; all begin with a header."""
+        times: dict[str, list[tuple[int, int]]] = {topic: [] for topic in topics}
+        for topic, received_ns, raw in self._raw(topics):
+            times[topic].append((received_ns, self._header_stamp(raw)))
+        return {topic: BagTopic(self, topic, np.array(rows).reshape(-1, 2)) for topic, rows in times.items()}
+
+    def decoded(self, topic: str, raw: bytes) -> Any:
+        """A topic's message from its bytes."""
+        with _told(self.path):
+            return self._reader.deserialize(raw, self.types[topic])
+
+    def _raw(self, topics: tuple[str, ...]) -> Iterator[tuple[str, int, bytes]]:
+        connections = [one for one in self._reader.connections if one.topic in topics]
+        with _told(self.path):
+            for connection, received_ns, raw in self._reader.messages(connections) if connections else ():
+                yield connection.topic, received_ns, raw
+
+    def _header_stamp(self, raw: bytes) -> int:
+        """The stamp of a std_msgs/Header at the beginning of a message, ns."""
+        if self._reader.is2:  # behind four bytes that say how the rest is coded
+            seconds, nanoseconds = struct.unpack_from("<iI" if raw[1] & 1 else ">iI", raw, 4)
+        else:  # behind the sequence number
+            seconds, nanoseconds = struct.unpack_from("<II", raw, 4)
+        return int(seconds) * 10**9 + int(nanoseconds)
+
+
+class BagTopic:
+    """One topic's messages by index, in the order of receipt; those that follow each other are read in one go.
+
+    times_ns: (n, 2) int64, time of receipt and stamp of the header. `stamps_ns`: (n,) int64, the header's; times of
+    receipt where a driver has left one out.
+    """
+
+    def __init__(self, bag: Bag, topic: str, times_ns: NDArray[np.int64]) -> None:
+        self.name = topic
+        self._received_ns = times_ns[:, 0]
+        self.stamps_ns = times_ns[:, 1] if (times_ns[:, 1] > 0).all() else times_ns[:, 0]
+        self._bag = bag
+        # A reader of its own: those of ROS 1 unpack a chunk anew whenever topics take turns.
+        self._reader: Any | None = None
+        self._next = 0
+        self._messages: Iterator[tuple[Any, int, bytes]] = iter(())
+
+    def __len__(self) -> int:
+        return len(self._received_ns)
+
+    def __getitem__(self, index: int) -> Any:
+        """One message. Raises SourceError."""
+        with _told(self._bag.path):
+            if self._reader is None or not self._next <= index < self._next + _READ_ON:
+                self._go_to(index)
+            for _ in range(index - self._next):
+                next(self._messages)
+            raw = next(self._messages)[2]
+            self._next = index + 1
+        return self._bag.decoded(self.name, raw)
+
+    def _go_to(self, index: int) -> None:
+        if self._reader is None:
+            self._reader = _opened_for(self, self._bag.path)
+        start = int(self._received_ns[index])
+        connections = [one for one in self._reader.connections if one.topic == self.name]
+        self._messages = self._reader.messages(connections, start=start)
+        self._next = int(np.searchsorted(self._received_ns, start))
+
+
+def _opened_for(owner: object, path: Path) -> Any:
+    """A reader that is closed when its owner goes."""
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ModuleNotFoundError:
+        raise SourceError("ROS bags are read by rosbags, which is not installed: pip install 'spot3d[ros]'") from None
+    # Bags of ROS 2 before Iron do not say what their messages look like.
+    reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+    reader.open()
+    weakref.finalize(owner, reader.close)
+    return reader
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Whatever goes wrong with a damaged bag is a SourceError that names it."""
+    try:
+        yield
+    except (SourceError, GeneratorExit):
+        raise
+    except Exception as error:
+        text = str(error) or type(error).__name__
+        raise SourceError(f"{path} cannot be read as a ROS bag: {text}; is it complete? Else reindex it") from error

@@ -1,0 +1,93 @@
+"""ROS's image messages as arrays."""
+
+import struct
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.source.errors import SourceError
+
+_CHANNELS = {"rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4, "mono8": 1, "8UC1": 1}
+_DEPTH_TYPES = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
+_DEPTH_HEADER = struct.Struct("<iff")
+"""What compressedDepth puts before its PNG: a number, and the two that inverse depth was quantised by."""
+MILLIMETRES = 0.001
+"""Metres per unit of 16UC1 (REP 118)."""
+
+
+def colour_image(message: Any) -> NDArray[np.uint8]:
+    """(h, w, 3) uint8 RGB of an Image (rgb8, bgr8, rgba8, bgra8, mono8) or CompressedImage. Raises SourceError."""
+    if not hasattr(message, "encoding"):
+        return np.asarray(cv2.cvtColor(_unpacked(message, message.data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB), np.uint8)
+    encoding = message.encoding
+    channels = _CHANNELS.get(encoding)
+    if channels is None:
+        raise SourceError(f"a colour image is {encoding!r}; taken are {', '.join(_CHANNELS)}")
+    image = _rows(message, np.dtype(np.uint8), channels)
+    if channels == 1:
+        return np.repeat(image, 3, axis=2)
+    return np.ascontiguousarray(image[..., 2::-1] if encoding.startswith("bgr") else image[..., :3])
+
+
+def depth_image(message: Any) -> NDArray[np.uint16] | NDArray[np.float32]:
+    """(h, w) uint16 millimetres or float32 metres, 0 = invalid, of a depth image.
+
+    An Image (16UC1, mono16, 32FC1); or a CompressedImage: 16-bit PNG, or what the transport compressedDepth makes of
+    either (its PNG). Raises SourceError.
+    """
+    if hasattr(message, "encoding"):
+        dtype = _DEPTH_TYPES.get(message.encoding)
+        if dtype is None:
+            raise SourceError(f"a depth image is {message.encoding!r}; taken are {', '.join(_DEPTH_TYPES)}")
+        return _valid(_rows(message, np.dtype(dtype), 1)[..., 0])
+    kind = message.format
+    if "compressedDepth" not in kind:
+        return _sixteen_bits(message, message.data)
+    if "rvl" in kind.lower():
+        raise SourceError(f"a depth image is {kind!r}; RVL is not read: record with compressedDepth's PNG")
+    _, a, b = _DEPTH_HEADER.unpack_from(bytes(message.data[: _DEPTH_HEADER.size]))
+    steps = _sixteen_bits(message, message.data[_DEPTH_HEADER.size :])
+    if not kind.startswith("32FC1"):
+        return steps
+    # Inverse depth in steps (compressed_depth_image_transport): 0 is invalid.
+    metres = np.zeros(steps.shape, np.float32)
+    np.divide(np.float32(a), steps - np.float32(b), out=metres, where=steps > 0)
+    return _valid(metres)
+
+
+def _rows(message: Any, dtype: np.dtype[Any], channels: int) -> NDArray[Any]:
+    """(h, w, channels) of an Image, whose rows may be longer than what they hold; native byte order."""
+    height, width, step = message.height, message.width, message.step
+    data, row = np.asarray(message.data, np.uint8), width * channels * dtype.itemsize
+    if height < 1 or width < 1 or step < row or len(data) < step * (height - 1) + row:
+        raise SourceError(
+            f"an image of {width}x{height} {message.encoding} has rows of {step} bytes and {len(data)} in all"
+        )
+    padded = np.zeros(step * height, np.uint8)
+    padded[: len(data)] = data[: step * height]
+    pixels = np.ascontiguousarray(padded.reshape(height, step)[:, :row])
+    order = dtype.newbyteorder(">" if message.is_bigendian else "<")
+    return pixels.view(order).astype(dtype, copy=False).reshape(height, width, channels)
+
+
+def _unpacked(message: Any, data: NDArray[np.uint8], how: int) -> NDArray[Any]:
+    image = cv2.imdecode(np.asarray(data, np.uint8), how) if len(data) else None
+    if image is None:
+        raise SourceError(f"a compressed image ({message.format!r}, {len(data)} bytes) is not readable as PNG or JPEG")
+    return np.asarray(image)
+
+
+def _sixteen_bits(message: Any, data: NDArray[np.uint8]) -> NDArray[np.uint16]:
+    image = _unpacked(message, data, cv2.IMREAD_UNCHANGED)
+    if image.dtype != np.uint16 or image.ndim != 2:
+        raise SourceError(f"compressed depth is {image.dtype} {image.shape}; expected 16 bits and one channel")
+    return image
+
+
+def _valid(depth: NDArray[Any]) -> NDArray[Any]:
+    """What is not a number, infinite or negative becomes 0."""
+    if depth.dtype == np.float32:
+        depth = np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(0))
+    return np.ascontiguousarray(depth)

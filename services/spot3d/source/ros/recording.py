@@ -1,0 +1,192 @@
+"""A bag as a sequence of frames: colour paired with depth by stamp, and registered with it where it is not."""
+
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.frame import RgbdFrame
+from spot3d.source.calibration import ColourCamera
+from spot3d.source.errors import SourceError
+from spot3d.source.intrinsics_files import HINT, FocalAndCentre, intrinsics_for
+from spot3d.source.ros.bag import Bag, BagTopic
+from spot3d.source.ros.images import MILLIMETRES, colour_image, depth_image
+from spot3d.source.ros.poses import PoseAt, poses_of, transform_tree
+from spot3d.source.ros.topics import CameraTopics, TopicNames, find_topics
+from spot3d.source.tum import nearest_in_time
+
+log = logging.getLogger(__name__)
+
+_SAME_PX = 0.5
+"""Registered images have the same intrinsics, but for rounding."""
+_BENT = 0.05
+"""Lens coefficients beyond this bend an image by pixels."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Camera:
+    """One image topic: its frame in /tf, and its intrinsics, where a camera_info says them."""
+
+    frame: str
+    intrinsics: Intrinsics | None
+
+
+def open_bag(path: Path, names: TopicNames, intrinsics: FocalAndCentre | None = None) -> "BagRecording":
+    """Opens a bag by its path. intrinsics: the depth camera's (fx, fy, cx, cy), instead of its camera_info.
+
+    One pass through the bag reads the stamps; images are read when asked for. Raises SourceError.
+    """
+    bag = Bag(path)
+    topics = find_topics(bag.types, names)
+    images = bag.stamps(topics.colour, topics.depth)
+    colours, depths = images[topics.colour], images[topics.depth]
+    rows, of_depth, of_colour = _paired(depths.stamps_ns, colours.stamps_ns)
+    if not len(rows):
+        raise SourceError(
+            f"{path}: of {len(depths)} images of {topics.depth} none has one of the {len(colours)} of {topics.colour} "
+            "within 20 ms; do their stamps come from one clock? Name others with --depth-topic and --colour-topic"
+        )
+    if len(rows) < len(depths):
+        log.warning("%s: %d of %d depth images have no colour within 20 ms", path, len(depths) - len(rows), len(depths))
+    first = depths[int(of_depth[0])]
+    shape = depth_image(first).shape
+    depth_camera = _camera(bag, topics.depth_info, first)
+    colour_camera = _camera(bag, topics.colour_info, colours[int(of_colour[0])])
+    if intrinsics is not None:
+        camera = intrinsics_for(intrinsics, shape, "--intrinsics")
+    elif depth_camera.intrinsics is not None:
+        camera = depth_camera.intrinsics
+    else:
+        raise SourceError(f"{path}: no camera_info beside {topics.depth} says its intrinsics; {HINT}")
+    return BagRecording(
+        depths=depths,
+        colours=colours,
+        rows=np.column_stack((rows, of_depth, of_colour)),
+        intrinsics=camera,
+        colour_camera=_unregistered(bag, topics, camera, depth_camera, colour_camera),
+        pose_at=poses_of(bag, names.pose, depth_camera.frame) if names.pose else None,
+    )
+
+
+class BagRecording:
+    """A sequence of RgbdFrame in the depth camera's geometry; images are read on access.
+
+    rows: (n, 3) int64: a frame's stamp in ns (its depth image's), and which depth and which colour image it is.
+    colour_camera: the calibration to register colour with, or None if it is registered already.
+    """
+
+    def __init__(
+        self,
+        depths: BagTopic,
+        colours: BagTopic,
+        rows: NDArray[np.int64],
+        intrinsics: Intrinsics,
+        colour_camera: ColourCamera | None,
+        pose_at: PoseAt | None,
+    ) -> None:
+        self.intrinsics = intrinsics
+        self.topics = (colours.name, depths.name)
+        self._depths, self._colours, self._rows = depths, colours, rows
+        self._pose_at = pose_at
+        self._registration = None
+        if colour_camera is not None:
+            from spot3d.source.colour_registration import ColourRegistration  # its kernels are slow to import
+
+            self._registration = ColourRegistration(intrinsics, colour_camera)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        return (self[index] for index in range(len(self)))
+
+    @property
+    def stamps_ns(self) -> list[int]:
+        """Capture times in integer nanoseconds."""
+        return [int(stamp) for stamp in self._rows[:, 0]]
+
+    @property
+    def rate_hz(self) -> float:
+        """Recorded rate in frames per second, by the median gap between frames; 30 for a single frame."""
+        gaps = np.diff(self._rows[:, 0])
+        return 1e9 / float(np.median(gaps)) if gaps.size else 30.0
+
+    @property
+    def has_true_poses(self) -> bool:
+        """Whether poses are taken from the bag."""
+        return self._pose_at is not None
+
+    def true_pose(self, index: int) -> NDArray[np.float64] | None:
+        """T_world_camera (4, 4) float64 of a frame, without reading its images."""
+        return None if self._pose_at is None else self._pose_at(int(self._rows[index, 0]))
+
+    def __getitem__(self, index: int) -> RgbdFrame:
+        """Reads one frame. Raises SourceError if it cannot be read, or an image is of another size than the first."""
+        stamp_ns, of_depth, of_colour = (int(value) for value in self._rows[index])
+        depth, colour = depth_image(self._depths[of_depth]), colour_image(self._colours[of_colour])
+        scale = MILLIMETRES if depth.dtype == np.uint16 else 1.0
+        if self._registration is not None:
+            colour = self._registration.register(colour, depth.astype(np.float32) * np.float32(scale))
+        try:
+            return RgbdFrame(stamp_ns, colour, depth, scale, self.intrinsics, self.true_pose(index))
+        except ValueError as error:
+            raise SourceError(f"{self._depths.name}, image {of_depth}: {error}") from error
+
+
+def _paired(
+    depth_ns: NDArray[np.int64], colour_ns: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Stamps of the frames, ascending, with the number of the depth and of the nearest colour image of each."""
+    stamps, of_depth = np.unique(depth_ns, return_index=True)
+    order = np.argsort(colour_ns, kind="stable")
+    nearest = nearest_in_time(stamps, colour_ns[order])
+    has_colour = nearest >= 0
+    return stamps[has_colour], of_depth[has_colour], order[nearest[has_colour]]
+
+
+def _camera(bag: Bag, info_topic: str | None, image: Any) -> _Camera:
+    """What is known of an image's camera; the first camera_info counts."""
+    info = next((message for _, _, message in bag.messages(info_topic)), None) if info_topic else None
+    frame = image.header.frame_id or (info.header.frame_id if info is not None else "")
+    if info is None:
+        return _Camera(frame, None)
+    # ROS 1 has its matrices in capitals.
+    k = np.asarray(info.k if hasattr(info, "k") else info.K, np.float64)
+    coefficients = np.asarray(info.d if hasattr(info, "d") else info.D, np.float64)
+    if "rect" not in str(info_topic) and np.abs(coefficients).max(initial=0) > _BENT:
+        log.warning("%s: images are taken as a pinhole camera's; rectified ones would fit better", info_topic)
+    try:
+        intrinsics = Intrinsics(k[0], k[4], k[2], k[5], info.width, info.height)
+    except ValueError as error:
+        raise SourceError(f"{info_topic}: {error}; was the camera calibrated?") from error
+    return _Camera(frame, intrinsics)
+
+
+def _unregistered(
+    bag: Bag, topics: CameraTopics, camera: Intrinsics, depth: _Camera, colour: _Camera
+) -> ColourCamera | None:
+    """The colour camera as depth sees it, or None where colour and depth are of one camera."""
+    same_frame = depth.frame.removeprefix("/") == colour.frame.removeprefix("/")
+    if colour.intrinsics is None:
+        if same_frame:
+            return None
+        raise SourceError(f"{bag.path}: {topics.colour} is not registered with depth, and has no camera_info beside it")
+    if same_frame:
+        return None if _same_pixels(camera, colour.intrinsics) else ColourCamera(colour.intrinsics, np.eye(4))
+    T_colour_depth = transform_tree(bag, dynamic=False).fixed_between(colour.frame, depth.frame)
+    if T_colour_depth is None:
+        raise SourceError(
+            f"{bag.path}: {topics.depth} ({depth.frame}) is not registered with {topics.colour} ({colour.frame}), and "
+            "/tf_static does not say how the two are mounted; record it as well, or depth registered with colour"
+        )
+    return ColourCamera(colour.intrinsics, T_colour_depth)
+
+
+def _same_pixels(one: Intrinsics, other: Intrinsics) -> bool:
+    apart = np.array((one.fx, one.fy, one.cx, one.cy)) - (other.fx, other.fy, other.cx, other.cy)
+    return one.shape == other.shape and bool(np.abs(apart).max() <= _SAME_PX)

@@ -1,0 +1,133 @@
+"""Where things are in a bag: the tree of /tf and /tf_static, and poses from it or from an odometry's messages."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import invert
+from spot3d.trajectory import quaternion_from_rotation, rotation_from_quaternion
+
+Pose = NDArray[np.float64]
+_GAP_NS = 250_000_000
+"""Between poses farther apart than this nothing is known: a tracker was lost, or it is another time."""
+
+
+def transform_of(translation: Any, rotation: Any) -> Pose:
+    """(4, 4) of a message's vector and quaternion. Raises ValueError for a quaternion of length zero or no numbers."""
+    T = np.eye(4)
+    T[:3, :3] = rotation_from_quaternion(np.array([rotation.x, rotation.y, rotation.z, rotation.w]))
+    T[:3, 3] = translation.x, translation.y, translation.z
+    if not np.isfinite(T).all():
+        raise ValueError("a pose holds what is no number")
+    return T
+
+
+class Motion:
+    """Poses at stamps, and between them."""
+
+    def __init__(self, stamped: Sequence[tuple[int, Pose]]) -> None:
+        ordered = dict(sorted(stamped, key=lambda entry: entry[0]))
+        self._stamps_ns = np.array(list(ordered), np.int64)
+        self._poses = np.array(list(ordered.values())).reshape(-1, 4, 4)
+
+    def __len__(self) -> int:
+        return len(self._stamps_ns)
+
+    def at(self, stamp_ns: int) -> Pose | None:
+        """The pose at a time, between its neighbours; None where those are too far apart, or one is missing."""
+        after = int(np.searchsorted(self._stamps_ns, stamp_ns))
+        if after < len(self) and self._stamps_ns[after] == stamp_ns:
+            return np.asarray(self._poses[after])
+        if not 0 < after < len(self):
+            return None
+        start, end = int(self._stamps_ns[after - 1]), int(self._stamps_ns[after])
+        if end - start > _GAP_NS:
+            return None
+        share = (stamp_ns - start) / (end - start)
+        one, other = self._poses[after - 1], self._poses[after]
+        p, q = quaternion_from_rotation(one[:3, :3]), quaternion_from_rotation(other[:3, :3])
+        pose = np.eye(4)
+        # Turns within a quarter of a second are small: the straight line is near to the arc.
+        pose[:3, :3] = rotation_from_quaternion((1 - share) * p + share * (q if p @ q >= 0 else -q))
+        pose[:3, 3] = (1 - share) * one[:3, 3] + share * other[:3, 3]
+        return pose
+
+
+@dataclass(slots=True)
+class TransformTree:
+    """Frames by their parents: fixed ones, and those that move."""
+
+    fixed: dict[str, tuple[str, Pose]] = field(default_factory=dict)
+    moving: dict[str, tuple[str, Motion]] = field(default_factory=dict)
+
+    @staticmethod
+    def of(static: Sequence[Any], dynamic: Sequence[Any] = ()) -> "TransformTree":
+        """From the TransformStamped of /tf_static and /tf."""
+        tree = TransformTree()
+        for one in static:
+            tree.fixed[_name(one.child_frame_id)] = (_name(one.header.frame_id), _transform(one))
+        stamped: dict[tuple[str, str], list[tuple[int, Pose]]] = {}
+        for one in dynamic:
+            edge = (_name(one.child_frame_id), _name(one.header.frame_id))
+            stamped.setdefault(edge, []).append((stamp_of(one), _transform(one)))
+        for (child, parent), poses in stamped.items():
+            if child not in tree.fixed:
+                tree.moving[child] = (parent, Motion(poses))
+        return tree
+
+    def root(self, frame: str) -> str:
+        """The topmost frame above another."""
+        return self._path(frame)[-1]
+
+    def connected(self, target: str, source: str) -> bool:
+        """Whether the frames are of one tree."""
+        return self.root(_name(target)) == self.root(_name(source))
+
+    def fixed_between(self, target: str, source: str) -> Pose | None:
+        """T_target_source (4, 4) over frames that do not move; None where there is no such path."""
+        up = TransformTree(self.fixed)
+        return up.between(target, source, 0) if up.connected(target, source) else None
+
+    def between(self, target: str, source: str, stamp_ns: int) -> Pose | None:
+        """T_target_source (4, 4) at a time; None where it is not known then, or at all."""
+        target, source = _name(target), _name(source)
+        if not self.connected(target, source):
+            return None
+        one, other = self._to_root(target, stamp_ns), self._to_root(source, stamp_ns)
+        return None if one is None or other is None else invert(one) @ other
+
+    def _path(self, frame: str) -> list[str]:
+        path = [_name(frame)]
+        while (above := self._parent(path[-1])) is not None and above not in path:
+            path.append(above)
+        return path
+
+    def _parent(self, frame: str) -> str | None:
+        entry = self.fixed.get(frame) or self.moving.get(frame)
+        return None if entry is None else entry[0]
+
+    def _to_root(self, frame: str, stamp_ns: int) -> Pose | None:
+        T = np.eye(4)
+        for name in self._path(frame)[:-1]:
+            step = self.fixed[name][1] if name in self.fixed else self.moving[name][1].at(stamp_ns)
+            if step is None:
+                return None
+            T = step @ T
+        return T
+
+
+def stamp_of(message: Any) -> int:
+    """The stamp of a message's header, ns."""
+    return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
+
+
+def _transform(stamped: Any) -> Pose:
+    return transform_of(stamped.transform.translation, stamped.transform.rotation)
+
+
+def _name(frame: str) -> str:
+    """Without the slash that ROS 1 once had before frames."""
+    return frame.removeprefix("/")
