@@ -200,12 +200,12 @@ class Segments(Message):
     intrinsics: of `labels`, which may be smaller than the frame. labels: (h, w) uint8, 0 = no object, k = segment
     k - 1. heat: (n,) float32 mean confidence of each segment in [0, 1]. planes: (p, 4) float64 [n_x, n_y, n_z, b],
     camera frame, metres, n.x + b = 0: the surfaces on which things stand, the main one first, unit normals up.
-    stands_on: (n,) int8 row of `planes`, -1 = none is known. Since 1.1, left_out: what was taken for an object of this
+    stands_on: (n,) int8 row of `planes`, -1 = none is known. Since 1.2, left_out: what was taken for an object of this
     frame and is no segment, counted by reason.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Segments"
-    VERSION: ClassVar[str] = "1.1"
+    VERSION: ClassVar[str] = "1.2"
 
     keyframe: bool
     intrinsics: CameraIntrinsics | None

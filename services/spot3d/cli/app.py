@@ -116,6 +116,9 @@ def run(
     if pose is not None and topic is None:
         overrides["pose"] = {"provider": "given" if pose == "truth" else pose}
     resolved = load_settings(settings, preset, overrides)
+    if listen:
+        # Checked as settings are, so that a slip of the pen is told as one.
+        load_settings(overrides={"link": {"mode": "router", "listen": tuple(listen)}})
     from spot3d.run.run import run as run_input
     from spot3d.source.selected import selection
 
@@ -215,6 +218,7 @@ def print_settings(settings: SettingsOption = None, preset: PresetOption = None)
 def _conclude(done: "Finished", settings: Settings) -> None:
     """Say how a run went, and end with the exit code that tells programs."""
     from spot3d.run.left_out import forgotten, why_so_few
+    from spot3d.run.lost_tracking import told
 
     report = done.report
     dropped = sum(report.skipped.values())
@@ -223,7 +227,8 @@ def _conclude(done: "Finished", settings: Settings) -> None:
         f"{report.objects} objects from {report.fused} of {report.played} frames in {report.wall_s:.1f} s"
         f" ({f'not fused: {reasons}' if dropped else 'none dropped'}); results in {done.folder}"
     )
-    for line in (why_so_few(done.result, report.keyframes, settings), forgotten(report.keyframes_dropped, settings)):
+    few = why_so_few(done.result, report.keyframes, settings)
+    for line in (few, told(report.lost), forgotten(report.keyframes_dropped, settings)):
         if line:
             typer.echo(line)
     typer.echo(f"picture: {done.folder / 'overview.png'}")

@@ -16,6 +16,7 @@ from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.streams import new_stream
 from spot3d.frame import RgbdFrame
+from spot3d.source.errors import UNREADABLE
 from spot3d.source.sequence import FrameSequence, FrameStream
 from spot3d.source.settings import SourceSettings
 from spot3d_schemas import STAGES, End, Frame, Header, Progress
@@ -122,6 +123,7 @@ class _Player:
             except Exception as error:
                 text = f"frame {index} cannot be read: {type(error).__name__}: {error}"
                 self.node.failed(f"source {type(error).__name__}", text)
+                self.node.counters.drop(UNREADABLE)
                 continue
             self.node.counters.step(time.perf_counter() - start_s)
             yield frame, read_ns

@@ -57,13 +57,12 @@ class Heatmap3D:
         self.keys.fill(_EMPTY)
 
     def held(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-        """The points alone, (n, 16) float32, and the voxel's key of each, (n,) int64, -1 = none; both copied."""
-        rows = np.flatnonzero(self.points()[:, FREQUENCY] > 0)
-        slots = self.row_slots[rows]
-        return self.rows[rows], np.where(slots >= 0, self.keys[slots], _EMPTY)
+        """`points`, and the voxel's key of each, (n,) int64, -1 = none; copied, as plainly as frames want it."""
+        slots = self.row_slots[: self.used]
+        return self.points().copy(), np.where(slots >= 0, self.keys[slots], _EMPTY)
 
     def restore(self, rows: NDArray[np.float32], keys: NDArray[np.int64]) -> None:
-        """Make the map that of which `held` has returned this; at most `limit` points."""
+        """Make the map that of which `held` has returned this, without its free rows; at most `limit` points."""
         self.clear()
         self.used = len(rows)
         self.rows[: self.used] = rows
