@@ -1,7 +1,11 @@
 """What kernels are compiled with, and without."""
 
+import ast
+from pathlib import Path
+
 import numpy as np
 
+import spot3d
 from spot3d.kernel import kernel, part
 
 
@@ -28,3 +32,17 @@ def test_a_kernel_has_one_entry_from_python_and_none_for_c_code():
     compiled = halves.overloads[halves.signatures[0]].library.get_llvm_str()
     assert "cpython" in compiled
     assert "cfunc" not in compiled
+
+
+def test_no_kernel_has_more_than_eight_parameters():
+    counts = {}
+    for path in Path(spot3d.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef) and any(map(_compiles, node.decorator_list)):
+                counts[f"{path.stem}.{node.name}"] = len(node.args.args)
+    assert len(counts) > 80, "the kernels are found at all"
+    assert [name for name, count in counts.items() if count > 8] == []
+
+
+def _compiles(decorator: ast.expr) -> bool:
+    return isinstance(decorator, ast.Call) and ast.unparse(decorator.func) in ("kernel", "part")

@@ -1,4 +1,17 @@
-"""How kernels are compiled: once, into numba's cache, without what nobody calls."""
+"""How kernels are compiled: once, into numba's cache, without what nobody calls.
+
+Which, and when:
+
+- A kernel with a signature is compiled, or loaded, when its module is imported. It has one where what is seen decides
+  whether it is called, so that no frame waits for it; then another type is an error, not a second version.
+- A kernel without one is compiled for what it is first called with. So are those that every frame needs: `warm_up`
+  calls them before a stage goes on line. Arrays of which one class is given travel as a NamedTuple, which only such a
+  kernel can be given. The source's wait for the first frame.
+- A module of kernels is imported where it is used, as others are; inside a function only where the caller can do
+  without kernels altogether, as numba takes a second to import.
+
+A kernel has at most eight parameters.
+"""
 
 from collections.abc import Callable
 from typing import Any, TypeVar, cast

@@ -118,7 +118,7 @@ def resume(fusion: Fusion, kept: Snapshot, path: Path) -> None:
             candidates=arrays["candidates"],
             supporting=arrays.get("supporting"),
         )
-        if state.rows.ndim != 2 or state.rows.shape[1:] != fusion.heatmap.rows.shape[1:]:
+        if state.rows.ndim != 2 or state.rows.shape[1:] != fusion.heatmap.arrays.rows.shape[1:]:
             raise SnapshotError(f"{path} has points of another version of spot3d")
         if state.keys.shape != state.rows.shape[:1] or state.rows.dtype != np.float32:
             raise SnapshotError(f"{path} has points of another version of spot3d")
