@@ -65,11 +65,14 @@ def watch_alive(session: zenoh.Session, robot: str) -> Iterator[Alive]:
     alive = Alive()
     channel: FifoChannel[zenoh.Sample] = FifoChannel(64)
     tokens = alive_key(robot, "*")
-    with session.liveliness().declare_subscriber(f"{tokens}/**", channel, history=True) as subscriber:
-        follower = threading.Thread(target=_follow, args=(subscriber.handler, alive), name="alive", daemon=True)
-        follower.start()
+    subscriber = session.liveliness().declare_subscriber(f"{tokens}/**", channel, history=True)
+    follower = threading.Thread(target=_follow, args=(subscriber.handler, alive), name="alive", daemon=True)
+    follower.start()
+    try:
         yield alive
-    end_threads((follower,))
+    finally:
+        subscriber.undeclare()
+        end_threads((follower,))
 
 
 def _follow(handler: Handler[zenoh.Sample], alive: Alive) -> None:
