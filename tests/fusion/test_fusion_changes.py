@@ -6,7 +6,7 @@ import pytest
 from spot3d.fusion.change_answers import changes_message
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.map.changes import MapChanges
-from spot3d.fusion.map.heatmap3d import COLUMNS, FREQUENCY, HEAT, R, X
+from spot3d.fusion.map.map_arrays import COLUMNS, FREQUENCY, HEAT, R, X
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.supports import RecentSupports
 from spot3d_schemas import Header
@@ -84,7 +84,8 @@ def fused() -> Fusion:
     rows = rows_seen([4, 8, 16], heat=4.0)
     rows[:, X : X + 3] = np.arange(9).reshape(3, 3)
     rows[:, R : R + 3] = (10, 20, 300)
-    fusion.heatmap.rows[:3], fusion.heatmap.used, fusion.frame_count = rows, 3, 40
+    fusion.heatmap.restore(rows, np.full(3, -1, np.int64))
+    fusion.frame_count = 40
     return fusion
 
 

@@ -205,6 +205,13 @@ class Node:
         self.counters.error(text)
         self._complaints.say(reason, text, time.monotonic())
 
+    def crashed(self, step: str, text: str, error: Exception) -> None:
+        """Count and log an exception of the stage's own work; of each kind the first is logged with its traceback."""
+        kind = type(error).__name__
+        text = f"{text}: {kind}: {error}"
+        self.counters.error(text)
+        self._complaints.say(f"{step} {kind}", text, time.monotonic(), error)
+
     def note(self, kind: str, text: str) -> None:
         """Count an event that lost nothing and log it, if this kind was not just logged."""
         self.counters.event(kind)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from spot3d.fusion.fusion import Fusion
-from spot3d.fusion.map.heatmap3d import R, X
+from spot3d.fusion.map.map_arrays import R, X
 from spot3d.fusion.map.selection import counting
 from spot3d_schemas import Header, MapChanges
 from spot3d_schemas.limits import MAX_MAP_CHANGES

@@ -132,6 +132,7 @@ class Stage:
             return
         refused = LOST if pose.message.status == "lost" else self._refused(ready)
         if refused:
+            self.node.counters.drop(refused)
             self.ledger.skip(refused, stamp_ns, time.monotonic())
             return
         if self.camera not in (None, message.intrinsics):
@@ -149,8 +150,8 @@ class Stage:
                 stamp_ns,
             )
         except Exception as error:
-            text = f"cannot fuse the frame at {stamp_ns} ns: {type(error).__name__}: {error}"
-            self.node.failed(f"fuse {type(error).__name__}", text)
+            self.node.crashed("fuse", f"cannot fuse the frame at {stamp_ns} ns", error)
+            self.node.counters.drop(FAILED)
             self.ledger.skip(FAILED, stamp_ns, time.monotonic())
             return
         self.fused_ns = stamp_ns
@@ -191,8 +192,7 @@ class Stage:
             else:
                 self.node.counters.drop(WITHOUT_FRAME)
         except Exception as error:
-            text = f"cannot use the segments of the frame at {stamp_ns} ns: {type(error).__name__}: {error}"
-            self.node.failed(f"observe {type(error).__name__}", text)
+            self.node.crashed("observe", f"cannot use the segments of the frame at {stamp_ns} ns", error)
 
     def _note_if_alone(self) -> None:
         alone = self.inputs.alone

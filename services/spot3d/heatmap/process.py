@@ -107,8 +107,7 @@ def _heat(node: Node, frame: Frame, boxes: Proposals, settings: HeatmapSettings)
     try:
         heat = weighted_heat(rgbd.depth_metres(), rgbd.intrinsics, boxes.boxes, settings)
     except Exception as error:
-        text = f"no heat for the frame at {rgbd.stamp_ns} ns: {type(error).__name__}: {error}"
-        node.failed(f"heatmap {type(error).__name__}", text)
+        node.crashed("heatmap", f"no heat for the frame at {rgbd.stamp_ns} ns", error)
         return None
     node.counters.step(time.perf_counter() - start_s)
     return heat

@@ -121,8 +121,7 @@ class _Player:
             try:
                 frame = sequence[index]
             except Exception as error:
-                text = f"frame {index} cannot be read: {type(error).__name__}: {error}"
-                self.node.failed(f"source {type(error).__name__}", text)
+                self.node.crashed("source", f"frame {index} cannot be read", error)
                 self.node.counters.drop(UNREADABLE)
                 continue
             self.node.counters.step(time.perf_counter() - start_s)

@@ -5,7 +5,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.fusion.map.heatmap3d import FREQUENCY, HEAT
+from spot3d.fusion.map.map_arrays import FREQUENCY, HEAT
 from spot3d.kernel import kernel
 
 _TOLERANCE = 12

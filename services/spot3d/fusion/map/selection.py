@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.fusion.map.heatmap3d import FREQUENCY, HEAT, NORMAL, R, X
+from spot3d.fusion.map.map_arrays import FREQUENCY, HEAT, NORMAL, R, X
 from spot3d.fusion.settings import FusionSettings
 from spot3d.kernel import kernel
 
