@@ -4,9 +4,9 @@ Which, and when:
 
 - A kernel with a signature is compiled, or loaded, when its module is imported. It has one where what is seen decides
   whether it is called, so that no frame waits for it; then another type is an error, not a second version.
-- A kernel without one is compiled for what it is first called with. So are those that every frame needs: `warm_up`
-  calls them before a stage goes on line. Arrays of which one class is given travel as a NamedTuple, which only such a
-  kernel can be given. The source's wait for the first frame.
+- A kernel without one is compiled for what it is first called with, which a stage's warm-up does before the stage goes
+  on line (a test holds it to that): so are those that every frame needs, and all that are given a NamedTuple, as arrays
+  that belong together are; signatures cannot name these. The source's kernels wait for its first frame.
 - A module of kernels is imported where it is used, as others are; inside a function only where the caller can do
   without kernels altogether, as numba takes a second to import.
 

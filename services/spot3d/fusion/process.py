@@ -62,3 +62,6 @@ def _fuse_all(fusion: Fusion, frames: Sequence[RgbdFrame]) -> None:
         wall, on_it = np.array([[0.0, 0.0, -1.0, 1.2]]), np.zeros(1, np.int8)
         fusion.observe(FrameSegments(labels, confidence, wall, on_it, frame.intrinsics), frame.stamp_ns)
     fusion.objects()
+    # What a full map and a snapshot need, which few frames do.
+    fusion.heatmap.restore(*fusion.heatmap.held())
+    fusion.heatmap.evict(1, fusion.settings.tau)

@@ -57,6 +57,9 @@ def run(link: LinkSettings, settings: PoseSettings, stop: threading.Event | None
 def _track_all(tracker: PoseTracker, frames: Sequence[RgbdFrame]) -> None:
     for frame in frames:
         tracker.track(frame.stamp_ns, frame.depth_metres(), frame.intrinsics, frame.T_world_camera, frame.colour)
+    # What a full map and a snapshot need, which few frames do.
+    if isinstance(tracker, MapTracker) and (state := tracker.state()) is not None:
+        tracker.resume(state)
 
 
 class _Stage:
