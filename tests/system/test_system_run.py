@@ -84,7 +84,7 @@ class Run:
             self.said += line
 
     def wait_for_stages(self) -> dict[str, int]:
-        wait_until(lambda: set(stages_of(self.process.pid)) == STAGES, 20, "all stages are started")
+        wait_until(lambda: set(stages_of(self.process.pid)) == STAGES, START_S, "all stages are started")
         return stages_of(self.process.pid)
 
 
@@ -195,7 +195,7 @@ subscriber = session.declare_subscriber("spot3d/robot/heatmap/heat", FifoChannel
 while True:
     subscriber.recv()
     print("seen", flush=True)
-    time.sleep(3)
+    time.sleep(1)
 """
 
 
