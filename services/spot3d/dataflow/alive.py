@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import zenoh
 from zenoh.handlers import FifoChannel, Handler
@@ -65,14 +65,13 @@ def watch_alive(session: zenoh.Session, robot: str) -> Iterator[Alive]:
     alive = Alive()
     channel: FifoChannel[zenoh.Sample] = FifoChannel(64)
     tokens = alive_key(robot, "*")
-    subscriber = session.liveliness().declare_subscriber(f"{tokens}/**", channel, history=True)
-    follower = threading.Thread(target=_follow, args=(subscriber.handler, alive), name="alive", daemon=True)
-    follower.start()
-    try:
+    threads: list[threading.Thread] = []
+    with ExitStack() as stack:
+        stack.callback(end_threads, threads)
+        subscriber = stack.enter_context(session.liveliness().declare_subscriber(f"{tokens}/**", channel, history=True))
+        threads.append(threading.Thread(target=_follow, args=(subscriber.handler, alive), name="alive", daemon=True))
+        threads[0].start()
         yield alive
-    finally:
-        subscriber.undeclare()
-        end_threads((follower,))
 
 
 def _follow(handler: Handler[zenoh.Sample], alive: Alive) -> None:
