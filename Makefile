@@ -16,13 +16,14 @@ export OPENBLAS_NUM_THREADS ?= 1
 SECONDS ?= 600
 MINUTES ?= 60
 
-.PHONY: help install demo test lint check bench fuzz soak evaluate clean
+.PHONY: help install demo test test-browser lint check bench fuzz soak evaluate clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make install   set up .venv with everything (again only when dependencies change)"
 	@echo "make demo      find the objects of the built-in scene and draw them"
 	@echo "make test      run the tests"
+	@echo "make test-browser  test the dashboard in headless Chromium, which must be there"
 	@echo "make check     format, lint, types and tests: what CI runs"
 	@echo "make bench     measure time and memory"
 	@echo "make fuzz      mutated messages through every stage, for SECONDS (now: $(SECONDS))"
@@ -48,6 +49,11 @@ demo: $(INSTALLED)
 
 test: $(INSTALLED)
 	$(RUN) pytest
+
+test-browser: $(INSTALLED)
+	@command -v chromium || command -v chromium-browser || command -v google-chrome || { \
+	    echo "no browser is installed: apt install chromium (Debian, Ubuntu), or any Chromium or Chrome" >&2; exit 1; }
+	$(RUN) pytest tests/dashboard/test_dashboard_browser.py
 
 lint: $(INSTALLED)
 	$(RUN) ruff check .

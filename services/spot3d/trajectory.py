@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.whole_file import whole_file
+
 
 def rotation_angle(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     """Angle in radians, [0, pi], of each of (..., 3, 3) rotation matrices.
@@ -67,7 +69,8 @@ def write_tum(path: Path, stamps_ns: Sequence[int], T_world_camera: NDArray[np.f
     for stamp, pose in zip(stamps_ns, T_world_camera, strict=True):
         numbers = (*pose[:3, 3], *quaternion_from_rotation(pose[:3, :3]))
         lines.append(f"{Decimal(int(stamp)).scaleb(-9):.9f} " + " ".join(f"{number:.9f}" for number in numbers))
-    path.write_text("".join(line + "\n" for line in lines), encoding="utf-8")
+    with whole_file(path) as stream:
+        stream.write("".join(line + "\n" for line in lines).encode())
 
 
 def read_tum(path: Path) -> tuple[list[int], NDArray[np.float64]]:

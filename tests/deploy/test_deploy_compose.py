@@ -22,7 +22,9 @@ def resolved(text: str) -> str:
 
 
 def test_one_container_for_each_stage_and_a_router() -> None:
-    assert set(SERVICES) == {*STAGES, "router"}
+    assert set(SERVICES) == {*STAGES, "router", "dashboard"}
+    assert SERVICES["dashboard"]["profiles"] == ["dashboard"]
+    assert [resolved(port) for port in SERVICES["dashboard"]["ports"]] == ["127.0.0.1:8080:8080"]
 
 
 @pytest.mark.parametrize("name", SERVICES)

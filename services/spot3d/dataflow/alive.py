@@ -65,12 +65,12 @@ def watch_alive(session: zenoh.Session, robot: str) -> Iterator[Alive]:
     alive = Alive()
     channel: FifoChannel[zenoh.Sample] = FifoChannel(64)
     tokens = alive_key(robot, "*")
-    threads: list[threading.Thread] = []
+    subscriber = session.liveliness().declare_subscriber(f"{tokens}/**", channel, history=True)
+    follower = threading.Thread(target=_follow, args=(subscriber.handler, alive), name="alive", daemon=True)
     with ExitStack() as stack:
-        stack.callback(end_threads, threads)
-        subscriber = stack.enter_context(session.liveliness().declare_subscriber(f"{tokens}/**", channel, history=True))
-        threads.append(threading.Thread(target=_follow, args=(subscriber.handler, alive), name="alive", daemon=True))
-        threads[0].start()
+        stack.callback(end_threads, (follower,))
+        stack.callback(subscriber.undeclare)
+        follower.start()
         yield alive
 
 

@@ -66,13 +66,13 @@ class Heatmap3D:
         self.arrays.keys.fill(EMPTY)
 
     def held(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-        """The points alone, (n, 16) float32, and the voxel's key of each, (n,) int64, -1 = none; both copied."""
-        rows = np.flatnonzero(self.points()[:, FREQUENCY] > 0)
-        slots = self.arrays.row_slots[rows]
-        return self.arrays.rows[rows], np.where(slots >= 0, self.arrays.keys[slots], EMPTY)
+        """`points`, and the voxel's key of each, (n,) int64, -1 = none; copied, as plainly as frames want it."""
+        points = self.points()
+        slots = self.arrays.row_slots[: len(points)]
+        return points.copy(), np.where(slots >= 0, self.arrays.keys[slots], EMPTY)
 
     def restore(self, rows: NDArray[np.float32], keys: NDArray[np.int64]) -> None:
-        """Make the map that of which `held` has returned this; at most `limit` points."""
+        """Make the map that of which `held` has returned this, without its free rows; at most `limit` points."""
         self.clear()
         self.arrays.counts[0] = len(rows)
         self.points()[:] = rows
