@@ -4,8 +4,7 @@
 
 Standard input: one JSON object a line, {"start": stage, "arguments": [...], "log": file} or {"end": stage}. File
 descriptor NEWS: one a line, {"stage": name, "code": exit code} when a stage has ended (standard output is anybody's: a
-library may print when it is imported). When standard input closes all stages
-are ended.
+library may print when it is imported). When standard input closes all stages are ended.
 """
 
 import gc
