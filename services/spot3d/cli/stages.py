@@ -207,6 +207,7 @@ def router(
     resolved = load_settings(settings, overrides={"link": {"mode": "router", "listen": endpoints, "connect": others}})
     import zenoh
 
+    from spot3d.dataflow.heartbeat import Heartbeat
     from spot3d.dataflow.lingering import close_at_once
     from spot3d.dataflow.router import open_router
     from spot3d.dataflow.stopping import stop_on_signals
@@ -217,8 +218,11 @@ def router(
         try:
             with open_router(endpoints, others, resolved.link, access):
                 typer.echo(f"router at {', '.join(endpoints)}")
+                heartbeat = Heartbeat(resolved.link.heartbeat)
                 while not stopped.wait(_NEWCOMERS_S):
                     close_at_once()
+                    heartbeat.beat()
+                heartbeat.close()
         except zenoh.ZError as error:
             raise CommandError(f"cannot listen at {', '.join(endpoints)}: {error}") from error
 

@@ -8,7 +8,7 @@ from threading import Event
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.streams import new_stream
-from spot3d.run.collector import Collector, relay_poses
+from spot3d.run.collector import Collector, asked_map, relay_poses
 from spot3d.run.report import RunReport
 from spot3d.run.results import RunResult, empty_snapshot
 from spot3d.run.supervisor import Supervisor
@@ -70,7 +70,7 @@ def run_distributed(
         _follow(plan, report, endpoint, supervisor, collector, watcher, stop)
         points = empty_snapshot()
         if collector.progress is not None:
-            points = collector.snapshot(_MAP_INTERRUPTED_S if stop.is_set() else _MAP_S)
+            points = asked_map(session, robot, _MAP_INTERRUPTED_S if stop.is_set() else _MAP_S)
         supervisor.stop()
         # Each stage says its last counts when it leaves.
         collector.drain()
