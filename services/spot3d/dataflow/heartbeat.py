@@ -1,6 +1,7 @@
 """A file that says that a process still turns, for a supervisor beside it that cannot listen to the dataflow."""
 
 import logging
+import os
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -12,7 +13,7 @@ STUCK_S = 20.0
 
 
 class Heartbeat:
-    """Writes the seconds since the machine's start, as /proc/uptime counts them, into a file at every beat.
+    """Writes the seconds since the machine's start, as /proc/uptime counts them, and its process id into a file.
 
     That clock cannot be set, as the time of day can. path: the file; None: nothing is written. Any thread may beat.
     """
@@ -26,7 +27,7 @@ class Heartbeat:
             return
         partial = self._path.with_name(f"{self._path.name}.partial")
         try:
-            partial.write_text(f"{int(time.clock_gettime(time.CLOCK_BOOTTIME))}\n")
+            partial.write_text(f"{int(time.clock_gettime(time.CLOCK_BOOTTIME))} {os.getpid()}\n")
             partial.replace(self._path)
         except OSError as error:
             log.warning("no heartbeat in %s: %s", self._path, error.strerror)
