@@ -31,10 +31,13 @@ def compile_pose(scene: Scene) -> None:
     """Tracks the scene."""
     from spot3d.pose.providers import make_tracker
     from spot3d.pose.settings import PoseSettings
+    from spot3d.pose.tracking import MapTracker
 
     tracker = make_tracker(PoseSettings())
     for frame in scene:
         tracker.track(frame.stamp_ns, frame.depth_metres(), frame.intrinsics, None, frame.colour)
+    if isinstance(tracker, MapTracker) and (state := tracker.state()) is not None:
+        tracker.resume(state)
 
 
 def compile_proposals(scene: Scene) -> None:
@@ -81,6 +84,8 @@ def compile_fusion(scene: Scene) -> None:
         segments = FrameSegments(labels, confidence, np.zeros((0, 4)), stands_on, frame.intrinsics)
         fusion.observe(segments, frame.stamp_ns)
     fusion.objects()
+    fusion.heatmap.restore(*fusion.heatmap.held())
+    fusion.heatmap.evict(1, fusion.settings.tau)
 
 
 STAGES = {

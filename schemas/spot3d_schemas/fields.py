@@ -11,9 +11,11 @@ from spot3d_schemas.limits import (
     MAX_BOXES,
     MAX_COUNT,
     MAX_IMAGE_PIXELS,
+    MAX_MAP_CHANGES,
     MAX_MAP_POINTS,
     MAX_NAME,
     MAX_PLANES,
+    MAX_PREVIEW_PIXELS,
     MAX_REASONS,
     MAX_SEGMENTS,
     MAX_TEXT,
@@ -60,5 +62,13 @@ Points = Annotated[NDArray[np.float32], ArraySpec(("float32",), ("N", 3), MAX_MA
 PointColours = Annotated[NDArray[np.uint8], ArraySpec(("uint8",), ("N", 3), MAX_MAP_POINTS)]
 PointHeat = Annotated[NDArray[np.float32], ArraySpec(("float32",), ("N",), MAX_MAP_POINTS)]
 PointCounts = Annotated[NDArray[np.uint32], ArraySpec(("uint32",), ("N",), MAX_MAP_POINTS)]
+
+PreviewColour = Annotated[
+    NDArray[np.uint8], ArraySpec(("uint8",), ("h", "w", 3), MAX_PREVIEW_PIXELS, least=1, thin=(JPEG,))
+]
+PointNumbers = Annotated[NDArray[np.uint32], ArraySpec(("uint32",), ("N",), MAX_MAP_CHANGES)]
+ChangedPoints = Annotated[NDArray[np.float32], ArraySpec(("float32",), ("N", 3), MAX_MAP_CHANGES)]
+ChangedColours = Annotated[NDArray[np.uint8], ArraySpec(("uint8",), ("N", 3), MAX_MAP_CHANGES)]
+ChangedHeat = Annotated[NDArray[np.uint8], ArraySpec(("uint8",), ("N",), MAX_MAP_CHANGES)]
 
 Array = NDArray[Any]

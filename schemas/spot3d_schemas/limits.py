@@ -24,6 +24,11 @@ MAX_OBJECTS = 10_000
 MAX_MAP_POINTS = 2_000_000
 """Most points of one snapshot of the 3D heatmap; 23 bytes each, 46 MB."""
 
+MAX_MAP_CHANGES = 40_000
+"""Most points of one answer that says what changed in the map; 24 bytes each, just below 1 MB."""
+
+MAX_PREVIEW_PIXELS = 320 * 320
+"""Largest preview: dashboards over thin links get no more of a frame than this."""
 MAX_COUNT = 2**63 - 1
 """Largest count; also the latest stamp."""
 

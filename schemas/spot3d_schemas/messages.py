@@ -20,6 +20,9 @@ from spot3d_schemas.fields import (
     Array,
     Boxes,
     Byte,
+    ChangedColours,
+    ChangedHeat,
+    ChangedPoints,
     Colour,
     Count,
     Depth,
@@ -32,8 +35,10 @@ from spot3d_schemas.fields import (
     PointColours,
     PointCounts,
     PointHeat,
+    PointNumbers,
     Points,
     Positive,
+    PreviewColour,
     Reasons,
     Rotation,
     SegmentHeat,
@@ -103,6 +108,13 @@ class Message(Record):
     header: Header
 
 
+def _of_the_size(image: Array, info: ValidationInfo) -> Array:
+    intrinsics = info.data.get("intrinsics")
+    if intrinsics is not None and image.shape[:2] != intrinsics.shape:
+        raise ValueError(f"is {list(image.shape)}, but the intrinsics are for {list(intrinsics.shape)} (h, w)")
+    return image
+
+
 class RgbdMessage(Message):
     """What Frame and Heat share: one RGB-D image with its units and intrinsics.
 
@@ -122,10 +134,7 @@ class RgbdMessage(Message):
     @field_validator("colour", "depth", "heat", check_fields=False)
     @classmethod
     def _has_the_size_of_the_intrinsics(cls, image: Array, info: ValidationInfo) -> Array:
-        intrinsics = info.data.get("intrinsics")
-        if intrinsics is not None and image.shape[:2] != intrinsics.shape:
-            raise ValueError(f"is {list(image.shape)}, but the intrinsics are for {list(intrinsics.shape)} (h, w)")
-        return image
+        return _of_the_size(image, info)
 
     @field_validator("depth")
     @classmethod
@@ -143,6 +152,25 @@ class Frame(RgbdMessage):
     T_world_camera: Transform | None
 
 
+class Preview(Message):
+    """A small picture of a frame for people, up to 320 pixels wide, on the wire as JPEG.
+
+    intrinsics: of this picture. colour: (h, w, 3) uint8 RGB: what the camera sees (source/preview), or the frame's heat
+    as grey, 255 = its maximum (heatmap/preview). Published at most five times a second, and only while somebody
+    subscribes.
+    """
+
+    SCHEMA: ClassVar[str] = "spot3d.Preview"
+
+    intrinsics: CameraIntrinsics
+    colour: PreviewColour
+
+    @field_validator("colour")
+    @classmethod
+    def _fits_the_intrinsics(cls, image: Array, info: ValidationInfo) -> Array:
+        return _of_the_size(image, info)
+
+
 class Heat(RgbdMessage):
     """A frame's weighted 2D heatmap with all that fusion needs of the frame (paper, Sec. III-B, Eq. 5).
 
@@ -157,6 +185,14 @@ class Heat(RgbdMessage):
     rejected: Count
 
 
+def _with_unit_normals(planes: Array) -> Array:
+    with np.errstate(over="ignore"):  # what overflows is no unit vector
+        lengths = (planes[:, :3] ** 2).sum(axis=1)
+    if not (np.abs(lengths - 1) <= _UNIT_TOLERANCE).all():
+        raise ValueError("the first three numbers of each plane are its unit normal, to 1e-3")
+    return planes
+
+
 class Segments(Message):
     """The objects of one keyframe alone; of a frame that is none, only that it is none.
 
@@ -164,12 +200,12 @@ class Segments(Message):
     intrinsics: of `labels`, which may be smaller than the frame. labels: (h, w) uint8, 0 = no object, k = segment
     k - 1. heat: (n,) float32 mean confidence of each segment in [0, 1]. planes: (p, 4) float64 [n_x, n_y, n_z, b],
     camera frame, metres, n.x + b = 0: the surfaces on which things stand, the main one first, unit normals up.
-    stands_on: (n,) int8 row of `planes`, -1 = none is known. Since 1.1, left_out: what was taken for an object of this
+    stands_on: (n,) int8 row of `planes`, -1 = none is known. Since 1.2, left_out: what was taken for an object of this
     frame and is no segment, counted by reason.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Segments"
-    VERSION: ClassVar[str] = "1.1"
+    VERSION: ClassVar[str] = "1.2"
 
     keyframe: bool
     intrinsics: CameraIntrinsics | None
@@ -189,11 +225,7 @@ class Segments(Message):
     @field_validator("planes")
     @classmethod
     def _normals_are_unit_vectors(cls, planes: Array) -> Array:
-        with np.errstate(over="ignore"):  # what overflows is no unit vector
-            lengths = (planes[:, :3] ** 2).sum(axis=1)
-        if not (np.abs(lengths - 1) <= _UNIT_TOLERANCE).all():
-            raise ValueError("the first three numbers of each plane are its unit normal, to 1e-3")
-        return planes
+        return _with_unit_normals(planes)
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -322,6 +354,44 @@ class MapPoints(Message):
         return values
 
 
+class MapChanges(Message):
+    """What changed in the 3D heatmap after what the asker has; the answer to `fusion/changes`.
+
+    The query's parameters: `generation` and `since` of the last answer (none: everything), `limit`: most points.
+    generation: another number is another map, of which the asker has nothing yet. cursor: the next query's `since`.
+    behind: changed points that did not fit into this answer; ask again.
+    number: (N,) uint32 that stays the point's. xyz: (N, 3) float32 m, world. rgb: (N, 3) uint8. heat: (N,) uint8
+    255ths of the pseudo-average confidence. frequency: (N,) uint32 frames that saw the point, 0 = it is no more.
+    planes: (p, 4) float64 [n_x, n_y, n_z, b], world, metres, n.x + b = 0: surfaces on which things stand, seen of late.
+    """
+
+    SCHEMA: ClassVar[str] = "spot3d.MapChanges"
+
+    generation: Count
+    cursor: Count
+    behind: Count
+    number: PointNumbers
+    xyz: ChangedPoints
+    rgb: ChangedColours
+    heat: ChangedHeat
+    frequency: PointNumbers
+    planes: SegmentPlanes
+    total: Count
+
+    @field_validator("xyz", "rgb", "heat", "frequency")
+    @classmethod
+    def _one_for_each_point(cls, values: Array, info: ValidationInfo) -> Array:
+        number = info.data.get("number")
+        if number is not None and len(values) != len(number):
+            raise ValueError(f"has {len(values)} rows, but number has {len(number)}")
+        return values
+
+    @field_validator("planes")
+    @classmethod
+    def _normals_are_unit_vectors(cls, planes: Array) -> Array:
+        return _with_unit_normals(planes)
+
+
 class Progress(Message):
     """What fusion has done with the frames so far; the source's credit in a lossless run.
 
@@ -397,6 +467,20 @@ class About(Message):
 
 MESSAGES: dict[str, type[Message]] = {
     message.__name__: message
-    for message in (Frame, End, Pose, Proposals, Heat, Segments, Objects, MapPoints, Progress, Health, About)
+    for message in (
+        Frame,
+        Preview,
+        End,
+        Pose,
+        Proposals,
+        Heat,
+        Segments,
+        Objects,
+        MapPoints,
+        MapChanges,
+        Progress,
+        Health,
+        About,
+    )
 }
 """Every message by its short name."""

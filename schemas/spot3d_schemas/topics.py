@@ -10,10 +10,12 @@ from spot3d_schemas.messages import (
     Frame,
     Health,
     Heat,
+    MapChanges,
     MapPoints,
     Message,
     Objects,
     Pose,
+    Preview,
     Progress,
     Proposals,
     Segments,
@@ -70,12 +72,14 @@ class Topic:
 
 _ROWS = (
     Topic("source/frame", Frame, 30.0, "by run", congestion="block first", newest=3),
+    Topic("source/preview", Preview, 5.0, "live", congestion="drop", priority="data low", newest=1),
     Topic("source/end", End, 2.0, "lossless", priority="data low"),
     Topic("pose/pose", Pose, 30.0, "lossless", priority="interactive high", express=True),
     Topic("proposals/boxes", Proposals, 30.0, "by run", congestion="block first", priority="data high", newest=8),
     # Over a thin link heat must not delay poses and objects. Fusion is faster than any camera, and catches up with what
     # has waited while it was held up for a moment.
     Topic("heatmap/heat", Heat, 30.0, "by run", congestion="block first", priority="data low", newest=4),
+    Topic("heatmap/preview", Preview, 5.0, "live", congestion="drop", priority="data low", newest=1),
     # Most say that a frame is no keyframe, and must not push out one that is: a second's worth waits. No frame waits
     # for the stage in a live run, so that it may wait itself.
     Topic("segments/segments", Segments, 30.0, "by run", newest=32),
@@ -87,6 +91,7 @@ _ROWS = (
     ),
     *(Topic(f"{stage}/about", About, 0.0, "lossless", "query") for stage in STAGES),
     Topic("fusion/map", MapPoints, 0.0, "lossless", "query"),
+    Topic("fusion/changes", MapChanges, 0.0, "lossless", "query"),
     Topic("fusion/reset", Progress, 0.0, "lossless", "query"),
 )
 

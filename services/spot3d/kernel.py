@@ -1,4 +1,17 @@
-"""How kernels are compiled: once, into numba's cache, without what nobody calls."""
+"""How kernels are compiled: once, into numba's cache, without what nobody calls.
+
+Which, and when:
+
+- A kernel with a signature is compiled, or loaded, when its module is imported. It has one where what is seen decides
+  whether it is called, so that no frame waits for it; then another type is an error, not a second version.
+- A kernel without one is compiled for what it is first called with, which a stage's warm-up does before the stage goes
+  on line (a test holds it to that): so are those that every frame needs, and all that are given a NamedTuple, as arrays
+  that belong together are; signatures cannot name these. The source's kernels wait for its first frame.
+- A module of kernels is imported where it is used, as others are; inside a function only where the caller can do
+  without kernels altogether, as numba takes a second to import.
+
+A kernel has at most eight parameters.
+"""
 
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
@@ -23,7 +36,33 @@ def kernel(signature: str | None = None, **options: Any) -> Callable[[Function],
     its loop runs over several values at once only because memory of its own cannot overlap with what it is given.
     """
     options = {"cache": True, "nogil": True, "no_cfunc_wrapper": True, **_DIVISION, **options}
-    return cast(Callable[[Function], Function], njit(**options) if signature is None else njit(signature, **options))
+    if signature is not None:
+        return cast(Callable[[Function], Function], njit(signature, **options))
+
+    def compiled_when_called(function: Function) -> Function:
+        compiled = njit(**options)(function)
+        if options["cache"]:
+            _forget_what_cannot_be_read(compiled._cache)
+        return cast(Function, compiled)
+
+    return compiled_when_called
+
+
+def _forget_what_cannot_be_read(cache: Any) -> None:
+    """Empty a kernel's cache where it names a NamedTuple that another version of its module had.
+
+    numba reads the names of all types before it looks whether the module has changed, and raises.
+    """
+    load = cache.load_overload
+
+    def load_or_forget(*arguments: Any) -> Any:
+        try:
+            return load(*arguments)
+        except (AttributeError, ImportError):
+            cache.flush()
+            return None
+
+    cache.load_overload = load_or_forget
 
 
 def part(**options: Any) -> Callable[[Function], Function]:

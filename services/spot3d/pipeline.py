@@ -17,12 +17,11 @@ from spot3d.proposals.propose import propose
 from spot3d.segments.finder import find_segments
 from spot3d.segments.keyframes import Keyframes
 from spot3d.settings import Settings
-from spot3d.source.errors import SourceError
+from spot3d.source.errors import UNREADABLE, SourceError
 from spot3d.source.sequence import FrameSequence
 
 LOST = "lost pose"
-UNREADABLE = "cannot be read"
-"""Why a frame is not fused: it has no trusted pose, or its files are missing or broken."""
+"""Why a frame is not fused that can be read: it has no trusted pose."""
 
 
 @dataclass(frozen=True, slots=True)

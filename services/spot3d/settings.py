@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 from pydantic_settings import BaseSettings, EnvSettingsSource, SettingsConfigDict, SettingsError
 
 from spot3d.bridge.settings import BridgeSettings
+from spot3d.dashboard.settings import DashboardSettings
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.fusion.settings import PAPER as PAPER_FUSION
 from spot3d.fusion.settings import FusionSettings
@@ -54,6 +55,7 @@ class Settings(BaseSettings):
     fusion: FusionSettings = FusionSettings()
     link: LinkSettings = LinkSettings()
     access: AccessSettings = AccessSettings()
+    dashboard: DashboardSettings = DashboardSettings()
     bridge: BridgeSettings = BridgeSettings()
 
     @model_validator(mode="before")

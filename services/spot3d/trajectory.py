@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.whole_file import whole_file
+
 
 def rotation_angle(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     """Angle in radians, [0, pi], of each of (..., 3, 3) rotation matrices.
@@ -64,7 +66,8 @@ def write_tum(path: Path, stamps_ns: Sequence[int], T_world_camera: NDArray[np.f
     stamps_ns: n integer nanoseconds; T_world_camera: (n, 4, 4). Stamps come back exactly from `read_tum`.
     """
     lines = [tum_line(stamp, pose) for stamp, pose in zip(stamps_ns, T_world_camera, strict=True)]
-    path.write_text("".join(line + "\n" for line in lines), encoding="utf-8")
+    with whole_file(path) as stream:
+        stream.write("".join(line + "\n" for line in lines).encode())
 
 
 def tum_line(stamp_ns: int, T_world_camera: NDArray[np.float64]) -> str:

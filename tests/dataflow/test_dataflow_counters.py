@@ -6,13 +6,15 @@ import threading
 
 import pytest
 
-from spot3d.dataflow.alive import Alive
+from spot3d.dataflow.alive import Alive, watch_alive
 from spot3d.dataflow.complaints import Complaints
 from spot3d.dataflow.counters import Counters
 from spot3d.dataflow.endpoints import keeps_newest, waiting
 from spot3d.dataflow.inbox import Inbox, Tray
 from spot3d.dataflow.ledger import Ledger
+from spot3d.dataflow.node import Node
 from spot3d.dataflow.process_use import ProcessUse, process_use
+from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
 from spot3d_schemas import TOPICS, Header, Progress
 from spot3d_schemas.limits import MAX_COUNT
@@ -79,6 +81,25 @@ def test_complaints_are_few(caplog: pytest.LogCaptureFixture) -> None:
         assert sum(complaints.say(f"reason {i}", "made up", 1.0) for i in range(10_000)) < 70
 
 
+def test_the_first_of_a_kind_is_logged_with_its_traceback(caplog: pytest.LogCaptureFixture) -> None:
+    node = Node("pose", LinkSettings(), threading.Event())
+
+    def divide() -> None:
+        try:
+            _ = 1 / 0
+        except ZeroDivisionError as error:
+            node.crashed("pose", "no pose", error)
+
+    divide()
+    node._complaints._said["pose ZeroDivisionError"] = (float("-inf"), 3)  # long ago
+    divide()
+    first, second = caplog.messages
+    assert first.startswith("no pose: ZeroDivisionError: division by zero\nTraceback")
+    assert "in divide" in first
+    assert second == "no pose: ZeroDivisionError: division by zero (3 more of these since)"
+    assert node.counters.health(HEADER, 10.0, USE).errors == 2
+
+
 def test_inbox_gives_in_the_order_of_arrival() -> None:
     inbox = Inbox({"a": Tray(2, True), "b": Tray(2, False)})
     assert inbox.get(0.0) is None
@@ -118,6 +139,13 @@ def test_alive() -> None:
     assert "pose" not in alive
     stop.set()
     assert alive.missing(("pose",), 1e6, stop) == ("pose",)
+
+
+def test_nobody_watches_any_more_after_an_exception() -> None:
+    with open_router((free_loopback_endpoint(),)) as session:
+        with pytest.raises(ZeroDivisionError), watch_alive(session, "robot"):
+            raise ZeroDivisionError
+        assert "alive" not in [thread.name for thread in threading.enumerate()]
 
 
 def test_how_much_waits_of_every_published_topic() -> None:

@@ -12,8 +12,9 @@ from spot3d.camera import Intrinsics, back_project, invert
 from spot3d.evaluate.frame_tables import boxes_in_frame
 from spot3d.frame import RgbdFrame
 from spot3d.fusion.fusion import Fusion, ObjectsTask, _DensityTask
-from spot3d.fusion.map.heatmap3d import COLUMNS, FREQUENCY, HEAT, WEIGHT, Heatmap3D, X
+from spot3d.fusion.map.heatmap3d import Heatmap3D
 from spot3d.fusion.map.index_map import IndexMap, MatchCounts
+from spot3d.fusion.map.map_arrays import COLUMNS, FREQUENCY, HEAT, WEIGHT, X
 from spot3d.fusion.map.selection import frequent_points
 from spot3d.fusion.paper.density_frame import find_by_density_in_frame
 from spot3d.fusion.settings import FusionSettings

@@ -58,3 +58,13 @@ def test_a_larger_frame_is_sent_as_fusion_reduces_it() -> None:
     for name in ("colour", "depth", "heat"):
         assert np.array_equal(getattr(again, name), getattr(fused, name)), name
     assert again.camera == fused.camera
+
+
+def test_depth_in_a_sensors_own_coarse_steps_stays_as_it_is() -> None:
+    camera = Intrinsics(250.0, 250.0, 79.5, 59.5, 160, 120)
+    disparity = RNG.integers(150, 700, camera.shape)
+    coarse, fine = np.rint(575_000 / disparity).astype(np.uint16), RNG.integers(800, 3800, camera.shape)
+    for depth, changes in ((coarse, False), (fine.astype(np.uint16), True)):
+        frame = RgbdFrame(0, np.zeros((120, 160, 3), np.uint8), depth, 0.001, camera)
+        sent = thinned(frame, np.zeros(camera.shape, np.uint8), LinkSettings())
+        assert np.array_equal(sent.frame.depth, depth) != changes

@@ -99,5 +99,5 @@ def test_other_files_are_refused_by_name(tmp_path: Path) -> None:
     path.write_bytes(b"\x89MCAP0\r\n\x01" + bytes(40))
     with pytest.raises(BrokenRecordingError, match="no recording of spot3d"):
         open_mcap(path)
-    with pytest.raises(SourceError, match="none that spot3d record has made"):
+    with pytest.raises(SourceError, match="no ROS 2 bag"):
         open_source(path)

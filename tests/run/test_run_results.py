@@ -6,6 +6,7 @@ import pytest
 from spot3d.boxes import Box3D
 from spot3d.evaluate.truth import read_found_objects
 from spot3d.found_object import FoundObject
+from spot3d.run.lost_tracking import stretches, told
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport, report_document, statistics_ms
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, write_json, write_ply, write_results
 from spot3d.trajectory import read_tum
@@ -86,7 +87,7 @@ def test_report_document():
     report.drops = {"pose": {"out of order": 1}, "fusion": {}}
     document = json.loads(json.dumps(report_document(report), allow_nan=False))
     assert document["keyframes"] == 0
-    assert document["frames"] == {"input": 10, "fused": 8, "skipped": {"lost pose": 2}, "lost_poses": 0}
+    assert document["frames"] == {"input": 10, "fused": 8, "skipped": {"lost pose": 2}, "lost_poses": 0, "lost": []}
     assert document["drops"] == {"pose": {"out of order": 1}}
     assert document["restarts"] == {"pose": 1}
     assert document["stages"]["pose"]["step_ms"] == {"p50": 1.235, "p99": None}
@@ -114,3 +115,12 @@ def test_frame_rate_counts_from_the_first_frame():
     rate.add(5, 10.4)
     rate.add(5, 99.0)
     assert rate.ms_per_frame() == pytest.approx(100)
+
+
+def test_stretches_of_lost_tracking_are_told():
+    lost = [index in (1, *range(20, 35)) or index >= 80 for index in range(100)]
+    found = stretches(TrackedFrame(10 * index, np.eye(4), is_lost) for index, is_lost in enumerate(lost))
+    assert [(item.from_ns, item.to_ns, item.frames) for item in found] == [(10, 10, 1), (200, 340, 15), (800, 990, 20)]
+    text = told(found)
+    assert text.startswith("tracking was lost in 35 frames, in 2 stretches, the last 20 of them to the end")
+    assert told(found[:1]) == told([]) == ""

@@ -16,11 +16,13 @@ from spot3d_schemas import (
     Health,
     Heat,
     Hop,
+    MapChanges,
     MapPoints,
     Message,
     Object3D,
     Objects,
     Pose,
+    Preview,
     Progress,
     Proposals,
     Segments,
@@ -62,6 +64,7 @@ BOX = Object3D(
 
 SAMPLES: dict[str, Message] = {
     "Frame": Frame(**rgbd(), T_world_camera=quarter_turn()),
+    "Preview": Preview(header=HEADER, **{name: rgbd()[name] for name in ("intrinsics", "colour")}),
     "End": End(header=HEADER, frames_sent=300),
     "Pose": Pose(
         header=HEADER,
@@ -104,6 +107,19 @@ SAMPLES: dict[str, Message] = {
         frequency=np.array([5, 6], np.uint32),
         total=20,
         epoch="d4",
+    ),
+    "MapChanges": MapChanges(
+        header=HEADER,
+        generation=1_700_000_000_123_456_789,
+        cursor=40,
+        behind=3,
+        number=np.array([7, 9], np.uint32),
+        xyz=np.ones((2, 3), np.float32),
+        rgb=np.full((2, 3), 9, np.uint8),
+        heat=np.array([64, 0], np.uint8),
+        frequency=np.array([5, 0], np.uint32),
+        planes=np.array([[0.0, -0.6, -0.8, 1.2]]),
+        total=20,
     ),
     "Progress": Progress(header=HEADER, fused=5, skipped={"pose lost": 2}, last_stamp_ns=77, complete=True),
     "Health": Health(
@@ -266,6 +282,31 @@ def _map_points(draw: st.DrawFn) -> MapPoints:
     )
 
 
+@st.composite
+def _map_changes(draw: st.DrawFn) -> MapChanges:
+    n, planes = draw(st.integers(0, 5)), draw(st.integers(0, 3))
+    surfaces = [np.append(draw(_rotations)[0], draw(_finite)) for _ in range(planes)]
+    return MapChanges(
+        header=draw(_headers),
+        generation=draw(_counts),
+        cursor=draw(_counts),
+        behind=draw(_counts),
+        number=draw(hnp.arrays(np.uint32, n)),
+        xyz=draw(hnp.arrays(np.float32, (n, 3))),
+        rgb=draw(hnp.arrays(np.uint8, (n, 3))),
+        heat=draw(hnp.arrays(np.uint8, n)),
+        frequency=draw(hnp.arrays(np.uint32, n)),
+        planes=np.array(surfaces, np.float64).reshape(-1, 4),
+        total=draw(_counts),
+    )
+
+
+@st.composite
+def _previews(draw: st.DrawFn) -> Preview:
+    fields = draw(_rgbd())
+    return Preview(**{name: fields[name] for name in ("header", "intrinsics", "colour")})
+
+
 _boxes = st.integers(0, 5).flatmap(
     lambda m: hnp.arrays(np.float32, (m, 5), elements=st.floats(allow_nan=False, allow_infinity=False, width=32))
 )
@@ -283,6 +324,7 @@ _objects = st.builds(
 
 MESSAGES_OF: dict[str, st.SearchStrategy[Message]] = {
     "Frame": _frames(),
+    "Preview": _previews(),
     "End": st.builds(End, header=_headers, frames_sent=_counts),
     "Pose": st.builds(
         Pose,
@@ -311,6 +353,7 @@ MESSAGES_OF: dict[str, st.SearchStrategy[Message]] = {
         epoch=st.none() | _names,
     ),
     "MapPoints": _map_points(),
+    "MapChanges": _map_changes(),
     "Progress": st.builds(
         Progress,
         header=_headers,

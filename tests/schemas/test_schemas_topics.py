@@ -8,14 +8,17 @@ from spot3d_schemas import BRIDGE, MESSAGES, STAGES, TOPICS, alive_key, checked_
 def test_the_table_holds_what_the_dataflow_needs() -> None:
     assert set(TOPICS) == {
         "source/frame",
+        "source/preview",
         "source/end",
         "pose/pose",
         "proposals/boxes",
         "heatmap/heat",
+        "heatmap/preview",
         "segments/segments",
         "fusion/objects",
         "fusion/progress",
         "fusion/map",
+        "fusion/changes",
         "fusion/reset",
         *(f"{stage}/health" for stage in (*STAGES, BRIDGE)),
         *(f"{stage}/about" for stage in STAGES),

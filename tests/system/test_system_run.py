@@ -84,7 +84,7 @@ class Run:
             self.said += line
 
     def wait_for_stages(self) -> dict[str, int]:
-        wait_until(lambda: set(stages_of(self.process.pid)) == STAGES, 20, "all stages are started")
+        wait_until(lambda: set(stages_of(self.process.pid)) == STAGES, START_S, "all stages are started")
         return stages_of(self.process.pid)
 
 
@@ -178,3 +178,37 @@ def test_stages_end_with_a_run_that_is_killed(endless):
     children = endless.wait_for_stages()
     endless.process.kill()
     wait_until(lambda: not any(map(is_running, children.values())), 20, "every stage has ended")
+
+
+SLOW_VIEWER = """
+import sys, time, zenoh
+from zenoh.handlers import FifoChannel
+from spot3d.dataflow.session import zenoh_config
+from spot3d.dataflow.settings import LinkSettings
+while True:
+    try:
+        session = zenoh.open(zenoh_config(LinkSettings(connect=(sys.argv[1],), delivery="lossless")))
+        break
+    except zenoh.ZError:
+        time.sleep(0.05)
+subscriber = session.declare_subscriber("spot3d/robot/heatmap/heat", FifoChannel(1))
+while True:
+    subscriber.recv()
+    print("seen", flush=True)
+    time.sleep(1)
+"""
+
+
+def test_a_slow_onlooker_of_a_lossless_run_is_not_waited_for(tmp_path):
+    frames, endpoint, environment = 60, free_loopback_endpoint(), without_settings(os.environ)
+    command = arguments(tmp_path / "out", frames, "--pose", "truth", "--listen", endpoint)
+    viewer = subprocess.Popen([sys.executable, "-c", SLOW_VIEWER, endpoint], stdout=subprocess.PIPE, text=True)
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False, env=environment)
+    finally:
+        viewer.kill()
+        seen = viewer.communicate()[0].count("seen")
+    assert done.returncode == 0, done.stderr
+    assert f"{frames} of {frames} frames" in done.stdout
+    assert "none dropped" in done.stdout
+    assert 0 < seen < frames / 2

@@ -4,10 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
-from spot3d.fusion.map.heatmap3d import COLUMNS, FREQUENCY, HEAT, LAST, NORMAL, WEIGHT, Heatmap3D, R, X
+from spot3d.fusion.map.heatmap3d import Heatmap3D
+from spot3d.fusion.map.map_arrays import COLUMNS, FREQUENCY, HEAT, LAST, NORMAL, WEIGHT, R, X
 
 _REACH = 3
-_HALF = 1 << 20
+_HALF = 1 << 19
 
 
 class ReferenceMap:
@@ -26,8 +27,8 @@ def empty_map(voxel: float) -> ReferenceMap:
 
 def copy_of(heatmap: Heatmap3D) -> ReferenceMap:
     """The same points under the same voxels."""
-    used = heatmap.keys >= 0
-    voxels = dict(zip(heatmap.keys[used].tolist(), heatmap.slot_rows[used].tolist(), strict=True))
+    keys, slot_rows = heatmap.arrays.keys, heatmap.arrays.slot_rows
+    voxels = dict(zip(keys[keys >= 0].tolist(), slot_rows[keys >= 0].tolist(), strict=True))
     return ReferenceMap(heatmap.voxel, heatmap.points().copy(), voxels)
 
 
@@ -63,7 +64,7 @@ def merge(
     range_max: float,
     frame_number: int,
 ) -> tuple[NDArray[np.int32], int, int]:
-    """Give every valid pixel its map point and update that, as `spot3d.fusion.map.index_map.merge` does.
+    """Give every valid pixel its map point and update that, as `spot3d.fusion.map.heatmap3d.Heatmap3D.merge` does.
 
     Returns the index map (h, w), and how many pixels were warped and found. `known` grows by what is new.
     """
@@ -83,7 +84,7 @@ def merge(
     once, first = np.unique(pixel_rows, return_index=True)
     known.rows[once, HEAT] += heat[v, u][first] / np.float32(255)
     known.rows[once, FREQUENCY] += 1
-    known.rows[once, LAST] = frame_number
+    known.rows.view(np.int32)[once, LAST] = frame_number
     index = np.full(depth.shape, -1, np.int32)
     index[v, u] = pixel_rows
     return index, warped, found
@@ -116,7 +117,7 @@ def _look_up(
 
 def _voxel_keys(xyz: NDArray[np.float32], per_metre: np.float32) -> list[int]:
     i, j, k = (np.floor(xyz * per_metre).astype(np.int64) + _HALF).T
-    keys: list[int] = ((i << 42) | (j << 21) | k).tolist()
+    keys: list[int] = (((i << 20 | j) << 20 | k) << 3).tolist()
     return keys
 
 

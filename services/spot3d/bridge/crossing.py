@@ -18,8 +18,8 @@ from spot3d.dataflow.session import zenoh_config
 from spot3d.dataflow.settings import LinkSettings
 from spot3d_schemas import BRIDGE, TOPICS, Topic
 
-PACED = frozenset(("source/frame", "proposals/boxes", "heatmap/heat"))
-"""Topics that can fill a link: they have a connection of their own, and are skipped where it does not take them."""
+_PACED = "block first"
+"""Topics of this congestion can fill a link: they have a connection of their own, and are skipped where it is full."""
 
 _PING_S = 0.1
 _LEASE_MS = 10_000
@@ -113,7 +113,7 @@ class Crossing:
         local, robot, flows = self._local, self._link.robot, []
         here = (BRIDGE, *self._settings.stages)
         for topic in TOPICS.values():
-            far = self._bulk if topic.kind == "query" or topic.name in PACED else self._prompt
+            far = self._bulk if topic.kind == "query" or topic.congestion == _PACED else self._prompt
             origin, target = (local, far) if topic.producer in here else (far, local)
             if topic.kind == "query":
                 stack.callback(Questions(topic, origin, target, robot).stop)

@@ -17,7 +17,7 @@ _SLOWER, _FASTER = 1.15, 0.97
 _JUDGED = 5
 """The median delay of so many images counts: one in three may be late because TCP sends a lost packet again."""
 _ALONE = 5
-"""The least delay of so many images that travelled alone is that of the way itself ..."""
+"""The median delay of so many images that travelled alone is that of the way, TCP's repairs included ..."""
 _ALONE_EVERY_S = 10.0
 """... and one does at least this often, for the way may have become longer."""
 _LOST_S = 2.0
@@ -57,7 +57,7 @@ class Pacing:
             return not self._on_the_way
         if not self._on_the_way:
             return True
-        way_s = min(self._alone)
+        way_s = median(self._alone)
         # Nothing more goes behind one that is late: the link may be gone.
         late = now_s - self._on_the_way[0][1] > way_s + 2 * _HIGH_S
         return not late and len(self._on_the_way) < (way_s + _HIGH_S) / self.interval_s
@@ -89,7 +89,7 @@ class Pacing:
             self._alone.append(delay_s)
         if not self._alone:
             return
-        waiting_s = median(self._delays) - min(self._alone)
+        waiting_s = median(self._delays) - median(self._alone)
         if waiting_s > _HIGH_S and now_s - self._slowed_s > delay_s:
             self.interval_s, self._slowed_s = min(self.interval_s * _SLOWER, _SLOWEST_S), now_s
         elif waiting_s < _LOW_S:

@@ -10,6 +10,7 @@ import typer
 from spot3d.cli import recordings, stages
 from spot3d.cli.bench import bench
 from spot3d.cli.certificates import certificates
+from spot3d.cli.dashboard import DashboardOption, beside, dashboard, own_command
 from spot3d.cli.doctor import doctor
 from spot3d.cli.evaluate import evaluate
 from spot3d.cli.options import (
@@ -47,7 +48,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (*stages.COMMANDS, *recordings.COMMANDS, certificates, doctor, evaluate, bench):
+for _command in (*stages.COMMANDS, *recordings.COMMANDS, certificates, dashboard, doctor, evaluate, bench):
     app.command()(_command)
 
 _STAGES = "every stage's packages come with: pip install 'spot3d[all]'"
@@ -55,6 +56,7 @@ _PACKAGES = {
     "mcap": "it comes with: pip install 'spot3d[record]'",
     "zstandard": "it comes with: pip install 'spot3d[record]'",
     "cryptography": "it comes with: pip install 'spot3d[certificates]'",
+    "viser": "it comes with: pip install 'spot3d[dashboard]'",
     "foxglove": "it comes with: pip install 'spot3d[foxglove]'",
 }
 """Where packages come from that no stage needs."""
@@ -92,6 +94,7 @@ def run(
     colour_topic: ColourTopicOption = None,
     depth_topic: DepthTopicOption = None,
     listen: ListenOption = None,
+    show: DashboardOption = False,
 ) -> None:
     """Play INPUT through all stages and write the objects found, with a picture, into a folder."""
     from rich.console import Console
@@ -115,12 +118,18 @@ def run(
     if pose is not None and topic is None:
         overrides["pose"] = {"provider": "given" if pose == "truth" else pose}
     resolved = load_settings(settings, preset, overrides)
+    if listen:
+        # Checked as settings are, so that a slip of the pen is told as one.
+        load_settings(overrides={"link": {"mode": "router", "listen": tuple(listen)}})
     from spot3d.run.run import run as run_input
     from spot3d.source.selected import selection
 
-    chosen = selection(input_name, frames, every, intrinsics)
-    done = run_input(chosen, resolved, out, Console(), in_process, topic, listen or ())
-    _conclude(done, resolved)
+    chosen, console = selection(input_name, frames, every, intrinsics), Console()
+    with beside(show, in_process, resolved, settings, out, console) as page:
+        endpoints = (*(listen or ()), *(() if page is None else (page.endpoint,)))
+        _conclude(run_input(chosen, resolved, out, console, in_process, topic, endpoints), resolved)
+        if page is not None:
+            page.keep(console)
 
 
 @app.command()
@@ -132,6 +141,7 @@ def demo(
     preset: PresetOption = None,
     in_process: Annotated[bool, typer.Option("--in-process", help="all in one process, without Zenoh")] = False,
     half: HalfOption = False,
+    show: DashboardOption = False,
 ) -> None:
     """Find the objects of the built-in scene, with KISS-ICP's poses, and compare them with what is there."""
     from rich.console import Console
@@ -145,10 +155,17 @@ def demo(
     overrides = play_overrides(half, None) | {"link": {"delivery": "lossless"}, "pose": {"provider": "kiss"}}
     resolved = load_settings(settings, preset, overrides)
     console = Console()
-    done = run_input(selection(f"scene:{seed}", frames, 1, None), resolved, out, console, in_process)
-    true = [(item.name, Box3D(item.centre, item.size, item.rotation)) for item in build_scene(seed).boxes]
-    console.print(demo_table(*match_objects(true, done.result.objects)))
-    _conclude(done, resolved)
+    with beside(show, in_process, resolved, settings, out, console) as page:
+        endpoints = () if page is None else (page.endpoint,)
+        chosen = selection(f"scene:{seed}", frames, 1, None)
+        done = run_input(chosen, resolved, out, console, in_process, listen=endpoints)
+        true = [(item.name, Box3D(item.centre, item.size, item.rotation)) for item in build_scene(seed).boxes]
+        console.print(demo_table(*match_objects(true, done.result.objects)))
+        _conclude(done, resolved)
+        if page is None:
+            typer.echo(f"see it live in the browser: {own_command()} demo --dashboard")
+        else:
+            page.keep(console)
 
 
 @app.command()
@@ -220,6 +237,7 @@ def print_settings(settings: SettingsOption = None, preset: PresetOption = None)
 def _conclude(done: "Finished", settings: Settings) -> None:
     """Say how a run went, and end with the exit code that tells programs."""
     from spot3d.run.left_out import forgotten, why_so_few
+    from spot3d.run.lost_tracking import told
 
     report = done.report
     dropped = sum(report.skipped.values())
@@ -228,7 +246,8 @@ def _conclude(done: "Finished", settings: Settings) -> None:
         f"{report.objects} objects from {report.fused} of {report.played} frames in {report.wall_s:.1f} s"
         f" ({f'not fused: {reasons}' if dropped else 'none dropped'}); results in {done.folder}"
     )
-    for line in (why_so_few(done.result, report.keyframes, settings), forgotten(report.keyframes_dropped, settings)):
+    few = why_so_few(done.result, report.keyframes, settings)
+    for line in (few, told(report.lost), forgotten(report.keyframes_dropped, settings)):
         if line:
             typer.echo(line)
     typer.echo(f"picture: {done.folder / 'overview.png'}")

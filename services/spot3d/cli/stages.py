@@ -205,8 +205,6 @@ def router(
     endpoints, others = tuple(listen or ["tcp/127.0.0.1:7447"]), tuple(connect or ())
     # Checked as settings are, so that a slip of the pen is told as one.
     resolved = load_settings(settings, overrides={"link": {"mode": "router", "listen": endpoints, "connect": others}})
-    import zenoh
-
     from spot3d.dataflow.heartbeat import Heartbeat
     from spot3d.dataflow.lingering import close_at_once
     from spot3d.dataflow.router import open_router
@@ -214,17 +212,13 @@ def router(
     from spot3d.security.access import access_control
 
     access = access_control(resolved.access) if resolved.access.enabled else None
-    with stop_on_signals(stop) as stopped:
-        try:
-            with open_router(endpoints, others, resolved.link, access):
-                typer.echo(f"router at {', '.join(endpoints)}")
-                heartbeat = Heartbeat(resolved.link.heartbeat)
-                while not stopped.wait(_NEWCOMERS_S):
-                    close_at_once()
-                    heartbeat.beat()
-                heartbeat.close()
-        except zenoh.ZError as error:
-            raise CommandError(f"cannot listen at {', '.join(endpoints)}: {error}") from error
+    heartbeat = Heartbeat(resolved.link.heartbeat)
+    with stop_on_signals(stop) as stopped, open_router(endpoints, others, resolved.link, access):
+        typer.echo(f"router at {', '.join(endpoints)}")
+        while not stopped.wait(_NEWCOMERS_S):
+            close_at_once()
+            heartbeat.beat()
+        heartbeat.close()
 
 
 COMMANDS = (source, pose, linked(proposals), linked(heatmap), linked(segments), fusion, bridge, router)

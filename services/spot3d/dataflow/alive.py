@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import zenoh
 from zenoh.handlers import FifoChannel, Handler
@@ -65,11 +65,13 @@ def watch_alive(session: zenoh.Session, robot: str) -> Iterator[Alive]:
     alive = Alive()
     channel: FifoChannel[zenoh.Sample] = FifoChannel(64)
     tokens = alive_key(robot, "*")
-    with session.liveliness().declare_subscriber(f"{tokens}/**", channel, history=True) as subscriber:
-        follower = threading.Thread(target=_follow, args=(subscriber.handler, alive), name="alive", daemon=True)
+    subscriber = session.liveliness().declare_subscriber(f"{tokens}/**", channel, history=True)
+    follower = threading.Thread(target=_follow, args=(subscriber.handler, alive), name="alive", daemon=True)
+    with ExitStack() as stack:
+        stack.callback(end_threads, (follower,))
+        stack.callback(subscriber.undeclare)
         follower.start()
         yield alive
-    end_threads((follower,))
 
 
 def _follow(handler: Handler[zenoh.Sample], alive: Alive) -> None:

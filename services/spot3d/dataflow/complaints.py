@@ -2,6 +2,7 @@
 
 import logging
 import threading
+import traceback
 
 _INTERVAL_S = 10.0
 """Least time between two lines of one reason."""
@@ -15,22 +16,28 @@ def printable(text: str) -> str:
 
 
 class Complaints:
-    """Logs each reason at once, and then at most every ten seconds with the number of times."""
+    """Logs each reason at once, and then at most every ten seconds with the number of times.
+
+    The first time also with the traceback of the exception, where there is one.
+    """
 
     def __init__(self, log: logging.Logger) -> None:
         self._log = log
         self._said: dict[str, tuple[float, int]] = {}
         self._lock = threading.Lock()
 
-    def say(self, reason: str, text: str, now_s: float) -> bool:
+    def say(self, reason: str, text: str, now_s: float, error: BaseException | None = None) -> bool:
         """Complain about `reason`; returns whether it was logged. now_s: monotonic seconds."""
         with self._lock:
             if reason not in self._said and len(self._said) >= _REASONS:
                 reason = "many reasons"
+            first = reason not in self._said
             last_s, silent = self._said.get(reason, (float("-inf"), 0))
             if now_s - last_s < _INTERVAL_S:
                 self._said[reason] = (last_s, silent + 1)
                 return False
             self._said[reason] = (now_s, 0)
-        self._log.warning("%s%s", printable(text), f" ({silent} more of these since)" if silent else "")
+        where = [] if error is None or not first else "".join(traceback.format_exception(error)).splitlines()
+        said = printable(text) + (f" ({silent} more of these since)" if silent else "")
+        self._log.warning("%s", "\n".join((said, *map(printable, where))))
         return True

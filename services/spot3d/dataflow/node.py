@@ -168,10 +168,21 @@ class Node:
         self._seqs[topic] = seq + 1
         return header.model_copy(update={"robot": self.link.robot, "seq": seq, "sender": self.sender})
 
-    def publish(self, topic: str, message: Message) -> bool:
-        """Send a message; returns whether it went out. What cannot be sent is counted as an error."""
+    def wanted(self, topic: str) -> bool:
+        """Whether anybody subscribes to an output; of one that is kept for those who come late that is not known."""
+        publisher = self._publishers[topic]
+        # Zenoh's type stub calls it a bool.
+        status: Any = publisher.matching_status if isinstance(publisher, zenoh.Publisher) else None
+        return status is None or bool(status.matching)
+
+    def publish(self, topic: str, message: Message, jpeg_quality: int | None = None) -> bool:
+        """Send a message; returns whether it went out. What cannot be sent is counted as an error.
+
+        jpeg_quality: send it compressed like this, whatever the link is.
+        """
+        thin, quality = self.link.thin_link or jpeg_quality is not None, jpeg_quality or self.link.jpeg_quality
         try:
-            payload = encode(message, thin_link=self.link.thin_link, jpeg_quality=self.link.jpeg_quality)
+            payload = encode(message, thin_link=thin, jpeg_quality=quality)
             self._publishers[topic].put(payload)
         except (CodecError, zenoh.ZError) as error:
             self.failed(topic, f"cannot send {topic}: {error}")
@@ -202,6 +213,13 @@ class Node:
         """Count an error and log it, if this reason was not just logged."""
         self.counters.error(text)
         self._complaints.say(reason, text, time.monotonic())
+
+    def crashed(self, step: str, text: str, error: Exception) -> None:
+        """Count and log an exception of the stage's own work; of each kind the first is logged with its traceback."""
+        kind = type(error).__name__
+        text = f"{text}: {kind}: {error}"
+        self.counters.error(text)
+        self._complaints.say(f"{step} {kind}", text, time.monotonic(), error)
 
     def note(self, kind: str, text: str) -> None:
         """Count an event that lost nothing and log it, if this kind was not just logged."""

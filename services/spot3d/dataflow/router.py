@@ -9,6 +9,17 @@ import zenoh
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 
+_ONLOOKERS = [
+    {
+        "id": "onlookers",
+        "messages": ["put"],
+        "key_exprs": ["**"],
+        "link_protocols": ["tcp", "tls", "ws", "quic"],
+        "flows": ["egress"],
+        "overwrite": {"congestion_control": "drop"},
+    }
+]
+
 
 def free_loopback_endpoint() -> str:
     """An endpoint on this host alone, at a port that is free now."""
@@ -23,13 +34,18 @@ def open_router(
     connect: tuple[str, ...] = (),
     link: LinkSettings | None = None,
     access: Mapping[str, object] | None = None,
+    spare: bool = False,
 ) -> Iterator[zenoh.Session]:
     """Routes between the clients at `listen` (and the routers at `connect`) for as long as it is open.
 
     link: whose certificates are used at tls endpoints. access: Zenoh's `access_control`; None: everybody may do
-    everything. The session takes part in the dataflow as any other does, whatever `access` says.
-    Raises zenoh.ZError where it cannot listen, TlsError where its certificate cannot be used.
+    everything. spare: whoever is not connected by a Unix socket is sent what his connection takes, and the rest is
+    dropped: nobody waits for him. The session takes part in the dataflow as any other does, whatever `access` says.
+    Raises ConnectionError where it cannot listen, TlsError where its certificate cannot be used.
     """
     secrets = {} if link is None else link.model_dump(include={"ca", "certificate", "key", "verify_names"})
-    with open_session(LinkSettings(mode="router", listen=listen, connect=connect, **secrets), None, access) as session:
+    more: dict[str, object] = {} if access is None else {"access_control": access}
+    if spare:
+        more["qos/network"] = _ONLOOKERS
+    with open_session(LinkSettings(mode="router", listen=listen, connect=connect, **secrets), None, more) as session:
         yield session

@@ -70,12 +70,13 @@ def _tls(link: LinkSettings) -> dict[str, object]:
 
 @contextmanager
 def open_session(
-    link: LinkSettings, stop: threading.Event | None = None, access: Mapping[str, object] | None = None
+    link: LinkSettings, stop: threading.Event | None = None, more: Mapping[str, object] | None = None
 ) -> Iterator[zenoh.Session]:
     """A session that is closed in the end; a client waits for its router, and says so.
 
-    access: Zenoh's `access_control`, for a router. Raises StoppedError where `stop` is set while waiting, TlsError
-    where the link's own certificate cannot be used, zenoh.ZError where a router or peer cannot open.
+    more: other values of Zenoh's configuration, by key, for a router. Raises StoppedError where `stop` is set while
+    waiting, TlsError where the link's own certificate cannot be used, ConnectionError where a router or peer cannot
+    open.
     """
     # A router tells of those that it refuses by a warning.
     zenoh.init_log_from_env_or("error,zenoh_link_tls=warn")
@@ -83,21 +84,22 @@ def open_session(
     if own is not None and own.soon_over:
         log.warning("this side's certificate %s is for %s: make a new one in time", link.certificate, own)
     # A session that is left open keeps the interpreter from ending.
-    with _open(link, stop, access) as session:
+    with _open(link, stop, more) as session:
         yield session
 
 
-def _open(link: LinkSettings, stop: threading.Event | None, access: Mapping[str, object] | None) -> zenoh.Session:
+def _open(link: LinkSettings, stop: threading.Event | None, more: Mapping[str, object] | None) -> zenoh.Session:
     config = zenoh_config(link)
-    if access is not None:
-        config.insert_json5("access_control", json.dumps(access))
+    for key, value in (more or {}).items():
+        config.insert_json5(key, json.dumps(value))
     tries = 0
     while stop is None or not stop.is_set():
         try:
             return zenoh.open(config)
         except zenoh.ZError as error:
             if link.mode != "client":
-                raise
+                where = ", ".join(link.listen or link.connect)
+                raise ConnectionError(f"cannot listen at {where}: {_first_line(error)}; is the port in use?") from error
             if tries % 10 == 0:
                 reason = why_refused(link) or error
                 log.warning("no router at %s yet, trying again: %s", ", ".join(link.connect), reason)
@@ -105,3 +107,8 @@ def _open(link: LinkSettings, stop: threading.Event | None, access: Mapping[str,
             if stop is not None:
                 stop.wait(0.1)
     raise StoppedError
+
+
+def _first_line(error: Exception) -> str:
+    """What Zenoh says, without where in its source it says so."""
+    return str(error).partition("\n")[0].partition(" at /")[0].strip()

@@ -10,6 +10,9 @@ from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.snapshot_file import write_snapshot
 from spot3d.dataflow.stopping import end_threads
 
+_PATIENCE_S = 60.0
+"""Time until it is tried again to write where that has failed: a folder that is read-only mostly stays so."""
+
 
 def snapshot_path(link: LinkSettings, stage: str) -> Path:
     """Where a stage of this robot keeps its snapshot."""
@@ -52,4 +55,5 @@ class SnapshotWriter:
         try:
             write_snapshot(self.path, pieces)
         except OSError as error:
+            self._last_s = time.monotonic() + _PATIENCE_S - self._interval_s
             self._failed(f"no snapshot in {self.path.parent}: {error.strerror or error}; a restart would begin anew")

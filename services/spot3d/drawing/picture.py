@@ -7,6 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.whole_file import whole_file
+
 Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 Point = tuple[float, float]
@@ -94,7 +96,8 @@ def place_labels(wanted: list[Point], widths: list[int], height: int, shape: tup
 def write_picture(path: Path, picture: Picture) -> None:
     """Write (h, w, 3) uint8 RGB as PNG. Raises OSError where the file cannot be written."""
     encoded = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))[1]
-    path.write_bytes(encoded.tobytes())
+    with whole_file(path) as stream:
+        stream.write(encoded.tobytes())
 
 
 def _overlap(a: tuple[float, float, int], b: tuple[float, float, int], height: int) -> bool:

@@ -17,7 +17,7 @@ from spot3d.source.errors import SourceError
 from spot3d.trajectory import ate, rpe
 from spot3d_schemas import STAGES
 
-_STEPS = (*STAGES[1:], "objects")
+TIMED = (*STAGES[1:], "objects")
 
 
 def time_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Table:
@@ -25,14 +25,14 @@ def time_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Table
     columns: tuple[Column, ...] = (
         Column("data"),
         Column("size"),
-        *(Column(f"{stage} ms", 1) for stage in _STEPS),
+        *(Column(f"{stage} ms", 1) for stage in TIMED),
         Column("all ms", 1),
     )
     table = Table("time", "Time for a frame by stage (paper, Table II)", columns)
     for dataset, size in both_sizes(datasets):
         done = [runs.run(item, settings) for item in dataset.sequences]
         frames = sum(max(1, run.frames - 1) for run in done)
-        means = [1e3 * sum(sum(run.step_s.get(stage, ())) for run in done) / frames for stage in _STEPS]
+        means = [1e3 * sum(sum(run.step_s.get(stage, ())) for run in done) / frames for stage in TIMED]
         table.add(dataset.name, size, *means, sum(means))
     table.notes.append(
         "One thread, in one process, reading not included. Objects: all updates' time, shared by the frames. "

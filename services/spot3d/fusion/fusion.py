@@ -11,6 +11,7 @@ from spot3d.camera import Intrinsics, back_project, invert
 from spot3d.depth_noise import DepthNoise
 from spot3d.found_object import FoundObject
 from spot3d.frame_segments import FrameSegments
+from spot3d.fusion.map.changes import MapChanges
 from spot3d.fusion.map.heatmap3d import Heatmap3D
 from spot3d.fusion.map.index_map import IndexMap, MatchCounts
 from spot3d.fusion.map.selection import FrequentPoints, frequent_points
@@ -20,6 +21,7 @@ from spot3d.fusion.objects.keyframes import FusedFrame, FusedFrames, Keyframe, k
 from spot3d.fusion.paper.density import find_by_density
 from spot3d.fusion.paper.ransac import planes_by_ransac
 from spot3d.fusion.settings import FusionSettings
+from spot3d.fusion.supports import RecentSupports
 from spot3d.geometry.lattice import to_lattice
 from spot3d.geometry.planes import dominant_planes, on_plane, supporting_plane, transform_plane
 
@@ -105,6 +107,8 @@ class Fusion:
         self.settings = settings
         self.heatmap = Heatmap3D(settings.map_limit, settings.voxel)
         self.frame_count = 0
+        self.map_changes = MapChanges()
+        self.supports = RecentSupports()
         self.consensus = ViewConsensus(settings)
         self._fused = FusedFrames(_AWAITING_SEGMENTS)
         self._index_map = IndexMap(settings)
@@ -116,6 +120,8 @@ class Fusion:
     def reset(self) -> None:
         """Forget everything; object numbers start anew."""
         self.heatmap.clear()
+        self.map_changes.clear()
+        self.supports = RecentSupports()
         self.consensus = ViewConsensus(self.settings)
         self._fused.clear()
         self._index_map.clear()
@@ -189,6 +195,8 @@ class Fusion:
         if frame is None:
             return False
         self.consensus.add(keyframe_of(frame, segments))
+        for plane in segments.supports()[::-1]:
+            self.supports.add(transform_plane(plane, frame.T_world_camera), frame.T_world_camera[:3, 3])
         return True
 
     def frequent_points(self) -> FrequentPoints:

@@ -14,6 +14,7 @@ from spot3d.dataflow.saved_objects import restored, same_fields, saved
 from spot3d.dataflow.snapshot_file import Snapshot, SnapshotError, read_snapshot
 from spot3d.found_object import FoundObject
 from spot3d.fusion.fusion import Fusion, MapState
+from spot3d.fusion.map.map_arrays import FREQUENCY
 from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.growing import Growing
 from spot3d.fusion.objects.identity import Identities
@@ -71,8 +72,9 @@ def keep(fusion: Fusion, told: Account) -> Kept:
 def fusion_snapshot(kept: Kept) -> Snapshot:
     """The snapshot; no update of the objects may be made meanwhile."""
     state, settings = kept.state, kept.settings
-    arrays: dict[str, NDArray[Any]] = {"rows": state.rows, "keys": state.keys, "removed": state.removed}
-    arrays |= {"candidates": state.candidates}
+    taken = state.rows[:, FREQUENCY] > 0
+    arrays: dict[str, NDArray[Any]] = {"rows": state.rows[taken], "keys": state.keys[taken]}
+    arrays |= {"removed": state.removed, "candidates": state.candidates}
     if state.supporting is not None:
         arrays["supporting"] = state.supporting
     values = {
@@ -118,7 +120,7 @@ def resume(fusion: Fusion, kept: Snapshot, path: Path) -> None:
             candidates=arrays["candidates"],
             supporting=arrays.get("supporting"),
         )
-        if state.rows.ndim != 2 or state.rows.shape[1:] != fusion.heatmap.rows.shape[1:]:
+        if state.rows.ndim != 2 or state.rows.shape[1:] != fusion.heatmap.arrays.rows.shape[1:]:
             raise SnapshotError(f"{path} has points of another version of spot3d")
         if state.keys.shape != state.rows.shape[:1] or state.rows.dtype != np.float32:
             raise SnapshotError(f"{path} has points of another version of spot3d")

@@ -10,6 +10,7 @@ from spot3d.dataflow.conversion import frame_segments, rgbd_frame
 from spot3d.dataflow.ledger import Ledger
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.streams import new_stream
+from spot3d.fusion.change_answers import ASKED, changes_message
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.inputs import NO_SEGMENTS, WITHOUT_FRAME, Arrival, Ready, inputs_of
 from spot3d.fusion.keeping import Keeping
@@ -24,8 +25,8 @@ log = logging.getLogger(__name__)
 _HEAT, _POSE, _SEGMENTS, _END = "heatmap/heat", "pose/pose", "segments/segments", "source/end"
 INPUTS = (_HEAT, _POSE, _SEGMENTS, _END)
 _OBJECTS, _PROGRESS = "fusion/objects", "fusion/progress"
-_MAP, _RESET = "fusion/map", "fusion/reset"
-OUTPUTS, QUERIES = (_OBJECTS, _PROGRESS), (_MAP, _RESET)
+_MAP, _CHANGES, _RESET = "fusion/map", "fusion/changes", "fusion/reset"
+OUTPUTS, QUERIES = (_OBJECTS, _PROGRESS), (_MAP, _CHANGES, _RESET)
 _ALONE = 300
 """Live: after so many fused frames without a word of the segments stage, ten seconds of a camera, that is told."""
 
@@ -78,6 +79,8 @@ class Stage:
                 elif topic == _MAP:
                     complete, header = self.ledger.complete, self._own_header(_MAP)
                     self.answers.submit(given, self.fusion, header, self.epoch, complete)
+                elif topic == _CHANGES:
+                    self._answer_changes(given)
                 else:
                     self._answer_reset(given)
             if self.ledger.due(time.monotonic()):
@@ -129,6 +132,7 @@ class Stage:
             return
         refused = LOST if pose.message.status == "lost" else self._refused(ready)
         if refused:
+            self.node.counters.drop(refused)
             self.ledger.skip(refused, stamp_ns, time.monotonic())
             return
         if self.camera not in (None, message.intrinsics):
@@ -146,8 +150,8 @@ class Stage:
                 stamp_ns,
             )
         except Exception as error:
-            text = f"cannot fuse the frame at {stamp_ns} ns: {type(error).__name__}: {error}"
-            self.node.failed(f"fuse {type(error).__name__}", text)
+            self.node.crashed("fuse", f"cannot fuse the frame at {stamp_ns} ns", error)
+            self.node.counters.drop(FAILED)
             self.ledger.skip(FAILED, stamp_ns, time.monotonic())
             return
         self.fused_ns = stamp_ns
@@ -188,8 +192,7 @@ class Stage:
             else:
                 self.node.counters.drop(WITHOUT_FRAME)
         except Exception as error:
-            text = f"cannot use the segments of the frame at {stamp_ns} ns: {type(error).__name__}: {error}"
-            self.node.failed(f"observe {type(error).__name__}", text)
+            self.node.crashed("observe", f"cannot use the segments of the frame at {stamp_ns} ns", error)
 
     def _note_if_alone(self) -> None:
         alone = self.inputs.alone
@@ -243,6 +246,11 @@ class Stage:
             last_stamp_ns=self.ledger.last_stamp_ns,
             complete=self.ledger.complete,
         )
+
+    def _answer_changes(self, query: zenoh.Query) -> None:
+        parameters = {name: query.parameters.get(name) or "" for name in ASKED}
+        message = changes_message(self.fusion, parameters, self._own_header(_CHANGES))
+        self.node.reply(query, _CHANGES, message)
 
     def _answer_reset(self, query: zenoh.Query) -> None:
         name = b"somebody who gives no name" if query.payload is None else query.payload.to_bytes()[:100]

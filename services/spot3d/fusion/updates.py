@@ -50,6 +50,7 @@ class Updates:
         self._busy = False
         self._wanted: Update | None = None
         self._changed = threading.Condition()
+        self._publishing = threading.Lock()
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="objects", daemon=True)
         self._thread.start()
@@ -89,8 +90,8 @@ class Updates:
             self._changed.notify_all()
 
     def forget(self) -> None:
-        """What is being computed is of a map that is no more: do not publish it."""
-        with self._changed:
+        """What is being computed is of a map that is no more: it is not published any more when this returns."""
+        with self._publishing, self._changed:
             self._wanted = None
 
     def _work(self) -> None:
@@ -111,15 +112,15 @@ class Updates:
             found = update.task.run()
             message = _message(self._node, update, found)
         except Exception as error:
-            text = f"no objects after {update.task.frame_count} frames: {type(error).__name__}: {error}"
-            self._node.failed(f"objects {type(error).__name__}", text)
+            self._node.crashed("objects", f"no objects after {update.task.frame_count} frames", error)
             return
-        with self._changed:
-            wanted = self._wanted is update
-        if wanted:
-            self._node.publish(_OUT, message)
-            if update.kept is not None:
-                self._keeping.write(update.kept)
+        with self._publishing:
+            with self._changed:
+                wanted = self._wanted is update
+            if wanted:
+                self._node.publish(_OUT, message)
+                if update.kept is not None:
+                    self._keeping.write(update.kept)
 
 
 def _message(node: Node, update: Update, found: FoundObjects) -> Objects:

@@ -10,6 +10,7 @@ import numpy as np
 from spot3d.dataflow.conversion import intrinsics_message, rgbd_frame
 from spot3d.dataflow.join import Join, Outcome
 from spot3d.dataflow.node import Node, Received
+from spot3d.dataflow.previews import Previews
 from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
@@ -20,7 +21,7 @@ from spot3d.heatmap.settings import HeatmapSettings
 from spot3d.heatmap.thinning import ThinFrame, thinned
 from spot3d_schemas import Frame, Heat, Proposals
 
-_FRAME, _BOXES, _OUT = "source/frame", "proposals/boxes", "heatmap/heat"
+_FRAME, _BOXES, _OUT, _PREVIEW = "source/frame", "proposals/boxes", "heatmap/heat", "heatmap/preview"
 _FRAMES_WAITING = 16
 """Live: frames that wait for their boxes, so that proposals may take half a second; 24 MB at VGA."""
 _BOXES_WAITING = 64
@@ -36,7 +37,7 @@ def run(link: LinkSettings, settings: HeatmapSettings, stop: threading.Event | N
     warm_up("heatmap", partial(_heat_first, settings))
     with stop_on_signals(stop) as stopped:
         try:
-            with Node("heatmap", link, stopped, (_FRAME, _BOXES), (_OUT,)) as node:
+            with Node("heatmap", link, stopped, (_FRAME, _BOXES), (_OUT, _PREVIEW)) as node:
                 _serve(node, settings)
         except StoppedError:
             return
@@ -49,6 +50,7 @@ def _heat_first(settings: HeatmapSettings, frames: Sequence[RgbdFrame]) -> None:
 
 def _serve(node: Node, settings: HeatmapSettings) -> None:
     frames = max(_FRAMES_WAITING, 2 * node.link.in_flight)
+    previews = Previews(node, _PREVIEW)
     join: Join[Received[Frame], Received[Proposals]] = Join(frames, _BOXES_WAITING)
     while not node.stop.is_set():
         item = node.next()
@@ -61,7 +63,7 @@ def _serve(node: Node, settings: HeatmapSettings) -> None:
         outcome: Outcome[Received[Frame], Received[Proposals]] = add(given.message.header.stamp_ns, given)
         _count(node, outcome)
         if outcome.pair is not None:
-            _publish_heat(node, outcome.pair, settings)
+            _publish_heat(node, outcome.pair, settings, previews)
 
 
 def _count(node: Node, outcome: Outcome[Received[Frame], Received[Proposals]]) -> None:
@@ -69,7 +71,7 @@ def _count(node: Node, outcome: Outcome[Received[Frame], Received[Proposals]]) -
     node.counters.drop("no boxes", len(outcome.without_right))
 
 
-def _publish_heat(node: Node, pair: Pair, settings: HeatmapSettings) -> None:
+def _publish_heat(node: Node, pair: Pair, settings: HeatmapSettings, previews: Previews) -> None:
     frame, boxes = pair[0].message, pair[1]
     heat = _heat(node, frame, boxes.message, settings)
     if heat is None:
@@ -96,6 +98,7 @@ def _publish_heat(node: Node, pair: Pair, settings: HeatmapSettings) -> None:
     )
     if node.publish(_OUT, message):
         node.measure_latency(message.header)
+    previews.offer(message.header, heat.heat, rgbd_frame(frame).intrinsics)
 
 
 def _heat(node: Node, frame: Frame, boxes: Proposals, settings: HeatmapSettings) -> Heatmap | None:
@@ -104,8 +107,7 @@ def _heat(node: Node, frame: Frame, boxes: Proposals, settings: HeatmapSettings)
     try:
         heat = weighted_heat(rgbd.depth_metres(), rgbd.intrinsics, boxes.boxes, settings)
     except Exception as error:
-        text = f"no heat for the frame at {rgbd.stamp_ns} ns: {type(error).__name__}: {error}"
-        node.failed(f"heatmap {type(error).__name__}", text)
+        node.crashed("heatmap", f"no heat for the frame at {rgbd.stamp_ns} ns", error)
         return None
     node.counters.step(time.perf_counter() - start_s)
     return heat

@@ -14,6 +14,8 @@ from spot3d.geometry.lattice import to_lattice
 
 _FARTHEST, _GRID = 32.0, 0.001
 """The noise is summed up in steps of a millimetre, to this range; what is farther stays as it is."""
+_PAYS = 0.75
+"""Rounding that leaves more than this share of the distinct values saves nothing worth it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +37,10 @@ def thinned(frame: RgbdFrame, heat: NDArray[np.uint8], link: LinkSettings) -> Th
         heat = small.heat
     if link.thin_depth_share > 0:
         noise = frame.intrinsics.noise
-        frame = replace(frame, depth=rounded_depth(frame.depth, frame.depth_scale, link.thin_depth_share, noise))
+        rounded = rounded_depth(frame.depth, frame.depth_scale, link.thin_depth_share, noise)
+        # What a sensor tells in steps of its own that are as coarse costs no more as it is.
+        if _values(rounded) < _PAYS * _values(frame.depth):
+            frame = replace(frame, depth=rounded)
     return ThinFrame(frame, rounded_heat(heat, link.thin_heat_levels))
 
 
@@ -55,6 +60,11 @@ def rounded_heat(heat: NDArray[np.uint8], levels: int) -> NDArray[np.uint8]:
     step = 255 / (levels - 1)
     table = np.rint(np.rint(np.arange(256) / step) * step).astype(np.uint8)
     return np.asarray(table[heat])
+
+
+def _values(depth: DepthImage) -> int:
+    """How many distinct values there are."""
+    return int(np.count_nonzero(np.bincount(depth.ravel())) if depth.dtype == np.uint16 else len(np.unique(depth)))
 
 
 @lru_cache(maxsize=8)

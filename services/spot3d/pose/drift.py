@@ -6,6 +6,7 @@ the depth images, so that each single frame is better placed by depth: the landm
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,41 +138,54 @@ class Agreement:
 
     def weights(self, T_world_camera: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) robust weight of each match at a pose, 0..1."""
-        return self._equations(T_world_camera)[2]
+        return self._equations(T_world_camera).weights
 
-    def _equations(
-        self, T_world_camera: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        H, g, weights = np.zeros((6, 6)), np.zeros(6), np.zeros(len(self.points))
-        (ray, r, lever), J, MJ = np.empty((3, 3)), np.eye(3, 6), np.empty((3, 6))
+    def _equations(self, T_world_camera: NDArray[np.float64]) -> "_Sums":
+        sums = _Sums(np.zeros((6, 6)), np.zeros(6), np.zeros(len(self.points)))
+        room = _Room(np.empty(3), np.empty(3), np.empty(3), np.eye(3, 6), np.empty((3, 6)))
         lateral = self.pixel * self.blur * self.points[:, 2]
         axial = self.noise.sigma(self.points[:, 2]) + _MAP_NOISE
-        T = np.ascontiguousarray(T_world_camera)
-        _normal_equations(T, self.points, self.landmarks, lateral, axial, ray, r, lever, J, MJ, H, g, weights)
-        return H, g, weights
+        pairs = _Pairs(self.points, self.landmarks, lateral, axial)
+        _normal_equations(np.ascontiguousarray(T_world_camera), pairs, room, sums)
+        return sums
+
+
+class _Pairs(NamedTuple):
+    """Points and their landmarks (see `Agreement`), with the standard deviations across a ray and along it, metres."""
+
+    points: NDArray[np.float64]
+    landmarks: NDArray[np.float64]
+    lateral: NDArray[np.float64]
+    axial: NDArray[np.float64]
+
+
+class _Room(NamedTuple):
+    """Room for what is computed of one point: three vectors (3,), J and MJ (3, 6); J's left half is the identity."""
+
+    ray: NDArray[np.float64]
+    r: NDArray[np.float64]
+    lever: NDArray[np.float64]
+    J: NDArray[np.float64]
+    MJ: NDArray[np.float64]
+
+
+class _Sums(NamedTuple):
+    """H (6, 6) and g (6,), which are summed up, and the weight (n,) of each point."""
+
+    H: NDArray[np.float64]
+    g: NDArray[np.float64]
+    weights: NDArray[np.float64]
 
 
 @kernel()
-def _normal_equations(
-    T: NDArray[np.float64],
-    points: NDArray[np.float64],
-    landmarks: NDArray[np.float64],
-    lateral: NDArray[np.float64],
-    axial: NDArray[np.float64],
-    ray: NDArray[np.float64],
-    r: NDArray[np.float64],
-    lever: NDArray[np.float64],
-    J: NDArray[np.float64],
-    MJ: NDArray[np.float64],
-    H: NDArray[np.float64],
-    g: NDArray[np.float64],
-    weights: NDArray[np.float64],
-) -> None:
+def _normal_equations(T: NDArray[np.float64], pairs: _Pairs, room: _Room, sums: _Sums) -> None:
     """Sum H and g of H x = g for the twist x that brings points to their landmarks; Geman-McClure weights.
 
-    The error of a point is `axial` (standard deviation, metres) along its ray and `lateral` across it.
-    J: its left half is the identity; ray, r, lever and MJ: room for what is computed of a point.
+    The error of a point is `axial` along its ray and `lateral` across it.
     """
+    points, landmarks, lateral, axial = pairs
+    ray, r, lever, J, MJ = room
+    H, g, weights = sums
     for i in range(len(points)):
         length = 0.0
         for a in range(3):

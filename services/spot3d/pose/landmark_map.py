@@ -1,6 +1,7 @@
 """The map of landmarks: image features whose places in the world are known."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,32 +158,46 @@ def _match(
     following, owner, difference = np.full((3, len(expected)), _NONE)
     difference[:] = _BITS_MAX + 1
     nearest = np.full(len(features), _NONE)
-    _find_nearest(
-        *(features.pixels, features.points, features.descriptors, expected, known, reach),
-        *(first, following, owner, difference, nearest),
-    )
+    found = _Found(features.pixels, features.points, features.descriptors)
+    _find_nearest(found, expected, known, reach, _Cells(first, following), _Claims(owner, difference), nearest)
     return nearest
+
+
+class _Found(NamedTuple):
+    """The arrays of `Features` that are compared."""
+
+    pixels: NDArray[np.float64]
+    points: NDArray[np.float64]
+    descriptors: NDArray[np.uint64]
+
+
+class _Cells(NamedTuple):
+    """Landmarks by cells of the image as wide as the reach: the first in each, and (m,) the next of each; -1 = none."""
+
+    first: NDArray[np.int64]
+    following: NDArray[np.int64]
+
+
+class _Claims(NamedTuple):
+    """The feature that has each of (m,) landmarks, -1 = none, and in how many bits they differ."""
+
+    owner: NDArray[np.int64]
+    difference: NDArray[np.int64]
 
 
 @kernel()
 def _find_nearest(
-    pixels: NDArray[np.float64],
-    points: NDArray[np.float64],
-    descriptors: NDArray[np.uint64],
+    features: _Found,
     expected: NDArray[np.float64],
     known: NDArray[np.uint64],
     reach: float,
-    first: NDArray[np.int64],
-    following: NDArray[np.int64],
-    owner: NDArray[np.int64],
-    difference: NDArray[np.int64],
+    cells: _Cells,
+    claims: _Claims,
     nearest: NDArray[np.int64],
 ) -> None:
-    """Fill in `nearest`, which is -1, as are `first` and `owner`; `difference` is more than may differ.
-
-    Landmarks are looked up in cells of the image as wide as the reach, `first`, chained by `following`. Each has an
-    `owner` that it differs from in so many bits.
-    """
+    """Fill in `nearest`, which is -1, and the cells and claims, which are empty; `difference` is more than may be."""
+    pixels, points, descriptors = features
+    (first, following), (owner, difference) = cells, claims
     for j in range(len(expected)):
         column, line = int(expected[j, 0] / reach) + 1, int(expected[j, 1] / reach) + 1
         following[j] = first[line, column]

@@ -57,6 +57,9 @@ def run(link: LinkSettings, settings: PoseSettings, stop: threading.Event | None
 def _track_all(tracker: PoseTracker, frames: Sequence[RgbdFrame]) -> None:
     for frame in frames:
         tracker.track(frame.stamp_ns, frame.depth_metres(), frame.intrinsics, frame.T_world_camera, frame.colour)
+    # What a full map and a snapshot need, which few frames do.
+    if isinstance(tracker, MapTracker) and (state := tracker.state()) is not None:
+        tracker.resume(state)
 
 
 class _Stage:
@@ -126,9 +129,8 @@ class _Stage:
                 frame.stamp_ns, frame.depth_metres(), frame.intrinsics, frame.T_world_camera, frame.colour
             )
         except Exception as error:
-            text = f"{type(error).__name__}: {error}"
-            self.node.failed(f"pose {type(error).__name__}", f"no pose of the frame at {frame.stamp_ns} ns: {text}")
-            return PoseEstimate(self.last.T_world_camera, "lost", text)
+            self.node.crashed("pose", f"no pose of the frame at {frame.stamp_ns} ns", error)
+            return PoseEstimate(self.last.T_world_camera, "lost", f"{type(error).__name__}: {error}")
         self.node.counters.step(time.perf_counter() - start_s)
         if estimate.forgotten:
             self.node.counters.event(_FORGOTTEN, estimate.forgotten)

@@ -1,18 +1,45 @@
 """The local map of planes: one surfel for each voxel and direction of its surface, found by hashing."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.kernel import kernel, part
 from spot3d.pose.surface import Surface
+from spot3d.voxel_hash import EMPTY, empty_table, find_slot, voxel_key
 
 # A surfel fills one cache line: mean position (3), mean normal (3), weight, frame that saw it last.
 _COLUMNS = 8
-_FREE = np.int64(-1)
 # Variance that counts as weight one; it only keeps the weights near one.
 _UNIT_VARIANCE = 1e-5
 # Beyond this weight (about 300 views at 1 m) a surfel stays open to change.
 _WEIGHT_MAX = 1000.0
+
+
+class _Surfels(NamedTuple):
+    """What the map is made of (see `SurfelMap`); voxel: metres."""
+
+    keys: NDArray[np.int64]
+    surfels: NDArray[np.float64]
+    voxel: float
+
+
+class _Points(NamedTuple):
+    """The arrays of a `Surface`."""
+
+    points: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    sigma: NDArray[np.float32]
+
+
+class _Sums(NamedTuple):
+    """What is summed up (see `SurfelMap.normal_equations`), and J (6,), room for the row of one point."""
+
+    H: NDArray[np.float64]
+    g: NDArray[np.float64]
+    totals: NDArray[np.float64]
+    J: NDArray[np.float64]
 
 
 class SurfelMap:
@@ -25,9 +52,9 @@ class SurfelMap:
     def __init__(self, voxel: float, limit: int) -> None:
         self.voxel = voxel
         self.limit = limit
-        slots = 1 << int(np.ceil(np.log2(2 * limit)))
-        self.keys = np.full(slots, _FREE)
-        self.surfels = np.zeros((slots, _COLUMNS))
+        self.keys = empty_table(limit)
+        self.surfels = np.zeros((len(self.keys), _COLUMNS))
+        self._arrays = _Surfels(self.keys, self.surfels, voxel)
         self.count = 0
         self.frames = 0
         self.forgotten = 0
@@ -37,30 +64,18 @@ class SurfelMap:
         self.frames += 1
         if self.count + len(surface) > self.limit:
             self._forget()
-        self.count += _insert(
-            self.keys,
-            self.surfels,
-            self.voxel,
-            self.frames,
-            self.limit - self.count,
-            np.ascontiguousarray(T_world_camera, np.float64),
-            surface.points,
-            surface.normals,
-            surface.sigma,
-        )
+        pose = np.ascontiguousarray(T_world_camera, np.float64)
+        self.count += _insert(self._arrays, _points_of(surface), pose, self.frames, self.limit - self.count)
 
     def held(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Keys (n,) and surfels (n, 8) of the map, copied."""
-        used = np.flatnonzero(self.keys != _FREE)
+        used = np.flatnonzero(self.keys != EMPTY)
         return self.keys[used], self.surfels[used]
 
     def restore(self, keys: NDArray[np.int64], surfels: NDArray[np.float64]) -> None:
         """Make the map that which `held` has returned of one with this size of voxel; at most `limit` surfels."""
         keys, surfels = keys[: self.limit], surfels[: self.limit]
-        self.keys.fill(_FREE)
-        self.surfels.fill(0)
-        _restore(self.keys, self.surfels, keys, surfels)
-        self.count = len(keys)
+        self._hold(keys, surfels)
         self.frames = int(surfels[:, 7].max(initial=0))
 
     def normal_equations(
@@ -76,35 +91,28 @@ class SurfelMap:
         Returns H (6, 6) and g (6,) of H x = g for the twist x (metres, radians; world axes, about the
         camera), and (points tried, points matched, sum of squared distances in m2).
         """
-        H, g, totals = np.zeros((6, 6)), np.zeros(6), np.zeros(3)
-        _normal_equations(
-            self.keys,
-            self.surfels,
-            self.voxel,
-            np.ascontiguousarray(T_world_camera, np.float64),
-            surface.points,
-            surface.normals,
-            surface.sigma,
-            distance,
-            kernel,
-            stride,
-            np.empty(6),
-            H,
-            g,
-            totals,
-        )
-        return H, g, totals
+        sums = _Sums(np.zeros((6, 6)), np.zeros(6), np.zeros(3), np.empty(6))
+        pose = np.ascontiguousarray(T_world_camera, np.float64)
+        _normal_equations(self._arrays, _points_of(surface), pose, distance, kernel, stride, sums)
+        return sums.H, sums.g, sums.totals
 
     def _forget(self) -> None:
         """Drop the half of the surfels that was not seen for longest."""
-        used = np.flatnonzero(self.keys != _FREE)
+        used = np.flatnonzero(self.keys != EMPTY)
         recent = used[np.argsort(-self.surfels[used, 7], kind="stable")[: self.limit // 2]]
         keys, surfels = self.keys[recent], self.surfels[recent]
-        self.keys.fill(_FREE)
-        self.surfels.fill(0)
-        _restore(self.keys, self.surfels, keys, surfels)
         self.forgotten += self.count - len(keys)
+        self._hold(keys, surfels)
+
+    def _hold(self, keys: NDArray[np.int64], surfels: NDArray[np.float64]) -> None:
+        self.keys.fill(EMPTY)
+        self.surfels.fill(0)
+        _restore(self._arrays, keys, surfels)
         self.count = len(keys)
+
+
+def _points_of(surface: Surface) -> _Points:
+    return _Points(surface.points, surface.normals, surface.sigma)
 
 
 @part()
@@ -117,51 +125,24 @@ def _key(x: float, y: float, z: float, nx: float, ny: float, nz: float, voxel: f
         face = 2 if ny > 0 else 3
     else:
         face = 4 if nz > 0 else 5
-    half = 1 << 19
-    i = (int(np.floor(x / voxel)) + half) & 0xFFFFF
-    j = (int(np.floor(y / voxel)) + half) & 0xFFFFF
-    k = (int(np.floor(z / voxel)) + half) & 0xFFFFF
-    return np.int64(((i << 20 | j) << 20 | k) << 3 | face) & np.int64(0x7FFFFFFFFFFFFFFF)
-
-
-@part()
-def _slot(keys: NDArray[np.int64], key: np.int64) -> np.int64:
-    """Slot of the key, or the free slot where it belongs (linear probing; the table is at most half full)."""
-    mask = keys.shape[0] - 1
-    h: np.int64 = key * np.int64(-7046029254386353131)
-    h = (h ^ (h >> 32)) & mask
-    while keys[h] != key and keys[h] != -1:
-        h = (h + 1) & mask
-    return h
+    i, j, k = np.floor(x / voxel), np.floor(y / voxel), np.floor(z / voxel)
+    return voxel_key(np.int64(i), np.int64(j), np.int64(k), face)
 
 
 @kernel()
-def _restore(
-    keys: NDArray[np.int64],
-    surfels: NDArray[np.float64],
-    kept_keys: NDArray[np.int64],
-    kept: NDArray[np.float64],
-) -> None:
+def _restore(known: _Surfels, kept_keys: NDArray[np.int64], kept: NDArray[np.float64]) -> None:
     """Put kept surfels back into the empty table."""
     for i in range(kept_keys.shape[0]):
-        h = _slot(keys, kept_keys[i])
-        keys[h] = kept_keys[i]
-        surfels[h] = kept[i]
+        h = find_slot(known.keys, kept_keys[i])
+        known.keys[h] = kept_keys[i]
+        known.surfels[h] = kept[i]
 
 
 @kernel()
-def _insert(
-    keys: NDArray[np.int64],
-    surfels: NDArray[np.float64],
-    voxel: float,
-    frame: int,
-    room: int,
-    T: NDArray[np.float64],
-    points: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    sigma: NDArray[np.float32],
-) -> int:
+def _insert(known: _Surfels, surface: _Points, T: NDArray[np.float64], frame: int, room: int) -> int:
     """Running means of position and normal; returns the number of new surfels, at most `room`."""
+    keys, surfels, voxel = known
+    points, normals, sigma = surface
     new = 0
     for i in range(points.shape[0]):
         p, n = points[i], normals[i]
@@ -172,7 +153,7 @@ def _insert(
         ny = T[1, 0] * n[0] + T[1, 1] * n[1] + T[1, 2] * n[2]
         nz = T[2, 0] * n[0] + T[2, 1] * n[1] + T[2, 2] * n[2]
         key = _key(x, y, z, nx, ny, nz, voxel)
-        h = _slot(keys, key)
+        h = find_slot(keys, key)
         if keys[h] == -1:
             if new >= room:
                 continue
@@ -194,22 +175,18 @@ def _insert(
 
 @kernel()
 def _normal_equations(
-    keys: NDArray[np.int64],
-    surfels: NDArray[np.float64],
-    voxel: float,
+    known: _Surfels,
+    surface: _Points,
     T: NDArray[np.float64],
-    points: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    sigma: NDArray[np.float32],
     distance: float,
     kernel: float,
     stride: int,
-    J: NDArray[np.float64],
-    H: NDArray[np.float64],
-    g: NDArray[np.float64],
-    totals: NDArray[np.float64],
+    sums: _Sums,
 ) -> None:
     """Sum H, g and the totals over every stride-th point; Geman-McClure weights, inverse noise variance."""
+    keys, surfels, voxel = known
+    points, normals, sigma = surface
+    H, g, totals, J = sums
     for i in range(0, points.shape[0], stride):
         totals[0] += 1
         p, n = points[i], normals[i]
@@ -221,7 +198,7 @@ def _normal_equations(
         nx = T[0, 0] * n[0] + T[0, 1] * n[1] + T[0, 2] * n[2]
         ny = T[1, 0] * n[0] + T[1, 1] * n[1] + T[1, 2] * n[2]
         nz = T[2, 0] * n[0] + T[2, 1] * n[1] + T[2, 2] * n[2]
-        h = _slot(keys, _key(x, y, z, nx, ny, nz, voxel))
+        h = find_slot(keys, _key(x, y, z, nx, ny, nz, voxel))
         if keys[h] == -1:
             continue
         s = surfels[h]

@@ -1,5 +1,7 @@
 """How well one edge group continues another (EdgeBoxes, Sec. 3.1, Eq. 1)."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,26 +31,32 @@ def affinities(
     size = np.bincount(group[group >= 0], minlength=len(mean))
     sorted_pixels, start = np.empty_like(pixels), np.append(np.cumsum(size), pixels.size)
     _sort_by_group(label.reshape(-1), pixels, start, sorted_pixels)
+    groups = _Groups(sorted_pixels, start, mean, normal)
     room = PAIRS * (len(mean) + 1)
     while True:
         first, met = np.zeros(len(mean) + 1, np.int32), np.full(len(mean), -1, np.int32)
-        neighbour, affinity = np.empty(room, np.int32), np.empty(room, np.float32)
-        n = _affinities(
-            label,
-            sorted_pixels,
-            start,
-            mean,
-            normal,
-            np.float32(gamma),
-            np.float32(least),
-            met,
-            first,
-            neighbour,
-            affinity,
-        )
+        rows = _Rows(first, np.empty(room, np.int32), np.empty(room, np.float32))
+        n = _affinities(label, groups, np.float32(gamma), np.float32(least), met, rows)
         if n <= room:
-            return first, neighbour[:n], affinity[:n]
+            return first, rows.neighbour[:n], rows.affinity[:n]
         room = n
+
+
+class _Groups(NamedTuple):
+    """Group g has pixels[start[g] : start[g + 1]]; mean, normal: as `affinities` has them."""
+
+    pixels: NDArray[np.int64]
+    start: NDArray[np.int64]
+    mean: NDArray[np.float32]
+    normal: NDArray[np.float32]
+
+
+class _Rows(NamedTuple):
+    """The sparse rows of EdgeGroups."""
+
+    first: NDArray[np.int32]
+    neighbour: NDArray[np.int32]
+    affinity: NDArray[np.float32]
 
 
 @kernel()
@@ -65,21 +73,18 @@ def _sort_by_group(
 @kernel()
 def _affinities(
     label: NDArray[np.int32],
-    pixels: NDArray[np.int64],
-    start: NDArray[np.int64],
-    mean: NDArray[np.float32],
-    normal: NDArray[np.float32],
+    groups: _Groups,
     gamma: np.float32,
     least: np.float32,
     met: NDArray[np.int32],
-    first: NDArray[np.int32],
-    neighbour: NDArray[np.int32],
-    affinity: NDArray[np.float32],
+    rows: _Rows,
 ) -> int:
     """Write the sparse rows as far as there is room for them, and say how much they need.
 
-    pixels, start: group g has pixels[start[g] : start[g + 1]]; met: -1 of each group, then the last that met it.
+    met: -1 of each group, then the last that met it.
     """
+    pixels, start, mean, normal = groups
+    first, neighbour, affinity = rows
     h, w = label.shape
     n = 0
     for g in range(met.size):

@@ -85,9 +85,7 @@ def cluster(pixels: EdgePixels, threshold: float) -> tuple[NDArray[np.int32], in
     label, seen_by = np.full((2, pixels.magnitude.size), NONE, np.int32)
     label[pixels.edges] = FREE
     border, turns = np.empty_like(pixels.edges), np.empty(pixels.edges.size, np.float32)
-    count: int = _cluster(
-        pixels.orientation, pixels.edges, pixels.width, np.float32(threshold), label, seen_by, border, turns
-    )
+    count: int = _cluster(pixels, np.float32(threshold), label, seen_by, border, turns)
     return label, count
 
 
@@ -100,9 +98,7 @@ def turn(a: np.float32, b: np.float32) -> np.float32:
 
 @kernel()
 def _cluster(
-    orientation: NDArray[np.float32],
-    edges: NDArray[np.int64],
-    width: int,
+    pixels: EdgePixels,
     threshold: np.float32,
     label: NDArray[np.int32],
     seen_by: NDArray[np.int32],
@@ -114,6 +110,7 @@ def _cluster(
     seen_by: NONE everywhere, then the last group that has the pixel on its border; border, turns: room for the
     growing group's border.
     """
+    _, orientation, edges, width = pixels
     count = 0
     for i in range(edges.size):
         p = edges[i]
@@ -150,33 +147,22 @@ def absorb_small(pixels: EdgePixels, label: NDArray[np.int32], count: int, min_t
     label: (h * w,) int32, changed in place; pixels that border on no other group end as -1. Returns the new
     number of groups.
     """
-    kept: int = _absorb_small(
-        pixels.magnitude,
-        pixels.orientation,
-        pixels.edges,
-        pixels.width,
-        np.float32(min_total),
-        label,
-        np.zeros(count, np.float32),
-        np.full(count, NONE, np.int32),
-        np.empty_like(pixels.edges),
-    )
+    total, number = np.zeros(count, np.float32), np.full(count, NONE, np.int32)
+    kept: int = _absorb_small(pixels, np.float32(min_total), label, total, number, np.empty_like(pixels.edges))
     return kept
 
 
 @kernel()
 def _absorb_small(
-    magnitude: NDArray[np.float32],
-    orientation: NDArray[np.float32],
-    edges: NDArray[np.int64],
-    width: int,
+    pixels: EdgePixels,
     min_total: np.float32,
     label: NDArray[np.int32],
     total: NDArray[np.float32],
     number: NDArray[np.int32],
     pending: NDArray[np.int64],
 ) -> int:
-    """See `absorb_small`. total, number: 0 and NONE of each group; pending: room for pixels without a group."""
+    """As `absorb_small`. total, number: 0 and NONE of each group; pending: room for pixels without a group."""
+    magnitude, orientation, edges, width = pixels
     for i in range(edges.size):
         total[label[edges[i]]] += magnitude[edges[i]]
     kept = 0
@@ -220,23 +206,21 @@ def describe(
     """Each group's total magnitude (n,), mean place (n, 2), mean unit normal (n, 2) and last pixel (n, 2)."""
     total, last = np.zeros(count, np.float32), np.zeros(count, np.int64)
     mean, normal = np.zeros((2, count, 2), np.float32)
-    _describe(pixels.magnitude, pixels.orientation, pixels.edges, pixels.width, label, total, mean, normal, last)
+    _describe(pixels, label, total, mean, normal, last)
     return total, mean, normal, np.stack((last % pixels.width, last // pixels.width), axis=1).astype(np.int32)
 
 
 @kernel()
 def _describe(
-    magnitude: NDArray[np.float32],
-    orientation: NDArray[np.float32],
-    edges: NDArray[np.int64],
-    width: int,
+    pixels: EdgePixels,
     label: NDArray[np.int32],
     total: NDArray[np.float32],
     mean: NDArray[np.float32],
     normal: NDArray[np.float32],
     last: NDArray[np.int64],
 ) -> None:
-    """See `describe`; all that is written is 0 before."""
+    """Sum up each group's total magnitude, its places and its normals, and its last pixel; all are 0 before."""
+    magnitude, orientation, edges, width = pixels
     for i in range(edges.size):
         p = edges[i]
         g = label[p]

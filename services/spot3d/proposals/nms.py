@@ -1,5 +1,7 @@
 """Non-maximum suppression of boxes by overlap, the threshold fixed or falling (EdgeBoxes, Sec. 3.4)."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,8 +17,18 @@ def suppress(
     it after each window kept, while it is above 0.5.
     """
     kept = np.empty(min(most, order.size), np.int64)
-    sides = np.empty((5, kept.size), np.float32)
-    return kept[: _suppress(windows, order, np.float32(beta), np.float32(eta), kept, *sides)]
+    sides = _Sides(*np.empty((5, kept.size), np.float32))
+    return kept[: _suppress(windows, order, np.float32(beta), np.float32(eta), kept, sides)]
+
+
+class _Sides(NamedTuple):
+    """Sides and areas of the boxes kept, (k,) each."""
+
+    left: NDArray[np.float32]
+    top: NDArray[np.float32]
+    right: NDArray[np.float32]
+    bottom: NDArray[np.float32]
+    areas: NDArray[np.float32]
 
 
 @kernel()
@@ -26,13 +38,10 @@ def _suppress(
     beta: np.float32,
     eta: np.float32,
     kept: NDArray[np.int64],
-    left: NDArray[np.float32],
-    top: NDArray[np.float32],
-    right: NDArray[np.float32],
-    bottom: NDArray[np.float32],
-    areas: NDArray[np.float32],
+    sides: _Sides,
 ) -> int:
-    """Write the indices and say how many they are; the last five are room for the sides and areas of those boxes."""
+    """Write the indices and say how many they are; sides: room for those boxes'."""
+    left, top, right, bottom, areas = sides
     zero = np.float32(0)
     n = 0
     for k in range(order.size):

@@ -63,8 +63,7 @@ def _propose(node: Node, message: Frame, settings: ProposalSettings) -> NDArray[
     try:
         boxes = propose(frame.colour.copy(), frame.depth_metres(), frame.intrinsics, settings)
     except Exception as error:
-        text = f"no proposals for the frame at {frame.stamp_ns} ns: {type(error).__name__}: {error}"
-        node.failed(f"proposals {type(error).__name__}", text)
+        node.crashed("proposals", f"no proposals for the frame at {frame.stamp_ns} ns", error)
         return None
     node.counters.step(time.perf_counter() - start_s)
     return boxes

@@ -16,9 +16,11 @@ from spot3d.dataflow.endpoints import declare_publisher
 from spot3d.dataflow.producers import Producers
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.found_object import FoundObject
+from spot3d.run.lost_tracking import stretches
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, empty_snapshot
 from spot3d.run.timeline import Timeline
+from spot3d.source.errors import UNREADABLE
 from spot3d_schemas import (
     STAGES,
     TOPICS,
@@ -99,6 +101,10 @@ class Collector:
         ours = header.stream in (None, self._stream)
         return ours and self._producers.admit(topic, header.sender, time.monotonic())
 
+    def snapshot(self, timeout_s: float) -> MapSnapshot:
+        """The map as fusion answers now; empty where it does not answer."""
+        return asked_map(self._session, self._robot, timeout_s)
+
     def result(self, points: MapSnapshot) -> RunResult:
         """The run's result as it is known now."""
         trajectory = tuple(self.poses[stamp] for stamp in sorted(self.poses))
@@ -121,6 +127,11 @@ class Collector:
                 item.errors, item.last_error = health.errors, health.last_error
                 report.drops[stage] = dict(self._earlier[stage] + Counter(health.drops))
             report.stages[stage] = item
+        # Fusion cannot know of frames that were never sent.
+        unread = report.drops.get("source", {}).get(UNREADABLE, 0)
+        if unread:
+            report.skipped[UNREADABLE] = unread
+        report.lost = stretches(item for _, item in sorted(self.poses.items()))
         report.proposals = dict(self._earlier_boxes + self._boxes())
         fusion = self.health.get("fusion")
         report.keyframes = 0 if fusion is None else fusion.events.get("keyframes", 0)

@@ -1,14 +1,17 @@
 """A run with each stage in a process of its own, all meeting at this process's router."""
 
+import sys
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from threading import Event
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.streams import new_stream
-from spot3d.run.collector import Collector, asked_map, relay_poses
+from spot3d.run.collector import Collector, relay_poses
 from spot3d.run.report import RunReport
 from spot3d.run.results import RunResult, empty_snapshot
 from spot3d.run.supervisor import Supervisor
@@ -22,6 +25,8 @@ from spot3d_schemas import STAGES, key
 _POLL_S = 0.05
 _FINAL_OBJECTS_S = 30.0
 """Longest wait for the last update of the objects after the last frame."""
+_KEEP_S = 10.0
+"""Time between two times that what there is so far is kept."""
 _MAP_S, _MAP_INTERRUPTED_S = 30.0, 2.0
 """Longest wait for the map, at the end and after Ctrl-C."""
 
@@ -49,33 +54,47 @@ def run_distributed(
     timeline: Timeline,
     watcher: Watcher,
     stop: Event,
+    keep: Callable[[RunResult], None],
 ) -> RunResult:
     """Run every stage as a process of the supervisor until the input ends, `stop` is set or a stage cannot go on.
 
-    Fills the report (`error` says why a run ended that should have gone on). No process is left behind.
+    Fills the report (`error` says why a run ended that should have gone on). No process is left behind. keep: called
+    every ten seconds with what there is so far.
     """
     robot = plan.settings.link.robot
-    endpoint = free_loopback_endpoint()
     logs.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         access = access_control(plan.settings.access) if plan.settings.access.enabled else None
+        spare = _spares_onlookers(plan)
+        endpoint = free_loopback_endpoint()
+        if spare:
+            endpoint = f"unixsock-stream/{stack.enter_context(TemporaryDirectory(prefix='spot3d-'))}/stages"
         listen = (endpoint, *plan.listen)
-        session = stack.enter_context(open_router(listen, link=plan.settings.link, access=access))
+        session = stack.enter_context(open_router(listen, link=plan.settings.link, access=access, spare=spare))
         collector = stack.enter_context(Collector(session, robot, plan.stream, timeline))
         if plan.pose_topic is not None and plan.pose_topic != key(robot, "pose/pose"):
             stack.enter_context(relay_poses(session, plan.pose_topic, robot))
         for stage in STAGES:
             if stage != "pose" or plan.pose_topic is None:
                 supervisor.start(stage, _arguments(plan, stage, endpoint), logs / f"{stage}.log")
-        _follow(plan, report, endpoint, supervisor, collector, watcher, stop)
+        _follow(plan, report, endpoint, supervisor, collector, watcher, stop, keep)
         points = empty_snapshot()
         if collector.progress is not None:
-            points = asked_map(session, robot, _MAP_INTERRUPTED_S if stop.is_set() else _MAP_S)
+            points = collector.snapshot(_MAP_INTERRUPTED_S if stop.is_set() else _MAP_S)
         supervisor.stop()
         # Each stage says its last counts when it leaves.
         collector.drain()
         collector.fill(report, supervisor.restarts())
         return collector.result(points)
+
+
+def _spares_onlookers(plan: Plan) -> bool:
+    """Whether the stages meet where nobody else does, so that a slow onlooker of a lossless run holds nobody up.
+
+    Not where somebody from elsewhere is a stage, as whoever gives the poses, nor where roles go by the endpoint.
+    """
+    lossless = plan.settings.link.delivery == "lossless" and plan.pose_topic is None
+    return lossless and bool(plan.listen) and not plan.settings.access.enabled and sys.platform != "win32"
 
 
 def _follow(
@@ -86,9 +105,11 @@ def _follow(
     collector: Collector,
     watcher: Watcher,
     stop: Event,
+    keep: Callable[[RunResult], None],
 ) -> None:
     """Watch the stages until the source has ended and the last objects are here."""
     ended_s: float | None = None
+    kept_s = time.monotonic()
     while not stop.wait(_POLL_S):
         collector.drain()
         progress, objects = collector.progress, collector.objects
@@ -103,6 +124,10 @@ def _follow(
         if progress is not None:
             found = 0 if objects is None else len(objects.objects)
             watcher.on_progress(progress.fused, sum(progress.skipped.values()), found)
+            if time.monotonic() - kept_s >= _KEEP_S:
+                collector.fill(report, supervisor.restarts())
+                keep(collector.result(collector.snapshot(_MAP_INTERRUPTED_S)))
+                kept_s = time.monotonic()
         if supervisor.finished("source"):
             ended_s = ended_s or time.monotonic()
             if progress is None or progress.fused == 0 or (objects is not None and objects.complete):

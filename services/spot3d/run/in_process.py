@@ -9,6 +9,7 @@ import numpy as np
 from spot3d.dataflow.process_use import process_use, stay_single_threaded
 from spot3d.fusion.fusion import FoundObjects
 from spot3d.pipeline import PipelineResult, PipelineStep, run_pipeline
+from spot3d.run.lost_tracking import stretches
 from spot3d.run.report import FrameRate, RunReport, StageReport, statistics_ms
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame
 from spot3d.run.timeline import Timeline
@@ -43,19 +44,20 @@ def run_in_process(
     result = run_pipeline(sequence, settings, follow, stop.is_set)
     if result.trajectory:
         timeline.add_update(result.trajectory[-1][0], _found(result.objects), complete=not stop.is_set())
-    use = process_use()
+    use, run = process_use(), _run_result(result)
     report.proposals = dict(result.heat_counts)
     report.keyframes = len(result.step_s.get("segments", ()))
     report.ms_per_frame = rate.ms_per_frame()
     report.interrupted = stop.is_set()
     report.fused, report.skipped = result.fusion.frame_count, dict(result.skipped)
     report.lost_poses = sum(pose.status == "lost" for _, pose in result.trajectory)
+    report.lost = stretches(run.trajectory)
     report.stages = {
         stage: StageReport(step_ms=dict(statistics_ms([1e3 * seconds for seconds in times])))
         for stage, times in result.step_s.items()
     }
     report.stages["all"] = StageReport(cpu_s=use.cpu_s, rss_mb=use.rss_bytes / 2**20)
-    return _run_result(result)
+    return run
 
 
 def _found(objects: FoundObjects) -> RunResult:

@@ -1,9 +1,10 @@
 """The process that the stages of a run are forked from: what they all import is imported once, not six times.
 
-    python -m spot3d.run.nursery
+    python -m spot3d.run.nursery NEWS
 
-Standard input: one JSON object a line, {"start": stage, "arguments": [...], "log": file} or {"end": stage}. Standard
-output: one a line, {"stage": name, "code": exit code} when a stage has ended. When standard input closes all stages
+Standard input: one JSON object a line, {"start": stage, "arguments": [...], "log": file} or {"end": stage}. File
+descriptor NEWS: one a line, {"stage": name, "code": exit code} when a stage has ended (standard output is anybody's: a
+library may print when it is imported). When standard input closes all stages
 are ended.
 """
 
@@ -41,7 +42,8 @@ _TERMINATE_S = 3.0
 class _Nursery:
     """The stages' processes; the standard input of each is a pipe that closes when this process ends, however."""
 
-    def __init__(self) -> None:
+    def __init__(self, told: int) -> None:
+        self._told = told
         self._stages: dict[int, str] = {}
         self._lifelines: dict[int, int] = {}
 
@@ -74,7 +76,7 @@ class _Nursery:
         reading, writing = os.pipe()
         pid = os.fork()
         if pid == 0:
-            for other in (*self._lifelines.values(), writing):
+            for other in (*self._lifelines.values(), writing, self._told):
                 os.close(other)
             _become(stage, arguments, reading, log)
         os.close(reading)
@@ -89,7 +91,7 @@ class _Nursery:
             os.close(self._lifelines.pop(pid))
             told = {"stage": self._stages.pop(pid), "code": os.waitstatus_to_exitcode(status)}
             with suppress(BrokenPipeError):  # nobody is there to be told
-                os.write(1, json.dumps(told).encode() + b"\n")
+                os.write(self._told, json.dumps(told).encode() + b"\n")
 
     def _signal(self, number: signal.Signals, stage: str | None = None) -> None:
         """Send a signal to one stage, or all; one that has ended stays a process until it is reaped."""
@@ -118,4 +120,4 @@ if __name__ == "__main__":
             importlib.import_module(name)
     # Objects that the collector never looks at are never written to, and stay shared between the stages.
     gc.freeze()
-    _Nursery().serve()
+    _Nursery(int(sys.argv[1])).serve()

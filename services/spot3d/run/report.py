@@ -1,7 +1,7 @@
 """report.json: what a run did with its frames, and what it cost."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -9,6 +9,7 @@ import numpy as np
 
 import spot3d
 from spot3d.machine import machine
+from spot3d.run.lost_tracking import Stretch
 
 
 @dataclass(slots=True)
@@ -44,6 +45,7 @@ class RunReport:
     skipped: dict[str, int] = field(default_factory=dict)
     drops: dict[str, dict[str, int]] = field(default_factory=dict)
     lost_poses: int = 0
+    lost: list[Stretch] = field(default_factory=list)
     proposals: dict[str, int] = field(default_factory=dict)
     keyframes: int = 0
     keyframes_dropped: int = 0
@@ -73,6 +75,7 @@ def report_document(report: RunReport) -> dict[str, Any]:
             "fused": report.fused,
             "skipped": report.skipped,
             "lost_poses": report.lost_poses,
+            "lost": [asdict(stretch) for stretch in report.lost],
         },
         "proposals": report.proposals,
         "keyframes": report.keyframes,

@@ -2,11 +2,9 @@
 
 import json
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +12,7 @@ from numpy.typing import NDArray
 from spot3d.boxes import Box3D
 from spot3d.found_object import FoundObject
 from spot3d.trajectory import write_tum
+from spot3d.whole_file import whole_file
 
 _VERTEX = np.dtype(
     [
@@ -130,7 +129,7 @@ def found_in(document: Any) -> RunResult:
 
 def write_json(path: Path, document: dict[str, Any]) -> None:
     """Write a JSON document, indented. Raises ValueError for numbers that JSON does not know."""
-    with _whole_file(path) as stream:
+    with whole_file(path) as stream:
         stream.write((json.dumps(document, indent=2, allow_nan=False) + "\n").encode())
 
 
@@ -152,9 +151,9 @@ def write_ply(path: Path, points: MapSnapshot) -> None:
         *properties,
         "end_header",
     ]
-    with _whole_file(path) as stream:
+    with whole_file(path) as stream:
         stream.write(("\n".join(header) + "\n").encode("ascii"))
-        rows.tofile(stream)
+        stream.write(rows.tobytes())  # tofile does not say why it fails
 
 
 def read_ply(path: Path) -> MapSnapshot:
@@ -169,15 +168,3 @@ def read_ply(path: Path) -> MapSnapshot:
     xyz = np.stack([rows[axis] for axis in "xyz"], axis=1)
     rgb = np.stack([rows[channel] for channel in ("red", "green", "blue")], axis=1)
     return MapSnapshot(xyz, rgb, rows["heat"].copy(), rows["frequency"].copy(), len(rows))
-
-
-@contextmanager
-def _whole_file(path: Path) -> Iterator[IO[bytes]]:
-    """A file that takes its name only once it is complete: no reader meets half a result."""
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        with partial.open("wb") as stream:
-            yield stream
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)

@@ -4,7 +4,7 @@ import shutil
 import time
 from collections.abc import Sequence
 from contextlib import nullcontext, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,11 +21,13 @@ from spot3d.run.supervisor import Supervisor
 from spot3d.run.timeline import NAME as TIMELINE
 from spot3d.run.timeline import Timeline
 from spot3d.settings import Settings, to_toml
-from spot3d.source.errors import SourceError
+from spot3d.source.errors import UNREADABLE, SourceError
 from spot3d.source.selected import Selection, Unseen, open_selection
 from spot3d.source.sequence import FrameSequence
 from spot3d.source.sequences import is_stream
 
+_UNFINISHED = "the run goes on, or was killed"
+"""What a report says as the error until the run has ended."""
 _SNAPSHOTS = "snapshots"
 """Folder of what stages that are started again go on from; it goes with the end of the run, unless that is killed."""
 
@@ -93,18 +95,23 @@ def _run(
         else:
             stages_file = _stages_settings(settings, folder)
             plan = Plan(selection, settings, stages_file, pose_topic, tuple(listen))
-            result = run_distributed(plan, supervisor, report, folder / "logs", timeline, watcher, stop)
+
+            def keep(result: RunResult) -> None:
+                try:
+                    _write(folder, result, replace(report, error=_UNFINISHED), time.perf_counter() - start_s)
+                except OSError as error:
+                    watcher.on_event(f"not kept so far: {error}")
+
+            result = run_distributed(plan, supervisor, report, folder / "logs", timeline, watcher, stop, keep)
     if camera:
         report.played = report.fused + sum(report.skipped.values())
     if told := timeline.told():
         report.events.append(told)
         console.print(told, style="yellow", markup=False, highlight=False, soft_wrap=True)
-    report.wall_s = time.perf_counter() - start_s
-    report.objects, report.left_out = len(result.objects), result.left_out
-    report.keyframes_dropped, report.map_points = result.keyframes_dropped, result.points.total
-    report.map_limit_reached = result.map_limit_reached
-    write_results(folder, result)
-    write_json(folder / "report.json", report_document(report))
+    unread = report.skipped.get(UNREADABLE, 0)
+    if unread and not report.error:
+        report.error = f"{unread} of {len(sequence)} frames cannot be read"
+    _write(folder, result, report, time.perf_counter() - start_s)
     if in_process:
         # Logs of an earlier run's processes would be taken for this one's.
         shutil.rmtree(folder / "logs", ignore_errors=True)
@@ -113,6 +120,16 @@ def _run(
     write_overview(folder / "overview.png", name, _views(sequence, result), result, camera_path)
     shutil.rmtree(folder / _SNAPSHOTS, ignore_errors=True)
     return Finished(folder, sequence, result, report)
+
+
+def _write(folder: Path, result: RunResult, report: RunReport, wall_s: float) -> None:
+    """Write the report, and the results as far as they can be written. Raises OSError in the end where one cannot."""
+    report.wall_s = wall_s
+    report.objects, report.left_out = len(result.objects), result.left_out
+    report.keyframes_dropped, report.map_points = result.keyframes_dropped, result.points.total
+    report.map_limit_reached = result.map_limit_reached
+    write_json(folder / "report.json", report_document(report))
+    write_results(folder, result)
 
 
 def _stages_settings(settings: Settings, folder: Path) -> Path:

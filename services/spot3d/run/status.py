@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TypeVar
@@ -15,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 from zenoh.handlers import Handler, RingChannel
 
+from spot3d.dashboard.health import StageRecords, Word
 from spot3d.dataflow.alive import Alive, watch_alive
 from spot3d.dataflow.complaints import printable
 from spot3d.dataflow.session import StoppedError, open_session
@@ -26,6 +27,7 @@ _CONNECT_S = 3.0
 _LISTEN_S = 2.5
 """One shot: each stage says how it is once a second."""
 _REFRESH_S = 0.5
+_STYLES = {"good": "green", "waits": "yellow", "bad": "red"}
 
 M = TypeVar("M", bound=Message)
 Subscriber = zenoh.Subscriber[Handler[zenoh.Sample]]
@@ -41,9 +43,10 @@ class _Channels:
 
 @dataclass(slots=True)
 class _Heard:
-    """What was heard last, health by stage."""
+    """What was heard last, health by stage, and what follows from it."""
 
     health: dict[str, Health] = field(default_factory=dict)
+    records: StageRecords = field(default_factory=StageRecords)
     objects: Objects | None = None
 
 
@@ -130,12 +133,24 @@ def status_table(
     return Group(table, *details)
 
 
+def words_of_stages(words: Sequence[Word]) -> Text:
+    """One line a stage: how it fares, in words."""
+    text = Text()
+    for word in words:
+        text.append(f"{word.stage:10}", style="bold")
+        text.append(f"{printable(word.text)}\n", style=_STYLES[word.level])
+    return text
+
+
 def _watch(robot: str, console: Console, channels: _Channels, alive: Alive, heard: _Heard) -> None:
     try:
         with Live(console=console, auto_refresh=False) as live:
             while True:
                 _listen(channels, heard, _REFRESH_S)
-                live.update(status_table(robot, _processes(alive), heard.health, heard.objects), refresh=True)
+                there = _processes(alive)
+                words = heard.records.words([stage for stage in STAGES if there[stage]], time.monotonic())
+                table = status_table(robot, there, heard.health, heard.objects)
+                live.update(Group(words_of_stages(words), table), refresh=True)
     except KeyboardInterrupt:
         return
 
@@ -149,6 +164,7 @@ def _listen(channels: _Channels, heard: _Heard, duration_s: float) -> None:
             health = _latest(channel, Health)
             if health is not None:
                 heard.health[health.stage] = health
+                heard.records.hear(health, time.monotonic())
         heard.objects = _latest(channels.objects, Objects) or heard.objects
         time.sleep(0.02)
 

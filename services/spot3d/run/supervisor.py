@@ -58,15 +58,19 @@ class Supervisor:
 
     def __enter__(self) -> Self:
         environment = without_settings(os.environ) | SINGLE_THREADED | KEEPING_MEMORY | _ENVIRONMENT
+        reading, writing = os.pipe()
+        self._news = os.fdopen(reading, "rb")
         self._nursery = subprocess.Popen(
-            [sys.executable, "-m", "spot3d.run.nursery"],
+            [sys.executable, "-m", "spot3d.run.nursery", str(writing)],
             stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
+            stdout=sys.__stderr__,
+            pass_fds=(writing,),
             env=environment,
             # Its own group: Ctrl-C in a terminal reaches the supervisor alone, which then ends the stages in order.
             process_group=0,
         )
-        self._listener = threading.Thread(target=self._listen, args=(self._nursery.stdout,), daemon=True)
+        os.close(writing)
+        self._listener = threading.Thread(target=self._listen, args=(self._news,), name="nursery", daemon=True)
         self._listener.start()
         return self
 
@@ -123,7 +127,7 @@ class Supervisor:
                 os.killpg(self._nursery.pid, signal.SIGKILL)
             self._nursery.wait()
         self._listener.join(_END_S)
-        _close(self._nursery.stdout)
+        self._news.close()
 
     def _launch(self, child: Child) -> None:
         child.code = None

@@ -13,7 +13,7 @@ _ASKED = ["declare_subscriber", "query", "liveliness_query", "declare_liveliness
 _TOLD = ["put", "delete", "reply", "declare_queryable", "liveliness_token"]
 """What a writer sends."""
 _BOTH_WAYS = ["ingress", "egress"]
-_ANSWERED = ["spot3d/*/fusion/map", "spot3d/*/*/about", "spot3d/*/fusion/objects/@adv/**"]
+_ANSWERED = ["spot3d/*/fusion/map", "spot3d/*/fusion/changes", "spot3d/*/*/about", "spot3d/*/fusion/objects/@adv/**"]
 """What a dashboard may query: not `fusion/reset`."""
 
 
@@ -48,12 +48,7 @@ def access_control(access: AccessSettings) -> dict[str, Any]:
         _rule(
             "dashboard asks", ["declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"], ["ingress"]
         ),
-        _rule(
-            "dashboard queries",
-            ["query"],
-            ["ingress"],
-            ["spot3d/*/fusion/map", "spot3d/*/*/about", "spot3d/*/fusion/objects/@adv/**"],
-        ),
+        _rule("dashboard queries", ["query"], ["ingress"], _ANSWERED),
         _rule("dashboard hears", _TOLD, ["egress"]),
         _rule("robot is asked", _ASKED, ["egress"]),
     ]

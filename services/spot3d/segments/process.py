@@ -95,8 +95,7 @@ def _find(node: Node, heat: Heat, settings: SegmentsSettings) -> FrameSegments |
     try:
         found = find_segments(frame.colour, frame.depth_metres(), heat.heat, frame.intrinsics, settings)
     except Exception as error:
-        text = f"no segments of the frame at {frame.stamp_ns} ns: {type(error).__name__}: {error}"
-        node.failed(f"segments {type(error).__name__}", text)
+        node.crashed("segments", f"no segments of the frame at {frame.stamp_ns} ns", error)
         return None
     node.counters.step(time.perf_counter() - start_s)
     return found

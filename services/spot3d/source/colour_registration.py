@@ -54,7 +54,6 @@ class ColourRegistration:
         depth = np.ascontiguousarray(depth, np.float32)
         _complete_inverse_depth(depth, self._inverse)
         _project(
-            depth,
             self._inverse,
             _pinhole_values(self.intrinsics),
             _pinhole_values(self.camera.intrinsics),
@@ -110,7 +109,6 @@ def _complete_inverse_depth(depth: NDArray[np.float32], inverse: NDArray[np.floa
 
 @kernel()
 def _project(
-    depth: NDArray[np.float32],
     inverse: NDArray[np.float32],
     depth_camera: NDArray[np.float32],
     colour_camera: NDArray[np.float32],

@@ -10,18 +10,20 @@ from spot3d.dataflow.conversion import intrinsics_message, noise_message
 from spot3d.dataflow.credit import Credit
 from spot3d.dataflow.node import Node
 from spot3d.dataflow.order import StreamOrder
+from spot3d.dataflow.previews import Previews
 from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.streams import new_stream
 from spot3d.frame import RgbdFrame
+from spot3d.source.errors import UNREADABLE
 from spot3d.source.sequence import FrameSequence, FrameStream
 from spot3d.source.settings import SourceSettings
 from spot3d_schemas import STAGES, End, Frame, Header, Progress
 
 log = logging.getLogger(__name__)
 
-_OUT, _END, _PROGRESS = "source/frame", "source/end", "fusion/progress"
+_OUT, _END, _PROGRESS, _PREVIEW = "source/frame", "source/end", "fusion/progress", "source/preview"
 FUSING_STAGES = tuple(stage for stage in STAGES if stage not in ("source", "segments"))
 """Without one of these no frame is fused."""
 EVERY_STAGE = tuple(stage for stage in STAGES if stage != "source")
@@ -60,7 +62,7 @@ def run(
         wait_for = EVERY_STAGE if link.delivery == "lossless" else ()
     with stop_on_signals(stop) as stopped:
         try:
-            with Node("source", link, stopped, (_PROGRESS,), (_OUT, _END)) as node:
+            with Node("source", link, stopped, (_PROGRESS,), (_OUT, _END, _PREVIEW)) as node:
                 _wait_for(node, node.alive, wait_for)
                 _Player(node, stream or new_stream()).play(sequence, rate_hz or settings.rate_hz or None)
         except StoppedError:
@@ -82,6 +84,7 @@ class _Player:
     def __init__(self, node: Node, stream: str) -> None:
         self.node, self.alive, self.stream = node, node.alive, stream
         self.credit = Credit(node.link.in_flight)
+        self.previews = Previews(node, _PREVIEW)
         self.order = StreamOrder(node.link.delivery == "live")
         self.sent = self.sent_before = 0
         self.last_stamp_ns = 0
@@ -118,8 +121,8 @@ class _Player:
             try:
                 frame = sequence[index]
             except Exception as error:
-                text = f"frame {index} cannot be read: {type(error).__name__}: {error}"
-                self.node.failed(f"source {type(error).__name__}", text)
+                self.node.crashed("source", f"frame {index} cannot be read", error)
+                self.node.counters.drop(UNREADABLE)
                 continue
             self.node.counters.step(time.perf_counter() - start_s)
             yield frame, read_ns
@@ -157,6 +160,7 @@ class _Player:
         if self.node.link.delivery == "lossless":
             self.credit.sent(frame.stamp_ns)
         self.node.publish(_OUT, message)
+        self.previews.offer(message.header, frame.colour, frame.intrinsics)
         self.sent += 1
         self.last_stamp_ns = frame.stamp_ns
 

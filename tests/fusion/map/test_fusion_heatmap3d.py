@@ -3,21 +3,24 @@
 import numpy as np
 import pytest
 
-from spot3d.fusion.map.heatmap3d import FREQUENCY, HEAT, LAST, Heatmap3D, X, find_slot, remove_key, voxel_key
+from spot3d.fusion.map.heatmap3d import Heatmap3D
+from spot3d.fusion.map.map_arrays import FREQUENCY, HEAT, LAST, X, key_at, remove_key
+from spot3d.voxel_hash import find_slot
 
 PER_METRE = np.float32(1 / 0.008)
 
 
 def filled(points: np.ndarray, heat: np.ndarray, frequency: np.ndarray, last: np.ndarray) -> Heatmap3D:
     heatmap = Heatmap3D(limit=len(points), voxel=0.008)
-    rows = heatmap.rows
+    known = heatmap.arrays
+    rows = known.rows
     rows[:] = 0
-    rows[:, X : X + 3], rows[:, HEAT], rows[:, FREQUENCY], rows[:, LAST] = points, heat, frequency, last
+    rows[:, X : X + 3], rows[:, HEAT], rows[:, FREQUENCY], known.numbers[:, LAST] = points, heat, frequency, last
     for row, point in enumerate(points):
-        key = voxel_key(*point, PER_METRE)
-        slot = find_slot(heatmap.keys, key)
-        heatmap.keys[slot], heatmap.slot_rows[slot], heatmap.row_slots[row] = key, row, slot
-    heatmap.used = len(points)
+        key = key_at(*point, PER_METRE)
+        slot = find_slot(known.keys, key)
+        known.keys[slot], known.slot_rows[slot], known.row_slots[row] = key, row, slot
+    known.counts[0] = len(points)
     return heatmap
 
 
@@ -28,16 +31,17 @@ def scattered(count: int, seed: int = 0) -> np.ndarray:
 
 
 def row_at(heatmap: Heatmap3D, point: np.ndarray) -> int:
-    slot = find_slot(heatmap.keys, voxel_key(*point, PER_METRE))
-    return int(heatmap.slot_rows[slot]) if heatmap.keys[slot] >= 0 else -1
+    known = heatmap.arrays
+    slot = find_slot(known.keys, key_at(*point, PER_METRE))
+    return int(known.slot_rows[slot]) if known.keys[slot] >= 0 else -1
 
 
 def assert_consistent(heatmap: Heatmap3D) -> None:
-    taken = np.flatnonzero(heatmap.points()[:, FREQUENCY] > 0)
-    assert heatmap.count == len(taken) == np.count_nonzero(heatmap.keys >= 0)
-    assert [row_at(heatmap, heatmap.rows[row, :3]) for row in taken] == taken.tolist()
-    np.testing.assert_array_equal(heatmap.slot_rows[heatmap.row_slots[taken]], taken)
-    free = heatmap.free[: heatmap.free_count]
+    taken, known = np.flatnonzero(heatmap.points()[:, FREQUENCY] > 0), heatmap.arrays
+    assert heatmap.count == len(taken) == np.count_nonzero(known.keys >= 0)
+    assert [row_at(heatmap, known.rows[row, :3]) for row in taken] == taken.tolist()
+    np.testing.assert_array_equal(known.slot_rows[known.row_slots[taken]], taken)
+    free = known.free[: heatmap.free_count]
     np.testing.assert_array_equal(np.sort(free), np.flatnonzero(heatmap.points()[:, FREQUENCY] == 0))
 
 
@@ -88,7 +92,7 @@ def test_keys_that_share_a_place_are_found_after_one_of_them_has_gone() -> None:
 
 def test_clear_forgets_all() -> None:
     heatmap = filled(scattered(50), np.ones(50), np.ones(50), np.ones(50))
-    point = heatmap.rows[49, :3].copy()
+    point = heatmap.points()[49, :3].copy()
     heatmap.evict(5, tau=10.0)
     assert row_at(heatmap, point) == 49
     heatmap.clear()
@@ -100,4 +104,4 @@ def test_neighbouring_voxels_have_different_keys(metres: float) -> None:
     edge = np.float32(0.125)  # exact in binary, so that borders are where they should be
     steps = np.stack(np.meshgrid(*[np.arange(-1, 2)] * 3), -1).reshape(-1, 3)
     points = (np.float32(metres) + (steps + 0.5) * edge).astype(np.float32)
-    assert len({int(voxel_key(*point, np.float32(1 / edge))) for point in points}) == 27
+    assert len({int(key_at(*point, np.float32(1 / edge))) for point in points}) == 27

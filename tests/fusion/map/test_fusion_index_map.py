@@ -8,9 +8,11 @@ from hypothesis import strategies as st
 
 from spot3d.bench.reference import warp as reference_warp
 from spot3d.camera import Intrinsics, back_project
-from spot3d.depth_noise import KINECT_V1
-from spot3d.fusion.map.heatmap3d import FREQUENCY, HEAT, LAST, WEIGHT, Heatmap3D, X, find_slot
-from spot3d.fusion.map.index_map import IndexMap, MatchCounts, warp
+from spot3d.fusion.map.heatmap3d import Heatmap3D
+from spot3d.fusion.map.index_map import Gates, IndexMap, MatchCounts, RgbdImage, warp
+from spot3d.fusion.map.map_arrays import FREQUENCY, HEAT, WEIGHT, X
+from spot3d.sensor import pinhole
+from spot3d.voxel_hash import find_slot
 
 POSE = look_at((0.0, -0.95, 0.7))
 TINY = Intrinsics(12.0, 11.0, 5.3, 3.9, 12, 9)
@@ -58,9 +60,8 @@ def test_warp_equals_the_plain_transcription(seed: int, colour_gate: float, z_ga
     T = T.astype(np.float32)
     kernel, nearest = np.full(TINY.shape, -1, np.int32), np.full(TINY.shape, np.inf, np.float32)
     warp(
-        last_index, last_depth, last_colour, depth, colour, T, *np.float32((TINY.fx, TINY.fy, TINY.cx, TINY.cy)),
-        np.float32((255 * colour_gate) ** 2), np.float32(z_gate), np.float32(0), KINECT_V1.coefficients(), nearest,
-        kernel,
+        last_index, RgbdImage(last_depth, last_colour), RgbdImage(depth, colour), T, pinhole(TINY),
+        Gates(np.float32((255 * colour_gate) ** 2), np.float32(z_gate), np.float32(0)), nearest, kernel,
     )  # fmt: skip
     plain = reference_warp(last_index, last_depth, last_colour, depth, colour, T, TINY, colour_gate, z_gate)
     np.testing.assert_array_equal(kernel, plain)
@@ -73,9 +74,9 @@ def test_of_several_on_one_pixel_the_nearest_wins() -> None:
     shrink[0, 0] = 1e-3  # all three land on the first pixel
     found, nearest = np.full((1, 3), -1, np.int32), np.full((1, 3), np.inf, np.float32)
     warp(
-        np.array([[4, 5, 6]], np.int32), np.array([[1.02, 1.0, 1.01]], np.float32), colour,
-        np.ones((1, 3), np.float32), colour, shrink, *np.float32((line.fx, line.fy, line.cx, line.cy)),
-        np.float32(1), np.float32(0.1), np.float32(0), KINECT_V1.coefficients(), nearest, found,
+        np.array([[4, 5, 6]], np.int32), RgbdImage(np.array([[1.02, 1.0, 1.01]], np.float32), colour),
+        RgbdImage(np.ones((1, 3), np.float32), colour), shrink, pinhole(line),
+        Gates(np.float32(1), np.float32(0.1), np.float32(0)), nearest, found,
     )  # fmt: skip
     np.testing.assert_array_equal(found, [[5, -1, -1]])
 
@@ -98,8 +99,17 @@ def test_heat_and_frequency_grow_once_a_frame_however_many_pixels_share_a_point(
         mapper.see(View(black, np.ones(CAMERA.shape, np.float32), hot), np.eye(4))
         assert (mapper.column(FREQUENCY) == frame).all()
         assert (mapper.column(HEAT) == frame).all()
-        assert (mapper.column(LAST) == frame).all()
+        assert (mapper.heatmap.last_seen() == frame).all()
     assert mapper.heatmap.count < 200
+
+
+def test_frames_are_told_apart_beyond_what_single_precision_counts() -> None:
+    mapper, seen = Mapper(), view(POSE, ROOM + THREE)
+    mapper.frames = 2**24
+    for frequency in (1, 2, 3):
+        mapper.see(seen, POSE)
+        assert (mapper.column(FREQUENCY) == frequency).all()
+    assert (mapper.heatmap.last_seen() == 2**24 + 3).all()
 
 
 def test_positions_are_running_means() -> None:
@@ -176,13 +186,13 @@ def test_a_full_map_stays_within_its_limit_and_consistent(limit: int) -> None:
         result = mapper.see(view(pose, ROOM + THREE, rng), pose)
         assert 0 < mapper.heatmap.count <= limit
         assert result.appended > 0
-        assert (mapper.column(LAST) == mapper.frames).sum() >= result.appended
+        assert (mapper.heatmap.last_seen() == mapper.frames).sum() >= result.appended
     assert mapper.heatmap.evicted > 0
-    taken = np.flatnonzero(mapper.column(FREQUENCY) > 0)
-    assert mapper.heatmap.count == len(taken) == np.count_nonzero(mapper.heatmap.keys >= 0)
-    slots = mapper.heatmap.row_slots[taken]
-    np.testing.assert_array_equal(mapper.heatmap.slot_rows[slots], taken)
-    assert [find_slot(mapper.heatmap.keys, key) for key in mapper.heatmap.keys[slots]] == slots.tolist()
+    taken, known = np.flatnonzero(mapper.column(FREQUENCY) > 0), mapper.heatmap.arrays
+    assert mapper.heatmap.count == len(taken) == np.count_nonzero(known.keys >= 0)
+    slots = known.row_slots[taken]
+    np.testing.assert_array_equal(known.slot_rows[slots], taken)
+    assert [find_slot(known.keys, key) for key in known.keys[slots]] == slots.tolist()
 
 
 def test_rows_that_points_have_left_are_taken_again() -> None:

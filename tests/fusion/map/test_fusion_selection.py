@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spot3d.fusion.map.heatmap3d import COLUMNS, FREQUENCY, HEAT, NORMAL, R, X
+from spot3d.fusion.map.map_arrays import COLUMNS, FREQUENCY, HEAT, NORMAL, R, X
 from spot3d.fusion.map.selection import frequent_points
 from spot3d.fusion.settings import FusionSettings
 

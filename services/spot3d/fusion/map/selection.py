@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.fusion.map.heatmap3d import FREQUENCY, HEAT, NORMAL, R, X
+from spot3d.fusion.map.map_arrays import FREQUENCY, HEAT, NORMAL, R, X
 from spot3d.fusion.settings import FusionSettings
 from spot3d.kernel import kernel
 
@@ -34,17 +34,23 @@ class FrequentPoints:
         )
 
 
+def counting(frame_count: int, settings: FusionSettings) -> tuple[float, float]:
+    """From how many frames on a point counts, min(5, 5 % of the frames), and tau (Eq. 14)."""
+    least = min(settings.frequency_min, settings.frequency_share * frame_count)
+    tau = min(settings.tau, settings.tau_share * frame_count) if settings.tau_share > 0 else settings.tau
+    return max(1.0, least), tau
+
+
 def frequent_points(rows: NDArray[np.float32], frame_count: int, settings: FusionSettings) -> FrequentPoints:
     """Points seen at least min(5, 5 % of the frames) times, with their pseudo-average confidence (Eq. 14).
 
     rows: (n, 16) float32 map rows, of which columns are copied.
     """
-    least = min(settings.frequency_min, settings.frequency_share * frame_count)
-    tau = min(settings.tau, settings.tau_share * frame_count) if settings.tau_share > 0 else settings.tau
+    least, tau = counting(frame_count, settings)
     # As much room as there could be need of: what stays empty costs no memory. NumPy's own arrays are on huge pages.
     vectors = [np.empty((len(rows), 3), np.float32) for _ in range(3)]
     scalars = [np.empty(len(rows), np.float32) for _ in range(2)]
-    count: int = _copy_frequent(rows, np.float32(max(1.0, least)), np.float32(tau), *vectors, *scalars)
+    count: int = _copy_frequent(rows, np.float32(least), np.float32(tau), *vectors, *scalars)
     return FrequentPoints(*(column[:count] for column in (*vectors, *scalars)))
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.fusion.objects.views import View, seen_at
+from spot3d.fusion.objects.views import View, ViewImage, seen_at
 from spot3d.kernel import kernel
 
 _HELD = 0.3
@@ -30,7 +30,7 @@ def without_disputed(
     seen, held = np.zeros((2, *places.shape[:2]), np.int32)
     for number in numbers[:: -(-len(numbers) // _ASKED)]:
         view, own = views[number]
-        _tally(view.labels, view.depth, view.pose, view.focal, own, places, frame != number, seen, held)
+        _tally(view.image(), own, places, frame != number, seen, held)
     kept = (seen < _ANSWERS) | (held >= _HELD * seen)
     count = kept.sum(axis=1)
     enough = count > _POINTS
@@ -41,12 +41,9 @@ def without_disputed(
     return np.where(kept[:, :, None], places, other[:, None]), enough
 
 
-@kernel("void(u1[:,::1], u2[:,::1], f4[:,::1], f4[::1], b1[::1], f4[:,:,::1], b1[::1], i4[:,::1], i4[:,::1])")
+@kernel()
 def _tally(
-    labels: NDArray[np.uint8],
-    depth: NDArray[np.uint16],
-    pose: NDArray[np.float32],
-    focal: NDArray[np.float32],
+    view: ViewImage,
     own: NDArray[np.bool_],
     places: NDArray[np.float32],
     asked: NDArray[np.bool_],
@@ -54,6 +51,7 @@ def _tally(
     held: NDArray[np.int32],
 ) -> None:
     """Add, for each place of the segments that are asked for, whether a view sees it, and sees the object there."""
+    labels, depth, pose, focal = view
     w = labels.shape[1]
     for i in range(len(places)):
         if asked[i]:

@@ -5,6 +5,7 @@ Open-Vocabulary 3D Instance Segmentation*, CVPR 2024.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,15 @@ NOTHING, BACKGROUND, OBJECT, WHOLE, DIVIDED = range(5)
 """What a view says of a segment: does not see it; sees background; sees objects; all in one; in several."""
 
 
+class ViewImage(NamedTuple):
+    """Labels, depth and camera of a `View`."""
+
+    labels: NDArray[np.uint8]
+    depth: NDArray[np.uint16]
+    pose: NDArray[np.float32]
+    focal: NDArray[np.float32]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
     """A keyframe as later ones are compared with it.
@@ -48,6 +58,10 @@ class View:
     focal: NDArray[np.float32]
     centre: NDArray[np.float32]
     reach: float
+
+    def image(self) -> ViewImage:
+        """The part of it in which kernels look things up."""
+        return ViewImage(self.labels, self.depth, self.pose, self.focal)
 
 
 def view_of(keyframe: Keyframe) -> View:
@@ -85,7 +99,7 @@ def ask(
     spheres: (n, 4) float32, centre and radius around each one's places: what is out of reach is not projected.
     """
     limit = np.append(view.centre, np.float32(view.reach))
-    _ask(view.labels, view.depth, view.pose, view.focal, limit, places, spheres, said, label)
+    _ask(view.image(), limit, places, spheres, said, label)
 
 
 @part()
@@ -113,18 +127,17 @@ def seen_at(
     return row * w + column if near else -1
 
 
-@kernel("void(u1[:,::1], u2[:,::1], f4[:,::1], f4[::1], f4[::1], f4[:,:,::1], f4[:,::1], u1[::1], u1[::1])")
+@kernel()
 def _ask(
-    labels: NDArray[np.uint8],
-    depth: NDArray[np.uint16],
-    pose: NDArray[np.float32],
-    focal: NDArray[np.float32],
+    view: ViewImage,
     limit: NDArray[np.float32],
     places: NDArray[np.float32],
     spheres: NDArray[np.float32],
     said: NDArray[np.uint8],
     label: NDArray[np.uint8],
 ) -> None:
+    """As `ask`. limit: (4,) centre and reach of the view."""
+    labels, depth, pose, focal = view
     w = labels.shape[1]
     count = np.zeros(256, np.int32)
     tested = (places.shape[1] + _TESTED - 1) // _TESTED

@@ -13,18 +13,15 @@ FLOOR = 0.004
 
 @part()
 def hit_box(
-    hx: float,
-    hy: float,
-    hz: float,
+    half: tuple[float, float, float],
     inside: bool,
-    ox: float,
-    oy: float,
-    oz: float,
+    eye: tuple[float, float, float],
     dx: float,
     dy: float,
     dz: float,
 ) -> float:
-    """Ray parameter where the ray enters a box of half sizes (hx, hy, hz), leaves it if `inside`; or FAR."""
+    """Ray parameter where the ray from `eye` enters a box of these half sizes, leaves it if `inside`; or FAR."""
+    (hx, hy, hz), (ox, oy, oz) = half, eye
     # A ray parallel to a side gets a huge but finite inverse: no branches for zeros.
     ix = 1.0 / (dx if abs(dx) > 1e-12 else 1e-12)
     iy = 1.0 / (dy if abs(dy) > 1e-12 else 1e-12)
@@ -107,7 +104,7 @@ def hit(
 ) -> float:
     """Least positive ray parameter on a primitive, the ray given in its frame; FAR if none."""
     if kind in (BOX, ROOM):
-        return hit_box(form[0], form[1], form[2], kind == ROOM, ox, oy, oz, dx, dy, dz)
+        return hit_box((form[0], form[1], form[2]), kind == ROOM, (ox, oy, oz), dx, dy, dz)
     if kind == CONE:
         return hit_cone(form, ox, oy, oz, dx, dy, dz)
     return hit_ellipsoid(form, ox, oy, oz, dx, dy, dz)

@@ -1,5 +1,7 @@
 """Shadows on the surfaces that things stand on, computed once when the scene is built."""
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -7,7 +9,7 @@ from numpy.typing import NDArray
 from spot3d.kernel import kernel
 from spot3d.source.scene.intersect import hit
 from spot3d.source.scene.placement import SHELF_HEIGHT, TABLE_HEIGHT
-from spot3d.source.scene.shapes import ROOM, Solids
+from spot3d.source.scene.shapes import ROOM, Shapes, Solids
 
 # The lamp: a square panel under the ceiling, in the world frame; metres.
 LAMP_CENTRE = (0.7, 0.35, 2.5)
@@ -36,25 +38,23 @@ def shadow_maps(solids: Solids) -> tuple[NDArray[np.float64], NDArray[np.float32
     light = np.empty((len(areas), CELLS, CELLS), np.float32)
     steps = (np.arange(3) - 1) * (LAMP_HALF * 2 / 3)
     lamps = np.array([(LAMP_CENTRE[0] + a, LAMP_CENTRE[1] + b, LAMP_CENTRE[2]) for a in steps for b in steps])
-    _fill(areas, lamps, solids.kind, solids.form, solids.rotation, solids.centre, middle, radius, light)
+    _fill(areas, lamps, _Spheres(solids.shapes, middle, radius), light)
     # Cells under a thing are dark: blurred, they pass for the dark line where things touch their support.
     for cells in light:
         cells[:] = cv2.blur(cells, (3, 3))
     return areas, light
 
 
+class _Spheres(NamedTuple):
+    """Shapes, and the sphere around each: middle (n, 3) and radius (n,)."""
+
+    shapes: Shapes
+    middle: NDArray[np.float64]
+    radius: NDArray[np.float64]
+
+
 @kernel()
-def _fill(
-    areas: NDArray[np.float64],
-    lamps: NDArray[np.float64],
-    kind: NDArray[np.int32],
-    form: NDArray[np.float64],
-    rotation: NDArray[np.float64],
-    centre: NDArray[np.float64],
-    middle: NDArray[np.float64],
-    radius: NDArray[np.float64],
-    light: NDArray[np.float32],
-) -> None:
+def _fill(areas: NDArray[np.float64], lamps: NDArray[np.float64], things: _Spheres, light: NDArray[np.float32]) -> None:
     """Writes the share of lamp points seen from each cell, a ray each."""
     for m in range(areas.shape[0]):
         for row in range(light.shape[1]):
@@ -65,27 +65,15 @@ def _fill(
                 seen = 0
                 for lamp in range(lamps.shape[0]):
                     dx, dy, dz = lamps[lamp, 0] - x, lamps[lamp, 1] - y, lamps[lamp, 2] - z
-                    if not _blocked(kind, form, rotation, centre, middle, radius, x, y, z, dx, dy, dz):
+                    if not _blocked(things, x, y, z, dx, dy, dz):
                         seen += 1
                 light[m, row, column] = seen / lamps.shape[0]
 
 
 @kernel()
-def _blocked(
-    kind: NDArray[np.int32],
-    form: NDArray[np.float64],
-    rotation: NDArray[np.float64],
-    centre: NDArray[np.float64],
-    middle: NDArray[np.float64],
-    radius: NDArray[np.float64],
-    x: float,
-    y: float,
-    z: float,
-    dx: float,
-    dy: float,
-    dz: float,
-) -> bool:
+def _blocked(things: _Spheres, x: float, y: float, z: float, dx: float, dy: float, dz: float) -> bool:
     """Whether any solid lies between the point and the point plus the direction."""
+    (kind, form, rotation, centre), middle, radius = things
     squared = dx * dx + dy * dy + dz * dz
     for p in range(kind.shape[0]):
         if kind[p] == ROOM:

@@ -11,7 +11,7 @@ from spot3d.kernel import kernel
 from spot3d.source.scene.intersect import FAR, hit_box, hit_cone, hit_ellipsoid
 from spot3d.source.scene.light import shadow_maps
 from spot3d.source.scene.model import SceneModel
-from spot3d.source.scene.shading import GAMMA, shade
+from spot3d.source.scene.shading import GAMMA, Image, LampLight, Rays, Surface, shade
 from spot3d.source.scene.shapes import BOX, CONE, ROOM
 from spot3d.source.scene.texture import noise_table
 
@@ -51,7 +51,7 @@ class Renderer:
     def __init__(self, model: SceneModel, intrinsics: Intrinsics, seed: int) -> None:
         self.model = model
         self.intrinsics = intrinsics
-        self._areas, self._light = shadow_maps(model.solids)
+        self._light = LampLight(*shadow_maps(model.solids))
         self._table = noise_table(seed)
         # Kept, as views are: fresh pages at every frame would cost a tenth of its time.
         self._which = np.empty(intrinsics.shape, np.int32)
@@ -69,26 +69,13 @@ class Renderer:
         pinhole = np.array([intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy])
         view.depth[:] = FAR
         which[:] = 0
-        _cast(s.kind, s.form, to_local, eye, rectangles, pinhole, view.depth, which)
-        shade(
-            s.kind,
-            s.form,
-            s.rotation,
-            s.centre,
-            (s.pattern, s.first, s.second, 1 / s.period),
-            to_local,
-            eye,
-            rectangles,
-            pinhole,
-            self._areas,
-            self._light,
-            self._table,
-            GAMMA,
-            view.depth,
-            which,
-            view.cosine,
-            colour,
+        rays = Rays(to_local, eye, rectangles, pinhole)
+        _cast(s.kind, s.form, rays, view.depth, which)
+        surface, image = (
+            Surface(s.pattern, s.first, s.second, 1 / s.period),
+            Image(view.depth, which, view.cosine, colour),
         )
+        shade(s.shapes, surface, rays, self._light, self._table, GAMMA, image)
         # A small lens is no sharper than this; it also softens the stair steps of one ray a pixel.
         cv2.GaussianBlur(colour, (3, 3), 0.7, dst=view.colour)
         np.take(s.instance, which, out=view.instance, mode="clip")
@@ -128,19 +115,17 @@ class Renderer:
 def _cast(
     kind: NDArray[np.int32],
     form: NDArray[np.float64],
-    to_local: NDArray[np.float64],
-    eye: NDArray[np.float64],
-    rectangles: NDArray[np.int32],
-    pinhole: NDArray[np.float64],
+    rays: Rays,
     depth: NDArray[np.float32],
     which: NDArray[np.int32],
 ) -> None:
     """Writes the depth and the primitive of the nearest hit, one primitive after the other."""
+    to_local, eye, rectangles, pinhole = rays
     fx, fy, cx, cy = pinhole
     for p in range(kind.shape[0]):
         m00, m10, m20 = to_local[p, 0, 0] / fx, to_local[p, 1, 0] / fx, to_local[p, 2, 0] / fx
         ox, oy, oz = eye[p, 0], eye[p, 1], eye[p, 2]
-        hx, hy, hz = form[p, 0], form[p, 1], form[p, 2]
+        half = (form[p, 0], form[p, 1], form[p, 2])
         here, inside, shape = kind[p], kind[p] == ROOM, form[p]
         for v in range(rectangles[p, 2], rectangles[p, 3]):
             y = (v - cy) / fy
@@ -152,7 +137,7 @@ def _cast(
                 # No branches: the compiler makes vector instructions of this loop.
                 for u in range(first, last):
                     dx, dy, dz = rx + m00 * u, ry + m10 * u, rz + m20 * u
-                    t = hit_box(hx, hy, hz, inside, ox, oy, oz, dx, dy, dz)
+                    t = hit_box(half, inside, (ox, oy, oz), dx, dy, dz)
                     nearer = t < depth[v, u]
                     depth[v, u] = t if nearer else depth[v, u]
                     which[v, u] = p if nearer else which[v, u]

@@ -1,12 +1,14 @@
 """Colour of the built-in scene's surfaces as the lamp and the window light them, compiled."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.kernel import kernel, part
 from spot3d.source.scene.intersect import outward_normal
 from spot3d.source.scene.light import LAMP_CENTRE
-from spot3d.source.scene.shapes import BOX, CONE, PLAIN, ROOM, SPECKLE, WOOD
+from spot3d.source.scene.shapes import BOX, CONE, PLAIN, ROOM, SPECKLE, WOOD, Shapes
 from spot3d.source.scene.texture import pattern_at, smooth_noise
 
 AMBIENT, LAMP, WINDOW = 0.34, 0.72, 0.16
@@ -15,6 +17,44 @@ WINDOW_DIRECTION = (0.75, -0.55, 0.37)
 CARPET_FREQUENCY = 10.0
 # Grey level of 1024 steps of brightness; the square root stands for the display's gamma.
 GAMMA = (255.0 * np.sqrt(np.arange(1024) / 1023.0)).astype(np.uint8)
+
+
+class Surface(NamedTuple):
+    """Of each primitive: pattern (n,), first and second colour (n, 3), patterns per metre (n,)."""
+
+    pattern: NDArray[np.int32]
+    first: NDArray[np.float64]
+    second: NDArray[np.float64]
+    frequency: NDArray[np.float64]
+
+
+class Rays(NamedTuple):
+    """A view's rays in each primitive's frame.
+
+    to_local: (n, 3, 3), which turns them; eye: (n, 3), where they begin; rectangles: (n, 4) int32 pixels [u from, u to,
+    v from, v to) that the primitive may cover; pinhole: (4,) fx, fy, cx, cy.
+    """
+
+    to_local: NDArray[np.float64]
+    eye: NDArray[np.float64]
+    rectangles: NDArray[np.int32]
+    pinhole: NDArray[np.float64]
+
+
+class LampLight(NamedTuple):
+    """What `shadow_maps` returns."""
+
+    areas: NDArray[np.float64]
+    light: NDArray[np.float32]
+
+
+class Image(NamedTuple):
+    """Depth and primitive (h, w) as cast; cosine (h, w) and colour (h, w, 3), which are written."""
+
+    depth: NDArray[np.float32]
+    which: NDArray[np.int32]
+    cosine: NDArray[np.float32]
+    colour: NDArray[np.uint8]
 
 
 @part()
@@ -54,30 +94,23 @@ def _face_coordinates(
 
 @kernel()
 def shade(
-    kinds: NDArray[np.int32],
-    form: NDArray[np.float64],
-    rotation: NDArray[np.float64],
-    centre: NDArray[np.float64],
-    surface: tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
-    to_local: NDArray[np.float64],
-    eye: NDArray[np.float64],
-    rectangles: NDArray[np.int32],
-    pinhole: NDArray[np.float64],
-    areas: NDArray[np.float64],
-    light: NDArray[np.float32],
+    shapes: Shapes,
+    surface: Surface,
+    rays: Rays,
+    lamp_light: LampLight,
     table: NDArray[np.float32],
     gamma: NDArray[np.uint8],
-    depth: NDArray[np.float32],
-    which: NDArray[np.int32],
-    cosine: NDArray[np.float32],
-    colour: NDArray[np.uint8],
+    image: Image,
 ) -> None:
     """Writes each pixel's cosine of incidence and its colour: pattern, Lambert's law, lamp shadows, gamma.
 
-    surface: pattern (n,), first and second colour (n, 3), patterns per metre (n,). gamma: GAMMA. depth, which:
-    (h, w) as cast. One primitive after the other, so that what belongs to it stays in registers.
+    table: of noise; gamma: GAMMA. One primitive after the other, so that what belongs to it stays in registers.
     """
+    kinds, form, rotation, centre = shapes
     patterns, first, second, frequencies = surface
+    to_local, eye, rectangles, pinhole = rays
+    areas, light = lamp_light
+    depth, which, cosine, colour = image
     fx, fy, cx, cy = pinhole
     for p in range(kinds.shape[0]):
         kind = kinds[p]

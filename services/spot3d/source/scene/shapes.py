@@ -1,6 +1,7 @@
 """Primitive solids of the built-in scene, their surfaces, and the arrays that the ray caster reads."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,15 @@ class Primitive:
         return centre - half, centre + half
 
 
+class Shapes(NamedTuple):
+    """What a ray meets: see `Solids`."""
+
+    kind: NDArray[np.int32]
+    form: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+    centre: NDArray[np.float64]
+
+
 @dataclass(frozen=True, slots=True)
 class Solids:
     """All primitives of a scene as arrays, one row each, for the compiled code.
@@ -81,6 +91,11 @@ class Solids:
     second: NDArray[np.float64]
     period: NDArray[np.float64]
     instance: NDArray[np.int32]
+
+    @property
+    def shapes(self) -> Shapes:
+        """The part of it that kernels cast rays at."""
+        return Shapes(self.kind, self.form, self.rotation, self.centre)
 
 
 def pack(primitives: list[Primitive], instances: list[int]) -> Solids:

@@ -1,0 +1,159 @@
+"""How the stages of a robot fare, in words that a person understands."""
+
+from collections import Counter, deque
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Literal
+
+from spot3d_schemas import STAGES, Health
+
+Level = Literal["good", "waits", "bad"]
+
+SILENT_S = 4.0
+"""A stage says how it is once a second; who says nothing for so long hangs, or is cut off."""
+IDLE_S = 2.0
+"""A stage that has done nothing for so long is told of."""
+_WINDOW_S = 5.0
+"""Rates are those of the last seconds."""
+_DROPS_HZ = 0.5
+_BEHIND_MS = 500.0
+
+_INPUTS = {
+    "pose": ("source",),
+    "proposals": ("source",),
+    "heatmap": ("source", "proposals"),
+    "segments": ("heatmap",),
+    "fusion": ("heatmap", "pose"),
+}
+"""Whose messages a stage cannot do without."""
+_STREAMS = {"heatmap": 2, "segments": 2, "fusion": 3}
+"""Messages a frame that a stage receives, where it is more than one."""
+_GIVES = {"source": "frame", "pose": "pose", "proposals": "boxes", "heatmap": "heat"}
+_CHOOSES = frozenset(("segments",))
+"""Stages that work on some frames only, and leave others out on purpose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """What is to be said of one stage."""
+
+    stage: str
+    level: Level
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Heard:
+    health: Health
+    at_s: float
+
+
+class StageRecords:
+    """What the stages of one robot have said of late. Times are monotonic seconds."""
+
+    def __init__(self) -> None:
+        self._heard: dict[str, deque[_Heard]] = {stage: deque(maxlen=16) for stage in STAGES}
+        self._busy_s: dict[str, float] = {}
+
+    def hear(self, health: Health, now_s: float) -> None:
+        """A stage has said how it is. Who is no stage of ours is not listened to."""
+        records = self._heard.get(health.stage)
+        if records is None:
+            return
+        if records and records[-1].health.pid != health.pid:
+            records.clear()  # started again: its counts start anew
+        if not records or (health.rate_hz or 0) > 0:
+            self._busy_s[health.stage] = now_s
+        records.append(_Heard(health, now_s))
+
+    def latest(self, stage: str) -> Health | None:
+        """The last that a stage has said, if anything."""
+        records = self._heard[stage]
+        return records[-1].health if records else None
+
+    def drops(self) -> dict[str, dict[str, int]]:
+        """What each stage that drops has dropped in all, by reason."""
+        latest = {stage: self.latest(stage) for stage in STAGES}
+        return {stage: dict(health.drops) for stage, health in latest.items() if health is not None and health.drops}
+
+    def words(self, alive: Collection[str], now_s: float, lost: str = "") -> list[Word]:
+        """One word on each stage. alive: those whose process is there; lost: why the last pose is lost, if it is."""
+        return [self._word(stage, alive, now_s, lost) for stage in STAGES]
+
+    def _word(self, stage: str, alive: Collection[str], now_s: float, lost: str) -> Word:
+        records = self._heard[stage]
+        silent_s = now_s - records[-1].at_s if records else 0.0
+        if stage not in alive:
+            return Word(stage, "bad", f"is not running, since {silent_s:.0f} s" if records else "is not running")
+        if not records:
+            return Word(stage, "waits", "is there, and has not said yet how it is")
+        if silent_s > SILENT_S:
+            return Word(stage, "bad", f"has said nothing for {silent_s:.0f} s: it hangs, or the link to it is cut")
+        newest, oldest = records[-1].health, self._before(stage, now_s)
+        if newest.state:
+            return Word(stage, "bad", newest.state)
+        if newest.errors > oldest.health.errors:
+            return Word(stage, "bad", f"fails: {newest.last_error}")
+        if stage == "pose" and lost:
+            return Word(stage, "bad", f"is lost: {lost}")
+        idle = self._idle(stage, alive, now_s)
+        if idle is not None:
+            return idle
+        span_s = records[-1].at_s - oldest.at_s
+        dropped = self._dropping(newest, oldest.health, span_s)
+        if dropped:
+            return Word(stage, "waits", dropped)
+        behind = newest.latency_ms_p50
+        if behind is not None and behind > _BEHIND_MS:
+            return Word(stage, "waits", f"is {behind / 1000:.1f} s behind the camera")
+        return Word(stage, "good", _well(newest))
+
+    def _before(self, stage: str, now_s: float) -> _Heard:
+        """What the stage said some seconds ago, or first."""
+        records = self._heard[stage]
+        return next((item for item in records if now_s - item.at_s <= _WINDOW_S), records[-1])
+
+    def _idle(self, stage: str, alive: Collection[str], now_s: float) -> Word | None:
+        """What a stage that does nothing waits for; None where it works."""
+        idle_s = self._idle_s(stage, now_s)
+        if idle_s < IDLE_S:
+            return None
+        if stage == "source":
+            return Word(stage, "waits", f"has sent no frame for {idle_s:.1f} s: it waits for the stages, or has ended")
+        for giver in _INPUTS[stage]:
+            if giver not in alive:
+                return Word(stage, "waits", f"waits: no {_GIVES[giver]} for {idle_s:.1f} s, as {giver} is not running")
+        longest_s, giver = max((self._idle_s(giver, now_s), giver) for giver in _INPUTS[stage])
+        if longest_s >= IDLE_S:
+            return Word(stage, "waits", f"waits: no {_GIVES[giver]} for {longest_s:.1f} s")
+        if stage in _CHOOSES:
+            return None
+        if not all(map(self.latest, _INPUTS[stage])):
+            return Word(stage, "waits", f"has finished nothing for {idle_s:.1f} s")
+        return Word(stage, "bad", f"has its input, and has finished nothing for {idle_s:.1f} s")
+
+    def _idle_s(self, stage: str, now_s: float) -> float:
+        """For how long a stage has done nothing; 0 of one that never said how it is."""
+        return now_s - self._busy_s.get(stage, now_s)
+
+    def _dropping(self, newest: Health, oldest: Health, span_s: float) -> str:
+        drops = Counter(newest.drops)
+        drops.subtract(oldest.drops)
+        if span_s <= 0 or newest.stage in _CHOOSES:
+            return ""
+        dropped_hz = sum(drops.values()) / span_s
+        if dropped_hz < _DROPS_HZ:
+            return ""
+        frames_hz = (newest.received - oldest.received) / span_s / _STREAMS.get(newest.stage, 1)
+        of = f" of {frames_hz:.0f}" if frames_hz >= dropped_hz else ""
+        reason = max(drops, key=lambda name: drops[name])
+        return f"drops {dropped_hz:.0f}{of} a second: {reason}"
+
+
+def _well(health: Health) -> str:
+    said = [] if health.rate_hz is None else [f"{health.rate_hz:.0f} a second"]
+    if health.step_ms_p50 is not None:
+        said.append(f"{health.step_ms_p50:.0f} ms each")
+    if health.latency_ms_p50 is not None:
+        said.append(f"{health.latency_ms_p50:.0f} ms behind the camera")
+    return ", ".join(said) or "is there"

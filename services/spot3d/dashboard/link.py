@@ -1,0 +1,216 @@
+"""The dashboard's ears: what robots say, heard without ever making one wait."""
+
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+
+import zenoh
+from zenoh.ext import HistoryConfig, declare_advanced_subscriber
+from zenoh.handlers import Handler, RingChannel
+
+from spot3d.dataflow.payload import intact_bytes
+from spot3d.dataflow.session import StoppedError, open_session
+from spot3d.dataflow.settings import LinkSettings
+from spot3d_schemas import STAGES, TOPICS, CodecError, MapChanges, Message, alive_key, decode, fleet_key, key
+from spot3d_schemas.limits import MAX_MAP_CHANGES
+
+log = logging.getLogger(__name__)
+
+_FLEET = (*(f"{stage}/health" for stage in STAGES), "fusion/objects")
+"""Small, and heard of every robot."""
+_SHOWN = ("source/preview", "heatmap/preview", "pose/pose", "fusion/progress")
+"""Heard only of robots that are shown."""
+_WAITING = {"fusion/objects": 8, "pose/pose": 64, "fusion/progress": 64, "source/preview": 1, "heatmap/preview": 1}
+_HEALTHS_WAITING = 64
+_POLL_S = 1.0
+_ANSWER_S = 5.0
+_POINT_BYTES = 24
+_PRIORITY = zenoh.Priority.DATA_LOW
+_NAME = b"the dashboard"
+"""Fusion tells by whom it was reset."""
+ROBOTS_MAX = 16
+"""Robots that are listened to; beyond, the page says that there are more."""
+
+Heard = tuple[str, str, Message]
+"""Robot, topic, message."""
+
+
+@dataclass(frozen=True, slots=True)
+class Interest:
+    """What is heard beside how every robot's stages fare and what they found: poses of `robots`, and what is set."""
+
+    robots: frozenset[str] = frozenset()
+    images: bool = False
+    heat: bool = False
+    maps: bool = False
+
+    def pictures(self) -> tuple[tuple[str, bool], ...]:
+        """The topics of pictures, and whether they are wanted."""
+        return ("source/preview", self.images), ("heatmap/preview", self.images and self.heat)
+
+
+class Link:
+    """A connection to a router, for as long as the block is entered; opened, and opened again, in the background."""
+
+    def __init__(self, settings: LinkSettings, map_rate: float) -> None:
+        self._settings = settings
+        self._map_rate = map_rate
+        self._stop = threading.Event()
+        self._interest = Interest()
+        self._cursors: dict[str, tuple[int, int]] = {}
+        self._answers: queue.Queue[Heard] = queue.Queue(ROBOTS_MAX)
+        self._lock = threading.Lock()
+        self._fleet: dict[str, Handler[zenoh.Sample]] = {}
+        self._ears: dict[tuple[str, str], zenoh.Subscriber[Handler[zenoh.Sample]]] = {}
+        self._session: zenoh.Session | None = None
+        self.alive: dict[str, frozenset[str]] = {}
+        self.connected = False
+        self._pause_s = 0.1
+        self._thread = threading.Thread(target=self._work, name="link", daemon=True)
+
+    def __enter__(self) -> "Link":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join(_ANSWER_S + 2)
+
+    def follow(self, interest: Interest) -> None:
+        """Hear this from now on, and nothing else that costs."""
+        if interest != self._interest:
+            with self._lock:
+                self._interest = interest
+                self._listen()
+
+    def drain(self) -> Iterator[Heard]:
+        """Everything that has come since the last call; what is no valid message is left out."""
+        with self._lock:
+            handlers = [*self._fleet.items(), *((topic, ear.handler) for (_, topic), ear in self._ears.items())]
+        for topic, handler in handlers:
+            while (sample := _received(handler)) is not None:
+                message = _decoded(sample, topic)
+                if message is not None:
+                    yield str(sample.key_expr).split("/")[1], topic, message
+        while not self._answers.empty():
+            yield self._answers.get_nowait()
+
+    def ask(self, robot: str, topic: str, timeout_s: float = _ANSWER_S) -> Message | None:
+        """The answer of a robot's stage to a query; None where none comes."""
+        session = self._session
+        return None if session is None else _answer(session, key(robot, topic), topic, timeout_s)
+
+    def _work(self) -> None:
+        try:
+            with open_session(self._settings, self._stop) as session, ExitStack() as stack:
+                with self._lock:
+                    for topic in _FLEET:
+                        self._fleet[topic] = _hear_fleet(session, topic, stack)
+                    self._session = session
+                    self._listen()
+                stack.callback(self._hush)
+                while not self._stop.wait(self._pause_s):
+                    self._poll(session)
+        except (StoppedError, zenoh.ZError) as error:
+            if not self._stop.is_set():
+                log.error("no connection: %s", error)
+
+    def _poll(self, session: zenoh.Session) -> None:
+        """Who is there, and what has changed in the maps that are shown."""
+        client = self._settings.mode == "client"
+        self.connected = bool(session.info.routers_zid()) or not client
+        alive: dict[str, set[str]] = {}
+        for reply in session.liveliness().get(alive_key("*", "*"), timeout=_ANSWER_S):
+            if reply.ok is not None:
+                _, robot, stage, _ = str(reply.ok.key_expr).split("/")
+                alive.setdefault(robot, set()).add(stage)
+        self.alive = {robot: frozenset(stages) for robot, stages in alive.items()}
+        interest = self._interest
+        asked = [robot for robot in sorted(interest.robots) if "fusion" in self.alive.get(robot, ())]
+        if not interest.maps:
+            asked = []
+        behind = 0
+        start_s = time.monotonic()
+        for robot in asked:
+            generation, since = self._cursors.get(robot, (0, 0))
+            # Over a thin link an answer takes its time: another one is not asked for before it is here.
+            where = f"{key(robot, 'fusion/changes')}?generation={generation};since={since};limit={MAX_MAP_CHANGES}"
+            answer = _answer(session, where, "fusion/changes", _ANSWER_S)
+            if isinstance(answer, MapChanges) and not self._answers.full():
+                self._answers.put((robot, "fusion/changes", answer))
+                self._cursors[robot] = (answer.generation, answer.cursor)
+                behind = max(behind, answer.behind)
+        full_s = MAX_MAP_CHANGES * _POINT_BYTES / (1e6 * self._map_rate)
+        period_s = full_s if behind else _POLL_S
+        self._pause_s = max(0.05, period_s - (time.monotonic() - start_s))
+
+    def _listen(self) -> None:
+        """Subscribe to what is shown, and to nothing else. With the lock."""
+        if self._session is None:
+            return
+        left_out = {topic for topic, there in self._interest.pictures() if not there}
+        wanted = {(robot, topic) for robot in self._interest.robots for topic in _SHOWN if topic not in left_out}
+        for place in self._ears.keys() - wanted:
+            _undeclare(self._ears.pop(place))
+        for robot, topic in wanted - self._ears.keys():
+            channel: RingChannel[zenoh.Sample] = RingChannel(_WAITING[topic])
+            self._ears[robot, topic] = self._session.declare_subscriber(key(robot, topic), channel)
+
+    def _hush(self) -> None:
+        with self._lock:
+            self._session, self.connected, self.alive = None, False, {}
+            for subscriber in self._ears.values():
+                _undeclare(subscriber)
+            self._ears, self._fleet = {}, {}
+
+
+def _hear_fleet(session: zenoh.Session, topic: str, stack: ExitStack) -> Handler[zenoh.Sample]:
+    """Subscribe to a topic of every robot until the stack ends."""
+    channel: RingChannel[zenoh.Sample] = RingChannel(_WAITING.get(topic, _HEALTHS_WAITING))
+    if topic != "fusion/objects":
+        subscriber = session.declare_subscriber(fleet_key(topic), channel)
+        stack.callback(subscriber.undeclare)
+        return subscriber.handler
+    # The last update is kept for those who come late.
+    history = HistoryConfig(detect_late_publishers=True, max_samples=1)
+    late = declare_advanced_subscriber(session, fleet_key(topic), channel, history=history)
+    undeclare: Callable[[], object] = late.undeclare
+    stack.callback(undeclare)
+    return late.handler
+
+
+def _undeclare(subscriber: "zenoh.Subscriber[Handler[zenoh.Sample]]") -> None:
+    undeclare: Callable[[], object] = subscriber.undeclare
+    with suppress(zenoh.ZError):  # its session may be closed
+        undeclare()
+
+
+def _received(handler: "Handler[zenoh.Sample]") -> zenoh.Sample | None:
+    try:
+        return handler.try_recv()
+    except zenoh.ZError:
+        return None  # the subscription has ended
+
+
+def _decoded(sample: zenoh.Sample, topic: str) -> Message | None:
+    """The message; None where it is none: who sends nonsense must not blind the dashboard."""
+    payload = intact_bytes(sample.payload)
+    try:
+        return None if payload is None else decode(payload, TOPICS[topic].message)
+    except CodecError as error:
+        log.warning("%s: refused: %s", sample.key_expr, error)
+        return None
+
+
+def _answer(session: zenoh.Session, selector: str, topic: str, timeout_s: float) -> Message | None:
+    try:
+        for reply in session.get(selector, timeout=timeout_s, priority=_PRIORITY, payload=_NAME):
+            if reply.ok is not None:
+                return _decoded(reply.ok, topic)
+    except zenoh.ZError as error:
+        log.warning("%s: no answer: %s", selector, error)
+    return None

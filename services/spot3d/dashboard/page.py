@@ -1,0 +1,190 @@
+"""The page: what was heard goes to the panels and the scene, bounded in rate whatever comes."""
+
+import operator
+import time
+from collections.abc import Sequence
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from spot3d.dashboard.camera_flight import fly, overview, place_before
+from spot3d.dashboard.link import ROBOTS_MAX, Interest, Link
+from spot3d.dashboard.panel import Actions, Panel
+from spot3d.dashboard.picture import live_picture
+from spot3d.dashboard.robot import Robot
+from spot3d.dashboard.said import drop_table, health_table, hop_table, summary, waiting_for
+from spot3d.dashboard.saving import map_file, objects_file, png_file
+from spot3d.dashboard.scene import RobotScene
+from spot3d.dashboard.settings import DashboardSettings
+from spot3d_schemas import MapPoints
+
+_QUICK_S, _SLOW_S = 0.2, 0.5
+_VIEW_HEIGHT, _RENDER_S = 900, 20.0
+_PICTURES = 3
+"""Most robots whose pictures are shown side by side."""
+_HOME_EXTENT_M = 1.2
+"""What is in view of a camera about so far away, before more is known."""
+
+
+class Page:
+    """Shows what the link hears on one viser server."""
+
+    def __init__(
+        self, server: viser.ViserServer, link: Link, settings: DashboardSettings, where: str, always: bool
+    ) -> None:
+        self._server, self._link, self._settings = server, link, settings
+        self._where, self._always = where, always
+        self._robots: dict[str, Robot] = {}
+        self._scenes: dict[str, RobotScene] = {}
+        self._shown: list[Robot] = []
+        self._pictured: list[object] = []
+        self._quick_s = self._slow_s = 0.0
+        self._panel = Panel(server.gui, Actions(self._choose, self._look, self._save, self._reset))
+        server.scene.set_up_direction("+z")
+        server.scene.world_axes.visible = False
+        server.on_client_connect(self._look)
+
+    def step(self, first: str | None = None) -> None:
+        """Take in what has come, and show what is due; call it about twenty times a second."""
+        now_s = time.monotonic()
+        for name, topic, message in self._link.drain():
+            robot = self._robot(name)
+            if robot is not None:
+                robot.hear(topic, message, now_s)
+        for name in self._link.alive:
+            self._robot(name)
+        for robot in self._robots.values():
+            robot.alive = self._link.alive.get(robot.name, frozenset())
+        chosen = self._panel.robots(sorted(self._robots), first)
+        self._shown = [self._robots[name] for name in chosen]
+        watched = self._always or bool(self._server.get_clients())
+        heat = self._panel.heat_over_picture
+        self._link.follow(Interest(frozenset(chosen), images=watched, heat=heat, maps=watched))
+        if now_s - self._slow_s >= _SLOW_S:
+            self._slow_s = now_s
+            self._tell(now_s)
+        if self._panel.paused:
+            return
+        if now_s - self._quick_s >= _QUICK_S:
+            self._quick_s = now_s
+            self._show(now_s == self._slow_s)
+
+    def _robot(self, name: str) -> Robot | None:
+        if name not in self._robots and len(self._robots) < ROBOTS_MAX:
+            self._robots[name] = Robot(name, self._settings.points_max)
+        return self._robots.get(name)
+
+    def _tell(self, now_s: float) -> None:
+        """The texts of the panels."""
+        panel, shown = self._panel, self._shown
+        first = shown[0] if shown else None
+        frames_s = None if first is None or first.frame_s is None else now_s - first.frame_s
+        waiting = waiting_for(self._link.connected, self._where, sorted(self._robots), first, frames_s)
+        if len(self._link.alive) > ROBOTS_MAX:
+            waiting += f" {len(self._link.alive)} robots are alive; the first {ROBOTS_MAX} are listened to."
+        panel.waiting.say(waiting)
+        panel.summary.say("  \n".join(summary(robot) for robot in shown))
+        titled = len(shown) > 1
+        words = [(robot, health_table(robot.records.words(robot.alive, now_s, robot.lost))) for robot in shown]
+        panel.health.say("".join((f"<b>{robot.name}</b>" if titled else "") + table for robot, table in words))
+        panel.latency.say("".join(hop_table(robot.hop_times()) for robot in shown))
+        panel.drops.say("".join(drop_table(robot.records.drops()) for robot in shown))
+
+    def _show(self, slow: bool) -> None:
+        """The scene, the picture and the table."""
+        wanted, shown = self._panel.shown, self._shown
+        for robot in shown:
+            if robot.name not in self._scenes and robot.up() is not None:
+                self._scenes[robot.name] = RobotScene(self._server.scene, robot, self._choose)
+                self._scenes[robot.name].turn(robot.up())
+                for client in self._server.get_clients().values():
+                    self._look(client)
+        names = {robot.name for robot in shown}
+        for name, scene in self._scenes.items():
+            scene.visible(name in names)
+            if name in names:
+                # Robots that share a world are turned alike.
+                scene.turn(shown[0].up())
+                scene.show_quick(wanted)
+                scene.show_slow(wanted)
+        found = [(robot.name, item) for robot in shown for item in robot.objects_from(wanted.confidence)]
+        of = sum(0 if robot.objects is None else len(robot.objects.objects) for robot in shown)
+        self._panel.list_objects(found, of, several=len(shown) > 1)
+        self._show_picture(shown)
+
+    def _show_picture(self, shown: Sequence[Robot]) -> None:
+        seen = [(robot, *robot.shown) for robot in shown if robot.shown is not None][:_PICTURES]
+        heat, wanted = self._panel.heat_over_picture, self._panel.shown
+        pictured: list[object] = [heat, wanted.boxes, wanted.confidence]
+        for robot, preview, _ in seen:
+            pictured += (preview, robot.objects)
+        if len(pictured) == len(self._pictured) and all(map(operator.is_, pictured, self._pictured)):
+            return
+        self._pictured = pictured
+        pictures = [
+            live_picture(
+                preview,
+                robot.heat if heat else None,
+                pose,
+                robot.objects_from(wanted.confidence) if wanted.boxes else (),
+            )
+            for robot, preview, pose in seen
+        ]
+        self._panel.show_picture(np.vstack(pictures) if pictures else None)
+
+    def _choose(self, client: viser.ClientHandle | None, name: str, number: int) -> None:
+        """Mark an object, and fly there in the browser that asked."""
+        self._panel.choose(name, number)
+        robot, scene = self._robots.get(name), self._scenes.get(name)
+        if client is None or robot is None or scene is None or robot.objects is None:
+            return
+        item = next((item for item in robot.objects.objects if item.id == number), None)
+        if item is not None:
+            target = scene.R_view_world @ item.centre
+            fly(client, place_before(client, target, float(item.size.max())), target)
+
+    def _look(self, client: viser.ClientHandle | None) -> None:
+        """Show everything in one browser."""
+        scenes = [(robot, self._scenes[robot.name]) for robot in self._shown if robot.name in self._scenes]
+        if client is None or not scenes:
+            return
+        robot, scene = scenes[0]
+        middle, extent, ahead = _extent(robot, scene.R_view_world)
+        fly(client, overview(client, middle, extent, ahead), middle)
+
+    def _save(self, client: viser.ClientHandle | None, name: str) -> None:
+        if client is None or not self._shown:
+            return
+        robot = self._shown[0]
+        if name == "objects.json":
+            content = objects_file(robot)
+        elif name == "heatmap.ply":
+            whole = self._link.ask(robot.name, "fusion/map") if "fusion" in robot.alive else None
+            content = map_file(robot, whole if isinstance(whole, MapPoints) else None)
+        else:
+            width = round(_VIEW_HEIGHT * client.camera.aspect)
+            content = png_file(client.get_render(_VIEW_HEIGHT, width, timeout=_RENDER_S)[:, :, :3])
+        client.send_file_download(f"{robot.name}-{name}", content, save_immediately=True)
+
+    def _reset(self, client: viser.ClientHandle | None) -> None:
+        for robot in self._shown:
+            done = self._link.ask(robot.name, "fusion/reset") is not None
+            if client is not None:
+                text = (
+                    "fusion begins anew"
+                    if done
+                    else "fusion did not answer: is it running, and may we reset it (spot3d doctor)?"
+                )
+                client.add_notification(robot.name, text, color="green" if done else "red", auto_close_seconds=6.0)
+
+
+def _extent(robot: Robot, R_view_world: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, NDArray[np.float64]]:
+    """Middle (3,) and extent of what a robot has seen, and where its camera looks (3,), in the view's world."""
+    pose = np.eye(4) if robot.pose is None else robot.pose.T_world_camera
+    ahead = R_view_world @ pose[:3, 2]
+    xyz = robot.map.points()[0]
+    if len(xyz) < 1000:
+        return R_view_world @ (pose[:3, 3] + _HOME_EXTENT_M * pose[:3, 2]), 1.5 * _HOME_EXTENT_M, ahead
+    low, high = np.quantile(xyz[:: max(1, len(xyz) // 20_000)] @ R_view_world.T, (0.05, 0.95), axis=0)
+    return (low + high) / 2, float(np.linalg.norm(high - low)), ahead

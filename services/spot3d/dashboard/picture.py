@@ -1,0 +1,53 @@
+"""The camera's picture with the boxes in it, and heat as an overlay."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.boxes import Box3D
+from spot3d.camera import Intrinsics
+from spot3d.dashboard.points import heat_colours
+from spot3d.drawing.box_views import draw_view
+from spot3d.frame import RgbdFrame
+from spot3d_schemas import Object3D, Preview
+
+WIDTH = 640
+_HEAT_SHARE = 0.6
+"""How much of the picture gives way to heat where it is hottest."""
+
+
+def live_picture(
+    seen: Preview,
+    heat: Preview | None,
+    T_world_camera: NDArray[np.float64] | None,
+    objects: Sequence[Object3D],
+) -> NDArray[np.uint8]:
+    """A preview at 640 pixels with each object's box and number; (h, 640, 3) uint8 RGB.
+
+    heat: of the same frame or one near it, None: no overlay. T_world_camera: (4, 4) pose of the frame; None: it is not
+    known, and no box is drawn.
+    """
+    colour = seen.colour if heat is None else with_heat(seen.colour, heat.colour[:, :, 0])
+    boxes = [] if T_world_camera is None else [(item.id, box_of(item)) for item in objects]
+    return draw_view(_frame(seen, colour), np.eye(4) if T_world_camera is None else T_world_camera, boxes, WIDTH)
+
+
+def with_heat(colour: NDArray[np.uint8], heat: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Colour (h, w, 3) uint8 RGB with heat, (h', w') uint8, laid over it: nothing where it is cold."""
+    height, width = colour.shape[:2]
+    heat = np.asarray(cv2.resize(heat, (width, height), interpolation=cv2.INTER_LINEAR), np.uint8)
+    share = (np.float32(_HEAT_SHARE / 255) * heat)[:, :, None]
+    mixed = colour * (1 - share) + heat_colours(heat.ravel()).reshape(height, width, 3) * share
+    return np.asarray(mixed, np.uint8)
+
+
+def box_of(item: Object3D) -> Box3D:
+    """An object's box."""
+    return Box3D(item.centre, item.size, item.rotation)
+
+
+def _frame(seen: Preview, colour: NDArray[np.uint8]) -> RgbdFrame:
+    camera = Intrinsics(**seen.intrinsics.model_dump())
+    return RgbdFrame(seen.header.stamp_ns, colour, np.zeros(camera.shape, np.uint16), 1.0, camera)

@@ -1,0 +1,80 @@
+"""The dashboard's process: serves the page until it is stopped."""
+
+import io
+import logging
+import os
+import sys
+import threading
+import webbrowser
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
+
+import viser
+
+from spot3d.dashboard.link import Link
+from spot3d.dashboard.page import Page
+from spot3d.dashboard.settings import DashboardSettings
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.stopping import stop_on_signals
+
+log = logging.getLogger(__name__)
+
+_STEP_S = 0.05
+
+
+def run(
+    link: LinkSettings,
+    settings: DashboardSettings,
+    stop: threading.Event | None = None,
+    robot: str | None = None,
+    always: bool = False,
+    on_ready: Callable[[str], None] = lambda _address: None,
+) -> None:
+    """Serve the page until stopped by `stop`, SIGINT or SIGTERM.
+
+    robot: the one to show first. always: follow the map even while no browser looks. on_ready: is told the address.
+    Raises OSError where the page cannot be served at the address of the settings.
+    """
+    with stop_on_signals(stop) as stopped, open_server(settings) as server:
+        on_ready(f"http://{'127.0.0.1' if settings.host == '0.0.0.0' else settings.host}:{server.get_port()}")
+        serve(server, link, settings, stopped, robot, always)
+
+
+def serve(
+    server: viser.ViserServer,
+    link: LinkSettings,
+    settings: DashboardSettings,
+    stop: threading.Event,
+    robot: str | None = None,
+    always: bool = False,
+) -> None:
+    """Show what is heard on an open server until `stop` is set."""
+    with Link(link, settings.map_rate) as heard:
+        page = Page(server, heard, settings, ", ".join(link.listen or link.connect), always)
+        while not stop.wait(_STEP_S):
+            try:
+                page.step(robot)
+            except Exception:
+                # What one robot sends, or one browser does, must not end the page for all.
+                log.exception("a step of the page failed")
+                stop.wait(1.0)
+
+
+def open_browser(address: str) -> None:
+    """Open the page where there is a desktop."""
+    if sys.platform in ("darwin", "win32") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        webbrowser.open(address)
+
+
+@contextmanager
+def open_server(settings: DashboardSettings) -> Iterator[viser.ViserServer]:
+    """The server of the page. Raises OSError where it cannot be served at the address of the settings."""
+    logging.getLogger("websockets").setLevel(logging.WARNING)
+    # viser prints what it does; the address is told by whoever starts the dashboard.
+    with redirect_stdout(io.StringIO()):
+        server = viser.ViserServer(host=settings.host, port=settings.port, label="spot3d", verbose=False)
+    try:
+        yield server
+    finally:
+        with redirect_stdout(io.StringIO()):
+            server.stop()

@@ -1,0 +1,119 @@
+"""What the dashboard knows of one robot."""
+
+from collections import OrderedDict, deque
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.dashboard.health import StageRecords
+from spot3d.dashboard.points import MapCopy
+from spot3d.dashboard.world import Trail
+from spot3d.run.report import statistics_ms
+from spot3d_schemas import Health, MapChanges, Message, Object3D, Objects, Pose, Preview, Progress
+
+_POSES = 120
+"""Poses that are kept for previews that come later: four seconds of a camera."""
+_WITHOUT_POSE_S = 1.0
+"""A preview whose pose has not come by then is shown without boxes."""
+_HOPS, _TIMES = 16, 300
+
+
+class Robot:
+    """Everything that was heard of one robot; bounded, whatever is sent. Times are monotonic seconds."""
+
+    def __init__(self, name: str, points_max: int) -> None:
+        self.name = name
+        self.alive: frozenset[str] = frozenset()
+        self.records = StageRecords()
+        self.map = MapCopy(points_max)
+        self.objects: Objects | None = None
+        self.pose: Pose | None = None
+        self.lost = ""
+        self.trail = Trail()
+        self.planes: NDArray[np.float64] = np.zeros((0, 4))
+        self.progress: Progress | None = None
+        self.heat: Preview | None = None
+        self.shown: tuple[Preview, NDArray[np.float64] | None] | None = None
+        self.frame_s: float | None = None
+        self._coming: tuple[Preview, float] | None = None
+        self._poses: OrderedDict[int, NDArray[np.float64]] = OrderedDict()
+        self._hops: dict[str, deque[float]] = {}
+
+    def hear(self, topic: str, message: Message, now_s: float) -> None:
+        """Take in a message of this robot."""
+        if isinstance(message, Health):
+            self.records.hear(message, now_s)
+        elif isinstance(message, Objects):
+            self.objects = message
+        elif isinstance(message, Pose):
+            self._posed(message)
+        elif isinstance(message, Preview):
+            if topic == "heatmap/preview":
+                self.heat = message
+            else:
+                self.frame_s = now_s
+                self._coming = (message, now_s)
+        elif isinstance(message, Progress):
+            self.progress = message
+            self._timed(message)
+        elif isinstance(message, MapChanges):
+            self._changed(message)
+        self._pair(now_s)
+
+    def objects_from(self, confidence: float) -> list[Object3D]:
+        """The objects of at least this confidence, the surest first."""
+        known = () if self.objects is None else self.objects.objects
+        chosen = [item for item in known if item.confidence >= confidence]
+        return sorted(chosen, key=lambda item: (-item.confidence, item.id))
+
+    def up(self) -> NDArray[np.float64] | None:
+        """(3,) what is up in this robot's world; before any object is known, what is up in the camera's picture."""
+        if self.objects is not None and self.objects.frame_count:
+            return self.objects.up
+        return None if self.pose is None else -self.pose.T_world_camera[:3, 1]
+
+    def hop_times(self) -> dict[str, dict[str, float]]:
+        """p50, p99 and mean of the last times from stage to stage, and of the whole way, milliseconds."""
+        return {name: statistics_ms(times) for name, times in self._hops.items()}
+
+    def forget_stream(self) -> None:
+        """Another map has begun: what belongs to the old one goes."""
+        self.objects, self.trail, self.planes = None, Trail(), np.zeros((0, 4))
+
+    def _posed(self, pose: Pose) -> None:
+        self.lost = pose.reason or "no reason given" if pose.status == "lost" else ""
+        if self.lost:
+            return
+        self.pose = pose
+        self.trail.add(pose.T_world_camera[:3, 3])
+        self._poses[pose.header.stamp_ns] = pose.T_world_camera
+        while len(self._poses) > _POSES:
+            self._poses.popitem(last=False)
+
+    def _pair(self, now_s: float) -> None:
+        """Show the preview that waits as soon as its pose is known, or when that has not come for too long."""
+        if self._coming is None:
+            return
+        preview, came_s = self._coming
+        pose = self._poses.get(preview.header.stamp_ns)
+        if pose is not None or now_s - came_s > _WITHOUT_POSE_S or self.lost:
+            self.shown, self._coming = (preview, pose), None
+
+    def _timed(self, progress: Progress) -> None:
+        trace = progress.header.trace
+        times = [
+            (f"{before.stage} to {after.stage}", after.received_ns - before.sent_ns)
+            for before, after in pairwise(trace)
+        ]
+        if len(trace) > 2:
+            times.append((f"{trace[0].stage} to {trace[-1].stage}, in all", trace[-1].sent_ns - trace[0].sent_ns))
+        for name, nanoseconds in times:
+            if name in self._hops or len(self._hops) < _HOPS:
+                self._hops.setdefault(name, deque(maxlen=_TIMES)).append(nanoseconds / 1e6)
+
+    def _changed(self, changes: MapChanges) -> None:
+        first = self.map.generation == 0
+        if self.map.apply(changes) and not first:
+            self.forget_stream()
+        self.planes = changes.planes

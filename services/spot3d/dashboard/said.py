@@ -1,0 +1,96 @@
+"""What the panel says, as HTML and Markdown; pure text."""
+
+from collections.abc import Mapping, Sequence
+from html import escape
+
+from spot3d.dashboard.health import Word
+from spot3d.dashboard.robot import Robot
+from spot3d_schemas import STAGES
+
+_COLOURS = {"good": "#40c057", "waits": "#fab005", "bad": "#fa5252"}
+_REASONS_MOST = 12
+
+
+def waiting_for(router: bool, where: str, robots: Sequence[str], robot: Robot | None, frames_s: float | None) -> str:
+    """What is missing before there is something to see, and what to do; empty where nothing is.
+
+    frames_s: how long ago the last frame of the robot shown came, None: none has come.
+    """
+    if not router:
+        return (
+            f"Waiting for a router: none answers at `{where}`. Start `spot3d run`, `spot3d router` or `zenohd` there, "
+            "or say where it is with `--connect`."
+        )
+    if not robots or robot is None:
+        return f"Waiting for a robot: the router at `{where}` knows none yet. Start the stages of one."
+    if not robot.alive:
+        return f"**{robot.name}** is gone: none of its stages is running. What is shown is the last that was heard."
+    if frames_s is None:
+        if "source" not in robot.alive:
+            return f"Waiting for a frame of **{robot.name}**: it has no source. Start one with `spot3d source`."
+        return f"Waiting for the first frame of **{robot.name}**."
+    return ""
+
+
+def summary(robot: Robot) -> str:
+    """One line on what a robot has found."""
+    objects, progress = robot.objects, robot.progress
+    fused = 0 if progress is None else progress.fused
+    frames = fused if objects is None else max(fused, objects.frame_count)
+    found = 0 if objects is None else len(objects.objects)
+    text = f"**{robot.name}**: {found} object{'s' * (found != 1)} in {frames} frames"
+    if robot.map.total:
+        text += f", {robot.map.total / 1000:.0f} k points"
+    if robot.map.behind:
+        text += f" ({robot.map.behind / 1000:.0f} k on their way)"
+    if robot.map.left_out:
+        text += f" (of which {robot.map.limit} are shown: dashboard.points_max)"
+    if objects is not None and objects.complete:
+        text += ", complete"
+    return text
+
+
+def health_table(words: Sequence[Word]) -> str:
+    """How each stage fares, in words."""
+    rows = "".join(
+        f'<tr><td style="color:{_COLOURS[word.level]}">&#9679;</td><td><b>{escape(word.stage)}</b></td>'
+        f"<td>{escape(word.text)}</td></tr>"
+        for word in words
+    )
+    return _table(rows)
+
+
+def hop_table(times: Mapping[str, Mapping[str, float]]) -> str:
+    """Latency of each hop, milliseconds."""
+    if not times:
+        return "no frame has come through yet"
+    rows = "".join(
+        f"<tr><td>{escape(name)}</td>{_number(said['p50'])}{_number(said['p99'])}</tr>" for name, said in times.items()
+    )
+    return _table(f"<tr><td><i>ms</i></td>{_right('<i>p50</i>')}{_right('<i>p99</i>')}</tr>{rows}")
+
+
+def drop_table(drops: Mapping[str, Mapping[str, int]]) -> str:
+    """What was dropped so far, by stage and reason."""
+    counted = [(count, stage, reason) for stage in STAGES for reason, count in drops.get(stage, {}).items()]
+    if not counted:
+        return "nothing dropped"
+    counted.sort(reverse=True)
+    rows = "".join(
+        f"<tr><td><b>{escape(stage)}</b></td><td>{escape(reason)}</td>{_right(str(count))}</tr>"
+        for count, stage, reason in counted[:_REASONS_MOST]
+    )
+    return _table(rows)
+
+
+def _number(value: float) -> str:
+    return _right(f"{value:.1f}")
+
+
+def _right(text: str) -> str:
+    return f'<td style="text-align:right;white-space:nowrap">{text}</td>'
+
+
+def _table(rows: str) -> str:
+    style = "font-size:0.8em;line-height:1.35;border-spacing:0.5em 0.1em;width:100%;padding:0 0.5em"
+    return f'<table style="{style}">{rows}</table>'

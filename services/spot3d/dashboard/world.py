@@ -1,0 +1,95 @@
+"""What is shown of the world: turned so that z is up, the camera's path, and patches of supporting planes."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+_STEP_M = 0.02
+"""The path has no corners that are nearer to each other."""
+_CORNERS = 2000
+_NEAR_M = 0.015
+"""Points within this of a plane lie on it."""
+_SAMPLE = 60_000
+_PATCH_POINTS = 200
+_LIFT_M = 0.005
+"""A patch lies this much above its plane: the points would hide it."""
+"""A plane that fewer points lie on is not shown."""
+_PATCH_SHARE = 0.04
+"""So much of the points is left out on each side of a patch: what a plane cuts far away is not part of it."""
+
+
+def rotation_up(up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, 3) the smallest rotation that turns the unit vector `up` (3,) to +z."""
+    x, y, z = (up / max(1e-12, float(np.linalg.norm(up)))).tolist()
+    if z < -1 + 1e-9:
+        return np.diag([1.0, -1.0, -1.0])
+    # Rodrigues' formula for the rotation about up x z, without its trigonometry.
+    return np.array(
+        [
+            [1 - x * x / (1 + z), -x * y / (1 + z), -x],
+            [-x * y / (1 + z), 1 - y * y / (1 + z), -y],
+            [x, y, z],
+        ]
+    )
+
+
+def quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(4,) unit quaternion w, x, y, z of a rotation matrix (3, 3); Bar-Itzhack's method, good for any angle."""
+    m = rotation
+    K = np.array(
+        [
+            [m[0, 0] - m[1, 1] - m[2, 2], 0, 0, 0],
+            [m[0, 1] + m[1, 0], m[1, 1] - m[0, 0] - m[2, 2], 0, 0],
+            [m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], m[2, 2] - m[0, 0] - m[1, 1], 0],
+            [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], m[0, 0] + m[1, 1] + m[2, 2]],
+        ]
+    )
+    x, y, z, w = np.linalg.eigh(K)[1][:, -1]
+    sign = 1.0 if w >= 0 else -1.0
+    return np.array([w, x, y, z]) * sign
+
+
+class Trail:
+    """The camera's path, thinned: at most 2000 corners, of which every second goes when there are more."""
+
+    def __init__(self) -> None:
+        self._corners: list[NDArray[np.float64]] = []
+        self._step_m = _STEP_M
+
+    def add(self, place: NDArray[np.float64]) -> bool:
+        """The camera is at `place` (3,), world; returns whether that is a new corner."""
+        if self._corners and np.linalg.norm(place - self._corners[-1]) < self._step_m:
+            return False
+        self._corners.append(np.array(place, np.float64))
+        if len(self._corners) > _CORNERS:
+            self._corners = self._corners[::2]
+            self._step_m *= 2
+        return True
+
+    def segments(self) -> NDArray[np.float32]:
+        """(n, 2, 3) float32 pieces of the path from corner to corner."""
+        corners = np.array(self._corners, np.float32).reshape(-1, 3)
+        return np.stack((corners[:-1], corners[1:]), axis=1)
+
+
+def plane_patches(planes: NDArray[np.float64], xyz: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+    """For each plane on which enough points lie, the corners (4, 3) of a rectangle on it that covers these points.
+
+    planes: (p, 4) [n_x, n_y, n_z, b], n.x + b = 0; xyz: (n, 3) m, the same frame, of which a sample is looked at.
+    """
+    sample = xyz[:: max(1, len(xyz) // _SAMPLE)]
+    patches = (_patch(plane, sample) for plane in planes)
+    return [corners for corners in patches if corners is not None]
+
+
+def _patch(plane: NDArray[np.float64], xyz: NDArray[np.float32]) -> NDArray[np.float32] | None:
+    normal = plane[:3].astype(np.float32)
+    near = xyz[np.abs(xyz @ normal + np.float32(plane[3])) < _NEAR_M]
+    if len(near) < _PATCH_POINTS:
+        return None
+    across = np.linalg.svd(plane[None, :3])[2][1:].astype(np.float32)
+    flat = near @ across.T
+    # Along the points' own axes, as tables are seldom along the world's.
+    axes = np.linalg.eigh(np.cov(flat[:: max(1, len(flat) // 5000)].T))[1].astype(np.float32)
+    (a, b), (c, d) = np.quantile(flat @ axes, (_PATCH_SHARE, 1 - _PATCH_SHARE), axis=0)
+    corners = np.array([(a, b), (c, b), (c, d), (a, d)], np.float32) @ axes.T @ across
+    return np.asarray(corners + np.float32(_LIFT_M - plane[3]) * normal, np.float32)

@@ -1,0 +1,48 @@
+"""The answer to `fusion/changes`."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from spot3d.fusion.fusion import Fusion
+from spot3d.fusion.map.map_arrays import R, X
+from spot3d.fusion.map.selection import counting
+from spot3d_schemas import Header, MapChanges
+from spot3d_schemas.limits import MAX_MAP_CHANGES
+
+ASKED = ("generation", "since", "limit")
+"""The parameters of the query."""
+
+
+def changes_message(fusion: Fusion, parameters: Mapping[str, str], header: Header) -> MapChanges:
+    """What changed in the map after what the asker has, as the query's parameters say (see `MapChanges`).
+
+    Parameters that are missing or no numbers count as an asker that has nothing.
+    """
+    generation, since = _number(parameters, "generation", 0), _number(parameters, "since", 0)
+    limit = min(_number(parameters, "limit", MAX_MAP_CHANGES), MAX_MAP_CHANGES)
+    changes, heatmap = fusion.map_changes, fusion.heatmap
+    rows = heatmap.points()
+    least, tau = counting(fusion.frame_count, fusion.settings)
+    known = since if generation == changes.generation else 0
+    chosen, cursor, behind = changes.after(known, limit, rows, heatmap.limit, least, tau)
+    heat, frequency = changes.told(chosen)
+    points = rows[chosen]
+    return MapChanges(
+        header=header,
+        generation=changes.generation,
+        cursor=cursor,
+        behind=behind,
+        number=chosen.astype(np.uint32),
+        xyz=np.ascontiguousarray(points[:, X : X + 3]),
+        rgb=np.clip(np.rint(points[:, R : R + 3]), 0, 255).astype(np.uint8),
+        heat=heat,
+        frequency=frequency,
+        planes=fusion.supports.planes(),
+        total=heatmap.count,
+    )
+
+
+def _number(parameters: Mapping[str, str], name: str, otherwise: int) -> int:
+    text = parameters.get(name, "")
+    return int(text) if text.isdecimal() and len(text) < 20 else otherwise

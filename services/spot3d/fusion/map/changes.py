@@ -1,0 +1,95 @@
+"""What changed in the 3D heatmap since somebody asked last, so that dashboards need not fetch the whole map."""
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.fusion.map.map_arrays import FREQUENCY, HEAT
+from spot3d.kernel import kernel
+
+_TOLERANCE = 12
+"""Heat that changes by no more than this, 255ths, is the same for people: 5 %."""
+
+
+class MapChanges:
+    """Numbers every change of a map's points that is worth telling; askers say up to which number they have them.
+
+    A change: a point that begins to count or ceases to, whose row another point has taken, whose heat has changed by
+    5 %, or that was seen twice as often as when it was told last. So a point is told a few times, not with every frame.
+    generation: of the map; what was told of another one is void. Until somebody asks, nothing is kept.
+    """
+
+    def __init__(self) -> None:
+        self.generation = time.time_ns()
+        self.last = 0
+        self._change = np.zeros(0, np.int64)
+        self._frequency = np.zeros(0, np.float32)
+        self._heat = np.zeros(0, np.uint8)
+
+    def clear(self) -> None:
+        """The map has been emptied: another one begins."""
+        self.generation = max(time.time_ns(), self.generation + 1)
+        self.last = 0
+        for column in (self._change, self._frequency, self._heat):
+            column.fill(0)
+
+    def after(
+        self, since: int, most: int, rows: NDArray[np.float32], limit: int, least: float, tau: float
+    ) -> tuple[NDArray[np.int64], int, int]:
+        """The rows that changed after change number `since`, at most `most` of them, the first to change first.
+
+        rows: (n, 16) float32 map rows, of `limit` that there can be; least, tau: as of `frequent_points`. Returns row
+        numbers (k,), the number of the last change among them, and how many rows are left for the next call.
+        """
+        if len(self._change) < limit:
+            # Untouched pages cost no memory.
+            self._change, self._frequency = np.zeros(limit, np.int64), np.zeros(limit, np.float32)
+            self._heat = np.zeros(limit, np.uint8)
+        self.last = int(
+            _number_changes(
+                rows, np.float32(least), np.float32(tau), self._change, self._frequency, self._heat, self.last
+            )
+        )
+        change = self._change[: len(rows)]
+        changed = np.flatnonzero(change > since)
+        if len(changed) > most:
+            first = np.argpartition(change[changed], most)[:most]
+            chosen = changed[first]
+        else:
+            chosen = changed
+        chosen = chosen[np.argsort(change[chosen])]
+        cursor = int(change[chosen[-1]]) if len(chosen) else max(since, self.last)
+        return chosen, cursor, len(changed) - len(chosen)
+
+    def told(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.uint8], NDArray[np.uint32]]:
+        """Heat in 255ths and frequency (0: the point is no more) of rows, as of their last change."""
+        return self._heat[rows], self._frequency[rows].astype(np.uint32)
+
+
+@kernel("i8(f4[:,::1], f4, f4, i8[::1], f4[::1], u1[::1], i8)")
+def _number_changes(
+    rows: NDArray[np.float32],
+    least: np.float32,
+    tau: np.float32,
+    change: NDArray[np.int64],
+    told_frequency: NDArray[np.float32],
+    told_heat: NDArray[np.uint8],
+    last: int,
+) -> int:
+    """Give each row that has changed the next number, and note what is told of it; returns the last number."""
+    for row in range(len(rows)):
+        now, before = rows[row, FREQUENCY], told_frequency[row]
+        if now < least:
+            now = np.float32(0)
+        if now == 0 and before == 0:
+            continue
+        heat = np.float32(0)
+        if now > 0:
+            heat = np.float32(255) * min(np.float32(1), rows[row, HEAT] / (now + tau))
+        same = before > 0 and before <= now < 2 * before
+        if same and abs(heat - np.float32(told_heat[row])) <= np.float32(_TOLERANCE):
+            continue
+        last += 1
+        change[row], told_frequency[row], told_heat[row] = last, now, np.uint8(heat + np.float32(0.5))
+    return last

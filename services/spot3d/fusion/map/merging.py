@@ -1,0 +1,139 @@
+"""Merging of a frame into the 3D heatmap (paper, Sec. IV-B)."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.fusion.map.map_arrays import FREQUENCY, HEAT, LAST, NORMAL, WEIGHT, MapArrays, R, X, key_at
+from spot3d.kernel import kernel, part
+from spot3d.sensor import Pinhole, axial_noise_kernel
+from spot3d.voxel_hash import EMPTY, find_slot
+
+
+class Pixels(NamedTuple):
+    """A frame to be merged: (h, w) depth, metres, colour and heat (see `IndexMap.register`), normals (h, w, 3)."""
+
+    depth: NDArray[np.float32]
+    colour: NDArray[np.uint8]
+    heat: NDArray[np.uint8]
+    normals: NDArray[np.float32]
+
+
+class Merging(NamedTuple):
+    """How frames are merged: voxels per metre, and values of FusionSettings."""
+
+    per_metre: np.float32
+    noise_gate: np.float32
+    range_max: np.float32
+    noise_weighting: bool
+    look_up: bool
+
+
+@part()
+def _find_along_ray(
+    known: MapArrays,
+    x: np.float32,
+    y: np.float32,
+    z: np.float32,
+    T_world_camera: NDArray[np.float32],
+    distance: np.float32,
+    reach: np.float32,
+    per_metre: np.float32,
+) -> np.int32:
+    """Row of the point nearest along the viewing ray within `reach` metres (depth errs along it), or -1."""
+    T = T_world_camera
+    scale = np.float32(1) / (distance * per_metre)
+    sx, sy, sz = (x - T[0, 3]) * scale, (y - T[1, 3]) * scale, (z - T[2, 3]) * scale
+    steps = int(reach * per_metre)
+    for step in range(steps + 1):
+        for sign in range(2):
+            if step == 0 and sign == 1:
+                continue
+            s = np.float32(step if sign == 0 else -step)
+            slot = find_slot(known.keys, key_at(x + s * sx, y + s * sy, z + s * sz, per_metre))
+            if known.keys[slot] != EMPTY:
+                return np.int32(known.slot_rows[slot])
+    return np.int32(-1)
+
+
+@kernel()
+def merge(
+    known: MapArrays,
+    frame_number: int,
+    pixels: Pixels,
+    candidates: NDArray[np.int32],
+    camera: Pinhole,
+    T_world_camera: NDArray[np.float32],
+    how: Merging,
+    index: NDArray[np.int32],
+) -> tuple[int, int, int]:
+    """Give every valid pixel its map point: the candidate, one in the voxels that noise can reach, or a new one.
+
+    Position, colour and normal are running means, weighted by 1 / sigma_z^2 if `noise_weighting`. Without `look_up` all
+    that has no candidate is new, and no voxel is entered. Once no row is free, new points are left out. Fills in the
+    index map, which is -1; returns how many pixels were warped, found and new.
+    """
+    rows, numbers, keys, slot_rows, row_slots, free, counts = known
+    used, free_count = counts[0], counts[1]
+    depth, colour, heat, normals = pixels
+    fx, fy, cx, cy, noise = camera
+    per_metre, noise_gate, range_max, noise_weighting, look_up = how
+    h, w = depth.shape
+    T = T_world_camera
+    warped, found, appended = 0, 0, 0
+    for v in range(h):
+        for u in range(w):
+            z = depth[v, u]
+            if not 0 < z <= range_max:
+                continue
+            dx, dy = (u - cx) / fx, (v - cy) / fy
+            # In single precision, as the look-up has it: else a point on a voxel's border is entered in the next.
+            x = np.float32((T[0, 0] * dx + T[0, 1] * dy + T[0, 2]) * z + T[0, 3])
+            y = np.float32((T[1, 0] * dx + T[1, 1] * dy + T[1, 2]) * z + T[1, 3])
+            zw = np.float32((T[2, 0] * dx + T[2, 1] * dy + T[2, 2]) * z + T[2, 3])
+            sigma = axial_noise_kernel(z, noise)
+            row = candidates[v, u]
+            if row >= 0:
+                warped += 1
+            else:
+                if look_up:
+                    row = _find_along_ray(known, x, y, zw, T, z, noise_gate * sigma, per_metre)
+                if row >= 0:
+                    found += 1
+                elif free_count == 0 and used == len(rows):
+                    continue
+                else:
+                    if free_count > 0:
+                        free_count -= 1
+                        row = free[free_count]
+                    else:
+                        row = np.int32(used)
+                        used += 1
+                    appended += 1
+                    row_slots[row] = -1
+                    if look_up:
+                        key = key_at(x, y, zw, per_metre)
+                        slot = find_slot(keys, key)
+                        keys[slot], slot_rows[slot], row_slots[row] = key, row, slot
+                    rows[row, :] = np.float32(0)
+                    numbers[row, LAST] = -1
+            index[v, u] = row
+            weight = np.float32(1e-6) / (sigma * sigma) if noise_weighting else np.float32(1)
+            total = rows[row, WEIGHT] + weight
+            share = weight / total
+            rows[row, WEIGHT] = total
+            rows[row, X] += share * (x - rows[row, X])
+            rows[row, X + 1] += share * (y - rows[row, X + 1])
+            rows[row, X + 2] += share * (zw - rows[row, X + 2])
+            for i in range(3):
+                rows[row, R + i] += share * (colour[v, u, i] - rows[row, R + i])
+            nx, ny, nz = normals[v, u, 0], normals[v, u, 1], normals[v, u, 2]
+            for i in range(3):
+                rows[row, NORMAL + i] += weight * (T[i, 0] * nx + T[i, 1] * ny + T[i, 2] * nz)
+            if numbers[row, LAST] != frame_number:
+                numbers[row, LAST] = frame_number
+                rows[row, FREQUENCY] += np.float32(1)
+                rows[row, HEAT] += heat[v, u] / np.float32(255)
+    counts[0], counts[1] = used, free_count
+    return warped, found, appended

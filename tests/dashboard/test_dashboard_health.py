@@ -1,0 +1,129 @@
+"""How stages fare is told in words: what is waited for, and for how long."""
+
+from typing import Any
+
+import pytest
+
+from spot3d.dashboard.health import StageRecords
+from spot3d_schemas import STAGES, Header, Health
+
+
+def health(stage: str, **changes: Any) -> Health:
+    fields = {
+        "header": Header(robot="robot", seq=0, stamp_ns=1, frame_id=stage),
+        "stage": stage,
+        "pid": 1,
+        "uptime_s": 1.0,
+        "received": 0,
+        "published": 0,
+        "drops": {},
+        "events": {},
+        "errors": 0,
+        "last_error": "",
+        "rate_hz": 30.0,
+        "latency_ms_p50": 40.0,
+        "latency_ms_p99": 60.0,
+        "step_ms_p50": 8.0,
+        "step_ms_p99": 12.0,
+        "cpu_s": 1.0,
+        "rss_bytes": 1,
+        "threads": 1,
+    }
+    return Health(**fields | changes)
+
+
+def said(records: StageRecords, stage: str, now_s: float, alive: tuple[str, ...] = STAGES, lost: str = "") -> str:
+    (word,) = [word for word in records.words(alive, now_s, lost) if word.stage == stage]
+    return f"{word.level}: {word.text}"
+
+
+def working(until_s: int, silent: tuple[str, ...] = ()) -> StageRecords:
+    """All stages at work, once a second."""
+    records = StageRecords()
+    for second in range(until_s + 1):
+        for stage in STAGES:
+            if stage not in silent:
+                records.hear(health(stage, received=30 * second), float(second))
+    return records
+
+
+def test_nothing_was_heard_yet() -> None:
+    records = StageRecords()
+    assert said(records, "pose", 5.0, alive=()) == "bad: is not running"
+    assert said(records, "pose", 5.0) == "waits: is there, and has not said yet how it is"
+    assert records.latest("pose") is None
+
+
+def test_all_is_well() -> None:
+    assert said(working(8), "fusion", 8.2) == "good: 30 a second, 8 ms each, 40 ms behind the camera"
+
+
+def test_a_stage_that_has_gone_or_hangs() -> None:
+    records = working(8)
+    assert said(records, "pose", 20.0, alive=("source",)) == "bad: is not running, since 12 s"
+    assert said(records, "pose", 20.0).startswith("bad: has said nothing for 12 s")
+
+
+def test_who_waits_says_for_what_and_since_when() -> None:
+    records = working(8)
+    for second in (9, 10, 11):
+        for stage in STAGES:
+            idle = stage in ("pose", "fusion")
+            records.hear(health(stage, received=30 * second, rate_hz=0.0 if idle else 30.0), float(second))
+    assert said(records, "fusion", 11.2) == "waits: waits: no pose for 3.2 s"
+    assert said(records, "pose", 11.2) == "bad: has its input, and has finished nothing for 3.2 s"
+    assert said(records, "heatmap", 11.2).startswith("good")
+    alone = tuple(stage for stage in STAGES if stage != "pose")
+    assert said(records, "fusion", 11.2, alone) == "waits: waits: no pose for 3.2 s, as pose is not running"
+
+
+def test_of_those_who_say_nothing_of_themselves_nothing_is_said() -> None:
+    records = working(8, silent=("pose", "heatmap"))
+    for second in (9, 10, 11):
+        records.hear(health("fusion", rate_hz=0.0), float(second))
+    assert said(records, "fusion", 11.0) == "waits: has finished nothing for 3.0 s"
+
+
+def test_at_the_end_of_a_recording_everybody_waits_for_frames() -> None:
+    records = working(8)
+    for second in (9, 10, 11):
+        for stage in STAGES:
+            records.hear(health(stage, rate_hz=0.0), float(second))
+    assert said(records, "source", 11.0).startswith("waits: has sent no frame for 3.0 s")
+    assert said(records, "pose", 11.0) == "waits: waits: no frame for 3.0 s"
+    assert said(records, "segments", 11.0) == "waits: waits: no heat for 3.0 s"
+
+
+def test_drops_are_told_by_second() -> None:
+    records = StageRecords()
+    for second in range(9):
+        drops = {"source/frame busy": 12 * second, "older": 3}
+        records.hear(health("proposals", received=30 * second, drops=drops), float(second))
+    assert said(records, "proposals", 8.0) == "waits: drops 12 of 30 a second: source/frame busy"
+    assert records.drops() == {"proposals": {"source/frame busy": 96, "older": 3}}
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"state": "another fusion answers too: end one"}, "bad: another fusion answers too: end one"),
+        ({"errors": 1, "last_error": "it broke"}, "bad: fails: it broke"),
+        ({"latency_ms_p50": 850.0}, "waits: is 0.8 s behind the camera"),
+        ({"latency_ms_p50": None, "step_ms_p50": None}, "good: 30 a second"),
+        ({"pid": 2, "drops": {"no heat": 50}}, "good: 30 a second, 8 ms each, 40 ms behind the camera"),
+    ],
+)
+def test_what_one_message_says(changes: dict[str, Any], expected: str) -> None:
+    records = working(8)
+    records.hear(health("fusion", **changes), 9.0)
+    assert said(records, "fusion", 9.0) == expected
+
+
+def test_a_lost_pose_is_told_of_the_pose_stage() -> None:
+    assert said(working(8), "pose", 8.0, lost="too few points") == "bad: is lost: too few points"
+
+
+def test_who_is_no_stage_is_not_listened_to() -> None:
+    records = StageRecords()
+    records.hear(health("stranger"), 1.0)
+    assert [word.stage for word in records.words((), 1.0)] == list(STAGES)

@@ -1,0 +1,113 @@
+"""What the dashboard knows of one robot, and the files that it saves of it."""
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip("viser", reason="the dashboard's packages are not installed")
+
+from schemas_samples import BOX, SAMPLES
+
+from spot3d.dashboard.picture import live_picture
+from spot3d.dashboard.robot import Robot
+from spot3d.dashboard.said import drop_table, health_table, summary, waiting_for
+from spot3d.dashboard.saving import map_file, objects_file
+from spot3d.drawing.picture import object_colour
+from spot3d_schemas import TOPICS, CameraIntrinsics, Message, Pose, Preview
+
+POSE = SAMPLES["Pose"].model_copy(update={"status": "ok", "reason": ""})
+
+
+def at(message: Message, stamp_ns: int) -> Message:
+    return message.model_copy(update={"header": message.header.model_copy(update={"stamp_ns": stamp_ns})})
+
+
+def seen(stamp_ns: int, width: int = 80, height: int = 60) -> Preview:
+    camera = CameraIntrinsics(fx=70.0, fy=70.0, cx=39.5, cy=29.5, width=width, height=height)
+    colour = np.full((height, width, 3), 90, np.uint8)
+    return Preview(header=at(SAMPLES["Preview"], stamp_ns).header, intrinsics=camera, colour=colour)
+
+
+def robot_with(*topics: str) -> Robot:
+    robot = Robot("drone", 1000)
+    for topic in topics:
+        robot.hear(topic, POSE if topic == "pose/pose" else SAMPLES[TOPICS[topic].message.__name__], 1.0)
+    return robot
+
+
+def test_a_preview_waits_for_its_pose() -> None:
+    robot = robot_with()
+    robot.hear("source/preview", seen(5), 1.0)
+    assert robot.shown is None
+    robot.hear("pose/pose", at(POSE, 5), 1.1)
+    assert robot.shown is not None
+    np.testing.assert_array_equal(robot.shown[1], POSE.T_world_camera)
+    robot.hear("source/preview", seen(6), 2.0)
+    robot.hear("fusion/health", SAMPLES["Health"], 3.5)
+    assert robot.shown[0].header.stamp_ns == 6
+    assert robot.shown[1] is None, "its pose has not come in a second"
+
+
+def test_a_lost_pose_is_told_and_not_drawn() -> None:
+    robot = robot_with("pose/pose")
+    lost = Pose(**{**dict(POSE), "status": "lost", "reason": "too fast", "T_world_camera": np.eye(4)})
+    robot.hear("pose/pose", lost, 1.0)
+    assert robot.lost == "too fast"
+    assert robot.pose is POSE
+
+
+def test_another_map_takes_the_objects_and_the_path_with_it() -> None:
+    robot = robot_with("fusion/objects", "fusion/changes")
+    robot.hear("pose/pose", POSE, 1.0)
+    assert [item.id for item in robot.objects_from(0.5)] == [BOX.id]
+    assert robot.objects_from(0.51) == []
+    again = SAMPLES["MapChanges"].model_copy(update={"generation": 5})
+    robot.hear("fusion/changes", again, 2.0)
+    assert (robot.objects, len(robot.trail.segments()), robot.map.count) == (None, 0, 1)
+
+
+def test_up_is_the_cameras_until_objects_say_better() -> None:
+    robot = robot_with()
+    assert robot.up() is None
+    robot.hear("pose/pose", POSE, 1.0)
+    np.testing.assert_array_equal(robot.up(), -POSE.T_world_camera[:3, 1])
+    robot.hear("fusion/objects", SAMPLES["Objects"], 1.0)
+    np.testing.assert_array_equal(robot.up(), SAMPLES["Objects"].up)
+
+
+def test_the_picture_has_the_boxes_where_they_project() -> None:
+    item = BOX.model_copy(update={"centre": np.array([0.0, 0.0, 1.0]), "size": np.array([0.4, 0.4, 0.2])})
+    picture = live_picture(seen(5), None, np.eye(4), [item])
+    assert picture.shape == (480, 640, 3)
+    # The nearer face is 0.9 m away: its corners are 0.2 / 0.9 * 70 pixels from the centre, in the picture eight times.
+    edge = picture[240 - 20 : 240 + 20, 320 + 116 : 320 + 134].astype(int)
+    assert (np.abs(edge - object_colour(item.id)).max(axis=2) < 20).any()
+    plain = live_picture(seen(5), None, None, [item])
+    assert (plain == plain[0, 0]).all(), "without a pose nothing is drawn"
+    hot = seen(5).model_copy(update={"colour": np.full((60, 80, 3), 255, np.uint8)})
+    assert live_picture(seen(5), hot, None, [])[0, 0].tolist() != plain[0, 0].tolist()
+
+
+def test_saved_files_are_those_of_a_run() -> None:
+    robot = robot_with("fusion/objects", "fusion/changes")
+    saved = json.loads(objects_file(robot))
+    assert [item["id"] for item in saved["objects"]] == [BOX.id]
+    assert (saved["frame_count"], saved["up"]) == (9, [0, 0, 1])
+    assert json.loads(objects_file(robot_with()))["objects"] == []
+    assert b"element vertex 1\n" in map_file(robot, None)
+    assert b"element vertex 2\n" in map_file(robot, SAMPLES["MapPoints"])
+
+
+def test_texts_are_told_and_escaped() -> None:
+    robot = robot_with("fusion/objects", "fusion/changes", "fusion/health")
+    assert summary(robot).startswith("**drone**: 1 object in 9 frames")
+    assert "router" in waiting_for(False, "tcp/a:1", [], None, None)
+    assert "knows none yet" in waiting_for(True, "tcp/a:1", [], None, None)
+    assert "is gone" in waiting_for(True, "tcp/a:1", ["drone"], robot, None)
+    robot.alive = frozenset(("fusion",))
+    assert "has no source" in waiting_for(True, "tcp/a:1", ["drone"], robot, None)
+    assert waiting_for(True, "tcp/a:1", ["drone"], robot, 0.1) == ""
+    assert "<b>late" not in drop_table({"fusion": {"<b>late": 3}})
+    words = robot.records.words(("fusion",), 1.0, "")
+    assert "&lt;" not in health_table(words)

@@ -1,0 +1,119 @@
+"""What changed in the map since somebody asked: each asker gets every change once, in bounded answers."""
+
+import numpy as np
+import pytest
+
+from spot3d.fusion.change_answers import changes_message
+from spot3d.fusion.fusion import Fusion
+from spot3d.fusion.map.changes import MapChanges
+from spot3d.fusion.map.map_arrays import COLUMNS, FREQUENCY, HEAT, R, X
+from spot3d.fusion.settings import FusionSettings
+from spot3d.fusion.supports import RecentSupports
+from spot3d_schemas import Header
+
+LIMIT = 100
+
+
+def rows_seen(frequencies: list[int], heat: float = 0.0) -> np.ndarray:
+    rows = np.zeros((len(frequencies), COLUMNS), np.float32)
+    rows[:, FREQUENCY], rows[:, HEAT] = frequencies, heat
+    return rows
+
+
+def asked(changes: MapChanges, rows: np.ndarray, since: int, most: int = LIMIT) -> tuple[list[int], int, int]:
+    chosen, cursor, behind = changes.after(since, most, rows, LIMIT, least=2.0, tau=0.0)
+    return chosen.tolist(), cursor, behind
+
+
+def test_every_change_is_told_once() -> None:
+    changes, rows = MapChanges(), rows_seen([])
+    assert asked(changes, rows, 0) == ([], 0, 0)
+    rows = rows_seen([1, 2, 4])
+    told, cursor, behind = asked(changes, rows, 0)
+    assert (told, behind) == ([1, 2], 0), "a point seen once does not count yet"
+    assert asked(changes, rows, cursor) == ([], cursor, 0)
+    rows[:, FREQUENCY] = (2, 3, 8)  # begins to count; hardly seen more; seen twice as often
+    told, later, _ = asked(changes, rows, cursor)
+    assert told == [0, 2]
+    assert asked(changes, rows, 0)[0] == [1, 0, 2], "who knows nothing gets all, the first to change first"
+    assert asked(changes, rows, cursor)[0] == [0, 2], "and each asker goes by its own cursor"
+    assert changes.told(np.array([2]))[1].tolist() == [8]
+    assert asked(changes, rows, later)[0] == []
+
+
+@pytest.mark.parametrize(("heat", "told"), [(0.52, False), (0.6, True)])
+def test_heat_is_told_where_people_would_see_it(heat: float, told: bool) -> None:
+    changes, rows = MapChanges(), rows_seen([10], heat=5.0)
+    cursor = asked(changes, rows, 0)[1]
+    rows[:, HEAT] = 10 * heat
+    assert bool(asked(changes, rows, cursor)[0]) == told
+    assert changes.told(np.array([0]))[0][0] == (153 if told else 128)
+
+
+def test_a_point_that_is_no_more_and_one_in_its_place() -> None:
+    changes, rows = MapChanges(), rows_seen([9, 9])
+    cursor = asked(changes, rows, 0)[1]
+    rows[0, FREQUENCY] = 0
+    gone, cursor, _ = asked(changes, rows, cursor)
+    assert gone == [0]
+    assert changes.told(np.array([0]))[1][0] == 0
+    rows[:, FREQUENCY] = (3, 4)
+    assert asked(changes, rows, cursor)[0] == [0, 1], "both are other points than before"
+
+
+def test_answers_are_bounded_and_complete() -> None:
+    changes, rows, since, told = MapChanges(), rows_seen([5] * 70), 0, []
+    for left in (40, 10, 0):
+        chosen, since, behind = asked(changes, rows, since, most=30)
+        assert (behind, len(chosen) <= 30) == (left, True)
+        told += chosen
+    assert sorted(told) == list(range(70))
+
+
+def test_another_map_has_another_generation() -> None:
+    changes, rows = MapChanges(), rows_seen([9])
+    asked(changes, rows, 0)
+    before = changes.generation
+    changes.clear()
+    assert changes.generation != before
+    assert asked(changes, rows, 0)[0] == [0]
+
+
+def fused() -> Fusion:
+    fusion = Fusion(FusionSettings(map_limit=1000))
+    rows = rows_seen([4, 8, 16], heat=4.0)
+    rows[:, X : X + 3] = np.arange(9).reshape(3, 3)
+    rows[:, R : R + 3] = (10, 20, 300)
+    fusion.heatmap.restore(rows, np.full(3, -1, np.int64))
+    fusion.frame_count = 40
+    return fusion
+
+
+@pytest.mark.parametrize("since", ["", "0", "-3", "1e9", "x" * 1000])
+def test_the_message_says_all_to_whoever_has_nothing(since: str) -> None:
+    fusion = fused()
+    header = Header(robot="robot", seq=0, stamp_ns=1, frame_id="camera")
+    parameters = {"generation": str(fusion.map_changes.generation), "since": since}
+    message = changes_message(fusion, parameters, header)
+    assert message.number.tolist() == [0, 1, 2]
+    np.testing.assert_array_equal(message.xyz, np.arange(9).reshape(3, 3))
+    assert message.rgb.tolist() == [[10, 20, 255]] * 3
+    assert message.frequency.tolist() == [4, 8, 16]
+    assert message.heat.tolist() == [170, 102, 57], "tau is 2: 5 % of 40 frames"
+    assert (message.behind, message.total) == (0, 3)
+    rest = changes_message(fusion, parameters | {"since": str(message.cursor)}, header)
+    assert (len(rest.number), rest.cursor) == (0, message.cursor)
+    assert len(changes_message(fusion, parameters | {"since": str(message.cursor), "generation": "7"}, header).number)
+    assert changes_message(fusion, parameters | {"limit": "1"}, header).behind == 2
+
+
+def test_supports_seen_again_replace_themselves() -> None:
+    supports, eye = RecentSupports(), np.array([0.0, 0.0, 1.5])
+    tilted = np.array([0.0, np.sin(0.05), np.cos(0.05), -0.71])
+    for plane in ([0, 0, 1, -0.7], [0, 0, 1, 0], tilted):
+        supports.add(np.asarray(plane, np.float64), eye)
+    np.testing.assert_allclose(supports.planes(), [[0, 0, 1, 0], tilted])
+    for height in range(20):
+        supports.add(np.array([0.0, 0.0, 1.0, -float(height)]), eye)
+    assert supports.planes()[-1].tolist() == [0, 0, 1, -19]
+    assert len(supports.planes()) == 8

@@ -1,0 +1,102 @@
+"""Each ending tells the truth: in one clear line, with true counts and an exit code."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from spot3d.dataflow.router import free_loopback_endpoint, open_router
+from spot3d.settings import without_settings
+from spot3d.source.sequences import open_source
+from spot3d.whole_file import whole_file
+
+FRAMES, BROKEN = 6, 2
+LIMIT_S = 180.0
+"""A first start may compile kernels."""
+
+DYING = """
+import threading, time
+from spot3d.dataflow.thread_deaths import end_with_any_thread
+end_with_any_thread()
+threading.Thread(target=lambda: 1 / 0, name="objects", daemon=True).start()
+time.sleep(60)
+"""
+
+
+def spot3d(*arguments: str, **more: str) -> "subprocess.CompletedProcess[str]":
+    command = ["nice", "-n", "6", sys.executable, "-m", "spot3d", *arguments]
+    environment = without_settings(os.environ) | more
+    return subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False, env=environment)
+
+
+def recording(folder: Path) -> Path:
+    """Frames of the built-in scene in the layout of 7-Scenes, one of which is cut off."""
+    folder.mkdir()
+    frames = open_source("scene:0", FRAMES, halved=True)
+    camera = frames.intrinsics
+    np.savetxt(folder / "camera-intrinsics.txt", [[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
+    for index, frame in enumerate(frames):
+        start = folder / f"frame-{index:06d}"
+        cv2.imwrite(f"{start}.color.png", cv2.cvtColor(frame.colour, cv2.COLOR_RGB2BGR))
+        cv2.imwrite(f"{start}.depth.png", np.rint(1000 * frame.depth_metres()).astype(np.uint16))
+        np.savetxt(f"{start}.pose.txt", frames.true_pose(index))
+    cut = folder / f"frame-{BROKEN:06d}.depth.png"
+    cut.write_bytes(cut.read_bytes()[:500])
+    return folder
+
+
+def test_frames_that_cannot_be_read_are_counted_and_told(tmp_path: Path) -> None:
+    # A library that prints when it is imported, and a process that is nice already, are in nobody's way.
+    (tmp_path / "sitecustomize.py").write_text("print('a word from a library')\n")
+    out = tmp_path / "out"
+    done = spot3d("run", str(recording(tmp_path / "frames")), "--out", str(out), PYTHONPATH=str(tmp_path))
+    assert done.returncode == 1, done.stderr
+    assert f"{FRAMES - 1} of {FRAMES} frames" in done.stdout
+    assert "1 cannot be read" in done.stdout
+    assert done.stderr.splitlines()[-1] == f"error: 1 of {FRAMES} frames cannot be read"
+    report = json.loads((out / "report.json").read_text())
+    assert report["frames"]["skipped"] == {"cannot be read": 1}
+    assert "frame-000002.depth.png" in report["stages"]["source"]["last_error"]
+    assert not (out / "snapshots").exists()
+
+
+def test_an_endpoint_that_cannot_be_had_is_told_in_one_line(tmp_path: Path) -> None:
+    endpoint = free_loopback_endpoint()
+    with open_router((endpoint,)):
+        commands = (("router", "--listen", endpoint), ("run", "scene", "--out", str(tmp_path), "--listen", endpoint))
+        for command in commands:
+            taken = spot3d(*command)
+            assert taken.returncode == 2, taken.stderr
+            assert endpoint in taken.stderr.splitlines()[-1]
+            assert "cannot listen" in taken.stderr.splitlines()[-1]
+            assert "Traceback" not in taken.stderr
+    bogus = spot3d("run", "scene", "--out", str(tmp_path), "--listen", "bogus")
+    assert (bogus.returncode, len(bogus.stderr.splitlines())) == (2, 1)
+    assert "bogus" in bogus.stderr
+
+
+def test_a_process_one_of_whose_threads_dies_ends() -> None:
+    done = subprocess.run([sys.executable, "-c", DYING], capture_output=True, text=True, timeout=30, check=False)
+    assert done.returncode == 70
+    last = done.stderr.splitlines()[-1]
+    assert last == "error: the process ends: its thread 'objects' died of ZeroDivisionError: division by zero"
+
+
+def test_a_file_that_cannot_be_written_whole_is_not_there(tmp_path: Path) -> None:
+    path = tmp_path / "objects.json"
+    path.write_text("the last one")
+
+    def write() -> None:
+        with whole_file(path) as stream, Path("/dev/full").open("wb", buffering=0) as full:
+            stream.write(b"half")
+            full.write(b"the rest")
+
+    with pytest.raises(OSError, match=f"cannot write {path}: No space left on device"):
+        write()
+    assert [item.name for item in tmp_path.iterdir()] == ["objects.json"]
+    assert path.read_text() == "the last one"
