@@ -18,6 +18,8 @@ docker info >/dev/null 2>&1 && exec "$@"
 CHECKOUT=$(cd "$(dirname "$0")/../.." && pwd)
 HOME_OF_IT=${SPOT3D_ENGINE:-/var/tmp/spot3d-engine}
 mkdir -p "$HOME_OF_IT/bin" "$HOME_OF_IT/docker" "$HOME_OF_IT/state"
+exec 9>"$HOME_OF_IT/lock"
+flock 9  # one engine at a time uses these files
 
 # --- the engine's files ---
 if ! { command -v mmdebstrap && command -v slirp4netns; } >/dev/null; then
@@ -57,7 +59,7 @@ exec dockerd --storage-driver overlay2 --exec-opt native.cgroupdriver=cgroupfs
 INNER
 rm -f "$HOME_OF_IT/state/ready"
 unshare --mount --net --propagation private bash "$HOME_OF_IT/state/inner.sh" "$HOME_OF_IT" "$CHECKOUT" \
-    > "$HOME_OF_IT/state/dockerd.log" 2>&1 < /dev/null &
+    > "$HOME_OF_IT/state/dockerd.log" 2>&1 < /dev/null 9>&- &
 ENGINE=$!
 finish() {
     status=$?
@@ -69,7 +71,7 @@ finish() {
 trap finish EXIT
 for _ in $(seq 100); do [ -e "$HOME_OF_IT/state/ready" ] && break; sleep 0.1; done
 slirp4netns --configure --mtu=1500 --disable-host-loopback "$ENGINE" tap0 \
-    > "$HOME_OF_IT/state/slirp.log" 2>&1 < /dev/null &
+    > "$HOME_OF_IT/state/slirp.log" 2>&1 < /dev/null 9>&- &
 SLIRP=$!
 
 # A `docker` for the command: beside the engine, in the caller's folder, with the caller's environment.

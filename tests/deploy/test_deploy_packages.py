@@ -51,6 +51,7 @@ def test_the_image_copies_what_there_is_and_the_builder_is_sent_no_more() -> Non
     sources = {source for line in copies for source in line.split()}
     assert [source for source in sources if not (ROOT / source).exists()] == []
     assert sources == set(re.findall(r"^!(.+)$", (ROOT / ".dockerignore").read_text(), re.MULTILINE))
+    assert re.findall(r"^USER (\S+)", recipe, re.MULTILINE) == ["spot3d"]
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
