@@ -16,6 +16,7 @@ from spot3d.dataflow.admission import PER_FRAME, Admission
 from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.counters import Counters
 from spot3d.dataflow.endpoints import declare_publisher, declare_subscriber, keeps_newest, waiting
+from spot3d.dataflow.heartbeat import STUCK_S, Heartbeat
 from spot3d.dataflow.inbox import Inbox, Tray
 from spot3d.dataflow.payload import intact_bytes
 from spot3d.dataflow.process_use import process_use, stay_single_threaded
@@ -86,6 +87,7 @@ class Node:
         self._seqs = dict.fromkeys((*self._outputs, *queries, self._about), 0)
         self._log = logging.getLogger(f"spot3d.{stage}")
         self._limited_log = RateLimitedLog(self._log)
+        self._heartbeat, self._turned_s = Heartbeat(link.heartbeat), time.monotonic()
         self._gone = threading.Event()
         self._exit = ExitStack()
 
@@ -128,6 +130,7 @@ class Node:
 
         What is left over of an earlier stream is dropped, and counted.
         """
+        self._turned_s = time.monotonic()
         item = self._inbox.get(min(timeout_s, _IDLE_S))
         if item is None or item[0] not in _OF_A_STREAM:
             return item
@@ -142,6 +145,12 @@ class Node:
             self._log.info("stream %s begins", stream)
             return topic, replace(given, begins=True)
         return item
+
+    def rest(self, duration_s: float) -> None:
+        """Do nothing for so long, or until the stage is to stop."""
+        end_s = time.monotonic() + duration_s
+        while (left_s := end_s - time.monotonic()) > 0 and not self.stop.wait(min(left_s, 1.0)):
+            self._turned_s = time.monotonic()
 
     @property
     def stream(self) -> str | None:
@@ -269,6 +278,9 @@ class Node:
     def _report(self) -> None:
         while not self._gone.wait(self.link.health_interval_s):
             self._publish_health()
+            # Whoever has nothing to do may rest; whoever leaves it lying hangs.
+            if not self._inbox.waiting or time.monotonic() - self._turned_s < STUCK_S:
+                self._heartbeat.beat()
 
     def _publish_health(self) -> None:
         topic = f"{self.stage}/health"
@@ -288,6 +300,7 @@ class Node:
 
     def _leave(self) -> None:
         self._gone.set()
+        self._heartbeat.close()
         self._inbox.close()
         # The last counts, so that whoever collects them misses nothing.
         self._publish_health()

@@ -103,11 +103,7 @@ class Collector:
 
     def snapshot(self, timeout_s: float) -> MapSnapshot:
         """The map as fusion answers now; empty where it does not answer."""
-        for reply in self._session.get(key(self._robot, "fusion/map"), timeout=timeout_s):
-            message = _decoded(reply.ok, MapPoints) if reply.ok is not None else None
-            if message is not None:
-                return MapSnapshot(message.xyz, message.rgb, message.heat, message.frequency, message.total)
-        return empty_snapshot()
+        return asked_map(self._session, self._robot, timeout_s)
 
     def result(self, points: MapSnapshot) -> RunResult:
         """The run's result as it is known now."""
@@ -149,7 +145,7 @@ class Collector:
         if isinstance(message, Objects):
             self.objects = message
             if self._timeline is not None:
-                self._timeline.add(message.header.stamp_ns, found_objects(message), message.complete)
+                self._timeline.add_update(message.header.stamp_ns, found_objects(message), message.complete)
         elif isinstance(message, Progress):
             self.progress = message
             hops = _hops(message.header)
@@ -169,6 +165,15 @@ class Collector:
                 if message.stage == "heatmap":
                     self._earlier_boxes += self._boxes()
             self.health[message.stage] = message
+
+
+def asked_map(session: zenoh.Session, robot: str, timeout_s: float) -> MapSnapshot:
+    """The map as a robot's fusion answers now; empty where it does not answer."""
+    for reply in session.get(key(robot, "fusion/map"), timeout=timeout_s):
+        message = _decoded(reply.ok, MapPoints) if reply.ok is not None else None
+        if message is not None:
+            return MapSnapshot(message.xyz, message.rgb, message.heat, message.frequency, message.total)
+    return empty_snapshot()
 
 
 def relay_poses(session: zenoh.Session, topic: str, robot: str) -> ExitStack:
