@@ -8,7 +8,8 @@ from spot3d.kernel import kernel
 
 _HELD = 0.3
 """A point is an object's where this share of the other views that see it have it in the object. From 0.15 to 0.6 the
-boxes of each data set fit alike within 0.01, and in clutter better than without, by 0.02 of IoU."""
+boxes of each data set fit alike within 0.01 of IoU, and in clutter better than without, by 0.03; its detection rate
+falls from 0.91 to 0.88 over that span."""
 _ASKED = 20
 """So many of an object's views are asked, evenly spread over them."""
 _ANSWERS = 2
