@@ -50,7 +50,7 @@ def test_a_stage_that_leaves_its_work_lying_beats_no_more(tmp_path: Path, monkey
         wait_until(lambda: node._inbox.waiting)
         time.sleep(0.3)
         beat.unlink(missing_ok=True)
-        time.sleep(0.3)
+        time.sleep(1.2)
         assert not beat.exists()
         assert node.next() is not None
         wait_until(beat.exists)

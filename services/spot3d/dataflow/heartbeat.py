@@ -10,6 +10,7 @@ log = logging.getLogger(__name__)
 
 STUCK_S = 20.0
 """A process whose loop has not turned for so long beats no more."""
+_INTERVAL_S = 1.0
 
 
 class Heartbeat:
@@ -20,11 +21,14 @@ class Heartbeat:
 
     def __init__(self, path: Path | None) -> None:
         self._path = path
+        self._beaten_s = float("-inf")
 
     def beat(self) -> None:
-        """The process turns. What cannot be written is told once and ends nothing."""
-        if self._path is None:
+        """The process turns; written once a second at most. What cannot be written is told once and ends nothing."""
+        now_s = time.monotonic()
+        if self._path is None or now_s - self._beaten_s < _INTERVAL_S:
             return
+        self._beaten_s = now_s
         partial = self._path.with_name(f"{self._path.name}.partial")
         try:
             partial.write_text(f"{int(time.clock_gettime(time.CLOCK_BOOTTIME))} {os.getpid()}\n")

@@ -87,7 +87,7 @@ class Collector:
         """Take in everything that has come since the last call."""
         for topic, handler in self._inputs.items():
             while (sample := handler.try_recv()) is not None:
-                message = _decoded(sample, TOPICS[topic].message)
+                message = decoded(sample, TOPICS[topic].message)
                 if message is not None and self._is_of_this_run(topic, message.header):
                     self._take(message)
 
@@ -170,7 +170,7 @@ class Collector:
 def asked_map(session: zenoh.Session, robot: str, timeout_s: float) -> MapSnapshot:
     """The map as a robot's fusion answers now; empty where it does not answer."""
     for reply in session.get(key(robot, "fusion/map"), timeout=timeout_s):
-        message = _decoded(reply.ok, MapPoints) if reply.ok is not None else None
+        message = decoded(reply.ok, MapPoints) if reply.ok is not None else None
         if message is not None:
             return MapSnapshot(message.xyz, message.rgb, message.heat, message.frequency, message.total)
     return empty_snapshot()
@@ -216,7 +216,7 @@ def _hops(header: Header) -> list[tuple[str, int, int]]:
     return [(hop.stage, hop.received_ns, hop.sent_ns) for hop in header.trace]
 
 
-def _decoded(sample: zenoh.Sample, expected: type[M]) -> M | None:
+def decoded(sample: zenoh.Sample, expected: type[M]) -> M | None:
     """The message, or None where it is none: whoever sends nonsense must not end the run."""
     try:
         return decode(sample.payload.to_bytes(), expected)

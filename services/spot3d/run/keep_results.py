@@ -5,7 +5,6 @@ import threading
 import time
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TypeVar
 
 import zenoh
 from zenoh.handlers import Handler, RingChannel
@@ -17,10 +16,10 @@ from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.streams import Streams
-from spot3d.run.collector import asked_map, found_objects
+from spot3d.run.collector import asked_map, decoded, found_objects
 from spot3d.run.sights import Sights
 from spot3d.run.stream_folder import StreamFolder, drop_oldest
-from spot3d_schemas import TOPICS, CodecError, Message, Objects, Pose, Progress, decode, key
+from spot3d_schemas import TOPICS, Message, Objects, Pose, Progress, key
 
 log = logging.getLogger("spot3d.results")
 
@@ -30,10 +29,8 @@ _WAITING = 4096
 _POLL_S = 0.05
 _WRITE_S = 10.0
 """Time between two writings of objects.json while a stream goes on."""
-_MAP_S, _MAP_AT_STOP_S = 30.0, 3.0
-"""Longest wait for the map, when a stream is complete and when this process is to end."""
-
-M = TypeVar("M", bound=Message)
+_MAP_S, _MAP_AT_STOP_S = 10.0, 3.0
+"""Longest wait for the map, when a stream is complete and when this process is to end; no heartbeat meanwhile."""
 
 
 def keep_results(link: LinkSettings, out: Path, keep: int, stop: threading.Event | None = None) -> None:
@@ -81,7 +78,7 @@ class _Keeper:
     def _drain(self, inputs: dict[str, Handler[zenoh.Sample]]) -> None:
         for topic, handler in inputs.items():
             while (sample := handler.try_recv()) is not None:
-                message = _decoded(sample, TOPICS[topic].message)
+                message = decoded(sample, TOPICS[topic].message)
                 now_s = time.monotonic()
                 if message is None or not self._producers.admit(topic, message.header.sender, now_s):
                     continue
@@ -144,11 +141,4 @@ class _Keeper:
         try:
             folder.write(points, self._sights.views if pictured else None)
         except OSError as error:
-            log.error("cannot write into %s: %s", folder.path, error.strerror)
-
-
-def _decoded(sample: zenoh.Sample, expected: type[M]) -> M | None:
-    try:
-        return decode(sample.payload.to_bytes(), expected)
-    except CodecError:
-        return None
+            log.error("the results of stream %s are not whole: %s", folder.stream, error)
