@@ -106,7 +106,7 @@ class _Stage:
             self._keep()
 
     def _resume(self) -> None:
-        """Go on in the world where this stream was followed before, if a snapshot tells of it."""
+        """Go on in the world where this stream was followed before, if a snapshot has it."""
         stream, path = self.node.stream, self.snapshots.path
         if stream is None or self.node.link.snapshot_interval_s == 0 or not isinstance(self.tracker, MapTracker):
             return

@@ -149,7 +149,7 @@ class Collector:
         elif isinstance(message, Progress):
             self.progress = message
             hops = _hops(message.header)
-            # Not every progress tells of one frame's whole way: some tell of skipped frames or of the end.
+            # Not every progress is of one frame that went the whole way: some are of skipped frames or of the end.
             self.latency.add(hops, whole="source to fused" if [hop[0] for hop in hops[-2:]] in _FUSED else "")
             self.rate.add(message.fused + sum(message.skipped.values()), time.monotonic())
         elif isinstance(message, Pose):
