@@ -4,7 +4,7 @@ import pytest
 from rich.console import Console
 
 from spot3d.run.status import status_table
-from spot3d_schemas import STAGES, Header, Health
+from spot3d_schemas import BRIDGE, STAGES, Header, Health
 
 
 def health(stage: str, drops: dict[str, int], step: float | None) -> Health:
@@ -46,3 +46,10 @@ def test_status_fits_a_terminal(known, said):
         assert part in text.getvalue()
     assert all(stage in text.getvalue() for stage in STAGES), "no name is cut"
     assert max(map(len, text.getvalue().splitlines())) <= 80
+
+
+def test_a_bridge_has_a_row() -> None:
+    text = io.StringIO()
+    alive = dict.fromkeys((*STAGES, BRIDGE), 1)
+    Console(file=text, width=80).print(status_table("robot", alive, {BRIDGE: health(BRIDGE, {"late": 4}, None)}))
+    assert "bridge dropped: 4 late" in text.getvalue()

@@ -20,7 +20,7 @@ from spot3d.dataflow.alive import Alive, watch_alive
 from spot3d.dataflow.rate_limited_log import printable
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.settings import LinkSettings
-from spot3d_schemas import STAGES, CodecError, Health, Message, Objects, decode, key
+from spot3d_schemas import BRIDGE, STAGES, CodecError, Health, Message, Objects, decode, key
 
 _CONNECT_S = 3.0
 """Longest wait for the router."""
@@ -68,13 +68,13 @@ def show_status(link: LinkSettings, console: Console, watch: bool) -> bool:
         finally:
             impatience.cancel()
         alive = stack.enter_context(watch_alive(session, link.robot))
-        topics = (*(f"{stage}/health" for stage in STAGES), "fusion/objects")
+        topics = (*(f"{stage}/health" for stage in (*STAGES, BRIDGE)), "fusion/objects")
         subscribers = [session.declare_subscriber(key(link.robot, topic), RingChannel(1)) for topic in topics]
         for subscriber in subscribers:
             stack.callback(subscriber.undeclare)
         channels, heard = _Channels(subscribers[:-1], subscribers[-1]), _Heard()
         if not watch:
-            _listen(channels, heard, _LISTEN_S)
+            _listen(channels, alive, heard, _LISTEN_S)
             there = _processes(alive)
             console.print(status_table(link.robot, there, heard.health, heard.objects))
             return all(there.values()) and not any(item.state for item in heard.health.values())
@@ -83,8 +83,9 @@ def show_status(link: LinkSettings, console: Console, watch: bool) -> bool:
 
 
 def _processes(alive: Alive) -> dict[str, int]:
-    """How many processes of each stage there are; one that tells no name of its own counts as one."""
-    return {stage: max(len(alive.processes(stage)), int(stage in alive)) for stage in STAGES}
+    """How many processes of each stage there are, and of the bridge, if any; one without a name counts as one."""
+    shown = (*STAGES, BRIDGE) if BRIDGE in alive else STAGES
+    return {stage: max(len(alive.processes(stage)), int(stage in alive)) for stage in shown}
 
 
 def status_table(
@@ -114,7 +115,7 @@ def status_table(
         table.add_row(
             stage,
             state,
-            "-" if item.rate_hz is None else f"{item.rate_hz:.1f}",
+            "-" if item.rate_hz is None or stage == BRIDGE else f"{item.rate_hz:.1f}",
             _pair(item.step_ms_p50, item.step_ms_p99),
             _pair(item.latency_ms_p50, item.latency_ms_p99),
             str(sum(item.drops.values())),
@@ -146,7 +147,7 @@ def _watch(robot: str, console: Console, channels: _Channels, alive: Alive, hear
     try:
         with Live(console=console, auto_refresh=False) as live:
             while True:
-                _listen(channels, heard, _REFRESH_S)
+                _listen(channels, alive, heard, _REFRESH_S)
                 there = _processes(alive)
                 words = heard.records.words([stage for stage in STAGES if there[stage]], time.monotonic())
                 table = status_table(robot, there, heard.health, heard.objects)
@@ -155,11 +156,11 @@ def _watch(robot: str, console: Console, channels: _Channels, alive: Alive, hear
         return
 
 
-def _listen(channels: _Channels, heard: _Heard, duration_s: float) -> None:
+def _listen(channels: _Channels, alive: Alive, heard: _Heard, duration_s: float) -> None:
     """Take in what the stages say for a while, or until each has said something where none had before."""
     end_s = time.monotonic() + duration_s
     fresh = not heard.health
-    while time.monotonic() < end_s and not (fresh and len(heard.health) == len(STAGES)):
+    while time.monotonic() < end_s and not (fresh and _processes(alive).keys() <= heard.health.keys()):
         for channel in channels.health:
             health = _latest(channel, Health)
             if health is not None:
