@@ -1,6 +1,8 @@
 """What the dashboard knows of one robot, and the files that it saves of it."""
 
 import json
+import socket
+import threading
 
 import numpy as np
 import pytest
@@ -10,9 +12,12 @@ pytest.importorskip("viser", reason="the dashboard's packages are not installed"
 from schemas_samples import BOX, SAMPLES
 
 from spot3d.dashboard.picture import live_picture
+from spot3d.dashboard.process import run
 from spot3d.dashboard.robot import Robot
 from spot3d.dashboard.said import drop_table, health_table, summary, waiting_for
 from spot3d.dashboard.saving import map_file, objects_file
+from spot3d.dashboard.settings import DashboardSettings
+from spot3d.dataflow.settings import LinkSettings
 from spot3d.drawing.picture import object_colour
 from spot3d_schemas import TOPICS, CameraIntrinsics, Message, Pose, Preview
 
@@ -108,6 +113,17 @@ def test_texts_are_told_and_escaped() -> None:
     robot.alive = frozenset(("fusion",))
     assert "has no source" in waiting_for(True, "tcp/a:1", ["drone"], robot, None)
     assert waiting_for(True, "tcp/a:1", ["drone"], robot, 0.1) == ""
+    robot.hear("fusion/progress", SAMPLES["Progress"], 1.0)
+    assert "no `source/preview`" in waiting_for(True, "tcp/a:1", ["drone"], robot, None)
     assert "<b>late" not in drop_table({"fusion": {"<b>late": 3}})
     words = robot.records.words(("fusion",), 1.0, "")
     assert "&lt;" not in health_table(words)
+
+
+def test_a_port_that_is_taken_ends_the_dashboard_with_what_is_wrong() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        link = LinkSettings(mode="router", listen=(f"tcp/127.0.0.1:{taken.getsockname()[1]}",), connect=())
+        with pytest.raises(ConnectionError, match="cannot listen at"):
+            run(link, DashboardSettings(), threading.Event())

@@ -69,6 +69,8 @@ class Link:
         self._session: zenoh.Session | None = None
         self.alive: dict[str, frozenset[str]] = {}
         self.connected = False
+        self.failed: OSError | None = None
+        """Why it cannot listen where it should; what cannot be reached is waited for instead."""
         self._pause_s = 0.1
         self._thread = threading.Thread(target=self._work, name="link", daemon=True)
 
@@ -118,6 +120,8 @@ class Link:
         except (StoppedError, zenoh.ZError) as error:
             if not self._stop.is_set():
                 log.error("no connection: %s", error)
+        except OSError as error:
+            self.failed = error
 
     def _poll(self, session: zenoh.Session) -> None:
         """Who is there, and what has changed in the maps that are shown."""

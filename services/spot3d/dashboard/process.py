@@ -33,7 +33,7 @@ def run(
     """Serve the page until stopped by `stop`, SIGINT or SIGTERM.
 
     robot: the one to show first. always: follow the map even while no browser looks. on_ready: is told the address.
-    Raises OSError where the page cannot be served at the address of the settings.
+    Raises OSError where the page cannot be served at the address of the settings, or `link` cannot listen.
     """
     with stop_on_signals(stop) as stopped, open_server(settings) as server:
         on_ready(f"http://{'127.0.0.1' if settings.host == '0.0.0.0' else settings.host}:{server.get_port()}")
@@ -48,10 +48,12 @@ def serve(
     robot: str | None = None,
     always: bool = False,
 ) -> None:
-    """Show what is heard on an open server until `stop` is set."""
+    """Show what is heard on an open server until `stop` is set. Raises OSError where `link` cannot listen."""
     with Link(link, settings.map_rate) as heard:
         page = Page(server, heard, settings, ", ".join(link.listen or link.connect), always)
         while not stop.wait(_STEP_S):
+            if heard.failed is not None:
+                raise heard.failed
             try:
                 page.step(robot)
             except Exception:

@@ -26,6 +26,13 @@ def waiting_for(router: bool, where: str, robots: Sequence[str], robot: Robot | 
     if not robot.alive:
         return f"**{robot.name}** is gone: none of its stages is running. What is shown is the last that was heard."
     if frames_s is None:
+        progress = robot.progress
+        came = 0 if progress is None else progress.fused + sum(progress.skipped.values())
+        if came and robot.records.latest("source") is None:
+            return (
+                f"No picture of **{robot.name}**: its frames come from a program that publishes no `source/preview`. "
+                "Boxes and map are shown all the same."
+            )
         if "source" not in robot.alive:
             return f"Waiting for a frame of **{robot.name}**: it has no source. Start one with `spot3d source`."
         return f"Waiting for the first frame of **{robot.name}**."
