@@ -65,6 +65,7 @@ def source(
     resolved = load_settings(settings, preset, overrides)
     from spot3d.source.process import EVERY_STAGE, FUSING_STAGES, MissingStagesError
     from spot3d.source.process import run as run_source
+    from spot3d.source.realsense.camera import NAME as REALSENSE
     from spot3d.source.selected import open_selected_stream, open_selection, selection
     from spot3d.source.sequences import is_stream
 
@@ -72,10 +73,12 @@ def source(
     opened = open_selected_stream if is_stream(input_name) else open_selection
     sequence = opened(chosen, resolved.source)
     # A live source is a camera: it waits for nobody, unless a run has started it together with the others. Even then
-    # frames can be fused while segments is still compiling its kernels.
+    # frames can be fused while segments is still compiling its kernels. A recording that plays like a camera can wait.
     awaited: tuple[str, ...] = EVERY_STAGE
-    if resolved.link.delivery == "live":
-        awaited = FUSING_STAGES if supervised else ()
+    if resolved.link.delivery == "live" and not supervised:
+        awaited = ()
+    elif resolved.link.delivery == "live" and (input_name == REALSENSE or not is_stream(input_name)):
+        awaited = FUSING_STAGES
     wait_for = tuple(stage for stage in awaited if stage != "pose" or not pose_from_elsewhere)
     try:
         run_source(resolved.link, resolved.source, sequence, stop=stop, wait_for=wait_for, stream=stream)

@@ -43,6 +43,9 @@ _WAITING = 4096
 _BOXES = ("accepted", "masked", "rejected")
 """What the heatmap stage counts of the proposals."""
 
+_CAMERA = ("camera missing", "camera lost")
+"""What the source notes of a camera that is to be told."""
+
 _FUSED = (["heatmap", "fusion"], ["segments", "fusion"])
 """The last stages that a fused frame went through: live, and lossless, where fusion waits for both."""
 
@@ -67,7 +70,7 @@ class Collector:
         self._robot, self._stream = robot, stream
         self._told: set[str] = set()
         self._earlier: dict[str, Counter[str]] = {stage: Counter() for stage in STAGES}
-        self._earlier_boxes: Counter[str] = Counter()
+        self._earlier_events: dict[str, Counter[str]] = {stage: Counter() for stage in STAGES}
         self._exit = ExitStack()
         self._inputs: dict[str, Handler[zenoh.Sample]] = {}
 
@@ -96,6 +99,13 @@ class Collector:
         new = set(self._producers.contested(time.monotonic())) - self._told
         self._told |= new
         return [f"{topic} is said by another process as well, which is not listened to" for topic in sorted(new)]
+
+    def camera_news(self) -> list[str]:
+        """What there is to tell of a camera, each kind once; the source's log has every time, its events how many."""
+        health = self.health.get("source")
+        new = [] if health is None else [kind for kind in _CAMERA if kind in health.events and kind not in self._told]
+        self._told.update(new)
+        return [f"{kind}: it is waited for (logs/source.log)" for kind in new]
 
     def _is_of_this_run(self, topic: str, header: Header) -> bool:
         ours = header.stream in (None, self._stream)
@@ -130,20 +140,17 @@ class Collector:
                 item.cpu_s, item.rss_mb = health.cpu_s, health.rss_bytes / 2**20
                 item.errors, item.last_error = health.errors, health.last_error
                 report.drops[stage] = dict(self._earlier[stage] + Counter(health.drops))
+                item.events = dict(self._earlier_events[stage] + Counter(health.events))
             report.stages[stage] = item
         # Fusion cannot know of frames that were never sent.
         unread = report.drops.get("source", {}).get(UNREADABLE, 0)
         if unread:
             report.skipped[UNREADABLE] = unread
         report.lost = stretches(item for _, item in sorted(self.poses.items()))
-        report.proposals = dict(self._earlier_boxes + self._boxes())
+        boxes = report.stages["heatmap"].events
+        report.proposals = {kind: boxes[kind] for kind in _BOXES if kind in boxes}
         fusion = self.health.get("fusion")
         report.keyframes = 0 if fusion is None else fusion.events.get("keyframes", 0)
-
-    def _boxes(self) -> Counter[str]:
-        """Proposals accepted, masked and rejected by the heatmap stage's process of now."""
-        health = self.health.get("heatmap")
-        return Counter() if health is None else Counter({kind: health.events.get(kind, 0) for kind in _BOXES})
 
     def _take(self, message: Message) -> None:
         if isinstance(message, Objects):
@@ -166,8 +173,7 @@ class Collector:
             last = self.health.get(message.stage)
             if last is not None and last.pid != message.pid:
                 self._earlier[message.stage] += Counter(last.drops)
-                if message.stage == "heatmap":
-                    self._earlier_boxes += self._boxes()
+                self._earlier_events[message.stage] += Counter(last.events)
             self.health[message.stage] = message
 
 

@@ -11,6 +11,7 @@ from threading import Event
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.streams import new_stream
+from spot3d.run.camera_frames import CameraFrames
 from spot3d.run.collector import Collector, relay_poses
 from spot3d.run.report import RunReport
 from spot3d.run.results import RunResult, empty_snapshot
@@ -35,7 +36,8 @@ _MAP_S, _MAP_INTERRUPTED_S = 30.0, 2.0
 class Plan:
     """What to run. settings_file: the resolved settings; pose_topic: key of someone else's poses, or None.
 
-    stream: the name of the frames' stream, which a source that is started again goes on with.
+    camera: keeps some frames of an input that is a camera; None: it is none. stream: the name of the frames' stream,
+    which a source that is started again goes on with.
     """
 
     selection: Selection
@@ -43,6 +45,7 @@ class Plan:
     settings_file: Path
     pose_topic: str | None = None
     listen: tuple[str, ...] = ()
+    camera: CameraFrames | None = None
     stream: str = field(default_factory=new_stream)
 
 
@@ -72,6 +75,8 @@ def run_distributed(
         listen = (endpoint, *plan.listen)
         session = stack.enter_context(open_router(listen, link=plan.settings.link, access=access, spare=spare))
         collector = stack.enter_context(Collector(session, robot, plan.stream, timeline))
+        if plan.camera is not None:
+            stack.enter_context(plan.camera.hear(session, robot, plan.stream))
         if plan.pose_topic is not None and plan.pose_topic != key(robot, "pose/pose"):
             stack.enter_context(relay_poses(session, plan.pose_topic, robot))
         for stage in STAGES:
@@ -114,7 +119,7 @@ def _follow(
         collector.drain()
         progress, objects = collector.progress, collector.objects
         again = {"source": _arguments(plan, "source", endpoint, None if progress is None else progress.last_stamp_ns)}
-        for text in collector.contested():
+        for text in (*collector.contested(), *collector.camera_news()):
             _tell(report, watcher, text)
         for death in supervisor.poll(again):
             _tell(report, watcher, death.message)

@@ -14,7 +14,10 @@ from spot3d.run.lost_tracking import Stretch
 
 @dataclass(slots=True)
 class StageReport:
-    """One stage's cost. step_ms: p50, p99 and mean of its core's time for a frame; None: not measured."""
+    """One stage's cost. step_ms: p50, p99 and mean of its core's time for a frame; None: not measured.
+
+    events: how often what happened, such as that a camera was lost.
+    """
 
     step_ms: dict[str, float | None] = field(default_factory=dict)
     cpu_s: float | None = None
@@ -22,6 +25,7 @@ class StageReport:
     errors: int = 0
     last_error: str = ""
     restarts: int = 0
+    events: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
@@ -155,6 +159,7 @@ def _stage_document(item: StageReport) -> dict[str, Any]:
         "errors": item.errors,
         "last_error": item.last_error,
         "restarts": item.restarts,
+        "events": item.events,
     }
 
 

@@ -13,6 +13,7 @@ from rich.console import Console
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.drawing.overview import candidate_indices, draw_overview
 from spot3d.drawing.picture import write_picture
+from spot3d.run.camera_frames import CameraFrames
 from spot3d.run.display import progress_bar
 from spot3d.run.distributed import Plan, run_distributed
 from spot3d.run.report import RunReport, report_document
@@ -22,7 +23,7 @@ from spot3d.run.timeline import NAME as TIMELINE
 from spot3d.run.timeline import Timeline
 from spot3d.settings import Settings, to_toml
 from spot3d.source.errors import UNREADABLE, SourceError
-from spot3d.source.selected import Selection, Unseen, open_selection
+from spot3d.source.selected import Selection, open_selection
 from spot3d.source.sequence import FrameSequence
 from spot3d.source.sequences import is_stream
 
@@ -70,16 +71,16 @@ def _run(
     listen: Sequence[str],
 ) -> Finished:
     in_process = supervisor is None
-    camera = is_stream(selection.name)
-    sequence = Unseen(selection.name) if camera else open_selection(selection, settings.source)
+    camera = CameraFrames(selection.name) if is_stream(selection.name) else None
+    sequence = open_selection(selection, settings.source) if camera is None else camera
     if settings.pose.provider == "given" and not sequence.has_true_poses and pose_topic is None:
         raise SourceError(f"{selection.name} has no true poses; choose --pose kiss or --pose gicp")
     folder.mkdir(parents=True, exist_ok=True)
     settings_file = folder / "settings.toml"
     settings_file.write_text(to_toml(settings), encoding="utf-8")
-    size = (0, 0) if camera else (sequence.intrinsics.width, sequence.intrinsics.height)
+    size = (sequence.intrinsics.width, sequence.intrinsics.height) if camera is None else camera.image
     mode = "in process" if in_process else "processes"
-    played = (selection.frames or 0) if camera else len(sequence)
+    played = len(sequence) if camera is None else selection.frames or 0
     report = RunReport(selection.name, mode, played, size, asdict(selection))
     start_s = time.perf_counter()
     with (
@@ -94,17 +95,17 @@ def _run(
             result = run_in_process(sequence, settings, report, timeline, watcher, stop)
         else:
             stages_file = _stages_settings(settings, folder)
-            plan = Plan(selection, settings, stages_file, pose_topic, tuple(listen))
+            plan = Plan(selection, settings, stages_file, pose_topic, tuple(listen), camera)
 
             def keep(result: RunResult) -> None:
+                _count(report, camera)
                 try:
                     _write(folder, result, replace(report, error=_UNFINISHED), time.perf_counter() - start_s)
                 except OSError as error:
                     watcher.on_event(f"not kept so far: {error}")
 
             result = run_distributed(plan, supervisor, report, folder / "logs", timeline, watcher, stop, keep)
-    if camera:
-        report.played = report.fused + sum(report.skipped.values())
+    _count(report, camera)
     if told := timeline.told():
         report.events.append(told)
         console.print(told, style="yellow", markup=False, highlight=False, soft_wrap=True)
@@ -118,6 +119,12 @@ def _run(
     write_overview(folder / "overview.png", selection.name, sequence, result)
     shutil.rmtree(folder / _SNAPSHOTS, ignore_errors=True)
     return Finished(folder, sequence, result, report)
+
+
+def _count(report: RunReport, camera: CameraFrames | None) -> None:
+    """Enter what is known of a camera's frames only once they have come."""
+    if camera is not None:
+        report.image, report.played = camera.image, report.fused + sum(report.skipped.values())
 
 
 def _write(folder: Path, result: RunResult, report: RunReport, wall_s: float) -> None:

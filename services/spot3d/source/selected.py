@@ -85,34 +85,6 @@ class _SelectedStream:
             yield halve(frame) if self._halved else frame
 
 
-class Unseen:
-    """What a run knows of a camera's frames: nothing before, and nothing after."""
-
-    has_true_poses = False
-    rate_hz = 0.0
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-        self.stamps_ns: list[int] = []
-
-    @property
-    def intrinsics(self) -> Intrinsics:
-        """Raises SourceError."""
-        raise SourceError(f"the intrinsics of {self._name} come with its frames")
-
-    def true_pose(self, index: int) -> None:
-        """None."""
-
-    def __len__(self) -> int:
-        return 0
-
-    def __getitem__(self, index: int) -> RgbdFrame:
-        raise SourceError(f"the frames of {self._name} are gone")
-
-    def __iter__(self) -> Iterator[RgbdFrame]:
-        return iter(())
-
-
 def _full_scene_name(name: str, settings: SourceSettings) -> str:
     """The scene's name with the seed and clutter of the settings where the name itself does not say."""
     match = SCENE_NAME.fullmatch(name)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from software_camera import BASELINE_MM, UNIT, SoftwareCamera, rs
+from software_camera import BASELINE_MM, UNIT, SoftwareCamera, record
 
 from spot3d.camera import Intrinsics
 from spot3d.depth_noise import PRESETS, stereo_noise
@@ -121,25 +121,9 @@ def test_depth_is_aligned_with_colour() -> None:
     assert (bar.min(), bar.max()) == (26, 35)
 
 
-def recorded(path: Path, count: int) -> None:
-    """Record a software camera with the SDK's own recorder."""
-    camera = SoftwareCamera(CAMERA)
-    recorder = rs.recorder(str(path), camera.device)
-    sensors, queue = recorder.query_sensors(), rs.frame_queue(100)
-    for sensor in sensors:
-        sensor.open(sensor.get_stream_profiles()[0])
-        sensor.start(queue)
-    for number in range(1, count + 1):
-        camera.send(number, 1_700_000_000_000 + 33.25 * number, *images(number))
-        time.sleep(0.02)
-    for sensor in sensors:
-        sensor.stop()
-        sensor.close()
-
-
 def test_a_recording_of_the_sdk_plays_like_a_camera(tmp_path: Path) -> None:
     path = tmp_path / "walk.db3"
-    recorded(path, 12)
+    record(SoftwareCamera(CAMERA), path, [images(number) for number in range(1, 13)])
     assert is_stream(str(path))
     settings = load_settings(overrides={"source": {"depth_noise": "d455"}})
     stream = open_selected_stream(Selection(str(path), frames=6), settings.source)
