@@ -16,13 +16,14 @@ export OPENBLAS_NUM_THREADS ?= 1
 SECONDS ?= 600
 MINUTES ?= 60
 
-.PHONY: help install demo test test-browser lint check bench fuzz soak evaluate clean
+.PHONY: help install demo test test-browser test-containers lint check bench fuzz soak evaluate clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make install   set up .venv with everything (again only when dependencies change)"
 	@echo "make demo      find the objects of the built-in scene and draw them"
 	@echo "make test      run the tests"
+	@echo "make test-containers  build the image and run the stack in Docker, or in an engine of its own (root)"
 	@echo "make test-browser  test the dashboard in headless Chromium, which must be there"
 	@echo "make check     format, lint, types and tests: what CI runs"
 	@echo "make bench     measure time and memory"
@@ -49,6 +50,9 @@ demo: $(INSTALLED)
 
 test: $(INSTALLED)
 	$(RUN) pytest
+
+test-containers: $(INSTALLED)
+	SPOT3D_CONTAINERS=1 tests/containers/with_engine.sh $(RUN) pytest -x -v --log-cli-level=INFO tests/containers
 
 test-browser: $(INSTALLED)
 	@command -v chromium || command -v chromium-browser || command -v google-chrome || { \

@@ -7,7 +7,7 @@ import pytest
 
 from spot3d.camera import Intrinsics
 from spot3d.frame_segments import FrameSegments
-from spot3d.geometry.lattice import to_lattice
+from spot3d.geometry.downsampling import to_lattice
 
 CAMERA = Intrinsics(6.0, 6.0, 3.5, 2.5, 8, 6)
 

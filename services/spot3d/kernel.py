@@ -7,8 +7,9 @@ Which, and when:
 - A kernel without one is compiled for what it is first called with, which a stage's warm-up does before the stage goes
   on line (a test holds it to that): so are those that every frame needs, and all that are given a NamedTuple, as arrays
   that belong together are; signatures cannot name these. The source's kernels wait for its first frame.
-- A module of kernels is imported where it is used, as others are; inside a function only where the caller can do
-  without kernels altogether, as numba takes a second to import.
+- A module of kernels is imported where it is used, as others are; inside a function only where the caller may never
+  need it: segments that are switched off, boxes that are only shown, a recording that is no scene. Numba takes a second
+  to import.
 
 A kernel has at most eight parameters.
 """

@@ -65,12 +65,15 @@ def write_tum(path: Path, stamps_ns: Sequence[int], T_world_camera: NDArray[np.f
 
     stamps_ns: n integer nanoseconds; T_world_camera: (n, 4, 4). Stamps come back exactly from `read_tum`.
     """
-    lines = []
-    for stamp, pose in zip(stamps_ns, T_world_camera, strict=True):
-        numbers = (*pose[:3, 3], *quaternion_from_rotation(pose[:3, :3]))
-        lines.append(f"{Decimal(int(stamp)).scaleb(-9):.9f} " + " ".join(f"{number:.9f}" for number in numbers))
+    lines = [tum_line(stamp, pose) for stamp, pose in zip(stamps_ns, T_world_camera, strict=True)]
     with whole_file(path) as stream:
         stream.write("".join(line + "\n" for line in lines).encode())
+
+
+def tum_line(stamp_ns: int, T_world_camera: NDArray[np.float64]) -> str:
+    """One pose, (4, 4), as a line of such a file."""
+    numbers = (*T_world_camera[:3, 3], *quaternion_from_rotation(T_world_camera[:3, :3]))
+    return f"{Decimal(int(stamp_ns)).scaleb(-9):.9f} " + " ".join(f"{number:.9f}" for number in numbers)
 
 
 def read_tum(path: Path) -> tuple[list[int], NDArray[np.float64]]:

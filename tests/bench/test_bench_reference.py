@@ -13,7 +13,7 @@ from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.segment_table import SegmentTable
 from spot3d.fusion.objects.views import ask, view_of
 from spot3d.fusion.settings import FusionSettings
-from spot3d.geometry.lattice import to_lattice
+from spot3d.geometry.downsampling import to_lattice
 from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import count_inliers
 from spot3d.source.scene.scene import Scene

@@ -6,7 +6,7 @@ from spot3d.dataflow.alive import Alive
 from spot3d.dataflow.cadence import Cadence
 from spot3d.dataflow.credit import Credit
 from spot3d.dataflow.ledger import NEVER_ARRIVED, Ledger
-from spot3d.dataflow.order import RESTART_NS, Arrival, StreamOrder
+from spot3d.dataflow.order import RESTART_NS, StreamOrder, Verdict
 from spot3d.dataflow.producers import Producers
 from spot3d.dataflow.streams import Streams
 from spot3d_schemas import Header
@@ -120,19 +120,19 @@ def test_cadence_postponed_and_reset() -> None:
 @pytest.mark.parametrize(
     ("messages", "last"),
     [
-        ([(0, 10)], Arrival()),
-        ([(7, 10)], Arrival()),  # who comes late has missed nothing that it was promised
-        ([(0, 10), (1, 20)], Arrival()),
-        ([(0, 10), (4, 20)], Arrival(missing=3)),
-        ([(9, 10), (0, 20)], Arrival()),  # the sender starts anew
-        ([(0, 10), (1, 10)], Arrival("duplicate stamp")),
-        ([(0, 10), (1, 9)], Arrival("out of order")),
-        ([(0, 10), (1, 9), (2, 20)], Arrival(missing=1)),
-        ([(0, 5 + RESTART_NS), (0, 5)], Arrival(restarted=True)),
-        ([(0, 5 + RESTART_NS), (0, 5), (1, 6)], Arrival()),
+        ([(0, 10)], Verdict()),
+        ([(7, 10)], Verdict()),  # who comes late has missed nothing that it was promised
+        ([(0, 10), (1, 20)], Verdict()),
+        ([(0, 10), (4, 20)], Verdict(missing=3)),
+        ([(9, 10), (0, 20)], Verdict()),  # the sender starts anew
+        ([(0, 10), (1, 10)], Verdict("duplicate stamp")),
+        ([(0, 10), (1, 9)], Verdict("out of order")),
+        ([(0, 10), (1, 9), (2, 20)], Verdict(missing=1)),
+        ([(0, 5 + RESTART_NS), (0, 5)], Verdict(restarted=True)),
+        ([(0, 5 + RESTART_NS), (0, 5), (1, 6)], Verdict()),
     ],
 )
-def test_stream_order(messages: list[tuple[int, int]], last: Arrival) -> None:
+def test_stream_order(messages: list[tuple[int, int]], last: Verdict) -> None:
     order = StreamOrder()
     arrivals = [order.check(header(seq, stamp), 0.0) for seq, stamp in messages]
     assert arrivals[-1] == last
@@ -164,10 +164,10 @@ def test_a_stray_stamp_of_a_camera_is_refused_alone(stamps_s: list[int], refused
 
 def test_a_named_stream_never_goes_back_and_another_begins_anywhere() -> None:
     order = StreamOrder()
-    assert order.check(header(0, 50 * S, "a", "x"), 0.0) == Arrival()
-    assert order.check(header(1, 5 * S, "a", "x"), 0.1) == Arrival("out of order")
-    assert order.check(header(2, 5 * S, "b", "x"), 0.2) == Arrival(missing=1)
-    assert order.check(header(9, 6 * S, "b", "y"), 0.3) == Arrival(), "another process counts for itself"
+    assert order.check(header(0, 50 * S, "a", "x"), 0.0) == Verdict()
+    assert order.check(header(1, 5 * S, "a", "x"), 0.1) == Verdict("out of order")
+    assert order.check(header(2, 5 * S, "b", "x"), 0.2) == Verdict(missing=1)
+    assert order.check(header(9, 6 * S, "b", "y"), 0.3) == Verdict(), "another process counts for itself"
 
 
 def test_streams_follow_each_other_and_do_not_come_back() -> None:

@@ -1,4 +1,4 @@
-"""Counters, complaints, the inbox and the table of qualities."""
+"""Counters, the rate-limited log, the inbox and the table of qualities."""
 
 import logging
 import os
@@ -7,13 +7,13 @@ import threading
 import pytest
 
 from spot3d.dataflow.alive import Alive, watch_alive
-from spot3d.dataflow.complaints import Complaints
 from spot3d.dataflow.counters import Counters
 from spot3d.dataflow.endpoints import keeps_newest, waiting
 from spot3d.dataflow.inbox import Inbox, Tray
 from spot3d.dataflow.ledger import Ledger
 from spot3d.dataflow.node import Node
 from spot3d.dataflow.process_use import ProcessUse, process_use
+from spot3d.dataflow.rate_limited_log import RateLimitedLog
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
 from spot3d_schemas import TOPICS, Header, Progress
@@ -71,14 +71,14 @@ def test_process_use() -> None:
     assert use.threads >= 1
 
 
-def test_complaints_are_few(caplog: pytest.LogCaptureFixture) -> None:
-    complaints = Complaints(logging.getLogger("test"))
+def test_lines_of_one_reason_are_few(caplog: pytest.LogCaptureFixture) -> None:
+    limited_log = RateLimitedLog(logging.getLogger("test"))
     with caplog.at_level("WARNING"):
-        said = [complaints.say("a", f"a {i}", 0.1 * i) for i in range(150)]
+        said = [limited_log.say("a", f"a {i}", 0.1 * i) for i in range(150)]
         assert [i for i, one in enumerate(said) if one] == [0, 100]
         assert caplog.messages == ["a 0", "a 100 (99 more of these since)"]
-        assert complaints.say("b", "b", 0.0)
-        assert sum(complaints.say(f"reason {i}", "made up", 1.0) for i in range(10_000)) < 70
+        assert limited_log.say("b", "b", 0.0)
+        assert sum(limited_log.say(f"reason {i}", "made up", 1.0) for i in range(10_000)) < 70
 
 
 def test_the_first_of_a_kind_is_logged_with_its_traceback(caplog: pytest.LogCaptureFixture) -> None:
@@ -91,7 +91,7 @@ def test_the_first_of_a_kind_is_logged_with_its_traceback(caplog: pytest.LogCapt
             node.crashed("pose", "no pose", error)
 
     divide()
-    node._complaints._said["pose ZeroDivisionError"] = (float("-inf"), 3)  # long ago
+    node._limited_log._said["pose ZeroDivisionError"] = (float("-inf"), 3)  # long ago
     divide()
     first, second = caplog.messages
     assert first.startswith("no pose: ZeroDivisionError: division by zero\nTraceback")

@@ -45,12 +45,12 @@ def test_every_stage_has_an_extra_and_all_has_every_stage() -> None:
     assert set(STAGES) <= set(EXTRAS)
 
 
-def test_the_image_copies_what_there_is() -> None:
+def test_the_image_copies_what_there_is_and_the_builder_is_sent_no_more() -> None:
     recipe = (ROOT / "deploy" / "Dockerfile").read_text()
-    copies = re.findall(r"^COPY (?!--from)(.+)$", recipe, re.MULTILINE)
-    sources = [source for line in copies for source in line.split()[:-1]]
-    assert sources
+    copies = re.findall(r"^COPY (?!--from)(?:--\S+ )*(.+) \S+$", recipe, re.MULTILINE)
+    sources = {source for line in copies for source in line.split()}
     assert [source for source in sources if not (ROOT / source).exists()] == []
+    assert sources == set(re.findall(r"^!(.+)$", (ROOT / ".dockerignore").read_text(), re.MULTILINE))
     assert re.findall(r"^USER (\S+)", recipe, re.MULTILINE) == ["spot3d"]
 
 

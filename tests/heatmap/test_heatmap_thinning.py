@@ -7,7 +7,7 @@ from spot3d.camera import Intrinsics
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.depth_noise import KINECT_V1, PRESETS, DepthNoise
 from spot3d.frame import RgbdFrame
-from spot3d.geometry.lattice import to_lattice
+from spot3d.geometry.downsampling import to_lattice
 from spot3d.heatmap.thinning import rounded_depth, rounded_heat, thinned
 
 RNG = np.random.default_rng(0)

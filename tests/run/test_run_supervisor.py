@@ -1,4 +1,4 @@
-"""The supervisor tells of stages that end, and of the end of the process that they are forked from."""
+"""The supervisor reports stages that end, and the end of the process that they are forked from."""
 
 import os
 import signal
@@ -36,7 +36,7 @@ def test_a_run_cannot_go_on_without_the_process_that_starts_its_stages(tmp_path:
             assert time.monotonic() < end_s, "fusion has not started"
             assert not supervisor.poll({})
             time.sleep(0.02)
-        os.kill(supervisor.nursery_pid, signal.SIGKILL)
+        os.kill(supervisor.fork_server_pid, signal.SIGKILL)
         death = first_death(supervisor)
     assert death.fatal
     assert "SIGKILL" in death.message

@@ -20,8 +20,8 @@ FOUND = RunResult(
 def test_lines_come_back_and_the_limit_is_told(tmp_path: Path) -> None:
     path = tmp_path / "objects.jsonl"
     with Timeline(path) as timeline:
-        timeline.add(5, FOUND, complete=False)
-        timeline.add(6, FOUND, complete=True)
+        timeline.add_update(5, FOUND, complete=False)
+        timeline.add_update(6, FOUND, complete=True)
         assert timeline.told() is None
     whole = path.read_bytes()
     documents = [json.loads(line) for line in whole.splitlines()]
@@ -32,6 +32,6 @@ def test_lines_come_back_and_the_limit_is_told(tmp_path: Path) -> None:
 
     with Timeline(path, limit_bytes=len(whole) - 1) as timeline:
         for stamp_ns in (5, 6, 7):
-            timeline.add(stamp_ns, FOUND, complete=False)
+            timeline.add_update(stamp_ns, FOUND, complete=False)
         assert timeline.told() == f"objects.jsonl is at its limit of {len(whole) - 1} bytes: it lacks 2 updates"
     assert len(path.read_text().splitlines()) == 1

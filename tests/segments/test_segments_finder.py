@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from spot3d.boxes import iou_matrix_2d
 from spot3d.camera import Intrinsics, invert
 from spot3d.frame_segments import TOO_COLD, TOO_LONG, TOO_LOW, TOO_MANY, FrameSegments
-from spot3d.geometry.lattice import LatticeFrame
+from spot3d.geometry.downsampling import LatticeFrame
 from spot3d.geometry.planes import transform_plane
 from spot3d.segments.finder import _pixels, _segments, find_segments
 from spot3d.segments.settings import SegmentsSettings

@@ -38,7 +38,7 @@ def wait_until(condition: Callable[[], bool], limit_s: float, what: str) -> None
 
 
 def stages_of(parent: int) -> dict[str, int]:
-    """Pid of each running stage of the run `parent`: forked from its nursery, and named after the stage."""
+    """Pid of each running stage of the run `parent`: forked from its fork server, and named after the stage."""
     found = {}
     parents: dict[int, int] = {}
     for status in Path("/proc").glob("[0-9]*/stat"):

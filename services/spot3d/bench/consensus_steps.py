@@ -13,7 +13,7 @@ from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.keyframes import FusedFrame, Keyframe, keyframe_of
 from spot3d.fusion.objects.segment_table import SegmentTable
 from spot3d.fusion.objects.views import BACKGROUND, DIVIDED, NOTHING, WHOLE, View, ask, view_of
-from spot3d.geometry.lattice import to_lattice
+from spot3d.geometry.downsampling import to_lattice
 from spot3d.segments.finder import find_segments
 from spot3d.settings import Settings
 

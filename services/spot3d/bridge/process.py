@@ -9,10 +9,10 @@ import zenoh
 from spot3d.bridge.crossing import Crossing
 from spot3d.bridge.probe import reachable
 from spot3d.bridge.settings import BridgeSettings
-from spot3d.dataflow.complaints import Complaints
 from spot3d.dataflow.counters import Counters
 from spot3d.dataflow.endpoints import declare_publisher
 from spot3d.dataflow.process_use import process_use
+from spot3d.dataflow.rate_limited_log import RateLimitedLog
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
@@ -45,7 +45,7 @@ class _Bridge:
         self._counters = Counters(BRIDGE, self._started_s)
         self._health = declare_publisher(local, f"{BRIDGE}/health", link)
         self._healths, self._due_s = 0, self._started_s
-        self._complaints = Complaints(log)
+        self._limited_log = RateLimitedLog(log)
         self._crossing: Crossing | None = None
         self._lost_s: float | None = self._started_s
 
@@ -72,7 +72,7 @@ class _Bridge:
                 raise TimeoutError("no answer")
             crossing.__enter__()
         except (zenoh.ZError, OSError) as error:
-            self._complaints.say("no way", f"no way to {', '.join(self._settings.ground)}: {error}", time.monotonic())
+            self._limited_log.say("no way", f"no way to {', '.join(self._settings.ground)}: {error}", time.monotonic())
             return
         old, self._crossing = self._crossing, crossing
         if old is not None:

@@ -29,8 +29,10 @@ from spot3d.cli.options import (
     RateOption,
     RobotOption,
     SettingsOption,
+    SupervisedOption,
     link_overrides,
     play_overrides,
+    stage_started,
 )
 from spot3d.dataflow.thread_deaths import end_with_any_thread
 from spot3d.settings import InvalidSettingsError, Settings, load_settings, to_toml
@@ -207,6 +209,23 @@ def status(
     resolved = load_settings(settings, None, link_overrides(robot, connect, None, None))
     if not show_status(resolved.link, Console(), watch):
         raise typer.Exit(1)
+
+
+@app.command()
+def results(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="folder for a folder of each stream of frames")],
+    settings: SettingsOption = None,
+    robot: RobotOption = None,
+    connect: ConnectOption = None,
+    keep: Annotated[int, typer.Option(min=1, help="delete the oldest of more streams than this")] = 100,
+    supervised: SupervisedOption = False,
+) -> None:
+    """Keep what the robot's stages find, in a folder for each stream of frames, until Ctrl-C."""
+    stop = stage_started(supervised)
+    resolved = load_settings(settings, None, link_overrides(robot, connect, None, None))
+    from spot3d.run.keep_results import keep_results
+
+    keep_results(resolved.link, out, keep, stop)
 
 
 @app.command(name="settings")

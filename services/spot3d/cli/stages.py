@@ -208,16 +208,20 @@ def router(
     endpoints, others = tuple(listen or ["tcp/127.0.0.1:7447"]), tuple(connect or ())
     # Checked as settings are, so that a slip of the pen is told as one.
     resolved = load_settings(settings, overrides={"link": {"mode": "router", "listen": endpoints, "connect": others}})
+    from spot3d.dataflow.heartbeat import Heartbeat
     from spot3d.dataflow.lingering import close_at_once
     from spot3d.dataflow.router import open_router
     from spot3d.dataflow.stopping import stop_on_signals
     from spot3d.security.access import access_control
 
     access = access_control(resolved.access) if resolved.access.enabled else None
+    heartbeat = Heartbeat(resolved.link.heartbeat)
     with stop_on_signals(stop) as stopped, open_router(endpoints, others, resolved.link, access):
         typer.echo(f"router at {', '.join(endpoints)}")
         while not stopped.wait(_NEWCOMERS_S):
             close_at_once()
+            heartbeat.beat()
+        heartbeat.close()
 
 
 COMMANDS = (source, pose, linked(proposals), linked(heatmap), linked(segments), fusion, bridge, router)

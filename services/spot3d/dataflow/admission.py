@@ -3,10 +3,10 @@
 from collections.abc import Iterable
 
 from spot3d.dataflow.alive import Alive
-from spot3d.dataflow.complaints import Complaints
 from spot3d.dataflow.counters import Counters
-from spot3d.dataflow.order import Arrival, StreamOrder
+from spot3d.dataflow.order import StreamOrder, Verdict
 from spot3d.dataflow.producers import Producers
+from spot3d.dataflow.rate_limited_log import RateLimitedLog
 from spot3d.dataflow.settings import LinkSettings
 from spot3d_schemas import Header
 
@@ -19,29 +19,29 @@ class Admission:
     """Judges each input's messages, counts what is refused, and says why; one thread an input. Monotonic seconds."""
 
     def __init__(
-        self, inputs: Iterable[str], link: LinkSettings, alive: Alive, counters: Counters, complaints: Complaints
+        self, inputs: Iterable[str], link: LinkSettings, alive: Alive, counters: Counters, limited_log: RateLimitedLog
     ) -> None:
         live = link.delivery == "live"
         self._orders = {topic: StreamOrder(confirm=live) for topic in inputs if topic in PER_FRAME}
         self._producers = Producers(alive)
-        self._counters, self._complaints = counters, complaints
+        self._counters, self._limited_log = counters, limited_log
 
-    def judge(self, topic: str, header: Header, now_s: float) -> Arrival:
+    def judge(self, topic: str, header: Header, now_s: float) -> Verdict:
         """What is to be said of a message that has just come."""
         if not self._producers.admit(topic, header.sender, now_s):
             self._counters.drop(f"{topic} {SECOND}")
             text = f"{topic}: somebody else says it as well (process {header.sender}); is refused"
-            self._complaints.say(f"{topic} {SECOND}", text, now_s)
-            return Arrival(refused=SECOND)
+            self._limited_log.say(f"{topic} {SECOND}", text, now_s)
+            return Verdict(refused=SECOND)
         order = self._orders.get(topic)
         if order is None:
-            return Arrival()
+            return Verdict()
         arrival = order.check(header, now_s)
         self._counters.drop(f"{topic} lost on the way", arrival.missing)
         if arrival.restarted:
             self._counters.event("another recording")
             text = f"{topic}: stamps went back: another recording begins"
-            self._complaints.say("another recording", text, now_s)
+            self._limited_log.say("another recording", text, now_s)
         if arrival.refused:
             self._counters.drop(f"{topic} {arrival.refused}")
         return arrival

@@ -51,6 +51,12 @@ class Inbox:
             self._changed.notify_all()
             return True
 
+    @property
+    def waiting(self) -> bool:
+        """Whether there is anything to read."""
+        with self._changed:
+            return any(self._waiting.values())
+
     def get(self, timeout_s: float) -> tuple[str, Any] | None:
         """The oldest item with the name of its input; None where nothing came in time."""
         with self._changed:

@@ -14,12 +14,13 @@ from zenoh.handlers import FifoChannel, Handler
 from spot3d.dataflow.about import about
 from spot3d.dataflow.admission import PER_FRAME, Admission
 from spot3d.dataflow.alive import watch_alive
-from spot3d.dataflow.complaints import Complaints
 from spot3d.dataflow.counters import Counters
 from spot3d.dataflow.endpoints import declare_publisher, declare_subscriber, keeps_newest, waiting
+from spot3d.dataflow.heartbeat import STUCK_S, Heartbeat
 from spot3d.dataflow.inbox import Inbox, Tray
 from spot3d.dataflow.payload import intact_bytes
 from spot3d.dataflow.process_use import process_use, stay_single_threaded
+from spot3d.dataflow.rate_limited_log import RateLimitedLog
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import end_threads
@@ -85,7 +86,8 @@ class Node:
         self._about = f"{stage}/about"
         self._seqs = dict.fromkeys((*self._outputs, *queries, self._about), 0)
         self._log = logging.getLogger(f"spot3d.{stage}")
-        self._complaints = Complaints(self._log)
+        self._limited_log = RateLimitedLog(self._log)
+        self._heartbeat, self._turned_s = Heartbeat(link.heartbeat), time.monotonic()
         self._gone = threading.Event()
         self._exit = ExitStack()
 
@@ -97,7 +99,7 @@ class Node:
             own = session.liveliness().declare_token(process_key(self.link.robot, self.stage, self.sender))
             stack.callback(own.undeclare)
             self.alive = stack.enter_context(watch_alive(session, self.link.robot))
-            self._admission = Admission(self._inputs, self.link, self.alive, self.counters, self._complaints)
+            self._admission = Admission(self._inputs, self.link, self.alive, self.counters, self._limited_log)
             self._publishers = {topic: declare_publisher(session, topic, self.link) for topic in self._outputs}
             threads = [threading.Thread(target=self._report, name="health", daemon=True)]
             stack.callback(end_threads, threads)
@@ -128,6 +130,7 @@ class Node:
 
         What is left over of an earlier stream is dropped, and counted.
         """
+        self._turned_s = time.monotonic()
         item = self._inbox.get(min(timeout_s, _IDLE_S))
         if item is None or item[0] not in _OF_A_STREAM:
             return item
@@ -142,6 +145,12 @@ class Node:
             self._log.info("stream %s begins", stream)
             return topic, replace(given, begins=True)
         return item
+
+    def rest(self, duration_s: float) -> None:
+        """Do nothing for so long, or until the stage is to stop."""
+        end_s = time.monotonic() + duration_s
+        while (left_s := end_s - time.monotonic()) > 0 and not self.stop.wait(min(left_s, 1.0)):
+            self._turned_s = time.monotonic()
 
     @property
     def stream(self) -> str | None:
@@ -203,19 +212,19 @@ class Node:
     def failed(self, reason: str, text: str) -> None:
         """Count an error and log it, if this reason was not just logged."""
         self.counters.error(text)
-        self._complaints.say(reason, text, time.monotonic())
+        self._limited_log.say(reason, text, time.monotonic())
 
     def crashed(self, step: str, text: str, error: Exception) -> None:
         """Count and log an exception of the stage's own work; of each kind the first is logged with its traceback."""
         kind = type(error).__name__
         text = f"{text}: {kind}: {error}"
         self.counters.error(text)
-        self._complaints.say(f"{step} {kind}", text, time.monotonic(), error)
+        self._limited_log.say(f"{step} {kind}", text, time.monotonic(), error)
 
     def note(self, kind: str, text: str) -> None:
         """Count an event that lost nothing and log it, if this kind was not just logged."""
         self.counters.event(kind)
-        self._complaints.say(kind, text, time.monotonic())
+        self._limited_log.say(kind, text, time.monotonic())
 
     def _receive(self, topic: str, handler: Handler[zenoh.Sample]) -> None:
         expected = TOPICS[topic].message
@@ -269,6 +278,9 @@ class Node:
     def _report(self) -> None:
         while not self._gone.wait(self.link.health_interval_s):
             self._publish_health()
+            # Whoever has nothing to do may rest; whoever leaves it lying hangs.
+            if not self._inbox.waiting or time.monotonic() - self._turned_s < STUCK_S:
+                self._heartbeat.beat()
 
     def _publish_health(self) -> None:
         topic = f"{self.stage}/health"
@@ -288,6 +300,7 @@ class Node:
 
     def _leave(self) -> None:
         self._gone.set()
+        self._heartbeat.close()
         self._inbox.close()
         # The last counts, so that whoever collects them misses nothing.
         self._publish_health()

@@ -13,11 +13,11 @@ DUPLICATE, OUT_OF_ORDER, STRAY = "duplicate stamp", "out of order", "stray stamp
 
 
 @dataclass(frozen=True, slots=True)
-class Arrival:
+class Verdict:
     """What is to be said of one message.
 
     refused: why it must not be used, or empty. restarted: its stamps went back, and another recording begins with it
-    that no new stream was told of.
+    that no new stream was announced.
     """
 
     refused: str = ""
@@ -43,31 +43,31 @@ class StreamOrder:
         self._last: _Seen | None = None
         self._suspect: Header | None = None
 
-    def check(self, header: Header, now_s: float) -> Arrival:
+    def check(self, header: Header, now_s: float) -> Verdict:
         """Judge the message that has just come, at `now_s` monotonic seconds.
 
-        missing: messages that the sender counted and that never came (an anew started sender counts from 0).
+        missing: messages that the sender counted and that never came (a sender that was started again counts from 0).
         """
         last, suspect = self._last, self._suspect
         if last is None or header.stream != last.header.stream:
             return self._accept(header, now_s)
         ahead_ns = header.stamp_ns - last.header.stamp_ns
         if -RESTART_NS < ahead_ns <= 0:
-            return Arrival(OUT_OF_ORDER if ahead_ns else DUPLICATE)
+            return Verdict(OUT_OF_ORDER if ahead_ns else DUPLICATE)
         back = ahead_ns < 0
         leaps = self._confirm and ahead_ns - 2e9 * (now_s - last.at_s) > _LEAP_NS
         if not (back or leaps):
             return self._accept(header, now_s)
         if not self._confirm:
             # A stream that has a name ends before its stamps go back.
-            return Arrival(OUT_OF_ORDER) if header.stream is not None else self._accept(header, now_s, restarted=True)
+            return Verdict(OUT_OF_ORDER) if header.stream is not None else self._accept(header, now_s, restarted=True)
         if suspect is not None and 0 < header.stamp_ns - suspect.stamp_ns < _LEAP_NS:
             return self._accept(header, now_s, restarted=back)
         self._suspect = header
-        return Arrival(STRAY)
+        return Verdict(STRAY)
 
-    def _accept(self, header: Header, now_s: float, restarted: bool = False) -> Arrival:
+    def _accept(self, header: Header, now_s: float, restarted: bool = False) -> Verdict:
         last, self._last, self._suspect = self._last, _Seen(header, now_s), None
         if last is None or header.sender != last.header.sender:
-            return Arrival(restarted=restarted)
-        return Arrival(missing=max(0, header.seq - last.header.seq - 1), restarted=restarted)
+            return Verdict(restarted=restarted)
+        return Verdict(missing=max(0, header.seq - last.header.seq - 1), restarted=restarted)

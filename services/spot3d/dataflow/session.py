@@ -78,7 +78,7 @@ def open_session(
     waiting, TlsError where the link's own certificate cannot be used, ConnectionError where a router or peer cannot
     open.
     """
-    # A router tells of those that it refuses by a warning.
+    # A router warns of those that it refuses.
     zenoh.init_log_from_env_or("error,zenoh_link_tls=warn")
     own = own_certificate(link)
     if own is not None and own.soon_over:

@@ -71,6 +71,9 @@ class LinkSettings(BaseModel):
         "256: lossless",
     )
     health_interval_s: float = Field(1.0, gt=0, description="time between two health messages, seconds")
+    heartbeat: Path | None = Field(
+        None, description="a file that is written with every health message while the stage turns, for a supervisor"
+    )
 
     @model_validator(mode="after")
     def _has_what_tls_needs(self) -> Self:

@@ -16,7 +16,7 @@ _SLOW_S = 5.0
 
 
 def warm_up(stage: str, work: Callable[[Sequence[RgbdFrame]], object]) -> None:
-    """Let a stage's core work on a few small frames: a box in a corner. What fails will be told of real frames."""
+    """Let a stage's core work on a few small frames: a box in a corner. What fails is logged when real frames come."""
     log = logging.getLogger(f"spot3d.{stage}")
     start_s = time.monotonic()
     try:

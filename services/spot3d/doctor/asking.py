@@ -75,7 +75,7 @@ def _note(told: list[Health], sample: zenoh.Sample) -> None:
     try:
         told.append(decode(sample.payload.to_bytes(), Health))
     except CodecError:
-        return  # `spot3d status` tells of stages that nobody understands
+        return  # `spot3d status` lists stages that nobody understands
 
 
 def _between(told: Sequence[Health]) -> list[Flow]:

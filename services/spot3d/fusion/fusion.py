@@ -22,7 +22,7 @@ from spot3d.fusion.paper.density import find_by_density
 from spot3d.fusion.paper.ransac import planes_by_ransac
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.supports import RecentSupports
-from spot3d.geometry.lattice import to_lattice
+from spot3d.geometry.downsampling import to_lattice
 from spot3d.geometry.planes import dominant_planes, on_plane, supporting_plane, transform_plane
 
 _AWAITING_SEGMENTS = 60

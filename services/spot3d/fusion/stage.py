@@ -2,6 +2,9 @@
 
 import logging
 import time
+from collections.abc import Callable
+from functools import partial
+from typing import TypeVar
 
 import zenoh
 
@@ -9,6 +12,7 @@ from spot3d.dataflow.cadence import Cadence
 from spot3d.dataflow.conversion import frame_segments, rgbd_frame
 from spot3d.dataflow.ledger import Ledger
 from spot3d.dataflow.node import Node, Received
+from spot3d.dataflow.serving import On, OnQuery, serve
 from spot3d.dataflow.streams import new_stream
 from spot3d.fusion.change_answers import ASKED, changes_message
 from spot3d.fusion.fusion import Fusion
@@ -18,7 +22,7 @@ from spot3d.fusion.map_answers import MapAnswers
 from spot3d.fusion.snapshot import Account, account, keep
 from spot3d.fusion.updates import Updates, take_update
 from spot3d.fusion.worlds import IMPLAUSIBLE, World
-from spot3d_schemas import CameraIntrinsics, End, Header, Heat, Message, Progress, Segments
+from spot3d_schemas import CameraIntrinsics, End, Header, Heat, Message, Pose, Progress, Segments
 
 log = logging.getLogger(__name__)
 
@@ -34,6 +38,9 @@ LOST, FAILED, AGAIN = "lost pose", "error", "fused before"
 """Why a frame is skipped whose heat and pose are there."""
 KEYFRAMES = "keyframes"
 """The event of a keyframe whose segments are taken in."""
+
+
+M = TypeVar("M", bound=Message)
 
 
 class Stage:
@@ -62,29 +69,29 @@ class Stage:
 
     def serve(self) -> None:
         """Work on what comes, one thing at a time."""
-        while not self.node.stop.is_set():
-            item = self.node.next()
-            if item is not None:
-                topic, given = item
-                if topic in INPUTS and given.begins and given.message.header.stream is not None:
-                    self._begin_stream(given.message.header.stream)
-                if topic == _HEAT:
-                    self._arrived(self.inputs.add_heat(given), given)
-                elif topic == _POSE:
-                    self._arrived(self.inputs.add_pose(given), given)
-                elif topic == _SEGMENTS:
-                    self._arrived(self.inputs.add_segments(given), given)
-                elif topic == _END:
-                    self._ended(given)
-                elif topic == _MAP:
-                    complete, header = self.ledger.complete, self._own_header(_MAP)
-                    self.answers.submit(given, self.fusion, header, self.epoch, complete)
-                elif topic == _CHANGES:
-                    self._answer_changes(given)
-                else:
-                    self._answer_reset(given)
-            if self.ledger.due(time.monotonic()):
-                self._complete()
+        serve(
+            self.node,
+            On(_HEAT, Heat, partial(self._take, self.inputs.add_heat)),
+            On(_POSE, Pose, partial(self._take, self.inputs.add_pose)),
+            On(_SEGMENTS, Segments, partial(self._take, self.inputs.add_segments)),
+            On(_END, End, self._ended),
+            OnQuery(_MAP, self._answer_map),
+            OnQuery(_CHANGES, self._answer_changes),
+            OnQuery(_RESET, self._answer_reset),
+            between=self._complete_if_due,
+        )
+
+    def _take(self, add: Callable[[Received[M]], Arrival], given: Received[M]) -> None:
+        self._begin_if_new(given)
+        self._arrived(add(given), given)
+
+    def _complete_if_due(self) -> None:
+        if self.ledger.due(time.monotonic()):
+            self._complete()
+
+    def _begin_if_new(self, given: Received[Message]) -> None:
+        if given.begins and given.message.header.stream is not None:
+            self._begin_stream(given.message.header.stream)
 
     def _begin_stream(self, stream: str) -> None:
         """Another scene: nothing of the one before is left, unless this one was begun by an earlier process."""
@@ -216,6 +223,7 @@ class Stage:
         self.updates.submit(take_update(self.fusion, given, complete, self.epoch, kept))
 
     def _ended(self, given: Received[End]) -> None:
+        self._begin_if_new(given)
         end = given.message
         self.last = self.last or given
         if self.ledger.end(end.frames_sent, end.header.stamp_ns, time.monotonic()):
@@ -251,6 +259,9 @@ class Stage:
         parameters = {name: query.parameters.get(name) or "" for name in ASKED}
         message = changes_message(self.fusion, parameters, self._own_header(_CHANGES))
         self.node.reply(query, _CHANGES, message)
+
+    def _answer_map(self, query: zenoh.Query) -> None:
+        self.answers.submit(query, self.fusion, self._own_header(_MAP), self.epoch, self.ledger.complete)
 
     def _answer_reset(self, query: zenoh.Query) -> None:
         name = b"somebody who gives no name" if query.payload is None else query.payload.to_bytes()[:100]

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -11,6 +11,7 @@ from spot3d.dataflow.conversion import intrinsics_message, rgbd_frame
 from spot3d.dataflow.join import Join, Outcome
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.previews import Previews
+from spot3d.dataflow.serving import On, serve
 from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
@@ -19,7 +20,7 @@ from spot3d.frame import RgbdFrame
 from spot3d.heatmap.heat import Heatmap, weighted_heat
 from spot3d.heatmap.settings import HeatmapSettings
 from spot3d.heatmap.thinning import ThinFrame, thinned
-from spot3d_schemas import Frame, Heat, Proposals
+from spot3d_schemas import Frame, Heat, Message, Proposals
 
 _FRAME, _BOXES, _OUT, _PREVIEW = "source/frame", "proposals/boxes", "heatmap/heat", "heatmap/preview"
 _FRAMES_WAITING = 16
@@ -52,18 +53,22 @@ def _serve(node: Node, settings: HeatmapSettings) -> None:
     frames = max(_FRAMES_WAITING, 2 * node.link.in_flight)
     previews = Previews(node, _PREVIEW)
     join: Join[Received[Frame], Received[Proposals]] = Join(frames, _BOXES_WAITING)
-    while not node.stop.is_set():
-        item = node.next()
-        if item is None:
-            continue
-        topic, given = item
+
+    def take(given: Received[Message], add: Callable[[], Outcome[Received[Frame], Received[Proposals]]]) -> None:
         if given.begins:
             _count(node, join.clear())
-        add = join.add_left if topic == _FRAME else join.add_right
-        outcome: Outcome[Received[Frame], Received[Proposals]] = add(given.message.header.stamp_ns, given)
+        outcome = add()
         _count(node, outcome)
         if outcome.pair is not None:
             _publish_heat(node, outcome.pair, settings, previews)
+
+    def take_frame(given: Received[Frame]) -> None:
+        take(given, lambda: join.add_left(given.message.header.stamp_ns, given))
+
+    def take_boxes(given: Received[Proposals]) -> None:
+        take(given, lambda: join.add_right(given.message.header.stamp_ns, given))
+
+    serve(node, On(_FRAME, Frame, take_frame), On(_BOXES, Proposals, take_boxes))
 
 
 def _count(node: Node, outcome: Outcome[Received[Frame], Received[Proposals]]) -> None:

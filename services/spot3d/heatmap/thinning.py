@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.depth_noise import DepthNoise
 from spot3d.frame import RgbdFrame
-from spot3d.geometry.lattice import to_lattice
+from spot3d.geometry.downsampling import to_lattice
 
 _FARTHEST, _GRID = 32.0, 0.001
 """The noise is summed up in steps of a millimetre, to this range; what is farther stays as it is."""

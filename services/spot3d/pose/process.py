@@ -10,6 +10,7 @@ import numpy as np
 
 from spot3d.dataflow.conversion import rgbd_frame
 from spot3d.dataflow.node import Node, Received
+from spot3d.dataflow.serving import On, serve
 from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.snapshot_file import SnapshotError, snapshot_bytes
@@ -72,10 +73,7 @@ class _Stage:
 
     def serve(self) -> None:
         """Answer every frame."""
-        while not self.node.stop.is_set():
-            item = self.node.next()
-            if item is not None:
-                self._answer(item[1])
+        serve(self.node, On(_IN, Frame, self._answer))
         self.snapshots.close()
 
     def _begin(self) -> None:
@@ -108,7 +106,7 @@ class _Stage:
             self._keep()
 
     def _resume(self) -> None:
-        """Go on in the world where this stream was followed before, if a snapshot tells of it."""
+        """Go on in the world where this stream was followed before, if a snapshot has it."""
         stream, path = self.node.stream, self.snapshots.path
         if stream is None or self.node.link.snapshot_interval_s == 0 or not isinstance(self.tracker, MapTracker):
             return

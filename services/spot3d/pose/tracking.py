@@ -228,7 +228,7 @@ class MapTracker:
         return self._registrar.planes.forgotten + (0 if self._drift is None else self._drift.map.forgotten)
 
     def _corrected(self, stamp_ns: int, view: _View, pose: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The registered pose without the drift that landmarks tell of."""
+        """The registered pose without the drift that landmarks show."""
         if self._drift is None or view.colour is None:
             return pose
         elapsed = 0.0 if self._compared_ns is None else (stamp_ns - self._compared_ns) * 1e-9

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from spot3d.dataflow.conversion import rgbd_frame
 from spot3d.dataflow.node import Node, Received
+from spot3d.dataflow.serving import On, serve
 from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
@@ -32,7 +33,7 @@ def run(link: LinkSettings, settings: ProposalSettings, stop: threading.Event | 
     with stop_on_signals(stop) as stopped:
         try:
             with Node("proposals", link, stopped, (_IN,), (_OUT,)) as node:
-                _serve(node, settings)
+                serve(node, On(_IN, Frame, partial(_answer, node, settings)))
         except StoppedError:
             return
 
@@ -41,20 +42,15 @@ def _propose_first(settings: ProposalSettings, frames: Sequence[RgbdFrame]) -> N
     propose(frames[0].colour, frames[0].depth_metres(), frames[0].intrinsics, settings)
 
 
-def _serve(node: Node, settings: ProposalSettings) -> None:
-    while not node.stop.is_set():
-        item = node.next()
-        if item is None:
-            continue
-        given: Received[Frame] = item[1]
-        boxes = _propose(node, given.message, settings)
-        if boxes is None:
-            if node.link.delivery == "live":
-                continue
-            boxes = np.zeros((0, 5), np.float32)
-        proposals = Proposals(header=node.header(_OUT, given), boxes=boxes)
-        if node.publish(_OUT, proposals):
-            node.measure_latency(proposals.header)
+def _answer(node: Node, settings: ProposalSettings, given: Received[Frame]) -> None:
+    boxes = _propose(node, given.message, settings)
+    if boxes is None:
+        if node.link.delivery == "live":
+            return
+        boxes = np.zeros((0, 5), np.float32)
+    proposals = Proposals(header=node.header(_OUT, given), boxes=boxes)
+    if node.publish(_OUT, proposals):
+        node.measure_latency(proposals.header)
 
 
 def _propose(node: Node, message: Frame, settings: ProposalSettings) -> NDArray[np.float32] | None:

@@ -48,7 +48,7 @@ class Exported:
 def export(source: Path, out: Path, complain: Callable[[str], None]) -> Exported:
     """Write the results folder of a run, or a recording, as Foxglove's messages; log times are capture times.
 
-    complain: told of what had to be left out. Raises SourceError or BrokenRecordingError where `source` cannot be
+    complain: called with what had to be left out. Raises SourceError or BrokenRecordingError where `source` cannot be
     read, FileExistsError, and OSError where the disk is full.
     """
     if source.is_dir():

@@ -16,10 +16,10 @@ import zenoh
 from zenoh.handlers import FifoChannel, Handler, RingChannel
 
 import spot3d
-from spot3d.dataflow.complaints import Complaints
 from spot3d.dataflow.endpoints import waiting
 from spot3d.dataflow.payload import intact_bytes
 from spot3d.dataflow.process_use import let_frames_go_first
+from spot3d.dataflow.rate_limited_log import RateLimitedLog
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.stopping import end_threads, stop_on_signals
 from spot3d.recorder.backlog import Backlog, Heard
@@ -105,7 +105,7 @@ class _Recorder:
         self._link = settings.link
         self._topics = tuple(topics)
         self._backlog = Backlog(BACKLOG_BYTES)
-        self._complaints = Complaints(log)
+        self._limited_log = RateLimitedLog(log)
         self._places: list[tuple[int, int, str]] = []
         self._lock = threading.Lock()
         self._writer = McapWriter(path, PROFILE, f"spot3d {spot3d.__version__}")
@@ -221,7 +221,7 @@ class _Recorder:
     def _skip(self, topic: str, reason: str, why: str = "", count: int = 1) -> None:
         with self._lock:
             self.recorded.skipped[f"{topic} {reason}"] += count
-        self._complaints.say(f"{topic} {reason}", f"{topic} {reason}{why and f': {why}'}", time.monotonic())
+        self._limited_log.say(f"{topic} {reason}", f"{topic} {reason}{why and f': {why}'}", time.monotonic())
 
 
 def topic_channel(writer: McapWriter, robot: str, topic: str) -> int:

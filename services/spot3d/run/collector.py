@@ -90,7 +90,7 @@ class Collector:
         """Take in everything that has come since the last call."""
         for topic, handler in self._inputs.items():
             while (sample := handler.try_recv()) is not None:
-                message = _decoded(sample, TOPICS[topic].message)
+                message = decoded(sample, TOPICS[topic].message)
                 if message is not None and self._is_of_this_run(topic, message.header):
                     self._take(message)
 
@@ -113,11 +113,7 @@ class Collector:
 
     def snapshot(self, timeout_s: float) -> MapSnapshot:
         """The map as fusion answers now; empty where it does not answer."""
-        for reply in self._session.get(key(self._robot, "fusion/map"), timeout=timeout_s):
-            message = _decoded(reply.ok, MapPoints) if reply.ok is not None else None
-            if message is not None:
-                return MapSnapshot(message.xyz, message.rgb, message.heat, message.frequency, message.total)
-        return empty_snapshot()
+        return asked_map(self._session, self._robot, timeout_s)
 
     def result(self, points: MapSnapshot) -> RunResult:
         """The run's result as it is known now."""
@@ -156,11 +152,11 @@ class Collector:
         if isinstance(message, Objects):
             self.objects = message
             if self._timeline is not None:
-                self._timeline.add(message.header.stamp_ns, found_objects(message), message.complete)
+                self._timeline.add_update(message.header.stamp_ns, found_objects(message), message.complete)
         elif isinstance(message, Progress):
             self.progress = message
             hops = _hops(message.header)
-            # Not every progress tells of one frame's whole way: some tell of skipped frames or of the end.
+            # Not every progress is of one frame that went the whole way: some are of skipped frames or of the end.
             self.latency.add(hops, whole="source to fused" if [hop[0] for hop in hops[-2:]] in _FUSED else "")
             self.rate.add(message.fused + sum(message.skipped.values()), time.monotonic())
         elif isinstance(message, Pose):
@@ -175,6 +171,15 @@ class Collector:
                 self._earlier[message.stage] += Counter(last.drops)
                 self._earlier_events[message.stage] += Counter(last.events)
             self.health[message.stage] = message
+
+
+def asked_map(session: zenoh.Session, robot: str, timeout_s: float) -> MapSnapshot:
+    """The map as a robot's fusion answers now; empty where it does not answer."""
+    for reply in session.get(key(robot, "fusion/map"), timeout=timeout_s):
+        message = decoded(reply.ok, MapPoints) if reply.ok is not None else None
+        if message is not None:
+            return MapSnapshot(message.xyz, message.rgb, message.heat, message.frequency, message.total)
+    return empty_snapshot()
 
 
 def relay_poses(session: zenoh.Session, topic: str, robot: str) -> ExitStack:
@@ -217,7 +222,7 @@ def _hops(header: Header) -> list[tuple[str, int, int]]:
     return [(hop.stage, hop.received_ns, hop.sent_ns) for hop in header.trace]
 
 
-def _decoded(sample: zenoh.Sample, expected: type[M]) -> M | None:
+def decoded(sample: zenoh.Sample, expected: type[M]) -> M | None:
     """The message, or None where it is none: whoever sends nonsense must not end the run."""
     try:
         return decode(sample.payload.to_bytes(), expected)

@@ -37,13 +37,13 @@ def run_in_process(
         fused, skipped = fused + (step.pose.status == "ok"), skipped + (step.pose.status != "ok")
         found = found if step.objects is None else len(step.objects.objects)
         if step.objects is not None:
-            timeline.add(step.frame.stamp_ns, _found(step.objects), complete=False)
+            timeline.add_update(step.frame.stamp_ns, _found(step.objects), complete=False)
         rate.add(fused + skipped, time.monotonic())
         watcher.on_progress(fused, skipped, found)
 
     result = run_pipeline(sequence, settings, follow, stop.is_set)
     if result.trajectory:
-        timeline.add(result.trajectory[-1][0], _found(result.objects), complete=not stop.is_set())
+        timeline.add_update(result.trajectory[-1][0], _found(result.objects), complete=not stop.is_set())
     use, run = process_use(), _run_result(result)
     report.proposals = dict(result.heat_counts)
     report.keyframes = len(result.step_s.get("segments", ()))

@@ -3,7 +3,7 @@
 import shutil
 import time
 from collections.abc import Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -11,11 +11,11 @@ import numpy as np
 from rich.console import Console
 
 from spot3d.dataflow.stopping import stop_on_signals
-from spot3d.drawing.overview import candidate_indices, draw_overview
-from spot3d.drawing.picture import write_picture
+from spot3d.drawing.overview import candidate_indices
 from spot3d.run.camera_frames import CameraFrames
 from spot3d.run.display import progress_bar
 from spot3d.run.distributed import Plan, run_distributed
+from spot3d.run.overview_file import View, write_overview
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import RunResult, write_json, write_results
 from spot3d.run.supervisor import Supervisor
@@ -116,7 +116,9 @@ def _run(
     if in_process:
         # Logs of an earlier run's processes would be taken for this one's.
         shutil.rmtree(folder / "logs", ignore_errors=True)
-    write_overview(folder / "overview.png", selection.name, sequence, result)
+    name = Path(selection.name).name or selection.name
+    camera_path = np.array([item.T_world_camera[:3, 3] for item in result.path()]).reshape(-1, 3)
+    write_overview(folder / "overview.png", name, _views(sequence, result), result, camera_path)
     shutil.rmtree(folder / _SNAPSHOTS, ignore_errors=True)
     return Finished(folder, sequence, result, report)
 
@@ -148,27 +150,13 @@ def _stages_settings(settings: Settings, folder: Path) -> Path:
     return path
 
 
-def write_overview(path: Path, name: str, sequence: FrameSequence, result: RunResult) -> None:
-    """Draw the overview picture of a finished run; a picture that no longer can be read is left out."""
+def _views(sequence: FrameSequence, result: RunResult) -> list[View]:
+    """Frames whose pose is trusted, over the whole run; a picture that no longer can be read is left out."""
     index_of = {stamp: index for index, stamp in enumerate(sequence.stamps_ns)}
-    path_items = result.path()
-    tracked = [item for item in path_items if item.stamp_ns in index_of]
-    views = []
+    tracked = [item for item in result.path() if item.stamp_ns in index_of]
+    views: list[View] = []
     for chosen in candidate_indices(len(tracked)):
-        try:
-            frame = sequence[index_of[tracked[chosen].stamp_ns]]
-        except SourceError:
-            continue
-        views.append((frame, tracked[chosen].T_world_camera))
-    count = len(result.objects)
-    title = f"spot3d    {Path(name).name or name}    {count} object{'s' * (count != 1)} in {result.frame_count} frames"
-    picture = draw_overview(
-        title,
-        views,
-        result.objects,
-        result.points.xyz,
-        result.points.rgb,
-        np.array([item.T_world_camera[:3, 3] for item in path_items]).reshape(-1, 3),
-        np.array(result.up),
-    )
-    write_picture(path, picture)
+        with suppress(SourceError):
+            item = tracked[chosen]
+            views.append((sequence[index_of[item.stamp_ns]], item.T_world_camera))
+    return views

@@ -17,7 +17,7 @@ from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dashboard.health import StageRecords, Word
 from spot3d.dataflow.alive import Alive, watch_alive
-from spot3d.dataflow.complaints import printable
+from spot3d.dataflow.rate_limited_log import printable
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d_schemas import BRIDGE, STAGES, CodecError, Health, Message, Objects, decode, key

@@ -20,7 +20,7 @@ RESTARTS_MAX = 5
 USER_ERROR = 2
 """Exit code of a stage that cannot work as it was told to: starting it again would change nothing."""
 _END_S = 5.0
-"""Time for the nursery to end itself and all stages, by force if need be, before it is killed."""
+"""Time for the fork server to end itself and all stages, by force if need be, before it is killed."""
 
 _ENVIRONMENT = {"PYTHONUNBUFFERED": "1", "PYDANTIC_DISABLE_PLUGINS": "__all__"}
 """Looking for pydantic's plugins, of which there are none, takes a tenth of the time of all imports."""
@@ -50,7 +50,7 @@ class Death:
 class Supervisor:
     """Has `spot3d STAGE ARGUMENTS` run for each stage; use it in a `with` block, which ends all.
 
-    The stages are forked from the nursery, which imports what they need as soon as the block is entered.
+    The stages are forked from the fork server, which imports what they need as soon as the block is entered.
     """
 
     def __init__(self) -> None:
@@ -60,8 +60,8 @@ class Supervisor:
         environment = without_settings(os.environ) | SINGLE_THREADED | KEEPING_MEMORY | _ENVIRONMENT
         reading, writing = os.pipe()
         self._news = os.fdopen(reading, "rb")
-        self._nursery = subprocess.Popen(
-            [sys.executable, "-m", "spot3d.run.nursery", str(writing)],
+        self._fork_server = subprocess.Popen(
+            [sys.executable, "-m", "spot3d.run.fork_server", str(writing)],
             stdin=subprocess.PIPE,
             stdout=sys.__stderr__,
             pass_fds=(writing,),
@@ -70,7 +70,7 @@ class Supervisor:
             process_group=0,
         )
         os.close(writing)
-        self._listener = threading.Thread(target=self._listen, args=(self._news,), name="nursery", daemon=True)
+        self._listener = threading.Thread(target=self._listen, args=(self._news,), name="fork server", daemon=True)
         self._listener.start()
         return self
 
@@ -78,9 +78,9 @@ class Supervisor:
         self.stop()
 
     @property
-    def nursery_pid(self) -> int:
+    def fork_server_pid(self) -> int:
         """The process that the stages are forked from."""
-        return self._nursery.pid
+        return self._fork_server.pid
 
     def start(self, stage: str, arguments: Sequence[str], log: Path) -> None:
         """Start one stage; what it says goes to the file `log`."""
@@ -98,9 +98,9 @@ class Supervisor:
 
     def poll(self, restart_arguments: Mapping[str, Sequence[str]]) -> list[Death]:
         """Notice the dead and start them again, with other arguments where given; call it several times a second."""
-        code = self._nursery.poll()
+        code = self._fork_server.poll()
         if code is not None:
-            return [Death("nursery", f"the process that starts the stages {_how(code)}", fatal=True)]
+            return [Death("fork server", f"the process that starts the stages {_how(code)}", fatal=True)]
         return [
             death
             for child in self.children.values()
@@ -117,15 +117,15 @@ class Supervisor:
         for child in self.children.values():
             child.finished = True
         with suppress(OSError):  # it may be gone
-            _close(self._nursery.stdin)
+            _close(self._fork_server.stdin)
         if not self.children:
-            self._nursery.terminate()
+            self._fork_server.terminate()
         try:
-            self._nursery.wait(_END_S)
+            self._fork_server.wait(_END_S)
         except subprocess.TimeoutExpired:
             with suppress(ProcessLookupError):  # it may have ended just now
-                os.killpg(self._nursery.pid, signal.SIGKILL)
-            self._nursery.wait()
+                os.killpg(self._fork_server.pid, signal.SIGKILL)
+            self._fork_server.wait()
         self._listener.join(_END_S)
         self._news.close()
 
@@ -134,9 +134,9 @@ class Supervisor:
         self._order({"start": child.stage, "arguments": child.arguments, "log": str(child.log.absolute())})
 
     def _order(self, order: Mapping[str, object]) -> None:
-        pipe = self._nursery.stdin
+        pipe = self._fork_server.stdin
         if pipe is not None and not pipe.closed:
-            with suppress(BrokenPipeError):  # `poll` tells of a nursery that is gone
+            with suppress(BrokenPipeError):  # `poll` reports a fork server that is gone
                 pipe.write(json.dumps(order).encode() + b"\n")
                 pipe.flush()
 

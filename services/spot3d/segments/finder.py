@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, back_project
 from spot3d.frame_segments import TOO_COLD, TOO_LONG, TOO_LOW, TOO_MANY, TOO_SMALL, FrameSegments
-from spot3d.geometry.lattice import LatticeFrame, to_lattice
+from spot3d.geometry.downsampling import LatticeFrame, to_lattice
 from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import dominant_planes, plane_tolerance
 from spot3d.geometry.upright import Part, merge_contained, sampled, upright_box

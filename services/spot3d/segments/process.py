@@ -11,6 +11,7 @@ from spot3d.dataflow.conversion import rgbd_frame, segments_message
 from spot3d.dataflow.join import Join, Outcome
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.process_use import let_frames_go_first
+from spot3d.dataflow.serving import On, serve
 from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
@@ -19,12 +20,14 @@ from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
 from spot3d.segments.keyframes import Keyframes
 from spot3d.segments.settings import SegmentsSettings
-from spot3d_schemas import Heat, Pose
+from spot3d_schemas import Heat, Message, Pose
 
 _HEAT, _POSE, _OUT = "heatmap/heat", "pose/pose", "segments/segments"
 _HEATS_WAITING = 4
 """Live: heats that wait for their poses, which mostly come first; 7 MB at VGA."""
 _POSES_WAITING = 256
+
+_Pairs = Join[Received[Heat], Received[Pose]]
 
 
 def run(link: LinkSettings, settings: SegmentsSettings, stop: threading.Event | None = None) -> None:
@@ -39,7 +42,8 @@ def run(link: LinkSettings, settings: SegmentsSettings, stop: threading.Event | 
     with stop_on_signals(stop) as stopped:
         try:
             with Node("segments", link, stopped, (_HEAT, _POSE), (_OUT,)) as node:
-                _serve(node, settings)
+                stage = _Stage(node, settings)
+                serve(node, On(_HEAT, Heat, stage.take_heat), On(_POSE, Pose, stage.take_pose))
         except StoppedError:
             return
 
@@ -54,32 +58,39 @@ def _find_first(settings: SegmentsSettings, frames: Sequence[RgbdFrame]) -> None
         find_segments(frames[0].colour, depth, heat, frames[0].intrinsics, settings)
 
 
-def _serve(node: Node, settings: SegmentsSettings) -> None:
-    keyframes = Keyframes(settings)
-    join: Join[Received[Heat], Received[Pose]] = Join(max(_HEATS_WAITING, 2 * node.link.in_flight), _POSES_WAITING)
-    while not node.stop.is_set():
-        item = node.next()
-        if item is None:
-            continue
-        topic, given = item
+class _Stage:
+    def __init__(self, node: Node, settings: SegmentsSettings) -> None:
+        self.node, self.settings = node, settings
+        self.keyframes = Keyframes(settings)
+        self.join: _Pairs = Join(max(_HEATS_WAITING, 2 * node.link.in_flight), _POSES_WAITING)
+
+    def take_heat(self, given: Received[Heat]) -> None:
+        self._begin_if_new(given)
+        self._answer(self.join.add_left(given.message.header.stamp_ns, given))
+
+    def take_pose(self, given: Received[Pose]) -> None:
+        self._begin_if_new(given)
+        self._answer(self.join.add_right(given.message.header.stamp_ns, given))
+
+    def _begin_if_new(self, given: Received[Message]) -> None:
         if given.begins:
-            _count(node, join.clear())
-            keyframes = Keyframes(settings)
-        add = join.add_left if topic == _HEAT else join.add_right
-        outcome: Outcome[Received[Heat], Received[Pose]] = add(given.message.header.stamp_ns, given)
-        _count(node, outcome)
+            _count(self.node, self.join.clear())
+            self.keyframes = Keyframes(self.settings)
+
+    def _answer(self, outcome: Outcome[Received[Heat], Received[Pose]]) -> None:
+        _count(self.node, outcome)
         if outcome.pair is None:
-            continue
+            return
         heat, pose = outcome.pair
         found = None
         if pose.message.status == "ok":
             stamp_ns, T_world_camera = heat.message.header.stamp_ns, pose.message.T_world_camera
-            if keyframes.is_keyframe(stamp_ns, T_world_camera):
-                found = _find(node, heat.message, settings)
+            if self.keyframes.is_keyframe(stamp_ns, T_world_camera):
+                found = _find(self.node, heat.message, self.settings)
         # The heat's trace is the longer one: it holds the source, the proposals and the heatmap.
-        message = segments_message(node.header(_OUT, heat), found)
-        if node.publish(_OUT, message):
-            node.measure_latency(message.header)
+        message = segments_message(self.node.header(_OUT, heat), found)
+        if self.node.publish(_OUT, message):
+            self.node.measure_latency(message.header)
 
 
 def _count(node: Node, outcome: Outcome[Received[Heat], Received[Pose]]) -> None:

@@ -148,7 +148,7 @@ def _searched(contents: McapContents, topic: str) -> Iterator[tuple[int, int, st
 
 
 def _streams(places: list[_Place]) -> list[list[_Place]]:
-    """Cut where another stream is told of, or the stamps go back; stragglers are left out."""
+    """Cut where another stream is announced, or the stamps go back; stragglers are left out."""
     streams = [places[:1]]
     for place in places[1:]:
         last = streams[-1][-1]

@@ -241,4 +241,4 @@ class _Pace:
             self._start_s += late_s
             self._node.note("behind", f"the source is {late_s:.1f} s behind its pace; it goes on from here")
         elif late_s < 0:
-            self._node.stop.wait(-late_s)
+            self._node.rest(-late_s)

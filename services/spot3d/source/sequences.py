@@ -38,7 +38,7 @@ def open_source(
     if match := SCENE_NAME.fullmatch(str(path_or_name)):
         if intrinsics is not None:
             raise SourceError("the built-in scene has its own camera; leave --intrinsics away")
-        from spot3d.source.scene.scene import Scene  # its kernels are slow to import
+        from spot3d.source.scene.scene import Scene  # numba takes a second to import
 
         sequence = Scene(int(match["seed"] or 0), match["cluttered"] is not None, frames)
     elif is_our_mcap(Path(path_or_name)):

@@ -6,7 +6,7 @@ from fusion_room import CAMERA, COARSE, ROOM, THREE, orbit, view
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.objects.keyframes import without_spill
-from spot3d.geometry.lattice import to_lattice
+from spot3d.geometry.downsampling import to_lattice
 
 POSES = orbit(4)
 BLANK = np.zeros((*CAMERA.shape, 3), np.uint8), np.zeros(CAMERA.shape, np.float32), np.zeros(CAMERA.shape, np.uint8)

@@ -56,7 +56,7 @@ def test_one_plane_is_one_however_often_it_was_removed(count: int) -> None:
 
 
 def test_planes_that_only_few_keyframes_removed_are_removed_at_the_end() -> None:
-    """The table was seen late and kept its heat: the few keyframes that removed it tell of it."""
+    """The table was seen late and kept its heat: the few keyframes that removed it show it."""
     points = sampled((STAGE[0], *THREE), cold=0.4)
     points = points.take(points.xyz[:, 2] > -0.001)
     few, _ = find_by_density(points, np.stack((FLOOR, FLOOR, FLOOR, TABLE)), COARSE_PAPER)

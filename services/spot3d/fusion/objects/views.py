@@ -18,7 +18,7 @@ STRIDE = 2
 SAMPLE = 200
 """A segment is so many of its points."""
 _TESTED = 4
-"""Every so-many-th of these is projected: 50 tell a share to 7 %."""
+"""One in this many of these is projected: 50 tell a share to 7 %."""
 _TOLERANCE = np.float32(0.03)
 """A point is seen where depth agrees within this, metres: as far as surfaces lie apart by depth noise and by poses."""
 _SEEN = 0.3

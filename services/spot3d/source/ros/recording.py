@@ -95,7 +95,7 @@ class BagRecording:
         self._pose_at = pose_at
         self._registration = None
         if colour_camera is not None:
-            from spot3d.source.colour_registration import ColourRegistration  # its kernels are slow to import
+            from spot3d.source.colour_registration import ColourRegistration  # numba takes a second to import
 
             self._registration = ColourRegistration(intrinsics, colour_camera)
 

@@ -21,7 +21,7 @@ EDGES = np.array([(a, b) for a in range(8) for b in range(a) if (a ^ b) in (1, 2
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class RenderedView:
     """What is exactly true of one view, (h, w) each, of the same pixels.
 
     depth: float32 metres along the optical axis. instance: int32, 0 = room and furniture.
@@ -35,9 +35,9 @@ class View:
     colour: NDArray[np.uint8]
 
 
-def empty_view(shape: tuple[int, int]) -> View:
+def empty_rendered_view(shape: tuple[int, int]) -> RenderedView:
     """A view of an image shape (h, w) to render into, its arrays not yet filled."""
-    return View(
+    return RenderedView(
         np.empty(shape, np.float32),
         np.empty(shape, np.int32),
         np.empty(shape, np.float32),
@@ -57,7 +57,7 @@ class Renderer:
         self._which = np.empty(intrinsics.shape, np.int32)
         self._sharp = np.empty((*intrinsics.shape, 3), np.uint8)
 
-    def render(self, T_world_camera: NDArray[np.float64], view: View) -> None:
+    def render(self, T_world_camera: NDArray[np.float64], view: RenderedView) -> None:
         """Fills `view` with what a camera at T_world_camera (4, 4) inside the room sees."""
         s, intrinsics = self.model.solids, self.intrinsics
         which, colour = self._which, self._sharp

@@ -10,7 +10,7 @@ from spot3d.frame import RgbdFrame
 from spot3d.source.scene.model import UP, TrueBox, build_scene
 from spot3d.source.scene.noise import measured_depth, noisy_colour
 from spot3d.source.scene.path import RATE_HZ, camera_pose
-from spot3d.source.scene.render import Renderer, View, empty_view
+from spot3d.source.scene.render import RenderedView, Renderer, empty_rendered_view
 
 KINECT = Intrinsics(585.0, 585.0, 320.0, 240.0, 640, 480)
 METRES_PER_UNIT = 0.001
@@ -41,7 +41,7 @@ class Scene:
         self.intrinsics = intrinsics
         self.noisy = noisy
         self._renderer = Renderer(build_scene(seed, cluttered), intrinsics, seed)
-        self._exact = empty_view(intrinsics.shape)
+        self._exact = empty_rendered_view(intrinsics.shape)
 
     @property
     def boxes(self) -> tuple[TrueBox, ...]:
@@ -68,9 +68,9 @@ class Scene:
         """T_world_camera (4, 4) float64 of a frame."""
         return camera_pose(self._index(index), self.seed)
 
-    def truth(self, index: int) -> View:
+    def truth(self, index: int) -> RenderedView:
         """Exact depth, instance mask (0 = no object, else the box's id) and colour of a frame."""
-        view = empty_view(self.intrinsics.shape)
+        view = empty_rendered_view(self.intrinsics.shape)
         self._renderer.render(self.true_pose(index), view)
         return view
 

@@ -15,7 +15,7 @@ def printable(text: str) -> str:
     return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in text)
 
 
-class Complaints:
+class RateLimitedLog:
     """Logs each reason at once, and then at most every ten seconds with the number of times.
 
     The first time also with the traceback of the exception, where there is one.
@@ -27,7 +27,7 @@ class Complaints:
         self._lock = threading.Lock()
 
     def say(self, reason: str, text: str, now_s: float, error: BaseException | None = None) -> bool:
-        """Complain about `reason`; returns whether it was logged. now_s: monotonic seconds."""
+        """Log `text` for `reason`; returns whether it was logged. now_s: monotonic seconds."""
         with self._lock:
             if reason not in self._said and len(self._said) >= _REASONS:
                 reason = "many reasons"

@@ -1,11 +1,10 @@
 """The process that the stages of a run are forked from: what they all import is imported once, not six times.
 
-    python -m spot3d.run.nursery NEWS
+    python -m spot3d.run.fork_server NEWS
 
 Standard input: one JSON object a line, {"start": stage, "arguments": [...], "log": file} or {"end": stage}. File
 descriptor NEWS: one a line, {"stage": name, "code": exit code} when a stage has ended (standard output is anybody's: a
-library may print when it is imported). When standard input closes all stages
-are ended.
+library may print when it is imported). When standard input closes all stages are ended.
 """
 
 import gc
@@ -39,7 +38,7 @@ _TERMINATE_S = 3.0
 """Time to end cleanly before a process is killed."""
 
 
-class _Nursery:
+class _ForkServer:
     """The stages' processes; the standard input of each is a pipe that closes when this process ends, however."""
 
     def __init__(self, told: int) -> None:
@@ -120,4 +119,4 @@ if __name__ == "__main__":
             importlib.import_module(name)
     # Objects that the collector never looks at are never written to, and stay shared between the stages.
     gc.freeze()
-    _Nursery(int(sys.argv[1])).serve()
+    _ForkServer(int(sys.argv[1])).serve()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spot3d.camera import Intrinsics, back_project
-from spot3d.geometry.lattice import to_lattice
+from spot3d.geometry.downsampling import to_lattice
 
 
 def camera(width: int, height: int) -> Intrinsics:

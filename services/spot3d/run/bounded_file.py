@@ -1,0 +1,50 @@
+"""A file that grows line by line, up to a limit."""
+
+from pathlib import Path
+from typing import Self
+
+
+class BoundedFile:
+    """Appends lines; use it in a `with` block. What it cannot keep is counted, and ends nothing.
+
+    what: the name of that which is missing then.
+    """
+
+    def __init__(self, path: Path, limit_bytes: int, what: str) -> None:
+        self.missing = 0
+        self._path, self._limit, self._what = path, limit_bytes, what
+        self._stream = path.open("wb", buffering=0)
+        self._bytes = 0
+        self._reason = ""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Nothing is added any more."""
+        self._stream.close()
+
+    def add(self, text: str) -> None:
+        """One line, without its end."""
+        line = text.encode() + b"\n"
+        if not self._reason and self._bytes + len(line) > self._limit:
+            self._reason = f"is at its limit of {self._limit} bytes"
+        if not self._reason:
+            try:
+                written = self._stream.write(line)
+                if written < len(line):
+                    raise OSError(None, "the disk is full")
+                self._bytes += len(line)
+                return
+            except OSError as error:
+                # No half line is left behind.
+                self._stream.truncate(self._bytes)
+                self._reason = f"cannot be written: {error.strerror}"
+        self.missing += 1
+
+    def told(self) -> str | None:
+        """What to tell people where lines are missing."""
+        return f"{self._path.name} {self._reason}: it lacks {self.missing} {self._what}" if self.missing else None

@@ -1,0 +1,144 @@
+"""`spot3d results`: what a robot's stages find, kept in a folder for each of its streams of frames."""
+
+import logging
+import threading
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+import zenoh
+from zenoh.handlers import Handler, RingChannel
+
+from spot3d.dataflow.alive import watch_alive
+from spot3d.dataflow.heartbeat import Heartbeat
+from spot3d.dataflow.producers import Producers
+from spot3d.dataflow.session import StoppedError, open_session
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.dataflow.streams import Streams
+from spot3d.run.collector import asked_map, decoded, found_objects
+from spot3d.run.sights import Sights
+from spot3d.run.stream_folder import StreamFolder, drop_oldest
+from spot3d_schemas import TOPICS, Message, Objects, Pose, Progress, key
+
+log = logging.getLogger("spot3d.results")
+
+_TOPICS = ("pose/pose", "fusion/progress", "fusion/objects")
+_WAITING = 4096
+"""Small messages that may wait while a picture is drawn: a minute of a camera's; beyond that the oldest go."""
+_POLL_S = 0.05
+_WRITE_S = 10.0
+"""Time between two writings of objects.json while a stream goes on."""
+_MAP_S, _MAP_AT_STOP_S = 10.0, 3.0
+"""Longest wait for the map, when a stream is complete and when this process is to end; no heartbeat meanwhile."""
+
+
+def keep_results(link: LinkSettings, out: Path, keep: int, stop: threading.Event | None = None) -> None:
+    """Write a folder below `out` for every stream of the robot, until stopped; the oldest of more than `keep` go.
+
+    An onlooker: no stage waits for it. Raises OSError where `out` cannot be written at the start.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    with stop_on_signals(stop) as stopped:
+        try:
+            with open_session(link, stopped) as session:
+                _Keeper(session, link, out, keep).follow(stopped)
+        except StoppedError:
+            return
+
+
+class _Keeper:
+    """The folder of the stream of now."""
+
+    def __init__(self, session: zenoh.Session, link: LinkSettings, out: Path, keep: int) -> None:
+        self._session, self._robot, self._out, self._keep = session, link.robot, out, keep
+        self._heartbeat = Heartbeat(link.heartbeat)
+        self._sights = Sights(session, link.robot)
+        self._streams = Streams()
+        self._folder: StreamFolder | None = None
+        self._written_s = float("-inf")
+
+    def follow(self, stop: threading.Event) -> None:
+        """Take in what comes until stopped."""
+        with ExitStack() as stack:
+            self._producers = Producers(stack.enter_context(watch_alive(self._session, self._robot)))
+            inputs: dict[str, Handler[zenoh.Sample]] = {}
+            for topic in _TOPICS:
+                subscriber = self._session.declare_subscriber(key(self._robot, topic), RingChannel(_WAITING))
+                stack.callback(subscriber.undeclare)
+                inputs[topic] = subscriber.handler
+            stack.callback(self._sights.close)
+            log.info("results of %s go to %s", self._robot, self._out.absolute())
+            while not stop.wait(_POLL_S):
+                self._drain(inputs)
+                self._heartbeat.beat()
+            self._finish(_MAP_AT_STOP_S)
+        self._heartbeat.close()
+
+    def _drain(self, inputs: dict[str, Handler[zenoh.Sample]]) -> None:
+        for topic, handler in inputs.items():
+            while (sample := handler.try_recv()) is not None:
+                message = decoded(sample, TOPICS[topic].message)
+                now_s = time.monotonic()
+                if message is None or not self._producers.admit(topic, message.header.sender, now_s):
+                    continue
+                verdict = self._streams.judge(message.header.stream, now_s)
+                # A foreign source may name no stream; a folder that could not be made is tried again.
+                if verdict == "begins" or (self._folder is None and now_s - self._written_s >= _WRITE_S):
+                    self._begin(message.header.stream)
+                if verdict != "earlier":
+                    self._take(message)
+        now_s = time.monotonic()
+        if self._folder is not None:
+            self._sights.look(self._folder.stream, now_s)
+            if now_s - self._written_s >= _WRITE_S:
+                self._write(self._folder)
+
+    def _begin(self, stream: str | None) -> None:
+        # Fusion has the next map already.
+        self._finish(None)
+        try:
+            self._folder = StreamFolder(self._out, self._robot, stream, time.time())
+            log.info("stream %s begins: %s", stream, self._folder.path)
+            for gone in drop_oldest(self._out, self._keep):
+                log.info("%s is deleted: more than %d streams", gone, self._keep)
+        except OSError as error:
+            log.error("no results of stream %s: %s", stream, error)
+        self._written_s = time.monotonic()
+
+    def _take(self, message: Message) -> None:
+        folder = self._folder
+        if folder is None:
+            return
+        if isinstance(message, Pose):
+            pose = None if message.status == "lost" else message.T_world_camera
+            folder.pose(message.header.stamp_ns, pose)
+            self._sights.pose(message.header.stamp_ns, pose)
+        elif isinstance(message, Progress):
+            folder.progress = message
+        elif isinstance(message, Objects):
+            folder.update(message.header.stamp_ns, found_objects(message), message.complete)
+            if message.complete:
+                self._write(folder, _MAP_S)
+                log.info(
+                    "stream %s is complete: %d objects; results in %s", folder.stream, len(message.objects), folder.path
+                )
+
+    def _finish(self, map_s: float | None) -> None:
+        """The stream of now is over, complete or not."""
+        folder, self._folder = self._folder, None
+        if folder is not None:
+            if not folder.complete:
+                self._write(folder, map_s, last=True)
+                log.info("stream %s has not been completed; results in %s", folder.stream, folder.path)
+            folder.close()
+        self._sights.forget()
+
+    def _write(self, folder: StreamFolder, map_s: float | None = None, last: bool = False) -> None:
+        self._written_s = time.monotonic()
+        points = None if map_s is None else asked_map(self._session, self._robot, map_s)
+        pictured = last or map_s is not None
+        try:
+            folder.write(points, self._sights.views if pictured else None)
+        except OSError as error:
+            log.error("the results of stream %s are not whole: %s", folder.stream, error)

@@ -1,0 +1,29 @@
+"""overview.png: the picture of what was found."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.drawing.overview import draw_overview
+from spot3d.drawing.picture import write_picture
+from spot3d.frame import RgbdFrame
+from spot3d.run.results import RunResult
+
+View = tuple[RgbdFrame, NDArray[np.float64]]
+"""A frame with its T_world_camera."""
+
+
+def write_overview(
+    path: Path, name: str, views: Sequence[View], result: RunResult, camera_path: NDArray[np.float64]
+) -> None:
+    """Draw the objects into views of the recording `name`, in its order, and from above. camera_path: (m, 3), world.
+
+    Raises OSError where the file cannot be written.
+    """
+    count = len(result.objects)
+    title = f"spot3d    {name}    {count} object{'s' * (count != 1)} in {result.frame_count} frames"
+    points, up = result.points, np.array(result.up)
+    picture = draw_overview(title, views, result.objects, points.xyz, points.rgb, camera_path, up)
+    write_picture(path, picture)

@@ -1,0 +1,92 @@
+"""Some frames of a stream, spread over it, with their poses: what an overview shows."""
+
+from contextlib import ExitStack
+
+import numpy as np
+import zenoh
+from numpy.typing import NDArray
+from zenoh.handlers import Handler, RingChannel
+
+from spot3d.dataflow.conversion import rgbd_frame
+from spot3d.dataflow.payload import intact_bytes
+from spot3d.frame import RgbdFrame
+from spot3d.run.overview_file import View
+from spot3d_schemas import CodecError, Frame, decode, key
+
+_MOST = 24
+"""So many are kept: 40 MB of VGA frames."""
+_FIRST_S = 0.5
+"""Time between two of them, seconds; twice as long each time that there are too many."""
+_POSES = 300
+"""A frame's pose is among so many latest ones."""
+
+
+class Sights:
+    """Takes a frame now and then. Between two it does not listen: nobody sends it frames that it would not keep."""
+
+    def __init__(self, session: zenoh.Session, robot: str) -> None:
+        self._session, self._where = session, key(robot, "source/frame")
+        self._listening: Handler[zenoh.Sample] | None = None
+        self._exit = ExitStack()
+        self.forget()
+
+    def forget(self) -> None:
+        """Another stream begins."""
+        self.close()
+        self._interval_s, self._due_s = _FIRST_S, float("-inf")
+        self._waiting: Frame | None = None
+        self._poses: dict[int, NDArray[np.float64] | None] = {}
+        self._taken: list[View] = []
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._exit.close()
+        self._listening = None
+
+    @property
+    def views(self) -> list[View]:
+        """The frames so far, in their order."""
+        return list(self._taken)
+
+    def pose(self, stamp_ns: int, T_world_camera: NDArray[np.float64] | None) -> None:
+        """The pose of a frame; None: its pose is lost."""
+        self._poses[stamp_ns] = T_world_camera
+        while len(self._poses) > _POSES:
+            del self._poses[next(iter(self._poses))]
+
+    def look(self, stream: str | None, now_s: float) -> None:
+        """Take a frame of this stream if one is due and there; call it often. Monotonic seconds."""
+        if self._waiting is None and self._listening is None and now_s >= self._due_s:
+            subscriber = self._session.declare_subscriber(self._where, RingChannel(1))
+            self._exit.callback(subscriber.undeclare)
+            self._listening = subscriber.handler
+        if self._listening is not None:
+            sample = self._listening.try_recv()
+            if sample is None:
+                return
+            self.close()
+            self._due_s = now_s + self._interval_s
+            self._waiting = _frame(sample, stream)
+        if self._waiting is not None:
+            stamp_ns = self._waiting.header.stamp_ns
+            if stamp_ns in self._poses or now_s >= self._due_s:
+                T_world_camera = self._poses.get(stamp_ns)
+                if T_world_camera is not None:
+                    self._keep(rgbd_frame(self._waiting), T_world_camera)
+                self._waiting = None
+
+    def _keep(self, frame: RgbdFrame, T_world_camera: NDArray[np.float64]) -> None:
+        self._taken.append((frame, T_world_camera))
+        if len(self._taken) > _MOST:
+            self._taken = self._taken[::2]
+            self._interval_s *= 2
+
+
+def _frame(sample: zenoh.Sample, stream: str | None) -> Frame | None:
+    """The frame, if it is one of the stream's."""
+    payload = intact_bytes(sample.payload)
+    try:
+        frame = None if payload is None else decode(payload, Frame)
+    except CodecError:
+        return None
+    return frame if frame is not None and frame.header.stream == stream else None

@@ -1,0 +1,101 @@
+"""The results of one stream of frames, in a folder of their own."""
+
+import re
+import shutil
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.run.bounded_file import BoundedFile
+from spot3d.run.overview_file import View, write_overview
+from spot3d.run.results import MapSnapshot, RunResult, objects_document, write_json, write_ply
+from spot3d.run.timeline import NAME as TIMELINE
+from spot3d.run.timeline import Timeline
+from spot3d.trajectory import tum_line
+from spot3d_schemas import Progress
+
+_TRAJECTORY_BYTES = 256 * 2**20
+"""Longest trajectory.txt: a day at 30 frames a second."""
+_PLACES = 4000
+"""Most positions of the camera that an overview draws."""
+_NAME = re.compile(r"\d{8}-\d{6}-\w{1,8}")
+"""When the stream began, UTC, and what it is called."""
+
+
+class StreamFolder:
+    """Writes what is known of a stream as it comes: the trajectory and the updates line by line, the rest at `write`.
+
+    Raises OSError where the folder cannot be made.
+    """
+
+    def __init__(self, parent: Path, robot: str, stream: str | None, began_s: float) -> None:
+        self.robot, self.stream = robot, stream
+        label = re.sub(r"\W", "_", stream or "unnamed")[:8]
+        self.path = parent / f"{time.strftime('%Y%m%d-%H%M%S', time.gmtime(began_s))}-{label}"
+        self.path.mkdir(parents=True, exist_ok=True)
+        self._poses = BoundedFile(self.path / "trajectory.txt", _TRAJECTORY_BYTES, "poses")
+        self._timeline = Timeline(self.path / TIMELINE)
+        self._places: list[NDArray[np.float64]] = []
+        self._place_step, self._tracked, self._lost = 1, 0, 0
+        self.result = RunResult()
+        self.progress: Progress | None = None
+        self.complete = False
+
+    def pose(self, stamp_ns: int, T_world_camera: NDArray[np.float64] | None) -> None:
+        """The camera's pose, (4, 4), of a frame; None: it is lost."""
+        if T_world_camera is None:
+            self._lost += 1
+            return
+        self._poses.add(tum_line(stamp_ns, T_world_camera))
+        if self._tracked % self._place_step == 0:
+            self._places.append(T_world_camera[:3, 3])
+        if len(self._places) > _PLACES:
+            self._places, self._place_step = self._places[::2], 2 * self._place_step
+        self._tracked += 1
+
+    def update(self, stamp_ns: int, found: RunResult, complete: bool) -> None:
+        """The objects after the frame of this stamp."""
+        self.result, self.complete = found, complete
+        self._timeline.add_update(stamp_ns, found, complete)
+
+    def write(self, points: MapSnapshot | None = None, views: Sequence[View] | None = None) -> None:
+        """Write objects.json and stream.json; with `points` heatmap.ply, with `views` overview.png. Raises OSError."""
+        write_json(self.path / "objects.json", objects_document(self.result))
+        progress = self.progress
+        told = [text for text in (self._poses.told(), self._timeline.told()) if text]
+        document = {
+            "robot": self.robot,
+            "stream": self.stream,
+            "complete": self.complete,
+            "fused": 0 if progress is None else progress.fused,
+            "skipped": {} if progress is None else dict(progress.skipped),
+            "lost_poses": self._lost,
+            "objects": len(self.result.objects),
+            "left_out": self.result.left_out,
+            "events": told,
+        }
+        write_json(self.path / "stream.json", document)
+        if points is not None:
+            write_ply(self.path / "heatmap.ply", points)
+        if views is not None:
+            drawn = self.result if points is None else replace(self.result, points=points)
+            places = np.array(self._places).reshape(-1, 3)
+            write_overview(self.path / "overview.png", self.path.name, views, drawn, places)
+
+    def close(self) -> None:
+        """Nothing is added any more."""
+        self._poses.close()
+        self._timeline.close()
+
+
+def drop_oldest(parent: Path, keep: int) -> list[Path]:
+    """Delete the folders of the oldest streams until there are `keep`; returns those that went."""
+    folders = sorted(path for path in parent.iterdir() if path.is_dir() and _NAME.fullmatch(path.name))
+    gone = folders[: max(0, len(folders) - keep)]
+    for path in gone:
+        shutil.rmtree(path, ignore_errors=True)
+    return gone

@@ -1,0 +1,126 @@
+"""`spot3d results`: each stream of frames has a folder of its own, with all that was found in it."""
+
+import json
+import queue
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zenoh
+from dataflow_stages import Recording, frame_message
+
+from spot3d.dataflow.router import free_loopback_endpoint, open_router
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.run.keep_results import keep_results
+from spot3d.run.results import read_ply
+from spot3d.run.stream_folder import StreamFolder, drop_oldest
+from spot3d.trajectory import read_tum
+from spot3d_schemas import Header, MapPoints, Message, Objects, Pose, Progress, encode, encoding, key
+
+ROBOT = "keeper"
+LIMIT_S = 60.0
+
+
+@pytest.fixture
+def router(tmp_path: Path) -> Iterator[zenoh.Session]:
+    """A router, and `spot3d results` at it."""
+    endpoint, stop = free_loopback_endpoint(), threading.Event()
+    link = LinkSettings(robot=ROBOT, connect=(endpoint,), heartbeat=tmp_path / "beat")
+    keeper = threading.Thread(target=keep_results, args=(link, tmp_path / "out", 2, stop))
+    with open_router((endpoint,)) as session:
+        keeper.start()
+        try:
+            yield session
+        finally:
+            stop.set()
+            keeper.join(20)
+            assert not keeper.is_alive()
+
+
+def header(stream: str, stamp_ns: int) -> Header:
+    return Header(robot=ROBOT, seq=0, stamp_ns=stamp_ns, frame_id="camera", stream=stream)
+
+
+def put(session: zenoh.Session, topic: str, message: Message) -> None:
+    session.put(key(ROBOT, topic), encode(message), encoding=encoding(type(message)))
+
+
+def pose(stream: str, stamp_ns: int) -> Pose:
+    return Pose(header=header(stream, stamp_ns), T_world_camera=np.eye(4), status="ok", reason="", provider="given")
+
+
+def objects(stream: str, complete: bool) -> Objects:
+    return Objects(
+        header=header(stream, 50_000_000),
+        objects=(),
+        up=np.array([0.0, 0.0, 1.0]),
+        frame_count=2,
+        map_points=1,
+        map_limit_reached=False,
+        complete=complete,
+    )
+
+
+def wait(until) -> None:
+    end_s = time.monotonic() + LIMIT_S
+    while not until():
+        assert time.monotonic() < end_s
+        time.sleep(0.02)
+
+
+def test_every_stream_is_kept(router: zenoh.Session, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    asked: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+
+    def answer(query: zenoh.Query) -> None:
+        asked.put(b"")
+        points = np.zeros((1, 3), np.float32), np.zeros((1, 3), np.uint8), np.ones(1, np.float32), np.ones(1, np.uint32)
+        message = MapPoints(
+            header=header("first", 0), xyz=points[0], rgb=points[1], heat=points[2], frequency=points[3], total=1
+        )
+        query.reply(key(ROBOT, "fusion/map"), encode(message))
+
+    router.declare_queryable(key(ROBOT, "fusion/map"), answer)
+    frames = router.declare_publisher(key(ROBOT, "source/frame"))
+    listening = router.declare_publisher(key(ROBOT, "fusion/objects"))
+    wait(lambda: listening.matching_status.matching)
+
+    put(router, "pose/pose", pose("first", 0))
+    wait(lambda: frames.matching_status.matching)
+    frame = frame_message(Recording(1)[0], ROBOT, 0)
+    frames.put(encode(frame.model_copy(update={"header": header("first", 0)})))
+    wait(lambda: not frames.matching_status.matching)
+    put(router, "pose/pose", pose("first", 50_000_000))
+    progress = Progress(header=header("first", 0), fused=2, skipped={}, last_stamp_ns=50_000_000, complete=True)
+    put(router, "fusion/progress", progress)
+    put(router, "fusion/objects", objects("first", complete=True))
+    wait(lambda: any(out.glob("*-first/overview.png")))
+    (folder,) = out.iterdir()
+    assert read_tum(folder / "trajectory.txt")[0] == [0, 50_000_000]
+    assert asked.qsize() == 1
+    assert read_ply(folder / "heatmap.ply").total == 1
+    told = json.loads((folder / "stream.json").read_text())
+    assert (told["stream"], told["complete"], told["fused"], told["lost_poses"]) == ("first", True, 2, 0)
+    assert json.loads((folder / "objects.json").read_text())["frame_count"] == 2
+    assert (tmp_path / "beat").exists()
+
+    # A stream that is never completed is written as far as it was; with the third, the first goes.
+    for stream in ("second", "third"):
+        put(router, "fusion/objects", objects(stream, complete=False))
+        wait(lambda stream=stream: any(out.glob(f"*-{stream}/objects.jsonl")))
+    wait(lambda: any(out.glob("*-second/overview.png")))
+    wait(lambda: len(list(out.iterdir())) == 2)
+    assert json.loads(next(out.glob("*-second/stream.json")).read_text())["complete"] is False
+
+
+def test_only_folders_of_streams_are_deleted(tmp_path: Path) -> None:
+    (tmp_path / "of-somebody").mkdir()
+    folders = [StreamFolder(tmp_path, ROBOT, f"stream{number}", 1e9 + number) for number in range(3)]
+    for folder in folders:
+        folder.close()
+    assert drop_oldest(tmp_path, 2) == [folders[0].path]
+    assert sorted(path.name for path in tmp_path.iterdir())[-1] == "of-somebody"
+    assert drop_oldest(tmp_path, 2) == []
