@@ -114,20 +114,24 @@ def test_processes_give_the_same_objects_as_one_process(tmp_path):
     environment = without_settings(os.environ) | {"SPOT3D_SOURCE__DEPTH_NOISE": "d435"}
     for out, more in ((alone, ["--in-process"]), (together, [])):
         done = subprocess.run(
-            arguments(out, 12, *more), capture_output=True, text=True, timeout=START_S, check=False, env=environment
+            arguments(out, 40, *more), capture_output=True, text=True, timeout=START_S, check=False, env=environment
         )
         assert done.returncode == 0, done.stderr
-        assert "12 of 12 frames" in done.stdout
+        assert "40 of 40 frames" in done.stdout
         assert "none dropped" in done.stdout
     assert (alone / "objects.json").read_bytes() == (together / "objects.json").read_bytes()
-    assert json.loads((together / "objects.json").read_text())["frame_count"] == 12
+    assert json.loads((together / "objects.json").read_text())["frame_count"] == 40
+    updates = (together / "objects.jsonl").read_text().splitlines()
+    assert len(updates) >= 4
+    assert len(json.loads(updates[-1])["objects"]) >= 10, "there is something to differ in"
+    assert (alone / "objects.jsonl").read_bytes() == (together / "objects.jsonl").read_bytes()
     assert (alone / "trajectory.txt").read_bytes() == (together / "trajectory.txt").read_bytes()
     assert (alone / "heatmap.ply").read_bytes() == (together / "heatmap.ply").read_bytes()
     report = json.loads((together / "report.json").read_text())
     assert report["proposals"] == json.loads((alone / "report.json").read_text())["proposals"]
     assert set(report["proposals"]) == {"accepted", "masked", "rejected"}
-    assert report["keyframes"] == json.loads((alone / "report.json").read_text())["keyframes"] == 2
-    assert report["frames"]["fused"] == 12
+    assert report["keyframes"] == json.loads((alone / "report.json").read_text())["keyframes"] == 5
+    assert report["frames"]["fused"] == 40
     assert report["drops"] == {}
     assert set(report["stages"]) == STAGES
     assert report["latency_ms"]["source to fused"]["p50"] > 0

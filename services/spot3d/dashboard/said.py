@@ -26,7 +26,9 @@ def waiting_for(router: bool, where: str, robots: Sequence[str], robot: Robot | 
     if not robot.alive:
         return f"**{robot.name}** is gone: none of its stages is running. What is shown is the last that was heard."
     if frames_s is None:
-        if robot.progress is not None and robot.progress.fused and robot.records.latest("source") is None:
+        progress = robot.progress
+        came = 0 if progress is None else progress.fused + sum(progress.skipped.values())
+        if came and robot.records.latest("source") is None:
             return (
                 f"No picture of **{robot.name}**: its frames come from a program that publishes no `source/preview`. "
                 "Boxes and map are shown all the same."
