@@ -5,7 +5,7 @@ import pytest
 
 from spot3d.fusion.change_answers import changes_message
 from spot3d.fusion.fusion import Fusion
-from spot3d.fusion.map.changes import MapChanges
+from spot3d.fusion.map.changes import ChangeLog
 from spot3d.fusion.map.map_arrays import COLUMNS, FREQUENCY, HEAT, R, X
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.supports import RecentSupports
@@ -20,13 +20,13 @@ def rows_seen(frequencies: list[int], heat: float = 0.0) -> np.ndarray:
     return rows
 
 
-def asked(changes: MapChanges, rows: np.ndarray, since: int, most: int = LIMIT) -> tuple[list[int], int, int]:
+def asked(changes: ChangeLog, rows: np.ndarray, since: int, most: int = LIMIT) -> tuple[list[int], int, int]:
     chosen, cursor, behind = changes.after(since, most, rows, LIMIT, least=2.0, tau=0.0)
     return chosen.tolist(), cursor, behind
 
 
 def test_every_change_is_told_once() -> None:
-    changes, rows = MapChanges(), rows_seen([])
+    changes, rows = ChangeLog(), rows_seen([])
     assert asked(changes, rows, 0) == ([], 0, 0)
     rows = rows_seen([1, 2, 4])
     told, cursor, behind = asked(changes, rows, 0)
@@ -43,7 +43,7 @@ def test_every_change_is_told_once() -> None:
 
 @pytest.mark.parametrize(("heat", "told"), [(0.52, False), (0.6, True)])
 def test_heat_is_told_where_people_would_see_it(heat: float, told: bool) -> None:
-    changes, rows = MapChanges(), rows_seen([10], heat=5.0)
+    changes, rows = ChangeLog(), rows_seen([10], heat=5.0)
     cursor = asked(changes, rows, 0)[1]
     rows[:, HEAT] = 10 * heat
     assert bool(asked(changes, rows, cursor)[0]) == told
@@ -51,7 +51,7 @@ def test_heat_is_told_where_people_would_see_it(heat: float, told: bool) -> None
 
 
 def test_a_point_that_is_no_more_and_one_in_its_place() -> None:
-    changes, rows = MapChanges(), rows_seen([9, 9])
+    changes, rows = ChangeLog(), rows_seen([9, 9])
     cursor = asked(changes, rows, 0)[1]
     rows[0, FREQUENCY] = 0
     gone, cursor, _ = asked(changes, rows, cursor)
@@ -62,7 +62,7 @@ def test_a_point_that_is_no_more_and_one_in_its_place() -> None:
 
 
 def test_answers_are_bounded_and_complete() -> None:
-    changes, rows, since, told = MapChanges(), rows_seen([5] * 70), 0, []
+    changes, rows, since, told = ChangeLog(), rows_seen([5] * 70), 0, []
     for left in (40, 10, 0):
         chosen, since, behind = asked(changes, rows, since, most=30)
         assert (behind, len(chosen) <= 30) == (left, True)
@@ -71,7 +71,7 @@ def test_answers_are_bounded_and_complete() -> None:
 
 
 def test_another_map_has_another_generation() -> None:
-    changes, rows = MapChanges(), rows_seen([9])
+    changes, rows = ChangeLog(), rows_seen([9])
     asked(changes, rows, 0)
     before = changes.generation
     changes.clear()

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from spot3d.cli.options import ConnectOption, RobotOption, SettingsOption, link_overrides
 from spot3d.doctor.finding import Finding
-from spot3d.doctor.others import Flow
+from spot3d.doctor.others import TopicRate
 from spot3d.settings import load_settings
 
 _STYLES = {"ok": "green", "note": "yellow", "problem": "bold red"}
@@ -36,7 +36,7 @@ def doctor(
         raise typer.Exit(1)
 
 
-def show(console: Console, findings: Sequence[Finding], sent: Sequence[Flow]) -> None:
+def show(console: Console, findings: Sequence[Finding], sent: Sequence[TopicRate]) -> None:
     """Print what was found, one line each with what to do below it, and who sends how much."""
     for finding in findings:
         line = Text(f"{finding.level:8}", style=_STYLES[finding.level])

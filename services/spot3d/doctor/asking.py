@@ -7,7 +7,7 @@ from contextlib import ExitStack
 import zenoh
 from zenoh.handlers import FifoChannel
 
-from spot3d.doctor.others import Answer, Flow, flows
+from spot3d.doctor.others import Answer, TopicRate, flows
 from spot3d_schemas import STAGES, About, CodecError, Health, decode, key
 
 _ASKS = 5
@@ -52,7 +52,7 @@ def _ask(session: zenoh.Session, where: str) -> list[Answer]:
     return answers
 
 
-def measure_flows(session: zenoh.Session, robot: str, seconds: float) -> list[Flow]:
+def measure_flows(session: zenoh.Session, robot: str, seconds: float) -> list[TopicRate]:
     """What every stage sends, by what they count themselves: listening would fill the link that is looked at."""
     told: dict[str, list[Health]] = {stage: [] for stage in STAGES}
     with ExitStack() as stack:
@@ -78,7 +78,7 @@ def _note(told: list[Health], sample: zenoh.Sample) -> None:
         return  # `spot3d status` lists stages that nobody understands
 
 
-def _between(told: Sequence[Health]) -> list[Flow]:
+def _between(told: Sequence[Health]) -> list[TopicRate]:
     """From the first to the last of one process: two of one name count each for itself."""
     own = [health for health in told if health.pid == told[0].pid]
     return flows(own[0], own[-1]) if len(own) > 1 else []

@@ -8,14 +8,14 @@ from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.tls import TlsError, probe, why_refused
 from spot3d.doctor.asking import ask_all, measure_flows
 from spot3d.doctor.finding import Finding
-from spot3d.doctor.others import Flow, look_at
+from spot3d.doctor.others import TopicRate, look_at
 from spot3d.doctor.this_device import look_here
 from spot3d_schemas import STAGES
 
 _CONNECT_S = 3.0
 
 
-def examine(link: LinkSettings, seconds: float) -> tuple[list[Finding], list[Flow]]:
+def examine(link: LinkSettings, seconds: float) -> tuple[list[Finding], list[TopicRate]]:
     """All findings about this device and, where the router answers, about the robot's stages; and what they send."""
     findings = look_here(link)
     stop = threading.Event()

@@ -26,7 +26,7 @@ class Answer:
 
 
 @dataclass(frozen=True, slots=True)
-class Flow:
+class TopicRate:
     """What one stage sends under one topic."""
 
     topic: str
@@ -110,13 +110,13 @@ def certificates(host: str, there: Sequence[Answer]) -> list[Finding]:
     return [Finding("problem" if soon else "ok", f"certificates on {host}", text, remedy)]
 
 
-def flows(before: Health, after: Health) -> list[Flow]:
+def flows(before: Health, after: Health) -> list[TopicRate]:
     """What a stage sent from one health message to a later one."""
     seconds = 1e-9 * (after.header.stamp_ns - before.header.stamp_ns)
     if seconds <= 0:
         return []
     return [
-        Flow(
+        TopicRate(
             topic,
             (count - before.sent.get(topic, 0)) / seconds,
             (after.sent_bytes.get(topic, 0) - before.sent_bytes.get(topic, 0)) / seconds,

@@ -11,7 +11,7 @@ from spot3d.camera import Intrinsics, back_project, invert
 from spot3d.depth_noise import DepthNoise
 from spot3d.found_object import FoundObject
 from spot3d.frame_segments import FrameSegments
-from spot3d.fusion.map.changes import MapChanges
+from spot3d.fusion.map.changes import ChangeLog
 from spot3d.fusion.map.heatmap3d import Heatmap3D
 from spot3d.fusion.map.index_map import IndexMap, MatchCounts
 from spot3d.fusion.map.selection import FrequentPoints, frequent_points
@@ -107,7 +107,7 @@ class Fusion:
         self.settings = settings
         self.heatmap = Heatmap3D(settings.map_limit, settings.voxel)
         self.frame_count = 0
-        self.map_changes = MapChanges()
+        self.map_changes = ChangeLog()
         self.supports = RecentSupports()
         self.consensus = ViewConsensus(settings)
         self._fused = FusedFrames(_AWAITING_SEGMENTS)

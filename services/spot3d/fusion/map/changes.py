@@ -12,7 +12,7 @@ _TOLERANCE = 12
 """Heat that changes by no more than this, 255ths, is the same for people: 5 %."""
 
 
-class MapChanges:
+class ChangeLog:
     """Numbers every change of a map's points that is worth telling; askers say up to which number they have them.
 
     A change: a point that begins to count or ceases to, whose row another point has taken, whose heat has changed by

@@ -11,7 +11,7 @@ from spot3d.kernel import kernel
 from spot3d.source.scene.intersect import FAR, hit_box, hit_cone, hit_ellipsoid
 from spot3d.source.scene.light import shadow_maps
 from spot3d.source.scene.model import SceneModel
-from spot3d.source.scene.shading import GAMMA, Image, LampLight, Rays, Surface, shade
+from spot3d.source.scene.shading import GAMMA, Image, LampLight, Rays, SurfacePattern, shade
 from spot3d.source.scene.shapes import BOX, CONE, ROOM
 from spot3d.source.scene.texture import noise_table
 
@@ -72,7 +72,7 @@ class Renderer:
         rays = Rays(to_local, eye, rectangles, pinhole)
         _cast(s.kind, s.form, rays, view.depth, which)
         surface, image = (
-            Surface(s.pattern, s.first, s.second, 1 / s.period),
+            SurfacePattern(s.pattern, s.first, s.second, 1 / s.period),
             Image(view.depth, which, view.cosine, colour),
         )
         shade(s.shapes, surface, rays, self._light, self._table, GAMMA, image)

@@ -19,7 +19,7 @@ CARPET_FREQUENCY = 10.0
 GAMMA = (255.0 * np.sqrt(np.arange(1024) / 1023.0)).astype(np.uint8)
 
 
-class Surface(NamedTuple):
+class SurfacePattern(NamedTuple):
     """Of each primitive: pattern (n,), first and second colour (n, 3), patterns per metre (n,)."""
 
     pattern: NDArray[np.int32]
@@ -95,7 +95,7 @@ def _face_coordinates(
 @kernel()
 def shade(
     shapes: Shapes,
-    surface: Surface,
+    surface: SurfacePattern,
     rays: Rays,
     lamp_light: LampLight,
     table: NDArray[np.float32],
