@@ -5,6 +5,7 @@ import logging
 import os
 import sys
 import threading
+import time
 import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
@@ -14,6 +15,7 @@ import viser
 from spot3d.dashboard.link import Link
 from spot3d.dashboard.page import Page
 from spot3d.dashboard.settings import DashboardSettings
+from spot3d.dataflow.rate_limited_log import RateLimitedLog
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 
@@ -49,6 +51,7 @@ def serve(
     always: bool = False,
 ) -> None:
     """Show what is heard on an open server until `stop` is set. Raises OSError where `link` cannot listen."""
+    failures = RateLimitedLog(log)
     with Link(link, settings.map_rate) as heard:
         page = Page(server, heard, settings, ", ".join(link.listen or link.connect), always)
         while not stop.wait(_STEP_S):
@@ -56,9 +59,10 @@ def serve(
                 raise heard.failed
             try:
                 page.step(robot)
-            except Exception:
+            except Exception as error:
                 # What one robot sends, or one browser does, must not end the page for all.
-                log.exception("a step of the page failed")
+                kind = type(error).__name__
+                failures.say(kind, f"a step of the page failed: {kind}: {error}", time.monotonic(), error)
                 stop.wait(1.0)
 
 
