@@ -17,7 +17,7 @@ from spot3d_schemas import STAGES
 
 ROOT = Path(__file__).parents[2]
 SERVICES: dict[str, dict[str, Any]] = yaml.safe_load((ROOT / "docker-compose.yml").read_text())["services"]
-WRITABLE = {"/var/cache/spot3d", "/dev/shm", "/var/lib/spot3d", "/results"}
+WRITABLE = {"/var/cache/spot3d", "/dev/shm", "/run/spot3d", "/var/lib/spot3d", "/results"}
 """Where volumes of our own are; everything else that is mounted is read-only."""
 
 
@@ -59,7 +59,13 @@ def test_environment_holds_valid_settings(stage: str, monkeypatch: pytest.Monkey
     for name, text in SERVICES[stage]["environment"].items():
         monkeypatch.setenv(name, resolved(text))
     link = load_settings().link
-    assert (link.robot, link.connect, link.delivery) == ("robot", ("tcp/router:7447",), "lossless")
+    meeting = f"unixsock-stream/{SERVICES['router']['command'][2]}"
+    assert (link.robot, link.connect, link.delivery) == ("robot", (meeting,), "lossless")
+
+
+def test_a_dashboard_is_an_onlooker_that_no_stage_waits_for() -> None:
+    stage, dashboard = (SERVICES[name]["environment"] for name in ("fusion", "dashboard"))
+    assert dashboard == stage | {"SPOT3D_LINK__CONNECT": '["tcp/router:7447"]'}
 
 
 def test_router_is_closed_to_the_network() -> None:

@@ -117,6 +117,24 @@ def test_a_role_reads_and_says_what_is_its_own(dataflow: Dataflow, role: str, al
     assert {what for what, possible in through.items() if possible} == allowed
 
 
+def test_a_unix_socket_is_this_host(tmp_path: Path) -> None:
+    here = f"unixsock-stream/{tmp_path}/stages"
+    for this_host in (True, False):
+        access = access_control(ACCESS.model_copy(update={"this_host": this_host}))
+        with (
+            open_router((here,), access=access),
+            open_session(LinkSettings(connect=(here,))) as writer,
+            open_session(LinkSettings(connect=(here,))) as reader,
+        ):
+            heard: list[str] = []
+            reader.declare_subscriber(POSE, lambda sample, heard=heard: heard.append(sample.payload.to_string()))
+            end_s = time.monotonic() + (LIMIT_S if this_host else SETTLED_S)
+            while not heard and time.monotonic() < end_s:
+                writer.put(POSE, "ours")
+                time.sleep(0.02)
+            assert bool(heard) == this_host
+
+
 def knock(dataflow: Dataflow, name: str | None, folder: Path, *, key_of: str | None = None, wait_ms: int = 700) -> bool:
     """Whether one who checks nothing of his own gets a session at all."""
     given = link(folder, name, dataflow.tls, key=key_of).model_copy(update={"ca": dataflow.fleet / "ca.pem"})

@@ -5,7 +5,8 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import zenoh
 from dataflow_stages import STAGES, Ear, Recording, Stages, frame_message, listening, wait_alive
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
+from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.source.process import run as run_source
 from spot3d.source.settings import SourceSettings
@@ -214,6 +216,39 @@ def test_a_reader_that_is_stuck_and_dies_costs_nothing(
         reader.kill()
         reader.communicate()
     assert counts(ear) == (30, {})
+
+
+def test_nobody_waits_for_an_onlooker_where_the_stages_have_a_socket_of_their_own(tmp_path: Path) -> None:
+    """One that is stuck for good, at the stages' default router, would end any lossless run."""
+    elsewhere, socket = free_loopback_endpoint(), tmp_path / "stages"
+    command = [sys.executable, "-m", "spot3d", "router", "--stages", str(socket), "--listen", elsewhere]
+    meeting = f"unixsock-stream/{socket}"
+    link = LinkSettings(robot="spared", connect=(meeting,), delivery="lossless", credit_timeout_s=60.0)
+    with ExitStack() as stack:
+        router = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        stack.callback(router.kill)
+        assert router.stdout is not None
+        assert elsewhere in router.stdout.readline()
+        reader = stack.enter_context(
+            subprocess.Popen(
+                [sys.executable, "-c", SLOW_READER, elsewhere, key("spared", "source/frame")],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+            )
+        )
+        stack.callback(reader.kill)
+        assert reader.stdout is not None
+        assert reader.stdout.readline() == b"ready\n"
+        session = stack.enter_context(open_session(LinkSettings(connect=(meeting,))))
+        ear = stack.enter_context(listening(session, "spared"))
+        stages = stack.enter_context(Stages(link))
+        stages.start(*STAGES)
+        wait_alive(session, "spared", set(STAGES))
+        # 14 MB of frames, more than the connection's buffers take on most machines.
+        play(link, Recording(150))
+        assert counts(ear) == (150, {})
+        assert reader.stdout.readline() == b"stuck\n"
+        assert reader.poll() is None
 
 
 def test_reset_is_idempotent(lossless: tuple[zenoh.Session, Stages, Ear]) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from authority import make_fleet
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.settings import without_settings
@@ -18,6 +19,8 @@ from spot3d.whole_file import whole_file
 FRAMES, BROKEN = 6, 2
 LIMIT_S = 180.0
 """A first start may compile kernels."""
+
+TLS = {"ca": "ca.pem", "certificate": "ground.pem", "key": "ground.key"}
 
 DYING = """
 import threading, time
@@ -78,6 +81,18 @@ def test_an_endpoint_that_cannot_be_had_is_told_in_one_line(tmp_path: Path) -> N
     bogus = spot3d("run", "scene", "--out", str(tmp_path), "--listen", "bogus")
     assert (bogus.returncode, len(bogus.stderr.splitlines())) == (2, 1)
     assert "bogus" in bogus.stderr
+
+
+def test_a_run_listens_with_the_certificate_of_its_settings(tmp_path: Path) -> None:
+    fleet = make_fleet(tmp_path / "fleet")
+    settings = tmp_path / "settings.toml"
+    files = "\n".join(f'{name} = "{fleet}/{file}"' for name, file in TLS.items())
+    settings.write_text(f'[link]\n{files}\n[access]\ndashboards = ["dashboard"]\n')
+    endpoint = free_loopback_endpoint().replace("tcp/", "tls/")
+    options = ("--half", "--frames", "3", "--out", str(tmp_path / "out"), "--settings", str(settings))
+    done = spot3d("run", "scene", *options, "--listen", endpoint)
+    assert done.returncode == 0, done.stderr
+    assert "3 of 3 frames" in done.stdout
 
 
 def test_a_process_one_of_whose_threads_dies_ends() -> None:

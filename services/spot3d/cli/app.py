@@ -120,7 +120,7 @@ def run(
     resolved = load_settings(settings, preset, overrides)
     if listen:
         # Checked as settings are, so that a slip of the pen is told as one.
-        load_settings(overrides={"link": {"mode": "router", "listen": tuple(listen)}})
+        load_settings(settings, preset, {"link": {"mode": "router", "listen": tuple(listen)}})
     from spot3d.run.run import run as run_input
     from spot3d.source.selected import selection
 

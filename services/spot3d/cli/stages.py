@@ -198,6 +198,10 @@ def router(
     settings: SettingsOption = None,
     listen: Annotated[list[str] | None, typer.Option(help="endpoints to listen on; may be repeated")] = None,
     connect: Annotated[list[str] | None, typer.Option(help="other routers; may be repeated")] = None,
+    stages: Annotated[
+        Path | None,
+        typer.Option(help="Unix socket where the stages meet: nobody waits for who connects elsewhere"),
+    ] = None,
     supervised: SupervisedOption = False,
 ) -> None:
     """A router that the stages meet at, where no zenohd runs; ends with Ctrl-C.
@@ -206,6 +210,9 @@ def router(
     """
     stop = stage_started(supervised)
     endpoints, others = tuple(listen or ["tcp/127.0.0.1:7447"]), tuple(connect or ())
+    if stages is not None:
+        stages.parent.mkdir(parents=True, exist_ok=True)
+        endpoints = (f"unixsock-stream/{stages.absolute()}", *endpoints)
     # Checked as settings are, so that a slip of the pen is told as one.
     resolved = load_settings(settings, overrides={"link": {"mode": "router", "listen": endpoints, "connect": others}})
     from spot3d.dataflow.heartbeat import Heartbeat
@@ -216,7 +223,12 @@ def router(
 
     access = access_control(resolved.access) if resolved.access.enabled else None
     heartbeat = Heartbeat(resolved.link.heartbeat)
-    with stop_on_signals(stop) as stopped, open_router(endpoints, others, resolved.link, access):
+    with (
+        stop_on_signals(stop) as stopped,
+        open_router(endpoints, others, resolved.link, access, spare=stages is not None),
+    ):
+        if stages is not None:
+            stages.chmod(0o666)  # its folder says who may reach it: stages may run as other users
         typer.echo(f"router at {', '.join(endpoints)}")
         while not stopped.wait(_NEWCOMERS_S):
             close_at_once()

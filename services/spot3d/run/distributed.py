@@ -96,10 +96,10 @@ def run_distributed(
 def _spares_onlookers(plan: Plan) -> bool:
     """Whether the stages meet where nobody else does, so that a slow onlooker of a lossless run holds nobody up.
 
-    Not where somebody from elsewhere is a stage, as whoever gives the poses, nor where roles go by the endpoint.
+    Not where somebody from elsewhere is a stage, as whoever gives the poses.
     """
     lossless = plan.settings.link.delivery == "lossless" and plan.pose_topic is None
-    return lossless and bool(plan.listen) and not plan.settings.access.enabled and sys.platform != "win32"
+    return lossless and bool(plan.listen) and sys.platform != "win32"
 
 
 def _follow(

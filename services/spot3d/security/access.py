@@ -28,7 +28,9 @@ class AccessSettings(BaseModel):
     robots: Names = Field((), description="may say and hear what is under the robot of their own name, and no more")
     stations: Names = Field((), description="ground stations and operators: everything of every robot, reset included")
     dashboards: Names = Field((), description="hear everything and may ask for the map; they say nothing")
-    this_host: bool = Field(True, description="processes of this host, on tcp/127.0.0.1, need no certificate")
+    this_host: bool = Field(
+        True, description="processes of this host, on tcp/127.0.0.1 or a Unix socket, need no certificate"
+    )
 
     @property
     def enabled(self) -> bool:
@@ -69,7 +71,8 @@ def access_control(access: AccessSettings) -> dict[str, Any]:
         )
     if access.this_host:
         subjects.append({"id": "this host", "interfaces": ["lo", "lo0"], "link_protocols": ["tcp"]})
-        policies.append({"rules": ["all"], "subjects": ["this host"]})
+        subjects.append({"id": "this host's sockets", "link_protocols": ["unixsock-stream"]})
+        policies.append({"rules": ["all"], "subjects": ["this host", "this host's sockets"]})
     used = {rule for policy in policies for rule in policy["rules"]}
     return {
         "enabled": access.enabled,
