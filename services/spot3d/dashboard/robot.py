@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from spot3d.dashboard.health import StageRecords
 from spot3d.dashboard.points import MapCopy
 from spot3d.dashboard.world import Trail
+from spot3d.dataflow.clocks import one_clock
 from spot3d.run.report import statistics_ms
 from spot3d_schemas import Health, MapChanges, Message, Object3D, Objects, Pose, Preview, Progress
 
@@ -102,6 +103,8 @@ class Robot:
 
     def _timed(self, progress: Progress) -> None:
         trace = progress.header.trace
+        if not one_clock(trace):
+            return
         times = [
             (f"{before.stage} to {after.stage}", after.received_ns - before.sent_ns)
             for before, after in pairwise(trace)

@@ -2,7 +2,7 @@
 
 import zenoh
 from zenoh import CongestionControl, Priority
-from zenoh.ext import AdvancedPublisher, CacheConfig, declare_advanced_publisher
+from zenoh.ext import AdvancedPublisher, CacheConfig, MissDetectionConfig, declare_advanced_publisher
 from zenoh.handlers import FifoChannel, Handler, RingChannel
 
 from spot3d.dataflow.settings import LinkSettings
@@ -55,6 +55,8 @@ def declare_publisher(session: zenoh.Session, topic: str, link: LinkSettings) ->
             priority=priority,
             cache=CacheConfig(1),
             publisher_detection=True,
+            # Numbered, not stamped: clocks differ.
+            sample_miss_detection=MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None),
         )
     return session.declare_publisher(
         where, encoding=what, congestion_control=congestion, priority=priority, express=row.express

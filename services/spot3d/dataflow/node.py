@@ -14,6 +14,7 @@ from zenoh.handlers import FifoChannel, Handler
 from spot3d.dataflow.about import about
 from spot3d.dataflow.admission import PER_FRAME, Admission
 from spot3d.dataflow.alive import watch_alive
+from spot3d.dataflow.clocks import Clocks, one_clock
 from spot3d.dataflow.counters import Counters
 from spot3d.dataflow.endpoints import declare_publisher, declare_subscriber, keeps_newest, waiting
 from spot3d.dataflow.heartbeat import STUCK_S, Heartbeat
@@ -82,7 +83,7 @@ class Node:
         self._inbox = Inbox(trays | {topic: Tray(_QUERIES_WAITING, False) for topic in queries})
         self.state = ""
         self.sender = new_stream()
-        self._streams = Streams()
+        self._streams, self._clocks = Streams(), Clocks()
         self._about = f"{stage}/about"
         self._seqs = dict.fromkeys((*self._outputs, *queries, self._about), 0)
         self._log = logging.getLogger(f"spot3d.{stage}")
@@ -192,7 +193,7 @@ class Node:
 
     def measure_latency(self, header: Header) -> None:
         """Count the time since the frame of this header left its source, for messages that are sent now."""
-        if len(header.trace) > 1:
+        if len(header.trace) > 1 and one_clock(header.trace):
             self.counters.latency(header.trace[-1].sent_ns - header.trace[0].sent_ns)
 
     def reply(self, query: zenoh.Query, topic: str, message: Message) -> None:
@@ -247,6 +248,7 @@ class Node:
             self.counters.received()
             arrival = self._admission.judge(topic, message.header, time.monotonic())
             if not arrival.refused:
+                self._clocks.heard(message.header, received_ns, time.monotonic())
                 pushed_out = self._inbox.put(topic, Received(message, received_ns, arrival.restarted))
                 self.counters.drop(f"{topic} busy", pushed_out)
 
@@ -295,7 +297,11 @@ class Node:
         count = len(self.alive.processes(self.stage))
         if count > 1:
             wrong.append(f"{count} processes of {self.stage} are running for {self.link.robot}: end all but one")
-        wrong += [f"{topic} is said by more than one process" for topic in self._admission.contested(time.monotonic())]
+        now_s = time.monotonic()
+        wrong += [f"{topic} is said by more than one process" for topic in self._admission.contested(now_s)]
+        if clocks := self._clocks.told(now_s):
+            self._limited_log.say("clocks", clocks, now_s)
+            wrong.append(clocks)
         return "; ".join(wrong)
 
     def _leave(self) -> None:

@@ -39,7 +39,8 @@ def zenoh_config(link: LinkSettings) -> zenoh.Config:
         "scouting/multicast/enabled": False,
         # Routers and peers wait this long for what multicast may find.
         "scouting/delay": 0,
-        "timestamping/enabled": True,
+        # Nobody reads Zenoh's own stamps; who has them logs every message that a clock ahead of its own has stamped.
+        "timestamping/enabled": False,
         "transport/link/tx/lease": _LEASE_MS,
         "transport/shared_memory/enabled": link.shared_memory and link.delivery == "live",
         # Images; with small messages it saves nothing, and the answer to a query cannot be repeated as a frame can.

@@ -1,0 +1,67 @@
+"""Whether the clocks of two devices differ, as the messages from one to the other tell."""
+
+import threading
+from collections import deque
+from collections.abc import Sequence
+from itertools import pairwise
+from statistics import median
+
+from spot3d_schemas import STAGES, Header, Hop
+
+_LATEST_NS = 10_000_000_000
+"""No message is on its way for so long: a link that is silent for 2 s is given up, and credit after 5 s."""
+_EARLIEST_NS = -50_000_000
+"""Messages that come before they were sent, by more than what `spot3d doctor` takes for the same time."""
+_JUDGED = 100
+"""The median way of so many messages counts: one that is late, or made up, says nothing."""
+_RECENT_S = 10.0
+"""Who has said nothing for so long is not spoken of."""
+_UNITS = (("day", 86400.0), ("hour", 3600.0), ("minute", 60.0), ("second", 1.0))
+
+
+def ways_ns(trace: Sequence[Hop]) -> list[int]:
+    """The times from each stage's sending to the next one's receiving, by their wall clocks."""
+    return [after.received_ns - before.sent_ns for before, after in pairwise(trace)]
+
+
+def one_clock(trace: Sequence[Hop]) -> bool:
+    """Whether the stages of a trace have the same time, as far as that shows: else lags say nothing."""
+    return all(_EARLIEST_NS <= way_ns <= _LATEST_NS for way_ns in ways_ns(trace))
+
+
+def spoken(seconds: float) -> str:
+    """A time in words: about 1 hour, about 2.5 days, about 200 ms."""
+    for unit, size in _UNITS:
+        count = round(abs(seconds) / size, 1)
+        if count >= 1:
+            return f"about {count:g} {unit}{'s' * (count != 1)}"
+    return f"about {1000 * abs(seconds):.0f} ms"
+
+
+class Clocks:
+    """How long messages of each stage take to this one, by both wall clocks; any thread may add. Monotonic seconds."""
+
+    def __init__(self) -> None:
+        self._ways_ns: dict[str, deque[int]] = {stage: deque(maxlen=_JUDGED) for stage in STAGES}
+        self._heard_s: dict[str, float] = {}
+        self._lock = threading.Lock()
+
+    def heard(self, header: Header, received_ns: int, now_s: float) -> None:
+        """A message has come at `received_ns`, wall clock."""
+        if header.trace and (sender := header.trace[-1]).stage in self._ways_ns:
+            with self._lock:
+                self._ways_ns[sender.stage].append(received_ns - sender.sent_ns)
+                self._heard_s[sender.stage] = now_s
+
+    def told(self, now_s: float) -> str:
+        """Whose clock differs most from this one's, in words; empty where none surely does."""
+        with self._lock:
+            recent = [stage for stage, heard_s in self._heard_s.items() if now_s - heard_s < _RECENT_S]
+            ways_ns = {stage: median(self._ways_ns[stage]) for stage in recent}
+        apart = {stage: way for stage, way in ways_ns.items() if not _EARLIEST_NS <= way <= _LATEST_NS}
+        if not apart:
+            return ""
+        stage = max(apart, key=lambda name: abs(apart[name]))
+        way_s = 1e-9 * apart[stage]
+        text = f"the clock of {stage}'s device is {spoken(way_s)} {'behind' if way_s > 0 else 'ahead of'} this one's"
+        return f"{text}, and lags say nothing: synchronise the clocks (spot3d doctor)"
