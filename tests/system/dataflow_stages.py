@@ -113,6 +113,11 @@ class Stages:
         self.processes[stage].kill()
         self.processes[stage].wait(10)
 
+    def end(self, stage: str) -> int:
+        """SIGTERM, as a container's stop; the exit code."""
+        self.processes[stage].terminate()
+        return self.processes[stage].wait(20)
+
     def stop(self) -> dict[str, int]:
         """SIGTERM for all; their exit codes."""
         for process in self.processes.values():

@@ -16,6 +16,8 @@ from dataflow_stages import STAGES, Ear, Recording, Stages, frame_message, liste
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.snapshot_writer import snapshot_path
+from spot3d.fusion.snapshot import read_account
 from spot3d.source.process import run as run_source
 from spot3d.source.settings import SourceSettings
 from spot3d_schemas import (
@@ -327,6 +329,26 @@ def test_live_goes_on_without_a_killed_stage(router: tuple[zenoh.Session, str]) 
         assert fused_each == sorted(fused_each), "what was fused stays fused"
         assert {"no heat"} <= set(progress[-1].skipped) <= {"no heat", "no pose"}
         assert stages.stop() == dict.fromkeys(STAGES, 0)
+
+
+def test_a_fusion_that_is_stopped_keeps_all_that_it_has_fused(router: tuple[zenoh.Session, str]) -> None:
+    session, endpoint = router
+    link = LinkSettings(robot="kept", connect=(endpoint,), health_interval_s=0.2, snapshot_interval_s=3600)
+    with listening(session, "kept") as ear, Stages(link) as stages:
+        stages.start(*STAGES)
+        with playing(stages.link, Recording(10_000), wait_for=STAGES, rate_hz=15.0):
+            # The first snapshot comes with the first update; for the next one it is an hour too early.
+            ear.wait(lambda: len(ear.objects) >= 2 and ear.fused >= 25)
+            fused, epoch = ear.fused, ear.objects[-1].epoch
+            assert stages.end("fusion") == 0
+            told, _ = read_account(snapshot_path(stages.link, "fusion"))
+            assert told.epoch == epoch
+            assert told.fused >= fused
+            heard = len(ear.objects)
+            stages.start("fusion")
+            ear.wait(lambda: len(ear.objects) > heard)
+            assert ear.objects[-1].epoch == epoch
+            assert ear.objects[-1].frame_count > told.fused
 
 
 def test_two_robots_on_one_router_do_not_mix(router: tuple[zenoh.Session, str]) -> None:

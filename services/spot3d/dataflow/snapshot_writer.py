@@ -46,6 +46,12 @@ class SnapshotWriter:
         self._thread = threading.Thread(target=self._write, args=(pieces,), name="snapshot", daemon=True)
         self._thread.start()
 
+    def write_last(self, pieces: list[bytes]) -> None:
+        """Write the content of a file before this returns, unless another is being written for long already."""
+        self.close()
+        if self._thread is None or not self._thread.is_alive():
+            self._write(pieces)
+
     def close(self) -> None:
         """Wait for what is being written."""
         if self._thread is not None:

@@ -8,7 +8,7 @@ from spot3d.dataflow.node import Node
 from spot3d.dataflow.snapshot_file import SnapshotError, snapshot_bytes
 from spot3d.dataflow.snapshot_writer import SnapshotWriter, snapshot_path
 from spot3d.fusion.fusion import Fusion
-from spot3d.fusion.snapshot import Account, Kept, fusion_snapshot, read_account, resume
+from spot3d.fusion.snapshot import Account, Kept, fusion_snapshot, keep, read_account, resume
 
 log = logging.getLogger(__name__)
 
@@ -24,18 +24,33 @@ class Keeping:
         self._path, self._on = snapshot_path(node.link, "fusion"), interval_s > 0
         self._node = node
         self._writer = SnapshotWriter(self._path, interval_s, lambda text: node.note("no snapshot", text))
+        self._kept: Account | None = None
 
     def due(self, complete: bool) -> bool:
         """Whether the map is to be kept as it is after this frame; complete: it is the stream's last."""
         return self._on and (complete or self._writer.due(time.monotonic()))
 
-    def write(self, kept: Kept) -> None:
-        """Write what was taken, in a thread of its own."""
+    def keep_last(self, fusion: Fusion, told: Account) -> None:
+        """Keep the map as the process ends, unless it has nothing that is not kept yet."""
+        known = self._kept is not None and (self._kept.epoch, self._kept.fused_ns) == (told.epoch, told.fused_ns)
+        if not self._on or known or not fusion.frame_count:
+            return
+        kept = keep(fusion, told)
+        try:
+            fusion.objects()  # of the keyframes, too, that came since the last update
+        except Exception as error:
+            self._node.crashed("objects", "no snapshot at the end", error)
+        else:
+            self.write(kept, last=True)
+
+    def write(self, kept: Kept, last: bool = False) -> None:
+        """Write what was taken, in a thread of its own; last: before this returns."""
+        self._kept = kept.told
         start_s = time.perf_counter()
         pieces = snapshot_bytes(fusion_snapshot(kept))
         self._node.counters.event("snapshots")
         log.debug("snapshot of %d bytes made in %.3f s", sum(map(len, pieces)), time.perf_counter() - start_s)
-        self._writer.write(pieces)
+        (self._writer.write_last if last else self._writer.write)(pieces)
 
     def close(self) -> None:
         """Wait for what is being written."""

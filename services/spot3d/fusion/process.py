@@ -32,9 +32,9 @@ def run(
     a stream is complete. Answers `fusion/map` (parameter `limit`: most points), `fusion/changes` (see `MapChanges`)
     and `fusion/reset`. Another stream of frames, or another epoch of poses, is another scene: the map and the numbers
     of the objects begin anew.
-    The map is kept in a file, and a fusion that is started again amid a stream goes on from it. resume: the snapshot of
-    an earlier map that the first stream goes on with, whose poses are of the same world. Raises SnapshotError where
-    that file is none.
+    The map is kept in a file, at the end too, and a fusion that is started again amid a stream goes on from it. resume:
+    the snapshot of an earlier map that the first stream goes on with, whose poses are of the same world. Raises
+    SnapshotError where that file is none.
     """
     fusion = Fusion(settings)
     told = None if resume is None else resumed(fusion, resume)
@@ -47,7 +47,9 @@ def run(
                 closing(Updates(node, keeping)) as updates,
                 closing(MapAnswers(node)) as answers,
             ):
-                Stage(node, fusion, keeping, updates, answers, told).serve()
+                stage = Stage(node, fusion, keeping, updates, answers, told)
+                stage.serve()
+            stage.keep_last()
         except StoppedError:
             return
 

@@ -81,6 +81,16 @@ class Stage:
             between=self._complete_if_due,
         )
 
+    def keep_last(self) -> None:
+        """Keep what was fused since the last snapshot, once all else is closed: who is stopped may be started again."""
+        if self.updates.ended:
+            self.keeping.keep_last(self.fusion, self._account())
+        else:
+            log.warning("stopped amid an update of the objects: the last snapshot stays as it is")
+
+    def _account(self) -> Account:
+        return account(self.node.stream, self.epoch, self.world.epoch, self.fused_ns, self.ledger)
+
     def _take(self, add: Callable[[Received[M]], Arrival], given: Received[M]) -> None:
         self._begin_if_new(given)
         self._arrived(add(given), given)
@@ -218,8 +228,7 @@ class Stage:
         """Have the objects found, and the map kept where that is due."""
         kept = None
         if self.keeping.due(complete) and self.fusion.frame_count:
-            told = account(self.node.stream, self.epoch, self.world.epoch, self.fused_ns, self.ledger)
-            kept = keep(self.fusion, told)
+            kept = keep(self.fusion, self._account())
         self.updates.submit(take_update(self.fusion, given, complete, self.epoch, kept))
 
     def _ended(self, given: Received[End]) -> None:

@@ -63,6 +63,11 @@ class Updates:
         end_threads((self._thread,))
 
     @property
+    def ended(self) -> bool:
+        """Whether no update is computed any more."""
+        return not self._thread.is_alive()
+
+    @property
     def busy(self) -> bool:
         """Whether an update is being computed."""
         with self._changed:
