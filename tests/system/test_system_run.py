@@ -10,15 +10,19 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from spot3d.dataflow.router import free_loopback_endpoint
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.fusion.snapshot import read_account
 from spot3d.settings import without_settings
 from spot3d_schemas import Objects, Progress, decode, key
 
 STAGES = {"source", "pose", "proposals", "heatmap", "segments", "fusion"}
+VERTEX_BYTES = 23
+"""x, y, z, heat and frequency in four bytes each, colour in three."""
 START_S = 90.0
 """A first start may compile kernels."""
 
@@ -182,6 +186,29 @@ def test_stages_end_with_a_run_that_is_killed(endless):
     children = endless.wait_for_stages()
     endless.process.kill()
     wait_until(lambda: not any(map(is_running, children.values())), 20, "every stage has ended")
+
+
+def test_a_run_that_is_killed_leaves_the_results_of_its_last_ten_seconds(endless):
+    children = endless.wait_for_stages()
+    kept = endless.out / "objects.json"
+    # heatmap.ply is written last: all are there, and each that follows takes the place of one.
+    wait_until((endless.out / "heatmap.ply").exists, START_S, "results are kept as the run goes")
+    wait_until(lambda: json.loads(kept.read_text())["frame_count"] > 0, START_S, "objects are kept, too")
+    endless.process.kill()
+    wait_until(lambda: not any(map(is_running, children.values())), 20, "every stage has ended")
+    report = json.loads((endless.out / "report.json").read_text())
+    assert "was killed" in report["error"]
+    assert report["frames"]["fused"] > 0
+    objects = json.loads(kept.read_text())
+    path = np.loadtxt(endless.out / "trajectory.txt", ndmin=2)
+    assert path.shape == (len(path), 8)
+    cloud = (endless.out / "heatmap.ply").read_bytes()
+    count = int(cloud.partition(b"element vertex ")[2].split()[0])
+    assert len(cloud.partition(b"end_header\n")[2]) == count * VERTEX_BYTES > 0
+    updates = [json.loads(line) for line in (endless.out / "objects.jsonl").read_text().splitlines()]
+    assert updates[-1]["frame_count"] >= objects["frame_count"], "each update is written as it comes"
+    told, _ = read_account(endless.out / "snapshots" / "fusion.snapshot")
+    assert told.fused > 0
 
 
 SLOW_VIEWER = """
