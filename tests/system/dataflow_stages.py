@@ -39,7 +39,7 @@ stage, link = sys.argv[1], LinkSettings.model_validate_json(sys.argv[2])
 names = {"pose": "PoseSettings", "proposals": "ProposalSettings", "heatmap": "HeatmapSettings",
          "segments": "SegmentsSettings", "fusion": "FusionSettings"}
 settings = getattr(importlib.import_module(f"spot3d.{stage}.settings"), names[stage])
-chosen = {"provider": "given"} if stage == "pose" else {}
+chosen = {"provider": sys.argv[3]} if stage == "pose" else {}
 importlib.import_module(f"spot3d.{stage}.process").run(link, settings(**chosen))
 """
 
@@ -91,9 +91,10 @@ def frame_message(frame: RgbdFrame, robot: str, seq: int) -> Frame:
 
 
 class Stages:
-    """Stages of one robot, each a process of its own."""
+    """Stages of one robot, each a process of its own. pose: where poses come from."""
 
-    def __init__(self, link: LinkSettings) -> None:
+    def __init__(self, link: LinkSettings, pose: str = "given") -> None:
+        self._pose = pose
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         self._folder = TemporaryDirectory()
         self.link = link.model_copy(update={"snapshot_folder": self._folder.name})
@@ -105,7 +106,7 @@ class Stages:
         """Start stages; those that are known already start again."""
         environment = {**os.environ, **SINGLE_THREADED}
         for stage in stages:
-            command = [sys.executable, "-c", _STAGE, stage, self.link.model_dump_json()]
+            command = [sys.executable, "-c", _STAGE, stage, self.link.model_dump_json(), self._pose]
             self.processes[stage] = subprocess.Popen(command, env=environment)
 
     def kill(self, stage: str) -> None:
