@@ -51,5 +51,7 @@ def test_status_fits_a_terminal(known, said):
 def test_a_bridge_has_a_row() -> None:
     text = io.StringIO()
     alive = dict.fromkeys((*STAGES, BRIDGE), 1)
-    Console(file=text, width=80).print(status_table("robot", alive, {BRIDGE: health(BRIDGE, {"late": 4}, None)}))
+    cut = health(BRIDGE, {"late": 4}, None).model_copy(update={"state": "nothing crosses"})
+    Console(file=text, width=80).print(status_table("robot", alive, {BRIDGE: cut}))
     assert "bridge dropped: 4 late" in text.getvalue()
+    assert "bridge: nothing crosses" in text.getvalue()

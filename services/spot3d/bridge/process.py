@@ -13,14 +13,17 @@ from spot3d.dataflow.counters import Counters
 from spot3d.dataflow.endpoints import declare_publisher
 from spot3d.dataflow.process_use import process_use
 from spot3d.dataflow.rate_limited_log import RateLimitedLog
-from spot3d.dataflow.session import StoppedError, open_session
+from spot3d.dataflow.session import StoppedError, first_line, open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.dataflow.tls import uses_tls, why_refused
 from spot3d_schemas import BRIDGE, Header, alive_key, encode
 
 _TICK_S = 0.05
 _ASKED_S = 0.3
 """The other side is asked for this long before it is looked whether the old connections are awake."""
+
+_MUTE, _ROLE = "connected, but it does not answer", "; has this side's certificate a role there ([access])?"
 
 log = logging.getLogger("spot3d.bridge")
 
@@ -48,6 +51,7 @@ class _Bridge:
         self._limited_log = RateLimitedLog(log)
         self._crossing: Crossing | None = None
         self._lost_s: float | None = self._started_s
+        self._why = "not connected yet"
 
     def serve(self, stop: threading.Event) -> None:
         """Keep the two sides joined."""
@@ -72,16 +76,33 @@ class _Bridge:
                 raise TimeoutError("no answer")
             crossing.__enter__()
         except (zenoh.ZError, OSError) as error:
-            self._limited_log.say("no way", f"no way to {', '.join(self._settings.ground)}: {error}", time.monotonic())
+            self._why = self._reason(error)
+            self._limited_log.say("no way", self._state(), time.monotonic())
             return
+        self._why = _MUTE + _ROLE if any(map(uses_tls, self._settings.ground)) else _MUTE
         old, self._crossing = self._crossing, crossing
         if old is not None:
             # It may hang on a connection that is dead, which nobody is to wait for.
             threading.Thread(target=old.close, name="closing", daemon=True).start()
 
+    def _reason(self, error: Exception) -> str:
+        """Why the other side could not be connected to; where it answers, and refuses, in its words."""
+        if isinstance(error, OSError):
+            return error.strerror or str(error)
+        way = self._link.model_copy(update={"connect": self._settings.ground})
+        return why_refused(way) or first_line(error)
+
+    def _state(self) -> str:
+        """What is wrong now, for people; empty while the other side is there."""
+        if self._lost_s is None:
+            return ""
+        where, lost_s = ", ".join(self._settings.ground), time.monotonic() - self._lost_s
+        return f"nothing crosses to {where}, for {lost_s:.0f} s: {self._why}"
+
     def _note_silence(self) -> None:
         if self._lost_s is None:
             self._lost_s = time.monotonic()
+            self._why = "no answer"
             self._counters.event("link lost")
             log.warning("the other side is silent: trying new connections beside the old ones")
 
@@ -97,4 +118,5 @@ class _Bridge:
         self._due_s = now_s + self._link.health_interval_s
         header = Header(robot=self._link.robot, seq=self._healths, stamp_ns=time.time_ns(), frame_id=BRIDGE)
         self._healths += 1
-        self._health.put(encode(self._counters.health(header, now_s, process_use())))
+        health = self._counters.health(header, now_s, process_use())
+        self._health.put(encode(health.model_copy(update={"state": self._state()})))

@@ -100,7 +100,7 @@ def _open(link: LinkSettings, stop: threading.Event | None, more: Mapping[str, o
         except zenoh.ZError as error:
             if link.mode != "client":
                 where = ", ".join(link.listen or link.connect)
-                raise ConnectionError(f"cannot listen at {where}: {_first_line(error)}; is the port in use?") from error
+                raise ConnectionError(f"cannot listen at {where}: {first_line(error)}; is the port in use?") from error
             if tries % 10 == 0:
                 reason = why_refused(link) or error
                 log.warning("no router at %s yet, trying again: %s", ", ".join(link.connect), reason)
@@ -110,6 +110,6 @@ def _open(link: LinkSettings, stop: threading.Event | None, more: Mapping[str, o
     raise StoppedError
 
 
-def _first_line(error: Exception) -> str:
+def first_line(error: Exception) -> str:
     """What Zenoh says, without where in its source it says so."""
     return str(error).partition("\n")[0].partition(" at /")[0].strip()
