@@ -26,6 +26,20 @@ RECORDING = "rgbd_dataset_freiburg3_made_up"
 STAYING = (*(stage for stage in STAGES if stage != "source"), "router", "results")
 """The services that do not end with the recording."""
 
+STUCK = """
+import time, zenoh
+config = zenoh.Config()
+config.insert_json5("mode", "\\"client\\"")
+config.insert_json5("connect/endpoints", "[\\"tcp/127.0.0.1:7447\\"]")
+with zenoh.open(config) as session:
+    subscriber = session.declare_subscriber("spot3d/robot/heatmap/heat", zenoh.handlers.FifoChannel(1))
+    print("ready", flush=True)
+    subscriber.recv()
+    print("stuck", flush=True)
+    time.sleep(600)
+"""
+"""Comes by the network, as whoever comes from outside."""
+
 pytestmark = pytest.mark.skipif("SPOT3D_CONTAINERS" not in os.environ, reason="containers: make test-containers")
 
 
@@ -88,6 +102,16 @@ def test_another_recording_through_the_running_stack_is_another_scene() -> None:
     ]
     assert len(centres[1]) >= 3
     assert not np.isin(centres[1], centres[0]).any()
+
+
+def test_nobody_waits_for_an_onlooker_that_is_stuck() -> None:
+    inside("router", "sh", "-c", f"python -c '{STUCK}' > /tmp/stuck 2>&1 &")
+    wait(lambda: "ready" in inside("router", "cat", "/tmp/stuck"))
+    play = ("source", "scene:2", "--frames", str(FRAMES))
+    compose("run", "--rm", "--no-deps", "source", *play, SPOT3D_DATA=".")
+    wait(lambda: len(streams()) == 3 and all(told["complete"] for told in streams()))
+    assert (streams()[2]["fused"], streams()[2]["skipped"]) == (FRAMES, {})
+    assert "stuck" in inside("router", "cat", "/tmp/stuck")
 
 
 @pytest.mark.parametrize("service", STAYING)

@@ -1,6 +1,7 @@
 """Clocks that differ are told in words, and lags that they spoil are not told at all."""
 
 import datetime
+import queue
 import threading
 import time
 
@@ -8,8 +9,10 @@ import numpy as np
 import pytest
 import zenoh
 from dataflow_stages import LIMIT_S, Recording, frame_message, listening
+from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 
 from spot3d.dataflow.clocks import Clocks, one_clock, spoken
+from spot3d.dataflow.endpoints import declare_publisher
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.serving import On, serve
@@ -96,6 +99,24 @@ def test_a_stage_says_that_clocks_differ_by_an_hour_and_tells_no_lag() -> None:
     assert health is not None
     assert "the clock of source's device is about 1 hour behind this one's" in health.state
     assert health.latency_ms_p50 is None
+
+
+def test_what_is_kept_reaches_who_comes_late_without_any_stamp() -> None:
+    endpoint, came = free_loopback_endpoint(), queue.SimpleQueue[tuple[bytes, object]]()
+    link = LinkSettings(robot="late", connect=(endpoint,))
+    with open_router((endpoint,)), open_session(link) as sender, open_session(link) as reader:
+        publisher = declare_publisher(sender, "fusion/objects", link)
+        for text in (b"first", b"last"):
+            publisher.put(text)
+        declare_advanced_subscriber(
+            reader,
+            key("late", "fusion/objects"),
+            lambda sample: came.put((sample.payload.to_bytes(), sample.timestamp)),
+            history=HistoryConfig(detect_late_publishers=True, max_samples=1),
+        )
+        assert came.get(timeout=LIMIT_S) == (b"last", None)
+        publisher.put(b"next")
+        assert came.get(timeout=LIMIT_S) == (b"next", None)
 
 
 def test_no_router_logs_each_message_of_a_clock_that_is_ahead(capfd: pytest.CaptureFixture[str]) -> None:

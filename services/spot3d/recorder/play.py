@@ -1,6 +1,7 @@
 """Puts a recording back on the wire, in its own time."""
 
 import threading
+import time
 import uuid
 from collections import Counter
 from contextlib import ExitStack
@@ -94,7 +95,7 @@ class _Player:
                 continue
             if not self.pace.wait(1e-9 * (message.log_time - first_ns), stop):
                 return
-            data = labels.on(message.data)
+            data = labels.on(message.data, time.time_ns())
             self._publishers[topic].put(data)
             self.sent[topic] += 1
             if topic == _FRAME:

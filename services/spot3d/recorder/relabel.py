@@ -1,4 +1,4 @@
-"""Other names in the header of a recorded message: a replay is another robot, another stream, another sender."""
+"""Another header for a recorded message: a replay is another robot, another stream, another sender, and is now."""
 
 import uuid
 from typing import Any
@@ -18,10 +18,11 @@ class Labels:
         self._robot, self._sender = robot, sender
         self._streams: dict[str, str] = {}
 
-    def on(self, payload: bytes) -> bytes:
-        """The message with these names; all behind its header is as it was. Raises ValueError where it is no message.
+    def on(self, payload: bytes, now_ns: int) -> bytes:
+        """The message with these names, sent now; all behind its header is as it was.
 
-        The header is padded so that the arrays behind it stay aligned.
+        Its trace is as long as it was, so that lags are those of the recording and of the replay's own stages. Raises
+        ValueError where it is no message. The header is padded so that the arrays behind it stay aligned.
         """
         view = memoryview(payload)
         spans = map_spans(view, (0, len(view)), MAX_FIELDS, MAX_OBJECTS_VALUES)
@@ -29,7 +30,7 @@ class Labels:
             raise ValueError("the message has no header")
         start, end = spans["header"]
         header = unpack(view, (start, end), MAX_FIELD_BYTES)
-        renamed = self._renamed(header)
+        renamed = self._renamed(header) | _sent_now(header, now_ns)
         if renamed == header:
             return payload
         renamed.pop("pad", None)
@@ -45,3 +46,13 @@ class Labels:
         if header.get("stream") is not None:
             names["stream"] = self._streams.setdefault(str(header["stream"]), uuid.uuid4().hex[:12])
         return header | names
+
+
+def _sent_now(header: dict[str, Any], now_ns: int) -> dict[str, Any]:
+    """The trace with its last sending now, wall clock; nothing where the message has none."""
+    trace: list[dict[str, Any]] = header.get("trace") or []
+    try:
+        later_ns = now_ns - trace[-1]["sent_ns"]
+        return {"trace": [hop | {name: hop[name] + later_ns for name in ("received_ns", "sent_ns")} for hop in trace]}
+    except (TypeError, KeyError, IndexError):
+        return {}  # none, or one that readers refuse
