@@ -64,7 +64,7 @@ def test_the_clock_that_differs_most_is_told_while_its_device_is_heard() -> None
         clocks.heard(sent("source", 5 * HOUR), 0 if number == 3 else 5 * HOUR, 0.0)
         clocks.heard(sent("nobody", 5 * HOUR), 0, 0.0)
     told = clocks.told(1.0)
-    assert told.startswith("the clock of heatmap's device is about 1 hour ahead of this one's")
+    assert told.startswith("the clock where heatmap runs is about 1 hour ahead of this one,")
     assert clocks.told(11.0) == ""
 
 
@@ -85,19 +85,22 @@ def test_a_stage_says_that_clocks_differ_by_an_hour_and_tells_no_lag() -> None:
         serving = threading.Thread(target=serve, args=(node, On("source/frame", Frame, answer)))
         serving.start()
         try:
-            for seq, frame in enumerate(Recording(10)):
+            end_s = time.monotonic() + LIMIT_S
+            for seq, frame in enumerate(Recording(100_000)):
+                if (health := ear.health("proposals")) and health.state:
+                    break
+                assert time.monotonic() < end_s
+                time.sleep(0.02)
                 message = frame_message(frame, "late", seq)
                 early_ns = time.time_ns() - HOUR
                 header = message.header.model_copy(update={"trace": ()}).with_hop("source", early_ns, early_ns)
                 payload = encode(message.model_copy(update={"header": header}))
                 session.put(key("late", "source/frame"), payload, encoding=encoding(Frame))
-            ear.wait(lambda: bool((health := ear.health("proposals")) and health.state), LIMIT_S)
         finally:
             stop.set()
             serving.join(20)
-    health = ear.health("proposals")
     assert health is not None
-    assert "the clock of source's device is about 1 hour behind this one's" in health.state
+    assert "the clock where source runs is about 1 hour behind this one," in health.state
     assert health.latency_ms_p50 is None
 
 

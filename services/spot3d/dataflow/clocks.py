@@ -12,8 +12,8 @@ _LATEST_NS = 10_000_000_000
 """No message is on its way for so long: a link that is silent for 2 s is given up, and credit after 5 s."""
 _EARLIEST_NS = -50_000_000
 """Messages that come before they were sent, by more than what `spot3d doctor` takes for the same time."""
-_JUDGED = 100
-"""The median way of so many messages counts: one that is late, or made up, says nothing."""
+_JUDGED, _ENOUGH = 100, 10
+"""The median way of so many messages counts: one that is late, or made up, says nothing; nor do a few at the start."""
 _RECENT_S = 10.0
 """Who has said nothing for so long is not spoken of."""
 _UNITS = (("day", 86400.0), ("hour", 3600.0), ("minute", 60.0), ("second", 1.0))
@@ -57,11 +57,11 @@ class Clocks:
         """Whose clock differs most from this one's, in words; empty where none surely does."""
         with self._lock:
             recent = [stage for stage, heard_s in self._heard_s.items() if now_s - heard_s < _RECENT_S]
-            ways_ns = {stage: median(self._ways_ns[stage]) for stage in recent}
+            ways_ns = {stage: median(ways) for stage in recent if len(ways := self._ways_ns[stage]) >= _ENOUGH}
         apart = {stage: way for stage, way in ways_ns.items() if not _EARLIEST_NS <= way <= _LATEST_NS}
         if not apart:
             return ""
         stage = max(apart, key=lambda name: abs(apart[name]))
         way_s = 1e-9 * apart[stage]
-        text = f"the clock of {stage}'s device is {spoken(way_s)} {'behind' if way_s > 0 else 'ahead of'} this one's"
+        text = f"the clock where {stage} runs is {spoken(way_s)} {'behind' if way_s > 0 else 'ahead of'} this one"
         return f"{text}, and lags say nothing: synchronise the clocks (spot3d doctor)"
