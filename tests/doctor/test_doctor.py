@@ -67,6 +67,7 @@ def test_nothing_is_said_of_what_is_well() -> None:
         (FLEET[1:], "stages", "note", "do not say what they run on: source"),
         ([answer(stage, 80.0) for stage in STAGES], "clock on drone", "problem", "+80.0 ms"),
         ([answer(stage, -3.6e6) for stage in STAGES], "clock on drone", "problem", "about 1 hour behind this device's"),
+        ([*FLEET[1:], answer("source", 3.6e6, 2.0)], "clock on drone", "problem", "about 1 hour ahead of"),
         ([answer(stage, -80.0, 40.0) for stage in STAGES], None, "", ""),
         ([answer(stage, -80.0, 90.0) for stage in STAGES], "clock on drone", "note", "+- 90.0 ms"),
         ([*FLEET[1:], answer("source", 80.0, 90.0)], None, "", ""),

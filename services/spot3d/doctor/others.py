@@ -88,8 +88,11 @@ def versions(host: str, there: Sequence[Answer]) -> Finding:
 
 
 def clock(host: str, there: Sequence[Answer]) -> Finding:
-    """The device's clock beside this one's, by the answer that came fastest."""
+    """The device's clock beside this one's, by the answer that came fastest, unless another surely differs."""
     best = min(there, key=lambda answer: answer.within_ms)
+    worst = max(there, key=lambda answer: abs(answer.offset_ms) - answer.within_ms)
+    if abs(worst.offset_ms) - worst.within_ms > CLOCK_MS:
+        best = worst  # two devices may have one name
     text = f"{best.offset_ms:+.1f} ms beside this device's, +- {best.within_ms:.1f} ms"
     if abs(best.offset_ms) - best.within_ms > CLOCK_MS:
         text = f"{spoken(best.offset_ms / 1000)} {'ahead of' if best.offset_ms > 0 else 'behind'} this device's: {text}"
