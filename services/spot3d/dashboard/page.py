@@ -3,6 +3,7 @@
 import operator
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import viser
@@ -21,6 +22,8 @@ from spot3d_schemas import MapPoints
 
 _QUICK_S, _SLOW_S = 0.2, 0.5
 _VIEW_HEIGHT, _RENDER_S = 900, 20.0
+_FLIGHTS = 16
+"""Most browsers whose view is moved at a time; it takes them a second, and the page goes on meanwhile."""
 _PICTURES = 3
 """Most robots whose pictures are shown side by side."""
 _HOME_EXTENT_M = 1.2
@@ -40,10 +43,15 @@ class Page:
         self._shown: list[Robot] = []
         self._pictured: list[object] = []
         self._quick_s = self._slow_s = 0.0
+        self._flights = ThreadPoolExecutor(_FLIGHTS, "flight")
         self._panel = Panel(server.gui, Actions(self._choose, self._look, self._save, self._reset))
         server.scene.set_up_direction("+z")
         server.scene.world_axes.visible = False
         server.on_client_connect(self._look)
+
+    def close(self) -> None:
+        """Wait until no browser's view is being moved."""
+        self._flights.shutdown(cancel_futures=True)
 
     def step(self, first: str | None = None) -> None:
         """Take in what has come, and show what is due; call it about twenty times a second."""
@@ -99,7 +107,7 @@ class Page:
                 self._scenes[robot.name] = RobotScene(self._server.scene, robot, self._choose)
                 self._scenes[robot.name].turn(robot.up())
                 for client in self._server.get_clients().values():
-                    self._look(client)
+                    self._flights.submit(self._look, client)
         names = {robot.name for robot in shown}
         for name, scene in self._scenes.items():
             scene.visible(name in names)

@@ -8,13 +8,14 @@ import threading
 import time
 import webbrowser
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import closing, contextmanager, redirect_stdout
 
 import viser
 
 from spot3d.dashboard.link import Link
 from spot3d.dashboard.page import Page
 from spot3d.dashboard.settings import DashboardSettings
+from spot3d.dataflow.process_use import let_stages_go_first
 from spot3d.dataflow.rate_limited_log import RateLimitedLog
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
@@ -52,8 +53,9 @@ def serve(
 ) -> None:
     """Show what is heard on an open server until `stop` is set. Raises OSError where `link` cannot listen."""
     failures = RateLimitedLog(log)
-    with Link(link, settings.map_rate) as heard:
-        page = Page(server, heard, settings, ", ".join(link.listen or link.connect), always)
+    where = ", ".join(link.listen or link.connect)
+    with Link(link, settings.map_rate) as heard, closing(Page(server, heard, settings, where, always)) as page:
+        let_stages_go_first()
         while not stop.wait(_STEP_S):
             if heard.failed is not None:
                 raise heard.failed

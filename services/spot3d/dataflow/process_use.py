@@ -24,8 +24,9 @@ Giving it back and getting fresh pages takes a fifth of the source's time, and m
 """
 
 
-_NICENESS = 5
-"""How far work that no frame waits for stands back: where the processors are busy, it takes what the stages leave."""
+_NICENESS, _ONLOOKERS_NICENESS = 5, 19
+"""How far work that no frame waits for stands back: where the processors are busy, it takes what the stages leave. Who
+only looks on takes next to nothing there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +62,17 @@ def stay_single_threaded() -> None:
 
 def let_frames_go_first() -> None:
     """Lower the priority of the calling thread below what it is, for work that no frame waits for."""
+    _stand_back(_NICENESS)
+
+
+def let_stages_go_first() -> None:
+    """Lower the priority of the calling thread, and of those that it starts from now on, below everything a stage does:
+    for who only looks on."""
+    _stand_back(_ONLOOKERS_NICENESS)
+
+
+def _stand_back(niceness: int) -> None:
     if sys.platform == "linux":  # elsewhere the priority of a thread cannot be set alone
         thread = threading.get_native_id()
         with suppress(OSError):  # a sandbox may forbid it: the work is the same, the frames wait a little
-            os.setpriority(os.PRIO_PROCESS, thread, os.getpriority(os.PRIO_PROCESS, thread) + _NICENESS)
+            os.setpriority(os.PRIO_PROCESS, thread, min(19, os.getpriority(os.PRIO_PROCESS, thread) + niceness))

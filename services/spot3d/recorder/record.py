@@ -18,7 +18,7 @@ from zenoh.handlers import FifoChannel, Handler, RingChannel
 import spot3d
 from spot3d.dataflow.endpoints import waiting
 from spot3d.dataflow.payload import intact_bytes
-from spot3d.dataflow.process_use import let_frames_go_first
+from spot3d.dataflow.process_use import let_stages_go_first
 from spot3d.dataflow.rate_limited_log import RateLimitedLog
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.stopping import end_threads, stop_on_signals
@@ -125,6 +125,7 @@ class _Recorder:
         """Record until stopped."""
         with ExitStack() as stack:
             session = stack.enter_context(open_session(self._link, stop))
+            let_stages_go_first()
             threads: list[threading.Thread] = []
             stack.callback(end_threads, threads)
             stack.callback(self._backlog.close)
@@ -138,7 +139,6 @@ class _Recorder:
             token = session.liveliness().declare_token(alive_key(self._link.robot, RECORDER))
             stack.callback(token.undeclare)
             log.info("recording %s topics of %s into %s", len(self._topics), self._link.robot, self.recorded.path)
-            let_frames_go_first()
             self._write(stop)
 
     def close(self) -> None:
