@@ -125,7 +125,8 @@ class _Recorder:
         """Record until stopped."""
         with ExitStack() as stack:
             session = stack.enter_context(open_session(self._link, stop))
-            let_stages_go_first()
+            if self._link.delivery == "live":
+                let_stages_go_first()
             threads: list[threading.Thread] = []
             stack.callback(end_threads, threads)
             stack.callback(self._backlog.close)
