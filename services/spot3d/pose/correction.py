@@ -75,6 +75,11 @@ class CorrectedPoses:
         given = self._given.track(stamp_ns, depth_m, intrinsics, given_T_world_camera, colour)
         if given.status == "lost":
             return given
+        return replace(self._followed(given, stamp_ns, depth_m, intrinsics), T_world_map=self._T_world_map)
+
+    def _followed(
+        self, given: PoseEstimate, stamp_ns: int, depth_m: NDArray[np.float32], intrinsics: Intrinsics
+    ) -> PoseEstimate:
         pose, last = given.T_world_camera, self._last
         self._last = (stamp_ns, pose)
         surface = sample_surface(depth_m, intrinsics, self._settings)
@@ -130,9 +135,9 @@ class CorrectedPoses:
         """Follow the given pose to where the map is not: the next frames are compared with this one."""
         self._planes = SurfelMap(self._settings.surfel_voxel, self._settings.surfel_limit)
         self._correction = np.zeros(6)
-        self._T_world_map = np.eye(4)
         self._strangers, self._age = 0, 0.0
-        self._insert(surface, given.T_world_camera)
+        # Where the map before came to lie is as good a guess as any of where the next one will.
+        self._insert(surface, invert(self._T_world_map) @ given.T_world_camera)
         return replace(given, restarted=True)
 
     def _insert(self, surface: Surface, pose: NDArray[np.float64]) -> int:
