@@ -90,6 +90,21 @@ def test_shaken_poses_come_nearer_to_the_truth(metres: float, degrees: float) ->
 
 
 @pytest.mark.parametrize("seed", [0, 1])
+def test_depth_that_is_bent_is_trusted_less(seed: int) -> None:
+    """Bent by up to 2 % in waves, which stay where they are in the image wherever the camera looks."""
+    depths, true = recording(seed)
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
+    waves = (1 + 0.02 * np.sin(u / 12) * np.cos(v / 9)).astype(np.float32)
+    given = shaken(true, 0.01, 0.4)
+    straight, bent = (
+        ate(true, poses_of(tracked(corrector(), seen, given)))["rmse"] / ate(true, given)["rmse"]
+        for seen in (depths, [depth * waves for depth in depths])
+    )
+    assert straight < 0.8 * bent
+    assert bent < 0.95
+
+
+@pytest.mark.parametrize("seed", [0, 1])
 def test_the_map_says_where_earlier_poses_lie_by_now(seed: int) -> None:
     depths, true = recording(seed)
     estimates = tracked(corrector(), depths, shaken(true, 0.02, 0.8, seed))
