@@ -261,10 +261,13 @@ class Pose(Message):
     """The camera's pose at one capture. "lost": not to be fused, and `reason` says why.
 
     Since 1.1, epoch: the world that the pose is in; poses of different epochs have nothing to do with each other.
-    lost_since_ns: the capture since which every pose is lost.
+    lost_since_ns: the capture since which every pose is lost. Since 1.2, T_world_map: where the map by which poses are
+    corrected is known to lie by now; None: where it always was. What was seen by an earlier pose is better known to lie
+    where T_world_map inv(T_world_map of then) brings it.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Pose"
+    VERSION: ClassVar[str] = "1.2"
 
     T_world_camera: Transform
     status: Literal["ok", "lost"]
@@ -272,6 +275,7 @@ class Pose(Message):
     provider: Name
     epoch: Name | None = None
     lost_since_ns: Nanoseconds | None = None
+    T_world_map: Transform | None = None
 
 
 class Proposals(Message):

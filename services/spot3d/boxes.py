@@ -51,6 +51,12 @@ class Box3D:
         return float(np.prod(self.size))
 
 
+def moved(box: Box3D, T_target_source: NDArray[np.float64]) -> Box3D:
+    """The box in another frame."""
+    R = T_target_source[:3, :3]
+    return Box3D(R @ box.centre + T_target_source[:3, 3], box.size, R @ box.rotation)
+
+
 def iou_matrix_2d(boxes_a: ArrayLike, boxes_b: ArrayLike) -> NDArray[np.float64]:
     """Intersection over union of every box of one set with every box of the other (paper, Eq. IoU_ori).
 

@@ -96,7 +96,9 @@ def run_pipeline(
                 with _timed(result.step_s, "segments", clock):
                     segments = find_segments(frame.colour, depth, heat.heat, camera, settings.segments)
             with _timed(result.step_s, "fusion", clock):
-                fusion.fuse(frame.colour, depth, heat.heat, camera, pose.T_world_camera, frame.stamp_ns)
+                fusion.fuse(
+                    frame.colour, depth, heat.heat, camera, pose.T_world_camera, frame.stamp_ns, pose.T_world_map
+                )
                 if segments is not None:
                     fusion.observe(segments, frame.stamp_ns)
             if cadence.due(frame.stamp_ns):

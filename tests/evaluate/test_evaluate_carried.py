@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from table_frame import CAMERA, T_WORLD_CAMERA, Block, table_depth
 
-from spot3d.boxes import Box3D
+from spot3d.boxes import Box3D, moved
 from spot3d.evaluate.carried import Sightings
-from spot3d.evaluate.judgement import Found, judge, moved, that_count
+from spot3d.evaluate.judgement import Found, judge, that_count
 from spot3d.evaluate.points import IGNORED
 from spot3d.evaluate.truth import LabelledScene
 
@@ -83,6 +83,15 @@ def test_each_object_goes_where_the_frames_that_see_it_are(labelled: bool) -> No
         assert judge(grown, carried).points.f_measure == pytest.approx(100)
         table = carried.xyz[carried.label == 0]
         np.testing.assert_allclose(table[:, 2], [0, 0, 0.04, 0.04], atol=1e-6, err_msg="the table goes along")
+
+
+def test_objects_are_carried_to_where_the_map_of_poses_is_known_to_lie_in_the_end() -> None:
+    """The map slides by 1 cm with each frame, and with it all that was seen before."""
+    sightings, depth = Sightings(scene(BLOCKS[:1])), table_depth(BLOCKS)[0]
+    for step in range(4):
+        slid = shifted(y=0.01 * step)
+        sightings.add(depth, CAMERA, T_WORLD_CAMERA, slid @ T_WORLD_CAMERA, slid)
+    np.testing.assert_allclose(sightings.transforms(shifted(x=9))[0], shifted(y=0.03), atol=1e-9)
 
 
 def test_what_no_frame_sees_goes_with_the_whole() -> None:

@@ -10,10 +10,10 @@ import typer
 from evaluate_samples import write_osd, write_uw_scenes
 from typer.testing import CliRunner
 
+from spot3d.boxes import moved
 from spot3d.cli.evaluate import evaluate
 from spot3d.evaluate.cost_tables import TIMED
 from spot3d.evaluate.datasets import at_half_size, open_dataset
-from spot3d.evaluate.judgement import moved
 from spot3d.evaluate.measured_run import Runs, world_alignment
 from spot3d.evaluate.object_tables import OURS, ablations
 from spot3d.evaluate.peer import PEER

@@ -2,20 +2,28 @@
 
 import numpy as np
 import pytest
-from fusion_room import CAMERA, COARSE, COARSE_PAPER, ROOM, THREE, Cuboid, look_at, orbit, view
+from fusion_room import CAMERA, COARSE, COARSE_PAPER, ROOM, THREE, Cuboid, look_at, orbit, rotation_z, view
+from numpy.typing import NDArray
 from voting_room import keyframe
 
-from spot3d.boxes import iou_matrix_3d
+from spot3d.boxes import iou_matrix_3d, moved
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import FoundObjects, Fusion
 
 
-def run(fusion: Fusion, objects: tuple[Cuboid, ...] = THREE, frames: int = 10, seed: int = 0) -> Fusion:
-    """Fuse frames along an arc, each a keyframe with perfect labels."""
+def run(
+    fusion: Fusion,
+    objects: tuple[Cuboid, ...] = THREE,
+    frames: int = 10,
+    seed: int = 0,
+    maps: list[NDArray[np.float64]] | None = None,
+) -> Fusion:
+    """Fuse frames along an arc, each a keyframe with perfect labels. maps: where the map of poses lies, in each."""
     rng = np.random.default_rng(seed)
     for stamp, pose in enumerate(orbit(frames)):
         seen = view(pose, ROOM + objects, rng)
-        fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, pose, stamp)
+        T_world_map = np.eye(4) if maps is None else maps[stamp]
+        fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, T_world_map @ pose, stamp, T_world_map)
         true = keyframe(pose, objects)
         assert fusion.observe(FrameSegments(true.labels, true.heat, true.planes, true.stands_on, CAMERA), stamp)
     return fusion
@@ -58,6 +66,19 @@ def test_numbers_stay_from_update_to_update(fused: Fusion) -> None:
     first, second = fused.objects(), fused.objects()
     assert described(first) == described(second)
     assert [item.id for item in first.objects] == [1, 2, 3]
+
+
+def test_objects_move_with_the_map_of_poses(fused: Fusion) -> None:
+    """The map is found to lie 3 cm higher and turned by a degree, little by little: the boxes do not grow by it."""
+    maps = [np.eye(4) for _ in range(10)]
+    for step, T in enumerate(maps):
+        T[:3, :3], T[2, 3] = rotation_z(step / 9 * np.deg2rad(1)), step / 9 * 0.03
+    slid, stayed = run(Fusion(COARSE), maps=maps).objects(), fused.objects()
+    assert len(slid.objects) == 3
+    for ours, theirs in zip(slid.objects, stayed.objects, strict=True):
+        np.testing.assert_allclose(ours.box.size, theirs.box.size, atol=1e-4)
+        np.testing.assert_allclose(ours.box.centre, moved(theirs.box, maps[-1]).centre, atol=1e-4)
+    np.testing.assert_allclose(slid.up, stayed.up, atol=1e-6)
 
 
 def test_reset_starts_anew(fused: Fusion) -> None:

@@ -15,13 +15,15 @@ from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.snapshot import account, fusion_snapshot, keep, read_account, resume
 
 FRAMES = 12
+T_WORLD_MAP = np.eye(4)
+T_WORLD_MAP[:3, 3] = (0.01, -0.02, 0.0)
 
 
 def fuse(fusion: Fusion, frames: range) -> Fusion:
     """Fuse frames of an arc, each a keyframe with perfect labels, and find the objects after the last."""
     for stamp, pose in list(enumerate(orbit(FRAMES)))[frames.start : frames.stop]:
         seen = view(pose, ROOM + THREE, np.random.default_rng(stamp))
-        fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, pose, stamp)
+        fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, T_WORLD_MAP @ pose, stamp, T_WORLD_MAP)
         true = keyframe(pose, THREE)
         assert fusion.observe(FrameSegments(true.labels, true.heat, true.planes, true.stands_on, CAMERA), stamp)
     return fusion

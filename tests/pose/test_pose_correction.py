@@ -89,6 +89,39 @@ def test_shaken_poses_come_nearer_to_the_truth(metres: float, degrees: float) ->
     assert distances(corrected, true).mean() < distances(given, true).mean()
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_depth_that_is_bent_is_trusted_less(seed: int) -> None:
+    """Bent by up to 2 % in waves, which stay where they are in the image wherever the camera looks."""
+    depths, true = recording(seed)
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
+    waves = (1 + 0.02 * np.sin(u / 12) * np.cos(v / 9)).astype(np.float32)
+    given = shaken(true, 0.01, 0.4)
+    straight, bent = (
+        ate(true, poses_of(tracked(corrector(), seen, given)))["rmse"] / ate(true, given)["rmse"]
+        for seen in (depths, [depth * waves for depth in depths])
+    )
+    assert straight < 0.8 * bent
+    assert bent < 0.95
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_map_says_where_earlier_poses_lie_by_now(seed: int) -> None:
+    depths, true = recording(seed)
+    estimates = tracked(corrector(), depths, shaken(true, 0.02, 0.8, seed))
+    corrected = poses_of(estimates)
+    maps = [estimate.T_world_map for estimate in estimates]
+    assert maps[-1] is not None
+    better = np.array([maps[-1] @ np.linalg.inv(T) @ pose for T, pose in zip(maps, corrected, strict=True)])
+
+    def scatter(poses: NDArray[np.float64]) -> float:
+        """How far apart, metres, the frames put what lies a metre in front of the camera amid the run."""
+        place = true[FRAMES // 2] @ (0, 0, 1, 1)
+        placed = (poses @ np.linalg.inv(true) @ place)[10:]  # before that the noise of the poses is not known
+        return float(np.sqrt(placed.var(axis=0)[:3].mean()))
+
+    assert scatter(better) < 0.9 * scatter(corrected)
+
+
 def test_without_uncertainty_poses_are_taken_as_they_are() -> None:
     depths, true = recording(0)
     given = shaken(true, 0.01, 0.4)
@@ -129,6 +162,9 @@ def test_a_jump_of_the_given_poses_is_followed(metres: float) -> None:
     estimates = tracked(corrector(), depths, jumped)
     assert sum(estimate.restarted for estimate in estimates) == 1
     assert distances(poses_of(estimates), jumped).max() < 0.03
+    # What was seen before the jump does not jump.
+    places = np.array([estimate.T_world_map for estimate in estimates])[:, :3, 3]
+    assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() < 0.002
 
 
 def test_a_view_that_the_map_does_not_know_takes_the_given_pose() -> None:

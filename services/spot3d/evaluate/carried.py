@@ -7,8 +7,8 @@ transform for all then charges a good box for the path that led to it. Where the
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.boxes import moved
 from spot3d.camera import Intrinsics, invert
-from spot3d.evaluate.judgement import moved
 from spot3d.evaluate.projection import NEAR, box_surface
 from spot3d.evaluate.truth import LabelledScene
 
@@ -23,10 +23,14 @@ _AGREES = 0.02
 
 
 class Sightings:
-    """Which frames see each true object, and where each of them puts it in the world of the run."""
+    """Which frames see each true object, and where each of them puts it in the world of the run.
+
+    T_world_map: (4, 4) where the last frame knows the map of the run's poses to lie: it moves as it is better known.
+    """
 
     def __init__(self, truth: LabelledScene) -> None:
         self._truth = truth
+        self.T_world_map = np.eye(4)
         self._samples = [
             _some(points) if len(points := truth.xyz[truth.label == label]) else box_surface(box)
             for label, box in zip(truth.labels, truth.boxes, strict=True)
@@ -39,17 +43,25 @@ class Sightings:
         camera: Intrinsics,
         T_true_camera: NDArray[np.float64],
         T_run_camera: NDArray[np.float64],
+        T_world_map: NDArray[np.float64] | None = None,
     ) -> None:
-        """Look for the objects in a frame. depth: (h, w) float32 metres, 0 = invalid; poses (4, 4) float64."""
-        T_run_true = T_run_camera @ invert(T_true_camera)
+        """Look for the objects in a frame. depth: (h, w) float32 metres, 0 = invalid; poses (4, 4) float64.
+
+        T_world_map: where the map of the run's poses lay by then; None: the map stays.
+        """
+        self.T_world_map = np.eye(4) if T_world_map is None else T_world_map
+        T_map_true = invert(self.T_world_map) @ T_run_camera @ invert(T_true_camera)
         for sample, carriers in zip(self._samples, self._carriers, strict=True):
             if _share_seen(sample, depth, camera, invert(T_true_camera)) >= _SEEN:
-                carriers.append(T_run_true)
+                carriers.append(T_map_true)
 
     def transforms(self, T_run_true: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         """T_run_true (4, 4) of each object: the median of the frames that see it; the given one where none does."""
         pairs = zip(self._truth.boxes, self._carriers, strict=True)
-        return [_median(np.array(carriers), box.centre) if carriers else T_run_true for box, carriers in pairs]
+        return [
+            self.T_world_map @ _median(np.array(carriers), box.centre) if carriers else T_run_true
+            for box, carriers in pairs
+        ]
 
     def carried(self, T_run_true: NDArray[np.float64]) -> LabelledScene:
         """The truth in the run's world: each object's box and points by its own transform.

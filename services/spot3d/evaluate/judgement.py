@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.boxes import Box3D, iou_matrix_3d
+from spot3d.boxes import Box3D, iou_matrix_3d, moved
 from spot3d.evaluate.points import IGNORED, PointScores, SortedPoints, point_scores
 from spot3d.evaluate.scores import HIT
 from spot3d.evaluate.truth import LabelledScene
@@ -51,12 +51,6 @@ def judge(found: Sequence[Box3D], truth: LabelledScene) -> Judged:
     boxes = that_count(found, truth)
     scores = [point_scores(truth.xyz, truth.label, chosen) for chosen in (boxes, found)]
     return Judged(boxes, len(found) - len(boxes), iou_matrix_3d(truth.boxes, boxes), *scores)
-
-
-def moved(box: Box3D, T_target_source: NDArray[np.float64]) -> Box3D:
-    """The box in another frame."""
-    R = T_target_source[:3, :3]
-    return Box3D(R @ box.centre + T_target_source[:3, 3], box.size, R @ box.rotation)
 
 
 def that_count(found: Sequence[Box3D], truth: LabelledScene) -> tuple[Box3D, ...]:

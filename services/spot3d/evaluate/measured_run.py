@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.boxes import Box3D, iou_matrix_2d
+from spot3d.boxes import Box3D, iou_matrix_2d, moved
 from spot3d.camera import invert
 from spot3d.evaluate.carried import Sightings
-from spot3d.evaluate.judgement import Found, Judged, judge, moved
+from spot3d.evaluate.judgement import Found, Judged, judge
 from spot3d.evaluate.labelled import LabelledSequence
 from spot3d.evaluate.peer_map import PeerMap
 from spot3d.evaluate.points import SortedPoints
@@ -99,11 +99,11 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
             updates.append([(found.id, found.box) for found in step.objects.objects])
         if step.pose.status != "ok" or not truth.boxes:
             return
-        depth, camera = step.frame.depth_metres(), step.frame.intrinsics
-        peer.add(depth, camera, step.pose.T_world_camera, settings.fusion.range_max)
+        depth, camera, pose = step.frame.depth_metres(), step.frame.intrinsics, step.pose
+        peer.add(depth, camera, pose.T_world_camera, settings.fusion.range_max)
         T_true_camera = true_of[step.frame.stamp_ns]
         if T_true_camera is not None:
-            sightings.add(depth, camera, T_true_camera, step.pose.T_world_camera)
+            sightings.add(depth, camera, T_true_camera, pose.T_world_camera, pose.T_world_map)
 
     result = run_pipeline(sequence, settings, follow)
     tracked = [(stamp, pose.T_world_camera) for stamp, pose in result.trajectory if pose.status == "ok"]

@@ -1,12 +1,13 @@
 """The fusion stage's core: frames with heat and pose in, 3D objects with stable numbers out (paper, Sec. IV)."""
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.boxes import moved
 from spot3d.camera import Intrinsics, back_project, invert
 from spot3d.depth_noise import DepthNoise
 from spot3d.found_object import FoundObject
@@ -51,7 +52,7 @@ class MapState:
     """A map that another fusion can go on from.
 
     rows: (n, 16) float32 points and keys: (n,) int64 the voxel of each (see `Heatmap3D.held`); removed, candidates:
-    (k, 4) planes, world; supporting: (4,) or None.
+    (k, 4) planes, world; supporting: (4,) or None; T_world_map: (4, 4) of the last frame's pose.
     """
 
     rows: NDArray[np.float32]
@@ -61,6 +62,7 @@ class MapState:
     removed: NDArray[np.float64]
     candidates: NDArray[np.float64]
     supporting: NDArray[np.float64] | None
+    T_world_map: NDArray[np.float64]
 
 
 class ObjectsTask(Protocol):
@@ -74,15 +76,17 @@ class ObjectsTask(Protocol):
 
 @dataclass(slots=True)
 class _ConsensusTask:
-    """The views' consensus, with the keyframes that came since the last task."""
+    """The views' consensus, with the keyframes that came since the last task, in the map of poses as it lies now."""
 
     consensus: ViewConsensus
     keyframes: list[Keyframe]
+    T_world_map: NDArray[np.float64]
     frame_count: int
 
     def run(self) -> FoundObjects:
-        agreed = self.consensus.update(self.keyframes)
-        return FoundObjects(agreed.objects, agreed.up, self.frame_count, agreed.left_out, agreed.dropped)
+        agreed, T = self.consensus.update(self.keyframes), self.T_world_map
+        objects = [replace(item, box=moved(item.box, T)) for item in agreed.objects]
+        return FoundObjects(objects, T[:3, :3] @ agreed.up, self.frame_count, agreed.left_out, agreed.dropped)
 
 
 @dataclass(slots=True)
@@ -116,6 +120,7 @@ class Fusion:
         self.identities = Identities()
         self._candidates = np.zeros((0, 4))
         self._supporting: NDArray[np.float64] | None = None
+        self._T_world_map = np.eye(4)
 
     def reset(self) -> None:
         """Forget everything; object numbers start anew."""
@@ -128,6 +133,7 @@ class Fusion:
         self._removed = []
         self.identities = Identities()
         self._candidates, self._supporting, self.frame_count = np.zeros((0, 4)), None, 0
+        self._T_world_map = np.eye(4)
 
     def map_state(self) -> MapState:
         """The map as it is now, copied, without its objects."""
@@ -140,6 +146,7 @@ class Fusion:
             removed=np.array(self._removed).reshape(-1, 4),
             candidates=self._candidates,
             supporting=self._supporting,
+            T_world_map=self._T_world_map,
         )
 
     def resume(self, state: MapState, consensus: ViewConsensus, identities: Identities) -> None:
@@ -149,6 +156,7 @@ class Fusion:
         self.heatmap.evicted, self.frame_count = state.evicted, state.frame_count
         self._removed = list(state.removed)
         self._candidates, self._supporting = state.candidates, state.supporting
+        self._T_world_map = state.T_world_map
         self.consensus, self.identities = consensus, identities
 
     def fuse(
@@ -159,11 +167,14 @@ class Fusion:
         camera: Intrinsics,
         T_world_camera: NDArray[np.float64],
         stamp_ns: int | None = None,
+        T_world_map: NDArray[np.float64] | None = None,
     ) -> MatchCounts:
         """Take in one frame: supporting plane, its removal from the heat, registration with the map.
 
         colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths;
         T_world_camera: (4, 4) float64. stamp_ns: by which `observe` finds the frame for a while; None: it does not.
+        T_world_map: (4, 4) float64, where the map of poses lies by now (see `PoseEstimate`), and the objects with it;
+        None: it stays.
         """
         frame = to_lattice(colour, depth, heat, camera, self.settings.lattice_width)
         warm = frame.heat
@@ -177,11 +188,13 @@ class Fusion:
         elif self._supporting is None:
             self._keyframe(back_project(frame.depth, frame.camera), frame.heat, T_world_camera, camera.noise)
         self.frame_count += 1
+        self._T_world_map = np.eye(4) if T_world_map is None else T_world_map.copy()
         if stamp_ns is not None:
             # At full size the lattice is the caller's own image.
             own = not np.may_share_memory(frame.depth, depth)
             seen = (frame.colour, frame.depth) if own else (frame.colour.copy(), frame.depth.copy())
-            self._fused.add(FusedFrame(stamp_ns, *seen, frame.camera, T_world_camera.copy()))
+            T_map_camera = invert(self._T_world_map) @ T_world_camera
+            self._fused.add(FusedFrame(stamp_ns, *seen, frame.camera, T_world_camera.copy(), T_map_camera))
         return self._index_map.register(
             self.heatmap, self.frame_count, frame.colour, frame.depth, warm, frame.camera, T_world_camera
         )
@@ -213,7 +226,7 @@ class Fusion:
             return _DensityTask(
                 points, np.array(self._removed).reshape(-1, 4), self.identities, self.settings, self.frame_count
             )
-        return _ConsensusTask(self.consensus, self.consensus.take_waiting(), self.frame_count)
+        return _ConsensusTask(self.consensus, self.consensus.take_waiting(), self._T_world_map, self.frame_count)
 
     def objects(self) -> FoundObjects:
         """The objects as the map now shows them."""

@@ -74,7 +74,7 @@ def fusion_snapshot(kept: Kept) -> Snapshot:
     state, settings = kept.state, kept.settings
     taken = state.rows[:, FREQUENCY] > 0
     arrays: dict[str, NDArray[Any]] = {"rows": state.rows[taken], "keys": state.keys[taken]}
-    arrays |= {"removed": state.removed, "candidates": state.candidates}
+    arrays |= {"removed": state.removed, "candidates": state.candidates, "T_world_map": state.T_world_map}
     if state.supporting is not None:
         arrays["supporting"] = state.supporting
     values = {
@@ -119,9 +119,12 @@ def resume(fusion: Fusion, kept: Snapshot, path: Path) -> None:
             removed=arrays["removed"],
             candidates=arrays["candidates"],
             supporting=arrays.get("supporting"),
+            T_world_map=arrays["T_world_map"],
         )
         if state.rows.ndim != 2 or state.rows.shape[1:] != fusion.heatmap.arrays.rows.shape[1:]:
             raise SnapshotError(f"{path} has points of another version of spot3d")
+        if state.T_world_map.shape != (4, 4):
+            raise SnapshotError(f"{path} has no place of its map in the world")
         if state.keys.shape != state.rows.shape[:1] or state.rows.dtype != np.float32:
             raise SnapshotError(f"{path} has points of another version of spot3d")
     except SnapshotError:

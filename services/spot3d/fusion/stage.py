@@ -165,6 +165,7 @@ class Stage:
                 frame.intrinsics,
                 pose.message.T_world_camera.copy(),
                 stamp_ns,
+                pose.message.T_world_map,
             )
         except Exception as error:
             self.node.crashed("fuse", f"cannot fuse the frame at {stamp_ns} ns", error)

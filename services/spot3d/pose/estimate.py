@@ -17,6 +17,8 @@ class PoseEstimate:
     reason: why tracking is lost, for people; empty while status is "ok".
     forgotten: surfels and landmarks that the full maps dropped for this frame's.
     restarted: the given poses jumped away from the local map, which began anew with this frame.
+    T_world_map: (4, 4) float64, where the map by which poses are corrected lies in the world, as far as is known by
+    now: it moves, and what earlier frames saw moves with it; None: the map stays.
     """
 
     T_world_camera: NDArray[np.float64]
@@ -24,6 +26,7 @@ class PoseEstimate:
     reason: str = ""
     forgotten: int = 0
     restarted: bool = False
+    T_world_map: NDArray[np.float64] | None = None
 
 
 class PoseTracker(Protocol):

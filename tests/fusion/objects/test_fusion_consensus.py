@@ -347,7 +347,9 @@ def test_segments_on_another_lattice() -> None:
         small = FrameSegments(
             np.ascontiguousarray(frame.labels[::2, ::2]), frame.heat, frame.planes, frame.stands_on, half
         )
-        fused = FusedFrame(frame.stamp_ns, frame.colour, frame.depth, CAMERA, frame.T_world_camera)
+        fused = FusedFrame(
+            frame.stamp_ns, frame.colour, frame.depth, CAMERA, frame.T_world_camera, frame.T_world_camera
+        )
         frames.append(keyframe_of(fused, small))
     assert frames[0].labels.shape == CAMERA.shape
     assert_found(agreed(frames), least=0.6)

@@ -19,7 +19,8 @@ class FusedFrame:
     """What is kept of a frame that was fused.
 
     colour: (h, w, 3) uint8 RGB on fusion's lattice; depth: (h, w) float32 metres, 0 = invalid; camera: of that
-    lattice; T_world_camera: (4, 4).
+    lattice; T_world_camera: (4, 4); T_map_camera: (4, 4), in the map of poses, which slides in the world as it is
+    better known where it lies.
     """
 
     stamp_ns: int
@@ -27,6 +28,7 @@ class FusedFrame:
     depth: NDArray[np.float32]
     camera: Intrinsics
     T_world_camera: NDArray[np.float64]
+    T_map_camera: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +36,9 @@ class Keyframe:
     """A fused frame with the objects that were found in it alone.
 
     labels: (h, w) uint8 on the lattice of `depth`, 0 = no object, k = segment k - 1; depth: (h, w) float32 metres,
-    0 = invalid; colour: (h, w, 3) uint8 RGB; camera: of that lattice; T_world_camera: (4, 4) float64. heat, planes
-    (camera frame), stands_on and left_out: as in `FrameSegments`.
+    0 = invalid; colour: (h, w, 3) uint8 RGB; camera: of that lattice; T_world_camera: (4, 4) float64, the world of the
+    consensus, which is the map of poses: its views must not slide against each other. heat, planes (camera frame),
+    stands_on and left_out: as in `FrameSegments`.
     """
 
     stamp_ns: int
@@ -62,7 +65,7 @@ def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
         frame.colour,
         frame.depth,
         frame.camera,
-        frame.T_world_camera,
+        frame.T_map_camera,
         seen.heat,
         seen.planes,
         seen.stands_on,
