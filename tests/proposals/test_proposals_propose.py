@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scenes import camera, overlaps, squares
 
+from spot3d.boxes import iou_matrix_2d
 from spot3d.proposals.propose import propose
 from spot3d.proposals.settings import ProposalSettings
 
@@ -55,6 +56,23 @@ def test_same_frame_same_boxes_and_inputs_untouched():
     np.testing.assert_array_equal(first, propose(colour, depth, camera(), ProposalSettings(max_boxes=100)))
     np.testing.assert_array_equal(colour, before[0])
     np.testing.assert_array_equal(depth, before[1])
+
+
+def test_first_come_boxes_that_lie_apart_then_the_others():
+    colour, depth = textured_frame()
+    by_score = propose(colour, depth, camera(), ProposalSettings(apart=1.0))
+    assert (np.diff(by_score[:, 4]) <= 0).all()
+    boxes = propose(colour, depth, camera(), ProposalSettings())
+    np.testing.assert_array_equal(boxes[np.lexsort(boxes.T)], by_score[np.lexsort(by_score.T)])
+    iou = iou_matrix_2d(boxes, boxes)
+    best = np.array([iou[k, :k].max(initial=0) for k in range(len(boxes))])
+    apart = int(np.argmax(best > 0.5))
+    assert 1 < apart < len(boxes)
+    assert (iou[apart:, :apart].max(axis=1) > 0.5).all()
+    for run in (boxes[:apart], boxes[apart:]):
+        assert (np.diff(run[:, 4]) <= 0).all()
+    few = propose(colour, depth, camera(), ProposalSettings(max_boxes=5))
+    np.testing.assert_array_equal(few, boxes[:5])
 
 
 def test_no_two_boxes_overlap_by_more_than_beta():

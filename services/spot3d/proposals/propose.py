@@ -16,6 +16,9 @@ from spot3d.proposals.settings import ProposalSettings
 from spot3d.proposals.window_index import index_windows
 from spot3d.proposals.windows import refine, search, window_shapes
 
+_POOL = 1000
+"""Where fewer boxes are asked for, they are chosen from so many: the paper's M."""
+
 
 def propose(
     colour: NDArray[np.uint8],
@@ -26,9 +29,9 @@ def propose(
     """Boxes that are likely to hold an object (paper, Sec. III, Eq. 1; Zitnick and Dollar, ECCV 2014).
 
     colour: (h, w, 3) uint8 RGB, registered with depth_m: (h, w) float32 metres, 0 = invalid. Returns (M, 5)
-    float32 [x, y, w, h, c], pixels x..x + w - 1 and y..y + h - 1, best first; c is EdgeBoxes' score. M is at
-    most `settings.max_boxes`, 0 for a picture without edges. Raises ValueError for wrong shapes or dtypes
-    and for depth that is negative or not finite.
+    float32 [x, y, w, h, c], pixels x..x + w - 1 and y..y + h - 1; c is EdgeBoxes' score. First come those that lie
+    apart (`settings.apart`), best first, then the others, best first. M is at most `settings.max_boxes`, 0 for a
+    picture without edges. Raises ValueError for wrong shapes or dtypes and for depth that is negative or not finite.
     """
     if colour.shape != (*intrinsics.shape, 3) or colour.dtype != np.uint8:
         raise ValueError(f"colour is {colour.dtype} {colour.shape}; expected uint8 {(*intrinsics.shape, 3)}")
@@ -88,7 +91,9 @@ def boxes_from_edges(edges: EdgeMap, ranges: DepthRange, settings: ProposalSetti
     refine(index, refined, better, np.float32(place_step), settings.finest)
     windows[best], scores[best] = refined, better
     order = np.argsort(-scores, kind="stable")
-    kept = suppress(windows, order, settings.beta, settings.eta, settings.max_boxes)
+    kept = suppress(windows, order, settings.beta, settings.eta, max(settings.max_boxes, _POOL))
+    first = suppress(windows, kept, settings.apart, 1.0, kept.size)
+    kept = np.concatenate((first, kept[~np.isin(kept, first)]))[: settings.max_boxes]
     boxes = np.empty((kept.size, 5), np.float32)
     boxes[:, :2] = windows[kept, :2]
     boxes[:, 2:4] = windows[kept, 2:] - windows[kept, :2]

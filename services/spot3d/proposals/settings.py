@@ -51,6 +51,13 @@ class ProposalSettings(BaseModel):
     alpha: float = Field(0.5, gt=0, lt=1, description="alpha, IoU of neighbouring windows of the search")
     beta: float = Field(0.75, gt=0, le=1, description="beta, IoU above which the weaker of two boxes is dropped")
     eta: float = Field(1.0, gt=0, le=1, description="eta, factor on beta after each kept box (1: beta stays)")
+    apart: float = Field(
+        0.5,
+        gt=0,
+        le=1,
+        description="a box with a larger IoU with a better one comes after all others: the first boxes are of many "
+        "objects, since one that overlaps by 0.5 is of the same; 1: by score alone (EdgeBoxes)",
+    )
     min_score: float = Field(0.01, ge=0, description="boxes of a lower score are not proposals")
     edge_merge_threshold: float = Field(
         0.5, gt=0, description="sum of orientation differences in a group, units of pi (the paper's pi/2)"
@@ -93,6 +100,7 @@ ProposalSettings.PAPER = ProposalSettings(
     alpha=0.65,
     beta=0.75,
     eta=1.0,
+    apart=1.0,
     min_score=0.01,
     edge_merge_threshold=0.5,
     cluster_min_magnitude=0.5,

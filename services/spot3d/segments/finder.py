@@ -15,6 +15,7 @@ from spot3d.geometry.upright import Part, merge_contained, sampled, upright_box
 from spot3d.segments.creases import split_at_creases
 from spot3d.segments.foreground import standing_out
 from spot3d.segments.fragments import join_fragments
+from spot3d.segments.hanging import join_hanging
 from spot3d.segments.holes import fill_holes
 from spot3d.segments.occlusion import join_occluded
 from spot3d.segments.settings import SegmentsSettings, Step
@@ -77,6 +78,8 @@ def find_segments(
     left_out[TOO_COLD] = len(plausible) - len(parts)
     if wanted["occluded"]:
         parts = join_occluded(parts, points, normals, up)
+    if wanted["hanging"]:
+        parts = join_hanging(parts, points, height.ravel(), up)
     if wanted["contained"]:
         parts = _join_contained(parts, points, up, settings.contained_share)
     return _segments(parts, frame, support[None], height.ravel(), left_out, settings)

@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from spot3d.object_size import SIZE_MAX, SIZE_MIN
 
-Step = Literal["support", "bend", "vessels", "torn", "fragments", "occluded", "contained", "holes"]
+Step = Literal["support", "bend", "vessels", "torn", "fragments", "occluded", "hanging", "contained", "holes"]
 """A step of the finder that can be left out, to see what it is worth."""
 
 
@@ -85,8 +85,8 @@ class SegmentsSettings(BaseModel):
     skipped: tuple[Step, ...] = Field(
         (),
         description="steps to leave out, for ablations: removal of the support and other planes, its bend, joining of "
-        "vessels, of torn surfaces, of fragments, of what something hides in part, of what lies in another's box, "
-        "filling of holes",
+        "vessels, of torn surfaces, of fragments, of what something hides in part, of what hangs in the air, of what "
+        "lies in another's box, filling of holes",
     )
     seed: int = Field(0, ge=0, description="seed of RANSAC's choice of triples")
 

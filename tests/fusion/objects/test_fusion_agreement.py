@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
+from spot3d.fusion.objects import agreement
 from spot3d.fusion.objects.agreement import clusters_of
 
 Pairs = list[tuple[int, int]]
@@ -84,3 +86,16 @@ def test_what_does_not_hang_together_may_be_clustered_apart() -> None:
     observed = [(new[row], other) for row, other in seen_by_all(frame) if row in new]
     within = [(new[a], new[b]) for a, b in held_by(groups[:2])]
     assert clusters([frame[row] for row in left], observed, within) == [whole[row] for row in left]
+
+
+@pytest.mark.parametrize(("rows", "frames"), [(0, 0), (1, 1), (7, 63), (40, 64), (40, 200)])
+def test_pairs_are_those_of_all_rows_by_all_rows(rows: int, frames: int) -> None:
+    rng = np.random.default_rng(rows)
+    seen = rng.random((rows, frames)) < 0.3
+    held = rng.random((rows, rows)) < 0.4
+    V, C = (csr_array(matrix.astype(np.int32)) for matrix in (seen, held))
+    supporters, seen_by = (matrix.astype(np.int64) @ matrix.T for matrix in (held, seen))
+    pair = np.triu((supporters > 0) & (supporters >= 0.7 * seen_by), 1)
+    found = np.array(agreement._pairs(V, C))
+    found = found[:, np.lexsort(found[1::-1])]
+    np.testing.assert_array_equal(found, [*np.nonzero(pair), supporters[pair], seen_by[pair]])

@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from voting_room import POSES, SETTINGS, keyframe
 
 from spot3d.boxes import iou_matrix_3d
+from spot3d.camera import back_project
+from spot3d.fusion.objects import disputed
 from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.disputed import without_disputed
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.reasons import TOO_LARGE
-from spot3d.fusion.objects.views import SAMPLE, View, view_of
+from spot3d.fusion.objects.views import SAMPLE, View, seen_at, view_of
 
 CARTON, NEIGHBOUR = standing(0, 0, (0.1, 0.1, 0.2)), standing(0.09, 0, (0.08, 0.1, 0.1), colour=(30, 60, 200))
 
@@ -50,6 +52,26 @@ def test_where_all_is_disputed_all_is_kept() -> None:
     kept, enough = without_disputed(places, np.zeros(2, np.int64), views)
     np.testing.assert_array_equal(kept, places)
     assert enough.all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_places_are_looked_up_as_one_at_a_time(seed: int) -> None:
+    """Beside the image, behind the camera, where depth is missing and at another depth as well."""
+    rng, frame = np.random.default_rng(seed), keyframe(POSES[seed])
+    view = view_of(dataclasses.replace(frame, depth=np.where(rng.random(CAMERA.shape) < 0.2, 0, frame.depth)))
+    near = rng.integers(0, CAMERA.height, (30, SAMPLE)), rng.integers(0, CAMERA.width, (30, SAMPLE))
+    at = back_project(frame.depth, CAMERA)[near] * rng.normal(1, 0.05, (30, SAMPLE, 1))
+    at[::3] = rng.uniform(-3, 3, (10, SAMPLE, 3))
+    places = (at @ frame.T_world_camera[:3, :3].T + frame.T_world_camera[:3, 3]).astype(np.float32)
+    own, asked = rng.random(256) < 0.5, rng.random(30) < 0.8
+    seen, held = np.zeros((2, 30, SAMPLE), np.int32)
+    disputed._tally(view.image(), own, np.ascontiguousarray(places.transpose(0, 2, 1)), asked, seen, held)
+    labels, depth, pose, focal = view.image()
+    for i in range(30):
+        pixels = [seen_at(places, i, k, depth, pose, focal) if asked[i] else -1 for k in range(SAMPLE)]
+        np.testing.assert_array_equal(seen[i], np.array(pixels) >= 0)
+        np.testing.assert_array_equal(held[i], [p >= 0 and own[labels.ravel()[p]] for p in pixels])
+    assert 0.1 < seen.mean() < 0.9
 
 
 def spilling(number: int) -> Keyframe:

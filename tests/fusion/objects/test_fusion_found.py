@@ -6,6 +6,7 @@ from fusion_room import rotation_z
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D, iou_matrix_3d
+from spot3d.fusion.objects import found
 from spot3d.fusion.objects.found import Seen, box_of
 from spot3d.fusion.objects.views import SAMPLE
 
@@ -114,3 +115,12 @@ def test_a_single_point_is_a_box_without_a_hole() -> None:
     box = box_of(seen([np.ones((SAMPLE, 3), np.float32)], np.zeros(4)), UP, 0.005)
     assert np.isfinite(box.centre).all()
     assert (box.size > 0).all()
+
+
+def test_a_segment_ends_where_two_places_lie_beyond() -> None:
+    along = np.random.default_rng(0).normal(size=(20, SAMPLE, 3)).round(1).astype(np.float32)
+    lows, highs = np.empty((2, 20, 3))
+    found._ends(along, lows, highs)
+    ordered = np.sort(along, axis=1)
+    np.testing.assert_array_equal(lows, ordered[:, 2])
+    np.testing.assert_array_equal(highs, ordered[:, -3])

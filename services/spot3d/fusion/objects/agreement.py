@@ -8,15 +8,14 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from spot3d.kernel import kernel
+
 _UNDER_SEGMENTED = 0.35
 """A segment that this share of the views that see it divide holds several objects: it supports nothing."""
 _OBSERVERS = (20, 15, 10, 8, 6, 5, 4, 3, 2)
 """What most views have seen joins first: later, what is joined is seen by more."""
 _SURE, _LEAST = 0.9, 0.7
 """Share of the views of two segments that must support them, with ten views and with two."""
-
-_ONES = np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1).sum(axis=1, dtype=np.uint8)
-"""How many bits of each byte are set."""
 
 
 def clusters_of(
@@ -54,9 +53,7 @@ def clusters_of(
             joined = csr_array((np.ones(int(agreed.sum())), (a[agreed], b[agreed])), shape)
             groups, number = connected_components(joined, directed=False)
             cluster = number[cluster]
-            gather = csr_array(
-                (np.ones(len(number), np.int32), (number, np.arange(len(number)))), (groups, len(number))
-            )
+            gather = _incidence(number, np.arange(len(number)), (groups, len(number)))
             V, C = _binary(gather @ V), _binary(gather @ C)
             a, b, supporters, seen_by = _pairs(V, C)
     found = np.full(count, -1, np.int64)
@@ -65,7 +62,8 @@ def clusters_of(
 
 
 def _incidence(rows: NDArray[np.int64], columns: NDArray[np.int64], shape: tuple[int, int]) -> csr_array:
-    return _binary(csr_array((np.ones(len(rows), np.int32), (rows, columns)), shape))
+    places = rows.astype(np.int32), columns.astype(np.int32)  # products of matrices keep to these
+    return _binary(csr_array((np.ones(len(rows), np.int32), places), shape))
 
 
 def _binary(matrix: csr_array) -> csr_array:
@@ -77,9 +75,45 @@ def _binary(matrix: csr_array) -> csr_array:
 def _pairs(
     V: csr_array, C: csr_array
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs of rows that something holds both of, by how many, and how many frames see both."""
-    both = (C @ C.T).tocoo()
-    pair = both.row < both.col
-    a, b = both.row[pair], both.col[pair]
-    bits = np.packbits(V.toarray().astype(np.bool_), axis=1)
-    return a, b, both.data[pair], _ONES[bits[a] & bits[b]].sum(axis=1, dtype=np.int64)
+    """Pairs of rows that something holds both of, by how many, and how many frames see both.
+
+    Left out are those that are supported by less than the least share of these.
+    """
+    both = C @ C.T
+    words = np.zeros((V.shape[0], -(-V.shape[1] // 64)), np.uint64)
+    words.view(np.uint8)[:, : -(-V.shape[1] // 8)] = np.packbits(V.toarray().astype(np.bool_), axis=1)
+    found = np.empty((4, both.nnz), np.int64)
+    starts, columns = (part.astype(np.int32, copy=False) for part in (both.indptr, both.indices))
+    count = _compare(starts, columns, both.data, words, found)
+    a, b, supporters, seen_by = found[:, :count]
+    return a, b, supporters, seen_by
+
+
+@kernel("i8(i4[::1], i4[::1], i4[::1], u8[:,::1], i8[:,::1])")
+def _compare(
+    starts: NDArray[np.int32],
+    columns: NDArray[np.int32],
+    supporters: NDArray[np.int32],
+    words: NDArray[np.uint64],
+    found: NDArray[np.int64],
+) -> int:
+    """Write the pairs of `_pairs` to (4, .) `found`; returns their count.
+
+    starts, columns, supporters: the matrix of supporters by rows; words: each row's frames as bits.
+    """
+    count = 0
+    for a in range(len(starts) - 1):
+        for k in range(starts[a], starts[a + 1]):
+            b = columns[k]
+            if b <= a:
+                continue
+            seen_by = 0
+            for word in range(words.shape[1]):
+                bits = words[a, word] & words[b, word]
+                while bits:
+                    bits &= bits - np.uint64(1)
+                    seen_by += 1
+            if supporters[k] >= _LEAST * seen_by:
+                found[0, count], found[1, count], found[2, count], found[3, count] = a, b, supporters[k], seen_by
+                count += 1
+    return count

@@ -332,8 +332,8 @@ class ViewConsensus:
     ) -> tuple[Box3D | None, float, str]:
         """The box of a cluster's segments, its confidence, and why it is no object, if so. said: of the members."""
         settings, segments = self._settings, self._segments
-        own = np.unique(segments.frame.rows[members])
-        if len(own) < min(settings.views_min, len(self._views)):
+        least = min(settings.views_min, len(self._views))
+        if len(members) < least or len(own := np.unique(segments.frame.rows[members])) < least:
             return None, 0.0, TOO_SELDOM
         # A view sees a cluster where it sees half of its segments, and an object where most of these say so.
         frames, frame = np.unique(np.concatenate((own, said[:, 1])), return_inverse=True)
@@ -348,7 +348,8 @@ class ViewConsensus:
         confidence = float(segments.heat.rows[members].sum() / (max(len(members), sees.sum()) + settings.views_tau))
         views = Seen(segments.places.rows[members], segments.support.rows[members], segments.frame.rows[members])
         # What is too large as its views have it is not made an object by leaving out what they disagree on.
-        if float(np.linalg.norm(np.ptp(views.places.reshape(-1, 3), axis=0))) > settings.size_max:
+        low, high = views.places.min(axis=0).min(axis=0), views.places.max(axis=0).max(axis=0)
+        if float(np.linalg.norm(high - low)) > settings.size_max:
             whole = box_of(views, up, settings.plane_distance)
             if whole.size.max() > settings.size_max:
                 return whole, confidence, TOO_LARGE

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
 from spot3d.geometry.upright import upright_box, with_bottom
+from spot3d.kernel import kernel
 
 _FACE = 0.95
 """A box's face is where it is for this share of the views: a pose that is off, or a view that has two things in one,
@@ -40,9 +41,8 @@ def box_of(seen: Seen, up: NDArray[np.float64], clearance: float) -> Box3D:
     """
     flat = seen.places.reshape(-1, 3)
     turned = upright_box(np.ascontiguousarray(flat[:: max(1, len(flat) // _SAMPLE)]), up, turn=True, trim=0.01)
-    along = (seen.places @ turned.rotation.astype(np.float32)).astype(np.float64)
-    along.partition((_TRIM, along.shape[1] - 1 - _TRIM), axis=1)
-    lows, highs = along[:, _TRIM], along[:, -1 - _TRIM]
+    lows, highs = np.empty((2, len(seen.places), 3))
+    _ends(seen.places @ turned.rotation.astype(np.float32), lows, highs)
     _, first = np.unique(seen.frame, return_index=True)
     order = np.argsort(seen.frame, kind="stable")
     starts = np.searchsorted(seen.frame[order], seen.frame[first])
@@ -65,3 +65,27 @@ def _standing(box: Box3D, support: NDArray[np.float64], up: NDArray[np.float64],
         return box
     top = bottom + float(box.size[2])
     return with_bottom(box, ground + min(clearance, _CLEAR_SHARE * (top - ground)))
+
+
+@kernel("void(f4[:,:,::1], f8[:,::1], f8[:,::1])")
+def _ends(along: NDArray[np.float32], lows: NDArray[np.float64], highs: NDArray[np.float64]) -> None:
+    """The values of each segment's places, (n, SAMPLE, 3), beyond which `_TRIM` others lie on either side, (n, 3)."""
+    least, most = np.empty(_TRIM + 1, np.float32), np.empty(_TRIM + 1, np.float32)  # the outermost, farthest first
+    for i in range(len(along)):
+        for axis in range(3):
+            least[:], most[:] = np.inf, -np.inf
+            for k in range(along.shape[1]):
+                value = along[i, k, axis]
+                if value < least[_TRIM]:
+                    at = _TRIM
+                    while at > 0 and value < least[at - 1]:
+                        least[at] = least[at - 1]
+                        at -= 1
+                    least[at] = value
+                if value > most[_TRIM]:
+                    at = _TRIM
+                    while at > 0 and value > most[at - 1]:
+                        most[at] = most[at - 1]
+                        at -= 1
+                    most[at] = value
+            lows[i, axis], highs[i, axis] = least[_TRIM], most[_TRIM]

@@ -19,8 +19,10 @@ SAMPLE = 200
 """A segment is so many of its points."""
 _TESTED = 4
 """One in this many of these is projected: 50 tell a share to 7 %."""
-_TOLERANCE = np.float32(0.03)
+TOLERANCE = np.float32(0.03)
 """A point is seen where depth agrees within this, metres: as far as surfaces lie apart by depth noise and by poses."""
+NEAREST = np.float32(0.1)
+"""What is nearer than this, metres, or behind the camera, is not seen."""
 _SEEN = 0.3
 """A view sees a segment of which it sees this share."""
 _WITHIN = 0.75
@@ -70,7 +72,7 @@ def view_of(keyframe: Keyframe) -> View:
     millimetres = np.rint(keyframe.depth[::STRIDE, ::STRIDE] * 1000)
     depth = np.where(millimetres < 65536, millimetres, 0).astype(np.uint16)
     focal = np.array((camera.fx, camera.fy, camera.cx, camera.cy), np.float32) / np.float32(STRIDE)
-    deepest = float(depth.max(initial=0)) / 1000 + float(_TOLERANCE)
+    deepest = float(depth.max(initial=0)) / 1000 + float(TOLERANCE)
     # What is seen lies in a pyramid as deep as this: the sphere is around its apex and its base's corners.
     h, w = depth.shape
     u, v = (np.array((-1.0, w, -1.0, w)) - focal[2]) / focal[0], (np.array((-1.0, -1.0, h, h)) - focal[3]) / focal[1]
@@ -115,7 +117,7 @@ def seen_at(
     h, w = depth.shape
     x, y, z = places[i, k, 0], places[i, k, 1], places[i, k, 2]
     c = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
-    if c < np.float32(0.1):
+    if c < NEAREST:
         return -1
     a = pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3]
     b = pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]
@@ -123,7 +125,7 @@ def seen_at(
     row = np.int64(np.floor(b / c * focal[1] + focal[3] + np.float32(0.5)))
     if row < 0 or column < 0 or row >= h or column >= w or depth[row, column] == 0:
         return -1
-    near = abs(np.float32(depth[row, column]) * np.float32(0.001) - c) < _TOLERANCE
+    near = abs(np.float32(depth[row, column]) * np.float32(0.001) - c) < TOLERANCE
     return row * w + column if near else -1
 
 

@@ -1,0 +1,106 @@
+"""Join what hangs in the air with what holds it up, in a single view: a screen and its foot, a lid and its base.
+
+Nothing hangs in the air. What begins well above the support, hidden by nothing in front, and has nothing beneath it
+that reaches up to it, is held by something that is not seen: behind it, or in a hole of depth. It belongs to what
+stands beneath it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.geometry.upright import taken
+from spot3d.kernel import kernel
+
+_STANDS = 0.03
+"""What begins within this height above a support, or above what carries it, stands on it, metres: a rim that depth
+misses, and noise."""
+_BESIDE = 0.03
+"""What carries something lies beneath it, or as near to that, seen from above, metres: the depth of an edge wanders."""
+_IN_FRONT = 0.02
+"""What is this much nearer than its neighbour hides what is behind, metres."""
+_LOW, _HIDDEN = 0.25, 0.1
+"""Of the rim of a part's lower quarter less than this share has something in front of it: else its bottom is hidden."""
+_END = 0.02
+"""Share of a part's points that may lie beyond its top and its bottom."""
+_SAMPLE = 300
+"""About so many of a part's points tell what is beneath it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """pixels: (n,) flat numbers; plan: (m, 3) float32, some of their points, moved along up to one height; bottom, top:
+    heights above the support; metres."""
+
+    pixels: NDArray[np.int64]
+    plan: NDArray[np.float32]
+    bottom: float
+    top: float
+
+
+def join_hanging(
+    parts: list[NDArray[np.int64]], points: NDArray[np.float32], height: NDArray[np.float32], up: NDArray[np.float64]
+) -> list[NDArray[np.int64]]:
+    """Parts of one view, those that hang in the air joined with what is beneath them.
+
+    parts: flat pixel numbers; points: (h, w, 3) float32 metres, camera frame; height: (h * w,) float32 metres above
+    the support; up: (3,) unit, camera frame. What hangs above nothing stays as it is.
+    """
+    known = [_part(pixels, points.reshape(-1, 3), height, up) for pixels in parts]
+    held: dict[int, list[NDArray[np.int64]]] = {k: [part.pixels] for k, part in enumerate(known)}
+    for k, part in enumerate(known):
+        holder = _holder(part, known) if part.bottom >= _STANDS else None
+        if holder is not None and not _bottom_hidden(part, points[..., 2], height):
+            held[holder] += held.pop(k)  # nothing hangs on what hangs itself
+    return [np.concatenate(pixels) for pixels in held.values()]
+
+
+def _part(
+    pixels: NDArray[np.int64], flat: NDArray[np.float32], height: NDArray[np.float32], up: NDArray[np.float64]
+) -> _Part:
+    upwards = up.astype(np.float32)
+    places = taken(flat, pixels[:: max(1, len(pixels) // _SAMPLE)])
+    bottom, top = np.quantile(height[pixels], (_END, 1 - _END))
+    return _Part(pixels, places - (places @ upwards)[:, None] * upwards, float(bottom), float(top))
+
+
+def _holder(part: _Part, others: list[_Part]) -> int | None:
+    """The number of what a part hangs above; None where it hangs above nothing, or something reaches up to it."""
+    found, nearest = None, _BESIDE
+    for number, other in enumerate(others):
+        if other is part or other.bottom >= part.bottom:
+            continue
+        away = float(np.sqrt(_square(part.plan, other.plan)))
+        if away < _BESIDE and other.top > part.bottom - _STANDS:
+            return None
+        if away < nearest and other.bottom < _STANDS:
+            found, nearest = number, away
+    return found
+
+
+def _bottom_hidden(part: _Part, depth: NDArray[np.float32], height: NDArray[np.float32]) -> bool:
+    """Whether something in front hides where a part ends below. depth: (h, w) metres; height: (h * w,)."""
+    (h, w), own = depth.shape, np.zeros(depth.size, np.bool_)
+    own[part.pixels] = True
+    low = part.pixels[height[part.pixels] < part.bottom + _LOW * (part.top - part.bottom)]
+    v, u = np.divmod(low, w)
+    rim, hidden = 0, 0
+    for y, x in ((v - 1, u), (v + 1, u), (v, u - 1), (v, u + 1)):
+        beside = np.clip(y, 0, h - 1) * w + np.clip(x, 0, w - 1)
+        outside, seen = ~own[beside], depth.ravel()[beside]
+        rim += int(np.count_nonzero(outside))
+        hidden += int(np.count_nonzero(outside & (seen > 0) & (seen < depth.ravel()[low] - _IN_FRONT)))
+    return hidden > _HIDDEN * rim
+
+
+@kernel("f4(f4[:,::1], f4[:,::1])")
+def _square(one: NDArray[np.float32], other: NDArray[np.float32]) -> np.float32:
+    """The square of the least distance between two sets of points, (n, 3) and (m, 3)."""
+    least = np.float32(np.inf)
+    for i in range(len(one)):
+        for j in range(len(other)):
+            a, b, c = one[i, 0] - other[j, 0], one[i, 1] - other[j, 1], one[i, 2] - other[j, 2]
+            square = a * a + b * b + c * c
+            least = square if square < least else least
+    return least

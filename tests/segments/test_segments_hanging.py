@@ -1,0 +1,67 @@
+"""What hangs in the air belongs to what stands beneath it."""
+
+import numpy as np
+import pytest
+from fusion_room import ROOM, Cuboid, look_at, standing, view
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics, back_project, invert
+from spot3d.segments.hanging import join_hanging
+from spot3d.segments.supports import heights
+
+CAMERA = Intrinsics(300.0, 300.0, 159.5, 119.5, 320, 240)
+POSE = look_at((0.0, -0.9, 0.6), (0, 0, 0.1))
+TABLE = np.array([0, 0, 1.0, 0]) @ POSE
+RED, GREEN, BLUE = (200, 40, 40), (40, 160, 60), (50, 60, 200)
+SCREEN = Cuboid((0.0, 0.1, 0.25), (0.3, 0.02, 0.2), colour=RED)
+FOOT = standing(0.0, 0.05, (0.2, 0.15, 0.02), colour=GREEN)
+
+
+def groups_of(*things: Cuboid, noise: bool = False, torn: float = 0.0) -> list[list[int]]:
+    """Which of these things are joined. torn: share of the image's height without depth, from the middle down."""
+    seen = view(POSE, ROOM + things, np.random.default_rng(0) if noise else None, CAMERA)
+    depth = seen.depth.copy()
+    depth[CAMERA.height // 2 : int(CAMERA.height * (0.5 + torn))] = 0
+    points = back_project(depth, CAMERA)
+    whose: list[NDArray[np.int64]] = [
+        np.flatnonzero((seen.colour == thing.colour).all(axis=-1) & (depth > 0)) for thing in things
+    ]
+    joined = join_hanging(whose, points, heights(points, TABLE, bent=False).ravel(), invert(POSE)[:3, 2])
+    assert np.array_equal(np.sort(np.concatenate(joined)), np.sort(np.concatenate(whose)))
+    return sorted([k for k, pixels in enumerate(whose) if np.isin(pixels, group).all()] for group in joined)
+
+
+@pytest.mark.parametrize("noise", [False, True])
+def test_a_screen_is_one_with_its_foot(noise: bool) -> None:
+    beside = standing(-0.35, 0.0, (0.1, 0.1, 0.1), colour=BLUE)
+    assert groups_of(SCREEN, FOOT, beside, noise=noise) == [[0, 1], [2]]
+
+
+def test_a_screen_whose_lower_edge_has_no_depth_is_one_with_its_foot() -> None:
+    assert groups_of(SCREEN, FOOT, torn=0.04) == [[0, 1]]
+
+
+def test_what_hangs_above_nothing_stays_as_it_is() -> None:
+    assert groups_of(SCREEN, standing(0.3, 0.05, (0.1, 0.1, 0.02), colour=GREEN)) == [[0], [1]]
+
+
+def test_what_stands_on_another_is_another() -> None:
+    """Also where it is wider, and hides where it stands."""
+    carton = standing(0.0, 0.1, (0.1, 0.1, 0.14), colour=GREEN)
+    for width in (0.06, 0.2):
+        assert groups_of(Cuboid((0.0, 0.1, 0.17), (width, width, 0.06), colour=RED), carton) == [[0], [1]]
+
+
+def test_what_something_in_front_hides_below_may_stand() -> None:
+    wide = Cuboid((0.0, 0.1, 0.25), (0.36, 0.02, 0.2), colour=RED)
+    foot = standing(0.0, 0.05, (0.4, 0.15, 0.02), colour=GREEN)
+    assert groups_of(wide, foot) == [[0, 1]]
+    assert groups_of(wide, foot, standing(0.0, -0.1, (0.3, 0.04, 0.28), colour=BLUE)) == [[0], [1], [2]]
+
+
+def test_nothing_hangs_on_what_hangs_itself() -> None:
+    assert groups_of(SCREEN, Cuboid((0.0, 0.1, 0.08), (0.2, 0.1, 0.02), colour=GREEN)) == [[0], [1]]
+
+
+def test_without_parts_there_is_nothing_to_join() -> None:
+    assert join_hanging([], np.zeros((4, 5, 3), np.float32), np.zeros(20, np.float32), np.array([0, 0, 1.0])) == []
