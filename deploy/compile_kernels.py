@@ -18,13 +18,15 @@ FRAMES = 6
 
 
 def compile_source(scene: Scene) -> None:
-    """Renders the scene and registers colour to depth."""
+    """Renders the scene, registers colour to depth, and reads an image of a ROS bag."""
     from spot3d.source.calibration import ColourCamera
     from spot3d.source.colour_registration import ColourRegistration
+    from spot3d.source.ros.rvl import decode_rvl
 
     frame = scene[0]
     camera = ColourCamera(frame.intrinsics, np.eye(4))
     ColourRegistration(frame.intrinsics, camera).register(frame.colour, frame.depth_metres())
+    decode_rvl(np.array((1, 1, 1 << 28), "<u4").tobytes())  # one pixel, which is zero
 
 
 def compile_pose(scene: Scene) -> None:

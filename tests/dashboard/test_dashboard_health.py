@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from spot3d.dashboard.health import StageRecords
-from spot3d_schemas import STAGES, Header, Health
+from spot3d_schemas import BRIDGE, STAGES, Header, Health
 
 
 def health(stage: str, **changes: Any) -> Health:
@@ -127,3 +127,21 @@ def test_who_is_no_stage_is_not_listened_to() -> None:
     records = StageRecords()
     records.hear(health("stranger"), 1.0)
     assert [word.stage for word in records.words((), 1.0)] == list(STAGES)
+
+
+def test_a_bridge_is_told_of_where_there_is_one() -> None:
+    """As `spot3d status` does; what it skips on purpose is no fault."""
+    both = (*STAGES, BRIDGE)
+    records = working(8)
+    assert BRIDGE not in [word.stage for word in records.words(STAGES, 8.0)]
+    assert said(records, BRIDGE, 8.0, both) == "waits: is there, and has not said yet how it is"
+    for second in range(9):
+        skipped = {"heatmap/heat skipped": 25 * second}
+        records.hear(health(BRIDGE, published=92 * second, drops=skipped, rate_hz=0.0), float(second))
+    assert said(records, BRIDGE, 8.0, both) == "good: 92 messages a second cross"
+    assert records.drops() == {BRIDGE: {"heatmap/heat skipped": 200}}
+    cut = "nothing crosses to tcp/10.0.0.2:7447, for 5 s: no answer"
+    records.hear(health(BRIDGE, state=cut), 9.0)
+    assert said(records, BRIDGE, 9.0, both) == f"bad: {cut}"
+    assert said(records, BRIDGE, 14.0, both).startswith("bad: has said nothing for 5 s")
+    assert said(records, BRIDGE, 14.0) == "bad: is not running, or the link is cut, since 5 s"

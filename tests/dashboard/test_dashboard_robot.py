@@ -19,7 +19,7 @@ from spot3d.dashboard.saving import map_file, objects_file
 from spot3d.dashboard.settings import DashboardSettings
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.drawing.picture import object_colour
-from spot3d_schemas import TOPICS, CameraIntrinsics, Message, Pose, Preview
+from spot3d_schemas import BRIDGE, STAGES, TOPICS, CameraIntrinsics, Message, Pose, Preview
 
 POSE = SAMPLES["Pose"].model_copy(update={"status": "ok", "reason": ""})
 
@@ -118,6 +118,17 @@ def test_texts_are_told_and_escaped() -> None:
     assert "<b>late" not in drop_table({"fusion": {"<b>late": 3}})
     words = robot.records.words(("fusion",), 1.0, "")
     assert "&lt;" not in health_table(words)
+
+
+def test_the_panel_says_why_nothing_crosses() -> None:
+    robot = robot_with("fusion/health")
+    assert ">bridge<" not in health_table(robot.records.words(STAGES, 1.0))
+    state = "nothing crosses to tcp/10.0.0.2:7447, for 5 s: no answer"
+    cut = SAMPLES["Health"].model_copy(update={"stage": BRIDGE, "state": state, "drops": {"heatmap/heat skipped": 7}})
+    robot.hear("bridge/health", cut, 1.0)
+    table = health_table(robot.records.words((*STAGES, BRIDGE), 1.0))
+    assert f"<b>bridge</b></td><td>{state}</td>" in table
+    assert "<b>bridge</b></td><td>heatmap/heat skipped</td>" in drop_table(robot.records.drops())
 
 
 def test_a_port_that_is_taken_ends_the_dashboard_with_what_is_wrong() -> None:

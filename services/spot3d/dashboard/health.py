@@ -1,11 +1,11 @@
-"""How the stages of a robot fare, in words that a person understands."""
+"""How the stages of a robot fare, and its bridge, in words that a person understands."""
 
 from collections import Counter, deque
 from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal
 
-from spot3d_schemas import STAGES, Health
+from spot3d_schemas import BRIDGE, STAGES, Health
 
 Level = Literal["good", "waits", "bad"]
 
@@ -31,6 +31,7 @@ _STREAMS = {"heatmap": 2, "segments": 2, "fusion": 3}
 _GIVES = {"source": "frame", "pose": "pose", "proposals": "boxes", "heatmap": "heat"}
 _CHOOSES = frozenset(("segments",))
 """Stages that work on some frames only, and leave others out on purpose."""
+_HEARD = (*STAGES, BRIDGE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,10 +50,10 @@ class _Heard:
 
 
 class StageRecords:
-    """What the stages of one robot have said of late. Times are monotonic seconds."""
+    """What the stages of one robot, and its bridge, have said of late. Times are monotonic seconds."""
 
     def __init__(self) -> None:
-        self._heard: dict[str, deque[_Heard]] = {stage: deque(maxlen=16) for stage in STAGES}
+        self._heard: dict[str, deque[_Heard]] = {stage: deque(maxlen=16) for stage in _HEARD}
         self._busy_s: dict[str, float] = {}
 
     def hear(self, health: Health, now_s: float) -> None:
@@ -73,18 +74,23 @@ class StageRecords:
 
     def drops(self) -> dict[str, dict[str, int]]:
         """What each stage that drops has dropped in all, by reason."""
-        latest = {stage: self.latest(stage) for stage in STAGES}
+        latest = {stage: self.latest(stage) for stage in _HEARD}
         return {stage: dict(health.drops) for stage, health in latest.items() if health is not None and health.drops}
 
     def words(self, alive: Collection[str], now_s: float, lost: str = "") -> list[Word]:
-        """One word on each stage. alive: those whose process is there; lost: why the last pose is lost, if it is."""
-        return [self._word(stage, alive, now_s, lost) for stage in STAGES]
+        """One word on each stage, and on the bridge where there is or was one.
+
+        alive: those whose process is there; lost: why the last pose is lost, if it is.
+        """
+        bridged = BRIDGE in alive or self._heard[BRIDGE]
+        return [self._word(stage, alive, now_s, lost) for stage in (_HEARD if bridged else STAGES)]
 
     def _word(self, stage: str, alive: Collection[str], now_s: float, lost: str) -> Word:
         records = self._heard[stage]
         silent_s = now_s - records[-1].at_s if records else 0.0
         if stage not in alive:
-            return Word(stage, "bad", f"is not running, since {silent_s:.0f} s" if records else "is not running")
+            gone = "is not running, or the link is cut" if stage == BRIDGE else "is not running"
+            return Word(stage, "bad", f"{gone}, since {silent_s:.0f} s" if records else gone)
         if not records:
             return Word(stage, "waits", "is there, and has not said yet how it is")
         if silent_s > SILENT_S:
@@ -96,10 +102,14 @@ class StageRecords:
             return Word(stage, "bad", f"fails: {newest.last_error}")
         if stage == "pose" and lost:
             return Word(stage, "bad", f"is lost: {lost}")
+        span_s = records[-1].at_s - oldest.at_s
+        if stage == BRIDGE:
+            # It skips images on purpose; how many, the table of what was dropped says.
+            crossed_hz = (newest.published - oldest.health.published) / span_s if span_s > 0 else 0.0
+            return Word(stage, "good", f"{crossed_hz:.0f} messages a second cross")
         idle = self._idle(stage, alive, now_s)
         if idle is not None:
             return idle
-        span_s = records[-1].at_s - oldest.at_s
         dropped = self._dropping(newest, oldest.health, span_s)
         if dropped:
             return Word(stage, "waits", dropped)

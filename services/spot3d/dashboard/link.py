@@ -15,12 +15,12 @@ from zenoh.handlers import Handler, RingChannel
 from spot3d.dataflow.payload import intact_bytes
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.settings import LinkSettings
-from spot3d_schemas import STAGES, TOPICS, CodecError, MapChanges, Message, alive_key, decode, fleet_key, key
+from spot3d_schemas import BRIDGE, STAGES, TOPICS, CodecError, MapChanges, Message, alive_key, decode, fleet_key, key
 from spot3d_schemas.limits import MAX_MAP_CHANGES
 
 log = logging.getLogger(__name__)
 
-_FLEET = (*(f"{stage}/health" for stage in STAGES), "fusion/objects")
+_FLEET = (*(f"{stage}/health" for stage in (*STAGES, BRIDGE)), "fusion/objects")
 """Small, and heard of every robot."""
 _SHOWN = ("source/preview", "heatmap/preview", "pose/pose", "fusion/progress")
 """Heard only of robots that are shown."""

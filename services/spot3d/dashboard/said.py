@@ -5,7 +5,7 @@ from html import escape
 
 from spot3d.dashboard.health import Word
 from spot3d.dashboard.robot import Robot
-from spot3d_schemas import STAGES
+from spot3d_schemas import BRIDGE, STAGES
 
 _COLOURS = {"good": "#40c057", "waits": "#fab005", "bad": "#fa5252"}
 _REASONS_MOST = 12
@@ -58,7 +58,7 @@ def summary(robot: Robot) -> str:
 
 
 def health_table(words: Sequence[Word]) -> str:
-    """How each stage fares, in words."""
+    """How each stage fares, and the bridge, in words."""
     rows = "".join(
         f'<tr><td style="color:{_COLOURS[word.level]}">&#9679;</td><td><b>{escape(word.stage)}</b></td>'
         f"<td>{escape(word.text)}</td></tr>"
@@ -79,7 +79,7 @@ def hop_table(times: Mapping[str, Mapping[str, float]]) -> str:
 
 def drop_table(drops: Mapping[str, Mapping[str, int]]) -> str:
     """What was dropped so far, by stage and reason."""
-    counted = [(count, stage, reason) for stage in STAGES for reason, count in drops.get(stage, {}).items()]
+    counted = [(count, stage, reason) for stage in (*STAGES, BRIDGE) for reason, count in drops.get(stage, {}).items()]
     if not counted:
         return "nothing dropped"
     counted.sort(reverse=True)

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 
 import zenoh
 
+from spot3d.dataflow.lingering import close_at_once
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 
@@ -40,7 +41,8 @@ def open_router(
 
     link: whose certificates are used at tls endpoints. access: Zenoh's `access_control`; None: everybody may do
     everything. spare: whoever is not connected by a Unix socket is sent what his connection takes, and the rest is
-    dropped: nobody waits for him. The session takes part in the dataflow as any other does, whatever `access` says.
+    dropped: nobody waits for him. The session takes part in the dataflow as any other does, whatever `access` says; who
+    stands still when it ends is not waited for.
     Raises ConnectionError where it cannot listen, TlsError where its certificate cannot be used.
     """
     secrets = {} if link is None else link.model_dump(include={"ca", "certificate", "key", "verify_names"})
@@ -48,4 +50,7 @@ def open_router(
     if spare:
         more["qos/network"] = _ONLOOKERS
     with open_session(LinkSettings(mode="router", listen=listen, connect=connect, **secrets), None, more) as session:
-        yield session
+        try:
+            yield session
+        finally:
+            close_at_once(all_hosts=True)

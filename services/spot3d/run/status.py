@@ -149,7 +149,7 @@ def _watch(robot: str, console: Console, channels: _Channels, alive: Alive, hear
             while True:
                 _listen(channels, alive, heard, _REFRESH_S)
                 there = _processes(alive)
-                words = heard.records.words([stage for stage in STAGES if there[stage]], time.monotonic())
+                words = heard.records.words([stage for stage, count in there.items() if count], time.monotonic())
                 table = status_table(robot, there, heard.health, heard.objects)
                 live.update(Group(words_of_stages(words), table), refresh=True)
     except KeyboardInterrupt:

@@ -84,7 +84,6 @@ def test_colour_that_cannot_be_read_is_told(message: object, expected: str) -> N
     ("message", "expected"),
     [
         (SPEAKER.image(0, "c", "8UC1", MILLIMETRES.astype(np.uint8)), "a depth image is '8UC1'; taken are 16UC1"),
-        (SPEAKER.compressed(0, "c", "16UC1; compressedDepth rvl", bytes(40)), "RVL is not read"),
         (SPEAKER.compressed(0, "c", "jpeg", png(RGB)), r"compressed depth is uint8.*expected 16 bits"),
     ],
 )

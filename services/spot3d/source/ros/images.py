@@ -12,7 +12,7 @@ from spot3d.source.errors import SourceError
 _CHANNELS = {"rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4, "mono8": 1, "8UC1": 1}
 _DEPTH_TYPES = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
 _DEPTH_HEADER = struct.Struct("<iff")
-"""What compressedDepth puts before its PNG: a number, and the two that inverse depth was quantised by."""
+"""What compressedDepth puts before the image: a number, and the two that inverse depth was quantised by."""
 MILLIMETRES = 0.001
 """Metres per unit of 16UC1 (REP 118)."""
 
@@ -35,7 +35,7 @@ def depth_image(message: Any) -> NDArray[np.uint16] | NDArray[np.float32]:
     """(h, w) uint16 millimetres or float32 metres, 0 = invalid, of a depth image.
 
     An Image (16UC1, mono16, 32FC1); or a CompressedImage: 16-bit PNG, or what the transport compressedDepth makes of
-    either (its PNG). Raises SourceError.
+    either (PNG or RVL). Raises SourceError.
     """
     if hasattr(message, "encoding"):
         dtype = _DEPTH_TYPES.get(message.encoding)
@@ -45,10 +45,11 @@ def depth_image(message: Any) -> NDArray[np.uint16] | NDArray[np.float32]:
     kind = message.format
     if "compressedDepth" not in kind:
         return _sixteen_bits(message, message.data)
-    if "rvl" in kind.lower():
-        raise SourceError(f"a depth image is {kind!r}; RVL is not read: record with compressedDepth's PNG")
-    _, a, b = _DEPTH_HEADER.unpack_from(bytes(message.data[: _DEPTH_HEADER.size]))
-    steps = _sixteen_bits(message, message.data[_DEPTH_HEADER.size :])
+    header, image = bytes(message.data[: _DEPTH_HEADER.size]), message.data[_DEPTH_HEADER.size :]
+    if len(header) < _DEPTH_HEADER.size:
+        raise SourceError(f"a depth image ({kind!r}) has {len(header)} bytes, too few for its header")
+    _, a, b = _DEPTH_HEADER.unpack(header)
+    steps = _of_rvl(image) if "rvl" in kind.lower() else _sixteen_bits(message, image)
     if not kind.startswith("32FC1"):
         return steps
     # Inverse depth in steps (compressed_depth_image_transport): 0 is invalid.
@@ -84,6 +85,12 @@ def _sixteen_bits(message: Any, data: NDArray[np.uint8]) -> NDArray[np.uint16]:
     if image.dtype != np.uint16 or image.ndim != 2:
         raise SourceError(f"compressed depth is {image.dtype} {image.shape}; expected 16 bits and one channel")
     return image
+
+
+def _of_rvl(data: NDArray[np.uint8]) -> NDArray[np.uint16]:
+    from spot3d.source.ros.rvl import decode_rvl  # numba takes a second to import
+
+    return decode_rvl(bytes(data))
 
 
 def _valid(depth: NDArray[Any]) -> NDArray[Any]:

@@ -1,0 +1,67 @@
+"""The router's process: it ends soon, whatever has become of those that are connected to it."""
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+import zenoh
+
+from spot3d.dataflow.router import free_loopback_endpoint
+from spot3d.dataflow.session import open_session
+from spot3d.dataflow.settings import LinkSettings
+
+ONLOOKER = """
+import sys, time, zenoh
+config = zenoh.Config()
+config.insert_json5("mode", '"client"')
+config.insert_json5("connect/endpoints", f'["{sys.argv[1]}"]')
+with zenoh.open(config) as session:
+    subscriber = session.declare_subscriber("images", zenoh.handlers.FifoChannel(1))
+    print("ready", flush=True)
+    time.sleep(600)
+"""
+MEGABYTES = 20
+"""More than the buffers of a connection within one host take."""
+
+
+def wait(what: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + 20
+    while not what():
+        assert time.monotonic() < end_s
+        time.sleep(0.02)
+
+
+def test_it_waits_for_no_onlooker_that_stands_still(tmp_path: Path) -> None:
+    """Its connection would linger for ten seconds: as long as `docker compose stop` waits before it kills."""
+    elsewhere, socket = free_loopback_endpoint(), tmp_path / "stages"
+    command = [sys.executable, "-m", "spot3d", "router", "--stages", str(socket), "--listen", elsewhere]
+    with ExitStack() as stack:
+        router = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        stack.callback(router.kill)
+        assert router.stdout is not None
+        assert elsewhere in router.stdout.readline()
+        onlooker = stack.enter_context(
+            subprocess.Popen([sys.executable, "-c", ONLOOKER, elsewhere], stdout=subprocess.PIPE, text=True)
+        )
+        stack.callback(onlooker.kill)
+        assert onlooker.stdout is not None
+        assert onlooker.stdout.readline() == "ready\n"
+        with open_session(LinkSettings(connect=(f"unixsock-stream/{socket}",))) as session:
+            block = zenoh.CongestionControl.BLOCK
+            images = session.declare_publisher("images", congestion_control=block)
+            last = session.declare_subscriber("last", zenoh.handlers.FifoChannel(1))
+            wait(lambda: images.matching_status.matching)
+            onlooker.send_signal(signal.SIGSTOP)
+            for _ in range(MEGABYTES):
+                images.put(bytes(10**6))
+            # What is put behind has come back when the router has had it all.
+            session.put("last", b"", congestion_control=block)
+            wait(lambda: last.try_recv() is not None)
+        stopped_s = time.monotonic()
+        router.send_signal(signal.SIGTERM)
+        assert router.wait(60) == 0
+        assert time.monotonic() - stopped_s < 6
