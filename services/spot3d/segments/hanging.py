@@ -30,11 +30,13 @@ _SAMPLE = 300
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Part:
-    """pixels: (n,) flat numbers; plan: (m, 3) float32, some of their points, moved along up to one height; bottom, top:
-    heights above the support; metres."""
+    """pixels: (n,) flat numbers; plan: (m, 3) float32, some of their points, moved along up to one height; low, high:
+    (3,) its corners; bottom, top: heights above the support; metres."""
 
     pixels: NDArray[np.int64]
     plan: NDArray[np.float32]
+    low: NDArray[np.float32]
+    high: NDArray[np.float32]
     bottom: float
     top: float
 
@@ -62,7 +64,8 @@ def _part(
     upwards = up.astype(np.float32)
     places = taken(flat, pixels[:: max(1, len(pixels) // _SAMPLE)])
     bottom, top = np.quantile(height[pixels], (_END, 1 - _END))
-    return _Part(pixels, places - (places @ upwards)[:, None] * upwards, float(bottom), float(top))
+    plan = places - (places @ upwards)[:, None] * upwards
+    return _Part(pixels, plan, plan.min(axis=0), plan.max(axis=0), float(bottom), float(top))
 
 
 def _holder(part: _Part, others: list[_Part]) -> int | None:
@@ -70,6 +73,8 @@ def _holder(part: _Part, others: list[_Part]) -> int | None:
     found, nearest = None, _BESIDE
     for number, other in enumerate(others):
         if other is part or other.bottom >= part.bottom:
+            continue
+        if (np.maximum(part.low - other.high, other.low - part.high) >= _BESIDE).any():
             continue
         away = float(np.sqrt(_square(part.plan, other.plan)))
         if away < _BESIDE and other.top > part.bottom - _STANDS:
