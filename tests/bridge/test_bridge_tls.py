@@ -20,6 +20,7 @@ from spot3d_schemas import Health, decode, key
 
 LIMIT_S = 60.0
 ROBOT = "drone"
+REPORTS = 8
 HEAT, OBJECTS = key(ROBOT, "heatmap/heat"), key(ROBOT, "fusion/objects")
 ACCESS = AccessSettings(robots=("drone", "other-drone"), stations=("ground",))
 
@@ -115,4 +116,7 @@ def test_a_bridge_that_is_refused_says_why(fleet: Path, certificate: str, folder
         ground.declare_subscriber("spot3d/**", lambda sample: there.append(str(sample.key_expr)))
         with sides.bridge(certificate, fleet / folder):
             wait(lambda: bool(sides.states) and words in sides.states[-1], lambda: sides.drone.put(HEAT, "heat"))
+            told = len(sides.states)
+            wait(lambda: len(sides.states) >= told + REPORTS)
+            assert all(sides.states[told:]), "while nothing crosses it never says that all is well"
         assert not [name for name in there if name.startswith(f"spot3d/{ROBOT}/")]

@@ -17,13 +17,19 @@ def run(
     frames: int = 10,
     seed: int = 0,
     maps: list[NDArray[np.float64]] | None = None,
+    another_from: int = 10,
 ) -> Fusion:
-    """Fuse frames along an arc, each a keyframe with perfect labels. maps: where the map of poses lies, in each."""
+    """Fuse frames along an arc, each a keyframe with perfect labels.
+
+    maps: where the map of poses lies, in each. another_from: from this frame on somebody else gives the poses, whose
+    map is the world.
+    """
     rng = np.random.default_rng(seed)
     for stamp, pose in enumerate(orbit(frames)):
         seen = view(pose, ROOM + objects, rng)
         T_world_map = np.eye(4) if maps is None else maps[stamp]
-        fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, T_world_map @ pose, stamp, T_world_map)
+        by, told = ("first", T_world_map) if stamp < another_from else ("another", np.eye(4))
+        fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, T_world_map @ pose, stamp, told, by)
         true = keyframe(pose, objects)
         assert fusion.observe(FrameSegments(true.labels, true.heat, true.planes, true.stands_on, CAMERA), stamp)
     return fusion
@@ -79,6 +85,18 @@ def test_objects_move_with_the_map_of_poses(fused: Fusion) -> None:
         np.testing.assert_allclose(ours.box.size, theirs.box.size, atol=1e-4)
         np.testing.assert_allclose(ours.box.centre, moved(theirs.box, maps[-1]).centre, atol=1e-4)
     np.testing.assert_allclose(slid.up, stayed.up, atol=1e-6)
+
+
+def test_objects_stay_when_another_process_gives_the_poses(fused: Fusion) -> None:
+    """What it takes for the world's own map is the map of before as it lay last."""
+    slid = [np.eye(4) for _ in range(10)]
+    for T in slid[3:]:
+        T[2, 3] = 0.03
+    found = run(Fusion(COARSE), maps=slid, another_from=6).objects().objects
+    for ours, before in zip(found, fused.objects().objects, strict=True):
+        assert ours.id == before.id
+        np.testing.assert_allclose(ours.box.centre, moved(before.box, slid[-1]).centre, atol=2e-3)
+        np.testing.assert_allclose(ours.box.size, before.box.size, atol=2e-3)
 
 
 def test_reset_starts_anew(fused: Fusion) -> None:

@@ -59,6 +59,21 @@ def test_what_something_in_front_hides_below_may_stand() -> None:
     assert groups_of(wide, foot, standing(0.0, -0.1, (0.3, 0.04, 0.28), colour=BLUE)) == [[0], [1], [2]]
 
 
+def test_what_the_image_cuts_off_below_may_stand() -> None:
+    """A screen whose lower edge is the image's, above something low in the image's last rows, is no part of it."""
+    depth = np.full((40, 60), 1.0, np.float32)
+    points = back_project(depth, Intrinsics(60.0, 60.0, 29.5, 19.5, 60, 40))
+    up = np.array([0.0, -1.0, 0.0])
+    height = np.full(depth.shape, 0.0, np.float32)
+    height[:, 10:50] = np.linspace(0.3, 0.06, 40, dtype=np.float32)[:, None]
+    height[30:, :10] = 0.01
+    number = np.arange(depth.size).reshape(depth.shape)
+    screen, low = number[:, 10:50].ravel(), number[30:, 8:10].ravel()
+    assert len(join_hanging([screen, low], points, height.ravel(), up)) == 2
+    raised = number[:-4, 10:50].ravel()  # not cut off: the same hangs above what is low
+    assert len(join_hanging([raised, low], points, height.ravel(), up)) == 1
+
+
 def test_nothing_hangs_on_what_hangs_itself() -> None:
     assert groups_of(SCREEN, Cuboid((0.0, 0.1, 0.08), (0.2, 0.1, 0.02), colour=GREEN)) == [[0], [1]]
 

@@ -43,7 +43,8 @@ class Crossing:
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             self._prompt, self._bulk = self._open_both(stack)
-            self._heard_s = dict.fromkeys(("prompt", "bulk"), time.monotonic())
+            self._begun_s = time.monotonic()
+            self._heard_s = dict.fromkeys(("prompt", "bulk"), self._begun_s)
             self._asked_s = float("-inf")
             self._declare_echoes()
             self._flows = self._declare_flows(stack)
@@ -56,6 +57,11 @@ class Crossing:
     def close(self) -> None:
         """Let nothing cross any more; then close the connections, which may take seconds where the link is gone."""
         self._exit.close()
+
+    @property
+    def answered(self) -> bool:
+        """Whether both connections have brought an echo."""
+        return min(self._heard_s.values()) > self._begun_s
 
     def silent_s(self) -> float:
         """Seconds since the last echo; that of the images may take twice as long."""

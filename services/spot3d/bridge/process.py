@@ -62,7 +62,7 @@ class _Bridge:
                 if self._crossing is None or self._crossing.silent_s() > self._settings.silence_s:
                     self._note_silence()
                     self._connect()
-                else:
+                elif self._crossing.answered:
                     self._note_echo()
                 self._report()
         if self._crossing is not None:

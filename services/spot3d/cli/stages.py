@@ -169,7 +169,8 @@ def fusion(
     from spot3d.fusion.process import run
 
     try:
-        run(resolved.link, resolved.fusion, stop, resume)
+        # Who supervises has the results, and does not wait for a snapshot.
+        run(resolved.link, resolved.fusion, stop, resume, keep_last=not supervised)
     except SnapshotError as error:
         raise CommandError(str(error)) from error
 

@@ -1,9 +1,10 @@
 """The page: what was heard goes to the panels and the scene, bounded in rate whatever comes."""
 
+import logging
 import operator
 import time
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 import viser
@@ -19,6 +20,8 @@ from spot3d.dashboard.saving import map_file, objects_file, png_file
 from spot3d.dashboard.scene import RobotScene
 from spot3d.dashboard.settings import DashboardSettings
 from spot3d_schemas import MapPoints
+
+log = logging.getLogger(__name__)
 
 _QUICK_S, _SLOW_S = 0.2, 0.5
 _VIEW_HEIGHT, _RENDER_S = 900, 20.0
@@ -102,12 +105,14 @@ class Page:
     def _show(self, slow: bool) -> None:
         """The scene, the picture and the table."""
         wanted, shown = self._panel.shown, self._shown
+        known = len(self._scenes)
         for robot in shown:
             if robot.name not in self._scenes and robot.up() is not None:
                 self._scenes[robot.name] = RobotScene(self._server.scene, robot, self._choose)
                 self._scenes[robot.name].turn(robot.up())
-                for client in self._server.get_clients().values():
-                    self._flights.submit(self._look, client)
+        if len(self._scenes) > known:
+            for client in self._server.get_clients().values():
+                self._flights.submit(self._look, client).add_done_callback(_tell_failure)
         names = {robot.name for robot in shown}
         for name, scene in self._scenes.items():
             scene.visible(name in names)
@@ -185,6 +190,12 @@ class Page:
                     else "fusion did not answer: is it running, and may we reset it (spot3d doctor)?"
                 )
                 client.add_notification(robot.name, text, color="green" if done else "red", auto_close_seconds=6.0)
+
+
+def _tell_failure(flight: Future[None]) -> None:
+    error = None if flight.cancelled() else flight.exception()
+    if error is not None:
+        log.warning("a browser's view was not moved: %s: %s", type(error).__name__, error)
 
 
 def _extent(robot: Robot, R_view_world: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, NDArray[np.float64]]:

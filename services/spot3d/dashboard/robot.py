@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from spot3d.dashboard.health import StageRecords
 from spot3d.dashboard.points import MapCopy
 from spot3d.dashboard.world import Trail
-from spot3d.dataflow.clocks import one_clock
+from spot3d.dataflow.clocks import one_clock, ways_ns
 from spot3d.run.report import statistics_ms
 from spot3d_schemas import Health, MapChanges, Message, Object3D, Objects, Pose, Preview, Progress
 
@@ -104,11 +104,10 @@ class Robot:
     def _timed(self, progress: Progress) -> None:
         trace = progress.header.trace
         if not one_clock(trace):
+            self._hops.clear()
             return
-        times = [
-            (f"{before.stage} to {after.stage}", after.received_ns - before.sent_ns)
-            for before, after in pairwise(trace)
-        ]
+        hops = zip(pairwise(trace), ways_ns(trace), strict=True)
+        times = [(f"{before.stage} to {after.stage}", way_ns) for (before, after), way_ns in hops]
         if len(trace) > 2:
             times.append((f"{trace[0].stage} to {trace[-1].stage}, in all", trace[-1].sent_ns - trace[0].sent_ns))
         for name, nanoseconds in times:

@@ -66,10 +66,13 @@ class Counters:
             self._steps += 1
             self._steps_ms.append(1e3 * seconds)
 
-    def latency(self, nanoseconds: int) -> None:
-        """Time from the source's publishing to this stage's own, by wall clock."""
+    def latency(self, nanoseconds: int | None) -> None:
+        """Time from the source's publishing to this stage's own, by wall clock; None: the clocks differ."""
         with self._lock:
-            self._latencies_ms.append(1e-6 * nanoseconds)
+            if nanoseconds is None:
+                self._latencies_ms.clear()
+            else:
+                self._latencies_ms.append(1e-6 * nanoseconds)
 
     def health(self, header: Header, now_s: float, use: ProcessUse) -> Health:
         """The message. The rate is that of the steps since the last call."""

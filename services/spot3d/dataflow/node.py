@@ -193,8 +193,9 @@ class Node:
 
     def measure_latency(self, header: Header) -> None:
         """Count the time since the frame of this header left its source, for messages that are sent now."""
-        if len(header.trace) > 1 and one_clock(header.trace):
-            self.counters.latency(header.trace[-1].sent_ns - header.trace[0].sent_ns)
+        if len(header.trace) > 1:
+            way_ns = header.trace[-1].sent_ns - header.trace[0].sent_ns
+            self.counters.latency(way_ns if one_clock(header.trace) else None)
 
     def reply(self, query: zenoh.Query, topic: str, message: Message) -> None:
         """Answer a query."""

@@ -46,7 +46,9 @@ class LinkSettings(BaseModel):
         True, description="live: images go through shared memory on one host; a stalled reader's are dropped, counted"
     )
     snapshot_interval_s: float = Field(
-        10.0, ge=0, description="fusion keeps a snapshot of its map this often, seconds, to go on from; 0: none"
+        10.0,
+        ge=0,
+        description="fusion keeps a snapshot of its map this often, seconds, and when stopped, to go on from; 0: none",
     )
     snapshot_folder: str = Field(
         "", description="where snapshots are kept; empty: spot3d/ROBOT in $XDG_STATE_HOME, or in ~/.local/state"

@@ -44,6 +44,8 @@ def snapshot_bytes(snapshot: Snapshot) -> list[bytes]:
 def write_snapshot(path: Path, pieces: list[bytes]) -> None:
     """Write the content that `snapshot_bytes` gave; whoever looks finds the file before or this one. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    for left in path.parent.glob(f".{path.name}.*.partial"):
+        left.unlink(missing_ok=True)  # of a process that was killed
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
         with partial.open("wb") as stream:

@@ -51,6 +51,8 @@ class SnapshotWriter:
         self.close()
         if self._thread is None or not self._thread.is_alive():
             self._write(pieces)
+        else:
+            self._failed("the snapshot before is still being written: what came since is lost in a restart")
 
     def close(self) -> None:
         """Wait for what is being written."""

@@ -52,7 +52,8 @@ class MapState:
     """A map that another fusion can go on from.
 
     rows: (n, 16) float32 points and keys: (n,) int64 the voxel of each (see `Heatmap3D.held`); removed, candidates:
-    (k, 4) planes, world; supporting: (4,) or None; T_world_map: (4, 4) of the last frame's pose.
+    (k, 4) planes, world; supporting: (4,) or None; T_world_map: (4, 4) where the map of poses lay by the last frame;
+    poses_of: whose poses these were; T_theirs_map: (4, 4) the map of poses in theirs.
     """
 
     rows: NDArray[np.float32]
@@ -63,6 +64,8 @@ class MapState:
     candidates: NDArray[np.float64]
     supporting: NDArray[np.float64] | None
     T_world_map: NDArray[np.float64]
+    poses_of: str | None
+    T_theirs_map: NDArray[np.float64]
 
 
 class ObjectsTask(Protocol):
@@ -120,7 +123,8 @@ class Fusion:
         self.identities = Identities()
         self._candidates = np.zeros((0, 4))
         self._supporting: NDArray[np.float64] | None = None
-        self._T_world_map = np.eye(4)
+        self._T_world_map = self._T_theirs_map = np.eye(4)
+        self._poses_of: str | None = None
 
     def reset(self) -> None:
         """Forget everything; object numbers start anew."""
@@ -133,7 +137,8 @@ class Fusion:
         self._removed = []
         self.identities = Identities()
         self._candidates, self._supporting, self.frame_count = np.zeros((0, 4)), None, 0
-        self._T_world_map = np.eye(4)
+        self._T_world_map = self._T_theirs_map = np.eye(4)
+        self._poses_of = None
 
     def map_state(self) -> MapState:
         """The map as it is now, copied, without its objects."""
@@ -147,6 +152,8 @@ class Fusion:
             candidates=self._candidates,
             supporting=self._supporting,
             T_world_map=self._T_world_map,
+            poses_of=self._poses_of,
+            T_theirs_map=self._T_theirs_map,
         )
 
     def resume(self, state: MapState, consensus: ViewConsensus, identities: Identities) -> None:
@@ -156,7 +163,7 @@ class Fusion:
         self.heatmap.evicted, self.frame_count = state.evicted, state.frame_count
         self._removed = list(state.removed)
         self._candidates, self._supporting = state.candidates, state.supporting
-        self._T_world_map = state.T_world_map
+        self._T_world_map, self._poses_of, self._T_theirs_map = state.T_world_map, state.poses_of, state.T_theirs_map
         self.consensus, self.identities = consensus, identities
 
     def fuse(
@@ -168,13 +175,14 @@ class Fusion:
         T_world_camera: NDArray[np.float64],
         stamp_ns: int | None = None,
         T_world_map: NDArray[np.float64] | None = None,
+        poses_of: str | None = None,
     ) -> MatchCounts:
         """Take in one frame: supporting plane, its removal from the heat, registration with the map.
 
         colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths;
         T_world_camera: (4, 4) float64. stamp_ns: by which `observe` finds the frame for a while; None: it does not.
         T_world_map: (4, 4) float64, where the map of poses lies by now (see `PoseEstimate`), and the objects with it;
-        None: it stays.
+        None: it stays. poses_of: who gives the poses: another one's map begins where that of before lay.
         """
         frame = to_lattice(colour, depth, heat, camera, self.settings.lattice_width)
         warm = frame.heat
@@ -187,8 +195,8 @@ class Fusion:
                 warm = np.where(on_plane(plane, points, self.settings, camera.noise), np.uint8(0), frame.heat)
         elif self._supporting is None:
             self._keyframe(back_project(frame.depth, frame.camera), frame.heat, T_world_camera, camera.noise)
+        self._follow_map(np.eye(4) if T_world_map is None else T_world_map, poses_of)
         self.frame_count += 1
-        self._T_world_map = np.eye(4) if T_world_map is None else T_world_map.copy()
         if stamp_ns is not None:
             # At full size the lattice is the caller's own image.
             own = not np.may_share_memory(frame.depth, depth)
@@ -198,6 +206,13 @@ class Fusion:
         return self._index_map.register(
             self.heatmap, self.frame_count, frame.colour, frame.depth, warm, frame.camera, T_world_camera
         )
+
+    def _follow_map(self, T_world_theirs: NDArray[np.float64], poses_of: str | None) -> None:
+        """Say where the map of poses lies by now, in which keyframes are; theirs: the map of who gives the poses."""
+        if self.frame_count and poses_of != self._poses_of:
+            self._T_theirs_map = invert(T_world_theirs) @ self._T_world_map
+        self._poses_of = poses_of
+        self._T_world_map = T_world_theirs @ self._T_theirs_map
 
     def observe(self, segments: FrameSegments, stamp_ns: int) -> bool:
         """Take in the objects of a single frame that has been fused with this stamp.

@@ -33,7 +33,7 @@ class Keeping:
     def keep_last(self, fusion: Fusion, told: Account) -> None:
         """Keep the map as the process ends, unless it has nothing that is not kept yet."""
         known = self._kept is not None and (self._kept.epoch, self._kept.fused_ns) == (told.epoch, told.fused_ns)
-        if not self._on or known or not fusion.frame_count:
+        if not self._on or known or told.fused_ns < 0:
             return
         kept = keep(fusion, told)
         try:

@@ -24,7 +24,11 @@ from spot3d.fusion.updates import Updates
 
 
 def run(
-    link: LinkSettings, settings: FusionSettings, stop: threading.Event | None = None, resume: Path | None = None
+    link: LinkSettings,
+    settings: FusionSettings,
+    stop: threading.Event | None = None,
+    resume: Path | None = None,
+    keep_last: bool = True,
 ) -> None:
     """Fuse every frame whose heat and pose come, until stopped by `stop`, SIGINT or SIGTERM.
 
@@ -32,9 +36,9 @@ def run(
     a stream is complete. Answers `fusion/map` (parameter `limit`: most points), `fusion/changes` (see `MapChanges`)
     and `fusion/reset`. Another stream of frames, or another epoch of poses, is another scene: the map and the numbers
     of the objects begin anew.
-    The map is kept in a file, at the end too, and a fusion that is started again amid a stream goes on from it. resume:
-    the snapshot of an earlier map that the first stream goes on with, whose poses are of the same world. Raises
-    SnapshotError where that file is none.
+    The map is kept in a file, at the end too if `keep_last`, and a fusion that is started again amid a stream goes on
+    from it. resume: the snapshot of an earlier map that the first stream goes on with, whose poses are of the same
+    world. Raises SnapshotError where that file is none.
     """
     fusion = Fusion(settings)
     told = None if resume is None else resumed(fusion, resume)
@@ -49,7 +53,8 @@ def run(
             ):
                 stage = Stage(node, fusion, keeping, updates, answers, told)
                 stage.serve()
-            stage.keep_last()
+            if keep_last:
+                stage.keep_last()
         except StoppedError:
             return
 

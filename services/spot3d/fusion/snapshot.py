@@ -75,12 +75,14 @@ def fusion_snapshot(kept: Kept) -> Snapshot:
     taken = state.rows[:, FREQUENCY] > 0
     arrays: dict[str, NDArray[Any]] = {"rows": state.rows[taken], "keys": state.keys[taken]}
     arrays |= {"removed": state.removed, "candidates": state.candidates, "T_world_map": state.T_world_map}
+    arrays["T_theirs_map"] = state.T_theirs_map
     if state.supporting is not None:
         arrays["supporting"] = state.supporting
     values = {
         "voxel": settings.voxel,
         "evicted": state.evicted,
         "frame_count": state.frame_count,
+        "poses_of": state.poses_of,
         "account": {name: getattr(kept.told, name) for name in Account.__slots__},
         "consensus": saved(kept.consensus.without_waiting(), arrays, _CLASSES, settings),
         "identities": saved(kept.identities, arrays, _CLASSES, settings),
@@ -120,10 +122,12 @@ def resume(fusion: Fusion, kept: Snapshot, path: Path) -> None:
             candidates=arrays["candidates"],
             supporting=arrays.get("supporting"),
             T_world_map=arrays["T_world_map"],
+            poses_of=values["poses_of"],
+            T_theirs_map=arrays["T_theirs_map"],
         )
         if state.rows.ndim != 2 or state.rows.shape[1:] != fusion.heatmap.arrays.rows.shape[1:]:
             raise SnapshotError(f"{path} has points of another version of spot3d")
-        if state.T_world_map.shape != (4, 4):
+        if not state.T_world_map.shape == state.T_theirs_map.shape == (4, 4):
             raise SnapshotError(f"{path} has no place of its map in the world")
         if state.keys.shape != state.rows.shape[:1] or state.rows.dtype != np.float32:
             raise SnapshotError(f"{path} has points of another version of spot3d")

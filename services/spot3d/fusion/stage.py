@@ -166,6 +166,7 @@ class Stage:
                 pose.message.T_world_camera.copy(),
                 stamp_ns,
                 pose.message.T_world_map,
+                pose.message.header.sender,
             )
         except Exception as error:
             self.node.crashed("fuse", f"cannot fuse the frame at {stamp_ns} ns", error)

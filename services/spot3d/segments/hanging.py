@@ -21,7 +21,8 @@ _BESIDE = 0.03
 _IN_FRONT = 0.02
 """What is this much nearer than its neighbour hides what is behind, metres."""
 _LOW, _HIDDEN = 0.25, 0.1
-"""Of the rim of a part's lower quarter less than this share has something in front of it: else its bottom is hidden."""
+"""Of the rim of a part's lower quarter less than this share has something in front of it, or is the image's border:
+else its bottom is hidden."""
 _END = 0.02
 """Share of a part's points that may lie beyond its top and its bottom."""
 _SAMPLE = 300
@@ -85,17 +86,22 @@ def _holder(part: _Part, others: list[_Part]) -> int | None:
 
 
 def _bottom_hidden(part: _Part, depth: NDArray[np.float32], height: NDArray[np.float32]) -> bool:
-    """Whether something in front hides where a part ends below. depth: (h, w) metres; height: (h * w,)."""
+    """Whether something in front, or the image's border, hides where a part ends below.
+
+    depth: (h, w) metres; height: (h * w,).
+    """
     (h, w), own = depth.shape, np.zeros(depth.size, np.bool_)
     own[part.pixels] = True
     low = part.pixels[height[part.pixels] < part.bottom + _LOW * (part.top - part.bottom)]
     v, u = np.divmod(low, w)
     rim, hidden = 0, 0
     for y, x in ((v - 1, u), (v + 1, u), (v, u - 1), (v, u + 1)):
+        cut = (y < 0) | (y >= h) | (x < 0) | (x >= w)
         beside = np.clip(y, 0, h - 1) * w + np.clip(x, 0, w - 1)
-        outside, seen = ~own[beside], depth.ravel()[beside]
+        outside, seen = ~own[beside] | cut, depth.ravel()[beside]
+        nearer = (seen > 0) & (seen < depth.ravel()[low] - _IN_FRONT)
         rim += int(np.count_nonzero(outside))
-        hidden += int(np.count_nonzero(outside & (seen > 0) & (seen < depth.ravel()[low] - _IN_FRONT)))
+        hidden += int(np.count_nonzero(cut | (outside & nearer)))
     return hidden > _HIDDEN * rim
 
 
