@@ -100,7 +100,8 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
         if step.pose.status != "ok" or not truth.boxes:
             return
         depth, camera, pose = step.frame.depth_metres(), step.frame.intrinsics, step.pose
-        peer.add(depth, camera, pose.T_world_camera, settings.fusion.range_max)
+        T_map_world = np.eye(4) if pose.T_world_map is None else invert(pose.T_world_map)
+        peer.add(depth, camera, T_map_world @ pose.T_world_camera, settings.fusion.range_max)
         T_true_camera = true_of[step.frame.stamp_ns]
         if T_true_camera is not None:
             sightings.add(depth, camera, T_true_camera, pose.T_world_camera, pose.T_world_map)
@@ -116,7 +117,7 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
     carried = sightings.carried(invert(T))
     return MeasuredRun(
         ours=measured(sequence, ours, truth, carried, T),
-        peer=measured(sequence, peer.found(settings.fusion), truth, carried, T),
+        peer=measured(sequence, peer.found(settings.fusion).moved(sightings.T_world_map), truth, carried, T),
         updates=[[(number, moved(box, T)) for number, box in update] for update in updates],
         step_s={stage: times[1:] if stage != "objects" else times for stage, times in result.step_s.items()},
         heat_counts=result.heat_counts,
