@@ -104,7 +104,7 @@ def test_a_part_of_it_under_another_name(contents: McapContents, link: LinkSetti
 
 def test_in_a_loop_until_it_is_stopped(contents: McapContents, link: LinkSettings, session: zenoh.Session) -> None:
     ear, stop = Ear(session, ROBOT), threading.Event()
-    playing = Playing(("pose/pose",), rate=10.0, loop=True)
+    playing = Playing(("pose/pose", "bridge/health"), rate=10.0, loop=True)
     player = threading.Thread(target=play, args=(contents, playing, link, stop))
     player.start()
     try:

@@ -17,7 +17,7 @@ from spot3d.recorder.keyboard import on_key
 from spot3d.recorder.mcap_contents import McapContents
 from spot3d.recorder.pace import Pace
 from spot3d.recorder.relabel import Labels
-from spot3d_schemas import TOPICS, End, Header, alive_key, encode, peek_header, process_key
+from spot3d_schemas import STAGES, TOPICS, End, Header, alive_key, encode, peek_header, process_key
 
 _FRAME, _END = "source/frame", "source/end"
 _TOKEN_S = 5.0
@@ -65,7 +65,8 @@ class _Player:
         self.sent: Counter[str] = Counter()
         self._contents, self._playing, self._link = contents, playing, link
         self._topic_of = {number: topic for topic, number in contents.topics.items() if topic in playing.topics}
-        stages = {TOPICS[topic].producer for topic in playing.topics}
+        # No bridge: what is played crosses no link.
+        stages = {TOPICS[topic].producer for topic in playing.topics} & set(STAGES)
         _refuse_alive(session, link.robot, stages)
         self._publishers = {topic: declare_publisher(session, topic, link) for topic in playing.topics}
         for publisher in self._publishers.values():
