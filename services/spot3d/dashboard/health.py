@@ -31,7 +31,8 @@ _STREAMS = {"heatmap": 2, "segments": 2, "fusion": 3}
 _GIVES = {"source": "frame", "pose": "pose", "proposals": "boxes", "heatmap": "heat"}
 _CHOOSES = frozenset(("segments",))
 """Stages that work on some frames only, and leave others out on purpose."""
-_HEARD = (*STAGES, BRIDGE)
+HEARD = (*STAGES, BRIDGE)
+"""Who says how it fares."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +54,7 @@ class StageRecords:
     """What the stages of one robot, and its bridge, have said of late. Times are monotonic seconds."""
 
     def __init__(self) -> None:
-        self._heard: dict[str, deque[_Heard]] = {stage: deque(maxlen=16) for stage in _HEARD}
+        self._heard: dict[str, deque[_Heard]] = {stage: deque(maxlen=16) for stage in HEARD}
         self._busy_s: dict[str, float] = {}
 
     def hear(self, health: Health, now_s: float) -> None:
@@ -74,7 +75,7 @@ class StageRecords:
 
     def drops(self) -> dict[str, dict[str, int]]:
         """What each stage that drops has dropped in all, by reason."""
-        latest = {stage: self.latest(stage) for stage in _HEARD}
+        latest = {stage: self.latest(stage) for stage in HEARD}
         return {stage: dict(health.drops) for stage, health in latest.items() if health is not None and health.drops}
 
     def words(self, alive: Collection[str], now_s: float, lost: str = "") -> list[Word]:
@@ -83,7 +84,7 @@ class StageRecords:
         alive: those whose process is there; lost: why the last pose is lost, if it is.
         """
         bridged = BRIDGE in alive or self._heard[BRIDGE]
-        return [self._word(stage, alive, now_s, lost) for stage in (_HEARD if bridged else STAGES)]
+        return [self._word(stage, alive, now_s, lost) for stage in (HEARD if bridged else STAGES)]
 
     def _word(self, stage: str, alive: Collection[str], now_s: float, lost: str) -> Word:
         records = self._heard[stage]

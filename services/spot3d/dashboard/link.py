@@ -12,15 +12,16 @@ import zenoh
 from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 from zenoh.handlers import Handler, RingChannel
 
+from spot3d.dashboard.health import HEARD
 from spot3d.dataflow.payload import intact_bytes
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.settings import LinkSettings
-from spot3d_schemas import BRIDGE, STAGES, TOPICS, CodecError, MapChanges, Message, alive_key, decode, fleet_key, key
+from spot3d_schemas import TOPICS, CodecError, MapChanges, Message, alive_key, decode, fleet_key, key
 from spot3d_schemas.limits import MAX_MAP_CHANGES
 
 log = logging.getLogger(__name__)
 
-_FLEET = (*(f"{stage}/health" for stage in (*STAGES, BRIDGE)), "fusion/objects")
+_FLEET = (*(f"{stage}/health" for stage in HEARD), "fusion/objects")
 """Small, and heard of every robot."""
 _SHOWN = ("source/preview", "heatmap/preview", "pose/pose", "fusion/progress")
 """Heard only of robots that are shown."""

@@ -3,9 +3,8 @@
 from collections.abc import Mapping, Sequence
 from html import escape
 
-from spot3d.dashboard.health import Word
+from spot3d.dashboard.health import HEARD, Word
 from spot3d.dashboard.robot import Robot
-from spot3d_schemas import BRIDGE, STAGES
 
 _COLOURS = {"good": "#40c057", "waits": "#fab005", "bad": "#fa5252"}
 _REASONS_MOST = 12
@@ -79,7 +78,7 @@ def hop_table(times: Mapping[str, Mapping[str, float]]) -> str:
 
 def drop_table(drops: Mapping[str, Mapping[str, int]]) -> str:
     """What was dropped so far, by stage and reason."""
-    counted = [(count, stage, reason) for stage in (*STAGES, BRIDGE) for reason, count in drops.get(stage, {}).items()]
+    counted = [(count, stage, reason) for stage in HEARD for reason, count in drops.get(stage, {}).items()]
     if not counted:
         return "nothing dropped"
     counted.sort(reverse=True)

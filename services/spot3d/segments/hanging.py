@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from spot3d.geometry.upright import taken
 from spot3d.kernel import kernel
 
+# Success and detection of single frames are the same, within 0.006 and 0.000, on HOTS, OSD and 60 cluttered frames with
+# each of these from a half to twice its value, but for `_BESIDE` of 0.06: things that stand close are joined (cluttered
+# 0.86, 0.87 to 0.84, 0.83). Without the step HOTS falls from 0.92, 0.92 to 0.85, 0.90; the others stay.
 _STANDS = 0.03
 """What begins within this height above a support, or above what carries it, stands on it, metres: a rim that depth
 misses, and noise."""
