@@ -38,6 +38,11 @@ def spoken(seconds: float) -> str:
     return f"about {1000 * abs(seconds):.0f} ms"
 
 
+def beside(ahead_s: float, whose: str) -> str:
+    """How far a clock is ahead of another one, whose that is said, or behind it: about 2 hours ahead of this one."""
+    return f"{spoken(ahead_s)} {'ahead of' if ahead_s > 0 else 'behind'} {whose}"
+
+
 class Clocks:
     """How long messages of each stage take to this one, by both wall clocks; any thread may add. Monotonic seconds."""
 
@@ -62,6 +67,5 @@ class Clocks:
         if not apart:
             return ""
         stage = max(apart, key=lambda name: abs(apart[name]))
-        way_s = 1e-9 * apart[stage]
-        text = f"the clock where {stage} runs is {spoken(way_s)} {'behind' if way_s > 0 else 'ahead of'} this one"
+        text = f"the clock where {stage} runs is {beside(-1e-9 * apart[stage], 'this one')}"
         return f"{text}, and lags say nothing: synchronise the clocks (spot3d doctor)"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from spot3d import __version__
 from spot3d.dataflow.about import zenoh_version
-from spot3d.dataflow.clocks import spoken
+from spot3d.dataflow.clocks import beside
 from spot3d.dataflow.tls import EXPIRES_SOON
 from spot3d.doctor.finding import Finding
 from spot3d.doctor.this_device import disk, kernels, shared_memory
@@ -95,7 +95,7 @@ def clock(host: str, there: Sequence[Answer]) -> Finding:
         best = worst  # two devices may have one name
     text = f"{best.offset_ms:+.1f} ms beside this device's, +- {best.within_ms:.1f} ms"
     if abs(best.offset_ms) - best.within_ms > CLOCK_MS:
-        text = f"{spoken(best.offset_ms / 1000)} {'ahead of' if best.offset_ms > 0 else 'behind'} this device's: {text}"
+        text = beside(best.offset_ms / 1000, "this device's") + f": {text}"
         remedy = "synchronise the clocks: chrony or systemd-timesyncd on both, the drone from the ground station"
         return Finding("problem", f"clock on {host}", text, remedy)
     if best.within_ms > CLOCK_MS:

@@ -97,7 +97,7 @@ def test_numbers_stay_while_keyframes_come() -> None:
 def test_one_update_or_many_give_the_same(batch: int, limit: int) -> None:
     frames = rooms(3, 8)
     for row in range(0, 24, 5):
-        frames[row] = keyframe(orbit(8)[row % 8], labels=dict(enumerate((1, 1, 2))), told=frames[row].T_world_camera)
+        frames[row] = keyframe(orbit(8)[row % 8], labels=dict(enumerate((1, 1, 2))), told=frames[row].T_map_camera)
     votes = ViewConsensus(SETTINGS.model_copy(update={"keyframe_limit": limit}))
     for start in range(0, 24, batch):
         found = votes.update(frames[start : start + batch])
@@ -347,9 +347,7 @@ def test_segments_on_another_lattice() -> None:
         small = FrameSegments(
             np.ascontiguousarray(frame.labels[::2, ::2]), frame.heat, frame.planes, frame.stands_on, half
         )
-        fused = FusedFrame(
-            frame.stamp_ns, frame.colour, frame.depth, CAMERA, frame.T_world_camera, frame.T_world_camera
-        )
+        fused = FusedFrame(frame.stamp_ns, frame.colour, frame.depth, CAMERA, frame.T_map_camera, frame.T_map_camera)
         frames.append(keyframe_of(fused, small))
     assert frames[0].labels.shape == CAMERA.shape
     assert_found(agreed(frames), least=0.6)
@@ -369,7 +367,7 @@ def test_cameras_may_differ() -> None:
 def test_a_keyframe_that_cannot_be_taken_in_spares_the_others() -> None:
     votes = ViewConsensus(SETTINGS)
     frames = keyframes()
-    frames[4] = replace(frames[4], T_world_camera=np.zeros((4, 4)))
+    frames[4] = replace(frames[4], T_map_camera=np.zeros((4, 4)))
     with pytest.raises(np.linalg.LinAlgError):
         votes.update(frames)
     found = votes.update([])

@@ -62,7 +62,7 @@ def test_places_are_looked_up_as_one_at_a_time(seed: int) -> None:
     near = rng.integers(0, CAMERA.height, (30, SAMPLE)), rng.integers(0, CAMERA.width, (30, SAMPLE))
     at = back_project(frame.depth, CAMERA)[near] * rng.normal(1, 0.05, (30, SAMPLE, 1))
     at[::3] = rng.uniform(-3, 3, (10, SAMPLE, 3))
-    places = (at @ frame.T_world_camera[:3, :3].T + frame.T_world_camera[:3, 3]).astype(np.float32)
+    places = (at @ frame.T_map_camera[:3, :3].T + frame.T_map_camera[:3, 3]).astype(np.float32)
     own, asked = rng.random(256) < 0.5, rng.random(30) < 0.8
     seen, held = np.zeros((2, 30, SAMPLE), np.int32)
     disputed._tally(view.image(), own, np.ascontiguousarray(places.transpose(0, 2, 1)), asked, seen, held)

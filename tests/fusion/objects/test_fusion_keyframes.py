@@ -43,7 +43,7 @@ def test_a_keyframe_is_what_was_fused_with_what_was_found() -> None:
     assert keyframe.camera == lattice.camera
     assert keyframe.labels.shape == lattice.depth.shape
     assert 50 < np.count_nonzero(keyframe.labels[20:30, 20:30]) == np.count_nonzero(keyframe.labels) <= 100
-    np.testing.assert_array_equal(keyframe.T_world_camera, POSES[1])
+    np.testing.assert_array_equal(keyframe.T_map_camera, POSES[1])
     assert keyframe.stamp_ns == 1
 
 

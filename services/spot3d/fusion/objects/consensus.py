@@ -159,7 +159,7 @@ class ViewConsensus:
         self._views[number], self._rows_of[number] = view, row_of
         self._reaches.extend(np.append(view.centre, np.float32(view.reach))[None])
         if len(keyframe.planes):
-            self._normals[number] = keyframe.T_world_camera[:3, :3] @ keyframe.planes[0, :3]
+            self._normals[number] = keyframe.T_map_camera[:3, :3] @ keyframe.planes[0, :3]
 
     def _views_of(self, spheres: NDArray[np.float32]) -> list[int]:
         """The keyframes within whose reach one of these spheres, (k, 4), lies."""

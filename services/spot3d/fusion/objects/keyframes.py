@@ -36,8 +36,8 @@ class Keyframe:
     """A fused frame with the objects that were found in it alone.
 
     labels: (h, w) uint8 on the lattice of `depth`, 0 = no object, k = segment k - 1; depth: (h, w) float32 metres,
-    0 = invalid; colour: (h, w, 3) uint8 RGB; camera: of that lattice; T_world_camera: (4, 4) float64, the world of the
-    consensus, which is the map of poses: its views must not slide against each other. heat, planes (camera frame),
+    0 = invalid; colour: (h, w, 3) uint8 RGB; camera: of that lattice; T_map_camera: (4, 4) float64, in the map of
+    poses, which is the consensus' world: its views must not slide against each other. heat, planes (camera frame),
     stands_on and left_out: as in `FrameSegments`.
     """
 
@@ -46,7 +46,7 @@ class Keyframe:
     colour: NDArray[np.uint8]
     depth: NDArray[np.float32]
     camera: Intrinsics
-    T_world_camera: NDArray[np.float64]
+    T_map_camera: NDArray[np.float64]
     heat: NDArray[np.float32]
     planes: NDArray[np.float64]
     stands_on: NDArray[np.int8]

@@ -49,7 +49,7 @@ class SegmentTable:
 
         Returns the row of each label, (256,), -1 = none.
         """
-        T, flat = keyframe.T_world_camera, keyframe.labels.ravel()
+        T, flat = keyframe.T_map_camera, keyframe.labels.ravel()
         grid = back_project(keyframe.depth, keyframe.camera)
         points = grid.reshape(-1, 3)
         valid = np.flatnonzero((flat > 0) & (points[:, 2] > 0))
@@ -113,4 +113,4 @@ def _support(
     bare = (keyframe.labels[rows, columns] == 0) & (grid[rows, columns, 2] > 0) & (np.abs(height) < _BENT)
     if np.count_nonzero(bare) >= _PIXELS:
         plane = np.append(plane[:3], plane[3] - float(np.median(height[bare])))
-    return transform_plane(plane, keyframe.T_world_camera)
+    return transform_plane(plane, keyframe.T_map_camera)

@@ -68,7 +68,7 @@ class View:
 
 def view_of(keyframe: Keyframe) -> View:
     """The view of a keyframe: every second pixel of its lattice."""
-    T, camera = np.linalg.inv(keyframe.T_world_camera), keyframe.camera
+    T, camera = np.linalg.inv(keyframe.T_map_camera), keyframe.camera
     millimetres = np.rint(keyframe.depth[::STRIDE, ::STRIDE] * 1000)
     depth = np.where(millimetres < 65536, millimetres, 0).astype(np.uint16)
     focal = np.array((camera.fx, camera.fy, camera.cx, camera.cy), np.float32) / np.float32(STRIDE)
@@ -84,7 +84,7 @@ def view_of(keyframe: Keyframe) -> View:
         depth,
         np.ascontiguousarray(T[:3], np.float32),
         focal,
-        (keyframe.T_world_camera[:3, :3] @ centre + keyframe.T_world_camera[:3, 3]).astype(np.float32),
+        (keyframe.T_map_camera[:3, :3] @ centre + keyframe.T_map_camera[:3, 3]).astype(np.float32),
         reach,
     )
 
