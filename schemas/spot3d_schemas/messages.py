@@ -263,11 +263,12 @@ class Pose(Message):
     Since 1.1, epoch: the world that the pose is in; poses of different epochs have nothing to do with each other.
     lost_since_ns: the capture since which every pose is lost. Since 1.2, T_world_map: where the map by which poses are
     corrected is known to lie by now; None: where it always was. What was seen by an earlier pose is better known to lie
-    where T_world_map inv(T_world_map of then) brings it.
+    where T_world_map inv(T_world_map of then) brings it. Since 1.3, depth_factor: what the capture's depth is to be
+    multiplied by to agree with the poses; 1: they agree, or nobody knows.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Pose"
-    VERSION: ClassVar[str] = "1.2"
+    VERSION: ClassVar[str] = "1.3"
 
     T_world_camera: Transform
     status: Literal["ok", "lost"]
@@ -276,6 +277,7 @@ class Pose(Message):
     epoch: Name | None = None
     lost_since_ns: Nanoseconds | None = None
     T_world_map: Transform | None = None
+    depth_factor: Positive = 1.0
 
 
 class Proposals(Message):

@@ -74,6 +74,10 @@ class FrameSegments:
                 found[number] = *low, *(high - low)
         return found
 
+    def with_depth_times(self, factor: float) -> "FrameSegments":
+        """The same segments had depth been `factor` times as large."""
+        return self if factor == 1 else replace(self, planes=self.planes * (1, 1, 1, factor))
+
     def seen_by(self, camera: Intrinsics) -> "FrameSegments":
         """The same segments on another lattice of the same view: each pixel has the label of the nearest one here.
 

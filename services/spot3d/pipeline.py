@@ -97,7 +97,14 @@ def run_pipeline(
                     segments = find_segments(frame.colour, depth, heat.heat, camera, settings.segments)
             with _timed(result.step_s, "fusion", clock):
                 fusion.fuse(
-                    frame.colour, depth, heat.heat, camera, pose.T_world_camera, frame.stamp_ns, pose.T_world_map
+                    frame.colour,
+                    depth,
+                    heat.heat,
+                    camera,
+                    pose.T_world_camera,
+                    frame.stamp_ns,
+                    pose.T_world_map,
+                    depth_factor=pose.depth_factor,
                 )
                 if segments is not None:
                     fusion.observe(segments, frame.stamp_ns)

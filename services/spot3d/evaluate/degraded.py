@@ -97,6 +97,11 @@ def with_noisier_depth(sequence: FrameSequence, factor: float, seed: int = 1) ->
     return Degraded(sequence, change_depth=lambda depth, camera, k: noisier(depth, camera, factor, (seed, k)))
 
 
+def with_scaled_depth(sequence: FrameSequence, factor: float) -> Degraded:
+    """The sequence with depth times `factor`."""
+    return Degraded(sequence, change_depth=lambda depth, camera, k: depth * np.float32(factor))
+
+
 def with_torn_depth(sequence: FrameSequence, share: float, seed: int = 1) -> Degraded:
     """The sequence with holes in its depth, others in each frame; see `depth_errors.torn`."""
     return Degraded(sequence, change_depth=lambda depth, camera, k: torn(depth, camera, share, (seed, k)))

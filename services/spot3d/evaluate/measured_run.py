@@ -100,6 +100,7 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
         if step.pose.status != "ok" or not truth.boxes:
             return
         depth, camera, pose = step.frame.depth_metres(), step.frame.intrinsics, step.pose
+        depth = depth * np.float32(pose.depth_factor)
         T_map_world = np.eye(4) if pose.T_world_map is None else invert(pose.T_world_map)
         peer.add(depth, camera, T_map_world @ pose.T_world_camera, settings.fusion.range_max)
         T_true_camera = true_of[step.frame.stamp_ns]

@@ -84,10 +84,11 @@ class _ConsensusTask:
     consensus: ViewConsensus
     keyframes: list[Keyframe]
     T_world_map: NDArray[np.float64]
+    depth_factor: float
     frame_count: int
 
     def run(self) -> FoundObjects:
-        agreed, T = self.consensus.update(self.keyframes), self.T_world_map
+        agreed, T = self.consensus.update(self.keyframes, self.depth_factor), self.T_world_map
         objects = [replace(item, box=moved(item.box, T)) for item in agreed.objects]
         return FoundObjects(objects, T[:3, :3] @ agreed.up, self.frame_count, agreed.left_out, agreed.dropped)
 
@@ -125,6 +126,7 @@ class Fusion:
         self._supporting: NDArray[np.float64] | None = None
         self._T_world_map = self._T_theirs_map = np.eye(4)
         self._poses_of: str | None = None
+        self._depth_factor = 1.0
 
     def reset(self) -> None:
         """Forget everything; object numbers start anew."""
@@ -139,6 +141,7 @@ class Fusion:
         self._candidates, self._supporting, self.frame_count = np.zeros((0, 4)), None, 0
         self._T_world_map = self._T_theirs_map = np.eye(4)
         self._poses_of = None
+        self._depth_factor = 1.0
 
     def map_state(self) -> MapState:
         """The map as it is now, copied, without its objects."""
@@ -176,14 +179,19 @@ class Fusion:
         stamp_ns: int | None = None,
         T_world_map: NDArray[np.float64] | None = None,
         poses_of: str | None = None,
+        depth_factor: float = 1.0,
     ) -> MatchCounts:
         """Take in one frame: supporting plane, its removal from the heat, registration with the map.
 
         colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths;
         T_world_camera: (4, 4) float64. stamp_ns: by which `observe` finds the frame for a while; None: it does not.
         T_world_map: (4, 4) float64, where the map of poses lies by now (see `PoseEstimate`), and the objects with it;
-        None: it stays. poses_of: who gives the poses: another one's map begins where that of before lay.
+        None: it stays. poses_of: who gives the poses: another one's map begins where that of before lay. depth_factor:
+        what depth has to be multiplied by, this and that of the keyframes before, as far as is known by now.
         """
+        self._depth_factor = depth_factor
+        if depth_factor != 1:
+            depth = depth * np.float32(depth_factor)
         frame = to_lattice(colour, depth, heat, camera, self.settings.lattice_width)
         warm = frame.heat
         if self.settings.plane_removal:
@@ -202,7 +210,9 @@ class Fusion:
             own = not np.may_share_memory(frame.depth, depth)
             seen = (frame.colour, frame.depth) if own else (frame.colour.copy(), frame.depth.copy())
             T_map_camera = invert(self._T_world_map) @ T_world_camera
-            self._fused.add(FusedFrame(stamp_ns, *seen, frame.camera, T_world_camera.copy(), T_map_camera))
+            self._fused.add(
+                FusedFrame(stamp_ns, *seen, frame.camera, T_world_camera.copy(), T_map_camera, depth_factor)
+            )
         return self._index_map.register(
             self.heatmap, self.frame_count, frame.colour, frame.depth, warm, frame.camera, T_world_camera
         )
@@ -222,6 +232,7 @@ class Fusion:
         frame = self._fused.take(stamp_ns)
         if frame is None:
             return False
+        segments = segments.with_depth_times(frame.depth_factor)
         self.consensus.add(keyframe_of(frame, segments))
         for plane in segments.supports()[::-1]:
             self.supports.add(transform_plane(plane, frame.T_world_camera), frame.T_world_camera[:3, 3])
@@ -241,7 +252,9 @@ class Fusion:
             return _DensityTask(
                 points, np.array(self._removed).reshape(-1, 4), self.identities, self.settings, self.frame_count
             )
-        return _ConsensusTask(self.consensus, self.consensus.take_waiting(), self._T_world_map, self.frame_count)
+        return _ConsensusTask(
+            self.consensus, self.consensus.take_waiting(), self._T_world_map, self._depth_factor, self.frame_count
+        )
 
     def objects(self) -> FoundObjects:
         """The objects as the map now shows them."""

@@ -167,6 +167,7 @@ class Stage:
                 stamp_ns,
                 pose.message.T_world_map,
                 pose.message.header.sender,
+                pose.message.depth_factor,
             )
         except Exception as error:
             self.node.crashed("fuse", f"cannot fuse the frame at {stamp_ns} ns", error)

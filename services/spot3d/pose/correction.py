@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, invert
+from spot3d.pose.depth_scale import DepthScale
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.given import GivenPoses
 from spot3d.pose.motion import moved, nearest_rotation, vector_from_rotation
@@ -56,6 +57,7 @@ class CorrectedPoses:
         self._planes = SurfelMap(settings.surfel_voxel, settings.surfel_limit)
         self._sigma = np.repeat((settings.given_sigma, settings.given_turn_sigma), 3)
         self._noise = MeasuredNoise(0.0)
+        self._scale = DepthScale(settings.depth_scale_sigma)
         self._correction = np.zeros(6)
         self._T_world_map = np.eye(4)
         self._age = 0.0
@@ -77,7 +79,9 @@ class CorrectedPoses:
         given = self._given.track(stamp_ns, depth_m, intrinsics, given_T_world_camera, colour)
         if given.status == "lost":
             return given
-        return replace(self._followed(given, stamp_ns, depth_m, intrinsics), T_world_map=self._T_world_map)
+        factor = self._scale.factor
+        followed = self._followed(given, stamp_ns, depth_m * np.float32(factor), intrinsics)
+        return replace(followed, T_world_map=self._T_world_map, depth_factor=factor)
 
     def _followed(
         self, given: PoseEstimate, stamp_ns: int, depth_m: NDArray[np.float32], intrinsics: Intrinsics
@@ -108,18 +112,22 @@ class CorrectedPoses:
         offset = _twist(prior, registered)
         if np.linalg.norm((offset / self._sigma).reshape(2, 3), axis=1).max() > _JUMP:
             return self._begin_anew(surface, given)
-        H, _, (tried, _, _) = self._planes.normal_equations(
+        H, g, (tried, _, _) = self._planes.normal_equations(
             surface, registered, settings.refine_distance, settings.refine_kernel, _STRIDE
         )
         # In units of the stated uncertainty, in which the prior is the same in every direction.
         worth = _worth(surface, fit.residual, tried)
-        information = worth / tried * self._sigma[:, None] * H * self._sigma
+        information = worth / tried * self._sigma[:, None] * H[:6, :6] * self._sigma
         variance = self._noise.measured(offset / self._sigma, information, elapsed)
+        known = np.diag(1 / (self._sigma**2 * (variance + self._noise.negligible)))
+        grown = self._scale.learn(worth / tried * H, worth / tried * g, known, -offset, elapsed)
         gain = variance * np.linalg.solve(np.eye(6) + variance * information, information)
         self._correction = self._sigma * (gain @ (offset / self._sigma))
         pose = moved(prior, self._correction)
         pose[:3, :3] = nearest_rotation(pose[:3, :3])
         forgotten = self._insert(surface, pose)
+        if grown != 1:
+            self._planes.rescale(grown)
         pose = self._settled(pose, given.T_world_camera, elapsed)
         return replace(given, T_world_camera=pose, forgotten=forgotten)
 

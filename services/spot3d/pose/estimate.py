@@ -19,6 +19,7 @@ class PoseEstimate:
     restarted: the given poses jumped away from the local map, which began anew with this frame.
     T_world_map: (4, 4) float64, where the map by which poses are corrected lies in the world, as far as is known by
     now: it moves, and what earlier frames saw moves with it; None: the map stays.
+    depth_factor: what the frame's depth is to be multiplied by to agree with the given poses.
     """
 
     T_world_camera: NDArray[np.float64]
@@ -27,6 +28,7 @@ class PoseEstimate:
     forgotten: int = 0
     restarted: bool = False
     T_world_map: NDArray[np.float64] | None = None
+    depth_factor: float = 1.0
 
 
 class PoseTracker(Protocol):

@@ -77,7 +77,8 @@ def refined(
         if matched < _POINTS_MIN:
             break
         # The ridge only keeps an unconstrained direction where it is.
-        step = np.linalg.solve(H + _RIDGE * np.trace(H) * np.eye(6), g)
+        H = H[:6, :6]
+        step = np.linalg.solve(H + _RIDGE * np.trace(H) * np.eye(6), g[:6])
         pose = moved(pose, step)
         size = np.abs(step).max()
         if stride > _FINE_STRIDE and size < _COARSE_STEP:

@@ -28,6 +28,14 @@ class PoseSettings(BaseModel):
         0.014, gt=0, le=0.2, description="given: the same of the rotation about each axis, radians"
     )
 
+    depth_scale_sigma: float = Field(
+        0.02,
+        ge=0,
+        le=0.1,
+        description="given: how true the camera's depth is, standard deviation of its scale: it is estimated against "
+        "the given poses, and depth is corrected by what is sure; 0: it is taken as it is",
+    )
+
     lattice_width: int = Field(
         128,
         ge=40,

@@ -9,8 +9,8 @@ from spot3d.kernel import kernel, part
 from spot3d.pose.surface import Surface
 from spot3d.voxel_hash import EMPTY, empty_table, find_slot, voxel_key
 
-# A surfel fills one cache line: mean position (3), mean normal (3), weight, frame that saw it last.
-_COLUMNS = 8
+# Mean position (3), mean normal (3), weight, frame that saw it last, mean position of the cameras that saw it (3).
+COLUMNS = 11
 # Variance that counts as weight one; it only keeps the weights near one.
 _UNIT_VARIANCE = 1e-5
 # Beyond this weight (about 300 views at 1 m) a surfel stays open to change.
@@ -34,7 +34,7 @@ class _Points(NamedTuple):
 
 
 class _Sums(NamedTuple):
-    """What is summed up (see `SurfelMap.normal_equations`), and J (6,), room for the row of one point."""
+    """What is summed up (see `SurfelMap.normal_equations`), and J (7,), room for the row of one point."""
 
     H: NDArray[np.float64]
     g: NDArray[np.float64]
@@ -45,7 +45,7 @@ class _Sums(NamedTuple):
 class SurfelMap:
     """Bounded map of planes in the world frame.
 
-    keys: (slots,) int64, voxel coordinates and direction, -1 = free; surfels: (slots, 8) float64; forgotten: how many
+    keys: (slots,) int64, voxel coordinates and direction, -1 = free; surfels: (slots, 11) float64; forgotten: how many
     have had to make room.
     """
 
@@ -53,7 +53,7 @@ class SurfelMap:
         self.voxel = voxel
         self.limit = limit
         self.keys = empty_table(limit)
-        self.surfels = np.zeros((len(self.keys), _COLUMNS))
+        self.surfels = np.zeros((len(self.keys), COLUMNS))
         self._arrays = _Surfels(self.keys, self.surfels, voxel)
         self.count = 0
         self.frames = 0
@@ -68,7 +68,7 @@ class SurfelMap:
         self.count += _insert(self._arrays, _points_of(surface), pose, self.frames, self.limit - self.count)
 
     def held(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Keys (n,) and surfels (n, 8) of the map, copied."""
+        """Keys (n,) and surfels (n, 11) of the map, copied."""
         used = np.flatnonzero(self.keys != EMPTY)
         return self.keys[used], self.surfels[used]
 
@@ -88,13 +88,27 @@ class SurfelMap:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Point-to-plane normal equations of every `stride`-th point at a pose.
 
-        Returns H (6, 6) and g (6,) of H x = g for the twist x (metres, radians; world axes, about the
-        camera), and (points tried, points matched, sum of squared distances in m2).
+        Returns H (7, 7) and g (7,) of H x = g for the twist x (metres, radians; world axes, about the camera) and the
+        growth of depth, the frame's and the map's, from where each was seen; and (points tried, points matched, sum of
+        squared distances in m2).
         """
-        sums = _Sums(np.zeros((6, 6)), np.zeros(6), np.zeros(3), np.empty(6))
+        sums = _Sums(np.zeros((7, 7)), np.zeros(7), np.zeros(3), np.empty(7))
         pose = np.ascontiguousarray(T_world_camera, np.float64)
         _normal_equations(self._arrays, _points_of(surface), pose, distance, kernel, stride, sums)
         return sums.H, sums.g, sums.totals
+
+    def rescale(self, factor: float) -> None:
+        """Put every surfel where it would be had the depth been `factor` times as large."""
+        used = np.flatnonzero(self.keys != EMPTY)
+        surfels = self.surfels[used]
+        surfels[:, :3] += (factor - 1) * (surfels[:, :3] - surfels[:, 8:11])
+        keys = np.empty(len(surfels), np.int64)
+        _keys_of(surfels, self.voxel, keys)
+        # Of two that come to lie in one voxel, the better known stays.
+        order = np.argsort(-surfels[:, 6], kind="stable")
+        _, first = np.unique(keys[order], return_index=True)
+        kept = np.sort(order[first])
+        self._hold(keys[kept], surfels[kept])
 
     def _forget(self) -> None:
         """Drop the half of the surfels that was not seen for longest."""
@@ -127,6 +141,14 @@ def _key(x: float, y: float, z: float, nx: float, ny: float, nz: float, voxel: f
         face = 4 if nz > 0 else 5
     i, j, k = np.floor(x / voxel), np.floor(y / voxel), np.floor(z / voxel)
     return voxel_key(np.int64(i), np.int64(j), np.int64(k), face)
+
+
+@kernel()
+def _keys_of(surfels: NDArray[np.float64], voxel: float, keys: NDArray[np.int64]) -> None:
+    """The key of each of (n, 11) surfels."""
+    for i in range(surfels.shape[0]):
+        s = surfels[i]
+        keys[i] = _key(s[0], s[1], s[2], s[3], s[4], s[5], voxel)
 
 
 @kernel()
@@ -170,6 +192,9 @@ def _insert(known: _Surfels, surface: _Points, T: NDArray[np.float64], frame: in
         s[5] += share * (nz - s[5])
         s[6] = min(s[6] + weight, _WEIGHT_MAX)
         s[7] = frame
+        s[8] += share * (T[0, 3] - s[8])
+        s[9] += share * (T[1, 3] - s[9])
+        s[10] += share * (T[2, 3] - s[10])
     return new
 
 
@@ -217,13 +242,14 @@ def _normal_equations(
         weight = robust * robust / (sigma[i] * sigma[i])
         J[0], J[1], J[2] = mx, my, mz
         J[3], J[4], J[5] = ly * mz - lz * my, lz * mx - lx * mz, lx * my - ly * mx
-        for a in range(6):
+        J[6] = mx * (lx - s[0] + s[8]) + my * (ly - s[1] + s[9]) + mz * (lz - s[2] + s[10])
+        for a in range(7):
             wj = weight * J[a]
             g[a] -= wj * r
-            for b in range(a, 6):
+            for b in range(a, 7):
                 H[a, b] += wj * J[b]
         totals[1] += 1
         totals[2] += r * r
-    for a in range(6):
+    for a in range(7):
         for b in range(a):
             H[a, b] = H[b, a]

@@ -67,7 +67,7 @@ class _View:
 class TrackerState:
     """What a tracker goes on from in another process.
 
-    stamp_ns, T_world_camera (4, 4): its last trusted pose. keys (n,), surfels (n, 8): its map of planes. landmarks:
+    stamp_ns, T_world_camera (4, 4): its last trusted pose. keys (n,), surfels (n, 11): its map of planes. landmarks:
     (m,) of the type LANDMARK.
     """
 

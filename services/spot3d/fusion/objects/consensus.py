@@ -18,6 +18,7 @@ from spot3d.fusion.objects.found import Seen, box_of
 from spot3d.fusion.objects.growing import Growing
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.reasons import MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
+from spot3d.fusion.objects.rescaling import camera_of, rescale_segments, rescaled_view
 from spot3d.fusion.objects.segment_table import SegmentTable
 from spot3d.fusion.objects.views import BACKGROUND, DIVIDED, NOTHING, OBJECT, WHOLE, View, ask, view_of
 from spot3d.fusion.settings import FusionSettings
@@ -65,6 +66,7 @@ class ViewConsensus:
         self._in_keyframes: Counter[str] = Counter()  # what the segments stage left out of keyframes, by reason
         self._taken: deque[Keyframe] = deque()
         self._views: dict[int, View] = {}
+        self._factor_of: dict[int, float] = {}  # what the depth of each view has been multiplied by
         self._rows_of: dict[int, NDArray[np.int32]] = {}  # the segment of each label of a view, (256,), -1 = none
         self._reaches = Growing[np.float32](np.float32, 4)  # centre and reach of each view
         self._normals: dict[int, NDArray[np.float64]] = {}
@@ -108,9 +110,10 @@ class ViewConsensus:
         waiting, self._waiting = self._waiting, deque()
         return list(waiting)
 
-    def update(self, keyframes: list[Keyframe]) -> Consensus:
+    def update(self, keyframes: list[Keyframe], depth_factor: float = 1.0) -> Consensus:
         """Take in keyframes, in their order, and find the objects. Updates run one at a time.
 
+        depth_factor: what all their depth is to be multiplied by, as far as is known by now.
         Where one cannot be taken in, that is raised, and those after it are the next update's.
         """
         segments = self._segments
@@ -128,6 +131,7 @@ class ViewConsensus:
                 self._dropped += several
             if outdated:
                 self._drop(outdated)
+        self._rescale(depth_factor)
         up = self._up()
         if up @ self._described_up < _TURNED:
             segments.touched.rows[:] = True
@@ -157,6 +161,7 @@ class ViewConsensus:
             ask(self._views[other], places[old:], spheres[old:], said[:count], label[:count])
             self._enter(old, other, said[:count], self._rows_of[other][label[:count]])
         self._views[number], self._rows_of[number] = view, row_of
+        self._factor_of[number] = keyframe.depth_factor
         self._reaches.extend(np.append(view.centre, np.float32(view.reach))[None])
         if len(keyframe.planes):
             self._normals[number] = keyframe.T_map_camera[:3, :3] @ keyframe.planes[0, :3]
@@ -190,7 +195,7 @@ class ViewConsensus:
         segments, said = self._segments, self._said.rows
         numbers = np.fromiter(self._views, np.int64, len(self._views))
         for number in gone:
-            del self._views[number], self._rows_of[number]
+            del self._views[number], self._rows_of[number], self._factor_of[number]
             self._normals.pop(number, None)
         self._reaches.keep(~np.isin(numbers, gone))
         kept = ~np.isin(segments.frame.rows, gone)
@@ -211,6 +216,28 @@ class ViewConsensus:
         self._linked = 0
         for cluster in np.setdiff1d(lost, segments.cluster.rows).tolist():
             self._found.pop(cluster, None)
+
+    def _rescale(self, depth_factor: float) -> None:
+        """See all keyframes by this factor of depth, and ask them anew."""
+        segments = self._segments
+        wrong = {number: depth_factor / factor for number, factor in self._factor_of.items() if factor != depth_factor}
+        if not wrong:
+            return
+        for number, factor in wrong.items():
+            view = self._views[number]
+            rescale_segments(segments, np.flatnonzero(segments.frame.rows == number), camera_of(view), factor)
+            self._views[number], self._factor_of[number] = rescaled_view(view, factor), depth_factor
+        views = self._views.values()
+        self._reaches.rows[:] = [(*view.centre, view.reach) for view in views]
+        self._said.keep(np.zeros(len(self._said), np.bool_))
+        segments.part.rows[:] = np.arange(len(segments))
+        self._linked = 0
+        said, label = np.empty((2, len(segments)), np.uint8)
+        for number, view in self._views.items():
+            ask(view, segments.places.rows, segments.spheres.rows, said, label)
+            said[segments.frame.rows == number] = NOTHING
+            self._enter(0, number, said, self._rows_of[number][label])
+        segments.touched.rows[:] = True
 
     def _up(self) -> NDArray[np.float64]:
         """The direction that most keyframes' supporting planes have for their normal."""

@@ -20,7 +20,7 @@ class FusedFrame:
 
     colour: (h, w, 3) uint8 RGB on fusion's lattice; depth: (h, w) float32 metres, 0 = invalid; camera: of that
     lattice; T_world_camera: (4, 4); T_map_camera: (4, 4), in the map of poses, which slides in the world as it is
-    better known where it lies.
+    better known where it lies. depth_factor: what depth has been multiplied by.
     """
 
     stamp_ns: int
@@ -29,6 +29,7 @@ class FusedFrame:
     camera: Intrinsics
     T_world_camera: NDArray[np.float64]
     T_map_camera: NDArray[np.float64]
+    depth_factor: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +39,7 @@ class Keyframe:
     labels: (h, w) uint8 on the lattice of `depth`, 0 = no object, k = segment k - 1; depth: (h, w) float32 metres,
     0 = invalid; colour: (h, w, 3) uint8 RGB; camera: of that lattice; T_map_camera: (4, 4) float64, in the map of
     poses, which is the consensus' world: its views must not slide against each other. heat, planes (camera frame),
-    stands_on and left_out: as in `FrameSegments`.
+    stands_on and left_out: as in `FrameSegments`. depth_factor: what depth has been multiplied by.
     """
 
     stamp_ns: int
@@ -51,6 +52,7 @@ class Keyframe:
     planes: NDArray[np.float64]
     stands_on: NDArray[np.int8]
     left_out: dict[str, int] = field(default_factory=dict)
+    depth_factor: float = 1.0
 
 
 def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
@@ -70,6 +72,7 @@ def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
         seen.planes,
         seen.stands_on,
         seen.left_out,
+        frame.depth_factor,
     )
 
 

@@ -1,0 +1,64 @@
+"""By how much a depth camera's metres are longer than those of the poses that are given.
+
+Depth cameras are true to a few per cent: what is two metres away is seen some centimetres too near or too far, wherever
+one looks from, and views from two sides never meet, however good the poses are. Odometry on depth has the same wrong
+metres and does not notice; with given poses it can be told: of what the map and a frame see from different places, the
+scale that makes both meet is estimated along with the frame's pose, and sharpened from frame to frame (a Kalman
+filter of one state).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Given poses are wrong alike over a third of a second: no sooner does a frame tell something new.
+_NEWS_S = 1 / 3
+# A scale is never better known than this: depth is distorted over the image, and drifts with the camera's warmth.
+_KNOWN = 0.003
+# What lies within so many standard deviations may be chance: the scale is taken as true until it surely is not.
+_SURE = 2.0
+# Steps smaller than this move what is a metre away by less than the noise of a pixel.
+_STEP = 0.003
+
+
+class DepthScale:
+    """What depth has to be multiplied by to agree with the given poses.
+
+    sigma: how true the sensor's depth is, standard deviation of its scale; 0: it is taken as it is.
+    """
+
+    def __init__(self, sigma: float) -> None:
+        self.factor = 1.0
+        self._sigma = sigma
+        self._information = sigma**-2 if sigma else np.inf
+        self._log = 0.0
+
+    def learn(
+        self,
+        H: NDArray[np.float64],
+        g: NDArray[np.float64],
+        pose_information: NDArray[np.float64],
+        given: NDArray[np.float64],
+        elapsed: float,
+    ) -> float:
+        """Take a registered frame into account; returns by what `factor` has changed.
+
+        H (7, 7), g (7,): its normal equations for twist and scale (see `SurfelMap.normal_equations`), with depth
+        already multiplied by `factor`, in units of independent information. given: (6,) twist from there to the given
+        pose, which is known with pose_information (6, 6). elapsed: seconds since the last frame.
+        """
+        if not self._sigma:
+            return 1.0
+        # The pose may give way as far as it is uncertain: what is left tells the scale (Schur complement).
+        A, b = H[:6, :6] + pose_information, g[:6] + pose_information @ given
+        share = min(1.0, elapsed / _NEWS_S)
+        information = share * (H[6, 6] - H[6, :6] @ np.linalg.solve(A, H[:6, 6]))
+        gradient = share * (g[6] - H[6, :6] @ np.linalg.solve(A, b))
+        applied = np.log(self.factor)
+        total = self._information + information
+        self._log += (gradient + information * (applied - self._log)) / total
+        self._information = min(total, _KNOWN**-2)
+        sure = max(0.0, 1.0 - _SURE**2 / (self._information * self._log**2)) if self._log else 0.0
+        if abs(sure * self._log - applied) < _STEP:
+            return 1.0
+        before, self.factor = self.factor, float(np.exp(sure * self._log))
+        return self.factor / before
