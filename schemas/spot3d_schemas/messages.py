@@ -277,7 +277,7 @@ class Pose(Message):
     epoch: Name | None = None
     lost_since_ns: Nanoseconds | None = None
     T_world_map: Transform | None = None
-    depth_factor: Positive = 1.0
+    depth_factor: Annotated[float, Field(ge=0.5, le=2)] = 1.0
 
 
 class Proposals(Message):

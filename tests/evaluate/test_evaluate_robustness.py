@@ -25,7 +25,7 @@ from spot3d.evaluate.depth_errors import noisier, torn
 from spot3d.evaluate.object_tables import OURS
 from spot3d.evaluate.peer import PEER
 from spot3d.evaluate.pose_errors import Pose, late, shaken
-from spot3d.evaluate.robustness import GROUPS, SHAKES, Degradation, groups
+from spot3d.evaluate.robustness import GROUPS, SCALES, SHAKES, Degradation, groups
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import Halved
 from spot3d.source.scene.scene import Scene
@@ -140,13 +140,21 @@ def test_errors_are_those_of_neighbours_whichever_frames_are_taken() -> None:
     assert Degradation().of(scene) is scene
 
 
+def test_scaled_depth() -> None:
+    scene = Scene(1, frames=2)
+    worse = Degradation(scale=1.03).of(scene)
+    np.testing.assert_allclose(worse[1].depth_metres(), 1.03 * scene[1].depth_metres(), rtol=1e-5)
+    np.testing.assert_array_equal(worse[1].T_world_camera, scene[1].T_world_camera)
+
+
 def test_levels() -> None:
     base = Degradation(every=3)
     kinds = groups(base)
-    assert tuple(kinds) == GROUPS == ("poses", "delay", "depth", "holes", "every", "half")
+    assert tuple(kinds) == GROUPS == ("poses", "delay", "scale", "depth", "holes", "every", "half")
     assert all(base in dict(levels).values() for levels in kinds.values())
     assert [(level.metres, level.degrees) for _, level in kinds["poses"]] == [(0, 0), *SHAKES]
     assert [level.late for _, level in kinds["delay"]] == [0, 1, 2]
+    assert [level.scale for _, level in kinds["scale"]] == [1, *SCALES]
     assert [level.noise for _, level in kinds["depth"]] == [1, 2]
     assert [level.missing for _, level in kinds["holes"]] == [0, 0.1, 0.3]
     assert [level.every for _, level in kinds["every"]] == [1, 2, 3, 4, 5]

@@ -66,6 +66,7 @@ class MapState:
     T_world_map: NDArray[np.float64]
     poses_of: str | None
     T_theirs_map: NDArray[np.float64]
+    depth_factor: float
 
 
 class ObjectsTask(Protocol):
@@ -157,6 +158,7 @@ class Fusion:
             T_world_map=self._T_world_map,
             poses_of=self._poses_of,
             T_theirs_map=self._T_theirs_map,
+            depth_factor=self._depth_factor,
         )
 
     def resume(self, state: MapState, consensus: ViewConsensus, identities: Identities) -> None:
@@ -167,6 +169,7 @@ class Fusion:
         self._removed = list(state.removed)
         self._candidates, self._supporting = state.candidates, state.supporting
         self._T_world_map, self._poses_of, self._T_theirs_map = state.T_world_map, state.poses_of, state.T_theirs_map
+        self._depth_factor = state.depth_factor
         self.consensus, self.identities = consensus, identities
 
     def fuse(

@@ -83,6 +83,7 @@ def fusion_snapshot(kept: Kept) -> Snapshot:
         "evicted": state.evicted,
         "frame_count": state.frame_count,
         "poses_of": state.poses_of,
+        "depth_factor": state.depth_factor,
         "account": {name: getattr(kept.told, name) for name in Account.__slots__},
         "consensus": saved(kept.consensus.without_waiting(), arrays, _CLASSES, settings),
         "identities": saved(kept.identities, arrays, _CLASSES, settings),
@@ -124,6 +125,7 @@ def resume(fusion: Fusion, kept: Snapshot, path: Path) -> None:
             T_world_map=arrays["T_world_map"],
             poses_of=values["poses_of"],
             T_theirs_map=arrays["T_theirs_map"],
+            depth_factor=float(values["depth_factor"]),
         )
         if state.rows.ndim != 2 or state.rows.shape[1:] != fusion.heatmap.arrays.rows.shape[1:]:
             raise SnapshotError(f"{path} has points of another version of spot3d")

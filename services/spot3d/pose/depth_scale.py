@@ -18,6 +18,8 @@ _KNOWN = 0.003
 _SURE = 2.0
 # Steps smaller than this move what is a metre away by less than the noise of a pixel.
 _STEP = 0.003
+# Further off than so many standard deviations no camera is: it is the poses that are wrong.
+_MOST = 5.0
 
 
 class DepthScale:
@@ -56,6 +58,7 @@ class DepthScale:
         applied = np.log(self.factor)
         total = self._information + information
         self._log += (gradient + information * (applied - self._log)) / total
+        self._log = float(np.clip(self._log, -_MOST * self._sigma, _MOST * self._sigma))
         self._information = min(total, _KNOWN**-2)
         sure = max(0.0, 1.0 - _SURE**2 / (self._information * self._log**2)) if self._log else 0.0
         if abs(sure * self._log - applied) < _STEP:

@@ -33,6 +33,8 @@ _FORGOTTEN = "surfels and landmarks forgotten: the map's limit is reached"
 _RESTARTED = "given poses jumped: the map that corrects them began anew"
 _SNAPSHOT_S = 2.0
 """Time between two snapshots of the tracker's map, if any are kept: what is new since is little to be found in."""
+_TOLD_SCALE = 0.01
+"""The scale of depth is spoken of again when it has changed by this share."""
 _TOLD_NS = 1_000_000_000
 """Tracking that is lost for this long is told."""
 
@@ -82,6 +84,7 @@ class _Stage:
         self.epoch = new_stream() if isinstance(self.tracker, MapTracker) else self.node.stream or "given"
         self.last = PoseEstimate(np.eye(4), "lost")
         self.lost_since: tuple[int, str] | None = None
+        self.told_factor = 1.0
         self.node.state = ""
 
     def _answer(self, given: Received[Frame]) -> None:
@@ -91,6 +94,7 @@ class _Stage:
         frame = rgbd_frame(given.message)
         self.last = self._track(frame)
         self._tell_if_lost(frame.stamp_ns)
+        self._tell_depth()
         pose = Pose(
             header=self.node.header(_OUT, given),
             T_world_camera=self.last.T_world_camera,
@@ -154,6 +158,14 @@ class _Stage:
             self.node.state = f"{what}: move the camera back to where it was ({self.last.reason})"
             if not told:
                 self.node.note("lost tracking", self.node.state)
+
+    def _tell_depth(self) -> None:
+        """Say when depth turns out to be of another scale than the given poses by one per cent more than was said."""
+        factor = self.last.depth_factor
+        if abs(factor / self.told_factor - 1) > _TOLD_SCALE:
+            self.told_factor = factor
+            what = f"depth is {abs(1 / factor - 1):.1%} too {'long' if factor < 1 else 'short'} for the given poses"
+            self.node.note("depth's scale", f"{what}: it is corrected; calibrate the camera, or check the poses' unit")
 
     def _keep(self) -> None:
         """A snapshot of the tracker's map, where it has one and its stream has a name to find it by."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from fusion_room import CAMERA, FLOOR, TABLE, THREE, WALL, Cuboid, look_at, orbit, standing
 from numpy.typing import NDArray
-from voting_room import POSES, SETTINGS, assert_found, assert_same, described, keyframe, keyframes
+from voting_room import POSES, SETTINGS, assert_found, assert_same, described, keyframe, keyframes, overlaps
 
 from spot3d.boxes import Box3D
 from spot3d.camera import Intrinsics
@@ -362,6 +362,26 @@ def test_cameras_may_differ() -> None:
         labels, colour, depth = images
         frames[row] = replace(frame, labels=labels, colour=colour, depth=depth, camera=half)
     assert_found(agreed(frames), least=0.75)
+
+
+def wrong_by(factor: float) -> list[Keyframe]:
+    """Keyframes of which the first half was seen with depth that is so many times too large, which is known later."""
+    frames = keyframes()
+    for row in range(6):
+        depth = frames[row].depth * np.float32(factor)
+        frames[row] = replace(frames[row], depth=depth, planes=frames[row].planes * (1, 1, 1, factor))
+    return [replace(frame, depth_factor=1.0 if row < 6 else 1 / factor) for row, frame in enumerate(frames)]
+
+
+@pytest.mark.parametrize("factor", [0.96, 1.04])
+def test_keyframes_of_before_the_scale_of_depth_was_known(factor: float) -> None:
+    votes, frames = ViewConsensus(SETTINGS), wrong_by(factor)
+    votes.update(frames[:6])
+    found = votes.update(frames[6:], 1 / factor)
+    assert_found(found)
+    exact, unaware = agreed(keyframes()), agreed([replace(frame, depth_factor=1.0) for frame in frames])
+    assert overlaps(found.objects).max(axis=1).mean() > overlaps(exact.objects).max(axis=1).mean() - 0.03
+    assert overlaps(found.objects).max(axis=1).mean() > overlaps(unaware.objects).max(axis=1).mean() + 0.1
 
 
 def test_a_keyframe_that_cannot_be_taken_in_spares_the_others() -> None:
