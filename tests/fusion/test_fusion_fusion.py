@@ -47,6 +47,23 @@ def described(update: FoundObjects) -> list[tuple[object, ...]]:
     ]
 
 
+def test_depth_of_another_scale_than_the_poses() -> None:
+    """It is known from the fifth frame on; whoever gives poses from the eighth on does not know it yet."""
+    fusion, right = Fusion(COARSE), run(Fusion(COARSE)).objects()
+    for stamp, pose in enumerate(orbit(10)):
+        seen, true = view(pose, ROOM + THREE, np.random.default_rng(stamp)), keyframe(pose, THREE)
+        depth, factor = seen.depth / np.float32(1.04), 1.04 if 5 <= stamp < 8 else 1.0
+        by = "first" if stamp < 8 else "another"
+        fusion.fuse(seen.colour, depth, seen.heat, CAMERA, pose, stamp, poses_of=by, depth_factor=factor)
+        planes = true.planes / (1, 1, 1, 1.04)
+        fusion.observe(FrameSegments(true.labels, true.heat, planes, true.stands_on, CAMERA), stamp)
+        if stamp in (3, 6):
+            fusion.objects()
+    iou = iou_matrix_3d([item.box for item in right.objects], [item.box for item in fusion.objects().objects])
+    assert iou.shape == (3, 3)
+    assert iou.max(axis=1).min() > 0.85
+
+
 def test_before_the_first_frame_there_is_nothing() -> None:
     update = Fusion(COARSE).objects()
     assert (update.objects, update.frame_count) == ([], 0)

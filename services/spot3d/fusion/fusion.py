@@ -190,11 +190,14 @@ class Fusion:
         T_world_camera: (4, 4) float64. stamp_ns: by which `observe` finds the frame for a while; None: it does not.
         T_world_map: (4, 4) float64, where the map of poses lies by now (see `PoseEstimate`), and the objects with it;
         None: it stays. poses_of: who gives the poses: another one's map begins where that of before lay. depth_factor:
-        what depth has to be multiplied by, this and that of the keyframes before, as far as is known by now.
+        what depth has to be multiplied by, this and that of the keyframes before, as far as is known by now; 1: nothing
+        is known but what was said before.
         """
-        self._depth_factor = depth_factor
         if depth_factor != 1:
-            depth = depth * np.float32(depth_factor)
+            # Who gives poses anew does not know it at first.
+            self._depth_factor = depth_factor
+        if self._depth_factor != 1:
+            depth = depth * np.float32(self._depth_factor)
         frame = to_lattice(colour, depth, heat, camera, self.settings.lattice_width)
         warm = frame.heat
         if self.settings.plane_removal:
@@ -214,7 +217,7 @@ class Fusion:
             seen = (frame.colour, frame.depth) if own else (frame.colour.copy(), frame.depth.copy())
             T_map_camera = invert(self._T_world_map) @ T_world_camera
             self._fused.add(
-                FusedFrame(stamp_ns, *seen, frame.camera, T_world_camera.copy(), T_map_camera, depth_factor)
+                FusedFrame(stamp_ns, *seen, frame.camera, T_world_camera.copy(), T_map_camera, self._depth_factor)
             )
         return self._index_map.register(
             self.heatmap, self.frame_count, frame.colour, frame.depth, warm, frame.camera, T_world_camera
