@@ -58,10 +58,26 @@ def test_all_is_well() -> None:
     assert said(working(8), "fusion", 8.2) == "good: 30 a second, 8 ms each, 40 ms behind the camera"
 
 
-def test_a_stage_that_has_gone_or_hangs() -> None:
+def test_a_stage_that_has_gone() -> None:
     records = working(8)
+    assert said(records, "pose", 8.9, alive=("source",)) == "bad: is not running, since 1 s"
     assert said(records, "pose", 20.0, alive=("source",)) == "bad: is not running, since 12 s"
-    assert said(records, "pose", 20.0).startswith("bad: has said nothing for 12 s")
+
+
+def test_a_stage_that_hangs_is_given_up_after_two_seconds() -> None:
+    records, others = working(8), tuple(stage for stage in STAGES if stage != "heatmap")
+    assert said(records, "heatmap", 9.9).startswith("good")
+    silent = "for {} s: it hangs, or the link to it is cut"
+    assert said(records, "heatmap", 10.1, others) == f"bad: does not answer, {silent.format(2)}"
+    for second in (11, 12):
+        for stage in others:
+            rate_hz = 0.0 if stage in ("segments", "fusion") else 30.0
+            records.hear(health(stage, received=30 * second, rate_hz=rate_hz), float(second))
+    assert said(records, "heatmap", 12.2, others) == f"bad: does not answer, {silent.format(4)}"
+    assert said(records, "fusion", 12.2, others) == "waits: waits: no heat for 4.2 s, as heatmap does not answer"
+    assert said(records, "heatmap", 13.0).startswith("bad: has said nothing for 5 s: it hangs")
+    records.hear(health("heatmap", received=300), 13.1)
+    assert said(records, "heatmap", 13.2).startswith("good")
 
 
 def test_who_waits_says_for_what_and_since_when() -> None:
@@ -144,4 +160,4 @@ def test_a_bridge_is_told_of_where_there_is_one() -> None:
     records.hear(health(BRIDGE, state=cut), 9.0)
     assert said(records, BRIDGE, 9.0, both) == f"bad: {cut}"
     assert said(records, BRIDGE, 14.0, both).startswith("bad: has said nothing for 5 s")
-    assert said(records, BRIDGE, 14.0) == "bad: is not running, or the link is cut, since 5 s"
+    assert said(records, BRIDGE, 14.0) == "bad: does not answer, for 5 s: it hangs, or the link to it is cut"

@@ -116,6 +116,8 @@ def test_an_export_shows_the_objects(recorded: tuple[Path, Path], tmp_path: Path
         rotation = rotation_from_quaternion(np.array([turned.x, turned.y, turned.z, turned.w]))
         assert rotation == pytest.approx(np.array(item["rotation"]), abs=1e-6)
         assert re.fullmatch(rf"{item['id']}: \d\.\d\d", label.text)
+    edges = by_topic["/objects/edges"][-1]
+    assert len(edges.data) > len(found) * 12 * 2 * edges.point_stride
     cloud = by_topic["/points"][0]
     assert [field.name for field in cloud.fields] == ["x", "y", "z", "red", "green", "blue", "alpha"]
     assert len(cloud.data) > 100 * cloud.point_stride

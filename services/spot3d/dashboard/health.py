@@ -11,6 +11,9 @@ Level = Literal["good", "waits", "bad"]
 
 SILENT_S = 4.0
 """A stage says how it is once a second; who says nothing for so long hangs, or is cut off."""
+_CUT_S = 1.5
+"""Whose process ends is gone at once, a second at most after it has said how it is; who hangs is given up only after
+two seconds of silence."""
 IDLE_S = 2.0
 """A stage that has done nothing for so long is told of."""
 _WINDOW_S = 5.0
@@ -56,6 +59,7 @@ class StageRecords:
     def __init__(self) -> None:
         self._heard: dict[str, deque[_Heard]] = {stage: deque(maxlen=16) for stage in HEARD}
         self._busy_s: dict[str, float] = {}
+        self._gone_s: dict[str, float] = {}
 
     def hear(self, health: Health, now_s: float) -> None:
         """A stage has said how it is. Who is no stage of ours is not listened to."""
@@ -81,8 +85,9 @@ class StageRecords:
     def words(self, alive: Collection[str], now_s: float, lost: str = "") -> list[Word]:
         """One word on each stage, and on the bridge where there is or was one.
 
-        alive: those whose process is there; lost: why the last pose is lost, if it is.
+        alive: those whose process is there; lost: why the last pose is lost, if it is. To be called every second.
         """
+        self._gone_s = {stage: self._gone_s.get(stage, now_s) for stage in HEARD if stage not in alive}
         bridged = BRIDGE in alive or self._heard[BRIDGE]
         return [self._word(stage, alive, now_s, lost) for stage in (HEARD if bridged else STAGES)]
 
@@ -90,8 +95,7 @@ class StageRecords:
         records = self._heard[stage]
         silent_s = now_s - records[-1].at_s if records else 0.0
         if stage not in alive:
-            gone = "is not running, or the link is cut" if stage == BRIDGE else "is not running"
-            return Word(stage, "bad", f"{gone}, since {silent_s:.0f} s" if records else gone)
+            return Word(stage, "bad", self._absent(stage, silent_s))
         if not records:
             return Word(stage, "waits", "is there, and has not said yet how it is")
         if silent_s > SILENT_S:
@@ -119,6 +123,18 @@ class StageRecords:
             return Word(stage, "waits", f"is {behind / 1000:.1f} s behind the camera")
         return Word(stage, "good", _well(newest))
 
+    def _absent(self, stage: str, silent_s: float) -> str:
+        """Why a stage is not there: it has ended, or nothing comes from it any more."""
+        if self._cut(stage):
+            return f"does not answer, for {silent_s:.0f} s: it hangs, or the link to it is cut"
+        gone = "is not running, or the link is cut" if stage == BRIDGE else "is not running"
+        return f"{gone}, since {silent_s:.0f} s" if self._heard[stage] else gone
+
+    def _cut(self, stage: str) -> bool:
+        """Whether a stage that is not there was silent before it was gone."""
+        records = self._heard[stage]
+        return bool(records) and self._gone_s[stage] - records[-1].at_s > _CUT_S
+
     def _before(self, stage: str, now_s: float) -> _Heard:
         """What the stage said some seconds ago, or first."""
         records = self._heard[stage]
@@ -133,7 +149,8 @@ class StageRecords:
             return Word(stage, "waits", f"has sent no frame for {idle_s:.1f} s: it waits for the stages, or has ended")
         for giver in _INPUTS[stage]:
             if giver not in alive:
-                return Word(stage, "waits", f"waits: no {_GIVES[giver]} for {idle_s:.1f} s, as {giver} is not running")
+                why = f"{giver} {'does not answer' if self._cut(giver) else 'is not running'}"
+                return Word(stage, "waits", f"waits: no {_GIVES[giver]} for {idle_s:.1f} s, as {why}")
         longest_s, giver = max((self._idle_s(giver, now_s), giver) for giver in _INPUTS[stage])
         if longest_s >= IDLE_S:
             return Word(stage, "waits", f"waits: no {_GIVES[giver]} for {longest_s:.1f} s")

@@ -24,9 +24,8 @@ Giving it back and getting fresh pages takes a fifth of the source's time, and m
 """
 
 
-_NICENESS, _ONLOOKERS_NICENESS = 5, 19
-"""How far work that no frame waits for stands back: where the processors are busy, it takes what the stages leave. Who
-only looks on takes next to nothing there."""
+_NICENESS = 5
+"""How far work that no frame waits for stands back: where the processors are busy, it takes what the stages leave."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,17 +61,18 @@ def stay_single_threaded() -> None:
 
 def let_frames_go_first() -> None:
     """Lower the priority of the calling thread below what it is, for work that no frame waits for."""
-    _stand_back(_NICENESS)
-
-
-def let_stages_go_first() -> None:
-    """Lower the priority of the calling thread, and of those that it starts from now on, below everything a stage does:
-    for who only looks on."""
-    _stand_back(_ONLOOKERS_NICENESS)
-
-
-def _stand_back(niceness: int) -> None:
     if sys.platform == "linux":  # elsewhere the priority of a thread cannot be set alone
         thread = threading.get_native_id()
         with suppress(OSError):  # a sandbox may forbid it: the work is the same, the frames wait a little
-            os.setpriority(os.PRIO_PROCESS, thread, min(19, os.getpriority(os.PRIO_PROCESS, thread) + niceness))
+            os.setpriority(os.PRIO_PROCESS, thread, min(19, os.getpriority(os.PRIO_PROCESS, thread) + _NICENESS))
+
+
+def let_stages_go_first() -> None:
+    """Let the calling thread, and those that it starts from now on, take what the stages leave: for who only looks on.
+
+    Not merely nice: Linux lets a nice thread end its turn of some milliseconds when a stage's frame comes, and an idle
+    one not. No thread may do so for whom others wait, and who has Python's lock for long lets them wait.
+    """
+    if sys.platform == "linux":
+        with suppress(OSError):
+            os.sched_setscheduler(threading.get_native_id(), os.SCHED_IDLE, os.sched_param(0))

@@ -36,7 +36,7 @@ class Backlog:
     def put(self, topic: str, publish_ns: int, sequence: int, data: bytes, wait: bool) -> bool:
         """Add a message, stamped with the time of now; returns whether there was room, or waits for it."""
         with self._changed:
-            limit = self._limit - len(data) - (_RESERVED_BYTES if len(data) >= _LARGE_BYTES else 0)
+            limit = self._most_before(len(data))
             if wait:
                 self._changed.wait_for(lambda: self._bytes <= limit or self._closed)
             if self._closed or self._bytes > limit:
@@ -47,6 +47,15 @@ class Backlog:
             self._bytes += len(data)
             self._changed.notify_all()
             return True
+
+    def has_room(self, size: int) -> bool:
+        """Whether a message of so many bytes could be added now."""
+        with self._changed:
+            return not self._closed and self._bytes <= self._most_before(size)
+
+    def _most_before(self, size: int) -> int:
+        """Most bytes that may be there already when a message of so many is added."""
+        return self._limit - size - (_RESERVED_BYTES if size >= _LARGE_BYTES else 0)
 
     def get(self, timeout_s: float) -> Heard | None:
         """The oldest message; None where none came in time."""

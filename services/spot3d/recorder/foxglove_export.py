@@ -13,6 +13,7 @@ from foxglove.messages import CameraCalibration, CompressedImage, FrameTransform
 import spot3d
 from spot3d.frame import RgbdFrame
 from spot3d.recorder import foxglove_messages as made
+from spot3d.recorder.edge_points import edge_points
 from spot3d.recorder.mcap_contents import open_mcap
 from spot3d.recorder.mcap_writer import McapWriter
 from spot3d.recorder.sights import Cloud, Sight, sights_of_recording, sights_of_run
@@ -31,6 +32,7 @@ _CHANNELS: dict[str, type[_Encoded]] = {
     "/tf": FrameTransforms,
     "/points": PointCloud,
     "/objects": SceneUpdate,
+    "/objects/edges": PointCloud,
 }
 
 
@@ -95,6 +97,8 @@ class _Exporter:
             self._put("/tf", stamp_ns, made.upright(stamp_ns, sight.up))
             scene = made.scene(stamp_ns, sight.objects, sight.up, sorted(self._shown - found))
             self._put("/objects", stamp_ns, scene)
+            # Rerun knows no SceneUpdate.
+            self._put("/objects/edges", stamp_ns, made.points(stamp_ns, made.WORLD, *edge_points(sight.objects)))
             self._shown = found
 
     def _put(self, topic: str, stamp_ns: int, message: _Encoded) -> None:

@@ -8,6 +8,8 @@ as small at a third of the time.
 import struct
 import zlib
 from collections import Counter
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import zstandard
@@ -15,7 +17,6 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
     Channel,
-    Chunk,
     ChunkIndex,
     DataEnd,
     Footer,
@@ -34,6 +35,8 @@ CHUNK_BYTES = 16 * 2**20
 
 _LEVEL, _WINDOW_LOG = -1, 23
 """A window of 8 MB reaches from a heat message back to its frame, and is what every zstd decoder accepts (RFC 8878)."""
+_CHUNK = struct.Struct("<BQQQQII4sQ")
+"""A chunk's record before its bytes: opcode, length, first and last log time, size and CRC unpacked, "zstd", size."""
 _MESSAGE = struct.Struct("<BQHIQQ")
 _MESSAGE_FIELDS = _MESSAGE.size - 9
 
@@ -45,8 +48,15 @@ class McapWriter:
     chunk, and `close` still adds the summary if there is room for that.
     """
 
-    def __init__(self, path: Path, profile: str, library: str) -> None:
-        """Begin a new file. Raises FileExistsError rather than write over another."""
+    def __init__(
+        self, path: Path, profile: str, library: str, apart: Callable[[Callable[[], None]], None] | None = None
+    ) -> None:
+        """Begin a new file. Raises FileExistsError rather than write over another.
+
+        apart: does the work that takes long, of packing a chunk and writing it, and returns when it is done: in a
+        thread of less priority, say. None: here.
+        """
+        self._apart = apart or _here
         self.size = 0
         self.kept: Counter[int] = Counter()
         """Messages in finished chunks, by channel."""
@@ -109,29 +119,40 @@ class McapWriter:
         """Finish the chunk and write it, if there is anything in it."""
         if not self._parts:
             return
-        data, index = b"".join(self._parts), self._index
+        parts, index, size = self._parts, self._index, self._chunk_bytes
         self._begin_chunk()
+        self._apart(partial(self._store, parts, index, size))
+
+    def _store(self, parts: list[bytes], index: dict[int, list[tuple[int, int]]], size: int) -> None:
+        """Write a chunk of so many bytes. The long steps hold no lock of Python's: other threads go on meanwhile."""
         times = [log_ns for entries in index.values() for log_ns, _ in entries]
-        packed = self._compressor.compress(data)
-        chunk = _bytes_of(Chunk("zstd", packed, max(times), min(times), zlib.crc32(data), len(data)))
+        first_ns, last_ns = min(times), max(times)
+        crc, packer, packed = 0, self._compressor.compressobj(size=size), list[bytes]()
+        for part in parts:
+            crc = zlib.crc32(part, crc)
+            packed.append(packer.compress(part))
+        packed.append(packer.flush())
+        packed_bytes = sum(map(len, packed))
+        length = _CHUNK.size - 9 + packed_bytes
+        head = _CHUNK.pack(Opcode.CHUNK, length, first_ns, last_ns, size, crc, 4, b"zstd", packed_bytes)
         offsets, indices = {}, b""
         for channel, entries in index.items():
-            offsets[channel] = self.size + len(chunk) + len(indices)
+            offsets[channel] = self.size + len(head) + packed_bytes + len(indices)
             indices += _bytes_of(MessageIndex(channel, entries))
-        at = self._write(chunk + indices)
+        at = self._write(head, *packed, indices)
         place = ChunkIndex(
-            chunk_length=len(chunk),
+            chunk_length=len(head) + packed_bytes,
             chunk_start_offset=at,
             compression="zstd",
-            compressed_size=len(packed),
-            message_end_time=max(times),
+            compressed_size=packed_bytes,
+            message_end_time=last_ns,
             message_index_length=len(indices),
             message_index_offsets=offsets,
-            message_start_time=min(times),
-            uncompressed_size=len(data),
+            message_start_time=first_ns,
+            uncompressed_size=size,
         )
-        self.start_ns = min(self.start_ns, min(times)) if self._chunks else min(times)
-        self.end_ns = max(self.end_ns, max(times))
+        self.start_ns = min(self.start_ns, first_ns) if self._chunks else first_ns
+        self.end_ns = max(self.end_ns, last_ns)
         self._chunks.append(place)
         self.kept.update({channel: len(entries) for channel, entries in index.items()})
 
@@ -168,18 +189,24 @@ class McapWriter:
         self._index: dict[int, list[tuple[int, int]]] = {}
         self._chunk_bytes = 0
 
-    def _write(self, data: bytes) -> int:
+    def _write(self, *parts: bytes) -> int:
         """Write all of it, or nothing; returns where it begins."""
-        at, left = self.size, memoryview(data)
+        at = self.size
         try:
-            while left:
-                left = left[self._file.write(left) :]
+            for part in parts:
+                left = memoryview(part)
+                while left:
+                    left = left[self._file.write(left) :]
         except OSError:
             self._file.truncate(at)
             self._file.seek(at)
             raise
-        self.size += len(data)
+        self.size += sum(map(len, parts))
         return at
+
+
+def _here(work: Callable[[], None]) -> None:
+    work()
 
 
 def _bytes_of(*records: McapRecord) -> bytes:

@@ -6,7 +6,8 @@ import logging
 import threading
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -37,8 +38,9 @@ BACKLOG_BYTES = 256 * 2**20
 FLUSH_S = 1.0
 """Longest that a message is not in the file: what a recorder that is killed loses."""
 _FRAMES = ("source/frame", "heatmap/heat")
-_WAITING = 16
-"""Least messages of a topic that wait to be copied: half a second of a camera, where the processors are busy."""
+_WAITING = 4
+"""Least messages of a topic that wait to be copied. Not more: what waits keeps its sender's shared memory, and who has
+none left sends his images through sockets."""
 _IDLE_S = 0.1
 
 
@@ -108,7 +110,9 @@ class _Recorder:
         self._limited_log = RateLimitedLog(log)
         self._places: list[tuple[int, int, str]] = []
         self._lock = threading.Lock()
-        self._writer = McapWriter(path, PROFILE, f"spot3d {spot3d.__version__}")
+        # Whatever takes long has a thread of its own, which the stages go before; it keeps nobody waiting who copies.
+        self._packer = ThreadPoolExecutor(1, "packer", let_stages_go_first) if self._link.delivery == "live" else None
+        self._writer = McapWriter(path, PROFILE, f"spot3d {spot3d.__version__}", self._pack)
         about = {
             "spot3d": spot3d.__version__,
             "zenoh": version("eclipse-zenoh"),
@@ -125,8 +129,6 @@ class _Recorder:
         """Record until stopped."""
         with ExitStack() as stack:
             session = stack.enter_context(open_session(self._link, stop))
-            if self._link.delivery == "live":
-                let_stages_go_first()
             threads: list[threading.Thread] = []
             stack.callback(end_threads, threads)
             stack.callback(self._backlog.close)
@@ -141,6 +143,13 @@ class _Recorder:
             stack.callback(token.undeclare)
             log.info("recording %s topics of %s into %s", len(self._topics), self._link.robot, self.recorded.path)
             self._write(stop)
+
+    def _pack(self, work: Callable[[], None]) -> None:
+        """Do the writer's long work."""
+        if self._packer is None:
+            work()
+        else:
+            self._packer.submit(work).result()
 
     def close(self) -> None:
         """Finish the file; what cannot be written is left away, and said."""
@@ -158,6 +167,8 @@ class _Recorder:
             writer.close()
         except OSError as error:
             self._failed(error)
+        if self._packer is not None:
+            self._packer.shutdown()
         by_channel = {number: topic for topic, number in self._channels.items()}
         self.recorded.messages = {by_channel[number]: count for number, count in sorted(writer.kept.items())}
         self.recorded.size = writer.size
@@ -204,6 +215,10 @@ class _Recorder:
                 return  # the subscription has ended
             try:
                 refuse_encoding(str(sample.encoding), expected)
+                if self._link.delivery == "live" and not self._backlog.has_room(len(sample.payload)):
+                    self._skip(topic, "not written in time")
+                    last = None  # its number is not known
+                    continue
                 data = intact_bytes(sample.payload)
                 if data is None:
                     self._skip(topic, "overwritten")
