@@ -14,7 +14,6 @@ from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dashboard.health import HEARD
 from spot3d.dataflow.payload import intact_bytes
-from spot3d.dataflow.process_use import let_stages_go_first
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d_schemas import TOPICS, CodecError, MapChanges, Message, alive_key, decode, fleet_key, key
@@ -117,9 +116,6 @@ class Link:
                     self._session = session
                     self._listen()
                 stack.callback(self._hush)
-                # Not before: Zenoh's own threads, on which routers wait, are those of the session. Where the processors
-                # are busy fusion is asked less often.
-                let_stages_go_first()
                 while not self._stop.wait(self._pause_s):
                     self._poll(session)
         except (StoppedError, zenoh.ZError) as error:

@@ -24,8 +24,9 @@ Giving it back and getting fresh pages takes a fifth of the source's time, and m
 """
 
 
-_NICENESS = 5
-"""How far work that no frame waits for stands back: where the processors are busy, it takes what the stages leave."""
+_NICENESS, _ONLOOKERS_NICENESS = 5, 19
+"""How far work that no frame waits for stands back: where the processors are busy, it takes what the stages leave. Who
+only looks on takes next to nothing there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,18 +62,28 @@ def stay_single_threaded() -> None:
 
 def let_frames_go_first() -> None:
     """Lower the priority of the calling thread below what it is, for work that no frame waits for."""
-    if sys.platform == "linux":  # elsewhere the priority of a thread cannot be set alone
-        thread = threading.get_native_id()
-        with suppress(OSError):  # a sandbox may forbid it: the work is the same, the frames wait a little
-            os.setpriority(os.PRIO_PROCESS, thread, min(19, os.getpriority(os.PRIO_PROCESS, thread) + _NICENESS))
+    _stand_back(_NICENESS)
 
 
 def let_stages_go_first() -> None:
-    """Let the calling thread, and those that it starts from now on, take what the stages leave: for who only looks on.
+    """Lower the priority of the calling thread, and of those that it starts from now on, below everything a stage does:
+    for who only looks on."""
+    _stand_back(_ONLOOKERS_NICENESS)
+
+
+def use_what_is_left() -> None:
+    """Let the calling thread run only where nobody else wants the processor: for work that nobody ever waits for.
 
     Not merely nice: Linux lets a nice thread end its turn of some milliseconds when a stage's frame comes, and an idle
-    one not. No thread may do so for whom others wait, and who has Python's lock for long lets them wait.
+    one not.
     """
     if sys.platform == "linux":
         with suppress(OSError):
             os.sched_setscheduler(threading.get_native_id(), os.SCHED_IDLE, os.sched_param(0))
+
+
+def _stand_back(niceness: int) -> None:
+    if sys.platform == "linux":  # elsewhere the priority of a thread cannot be set alone
+        thread = threading.get_native_id()
+        with suppress(OSError):  # a sandbox may forbid it: the work is the same, the frames wait a little
+            os.setpriority(os.PRIO_PROCESS, thread, min(19, os.getpriority(os.PRIO_PROCESS, thread) + niceness))

@@ -19,7 +19,7 @@ from zenoh.handlers import FifoChannel, Handler, RingChannel
 import spot3d
 from spot3d.dataflow.endpoints import waiting
 from spot3d.dataflow.payload import intact_bytes
-from spot3d.dataflow.process_use import let_stages_go_first
+from spot3d.dataflow.process_use import use_what_is_left
 from spot3d.dataflow.rate_limited_log import RateLimitedLog
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.stopping import end_threads, stop_on_signals
@@ -110,8 +110,8 @@ class _Recorder:
         self._limited_log = RateLimitedLog(log)
         self._places: list[tuple[int, int, str]] = []
         self._lock = threading.Lock()
-        # Whatever takes long has a thread of its own, which the stages go before; it keeps nobody waiting who copies.
-        self._packer = ThreadPoolExecutor(1, "packer", let_stages_go_first) if self._link.delivery == "live" else None
+        # Whatever takes long has a thread of its own, for when nobody else wants the processor; who copies never waits.
+        self._packer = ThreadPoolExecutor(1, "packer", use_what_is_left) if self._link.delivery == "live" else None
         self._writer = McapWriter(path, PROFILE, f"spot3d {spot3d.__version__}", self._pack)
         about = {
             "spot3d": spot3d.__version__,
