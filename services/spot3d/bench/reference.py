@@ -168,13 +168,12 @@ def clusters(
         if row not in several:
             groups.append(({row}, observers[row] - silent | {own}, holders[row] - several))
     for least in (20, 15, 10, 8, 6, 5, 4, 3, 2):
-        share = 0.7 + 0.2 * min(1.0, (least - 2) / 8)
         while True:
             number = list(range(len(groups)))
             for i, (_, sees, holds) in enumerate(groups):
                 for j, (_, other_sees, other_holds) in enumerate(groups[:i]):
                     both = len(sees & other_sees)
-                    if both >= least and len(holds & other_holds) >= share * both and number[i] != number[j]:
+                    if both >= least and len(holds & other_holds) >= 0.7 * both and number[i] != number[j]:
                         number = [number[j] if n == number[i] else n for n in number]
             if len(set(number)) == len(groups):
                 break
