@@ -80,7 +80,8 @@ class CorrectedPoses:
         if given.status == "lost":
             return given
         factor = self._scale.factor
-        followed = self._followed(given, stamp_ns, depth_m * np.float32(factor), intrinsics)
+        scaled = depth_m if factor == 1 else depth_m * np.float32(factor)
+        followed = self._followed(given, stamp_ns, scaled, intrinsics)
         return replace(followed, T_world_map=self._T_world_map, depth_factor=factor)
 
     def _followed(
