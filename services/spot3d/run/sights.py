@@ -1,15 +1,13 @@
 """Some frames of a stream, spread over it, with their poses: what an overview shows."""
 
-from contextlib import ExitStack
-
 import numpy as np
 import zenoh
 from numpy.typing import NDArray
-from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dataflow.conversion import rgbd_frame
 from spot3d.dataflow.payload import intact_bytes
 from spot3d.frame import RgbdFrame
+from spot3d.run.one_sample import OneSample
 from spot3d.run.overview_file import View
 from spot3d_schemas import CodecError, Frame, decode, key
 
@@ -26,8 +24,7 @@ class Sights:
 
     def __init__(self, session: zenoh.Session, robot: str) -> None:
         self._session, self._where = session, key(robot, "source/frame")
-        self._listening: Handler[zenoh.Sample] | None = None
-        self._exit = ExitStack()
+        self._listening: OneSample | None = None
         self.forget()
 
     def forget(self) -> None:
@@ -40,8 +37,9 @@ class Sights:
 
     def close(self) -> None:
         """Listen no more."""
-        self._exit.close()
-        self._listening = None
+        if self._listening is not None:
+            self._listening.close()
+            self._listening = None
 
     @property
     def views(self) -> list[View]:
@@ -57,11 +55,9 @@ class Sights:
     def look(self, stream: str | None, now_s: float) -> None:
         """Take a frame of this stream if one is due and there; call it often. Monotonic seconds."""
         if self._waiting is None and self._listening is None and now_s >= self._due_s:
-            subscriber = self._session.declare_subscriber(self._where, RingChannel(1))
-            self._exit.callback(subscriber.undeclare)
-            self._listening = subscriber.handler
+            self._listening = OneSample(self._session, self._where)
         if self._listening is not None:
-            sample = self._listening.try_recv()
+            sample = self._listening.sample
             if sample is None:
                 return
             self.close()
