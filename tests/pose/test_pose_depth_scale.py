@@ -60,12 +60,21 @@ def test_odometry_has_the_scale_of_its_depth() -> None:
 def test_chance_changes_nothing() -> None:
     """What lies within two standard deviations of one may be chance."""
     scale = DepthScale(0.02)
-    H, pose_information = np.diag(np.full(7, 1e3)), np.eye(6)
+    H, pose_information = np.diag(np.full(7, 1e3)), 1e8 * np.eye(6)
     g = np.append(np.zeros(6), 1e3 * 0.03)
     assert scale.learn(H, g, pose_information, np.zeros(6), 1.0) == 1
     for _ in range(200):
         scale.learn(H, g * (0.03 - np.log(scale.factor)) / 0.03, pose_information, np.zeros(6), 1.0)
     assert scale.factor == pytest.approx(1.03, abs=0.005)
+
+
+def test_what_noisy_poses_look_like_is_no_scale() -> None:
+    """Poses that are off by 1 cm, seen from places a decimetre apart, look like depth that is off by a per cent."""
+    scale = DepthScale(0.02)
+    H, pose_information = np.diag([*np.full(3, 1e6), *np.full(3, 1e6), 3e4]), 1e4 * np.eye(6)
+    for _ in range(200):
+        scale.learn(H, np.append(np.zeros(6), 3e4 * 0.01), pose_information, np.zeros(6), 1.0)
+    assert scale.factor == 1
 
 
 def test_the_seventh_equation_is_the_growth_of_depth() -> None:

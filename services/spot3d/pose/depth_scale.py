@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 _NEWS_S = 1 / 3
 # A scale is never better known than this: depth is distorted over the image, and drifts with the camera's warmth.
 _KNOWN = 0.003
-# What lies within so many standard deviations may be chance: the scale is taken as true until it surely is not.
+# What lies within so many standard deviations may be chance: the scale is taken as true until it surely is not. With 1
+# to 3, and a sigma of 0.01 to 0.04, exact poses end as near to the truth on redkitchen and clutter (0.2 to 1.4 % of 3 %
+# left), after more or less time; with 1 true depth is changed by 1 % where poses are shaken.
 _SURE = 2.0
 # Steps smaller than this move what is a metre away by less than the noise of a pixel.
 _STEP = 0.003
@@ -33,6 +35,7 @@ class DepthScale:
         self._sigma = sigma
         self._information = sigma**-2 if sigma else np.inf
         self._log = 0.0
+        self._dilution = 0.0  # what the noise of the given poses may look like
 
     def learn(
         self,
@@ -57,10 +60,16 @@ class DepthScale:
         gradient = share * (g[6] - H[6, :6] @ np.linalg.solve(A, b))
         applied = np.log(self.factor)
         total = self._information + information
+        # Noise of the given poses is in what differs and in how far apart the views are, alike: it looks like a scale
+        # of its variance over that of the distances (errors in variables).
+        apart = H[6, 6] / max(float(np.trace(H[:3, :3])), 1e-12)
+        noise = 3 / float(np.trace(pose_information[:3, :3]))
+        self._dilution += information / total * (min(noise / max(apart, 1e-12), 1.0) - self._dilution)
         self._log += (gradient + information * (applied - self._log)) / total
         self._log = float(np.clip(self._log, -_MOST * self._sigma, _MOST * self._sigma))
         self._information = min(total, _KNOWN**-2)
-        sure = max(0.0, 1.0 - _SURE**2 / (self._information * self._log**2)) if self._log else 0.0
+        doubt = _SURE / np.sqrt(self._information) + self._dilution
+        sure = max(0.0, 1.0 - (doubt / self._log) ** 2) if self._log else 0.0
         if abs(sure * self._log - applied) < _STEP:
             return 1.0
         before, self.factor = self.factor, float(np.exp(sure * self._log))
