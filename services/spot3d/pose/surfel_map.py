@@ -143,7 +143,7 @@ def _key(x: float, y: float, z: float, nx: float, ny: float, nz: float, voxel: f
     return voxel_key(np.int64(i), np.int64(j), np.int64(k), face)
 
 
-@kernel()
+@kernel("void(f8[:,::1], f8, i8[::1])")
 def _keys_of(surfels: NDArray[np.float64], voxel: float, keys: NDArray[np.int64]) -> None:
     """The key of each of (n, 11) surfels."""
     for i in range(surfels.shape[0]):
