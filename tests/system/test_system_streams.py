@@ -65,7 +65,7 @@ def test_a_source_that_starts_again_with_older_stamps_is_another_scene(live) -> 
         ear.wait(lambda: ear.objects[-1].header.stream == ear.stream)
         second = ear.objects[-1]
         assert second.epoch != objects.epoch
-        # Nothing of the scene before is in the map that is told; what is fused is told after the objects, and elsewhere.
+        # Nothing of the scene before is in the map that is told; what was fused is told after that, and elsewhere.
         ear.wait(lambda: second.frame_count <= ear.fused)
         assert second.frame_count < 100
         assert {pose.epoch for pose in ear.heard["pose/pose"] if pose.header.stream == first} == {first}
