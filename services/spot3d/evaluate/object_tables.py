@@ -26,8 +26,9 @@ NOTE_CARRIED = (
 )
 NOTE_NO_OBJECT = "No object: boxes that count, of a scene, and overlap every true object by less than IoU 0.25."
 NOTE_PEER = (
-    f"{PEER}: points of up to {FRAMES_MAX} frames with the run's poses in voxels of {100 * VOXEL:g} cm, dominant "
-    f"planes taken away, clusters of radius {100 * RADIUS:g} cm, upright boxes within the same limits of size."
+    f"{PEER}: points of up to {FRAMES_MAX} frames with the run's poses, and depth as the run has corrected it, in "
+    f"voxels of {100 * VOXEL:g} cm, dominant planes taken away, clusters of radius {100 * RADIUS:g} cm, upright boxes "
+    "within the same limits of size."
 )
 
 

@@ -19,6 +19,7 @@ from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.streams import new_stream
 from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
+from spot3d.pose.depth_scale import TOLD, told
 from spot3d.pose.estimate import PoseEstimate, PoseTracker
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
@@ -33,8 +34,6 @@ _FORGOTTEN = "surfels and landmarks forgotten: the map's limit is reached"
 _RESTARTED = "given poses jumped: the map that corrects them began anew"
 _SNAPSHOT_S = 2.0
 """Time between two snapshots of the tracker's map, if any are kept: what is new since is little to be found in."""
-_TOLD_SCALE = 0.01
-"""The scale of depth is spoken of again when it has changed by this share."""
 _TOLD_NS = 1_000_000_000
 """Tracking that is lost for this long is told."""
 
@@ -144,9 +143,9 @@ class _Stage:
 
     def _tell_if_lost(self, stamp_ns: int) -> None:
         """Say since when tracking is lost, and what to do about it, in the log and the state."""
-        told = bool(self.node.state)
+        known = bool(self.node.state)
         if self.last.status == "ok":
-            if self.lost_since is not None and told:
+            if self.lost_since is not None and known:
                 log.info("found again after %.1f s", 1e-9 * (stamp_ns - self.lost_since[0]))
             self.lost_since, self.node.state = None, ""
             return
@@ -156,16 +155,15 @@ class _Stage:
         if lost_ns >= _TOLD_NS:
             what = f"lost since {self.lost_since[1]}, for {1e-9 * lost_ns:.0f} s of frames"
             self.node.state = f"{what}: move the camera back to where it was ({self.last.reason})"
-            if not told:
+            if not known:
                 self.node.note("lost tracking", self.node.state)
 
     def _tell_depth(self) -> None:
-        """Say when depth turns out to be of another scale than the given poses by one per cent more than was said."""
+        """Say when depth turns out to be of another scale than the given poses, and when that has changed as much."""
         factor = self.last.depth_factor
-        if abs(factor / self.told_factor - 1) > _TOLD_SCALE:
+        if abs(factor / self.told_factor - 1) >= TOLD and (text := told(factor)):
             self.told_factor = factor
-            what = f"depth is {abs(1 / factor - 1):.1%} too {'long' if factor < 1 else 'short'} for the given poses"
-            self.node.note("depth's scale", f"{what}: it is corrected; calibrate the camera, or check the poses' unit")
+            self.node.note("depth's scale", text)
 
     def _keep(self) -> None:
         """A snapshot of the tracker's map, where it has one and its stream has a name to find it by."""

@@ -161,7 +161,9 @@ class Collector:
             self.rate.add(message.fused + sum(message.skipped.values()), time.monotonic())
         elif isinstance(message, Pose):
             stamp = message.header.stamp_ns
-            self.poses[stamp] = TrackedFrame(stamp, message.T_world_camera, message.status == "lost")
+            self.poses[stamp] = TrackedFrame(
+                stamp, message.T_world_camera, message.status == "lost", message.depth_factor
+            )
             self.latency.add(_hops(message.header))
         elif isinstance(message, Proposals):
             self.latency.add(_hops(message.header))

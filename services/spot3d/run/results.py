@@ -49,11 +49,12 @@ def empty_snapshot() -> MapSnapshot:
 
 @dataclass(frozen=True, slots=True)
 class TrackedFrame:
-    """Pose of one frame: T_world_camera (4, 4), trusted only where `lost` is False."""
+    """Pose of one frame: T_world_camera (4, 4), trusted only where `lost` is False; by what its depth was corrected."""
 
     stamp_ns: int
     T_world_camera: NDArray[np.float64]
     lost: bool
+    depth_factor: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +78,10 @@ class RunResult:
     def path(self) -> list[TrackedFrame]:
         """The frames whose pose is trusted."""
         return [item for item in self.trajectory if not item.lost]
+
+    def depth_factor(self) -> float:
+        """What depth has to be multiplied by to agree with the given poses, as far as was known in the end."""
+        return next((item.depth_factor for item in reversed(self.trajectory) if not item.lost), 1.0)
 
 
 def write_results(folder: Path, result: RunResult) -> None:
