@@ -109,8 +109,17 @@ def test_what_is_kept_reaches_who_comes_late_without_any_stamp() -> None:
     link = LinkSettings(robot="late", connect=(endpoint,))
     with open_router((endpoint,)), open_session(link) as sender, open_session(link) as reader:
         publisher = declare_publisher(sender, "fusion/objects", link)
-        for text in (b"first", b"last"):
-            publisher.put(text)
+        passed = queue.SimpleQueue[bytes]()
+        witness = reader.declare_subscriber(key("late", "fusion/objects"), lambda s: passed.put(s.payload.to_bytes()))
+        end_s = time.monotonic() + LIMIT_S
+        while passed.empty():
+            assert time.monotonic() < end_s
+            publisher.put(b"first")
+            time.sleep(0.02)
+        publisher.put(b"last")
+        while passed.get(timeout=LIMIT_S) != b"last":  # what the router has passed on comes to nobody who is late
+            pass
+        witness.undeclare()
         declare_advanced_subscriber(
             reader,
             key("late", "fusion/objects"),
