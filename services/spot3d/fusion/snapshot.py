@@ -19,6 +19,7 @@ from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.growing import Growing
 from spot3d.fusion.objects.identity import Identities
 from spot3d.fusion.objects.keyframes import Keyframe
+from spot3d.fusion.objects.segment_graph import SegmentGraph
 from spot3d.fusion.objects.segment_table import SegmentTable
 from spot3d.fusion.objects.views import View
 from spot3d.fusion.settings import FusionSettings
@@ -26,7 +27,18 @@ from spot3d.fusion.settings import FusionSettings
 _KIND = "fusion"
 _CLASSES = {
     kind.__name__: kind
-    for kind in (Box3D, FoundObject, Growing, Identities, Intrinsics, Keyframe, SegmentTable, View, ViewConsensus)
+    for kind in (
+        Box3D,
+        FoundObject,
+        Growing,
+        Identities,
+        Intrinsics,
+        Keyframe,
+        SegmentGraph,
+        SegmentTable,
+        View,
+        ViewConsensus,
+    )
 }
 
 

@@ -1,0 +1,160 @@
+"""The graph of the keyframes' segments: which views there are, and what each says of the others' segments."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from spot3d.fusion.objects.growing import Growing
+from spot3d.fusion.objects.keyframes import Keyframe
+from spot3d.fusion.objects.rescaling import camera_of, rescale_segments, rescaled_view
+from spot3d.fusion.objects.segment_table import SegmentTable
+from spot3d.fusion.objects.views import NOTHING, WHOLE, View, ask, view_of
+
+_LEVEL = 0.985
+"""Supports whose normals are within 10 degrees have the same up."""
+_SAME_PLACE, _SAME_TURN, _SAME_VIEWS = 0.05, np.deg2rad(3.0), 5
+"""Of keyframes so near to each other, metres and radians, the last five are kept: at a range of 1 m, 5 cm to the side
+show a thing from 3 degrees further round. A still camera must not crowd out all else."""
+
+
+class SegmentGraph:
+    """Segments of keyframes, and of each the keyframes that see it, whether as a whole, and within which segment.
+
+    segments: a row each; said: (m, 4) int32, what other keyframes say of segments: row of the segment, keyframe, what
+    (see `views`), row of the segment that holds the whole of it, or -1; views: by the keyframe's number, oldest first;
+    rows_of: the segment of each label of a view, (256,), -1 = none.
+    """
+
+    def __init__(self) -> None:
+        self.segments = SegmentTable()
+        self.views: dict[int, View] = {}
+        self.rows_of: dict[int, NDArray[np.int32]] = {}
+        self._said = Growing[np.int32](np.int32, 4)
+        self._linked = 0  # of what is said so many rows are in the segments' `part`
+        self._factor_of: dict[int, float] = {}  # what the depth of each view has been multiplied by
+        self._reaches = Growing[np.float32](np.float32, 4)  # centre and reach of each view
+        self._normals: dict[int, NDArray[np.float64]] = {}
+        self._next_keyframe = 0
+
+    @property
+    def said(self) -> NDArray[np.int32]:
+        return self._said.rows
+
+    def take_in(self, keyframe: Keyframe) -> None:
+        """Ask the new view about the segments that there are, and the views that there are about the new segments."""
+        view, number, segments = view_of(keyframe), self._next_keyframe, self.segments
+        old = len(segments)
+        row_of = segments.extend(keyframe, number)
+        self._next_keyframe += 1
+        count = len(segments) - old
+        said, label = np.empty((2, max(old, count)), np.uint8)
+        places, spheres = segments.places.rows, segments.spheres.rows
+        ask(view, places[:old], spheres[:old], said[:old], label[:old])
+        self._enter(0, number, said[:old], row_of[label[:old]])
+        for other in self._views_of(spheres[old:]):
+            ask(self.views[other], places[old:], spheres[old:], said[:count], label[:count])
+            self._enter(old, other, said[:count], self.rows_of[other][label[:count]])
+        self.views[number], self.rows_of[number] = view, row_of
+        self._factor_of[number] = keyframe.depth_factor
+        self._reaches.extend(np.append(view.centre, np.float32(view.reach))[None])
+        if len(keyframe.planes):
+            self._normals[number] = keyframe.T_map_camera[:3, :3] @ keyframe.planes[0, :3]
+
+    def _views_of(self, spheres: NDArray[np.float32]) -> list[int]:
+        """The keyframes within whose reach one of these spheres, (k, 4), lies."""
+        reaches = self._reaches.rows
+        away = np.linalg.norm(reaches[:, None, :3] - spheres[None, :, :3], axis=2)
+        near = (away <= reaches[:, None, 3] + spheres[None, :, 3]).any(axis=1)
+        return [number for number, is_near in zip(self.views, near.tolist(), strict=True) if is_near]
+
+    def _enter(self, first: int, keyframe: int, said: NDArray[np.uint8], holder: NDArray[np.int32]) -> None:
+        """Keep what a keyframe says of the segments from row `first` on."""
+        rows = np.flatnonzero(said != NOTHING)
+        whole = np.where(said[rows] == WHOLE, holder[rows], -1)
+        self._said.extend(np.column_stack((first + rows, np.full(len(rows), keyframe), said[rows], whole)))
+        self.segments.touched.rows[first + rows] = True
+
+    def outdated(self) -> list[int]:
+        """The keyframe that the latest one takes the place of: the oldest where there are enough of the same view."""
+        numbers = np.fromiter(self.views, np.int64, len(self.views))
+        poses = np.stack([view.pose for view in self.views.values()]).astype(np.float64)
+        places = -np.einsum("kij,ki->kj", poses[:, :, :3], poses[:, :, 3])
+        turned = np.einsum("kij,ij->k", poses[:, :, :3], poses[-1, :, :3])
+        same = np.linalg.norm(places - places[-1], axis=1) < _SAME_PLACE
+        same &= turned > 1 + 2 * np.cos(_SAME_TURN)
+        return [int(number) for number in numbers[same][:-_SAME_VIEWS]]
+
+    def drop(self, gone: list[int]) -> list[int]:
+        """Forget keyframes, their segments and all that is said of and by them; returns clusters that are no more."""
+        segments, said = self.segments, self._said.rows
+        numbers = np.fromiter(self.views, np.int64, len(self.views))
+        for number in gone:
+            del self.views[number], self.rows_of[number], self._factor_of[number]
+            self._normals.pop(number, None)
+        self._reaches.keep(~np.isin(numbers, gone))
+        kept = ~np.isin(segments.frame.rows, gone)
+        lost = np.unique(segments.cluster.rows[~kept])
+        lost = lost[lost >= 0]
+        by_gone = np.isin(said[:, 1], gone)
+        segments.touched.rows[said[by_gone, 0]] = True
+        segments.touched.rows[np.isin(segments.cluster.rows, lost)] = True
+        row_now = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
+        self._said.keep(~by_gone & kept[said[:, 0]])
+        segments.keep(kept)
+        said = self._said.rows
+        said[:, 0], said[:, 3] = row_now[said[:, 0]], row_now[said[:, 3]]
+        for rows in self.rows_of.values():
+            rows[:] = row_now[rows]
+        self._link_anew()  # what hung together by what is gone may not any more
+        none_left: list[int] = np.setdiff1d(lost, segments.cluster.rows).tolist()
+        return none_left
+
+    def rescale(self, depth_factor: float) -> None:
+        """See all keyframes by this factor of depth, and ask them anew."""
+        segments = self.segments
+        wrong = {number: depth_factor / factor for number, factor in self._factor_of.items() if factor != depth_factor}
+        if not wrong:
+            return
+        for number, factor in wrong.items():
+            view = self.views[number]
+            rescale_segments(segments, np.flatnonzero(segments.frame.rows == number), camera_of(view), factor)
+            self.views[number], self._factor_of[number] = rescaled_view(view, factor), depth_factor
+        views = self.views.values()
+        self._reaches.rows[:] = [(*view.centre, view.reach) for view in views]
+        self._said.keep(np.zeros(len(self._said), np.bool_))
+        self._link_anew()
+        said, label = np.empty((2, len(segments)), np.uint8)
+        for number, view in self.views.items():
+            ask(view, segments.places.rows, segments.spheres.rows, said, label)
+            said[segments.frame.rows == number] = NOTHING
+            self._enter(0, number, said, self.rows_of[number][label])
+        segments.touched.rows[:] = True
+
+    def up(self) -> NDArray[np.float64]:
+        """The direction that most keyframes' supporting planes have for their normal."""
+        normals = list(self._normals.values())
+        if not normals:
+            return np.array([0.0, 0.0, 1.0])
+        some = np.array(normals[:: max(1, len(normals) // 200)])
+        alike = some @ some.T > _LEVEL
+        mean = some[alike[np.argmax(alike.sum(axis=1))]].mean(axis=0)
+        return np.asarray(mean / np.linalg.norm(mean))
+
+    def _link_anew(self) -> None:
+        self.segments.part.rows[:] = np.arange(len(self.segments))
+        self._linked = 0
+
+    def hang_together(self) -> None:
+        """Enter the links that came since the last time into the segments' `part`."""
+        part = self.segments.part.rows
+        links = self._said.rows[self._linked :]
+        links = links[links[:, 3] >= 0]
+        parts, ends = np.unique(part[np.concatenate((links[:, 0], links[:, 3]))], return_inverse=True)
+        matrix = csr_array((np.ones(len(links)), (ends[: len(links)], ends[len(links) :])), (len(parts), len(parts)))
+        _, group = connected_components(matrix, directed=False)
+        _, lowest = np.unique(group, return_index=True)
+        first = np.arange(len(part))
+        first[parts] = parts[lowest[group]]
+        part[:] = first[part]
+        self._linked = len(self._said)
