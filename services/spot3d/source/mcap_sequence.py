@@ -16,6 +16,7 @@ from spot3d.dataflow.order import RESTART_NS
 from spot3d.frame import RgbdFrame
 from spot3d.recorder.mcap_contents import BrokenRecordingError, McapContents, open_mcap
 from spot3d.source.errors import SourceError
+from spot3d.source.sequence import median_rate_hz
 from spot3d_schemas import CodecError, Frame, Heat, decode, peek_header
 
 log = logging.getLogger(__name__)
@@ -73,9 +74,8 @@ class McapSequence:
 
     @property
     def rate_hz(self) -> float:
-        """Recorded rate in frames per second, by the median gap between frames; 30 for a single frame."""
-        gaps = np.diff(self.stamps_ns)
-        return 1e9 / float(np.median(gaps)) if gaps.size else 30.0
+        """Recorded rate in frames per second, by the median gap between frames."""
+        return median_rate_hz(self.stamps_ns)
 
     @property
     def has_true_poses(self) -> bool:

@@ -16,6 +16,7 @@ from spot3d.source.calibration import ColourCamera
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import halve
 from spot3d.source.images import read_colour, read_depth
+from spot3d.source.sequence import median_rate_hz
 
 if TYPE_CHECKING:
     from spot3d.source.colour_registration import ColourRegistration
@@ -75,9 +76,8 @@ class Recording:
 
     @property
     def rate_hz(self) -> float:
-        """Recorded rate in frames per second, by the median gap between frames; 30 for a single frame."""
-        gaps = np.diff(self.stamps_ns)
-        return 1e9 / float(np.median(gaps)) if gaps.size else 30.0
+        """Recorded rate in frames per second, by the median gap between frames."""
+        return median_rate_hz(self.stamps_ns)
 
     @property
     def has_true_poses(self) -> bool:

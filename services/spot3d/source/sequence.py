@@ -1,6 +1,6 @@
 """What every input looks like to the rest of the source stage."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from threading import Event
 from typing import Protocol, runtime_checkable
 
@@ -20,6 +20,12 @@ class FrameStream(Protocol):
 
     def stream(self, stop: Event, note: Note) -> Iterator[RgbdFrame]:
         """Frames until the stream ends, or until `stop`; `note` is told when a camera is found, missing or lost."""
+
+
+def median_rate_hz(stamps_ns: Sequence[int] | NDArray[np.int64]) -> float:
+    """Frames per second, by the median gap between stamps; 30 for a single frame."""
+    gaps = np.diff(stamps_ns)
+    return 1e9 / float(np.median(gaps)) if gaps.size else 30.0
 
 
 class FrameSequence(Protocol):

@@ -18,6 +18,7 @@ from spot3d.source.ros.bag import Bag, BagTopic
 from spot3d.source.ros.images import MILLIMETRES, colour_image, depth_image
 from spot3d.source.ros.poses import PoseAt, poses_of, transform_tree
 from spot3d.source.ros.topics import CameraTopics, TopicNames, find_topics
+from spot3d.source.sequence import median_rate_hz
 from spot3d.source.tum import nearest_in_time
 
 log = logging.getLogger(__name__)
@@ -112,9 +113,8 @@ class BagRecording:
 
     @property
     def rate_hz(self) -> float:
-        """Recorded rate in frames per second, by the median gap between frames; 30 for a single frame."""
-        gaps = np.diff(self._rows[:, 0])
-        return 1e9 / float(np.median(gaps)) if gaps.size else 30.0
+        """Recorded rate in frames per second, by the median gap between frames."""
+        return median_rate_hz(self._rows[:, 0])
 
     @property
     def has_true_poses(self) -> bool:
