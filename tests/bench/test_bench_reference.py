@@ -114,7 +114,7 @@ def test_segments_are_clustered_the_same_way(seed: int) -> None:
     holder = np.where(thing[whole[:, 0]] == (joined[whole[:, 1]] + 1) % 4, joined[whole[:, 1]], -1)
     holder = 4 * whole[:, 1] + np.where(holder >= 0, holder, thing[whole[:, 0]])
     divided = observed[rng.random(len(observed)) < 0.1, 0]
-    statements = frame, observed, np.column_stack((whole[:, 0], holder)), divided
+    statements = frame, observed, np.column_stack((whole[:, 0], holder)), divided, 3
     found = clusters_of(*statements)
     ours = {frozenset(np.flatnonzero(found == number).tolist()) for number in range(found.max() + 1)}
     assert ours == {frozenset(rows) for rows in reference.clusters(*statements)}

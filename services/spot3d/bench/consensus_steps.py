@@ -57,7 +57,7 @@ def consensus_steps(m: Material, settings: Settings) -> list[Step]:
             "consensus, a keyframe more",
             walking(len(m), lambda i: votes.update([keyframes[i]])),
             "sets, all clusters, no boxes",
-            lambda: reference.clusters(*statements),
+            lambda: reference.clusters(*statements, settings.fusion.views_min),
             [keyframes[0].labels, keyframes[0].depth, keyframes[0].colour, places],
         ),
     ]

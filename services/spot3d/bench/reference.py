@@ -147,12 +147,18 @@ def said_by_view(
 
 
 def clusters(
-    frame: NDArray[np.int64], observed: NDArray[np.int64], within: NDArray[np.int64], divided: NDArray[np.int64]
+    frame: NDArray[np.int64],
+    observed: NDArray[np.int64],
+    within: NDArray[np.int64],
+    divided: NDArray[np.int64],
+    views_min: int,
 ) -> list[set[int]]:
-    """The clusters of segments that most frames which see them have in one (MaskClustering, Sec. 3), by sets.
+    """The clusters of segments that most frames which see them have in one (MaskClustering, Sec. 3), by sets, and what
+    most have in one with a larger one as a part of that.
 
     frame: (n,) of each segment; observed: (k, 2) segments and frames that see objects in them; within: (m, 2) segments
-    and those that hold them; divided: (d,) segments, once for each frame that divides one.
+    and those that hold them; divided: (d,) segments, once for each frame that divides one; views_min: frames that show
+    an object.
     """
     observers: list[set[int]] = [set() for _ in frame]
     holders = [{row} for row in range(len(frame))]
@@ -185,4 +191,19 @@ def clusters(
                 )
                 for members in ([i for i, n in enumerate(number) if n == name] for name in sorted(set(number)))
             ]
-    return [rows for rows, _, _ in groups]
+    shown = [len({int(frame[row]) for row in rows}) for rows, _, _ in groups]
+    whole_of: dict[int, int] = {}
+    for i, (_, sees, holds) in enumerate(groups):
+        wholes = []
+        for j, (_, other_sees, other_holds) in enumerate(groups):
+            both, in_one = len(sees & other_sees), len(holds & other_holds)
+            if views_min <= shown[i] < min(shown[j], in_one) and in_one >= 0.5 * both:
+                wholes.append((in_one / both, shown[j], -j))
+        if wholes:
+            whole_of[i] = -max(wholes)[2]
+    joined: dict[int, set[int]] = {}
+    for i, (rows, _, _) in enumerate(groups):
+        while i in whole_of:
+            i = whole_of[i]
+        joined.setdefault(i, set()).update(rows)
+    return list(joined.values())

@@ -15,7 +15,8 @@ def clusters(frame: list[int], observed: Pairs, within: Pairs, divided: list[int
         return np.array(listed, np.int64).reshape(-1, 2)
 
     none: list[int] = []
-    found = clusters_of(np.array(frame, np.int64), pairs(observed), pairs(within), np.array(divided or none, np.int64))
+    rows_divided = np.array(divided or none, np.int64)
+    found = clusters_of(np.array(frame, np.int64), pairs(observed), pairs(within), rows_divided, views_min=3)
     numbers: dict[int, int] = {-1: -1}
     return [numbers.setdefault(number, len(numbers) - 1) for number in found.tolist()]
 
@@ -77,6 +78,19 @@ def test_what_a_few_of_many_views_tear_in_two_is_whole(torn: int) -> None:
     assert len(set(clusters(frame, observed, within, divided=wholes * torn))) == 1
 
 
+@pytest.mark.parametrize(
+    ("apart", "one"), [(7, 13), (13, 7), (2, 4)], ids=["most have it in one", "most tell it apart", "too few show it"]
+)
+def test_what_most_views_have_in_one_with_another_is_a_part_of_it(apart: int, one: int) -> None:
+    """So many views tell a small thing from a large one, the others hold both in one, and the large one is divided."""
+    frame = [k // 2 for k in range(2 * apart)] + list(range(apart, apart + one))
+    small, large, both = range(0, 2 * apart, 2), range(1, 2 * apart, 2), range(2 * apart, 2 * apart + one)
+    within = held_by([[*small], [*large, *both]]) + [(row, holder) for row in small for holder in both]
+    found = clusters(frame, seen_by_all(frame), within)
+    assert len({found[row] for row in (*large, *both)}) == 1
+    assert (found[0] == found[1]) == (one > apart >= 3)
+
+
 def test_the_order_of_what_is_said_does_not_matter() -> None:
     frame = [k // 3 for k in range(30)]
     observed = seen_by_all(frame)
@@ -106,6 +120,6 @@ def test_pairs_are_those_of_all_rows_by_all_rows(rows: int, frames: int) -> None
     V, C = (csr_array(matrix.astype(np.int32)) for matrix in (seen, held))
     supporters, seen_by = (matrix.astype(np.int64) @ matrix.T for matrix in (held, seen))
     pair = np.triu((supporters > 0) & (supporters >= 0.7 * seen_by), 1)
-    found = np.array(agreement._pairs(V, C))
+    found = np.array(agreement._pairs(V, C, 0.7))
     found = found[:, np.lexsort(found[1::-1])]
-    np.testing.assert_array_equal(found, [*np.nonzero(pair), seen_by[pair]])
+    np.testing.assert_array_equal(found, [*np.nonzero(pair), seen_by[pair], supporters[pair]])

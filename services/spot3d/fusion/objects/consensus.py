@@ -153,6 +153,7 @@ class ViewConsensus:
             np.column_stack((row, by))[observed],
             np.column_stack((row, holder))[whole],
             row[about[:, 2] == DIVIDED],
+            self._settings.views_min,
         )
         before = segments.cluster.rows[rows]
         number, changed = number_clusters(found, before, touched[rows], self._next_cluster)
