@@ -35,7 +35,7 @@ def write_recording(path: Path, chunks: Sequence[Sequence[tuple[str, float, Mess
     writer = McapWriter(path, PROFILE, "test")
     writer.metadata("spot3d", {"robot": ROBOT})
     topics = dict.fromkeys(topic for chunk in chunks for topic, _, _ in chunk)
-    channels = {topic: topic_channel(writer, ROBOT, topic) for topic in topics}
+    channels = {topic: writer.channel(*topic_channel(ROBOT, topic)) for topic in topics}
     for chunk in chunks:
         for topic, seconds, message in chunk:
             log_ns = START_NS + round(1e9 * seconds)

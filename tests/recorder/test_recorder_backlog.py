@@ -1,10 +1,22 @@
+import mmap
+import os
+from collections.abc import Iterator
+
+import pytest
+
 from spot3d.recorder.backlog import Backlog
 
 MB = 2**20
 
 
-def test_images_are_skipped_before_what_is_small() -> None:
-    backlog = Backlog(32 * MB)
+@pytest.fixture
+def backlog() -> Iterator[Backlog]:
+    made = Backlog(32 * MB)
+    yield made
+    os.close(made.file)
+
+
+def test_images_are_skipped_before_what_is_small(backlog: Backlog) -> None:
     taken = [backlog.put("source/frame", 0, seq, bytes(4 * MB), wait=False) for seq in range(6)]
     assert taken == [True, True, True, True, False, False]
     assert not backlog.has_room(4 * MB)
@@ -16,9 +28,23 @@ def test_images_are_skipped_before_what_is_small() -> None:
         ("pose/pose", 0),
         None,
     ]
-    assert backlog.has_room(4 * MB)
     times = [item.log_ns for item in heard if item is not None]
     assert times == sorted(times)
+    assert not backlog.has_room(4 * MB), "their bytes are still being read"
+    backlog.done()
+    backlog.done()
     assert backlog.put("source/frame", 0, 6, bytes(4 * MB), wait=False), "there is room again"
     backlog.close()
     assert not backlog.put("pose/pose", 0, 1, b"", wait=True), "nobody waits for room in one that is closed"
+
+
+def test_its_bytes_are_seen_by_whoever_has_the_memory(backlog: Backlog) -> None:
+    theirs = mmap.mmap(backlog.file, 0)
+    for seq in range(40):
+        data = bytes([seq]) * (3 * MB + seq)
+        assert backlog.put("source/frame", 0, seq, data, wait=False)
+        item = backlog.get(0)
+        assert item is not None
+        assert theirs[item.at : item.at + item.size] == data
+        if seq:
+            backlog.done()

@@ -7,7 +7,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,7 @@ from spot3d_schemas import alive_key, encode
 PERIOD_NS = 33_000_000
 LIMIT_S = 60.0
 TOPICS = ("source/frame",)
+linux = pytest.mark.skipif(sys.platform != "linux", reason="looks at the packing process in /proc")
 
 
 def wait_until(condition: Callable[[], bool], what: str) -> None:
@@ -61,15 +63,18 @@ def send(session: zenoh.Session, seqs: range) -> None:
     publisher.undeclare()
 
 
-def process(endpoint: str, out: Path, before: Callable[[], None] | None = None) -> subprocess.Popen[str]:
-    """The recorder as a process of its own, which lets senders wait rather than skip."""
-    command = [sys.executable, "-m", "spot3d", "record", str(out), "--topics", "source/*", "--lossless"]
+def process(endpoint: str, out: Path, lossless: bool = True, within: Sequence[str] = ()) -> "subprocess.Popen[str]":
+    """The recorder as a process of its own, which lets senders wait rather than skip, or not.
+
+    within: a command that becomes the recorder, whose command follows.
+    """
+    command = [sys.executable, "-m", "spot3d", "record", str(out), "--topics", "source/*", "--connect", endpoint]
     return subprocess.Popen(
-        [*command, "--connect", endpoint],
+        [*within, *command, *(["--lossless"] if lossless else [])],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
-        preexec_fn=before,
+        start_new_session=True,
         env=without_settings(os.environ),
     )
 
@@ -104,35 +109,131 @@ def test_it_keeps_what_it_hears_and_counts_what_it_does_not(
     assert open_source(path).stamps_ns == [PERIOD_NS * seq for seq in (0, 1, 2, 3, 4, 8, 9)]
 
 
-def test_kill_9_leaves_all_but_the_last_second(session: zenoh.Session, endpoint: str, tmp_path: Path) -> None:
+def packing(recorder: "subprocess.Popen[str]") -> int:
+    """The process that packs and writes for a recorder."""
+    children = Path(f"/proc/{recorder.pid}/task/{recorder.pid}/children").read_text().split()
+    (child,) = (pid for pid in children if b"spot3d.recorder.packing" in Path(f"/proc/{pid}/cmdline").read_bytes())
+    return int(child)
+
+
+def kept(path: Path) -> int:
+    """Messages that are in the file."""
+    contents: McapContents = open_mcap(path)
+    return sum(len(contents.messages(chunk)) for chunk in contents.chunks)
+
+
+@linux
+@pytest.mark.parametrize("killed", ["recorder", "both"])
+def test_kill_9_leaves_all_but_the_last_second(
+    session: zenoh.Session, endpoint: str, tmp_path: Path, killed: str
+) -> None:
     path = tmp_path / "flight.mcap"
     with process(endpoint, path) as recorder:
         try:
             wait_for_recorder(session)
             send(session, range(20))
-
-            def kept() -> int:
-                contents: McapContents = open_mcap(path)
-                return sum(len(contents.messages(chunk)) for chunk in contents.chunks)
-
-            wait_until(lambda: kept() == 20, "all are in the file, a second later")
+            wait_until(lambda: kept(path) == 20, "all are in the file, a second later")
+            if killed == "both":
+                os.kill(packing(recorder), signal.SIGKILL)
         finally:
             recorder.send_signal(signal.SIGKILL)
-    assert not open_mcap(path).complete
+    if killed == "recorder":
+        wait_until(lambda: open_mcap(path).complete, "what is left finishes the file")
+    assert open_mcap(path).complete == (killed == "recorder")
     sequence = open_source(path)
     assert len(sequence) == 20
     assert (sequence[19].depth == frame(19, 0).depth).all()
 
 
-def test_a_full_disk_is_told_in_one_line(session: zenoh.Session, endpoint: str, tmp_path: Path) -> None:
-    path, limit = tmp_path / "flight.mcap", 200_000
-
-    def small_files_only() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
-    with process(endpoint, path, small_files_only) as recorder:
+@linux
+def test_who_writes_may_die_and_it_is_told_in_one_line(session: zenoh.Session, endpoint: str, tmp_path: Path) -> None:
+    path = tmp_path / "flight.mcap"
+    with process(endpoint, path) as recorder:
         try:
             wait_for_recorder(session)
+            send(session, range(5))
+            wait_until(lambda: kept(path) == 5, "all are in the file, a second later")
+            os.kill(packing(recorder), signal.SIGKILL)
+            said, _ = recorder.communicate(timeout=LIMIT_S)
+        finally:
+            recorder.kill()
+    assert recorder.returncode == 1
+    assert said.count("\n") == 1
+    assert "the process that writes it has died (SIGKILL); it holds the first" in said
+    assert ", 5 messages of 1 topics" in said
+    assert len(open_source(path)) == 5
+
+
+@linux
+def test_who_writes_may_stand_still_and_nobody_waits_for_it(
+    session: zenoh.Session, endpoint: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "flight.mcap"
+    with process(endpoint, path, lossless=False) as recorder:
+        try:
+            wait_for_recorder(session)
+            os.kill(packing(recorder), signal.SIGSTOP)
+            send(session, range(40))
+            time.sleep(0.5)  # until all have come
+            assert kept(path) == 0
+            os.kill(packing(recorder), signal.SIGCONT)
+            recorder.send_signal(signal.SIGINT)
+            said, _ = recorder.communicate(timeout=LIMIT_S)
+        finally:
+            recorder.kill()
+    assert "40 messages of 1 topics" in said
+    assert said.endswith("nothing skipped\n")
+
+
+@linux
+def test_ctrl_c_writes_what_was_heard(session: zenoh.Session, endpoint: str, tmp_path: Path) -> None:
+    path = tmp_path / "flight.mcap"
+    with process(endpoint, path) as recorder:
+        try:
+            wait_for_recorder(session)
+            send(session, range(30))
+            for pid in (packing(recorder), recorder.pid):
+                os.kill(pid, signal.SIGINT)
+            said, _ = recorder.communicate(timeout=LIMIT_S)
+        finally:
+            recorder.kill()
+    assert recorder.returncode == 0
+    assert "30 messages of 1 topics" in said
+    assert open_mcap(path).complete
+    assert len(open_source(path)) == 30
+
+
+@linux
+@pytest.mark.parametrize("beside", [True, False], ids=["beside the stages", "in another session"])
+def test_live_it_takes_what_is_left_of_the_processors(
+    session: zenoh.Session, endpoint: str, tmp_path: Path, beside: bool
+) -> None:
+    stage = '"$0" -c "import time; time.sleep(60)" spot3d pose & ' if beside else ""
+    shell = ("sh", "-c", f'{stage}exec "$@"', sys.executable)
+    with process(endpoint, tmp_path / "flight.mcap", lossless=False, within=shell) as recorder:
+        try:
+            wait_for_recorder(session)
+            pid = packing(recorder)
+            assert os.sched_getscheduler(pid) == os.SCHED_IDLE
+            assert os.sched_getscheduler(recorder.pid) == os.SCHED_OTHER, "who hears the messages never waits"
+            assert os.getsid(pid) == (recorder.pid if beside else pid)
+            group = Path(f"/proc/{pid}/autogroup")
+            assert not group.exists() or group.read_text().split()[-1] == ("0" if beside else "19")
+            recorder.send_signal(signal.SIGINT)
+            recorder.communicate(timeout=LIMIT_S)
+        finally:
+            with suppress(ProcessLookupError):  # nobody of them is left
+                os.killpg(recorder.pid, signal.SIGKILL)
+    assert recorder.returncode == 0
+
+
+@linux
+def test_a_full_disk_is_told_in_one_line(session: zenoh.Session, endpoint: str, tmp_path: Path) -> None:
+    path, limit = tmp_path / "flight.mcap", 200_000
+    with process(endpoint, path) as recorder:
+        try:
+            wait_for_recorder(session)
+            resource.prlimit(packing(recorder), resource.RLIMIT_FSIZE, (limit, limit))
             send(session, range(10))
             wait_until(lambda: path.stat().st_size > 90_000, "the first chunk is in the file")
             send(session, range(10, 40))

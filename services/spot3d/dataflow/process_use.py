@@ -72,14 +72,18 @@ def let_stages_go_first() -> None:
 
 
 def use_what_is_left() -> None:
-    """Let the calling thread run only where nobody else wants the processor: for work that nobody ever waits for.
+    """Let this process run only where nobody else wants the processor: for work that nobody ever waits for.
 
-    Not merely nice: Linux lets a nice thread end its turn of some milliseconds when a stage's frame comes, and an idle
-    one not.
+    Not merely nice: Linux lets a nice process end its turn of some milliseconds when a stage's frame comes, and an idle
+    one not. That holds within a session alone, each of which has a share of the processors (autogroup): who leads one
+    gives up its share as well.
     """
     if sys.platform == "linux":
         with suppress(OSError):
-            os.sched_setscheduler(threading.get_native_id(), os.SCHED_IDLE, os.sched_param(0))
+            os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+        if os.getsid(0) == os.getpid():
+            with suppress(OSError):  # a kernel without autogroup
+                Path("/proc/self/autogroup").write_text(str(_ONLOOKERS_NICENESS), encoding="ascii")
 
 
 def _stand_back(niceness: int) -> None:

@@ -1,9 +1,17 @@
-"""Where messages wait to be written: bounded in bytes, so that a slow disk costs messages and never memory."""
+"""Where messages wait to be written: bounded in bytes, so that a slow disk costs messages and never memory.
 
+Their bytes lie in memory that another process sees, which gets them without another copy.
+"""
+
+import mmap
+import os
+import tempfile
 import threading
 import time
 from collections import deque
 from dataclasses import dataclass
+
+from spot3d.recorder.ring import Ring
 
 _LARGE_BYTES = 65536
 """A message that is at least so long holds an image."""
@@ -13,63 +21,94 @@ _RESERVED_BYTES = 16 * 2**20
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """One message as it was on the wire. log_ns: when it came; publish_ns: when it was sent; wall clock."""
+    """One message as it was on the wire: `size` bytes at `at` of the shared memory.
+
+    log_ns: when it came; publish_ns: when it was sent; wall clock. place: stamp and stream of a frame.
+    """
 
     topic: str
     log_ns: int
     publish_ns: int
     sequence: int
-    data: bytes
+    at: int
+    size: int
+    place: tuple[int, str] | None
 
 
 class Backlog:
-    """A queue of messages of at most `limit_bytes`; any thread may add, one takes."""
+    """A queue of messages of at most `limit_bytes`; any thread may add, one takes, and says when one is done with.
+
+    file: descriptor of the memory; whoever has passed it on to the other process closes it.
+    """
 
     def __init__(self, limit_bytes: int) -> None:
+        self.file = _memory_file(limit_bytes)
+        self._memory = mmap.mmap(self.file, limit_bytes)
         self._limit = limit_bytes
-        self._bytes = 0
+        self._ring = Ring(limit_bytes)
         self._last_ns = 0
         self._queue: deque[Heard] = deque()
         self._closed = False
         self._changed = threading.Condition()
 
-    def put(self, topic: str, publish_ns: int, sequence: int, data: bytes, wait: bool) -> bool:
+    def put(
+        self,
+        topic: str,
+        publish_ns: int,
+        sequence: int,
+        data: bytes,
+        wait: bool,
+        place: tuple[int, str] | None = None,
+    ) -> bool:
         """Add a message, stamped with the time of now; returns whether there was room, or waits for it."""
+        size = len(data)
         with self._changed:
-            limit = self._most_before(len(data))
             if wait:
-                self._changed.wait_for(lambda: self._bytes <= limit or self._closed)
-            if self._closed or self._bytes > limit:
+                self._changed.wait_for(lambda: self._closed or self._fits(size))
+            at = self._ring.take(size) if not self._closed and self._fits(size) else None
+            if at is None:
                 return False
+            self._memory[at : at + size] = data
             # Log times ascend in the file even where the clock was set back.
             self._last_ns = max(time.time_ns(), self._last_ns)
-            self._queue.append(Heard(topic, self._last_ns, publish_ns, sequence, data))
-            self._bytes += len(data)
+            self._queue.append(Heard(topic, self._last_ns, publish_ns, sequence, at, size, place))
             self._changed.notify_all()
             return True
 
     def has_room(self, size: int) -> bool:
         """Whether a message of so many bytes could be added now."""
         with self._changed:
-            return not self._closed and self._bytes <= self._most_before(size)
+            return not self._closed and self._fits(size)
 
-    def _most_before(self, size: int) -> int:
-        """Most bytes that may be there already when a message of so many is added."""
-        return self._limit - size - (_RESERVED_BYTES if size >= _LARGE_BYTES else 0)
+    def _fits(self, size: int) -> bool:
+        reserved = _RESERVED_BYTES if size >= _LARGE_BYTES else 0
+        return self._ring.used + size + reserved <= self._limit and self._ring.place(size) is not None
 
     def get(self, timeout_s: float) -> Heard | None:
-        """The oldest message; None where none came in time."""
+        """The oldest message, whose bytes stay until they are `done`; None where none came in time."""
         with self._changed:
             self._changed.wait_for(lambda: bool(self._queue), timeout_s)
-            if not self._queue:
-                return None
-            item = self._queue.popleft()
-            self._bytes -= len(item.data)
+            return self._queue.popleft() if self._queue else None
+
+    def done(self) -> None:
+        """The oldest of the messages that were taken is done with: its bytes may be overwritten."""
+        with self._changed:
+            self._ring.give_back()
             self._changed.notify_all()
-            return item
 
     def close(self) -> None:
         """Nothing is added any more; who waits for room is let go. What is there can still be taken."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
+
+
+def _memory_file(size: int) -> int:
+    """The descriptor of a file without name, in memory where the system can (Linux); it takes what is used of it."""
+    if hasattr(os, "memfd_create"):
+        file = os.memfd_create("spot3d backlog")
+    else:
+        with tempfile.TemporaryFile() as temporary:
+            file = os.dup(temporary.fileno())
+    os.ftruncate(file, size)
+    return file

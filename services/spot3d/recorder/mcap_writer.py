@@ -8,8 +8,6 @@ as small at a third of the time.
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import zstandard
@@ -36,9 +34,13 @@ CHUNK_BYTES = 16 * 2**20
 _LEVEL, _WINDOW_LOG = -1, 23
 """A window of 8 MB reaches from a heat message back to its frame, and is what every zstd decoder accepts (RFC 8878)."""
 _CHUNK = struct.Struct("<BQQQQII4sQ")
-"""A chunk's record before its bytes: opcode, length, first and last log time, size and CRC unpacked, "zstd", size."""
+"""A chunk's record before its bytes: opcode, length, first and last log time, size unpacked, its CRC (0: none, zstd
+has its own, which takes a quarter of the time), "zstd", size."""
 _MESSAGE = struct.Struct("<BQHIQQ")
 _MESSAGE_FIELDS = _MESSAGE.size - 9
+
+ChannelSpec = tuple[str, str, bytes, str, str, dict[str, str]]
+"""What `McapWriter.channel` takes: topic, schema's name, schema, its encoding, the messages' encoding, metadata."""
 
 
 class McapWriter:
@@ -48,15 +50,8 @@ class McapWriter:
     chunk, and `close` still adds the summary if there is room for that.
     """
 
-    def __init__(
-        self, path: Path, profile: str, library: str, apart: Callable[[Callable[[], None]], None] | None = None
-    ) -> None:
-        """Begin a new file. Raises FileExistsError rather than write over another.
-
-        apart: does the work that takes long, of packing a chunk and writing it, and returns when it is done: in a
-        thread of less priority, say. None: here.
-        """
-        self._apart = apart or _here
+    def __init__(self, path: Path, profile: str, library: str) -> None:
+        """Begin a new file. Raises FileExistsError rather than write over another."""
         self.size = 0
         self.kept: Counter[int] = Counter()
         """Messages in finished chunks, by channel."""
@@ -67,15 +62,12 @@ class McapWriter:
         self._channels: list[Channel] = []
         self._chunks: list[ChunkIndex] = []
         self._metadata: list[MetadataIndex] = []
-        parameters = zstandard.ZstdCompressionParameters.from_level(_LEVEL, window_log=_WINDOW_LOG, enable_ldm=True)
+        parameters = zstandard.ZstdCompressionParameters.from_level(
+            _LEVEL, window_log=_WINDOW_LOG, enable_ldm=True, write_checksum=True
+        )
         self._compressor = zstandard.ZstdCompressor(compression_params=parameters)
         self._begin_chunk()
         self._write(MAGIC + _bytes_of(Header(profile, library)))
-
-    @property
-    def pending(self) -> int:
-        """Bytes of messages that are not in the file yet."""
-        return self._chunk_bytes
 
     @property
     def chunks(self) -> int:
@@ -91,7 +83,10 @@ class McapWriter:
         message_encoding: str,
         metadata: dict[str, str],
     ) -> int:
-        """Announce a channel; returns its id. Channels and schemas, each written once, stand outside the chunks."""
+        """Announce a channel; returns its id, the next from 1 on.
+
+        Channels and schemas, each written once, stand outside the chunks.
+        """
         known = next((item for item in self._schemas if (item.name, item.data) == (schema_name, schema)), None)
         described = known or Schema(len(self._schemas) + 1, schema, schema_encoding, schema_name)
         channel = Channel(len(self._channels) + 1, topic, message_encoding, metadata, described.id)
@@ -106,35 +101,26 @@ class McapWriter:
         at = self._write(record)
         self._metadata.append(MetadataIndex(length=len(record), name=name, offset=at))
 
-    def add(self, channel: int, log_ns: int, publish_ns: int, sequence: int, data: bytes) -> None:
-        """Add a message to the chunk, which is written once it is full."""
+    def add(self, channel: int, log_ns: int, publish_ns: int, sequence: int, data: bytes | memoryview) -> None:
+        """Add a message to the chunk, which is written once it is full. Of `data` nothing is kept."""
         self._index.setdefault(channel, []).append((log_ns, self._chunk_bytes))
         fields = (Opcode.MESSAGE, _MESSAGE_FIELDS + len(data), channel, sequence & 0xFFFFFFFF, log_ns, publish_ns)
-        self._parts += (_MESSAGE.pack(*fields), data)
+        self._packed += (self._packer.compress(_MESSAGE.pack(*fields)), self._packer.compress(data))
         self._chunk_bytes += _MESSAGE.size + len(data)
         if self._chunk_bytes >= CHUNK_BYTES:
             self.flush()
 
     def flush(self) -> None:
         """Finish the chunk and write it, if there is anything in it."""
-        if not self._parts:
+        if not self._index:
             return
-        parts, index, size = self._parts, self._index, self._chunk_bytes
+        packed, index, size = [*self._packed, self._packer.flush()], self._index, self._chunk_bytes
         self._begin_chunk()
-        self._apart(partial(self._store, parts, index, size))
-
-    def _store(self, parts: list[bytes], index: dict[int, list[tuple[int, int]]], size: int) -> None:
-        """Write a chunk of so many bytes. The long steps hold no lock of Python's: other threads go on meanwhile."""
         times = [log_ns for entries in index.values() for log_ns, _ in entries]
         first_ns, last_ns = min(times), max(times)
-        crc, packer, packed = 0, self._compressor.compressobj(size=size), list[bytes]()
-        for part in parts:
-            crc = zlib.crc32(part, crc)
-            packed.append(packer.compress(part))
-        packed.append(packer.flush())
         packed_bytes = sum(map(len, packed))
         length = _CHUNK.size - 9 + packed_bytes
-        head = _CHUNK.pack(Opcode.CHUNK, length, first_ns, last_ns, size, crc, 4, b"zstd", packed_bytes)
+        head = _CHUNK.pack(Opcode.CHUNK, length, first_ns, last_ns, size, 0, 4, b"zstd", packed_bytes)
         offsets, indices = {}, b""
         for channel, entries in index.items():
             offsets[channel] = self.size + len(head) + packed_bytes + len(indices)
@@ -185,9 +171,10 @@ class McapWriter:
         self._write(end + summary + _bytes_of(Footer(start, 0, zlib.crc32(checked))) + MAGIC)
 
     def _begin_chunk(self) -> None:
-        self._parts: list[bytes] = []
+        self._packer = self._compressor.compressobj()
+        self._packed: list[bytes] = []
+        self._chunk_bytes: int = 0
         self._index: dict[int, list[tuple[int, int]]] = {}
-        self._chunk_bytes = 0
 
     def _write(self, *parts: bytes) -> int:
         """Write all of it, or nothing; returns where it begins."""
@@ -203,10 +190,6 @@ class McapWriter:
             raise
         self.size += sum(map(len, parts))
         return at
-
-
-def _here(work: Callable[[], None]) -> None:
-    work()
 
 
 def _bytes_of(*records: McapRecord) -> bytes:

@@ -6,8 +6,7 @@ import logging
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -19,13 +18,12 @@ from zenoh.handlers import FifoChannel, Handler, RingChannel
 import spot3d
 from spot3d.dataflow.endpoints import waiting
 from spot3d.dataflow.payload import intact_bytes
-from spot3d.dataflow.process_use import use_what_is_left
 from spot3d.dataflow.rate_limited_log import RateLimitedLog
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.stopping import end_threads, stop_on_signals
-from spot3d.recorder.backlog import Backlog, Heard
-from spot3d.recorder.mcap_writer import McapWriter
-from spot3d.recorder.profile import PROFILE
+from spot3d.recorder.backlog import Backlog
+from spot3d.recorder.mcap_writer import ChannelSpec
+from spot3d.recorder.packer import Packer
 from spot3d.settings import Settings, to_toml
 from spot3d_schemas import TOPICS, CodecError, alive_key, encoding, json_schema, key, peek_header, refuse_encoding
 
@@ -35,8 +33,6 @@ RECORDER = "recorder"
 """The name of the recorder's liveliness token, where a stage has its stage's."""
 BACKLOG_BYTES = 256 * 2**20
 """Most memory for messages that wait for the disk: two seconds of a VGA camera with everything that is made of it."""
-FLUSH_S = 1.0
-"""Longest that a message is not in the file: what a recorder that is killed loses."""
 _FRAMES = ("source/frame", "heatmap/heat")
 _WAITING = 4
 """Least messages of a topic that wait to be copied. Not more: what waits keeps its sender's shared memory, and who has
@@ -108,11 +104,8 @@ class _Recorder:
         self._topics = tuple(topics)
         self._backlog = Backlog(BACKLOG_BYTES)
         self._limited_log = RateLimitedLog(log)
-        self._places: list[tuple[int, int, str]] = []
         self._lock = threading.Lock()
-        # Whatever takes long has a thread of its own, for when nobody else wants the processor; who copies never waits.
-        self._packer = ThreadPoolExecutor(1, "packer", use_what_is_left) if self._link.delivery == "live" else None
-        self._writer = McapWriter(path, PROFILE, f"spot3d {spot3d.__version__}", self._pack)
+        self._packer = Packer(path, self._backlog, self._link.delivery)
         about = {
             "spot3d": spot3d.__version__,
             "zenoh": version("eclipse-zenoh"),
@@ -120,9 +113,9 @@ class _Recorder:
             "delivery": self._link.delivery,
             "topics": " ".join(self._topics),
         }
-        self._writer.metadata("spot3d", about)
-        self._writer.metadata("settings", {"toml": to_toml(settings)})
-        self._channels = {topic: topic_channel(self._writer, self._link.robot, topic) for topic in self._topics}
+        self._packer.metadata("spot3d", about)
+        self._packer.metadata("settings", {"toml": to_toml(settings)})
+        self._channels = {topic: self._packer.channel(topic_channel(self._link.robot, topic)) for topic in self._topics}
         self._frames = next((topic for topic in _FRAMES if topic in self._topics), None)
 
     def run(self, stop: threading.Event) -> None:
@@ -144,35 +137,16 @@ class _Recorder:
             log.info("recording %s topics of %s into %s", len(self._topics), self._link.robot, self.recorded.path)
             self._write(stop)
 
-    def _pack(self, work: Callable[[], None]) -> None:
-        """Do the writer's long work."""
-        if self._packer is None:
-            work()
-        else:
-            self._packer.submit(work).result()
-
     def close(self) -> None:
         """Finish the file; what cannot be written is left away, and said."""
-        while not self.recorded.error and (item := self._backlog.get(0)) is not None:
-            self._try(item)
-        writer = self._writer
-        try:
-            writer.flush()
-            kept = [item for item in self._places if item[0] < writer.chunks]
-            writer.metadata("frames", {"topic": self._frames or "", "chunk_stamp_ns_stream": json.dumps(kept)})
-            writer.metadata("skipped", {reason: str(count) for reason, count in self.recorded.skipped.items()})
-        except OSError as error:
-            self._failed(error)
-        try:
-            writer.close()
-        except OSError as error:
-            self._failed(error)
-        if self._packer is not None:
-            self._packer.shutdown()
+        packer, recorded = self._packer, self.recorded
+        while not packer.error and (item := self._backlog.get(0)) is not None:
+            packer.add(self._channels[item.topic], item)
+        packer.finish(self._frames or "", {reason: str(count) for reason, count in recorded.skipped.items()})
         by_channel = {number: topic for topic, number in self._channels.items()}
-        self.recorded.messages = {by_channel[number]: count for number, count in sorted(writer.kept.items())}
-        self.recorded.size = writer.size
-        self.recorded.seconds = 1e-9 * (writer.end_ns - writer.start_ns)
+        recorded.messages = {by_channel[number]: count for number, count in sorted(packer.kept.items())}
+        recorded.size, recorded.error = packer.size, packer.error
+        recorded.seconds = 1e-9 * (packer.end_ns - packer.start_ns)
 
     def _waiting_room(self, topic: str) -> "FifoChannel[zenoh.Sample] | RingChannel[zenoh.Sample]":
         """Live, a full one drops the oldest: one that makes the sender wait would make it wait for all."""
@@ -180,30 +154,10 @@ class _Recorder:
         return FifoChannel(size) if self._link.delivery == "lossless" else RingChannel(size)
 
     def _write(self, stop: threading.Event) -> None:
-        flushed_s = time.monotonic()
-        while not (stop.is_set() or self.recorded.error):
+        while not (stop.is_set() or self._packer.error):
             item = self._backlog.get(_IDLE_S)
             if item is not None:
-                self._try(item)
-            if time.monotonic() - flushed_s >= FLUSH_S:
-                flushed_s = time.monotonic()
-                try:
-                    self._writer.flush()
-                except OSError as error:
-                    self._failed(error)
-
-    def _try(self, item: Heard) -> None:
-        """Give one message to the writer, which may find that the file takes no more."""
-        if item.topic == self._frames:
-            header = peek_header(item.data)
-            self._places.append((self._writer.chunks, header.stamp_ns, header.stream or ""))
-        try:
-            self._writer.add(self._channels[item.topic], item.log_ns, item.publish_ns, item.sequence, item.data)
-        except OSError as error:
-            self._failed(error)
-
-    def _failed(self, error: OSError) -> None:
-        self.recorded.error = self.recorded.error or (error.strerror or str(error))
+                self._packer.add(self._channels[item.topic], item)
 
     def _hear(self, topic: str, handler: Handler[zenoh.Sample]) -> None:
         """Copy out what comes; nothing here waits for the disk in a live run."""
@@ -231,7 +185,8 @@ class _Recorder:
                 self._skip(topic, "lost on the way", count=header.seq - last.seq - 1)
             last = header
             sent_ns = header.trace[-1].sent_ns if header.trace else time.time_ns()
-            if not self._backlog.put(topic, sent_ns, header.seq, data, wait=self._link.delivery == "lossless"):
+            place = (header.stamp_ns, header.stream or "") if topic == self._frames else None
+            if not self._backlog.put(topic, sent_ns, header.seq, data, self._link.delivery == "lossless", place):
                 self._skip(topic, "not written in time")
 
     def _skip(self, topic: str, reason: str, why: str = "", count: int = 1) -> None:
@@ -240,9 +195,9 @@ class _Recorder:
         self._limited_log.say(f"{topic} {reason}", f"{topic} {reason}{why and f': {why}'}", time.monotonic())
 
 
-def topic_channel(writer: McapWriter, robot: str, topic: str) -> int:
+def topic_channel(robot: str, topic: str) -> ChannelSpec:
     """The channel of a topic: its key, its message's JSON Schema, and how to publish it again."""
     message = TOPICS[topic].message
     schema = json.dumps(json_schema(message)).encode()
     about = {"topic": topic, "robot": robot, "encoding": encoding(message)}
-    return writer.channel(key(robot, topic), message.SCHEMA, schema, "jsonschema", "msgpack", about)
+    return key(robot, topic), message.SCHEMA, schema, "jsonschema", "msgpack", about
