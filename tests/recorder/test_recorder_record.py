@@ -219,7 +219,11 @@ def test_live_it_takes_what_is_left_of_the_processors(
             assert os.getsid(pid) == (recorder.pid if beside else pid)
             group = Path(f"/proc/{pid}/autogroup")
             assert not group.exists() or group.read_text().split()[-1] == ("0" if beside else "19")
+            os.kill(pid, signal.SIGSTOP)
             recorder.send_signal(signal.SIGINT)
+            ending = "0" if beside else "5"
+            wait_until(lambda: not group.exists() or group.read_text().split()[-1] == ending, "somebody waits for it")
+            os.kill(pid, signal.SIGCONT)
             recorder.communicate(timeout=LIMIT_S)
         finally:
             with suppress(ProcessLookupError):  # nobody of them is left

@@ -86,6 +86,16 @@ def use_what_is_left() -> None:
                 Path("/proc/self/autogroup").write_text(str(_ONLOOKERS_NICENESS), encoding="ascii")
 
 
+def let_it_finish(pid: int) -> None:
+    """Give the session of another process that used what was left the priority of work that no frame waits for.
+
+    Where all processors are busy it is done in seconds then, not minutes: somebody waits for it.
+    """
+    if sys.platform == "linux" and os.getsid(pid) == pid:
+        with suppress(OSError):
+            Path(f"/proc/{pid}/autogroup").write_text(str(_NICENESS), encoding="ascii")
+
+
 def _stand_back(niceness: int) -> None:
     if sys.platform == "linux":  # elsewhere the priority of a thread cannot be set alone
         thread = threading.get_native_id()

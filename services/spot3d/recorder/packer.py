@@ -13,6 +13,7 @@ from typing import Any
 
 import msgpack
 
+from spot3d.dataflow.process_use import let_it_finish
 from spot3d.recorder.backlog import Backlog, Heard
 from spot3d.recorder.mcap_writer import ChannelSpec
 from spot3d.recorder.session_mates import stages_in_this_session
@@ -70,6 +71,11 @@ class Packer:
     def add(self, channel: int, item: Heard) -> None:
         """Add a message of the backlog, whose bytes are given back when they are packed."""
         self._order("add", channel, item.log_ns, item.publish_ns, item.sequence, item.at, item.size, item.place)
+
+    def hurry(self) -> None:
+        """From now on somebody waits for it."""
+        with suppress(ProcessLookupError):
+            let_it_finish(self._process.pid)
 
     def finish(self, frames: str, skipped: dict[str, str]) -> None:
         """Wait until all of it is in the file, or until nothing more can be. frames: the topic of the frames."""

@@ -140,6 +140,7 @@ class _Recorder:
     def close(self) -> None:
         """Finish the file; what cannot be written is left away, and said."""
         packer, recorded = self._packer, self.recorded
+        packer.hurry()
         while not packer.error and (item := self._backlog.get(0)) is not None:
             packer.add(self._channels[item.topic], item)
         packer.finish(self._frames or "", {reason: str(count) for reason, count in recorded.skipped.items()})
