@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, invert
+from spot3d.pose.delay import PoseDelay
 from spot3d.pose.depth_scale import DepthScale
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.given import GivenPoses
-from spot3d.pose.motion import moved, nearest_rotation, vector_from_rotation
+from spot3d.pose.motion import moved, nearest_rotation, twist
 from spot3d.pose.registration import judged, refined
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface, sample_surface
@@ -59,6 +60,7 @@ class CorrectedPoses:
         self._sigma = np.repeat((settings.given_sigma, settings.given_turn_sigma), 3)
         self._noise = MeasuredNoise(0.0)
         self._scale = DepthScale(settings.depth_scale_sigma)
+        self._delay = PoseDelay(settings.given_delay_sigma)
         self._correction = np.zeros(6)
         self._T_world_map = np.eye(4)
         self._age = 0.0
@@ -80,6 +82,8 @@ class CorrectedPoses:
         given = self._given.track(stamp_ns, depth_m, intrinsics, given_T_world_camera, colour)
         if given.status == "lost":
             return given
+        in_time = self._delay.compensated(stamp_ns, given.T_world_camera)
+        given = replace(given, T_world_camera=in_time, delay_s=self._delay.delay_s)
         factor = self._scale.factor
         scaled = depth_m if factor == 1 else depth_m * np.float32(factor)
         followed = self._followed(given, stamp_ns, scaled, intrinsics)
@@ -111,7 +115,7 @@ class CorrectedPoses:
             self._strangers += 1
             return self._begin_anew(surface, given) if self._strangers >= _PATIENCE else given
         self._strangers = 0
-        offset = _twist(prior, registered)
+        offset = twist(prior, registered)
         H, g, (tried, _, _) = self._planes.normal_equations(
             surface, registered, settings.refine_distance, settings.refine_kernel, _STRIDE
         )
@@ -120,6 +124,7 @@ class CorrectedPoses:
         information = worth / tried * self._sigma[:, None] * H[:6, :6] * self._sigma
         if _distance(offset / self._sigma, information) > _JUMP:
             return self._begin_anew(surface, given)
+        self._delay.learn(offset, self._sigma)
         variance = self._noise.measured(offset / self._sigma, information, elapsed)
         known = np.diag(1 / (self._sigma**2 * (variance + self._noise.negligible)))
         grown = self._scale.learn(worth / tried * H, worth / tried * g, known, -offset, elapsed)
@@ -138,7 +143,7 @@ class CorrectedPoses:
         """The pose in the world, in which the map comes to lie where all given poses have it on average."""
         self._age += elapsed
         pose = self._T_world_map @ T_map_camera
-        pose = moved(pose, elapsed / (self._age + _SETTLING_S) * _twist(pose, T_world_given))
+        pose = moved(pose, elapsed / (self._age + _SETTLING_S) * twist(pose, T_world_given))
         pose[:3, :3] = nearest_rotation(pose[:3, :3])
         self._T_world_map = pose @ invert(T_map_camera)
         return pose
@@ -222,12 +227,6 @@ def _distance(offset: NDArray[np.float64], information: NDArray[np.float64]) -> 
     Along what depth does not hold, as a bare plane, the registration slides: that is no distance.
     """
     return float(np.linalg.norm(_most_probable(offset, information, 1.0).reshape(2, 3), axis=1).max())
-
-
-def _twist(T_world_from: NDArray[np.float64], T_world_to: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Motion (6,) between two poses in world axes, as `moved` takes it."""
-    turn = vector_from_rotation(T_world_to[:3, :3] @ T_world_from[:3, :3].T)
-    return np.concatenate((T_world_to[:3, 3] - T_world_from[:3, 3], turn))
 
 
 def _leaps(

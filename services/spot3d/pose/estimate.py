@@ -20,6 +20,7 @@ class PoseEstimate:
     T_world_map: (4, 4) float64, where the map by which poses are corrected lies in the world, as far as is known by
     now: it moves, and what earlier frames saw moves with it; None: the map stays.
     depth_factor: what the frame's depth is to be multiplied by to agree with the given poses.
+    delay_s: how much older than the image the given pose was taken to be; the pose is where the camera is by then.
     """
 
     T_world_camera: NDArray[np.float64]
@@ -29,6 +30,7 @@ class PoseEstimate:
     restarted: bool = False
     T_world_map: NDArray[np.float64] | None = None
     depth_factor: float = 1.0
+    delay_s: float = 0.0
 
 
 class PoseTracker(Protocol):

@@ -33,6 +33,12 @@ def moved(T_world_camera: NDArray[np.float64], twist: NDArray[np.float64]) -> ND
     return result
 
 
+def twist(T_world_from: NDArray[np.float64], T_world_to: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Motion (6,) between two poses in world axes, as `moved` takes it."""
+    turn = vector_from_rotation(T_world_to[:3, :3] @ T_world_from[:3, :3].T)
+    return np.concatenate((T_world_to[:3, 3] - T_world_from[:3, 3], turn))
+
+
 def nearest_rotation(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """The rotation nearest to a (3, 3) matrix that is almost one: rounding must not add up."""
     u, _, vt = np.linalg.svd(matrix)

@@ -19,7 +19,7 @@ from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.streams import new_stream
 from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
-from spot3d.pose.depth_scale import TOLD, told
+from spot3d.pose import delay, depth_scale
 from spot3d.pose.estimate import PoseEstimate, PoseTracker
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
@@ -83,7 +83,7 @@ class _Stage:
         self.epoch = new_stream() if isinstance(self.tracker, MapTracker) else self.node.stream or "given"
         self.last = PoseEstimate(np.eye(4), "lost")
         self.lost_since: tuple[int, str] | None = None
-        self.told_factor = 1.0
+        self.told_factor, self.told_delay_s = 1.0, 0.0
         self.node.state = ""
 
     def _answer(self, given: Received[Frame]) -> None:
@@ -94,6 +94,7 @@ class _Stage:
         self.last = self._track(frame)
         self._tell_if_lost(frame.stamp_ns)
         self._tell_depth()
+        self._tell_delay()
         pose = Pose(
             header=self.node.header(_OUT, given),
             T_world_camera=self.last.T_world_camera,
@@ -161,9 +162,16 @@ class _Stage:
     def _tell_depth(self) -> None:
         """Say when depth turns out to be of another scale than the given poses, and when that has changed as much."""
         factor = self.last.depth_factor
-        if abs(factor / self.told_factor - 1) >= TOLD and (text := told(factor)):
+        if abs(factor / self.told_factor - 1) >= depth_scale.TOLD and (text := depth_scale.told(factor)):
             self.told_factor = factor
             self.node.note("depth's scale", text)
+
+    def _tell_delay(self) -> None:
+        """Say when given poses turn out to be older or newer than their images, and when that has changed as much."""
+        delay_s = self.last.delay_s
+        if abs(delay_s - self.told_delay_s) >= delay.TOLD_S and (text := delay.told(delay_s)):
+            self.told_delay_s = delay_s
+            self.node.note("poses' delay", text)
 
     def _keep(self) -> None:
         """A snapshot of the tracker's map, where it has one and its stream has a name to find it by."""

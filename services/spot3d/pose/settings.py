@@ -28,6 +28,12 @@ class PoseSettings(BaseModel):
         0.014, gt=0, le=0.2, description="given: the same of the rotation about each axis, radians"
     )
 
+    given_delay_sigma: float = Field(
+        0.03,
+        ge=0,
+        description="how late given poses may be, or early, standard deviation in seconds; their delay is estimated "
+        "from how the camera's velocity and what depth says differ together; 0: they are taken as they are",
+    )
     depth_scale_sigma: float = Field(
         0.02,
         ge=0,
