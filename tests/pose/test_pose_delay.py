@@ -17,16 +17,18 @@ SIGMA = np.repeat((0.02, 0.014), 3)
 
 
 def followed(
-    late: int, metres: float = 0.0, sigma: float = 0.03
+    late: int, metres: float = 0.0, sigma: float = 0.03, jump: float = 0.0
 ) -> tuple[list[PoseEstimate], NDArray[np.float64], NDArray[np.float64]]:
     """The built-in scene, every third frame, with poses late by so many of its frames and shaken by so many metres.
 
+    jump: metres by which the given poses are elsewhere from the last third on.
     Also returned: the true poses, and those that were given.
     """
     scene = Scene(0, frames=RATE * SECONDS, intrinsics=CAMERA)
     frames = range(LATE, RATE * SECONDS - LATE, 3)
     true, given = (np.array([scene.true_pose(frame - lag) for frame in frames]) for lag in (0, late))
     given = shaken(given, metres, 40 * metres) if metres else given
+    given[2 * len(given) // 3 :, 0, 3] += jump
     tracker = make_tracker(PoseSettings(provider="given", given_delay_sigma=sigma))
     estimates = [
         tracker.track(int(1e9 * frame / RATE), scene[frame].depth_metres(), CAMERA, pose)
@@ -52,6 +54,17 @@ def test_poses_that_are_late_or_early_are_put_in_time(late: int) -> None:
 def test_poses_that_are_in_time_stay_so(metres: float) -> None:
     estimates, _, _ = followed(0, metres)
     assert max(abs(estimate.delay_s) for estimate in estimates) <= 0.003
+
+
+@pytest.mark.parametrize("jump", [0.2, 1.0])
+def test_poses_that_jump_are_as_late_as_before(jump: float) -> None:
+    estimates, _, given = followed(LATE, jump=jump)
+    after = 2 * len(given) // 3
+    known_s = estimates[after - 1].delay_s
+    assert known_s > 0.02
+    assert known_s - 0.005 < estimates[-1].delay_s < 1.4 * LATE / RATE
+    corrected = np.array([estimate.T_world_camera for estimate in estimates])
+    assert np.linalg.norm(corrected[after:, :3, 3] - given[after:, :3, 3], axis=1).max() < 0.15
 
 
 def test_poses_are_taken_as_they_are_where_they_are_told_to_be_in_time() -> None:

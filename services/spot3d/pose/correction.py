@@ -82,8 +82,6 @@ class CorrectedPoses:
         given = self._given.track(stamp_ns, depth_m, intrinsics, given_T_world_camera, colour)
         if given.status == "lost":
             return given
-        in_time = self._delay.compensated(stamp_ns, given.T_world_camera)
-        given = replace(given, T_world_camera=in_time, delay_s=self._delay.delay_s)
         factor = self._scale.factor
         scaled = depth_m if factor == 1 else depth_m * np.float32(factor)
         followed = self._followed(given, stamp_ns, scaled, intrinsics)
@@ -92,15 +90,19 @@ class CorrectedPoses:
     def _followed(
         self, given: PoseEstimate, stamp_ns: int, depth_m: NDArray[np.float32], intrinsics: Intrinsics
     ) -> PoseEstimate:
-        pose, last = given.T_world_camera, self._last
-        self._last = (stamp_ns, pose)
+        last, self._last = self._last, (stamp_ns, given.T_world_camera)
+        leaps = last is not None and _leaps(last, stamp_ns, given.T_world_camera, self._settings)
+        if leaps:
+            self._delay.interrupt()
+        pose = self._delay.compensated(stamp_ns, given.T_world_camera)
+        given = replace(given, T_world_camera=pose, delay_s=self._delay.delay_s)
         surface = sample_surface(depth_m, intrinsics, self._settings)
         # Less than the noise of a single pixel at its nearest makes no surface thicker.
         self._noise.negligible = (intrinsics.noise.sigma(_NEAREST_M) / self._settings.given_sigma) ** 2
         if last is None or self._planes.count == 0:
             self._insert(surface, pose)
             return given
-        if _leaps(last, stamp_ns, pose, self._settings):
+        if leaps:
             return self._begin_anew(surface, given)
         if len(surface) < self._settings.points_min:
             return given
@@ -153,6 +155,7 @@ class CorrectedPoses:
         self._planes = SurfelMap(self._settings.surfel_voxel, self._settings.surfel_limit)
         self._correction = np.zeros(6)
         self._strangers, self._age = 0, 0.0
+        self._delay.interrupt()
         # Where the map before came to lie is as good a guess as any of where the next one will.
         self._insert(surface, invert(self._T_world_map) @ given.T_world_camera)
         return replace(given, restarted=True)

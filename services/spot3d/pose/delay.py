@@ -89,6 +89,11 @@ class PoseDelay:
         further = o2 - o1
         self._weigh(faster.reshape(2, 3), further.reshape(2, 3))
 
+    def interrupt(self) -> None:
+        """The poses have jumped: what came before tells nothing of velocities from here on."""
+        self._last = None
+        self._frames.clear()
+
     def _weigh(self, faster: NDArray[np.float64], further: NDArray[np.float64]) -> None:
         """A change of velocity and of the offset, (2, 3) each: translation and rotation."""
         left = further - (self._estimate - self.delay_s) * faster
