@@ -21,7 +21,9 @@ or more are found on each data set, and IoU is at most 0.006 lower on clutter wi
 higher; with 0.65 it is 0.014 lower on clutter, 0.02 higher on redkitchen; with 0.6 things that lie side by side become
 one on redkitchen with shaken poses."""
 _MOST = 0.5
-"""Share of the views of two objects that have them in one, from which the one that fewer views show is a part."""
+"""Share of the views of two objects that have them in one, from which the one that fewer views show is a part: most.
+With 0.4 the results are the same, with 0.6 half as much is gained: on built-in clutter 0.03 in success rate, of true
+poses and of shaken ones, and half of the boxes that are no object, for 0.006 in IoU and one of 106 objects."""
 
 
 def clusters_of(
