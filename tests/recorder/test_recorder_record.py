@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,7 @@ from spot3d.dataflow.endpoints import declare_publisher
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.recorder.mcap_contents import McapContents, open_mcap
+from spot3d.recorder.packing import FLUSH_S
 from spot3d.recorder.record import RECORDER, Recorded, record
 from spot3d.settings import Settings, without_settings
 from spot3d.source.sequences import open_source
@@ -55,11 +57,16 @@ def wait_for_recorder(session: zenoh.Session) -> None:
     wait_until(there, "the recorder is there")
 
 
-def send(session: zenoh.Session, seqs: range) -> None:
+def send(session: zenoh.Session, seqs: range, heard: Callable[[bytes], bool] | None = None) -> None:
+    """Send frames; where `heard` tells of a message whether it has come, each once the one before has."""
     publisher = declare_publisher(session, "source/frame", LinkSettings(delivery="lossless"))
     for seq in seqs:
-        publisher.put(encode(frame(seq, PERIOD_NS * seq)))
-        time.sleep(0.02)
+        payload = encode(frame(seq, PERIOD_NS * seq))
+        publisher.put(payload)
+        if heard is None:
+            time.sleep(0.02)
+        else:
+            wait_until(partial(heard, payload), f"message {seq} has come")
     publisher.undeclare()
 
 
@@ -116,6 +123,14 @@ def packing(recorder: "subprocess.Popen[str]") -> int:
     return int(child)
 
 
+def waits(packer: int, payload: bytes) -> bool:
+    """Whether a message lies in the memory from which a process packs, which has to be stopped for this."""
+    folder = Path(f"/proc/{packer}/fd")
+    memory = next(link for link in folder.iterdir() if "spot3d backlog" in str(link.readlink()))
+    with memory.open("rb") as file:
+        return payload in file.read(4 * 2**20)
+
+
 def kept(path: Path) -> int:
     """Messages that are in the file."""
     contents: McapContents = open_mcap(path)
@@ -153,6 +168,7 @@ def test_who_writes_may_die_and_it_is_told_in_one_line(session: zenoh.Session, e
             wait_for_recorder(session)
             send(session, range(5))
             wait_until(lambda: kept(path) == 5, "all are in the file, a second later")
+            time.sleep(FLUSH_S)  # in which it has told the recorder so
             os.kill(packing(recorder), signal.SIGKILL)
             said, _ = recorder.communicate(timeout=LIMIT_S)
         finally:
@@ -172,11 +188,11 @@ def test_who_writes_may_stand_still_and_nobody_waits_for_it(
     with process(endpoint, path, lossless=False) as recorder:
         try:
             wait_for_recorder(session)
-            os.kill(packing(recorder), signal.SIGSTOP)
-            send(session, range(40))
-            time.sleep(0.5)  # until all have come
+            packer = packing(recorder)
+            os.kill(packer, signal.SIGSTOP)
+            send(session, range(40), partial(waits, packer))
             assert kept(path) == 0
-            os.kill(packing(recorder), signal.SIGCONT)
+            os.kill(packer, signal.SIGCONT)
             recorder.send_signal(signal.SIGINT)
             said, _ = recorder.communicate(timeout=LIMIT_S)
         finally:
@@ -191,9 +207,12 @@ def test_ctrl_c_writes_what_was_heard(session: zenoh.Session, endpoint: str, tmp
     with process(endpoint, path) as recorder:
         try:
             wait_for_recorder(session)
-            send(session, range(30))
-            for pid in (packing(recorder), recorder.pid):
+            packer = packing(recorder)
+            os.kill(packer, signal.SIGSTOP)
+            send(session, range(30), partial(waits, packer))
+            for pid in (packer, recorder.pid):
                 os.kill(pid, signal.SIGINT)
+            os.kill(packer, signal.SIGCONT)
             said, _ = recorder.communicate(timeout=LIMIT_S)
         finally:
             recorder.kill()
@@ -208,7 +227,7 @@ def test_ctrl_c_writes_what_was_heard(session: zenoh.Session, endpoint: str, tmp
 def test_live_it_takes_what_is_left_of_the_processors(
     session: zenoh.Session, endpoint: str, tmp_path: Path, beside: bool
 ) -> None:
-    stage = '"$0" -c "import time; time.sleep(60)" spot3d pose & ' if beside else ""
+    stage = '"$0" -c "import time; time.sleep(60)" spot3d pose >&- 2>&- & ' if beside else ""
     shell = ("sh", "-c", f'{stage}exec "$@"', sys.executable)
     with process(endpoint, tmp_path / "flight.mcap", lossless=False, within=shell) as recorder:
         try:
