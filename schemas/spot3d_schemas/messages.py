@@ -264,11 +264,12 @@ class Pose(Message):
     lost_since_ns: the capture since which every pose is lost. Since 1.2, T_world_map: where the map by which poses are
     corrected is known to lie by now; None: where it always was. What was seen by an earlier pose is better known to lie
     where T_world_map inv(T_world_map of then) brings it. Since 1.3, depth_factor: what the capture's depth is to be
-    multiplied by to agree with the poses; 1: they agree, or nobody knows.
+    multiplied by to agree with the poses; 1: they agree, or nobody knows. Since 1.4, delay_s: how much older than the
+    capture the pose was as it was given, seconds; it has been carried on by that; 0: it came in time, or nobody knows.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Pose"
-    VERSION: ClassVar[str] = "1.3"
+    VERSION: ClassVar[str] = "1.4"
 
     T_world_camera: Transform
     status: Literal["ok", "lost"]
@@ -278,6 +279,7 @@ class Pose(Message):
     lost_since_ns: Nanoseconds | None = None
     T_world_map: Transform | None = None
     depth_factor: Annotated[float, Field(ge=0.5, le=2)] = 1.0
+    delay_s: Finite = 0.0
 
 
 class Proposals(Message):

@@ -236,7 +236,7 @@ def print_settings(settings: SettingsOption = None, preset: PresetOption = None)
 
 def _conclude(done: "Finished", settings: Settings) -> None:
     """Say how a run went, and end with the exit code that tells programs."""
-    from spot3d.pose import depth_scale
+    from spot3d.pose import delay, depth_scale
     from spot3d.run.left_out import forgotten, why_so_few
     from spot3d.run.lost_tracking import told
 
@@ -248,8 +248,8 @@ def _conclude(done: "Finished", settings: Settings) -> None:
         f" ({f'not fused: {reasons}' if dropped else 'none dropped'}); results in {done.folder}"
     )
     few = why_so_few(done.result, report.keyframes, settings)
-    off = depth_scale.told(report.depth_factor)
-    for line in (few, told(report.lost), off, forgotten(report.keyframes_dropped, settings)):
+    off, late = depth_scale.told(report.depth_factor), delay.told(report.delay_s)
+    for line in (few, told(report.lost), off, late, forgotten(report.keyframes_dropped, settings)):
         if line:
             typer.echo(line)
     typer.echo(f"picture: {done.folder / 'overview.png'}")

@@ -105,6 +105,7 @@ class _Stage:
             lost_since_ns=None if self.lost_since is None else self.lost_since[0],
             T_world_map=self.last.T_world_map,
             depth_factor=self.last.depth_factor,
+            delay_s=self.last.delay_s,
         )
         if self.node.publish(_OUT, pose):
             self.node.measure_latency(pose.header)

@@ -162,7 +162,7 @@ class Collector:
         elif isinstance(message, Pose):
             stamp = message.header.stamp_ns
             self.poses[stamp] = TrackedFrame(
-                stamp, message.T_world_camera, message.status == "lost", message.depth_factor
+                stamp, message.T_world_camera, message.status == "lost", message.depth_factor, message.delay_s
             )
             self.latency.add(_hops(message.header))
         elif isinstance(message, Proposals):

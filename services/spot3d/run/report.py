@@ -35,9 +35,10 @@ class RunReport:
     selection: which frames of the input; played: how many those are; fused, skipped (by reason): what fusion did with
     them; keyframes: those whose segments fusion has taken in; keyframes_dropped: those of them that it has forgotten as
     too many; objects: how many there are; left_out: what was taken for one and is none, by reason; map_limit_reached:
-    points of the map were forgotten as too many; depth_factor: what depth was multiplied by in the end; drops: by stage
-    and reason; latency_ms: p50 and p99 of each hop and of the whole way, from the messages' traces; wall_s: the whole
-    run with the start of its processes; ms_per_frame: from the first frame done to the last, per frame.
+    points of the map were forgotten as too many; depth_factor: what depth was multiplied by in the end; delay_s: how
+    much older than their images given poses turned out to be; drops: by stage and reason; latency_ms: p50 and p99 of
+    each hop and of the whole way, from the messages' traces; wall_s: the whole run with the start of its processes;
+    ms_per_frame: from the first frame done to the last, per frame.
     """
 
     input_name: str
@@ -51,6 +52,7 @@ class RunReport:
     lost_poses: int = 0
     lost: list[Stretch] = field(default_factory=list)
     depth_factor: float = 1.0
+    delay_s: float = 0.0
     proposals: dict[str, int] = field(default_factory=dict)
     keyframes: int = 0
     keyframes_dropped: int = 0
@@ -83,6 +85,7 @@ def report_document(report: RunReport) -> dict[str, Any]:
             "lost": [asdict(stretch) for stretch in report.lost],
         },
         "depth_factor": _rounded(report.depth_factor),
+        "delay_s": _rounded(report.delay_s),
         "proposals": report.proposals,
         "keyframes": report.keyframes,
         "keyframes_dropped": report.keyframes_dropped,

@@ -49,12 +49,16 @@ def empty_snapshot() -> MapSnapshot:
 
 @dataclass(frozen=True, slots=True)
 class TrackedFrame:
-    """Pose of one frame: T_world_camera (4, 4), trusted only where `lost` is False; by what its depth was corrected."""
+    """Pose of one frame: T_world_camera (4, 4), trusted only where `lost` is False.
+
+    depth_factor: by what its depth was corrected; delay_s: and the delay of its pose.
+    """
 
     stamp_ns: int
     T_world_camera: NDArray[np.float64]
     lost: bool
     depth_factor: float = 1.0
+    delay_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +86,10 @@ class RunResult:
     def depth_factor(self) -> float:
         """What depth has to be multiplied by to agree with the given poses, as far as was known in the end."""
         return next((item.depth_factor for item in reversed(self.trajectory) if not item.lost), 1.0)
+
+    def delay_s(self) -> float:
+        """How much older than their images the given poses are, as far as was known in the end."""
+        return next((item.delay_s for item in reversed(self.trajectory) if not item.lost), 0.0)
 
 
 def write_results(folder: Path, result: RunResult) -> None:
