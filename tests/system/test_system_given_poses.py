@@ -75,13 +75,16 @@ def test_a_run_says_that_depth_is_too_long(too_long: Path, tmp_path: Path, more:
         assert "too long for the given poses" in (tmp_path / "logs" / "pose.log").read_text()
 
 
-@pytest.mark.parametrize("more", [(), ("--in-process",)])
-def test_a_run_says_that_poses_are_late(late: Path, tmp_path: Path, more: tuple[str, ...]) -> None:
-    stdout, report = run(late, tmp_path, *more)
-    assert report["delay_s"] == pytest.approx(LATE / RATE, rel=0.4)
-    said = re.search(r"^given poses are (\d+) ms older than their images, .*: check the stamps", stdout, re.MULTILINE)
-    assert said is not None, stdout
-    assert 0.001 * float(said[1]) == pytest.approx(report["delay_s"], abs=0.001)
-    if not more:
-        assert report["stages"]["pose"]["events"]["poses' delay"] >= 1
-        assert "older than their images" in (tmp_path / "logs" / "pose.log").read_text()
+def test_a_run_says_that_poses_are_late(late: Path, tmp_path: Path) -> None:
+    alone, together = tmp_path / "alone", tmp_path / "together"
+    for out, more in ((alone, ("--in-process",)), (together, ())):
+        stdout, report = run(late, out, *more)
+        assert report["delay_s"] == pytest.approx(LATE / RATE, rel=0.4)
+        said = re.search(
+            r"^given poses are (\d+) ms older than their images, .*: check the stamps", stdout, re.MULTILINE
+        )
+        assert said is not None, stdout
+        assert 0.001 * float(said[1]) == pytest.approx(report["delay_s"], abs=0.001)
+    assert report["stages"]["pose"]["events"]["poses' delay"] >= 1
+    assert "older than their images" in (together / "logs" / "pose.log").read_text()
+    assert (alone / "objects.jsonl").read_bytes() == (together / "objects.jsonl").read_bytes()
