@@ -55,7 +55,8 @@ def test_ransac_counts_the_same_inliers(distance: float) -> None:
 def test_lattice_depth_is_the_same(scene: Scene, factor: int) -> None:
     frame = scene[0]
     depth = frame.depth_metres()
-    lattice = to_lattice(frame.colour, depth, np.zeros(depth.shape, np.uint8), CAMERA, CAMERA.width // factor)
+    heat = np.zeros(depth.shape, np.uint8)
+    lattice = to_lattice(frame.colour, depth, heat, CAMERA, CAMERA.width // factor, grazing_cos=0)
     plain = reference.lattice_depth(depth, factor)
     assert np.count_nonzero(plain) > 0.5 * plain.size
     np.testing.assert_allclose(lattice.depth, plain, atol=1e-5)

@@ -38,7 +38,7 @@ def test_factor_one_changes_nothing() -> None:
     colour = rng.integers(0, 256, (30, 40, 3), np.uint8)
     depth = rng.uniform(0.5, 3, (30, 40)).astype(np.float32)
     heat = rng.integers(0, 256, (30, 40), np.uint8)
-    frame = to_lattice(colour, depth, heat, full, 40)
+    frame = to_lattice(colour, depth, heat, full, 40, grazing_cos=0)
     assert frame.camera == full
     for given, got in ((colour, frame.colour), (depth, frame.depth), (heat, frame.heat)):
         np.testing.assert_array_equal(got, given)

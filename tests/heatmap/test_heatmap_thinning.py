@@ -50,7 +50,11 @@ def test_heat_keeps_its_ends_and_moves_by_half_a_level(levels: int, most: int) -
 def test_a_larger_frame_is_sent_as_fusion_reduces_it() -> None:
     camera = Intrinsics(500.0, 500.0, 319.5, 239.5, 640, 480)
     colour = RNG.integers(0, 255, (480, 640, 3), np.uint8)
-    depth, heat = RNG.integers(0, 3000, (480, 640)).astype(np.uint16), RNG.integers(0, 255, (480, 640)).astype(np.uint8)
+    heat = RNG.integers(0, 255, (480, 640)).astype(np.uint8)
+    y, x = np.mgrid[:480, :640]
+    depth = (1200 - y + x // 4 + RNG.integers(-3, 4, (480, 640))).astype(np.uint16)
+    depth[200:300, 300:400] -= 150
+    depth[100:150, 500:520] = 0
     frame = RgbdFrame(0, colour, depth, 0.001, camera)
     sent = thinned(frame, heat, LinkSettings(thin_depth_share=0, thin_heat_levels=256))
     fused = to_lattice(colour, frame.depth_metres(), heat, camera, 320)

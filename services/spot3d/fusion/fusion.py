@@ -198,7 +198,7 @@ class Fusion:
             self._depth_factor = depth_factor
         if self._depth_factor != 1:
             depth = depth * np.float32(self._depth_factor)
-        frame = to_lattice(colour, depth, heat, camera, self.settings.lattice_width)
+        frame = to_lattice(colour, depth, heat, camera, self.settings.lattice_width, self.settings.grazing_cos)
         warm = frame.heat
         if self.settings.plane_removal:
             points = back_project(frame.depth, frame.camera)
@@ -212,9 +212,9 @@ class Fusion:
         self._follow_map(np.eye(4) if T_world_map is None else T_world_map, poses_of)
         self.frame_count += 1
         if stamp_ns is not None:
-            # At full size the lattice is the caller's own image.
-            own = not np.may_share_memory(frame.depth, depth)
-            seen = (frame.colour, frame.depth) if own else (frame.colour.copy(), frame.depth.copy())
+            # At full size the lattice may be the caller's own images.
+            theirs = np.may_share_memory(frame.colour, colour) or np.may_share_memory(frame.depth, depth)
+            seen = (frame.colour.copy(), frame.depth.copy()) if theirs else (frame.colour, frame.depth)
             T_map_camera = invert(self._T_world_map) @ T_world_camera
             self._fused.add(
                 FusedFrame(stamp_ns, *seen, frame.camera, T_world_camera.copy(), T_map_camera, self._depth_factor)

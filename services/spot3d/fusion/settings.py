@@ -4,6 +4,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from spot3d.depth_noise import GRAZING_COS
 from spot3d.object_size import SIZE_MAX, SIZE_MIN
 
 
@@ -41,6 +42,13 @@ class FusionSettings(BaseModel):
     depth_gate: float = Field(0.01, gt=0, description="eps_Z: largest depth difference of matching pixels, metres")
     noise_gate: float = Field(
         3.0, ge=0, description="gates never close below this many standard deviations of the depth noise"
+    )
+    grazing_cos: float = Field(
+        GRAZING_COS,
+        ge=0,
+        lt=1,
+        description="depth as steep as a surface seen at less than this cosine lies between two surfaces, and is left "
+        "out; 0: it is not",
     )
     lattice_width: int = Field(
         320,
@@ -119,6 +127,7 @@ PAPER = FusionSettings(
     colour_gate=0.05,
     depth_gate=0.01,
     noise_gate=0.0,
+    grazing_cos=0.0,
     noise_weighting=False,
     look_up=True,
     voxel=0.005,

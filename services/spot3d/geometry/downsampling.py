@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
-from spot3d.depth_noise import DepthNoise
+from spot3d.depth_noise import GRAZING_COS, DepthNoise
+from spot3d.geometry.flying_pixels import without_flying
 from spot3d.kernel import kernel
 from spot3d.sensor import axial_noise_kernel
 
@@ -31,15 +32,19 @@ def to_lattice(
     heat: NDArray[np.uint8],
     camera: Intrinsics,
     width: int,
+    grazing_cos: float = GRAZING_COS,
 ) -> LatticeFrame:
     """Reduce a frame by the whole factor that brings it nearest to `width` pixels across.
 
     Depth is the mean of a block's pixels on its nearest surface: noise falls and no point floats between two
-    surfaces. Colour and heat are the block's first pixel's.
+    surfaces, where those pixels that do are left out before (`without_flying`; grazing_cos 0: they are not). Colour and
+    heat are the block's first pixel's.
     """
     factor = max(1, round(camera.width / width))
     # Decoded messages are read-only views, which compiled kernels refuse.
     depth = np.require(depth, np.float32, ["C", "W"])
+    if grazing_cos > 0:
+        depth = without_flying(depth, camera.fx, grazing_cos)
     if factor == 1:
         return LatticeFrame(
             np.require(colour, requirements=["C", "W"]), depth, np.require(heat, requirements=["C", "W"]), camera

@@ -48,7 +48,7 @@ def find_segments(
     colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths; camera: theirs.
     Without a supporting plane there are none: nothing is known to stand on anything.
     """
-    frame = to_lattice(colour, depth, heat, camera, settings.lattice_width)
+    frame = to_lattice(colour, depth, heat, camera, settings.lattice_width, settings.grazing_cos)
     points = back_project(frame.depth, frame.camera)
     planes = dominant_planes(points, settings, np.random.default_rng(settings.seed), noise=camera.noise)
     support = choose_support(planes, points, frame.heat, settings, settings.image_up, camera.noise)

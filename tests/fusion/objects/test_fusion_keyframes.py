@@ -50,10 +50,13 @@ def test_a_keyframe_is_what_was_fused_with_what_was_found() -> None:
 def test_a_frames_own_image_may_change_afterwards() -> None:
     fusion, seen = Fusion(COARSE), view(POSES[0], ROOM + THREE)
     fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, POSES[0], 0)
-    before = seen.depth.copy()
+    before = to_lattice(seen.colour.copy(), seen.depth.copy(), seen.heat, CAMERA, CAMERA.width)
     seen.depth.fill(0)
+    seen.colour.fill(0)
     fusion.observe(segments(), 0)
-    np.testing.assert_array_equal(fusion.consensus.take_waiting()[0].depth, before)
+    (keyframe,) = fusion.consensus.take_waiting()
+    np.testing.assert_array_equal(keyframe.depth, before.depth)
+    np.testing.assert_array_equal(keyframe.colour, before.colour)
 
 
 def test_segments_of_frames_that_are_not_known_are_refused() -> None:
