@@ -16,6 +16,7 @@ from spot3d.pose.providers import make_tracker
 from spot3d.proposals.propose import propose
 from spot3d.segments.finder import find_segments
 from spot3d.segments.keyframes import Keyframes
+from spot3d.segments.upward import Upward
 from spot3d.settings import Settings
 from spot3d.source.errors import UNREADABLE, SourceError
 from spot3d.source.sequence import FrameSequence
@@ -69,7 +70,7 @@ def run_pipeline(
     `clock` gives seconds and is read around each core only.
     """
     tracker, fusion = make_tracker(settings.pose), Fusion(settings.fusion)
-    keyframes = Keyframes(settings.segments)
+    keyframes, upward = Keyframes(settings.segments), Upward()
     cadence = Cadence(settings.fusion.object_interval_s)
     result = PipelineResult(fusion, fusion.objects())
     for index in range(len(sequence)):
@@ -94,7 +95,9 @@ def run_pipeline(
         if pose.status == "ok":
             if keyframes.is_keyframe(frame.stamp_ns, pose.T_world_camera):
                 with _timed(result.step_s, "segments", clock):
-                    segments = find_segments(frame.colour, depth, heat.heat, camera, settings.segments)
+                    up = upward.in_camera(pose.T_world_camera)
+                    segments = find_segments(frame.colour, depth, heat.heat, camera, settings.segments, up)
+                    upward.learn(segments, pose.T_world_camera)
             with _timed(result.step_s, "fusion", clock):
                 fusion.fuse(
                     frame.colour,

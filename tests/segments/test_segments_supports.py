@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from spot3d.camera import back_project, invert
 from spot3d.geometry.planes import on_plane, transform_plane
 from spot3d.segments.settings import SegmentsSettings
-from spot3d.segments.supports import UP, choose_support, heights
+from spot3d.segments.supports import IMAGE_UP, choose_support, heights
 
 SETTINGS = SegmentsSettings()
 POSE = look_at((0, -0.95, 0.7))
@@ -26,7 +26,7 @@ def heat_on(plane: NDArray[np.float64], value: int) -> NDArray[np.uint8]:
 
 def chosen(planes: list[NDArray[np.float64]], heat: NDArray[np.uint8], image_up: str = "top") -> int | None:
     """Which of the planes is chosen, by its number."""
-    found = choose_support(np.array(planes).reshape(-1, 4), POINTS, heat, SETTINGS, image_up)
+    found = choose_support(np.array(planes).reshape(-1, 4), POINTS, heat, SETTINGS, IMAGE_UP[image_up])
     return None if found is None else next(k for k, plane in enumerate(planes) if np.array_equal(plane, found))
 
 
@@ -51,13 +51,13 @@ def test_where_nothing_is_warm_nothing_supports(planes: list[NDArray[np.float64]
 @pytest.mark.parametrize("image_up", ["top", "bottom", "left", "right"])
 def test_a_camera_may_be_mounted_on_any_side(image_up: str) -> None:
     """The same scene in the frame of a camera that is turned about its axis."""
-    x, y = UP[image_up]
+    x, y, _ = IMAGE_UP[image_up]
     turn = np.array([[-y, -x, 0], [x, -y, 0], [0, 0, 1.0]])
     np.testing.assert_allclose(turn @ (0, -1, 0), (x, y, 0), atol=1e-12)
     planes = np.array([np.append(turn @ plane[:3], plane[3]) for plane in (WALL, TABLE)])
     heat = np.maximum(heat_on(WALL, 250), heat_on(TABLE, 10))
     turned = (POINTS @ turn.T).astype(np.float32)
-    support = choose_support(planes, turned, heat, SETTINGS, image_up)
+    support = choose_support(planes, turned, heat, SETTINGS, IMAGE_UP[image_up])
     assert support is not None
     np.testing.assert_array_equal(support, planes[1])
 

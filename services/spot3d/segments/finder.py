@@ -19,7 +19,7 @@ from spot3d.segments.hanging import join_hanging
 from spot3d.segments.holes import fill_holes
 from spot3d.segments.occlusion import join_occluded
 from spot3d.segments.settings import SegmentsSettings, Step
-from spot3d.segments.supports import choose_support, heights
+from spot3d.segments.supports import IMAGE_UP, choose_support, heights
 from spot3d.segments.torn import join_torn
 from spot3d.segments.vessels import hollow_groups
 from spot3d_schemas.limits import MAX_SEGMENTS
@@ -42,16 +42,19 @@ def find_segments(
     heat: NDArray[np.uint8],
     camera: Intrinsics,
     settings: SegmentsSettings,
+    up: NDArray[np.float64] | None = None,
 ) -> FrameSegments:
     """The objects of one frame, on its lattice of about `lattice_width` samples across.
 
-    colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths; camera: theirs.
+    colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths; camera: theirs;
+    up: (3,) unit, camera frame, None = all that is known is `settings.image_up`.
     Without a supporting plane there are none: nothing is known to stand on anything.
     """
     frame = to_lattice(colour, depth, heat, camera, settings.lattice_width, settings.grazing_cos)
     points = back_project(frame.depth, frame.camera)
     planes = dominant_planes(points, settings, np.random.default_rng(settings.seed), noise=camera.noise)
-    support = choose_support(planes, points, frame.heat, settings, settings.image_up, camera.noise)
+    upwards = IMAGE_UP[settings.image_up] if up is None else up
+    support = choose_support(planes, points, frame.heat, settings, upwards, camera.noise)
     if support is None:
         return _segments([], frame, np.zeros((0, 4)), np.zeros(0, np.float32), Counter(), settings)
     normals = surface_normals(frame.depth, frame.camera)

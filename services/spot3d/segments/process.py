@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spot3d.dataflow.conversion import rgbd_frame, segments_message
 from spot3d.dataflow.join import Join, Outcome
@@ -20,6 +21,7 @@ from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
 from spot3d.segments.keyframes import Keyframes
 from spot3d.segments.settings import SegmentsSettings
+from spot3d.segments.upward import Upward
 from spot3d_schemas import Heat, Message, Pose
 
 _HEAT, _POSE, _OUT = "heatmap/heat", "pose/pose", "segments/segments"
@@ -61,7 +63,7 @@ def _find_first(settings: SegmentsSettings, frames: Sequence[RgbdFrame]) -> None
 class _Stage:
     def __init__(self, node: Node, settings: SegmentsSettings) -> None:
         self.node, self.settings = node, settings
-        self.keyframes = Keyframes(settings)
+        self.keyframes, self.upward = Keyframes(settings), Upward()
         self.join: _Pairs = Join(max(_HEATS_WAITING, 2 * node.link.in_flight), _POSES_WAITING)
 
     def take_heat(self, given: Received[Heat]) -> None:
@@ -75,7 +77,7 @@ class _Stage:
     def _begin_if_new(self, given: Received[Message]) -> None:
         if given.begins:
             _count(self.node, self.join.clear())
-            self.keyframes = Keyframes(self.settings)
+            self.keyframes, self.upward = Keyframes(self.settings), Upward()
 
     def _answer(self, outcome: Outcome[Received[Heat], Received[Pose]]) -> None:
         _count(self.node, outcome)
@@ -86,7 +88,9 @@ class _Stage:
         if pose.message.status == "ok":
             stamp_ns, T_world_camera = heat.message.header.stamp_ns, pose.message.T_world_camera
             if self.keyframes.is_keyframe(stamp_ns, T_world_camera):
-                found = _find(self.node, heat.message, self.settings)
+                found = _find(self.node, heat.message, self.settings, self.upward.in_camera(T_world_camera))
+                if found is not None:
+                    self.upward.learn(found, T_world_camera)
         # The heat's trace is the longer one: it holds the source, the proposals and the heatmap.
         message = segments_message(self.node.header(_OUT, heat), found)
         if self.node.publish(_OUT, message):
@@ -98,13 +102,13 @@ def _count(node: Node, outcome: Outcome[Received[Heat], Received[Pose]]) -> None
     node.counters.drop("no pose", len(outcome.without_right))
 
 
-def _find(node: Node, heat: Heat, settings: SegmentsSettings) -> FrameSegments | None:
+def _find(node: Node, heat: Heat, settings: SegmentsSettings, up: NDArray[np.float64] | None) -> FrameSegments | None:
     from spot3d.segments.finder import find_segments
 
     frame = rgbd_frame(heat)
     start_s = time.perf_counter()
     try:
-        found = find_segments(frame.colour, frame.depth_metres(), heat.heat, frame.intrinsics, settings)
+        found = find_segments(frame.colour, frame.depth_metres(), heat.heat, frame.intrinsics, settings, up)
     except Exception as error:
         node.crashed("segments", f"no segments of the frame at {frame.stamp_ns} ns", error)
         return None

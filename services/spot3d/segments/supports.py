@@ -15,8 +15,13 @@ _SAMPLE = 5000
 _FITS, _ROBUST = 8, 1.5
 """Rounds of the fit; a pixel this many deviations off weighs little: what stands on the plane does not lift it."""
 
-UP = {"top": (0.0, -1.0), "bottom": (0.0, 1.0), "left": (-1.0, 0.0), "right": (1.0, 0.0)}
-"""The direction in the image, x right and y down, of the side of it that is up."""
+IMAGE_UP = {
+    "top": np.array((0.0, -1.0, 0.0)),
+    "bottom": np.array((0.0, 1.0, 0.0)),
+    "left": np.array((-1.0, 0.0, 0.0)),
+    "right": np.array((1.0, 0.0, 0.0)),
+}
+"""The direction in the camera frame, x right and y down, of the side of the image that is up."""
 
 
 def choose_support(
@@ -24,19 +29,20 @@ def choose_support(
     points: NDArray[np.float32],
     heat: NDArray[np.uint8],
     settings: PlaneSettings,
-    image_up: str,
+    up: NDArray[np.float64],
     noise: DepthNoise = KINECT_V1,
 ) -> NDArray[np.float64] | None:
-    """The plane whose inliers hold most heat (paper, Eq. 10), each as much as the plane faces up in the image.
+    """The plane whose inliers hold most heat (paper, Eq. 10), each as much as the plane faces up.
 
-    A hot object's front holds much heat as well, but what things stand on shows its upper side: its normal points to
-    the upper side of the image, while fronts point level or, seen from above, to the lower side.
+    A hot object's front holds much heat as well, but what things stand on shows its upper side. Where only the upper
+    side of the image is known, its normal points there, while fronts point level or, seen from above, downwards.
     planes: (n, 4) camera frame, normals towards the camera; points: (h, w, 3) float32 metres, z = 0 invalid;
-    heat: (h, w) uint8, 255ths; image_up: the side of the image that is up, as in `UP`. None where no plane holds heat.
+    heat: (h, w) uint8, 255ths; up: (3,) unit, camera frame: `IMAGE_UP`, or the true one. None where no plane holds
+    heat.
     """
-    best, most, (x, y) = None, 0.0, UP[image_up]
+    best, most = None, 0.0
     for plane in planes:
-        upwards = max(_FROM_BELOW, float(x * plane[0] + y * plane[1]))
+        upwards = max(_FROM_BELOW, float(up @ plane[:3]))
         held = float(heat[on_plane(plane, points, settings, noise)].sum(dtype=np.int64)) * upwards
         if held > most:
             best, most = plane, held

@@ -1,0 +1,61 @@
+"""What is up stays up in the world, however the camera is rolled."""
+
+import numpy as np
+import pytest
+from fusion_room import look_at
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.frame_segments import FrameSegments
+from spot3d.segments.upward import Upward
+
+CAMERA = Intrinsics(100, 100, 1, 1, 2, 2)
+WORLD_UP = np.array((0.0, 0.0, 1.0))
+
+
+def on(normal: NDArray[np.float64] | None, T_world_camera: NDArray[np.float64]) -> FrameSegments:
+    """A keyframe without objects, whose support faces this way in the world; None: without a support."""
+    planes = np.zeros((0, 4)) if normal is None else np.append(T_world_camera[:3, :3].T @ normal, 1.0)[None]
+    return FrameSegments(np.zeros((2, 2), np.uint8), np.zeros(0, np.float32), planes, np.zeros(0, np.int8), CAMERA, {})
+
+
+def pose(turn: float) -> NDArray[np.float64]:
+    """Looks down on a table, rolled by so many radians about its axis."""
+    T = look_at((0, -0.95, 0.7))
+    T[:3, :3] = T[:3, :3] @ np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1.0]])
+    return T
+
+
+def after(*normals: NDArray[np.float64] | None) -> Upward:
+    upward = Upward()
+    for number, normal in enumerate(normals):
+        upward.learn(on(normal, pose(0.1 * number)), pose(0.1 * number))
+    return upward
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.5 * np.pi, np.pi])
+def test_up_is_known_in_a_camera_that_is_rolled(turn: float) -> None:
+    up = after(*[WORLD_UP] * 5).in_camera(pose(turn))
+    assert up is not None
+    np.testing.assert_allclose(pose(turn)[:3, :3] @ up, WORLD_UP, atol=1e-9)
+
+
+def test_few_keyframes_say_nothing() -> None:
+    assert Upward().in_camera(pose(0)) is None
+    assert after(*[WORLD_UP] * 4).in_camera(pose(0)) is None
+    assert after(*[None] * 20).in_camera(pose(0)) is None
+
+
+def test_a_wall_or_two_do_not_matter() -> None:
+    wall = np.array((0.0, -1.0, 0.0))
+    up = after(wall, WORLD_UP, WORLD_UP, wall, WORLD_UP, WORLD_UP).in_camera(pose(0))
+    assert up is not None
+    np.testing.assert_allclose(pose(0)[:3, :3] @ up, WORLD_UP, atol=1e-9)
+    assert after(*[wall, WORLD_UP] * 5).in_camera(pose(0)) is None, "no majority"
+
+
+def test_a_wrong_start_is_outvoted() -> None:
+    wall = np.array((0.0, -1.0, 0.0))
+    up = after(*[wall] * 10, *[WORLD_UP] * 25).in_camera(pose(0))
+    assert up is not None
+    np.testing.assert_allclose(pose(0)[:3, :3] @ up, WORLD_UP, atol=1e-9)
