@@ -39,7 +39,7 @@ _JUMP = 6.0
 _PATIENCE = 5
 # Every so-manieth point tells the information of a registration.
 _STRIDE = 4
-# The mean of the given poses, and their noise about it, are known after about so long, seconds: many times as long as
+# The mean of the given poses, and their noise, are known after about so long, seconds: many times as long as
 # neighbouring poses are wrong alike (a third of a second). From 2 to 6 the results are the same.
 _SETTLING_S = 3.0
 # Information that is less than this, in units of the stated uncertainty, is none.
@@ -170,8 +170,8 @@ class CorrectedPoses:
 class MeasuredNoise:
     """How much of the stated uncertainty the given poses really have: exact ones shall stay where they are.
 
-    Registrations scatter about the given poses by the noise of both (covariance matching, Mehra 1970); what they have
-    in common for long is the map's own offset, or the registration's bias, and no noise.
+    Registrations scatter about the given poses by the noise of both (covariance matching, Mehra 1970). What they have
+    in common for long counts as well: poses that drift disagree with the map more and more.
 
     negligible: variance, in units of the stated one, below which the given poses count as exact.
     """
@@ -179,7 +179,6 @@ class MeasuredNoise:
     def __init__(self, negligible: float) -> None:
         self.negligible = negligible
         self._count = 0
-        self._mean = np.zeros(6)
         # Poses count as exact until they are seen not to be.
         self._variance = 0.0
 
@@ -191,14 +190,13 @@ class MeasuredNoise:
         """
         self._count += 1
         gain = max(1 - np.exp(-elapsed / _SETTLING_S), 1 / (self._count + 1))
-        self._mean += gain * (offset - self._mean)
         known, axes = np.linalg.eigh(information)
         spread = 1 / np.maximum(known, _UNKNOWN)
         # The directions that the registration knows best tell most of the noise; a single registration that fails
         # tells nothing.
         expected = spread + max(self._variance, self.negligible)
         weight = 1 / expected**2
-        square = np.minimum((axes.T @ (offset - self._mean)) ** 2, _OUTLIER**2 * expected)
+        square = np.minimum((axes.T @ offset) ** 2, _OUTLIER**2 * expected)
         excess = weight @ (square - spread) / weight.sum()
         self._variance += gain * (excess - self._variance)
         return float(np.clip(self._variance - self.negligible, 0.0, 1.0))
