@@ -21,11 +21,11 @@ from spot3d.evaluate.degraded import (
     with_shaken_poses,
     with_torn_depth,
 )
-from spot3d.evaluate.depth_errors import noisier, torn
+from spot3d.evaluate.depth_errors import mixed, noisier, torn
 from spot3d.evaluate.object_tables import OURS
 from spot3d.evaluate.peer import PEER
-from spot3d.evaluate.pose_errors import Pose, late, shaken
-from spot3d.evaluate.robustness import GROUPS, SCALES, SHAKES, Degradation, groups
+from spot3d.evaluate.pose_errors import Pose, late, misplaced, shaken
+from spot3d.evaluate.robustness import GROUPS, MIXED, MOUNTS, SCALES, SHAKES, Degradation, groups
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import Halved
 from spot3d.source.scene.scene import Scene
@@ -109,6 +109,30 @@ def test_torn_depth_loses_its_share_in_blobs(camera: Intrinsics, share: float) -
     assert not torn(np.zeros_like(depth), camera, share, (1, 7)).any()
 
 
+def test_mixed_depth_is_a_mean_of_what_is_valid() -> None:
+    depth = np.full(HALF.shape, 1.0, np.float32)
+    depth[:, 100:], depth[:, 200:] = 2.0, 0
+    worse = mixed(depth, 1)
+    np.testing.assert_allclose(worse[50, 97:103], [1, 1, 4 / 3, 5 / 3, 2, 2], rtol=1e-6)
+    np.testing.assert_allclose(worse[50, 197:203], [2, 2, 2, 0, 0, 0], rtol=1e-6)
+    frame = Degradation(mixed=2).of(Scene(1, frames=1))[0]
+    np.testing.assert_array_equal(frame.depth, mixed(Scene(1, frames=1)[0].depth_metres(), 2))
+
+
+def test_misplaced_poses_are_of_what_is_fixed_to_the_camera() -> None:
+    poses = Scene(1, frames=4)
+    true = [poses.true_pose(k) for k in range(4)]
+    told = misplaced([*true, None], 0.02, 1.0, 1)
+    assert told[4] is None
+    errors = [invert(a) @ b for a, b in zip(true, told, strict=False) if a is not None and b is not None]
+    assert len(errors) == 4
+    for error in errors:
+        np.testing.assert_allclose(error, errors[0], atol=1e-12)
+    assert np.linalg.norm(errors[0][:3, 3]) == pytest.approx(0.02)
+    assert np.degrees(np.arccos((np.trace(errors[0][:3, :3]) - 1) / 2)) == pytest.approx(1.0)
+    np.testing.assert_array_equal(told_poses(Degradation(mount=(0.02, 1.0)).of(poses)), told[:4])
+
+
 def test_degradations_work_with_one_another() -> None:
     scene = Scene(1, frames=6)
     worse = with_torn_depth(with_noisier_depth(with_shaken_poses(with_late_poses(scene, 1), 0.01, 0.4), 2.0), 0.3)
@@ -150,12 +174,14 @@ def test_scaled_depth() -> None:
 def test_levels() -> None:
     base = Degradation(every=3)
     kinds = groups(base)
-    assert tuple(kinds) == GROUPS == ("poses", "delay", "scale", "depth", "holes", "every", "half")
+    assert tuple(kinds) == GROUPS == ("poses", "delay", "mount", "scale", "depth", "edges", "holes", "every", "half")
     assert all(base in dict(levels).values() for levels in kinds.values())
     assert [(level.metres, level.degrees) for _, level in kinds["poses"]] == [(0, 0), *SHAKES]
     assert [level.late for _, level in kinds["delay"]] == [0, 1, 2]
+    assert [level.mount for _, level in kinds["mount"]] == [(0, 0), *MOUNTS]
     assert [level.scale for _, level in kinds["scale"]] == [1, *SCALES]
     assert [level.noise for _, level in kinds["depth"]] == [1, 2]
+    assert [level.mixed for _, level in kinds["edges"]] == [0, *MIXED]
     assert [level.missing for _, level in kinds["holes"]] == [0, 0.1, 0.3]
     assert [level.every for _, level in kinds["every"]] == [1, 2, 3, 4, 5]
 

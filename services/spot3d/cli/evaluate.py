@@ -43,7 +43,10 @@ def evaluate(
     of: Annotated[Path | None, typer.Option(help="for run: the folder of a finished run of PATH, live or not")] = None,
     only: Annotated[
         str | None,
-        typer.Option(metavar="KIND,..", help="for robustness: poses, delay, depth, holes, every, half; default: all"),
+        typer.Option(
+            metavar="KIND,..",
+            help="for robustness: poses, delay, mount, scale, depth, edges, holes, every, half; default: all",
+        ),
     ] = None,
     every: EveryOption = 1,
     frames: FramesOption = None,

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
-from spot3d.evaluate.depth_errors import noisier, torn
-from spot3d.evaluate.pose_errors import Pose, late, shaken
+from spot3d.evaluate.depth_errors import mixed, noisier, torn
+from spot3d.evaluate.pose_errors import Pose, late, misplaced, shaken
 from spot3d.frame import RgbdFrame
 from spot3d.source.sequence import FrameSequence
 
@@ -92,6 +92,11 @@ def with_late_poses(sequence: FrameSequence, frames: int) -> Degraded:
     return Degraded(sequence, told=late(told_poses(sequence), frames))
 
 
+def with_misplaced_poses(sequence: FrameSequence, metres: float, degrees: float, seed: int = 1) -> Degraded:
+    """The sequence with poses of something that is fixed to the camera; see `pose_errors.misplaced`."""
+    return Degraded(sequence, told=misplaced(told_poses(sequence), metres, degrees, seed))
+
+
 def with_noisier_depth(sequence: FrameSequence, factor: float, seed: int = 1) -> Degraded:
     """The sequence with more of the sensor's noise; see `depth_errors.noisier`."""
     return Degraded(sequence, change_depth=lambda depth, camera, k: noisier(depth, camera, factor, (seed, k)))
@@ -100,6 +105,11 @@ def with_noisier_depth(sequence: FrameSequence, factor: float, seed: int = 1) ->
 def with_scaled_depth(sequence: FrameSequence, factor: float) -> Degraded:
     """The sequence with depth times `factor`."""
     return Degraded(sequence, change_depth=lambda depth, camera, k: depth * np.float32(factor))
+
+
+def with_mixed_depth(sequence: FrameSequence, reach: int) -> Degraded:
+    """The sequence with depth that is mixed at edges; see `depth_errors.mixed`."""
+    return Degraded(sequence, change_depth=lambda depth, camera, k: mixed(depth, reach))
 
 
 def with_torn_depth(sequence: FrameSequence, share: float, seed: int = 1) -> Degraded:

@@ -1,4 +1,4 @@
-"""Depth that is worse than the sensor's: noisier, or torn by holes."""
+"""Depth that is worse than the sensor's: noisier, mixed at edges, or torn by holes."""
 
 import cv2
 import numpy as np
@@ -27,6 +27,16 @@ def noisier(
     field = block_noise(step * height, step * width, np.uint64(state))[::step, ::step]
     added = np.float32(np.sqrt(factor**2 - 1)) * camera.noise.sigma(depth) * field
     return np.where(depth > 0, np.maximum(depth + added, np.float32(0)), np.float32(0)).astype(np.float32)
+
+
+def mixed(depth: NDArray[np.float32], reach: int) -> NDArray[np.float32]:
+    """Depth that is the mean of the valid pixels within `reach` pixels: what edges are to cameras that mix or smooth.
+
+    depth: (h, w) float32 metres, 0 = invalid and stays so.
+    """
+    side = 2 * reach + 1
+    share = cv2.blur((depth > 0).astype(np.float32), (side, side))
+    return np.where(depth > 0, cv2.blur(depth, (side, side)) / np.maximum(share, 1e-6), 0).astype(np.float32)
 
 
 def torn(depth: NDArray[np.float32], camera: Intrinsics, share: float, seed: tuple[int, int]) -> NDArray[np.float32]:

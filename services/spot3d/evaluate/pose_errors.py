@@ -1,4 +1,4 @@
-"""Poses that are wrong in the ways of odometry and motion capture: smoothly off, or late."""
+"""Poses that are wrong in the ways of odometry and motion capture: smoothly off, late, or not of the camera."""
 
 from collections.abc import Sequence
 
@@ -35,3 +35,13 @@ def shaken(
 def late(poses: Sequence[Pose], frames: int) -> list[Pose]:
     """Each frame's pose is that of so many frames before; the first ones keep the first pose."""
     return [poses[max(0, number - frames)] for number in range(len(poses))]
+
+
+def misplaced(poses: Sequence[Pose], metres: float, degrees: float, seed: int) -> list[Pose]:
+    """Poses of what lies `metres` away from the camera and is turned by `degrees` against it, each in some direction:
+    a tracker is mounted otherwise than is known. Always the same for the same seed."""
+    directions = np.random.default_rng(seed).normal(size=(2, 3))
+    shift, axis = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    error = np.eye(4)
+    error[:3, :3], error[:3, 3] = cv2.Rodrigues(np.radians(degrees) * axis)[0], metres * shift
+    return [None if pose is None else pose @ error for pose in poses]

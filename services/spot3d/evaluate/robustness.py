@@ -8,6 +8,8 @@ import numpy as np
 from spot3d.drawing.recall_plot import Curve
 from spot3d.evaluate.degraded import (
     with_late_poses,
+    with_misplaced_poses,
+    with_mixed_depth,
     with_noisier_depth,
     with_scaled_depth,
     with_shaken_poses,
@@ -35,10 +37,13 @@ from spot3d.source.sequences import at_half_size
 SHAKES = ((0.005, 0.2), (0.010, 0.4), (0.020, 0.8))
 """Metres and degrees along each axis: from the best motion capture to a phone's odometry."""
 DELAYS = (1, 2)
+MOUNTS = ((0.010, 0.5), (0.020, 1.0))
+"""Metres and degrees by which a tracker is mounted otherwise than is known: measured with a ruler, or by eye."""
 NOISES = (2.0,)
 SCALES = (0.985, 1.015, 0.97, 1.03)
 """Depth times this: data sheets promise 2 % at two metres; ORB-SLAM2's authors (IEEE Trans. Robotics, 2017)
 found 4 % on the Kinect of TUM's freiburg2."""
+MIXED = (1, 2)
 HOLES = (0.1, 0.3)
 EVERY = (1, 2, 3, 4, 5)
 SEED = 1
@@ -56,15 +61,18 @@ COLUMNS = (
 class Degradation:
     """What is worse than as recorded: several at once, if need be.
 
-    metres, degrees: of the poses' smooth error; late: frames by which poses lag; scale: of depth; noise: times the
-    sensor's; missing: share of depth; every: only each so-manieth frame; half: half size.
+    metres, degrees: of the poses' smooth error; late: frames by which poses lag; mount: metres and degrees between the
+    camera and what the poses are of; scale: of depth; noise: times the sensor's; mixed: pixels over which depth is a
+    mean; missing: share of depth; every: only each so-manieth frame; half: half size.
     """
 
     metres: float = 0.0
     degrees: float = 0.0
     late: int = 0
+    mount: tuple[float, float] = (0.0, 0.0)
     scale: float = 1.0
     noise: float = 1.0
+    mixed: int = 0
     missing: float = 0.0
     every: int = 1
     half: bool = False
@@ -74,19 +82,23 @@ class Degradation:
         worse = at_half_size(sequence) if self.half else sequence
         if self.late:
             worse = with_late_poses(worse, self.late)
+        if any(self.mount):
+            worse = with_misplaced_poses(worse, *self.mount, SEED)
         if self.metres or self.degrees:
             worse = with_shaken_poses(worse, self.metres, self.degrees, SEED)
         if self.scale != 1:
             worse = with_scaled_depth(worse, self.scale)
         if self.noise > 1:
             worse = with_noisier_depth(worse, self.noise, SEED)
+        if self.mixed:
+            worse = with_mixed_depth(worse, self.mixed)
         if self.missing:
             worse = with_torn_depth(worse, self.missing, SEED)
         return worse if self.every == 1 else Selected(worse, range(0, len(worse), self.every))
 
 
 Levels = list[tuple[str, Degradation]]
-OF_GIVEN_POSES = ("poses", "delay")
+OF_GIVEN_POSES = ("poses", "delay", "mount")
 """Groups that say nothing where the system finds its own poses."""
 
 
@@ -96,8 +108,10 @@ def groups(base: Degradation) -> dict[str, Levels]:
     return {
         "poses": [("0 mm", base), *shakes],
         "delay": [("0 frames", base), *((f"{k} frames", replace(base, late=k)) for k in DELAYS)],
+        "mount": [("0 mm", base), *((f"{1e3 * m:g} mm {d:g} deg", replace(base, mount=(m, d))) for m, d in MOUNTS)],
         "scale": [("x 1", base), *((f"x {k:g}", replace(base, scale=k)) for k in SCALES)],
         "depth": [("sigma x1", base), *((f"sigma x{k:g}", replace(base, noise=k)) for k in NOISES)],
+        "edges": [("sharp", base), *((f"{k} px", replace(base, mixed=k)) for k in MIXED)],
         "holes": [("0 %", base), *((f"{100 * k:g} %", replace(base, missing=k)) for k in HOLES)],
         "every": [(f"every {k}", replace(base, every=k)) for k in EVERY],
         "half": [("as it is", base), ("half size", replace(base, half=True))],
@@ -142,11 +156,15 @@ def robustness_table(
         for kind, levels in chosen.items():
             table.curves += _curves(f"{dataset.name} {kind}", [(name, done[level]) for name, level in levels])
     if own and set(only) & set(OF_GIVEN_POSES):
-        table.notes.append("Shaken and late poses are given ones; here the system finds its own, so they are left out.")
+        table.notes.append(
+            "Shaken, late and misplaced poses are given ones; here the system finds its own, so they are left out."
+        )
     table.notes += [
         "Poses: each axis off by a smooth random error of this deviation, correlated over 10 frames. Delay: of poses "
-        "against images, in recorded frames. Scale: depth times a factor, as of a camera out of calibration. Depth: "
-        "noise added until its deviation is so many times that of a Kinect, 1.2 mm + 1.9 mm/m2 (z - 0.4 m)^2. Holes: "
+        "against images, in recorded frames. Mount: poses of what is fixed to the camera, so far away and turned by so "
+        "much. Scale: depth times a factor, as of a camera out of calibration. Depth: "
+        "noise added until its deviation is so many times that of a Kinect, 1.2 mm + 1.9 mm/m2 (z - 0.4 m)^2. Edges: "
+        "depth is the mean of the pixels within so many. Holes: "
         "share of the measured pixels lost in blobs, others in each frame. "
         f"All with seed {SEED}.",
         NOTE_NO_OBJECT,
