@@ -95,8 +95,8 @@ def run_pipeline(
         if pose.status == "ok":
             if keyframes.is_keyframe(frame.stamp_ns, pose.T_world_camera):
                 with _timed(result.step_s, "segments", clock):
-                    up = upward.in_camera(pose.T_world_camera)
-                    segments = find_segments(frame.colour, depth, heat.heat, camera, settings.segments, up)
+                    upwards = upward.in_camera(pose.T_world_camera)
+                    segments = find_segments(frame.colour, depth, heat.heat, camera, settings.segments, upwards)
                     upward.learn(segments, pose.T_world_camera)
             with _timed(result.step_s, "fusion", clock):
                 fusion.fuse(

@@ -42,18 +42,19 @@ def find_segments(
     heat: NDArray[np.uint8],
     camera: Intrinsics,
     settings: SegmentsSettings,
-    up: NDArray[np.float64] | None = None,
+    upwards: NDArray[np.float64] | None = None,
 ) -> FrameSegments:
     """The objects of one frame, on its lattice of about `lattice_width` samples across.
 
     colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths; camera: theirs;
-    up: (3,) unit, camera frame, None = all that is known is `settings.image_up`.
+    upwards: (3,) unit, camera frame, None = all that is known is `settings.image_up`.
     Without a supporting plane there are none: nothing is known to stand on anything.
     """
     frame = to_lattice(colour, depth, heat, camera, settings.lattice_width, settings.grazing_cos)
     points = back_project(frame.depth, frame.camera)
     planes = dominant_planes(points, settings, np.random.default_rng(settings.seed), noise=camera.noise)
-    upwards = IMAGE_UP[settings.image_up] if up is None else up
+    if upwards is None:
+        upwards = IMAGE_UP[settings.image_up]
     support = choose_support(planes, points, frame.heat, settings, upwards, camera.noise)
     if support is None:
         return _segments([], frame, np.zeros((0, 4)), np.zeros(0, np.float32), Counter(), settings)

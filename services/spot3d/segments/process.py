@@ -102,13 +102,15 @@ def _count(node: Node, outcome: Outcome[Received[Heat], Received[Pose]]) -> None
     node.counters.drop("no pose", len(outcome.without_right))
 
 
-def _find(node: Node, heat: Heat, settings: SegmentsSettings, up: NDArray[np.float64] | None) -> FrameSegments | None:
+def _find(
+    node: Node, heat: Heat, settings: SegmentsSettings, upwards: NDArray[np.float64] | None
+) -> FrameSegments | None:
     from spot3d.segments.finder import find_segments
 
     frame = rgbd_frame(heat)
     start_s = time.perf_counter()
     try:
-        found = find_segments(frame.colour, frame.depth_metres(), heat.heat, frame.intrinsics, settings, up)
+        found = find_segments(frame.colour, frame.depth_metres(), heat.heat, frame.intrinsics, settings, upwards)
     except Exception as error:
         node.crashed("segments", f"no segments of the frame at {frame.stamp_ns} ns", error)
         return None
