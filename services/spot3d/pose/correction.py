@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, invert
-from spot3d.pose.delay import PoseDelay
+from spot3d.pose.delay import TOLD_S, PoseDelay
 from spot3d.pose.depth_scale import DepthScale
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.given import GivenPoses
@@ -60,10 +60,10 @@ class CorrectedPoses:
         self._sigma = np.repeat((settings.given_sigma, settings.given_turn_sigma), 3)
         self._noise = MeasuredNoise(0.0)
         self._scale = DepthScale(settings.depth_scale_sigma)
-        self._delay = PoseDelay(settings.given_delay_sigma)
+        self._delay = PoseDelay(settings)
         self._correction = np.zeros(6)
         self._T_world_map = np.eye(4)
-        self._age = 0.0
+        self._age, self._map_delay_s = 0.0, 0.0
         self._last: tuple[int, NDArray[np.float64]] | None = None
         self._strangers = 0
 
@@ -94,13 +94,15 @@ class CorrectedPoses:
         leaps = last is not None and _leaps(last, stamp_ns, given.T_world_camera, self._settings)
         if leaps:
             self._delay.interrupt()
-        pose = self._delay.compensated(stamp_ns, given.T_world_camera)
-        given = replace(given, T_world_camera=pose, delay_s=self._delay.delay_s)
         surface = sample_surface(depth_m, intrinsics, self._settings)
+        pose = self._delay.compensated(stamp_ns, given.T_world_camera, surface)
+        if abs(self._delay.delay_s - self._map_delay_s) >= TOLD_S:
+            self._replace_map(surface, pose)
+        given = replace(given, T_world_camera=pose, delay_s=self._delay.delay_s)
         # Less than the noise of a single pixel at its nearest makes no surface thicker.
         self._noise.negligible = (intrinsics.noise.sigma(_NEAREST_M) / self._settings.given_sigma) ** 2
         if last is None or self._planes.count == 0:
-            self._insert(surface, pose)
+            self._insert(surface, invert(self._T_world_map) @ pose)
             return given
         if leaps:
             return self._begin_anew(surface, given)
@@ -126,7 +128,6 @@ class CorrectedPoses:
         information = worth / tried * self._sigma[:, None] * H[:6, :6] * self._sigma
         if _distance(offset / self._sigma, information) > _JUMP:
             return self._begin_anew(surface, given)
-        self._delay.learn(offset, self._sigma)
         variance = self._noise.measured(offset / self._sigma, information, elapsed)
         known = np.diag(1 / (self._sigma**2 * (variance + self._noise.negligible)))
         grown = self._scale.learn(worth / tried * H, worth / tried * g, known, -offset, elapsed)
@@ -136,6 +137,7 @@ class CorrectedPoses:
         forgotten = self._insert(surface, pose)
         if grown != 1:
             self._planes.rescale(grown)
+            self._delay.rescaled()
         pose = self._settled(pose, given.T_world_camera, elapsed)
         return replace(given, T_world_camera=pose, forgotten=forgotten)
 
@@ -152,13 +154,29 @@ class CorrectedPoses:
 
     def _begin_anew(self, surface: Surface, given: PoseEstimate) -> PoseEstimate:
         """Follow the given pose to where the map is not: the next frames are compared with this one."""
-        self._planes = SurfelMap(self._settings.surfel_voxel, self._settings.surfel_limit)
-        self._correction = np.zeros(6)
-        self._strangers, self._age = 0, 0.0
+        self._forget()
         self._delay.interrupt()
         # Where the map before came to lie is as good a guess as any of where the next one will.
         self._insert(surface, invert(self._T_world_map) @ given.T_world_camera)
         return replace(given, restarted=True)
+
+    def _replace_map(self, surface: Surface, pose: NDArray[np.float64]) -> None:
+        """Forget a map of poses that were late, each off to another side; this frame begins the next one.
+
+        What was fused so far comes to lie where this frame sees it, which is where its pose (4, 4) now is.
+        """
+        expected = moved(invert(self._T_world_map) @ pose, self._correction)
+        registered = refined(self._planes, surface, expected, self._settings)
+        fit = judged(self._planes, surface, registered, self._settings.refine_distance)
+        if fit.overlap >= self._settings.overlap_min:
+            self._T_world_map = pose @ invert(registered)
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget the map."""
+        self._planes = SurfelMap(self._settings.surfel_voxel, self._settings.surfel_limit)
+        self._correction = np.zeros(6)
+        self._strangers, self._age, self._map_delay_s = 0, 0.0, self._delay.delay_s
 
     def _insert(self, surface: Surface, pose: NDArray[np.float64]) -> int:
         """Add a frame to the map; returns how many surfels had to make room."""
