@@ -13,7 +13,7 @@ from typing import Any
 
 import msgpack
 
-from spot3d.dataflow.process_use import let_it_finish
+from spot3d.dataflow.process_use import KEEPING_MEMORY, let_it_finish
 from spot3d.recorder.backlog import Backlog, Heard
 from spot3d.recorder.mcap_writer import ChannelSpec
 from spot3d.recorder.session_mates import stages_in_this_session
@@ -43,6 +43,7 @@ class Packer:
             command,
             stdin=subprocess.DEVNULL,
             pass_fds=descriptors,
+            env=os.environ | KEEPING_MEMORY,
             start_new_session=apart,
             process_group=None if apart else 0,
         )
