@@ -87,6 +87,7 @@ class _Stage:
         found = None
         if pose.message.status == "ok":
             stamp_ns, T_world_camera = heat.message.header.stamp_ns, pose.message.T_world_camera
+            self.upward.enter(pose.message.epoch)
             if self.keyframes.is_keyframe(stamp_ns, T_world_camera):
                 found = _find(self.node, heat.message, self.settings, self.upward.in_camera(T_world_camera))
                 if found is not None:
