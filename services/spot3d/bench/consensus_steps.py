@@ -65,7 +65,7 @@ def consensus_steps(m: Material, settings: Settings) -> list[Step]:
 
 def _keyframe(m: Material, index: int, settings: Settings) -> Keyframe:
     colour, depth, heat = m.frames[index].colour, m.depth[index], m.heat[index]
-    seen = to_lattice(colour, depth, heat, m.camera, settings.fusion.lattice_width)
+    seen = to_lattice(colour, depth, heat, m.camera, settings.fusion.lattice_width, settings.fusion.grazing_cos)
     frame = FusedFrame(index, seen.colour, seen.depth, seen.camera, m.pose(index), m.pose(index))
     return keyframe_of(frame, find_segments(colour, depth, heat, m.camera, settings.segments))
 

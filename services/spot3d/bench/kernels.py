@@ -257,7 +257,9 @@ class PlainRegistration:
 
 
 def _lattice(m: Material, index: int, settings: FusionSettings) -> LatticeFrame:
-    return to_lattice(m.frames[index].colour, m.depth[index], m.heat[index], m.camera, settings.lattice_width)
+    return to_lattice(
+        m.frames[index].colour, m.depth[index], m.heat[index], m.camera, settings.lattice_width, settings.grazing_cos
+    )
 
 
 def _edge_boxes() -> Any | None:

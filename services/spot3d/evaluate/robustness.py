@@ -44,6 +44,7 @@ SCALES = (0.985, 1.015, 0.97, 1.03)
 """Depth times this: data sheets promise 2 % at two metres; ORB-SLAM2's authors (IEEE Trans. Robotics, 2017)
 found 4 % on the Kinect of TUM's freiburg2."""
 MIXED = (1, 2)
+"""Pixels to each side: what resizing, and what a usual smoothing filter makes of an edge."""
 HOLES = (0.1, 0.3)
 EVERY = (1, 2, 3, 4, 5)
 SEED = 1

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, invert
-from spot3d.pose.delay import TOLD_S, PoseDelay
+from spot3d.pose.delay import PoseDelay
 from spot3d.pose.depth_scale import DepthScale
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.given import GivenPoses
@@ -46,6 +46,8 @@ _SETTLING_S = 3.0
 _UNKNOWN = 1e-6
 # What depth cameras see is this far away or more, metres.
 _NEAREST_M = 0.4
+# A map of poses that were so much later than is known by now is off by 5 mm, to all sides, at half a metre a second.
+_OUTDATED_S = 0.01
 # Offsets count up to so many standard deviations.
 _OUTLIER = 3.0
 
@@ -96,7 +98,7 @@ class CorrectedPoses:
             self._delay.interrupt()
         surface = sample_surface(depth_m, intrinsics, self._settings)
         pose = self._delay.compensated(stamp_ns, given.T_world_camera, surface)
-        if abs(self._delay.delay_s - self._map_delay_s) >= TOLD_S:
+        if abs(self._delay.delay_s - self._map_delay_s) >= _OUTDATED_S:
             self._replace_map(surface, pose)
         given = replace(given, T_world_camera=pose, delay_s=self._delay.delay_s)
         # Less than the noise of a single pixel at its nearest makes no surface thicker.

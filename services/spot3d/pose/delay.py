@@ -25,6 +25,7 @@ from spot3d.pose.surfel_map import SurfelMap
 # in clutter 30 and 63 after 1.4. Poses in time count as in time where they are exact, also where depth is 3 % too long
 # or short, or the tracker mounted 20 mm and 1 degree otherwise than told (at 30 frames a second in redkitchen for some
 # seconds as up to 7 ms late); shaken by 10 and 20 mm as 11 ms late at most, in one of 21 runs, and as 5 in the end.
+# What is said below of other values was mostly measured with `_REACH` 1.
 # A hand moves anew after a third of a second: where poses are further apart, they do not tell its velocity.
 _SMOOTH_S = 1 / 3
 # Frames are compared so far apart, seconds: a hand is as fast as a moment before when it is too soon, and when it is

@@ -5,7 +5,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from spot3d.depth_noise import GRAZING_COS
+from spot3d.depth_noise import GRAZING_COS, GrazingCos
 from spot3d.object_size import SIZE_MAX, SIZE_MIN
 
 Step = Literal["support", "bend", "vessels", "torn", "fragments", "occluded", "hanging", "contained", "holes"]
@@ -50,13 +50,7 @@ class SegmentsSettings(BaseModel):
     noise_gate: float = Field(
         3.0, ge=0, description="gates never close below this many standard deviations of the depth noise"
     )
-    grazing_cos: float = Field(
-        GRAZING_COS,
-        ge=0,
-        lt=1,
-        description="depth as steep as a surface seen at less than this cosine lies between two surfaces, and is left "
-        "out; 0: it is not",
-    )
+    grazing_cos: GrazingCos = GRAZING_COS
     range_max: float = Field(
         2.5, gt=0, description="depth beyond this, where noise exceeds half of eps_min, shows no objects, metres"
     )
