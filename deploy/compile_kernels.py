@@ -64,11 +64,13 @@ def compile_heatmap(scene: Scene) -> None:
 
 def compile_segments(scene: Scene) -> None:
     """Finds the objects of one frame by its true heat."""
-    from spot3d.segments.finder import find_segments
+    from spot3d.segments.keyframe_segments import KeyframeSegments
     from spot3d.segments.settings import SegmentsSettings
 
     frame = scene[0]
-    find_segments(frame.colour, frame.depth_metres(), _true_heat(scene, 0), frame.intrinsics, SegmentsSettings())
+    keyframes = KeyframeSegments(SegmentsSettings())
+    keyframes.wants(frame.stamp_ns, np.eye(4))
+    keyframes.find(frame, _true_heat(scene, 0), np.eye(4))
 
 
 def compile_fusion(scene: Scene) -> None:

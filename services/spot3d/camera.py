@@ -37,14 +37,18 @@ class Intrinsics:
 
     def halved(self) -> "Intrinsics":
         """Intrinsics of the image that keeps every second pixel, starting with the first, of each axis."""
+        return self.thinned(2)
+
+    def thinned(self, step: int) -> "Intrinsics":
+        """Intrinsics of the image that keeps every so-manieth pixel, starting with the first, of each axis."""
         return replace(
             self,
-            fx=self.fx / 2,
-            fy=self.fy / 2,
-            cx=self.cx / 2,
-            cy=self.cy / 2,
-            width=(self.width + 1) // 2,
-            height=(self.height + 1) // 2,
+            fx=self.fx / step,
+            fy=self.fy / step,
+            cx=self.cx / step,
+            cy=self.cy / step,
+            width=-(-self.width // step),
+            height=-(-self.height // step),
         )
 
 

@@ -14,9 +14,7 @@ from spot3d.heatmap.heat import Heatmap, weighted_heat
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.providers import make_tracker
 from spot3d.proposals.propose import propose
-from spot3d.segments.finder import find_segments
-from spot3d.segments.keyframes import Keyframes
-from spot3d.segments.upward import Upward
+from spot3d.segments.keyframe_segments import KeyframeSegments
 from spot3d.settings import Settings
 from spot3d.source.errors import UNREADABLE, SourceError
 from spot3d.source.sequence import FrameSequence
@@ -44,7 +42,8 @@ class PipelineResult:
     """Everything a run leaves behind.
 
     trajectory: stamp in ns and pose of each frame. skipped: frames that were not fused, by reason.
-    step_s: seconds that each stage's core took for each of its frames. heat_counts: proposals accepted,
+    step_s: seconds that each stage's core took for each of its frames; segments: for each
+    keyframe, and what is remembered until the next one. heat_counts: proposals accepted,
     masked and rejected in all frames. fusion: the final map.
     """
 
@@ -70,7 +69,7 @@ def run_pipeline(
     `clock` gives seconds and is read around each core only.
     """
     tracker, fusion = make_tracker(settings.pose), Fusion(settings.fusion)
-    keyframes, upward = Keyframes(settings.segments), Upward()
+    keyframes = KeyframeSegments(settings.segments)
     cadence = Cadence(settings.fusion.object_interval_s)
     result = PipelineResult(fusion, fusion.objects())
     for index in range(len(sequence)):
@@ -93,11 +92,11 @@ def run_pipeline(
         result.heat_counts.update(accepted=heat.accepted, masked=heat.masked, rejected=heat.rejected)
         segments, update = None, None
         if pose.status == "ok":
-            if keyframes.is_keyframe(frame.stamp_ns, pose.T_world_camera):
+            if keyframes.wants(frame.stamp_ns, pose.T_world_camera):
                 with _timed(result.step_s, "segments", clock):
-                    upwards = upward.in_camera(pose.T_world_camera)
-                    segments = find_segments(frame.colour, depth, heat.heat, camera, settings.segments, upwards)
-                    upward.learn(segments, pose.T_world_camera)
+                    segments = keyframes.find(frame, heat.heat, pose.T_world_camera, pose.depth_factor)
+                if segments is None:
+                    _join_last_two(result.step_s["segments"])
             with _timed(result.step_s, "fusion", clock):
                 fusion.fuse(
                     frame.colour,
@@ -127,3 +126,7 @@ def _timed(step_s: dict[str, list[float]], stage: str, clock: Callable[[], float
     start = clock()
     yield
     step_s.setdefault(stage, []).append(clock() - start)
+
+
+def _join_last_two(times: list[float]) -> None:
+    times[-2:] = [sum(times[-2:])]

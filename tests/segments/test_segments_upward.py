@@ -59,14 +59,3 @@ def test_a_wrong_start_is_outvoted() -> None:
     up = after(*[wall] * 10, *[WORLD_UP] * 25).in_camera(pose(0))
     assert up is not None
     np.testing.assert_allclose(pose(0)[:3, :3] @ up, WORLD_UP, atol=1e-9)
-
-
-def test_another_world_has_another_up() -> None:
-    upward = Upward()
-    for world in ("first", "second"):
-        upward.enter(world)
-        assert upward.in_camera(pose(0)) is None
-        for _ in range(5):
-            upward.enter(world)
-            upward.learn(on(WORLD_UP, pose(0)), pose(0))
-        assert upward.in_camera(pose(0)) is not None

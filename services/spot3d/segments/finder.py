@@ -50,12 +50,20 @@ def find_segments(
     upwards: (3,) unit, camera frame, None = all that is known is `settings.image_up`.
     Without a supporting plane there are none: nothing is known to stand on anything.
     """
-    frame = to_lattice(colour, depth, heat, camera, settings.lattice_width, settings.grazing_cos)
-    points = back_project(frame.depth, frame.camera)
-    planes = dominant_planes(points, settings, np.random.default_rng(settings.seed), noise=camera.noise)
+    return find_on_lattice(
+        to_lattice(colour, depth, heat, camera, settings.lattice_width, settings.grazing_cos), settings, upwards
+    )
+
+
+def find_on_lattice(
+    frame: LatticeFrame, settings: SegmentsSettings, upwards: NDArray[np.float64] | None = None
+) -> FrameSegments:
+    """The objects of one frame that has been brought to its lattice; see `find_segments`."""
+    points, noise = back_project(frame.depth, frame.camera), frame.camera.noise
+    planes = dominant_planes(points, settings, np.random.default_rng(settings.seed), noise=noise)
     if upwards is None:
         upwards = IMAGE_UP[settings.image_up]
-    support = choose_support(planes, points, frame.heat, settings, upwards, camera.noise)
+    support = choose_support(planes, points, frame.heat, settings, upwards, noise)
     if support is None:
         return _segments([], frame, np.zeros((0, 4)), np.zeros(0, np.float32), Counter(), settings)
     normals = surface_normals(frame.depth, frame.camera)
@@ -63,7 +71,7 @@ def find_segments(
     height, up = heights(points, support, bent=wanted["bend"]), support[:3]
     others = planes[(planes != support).any(axis=1)]
     if wanted["support"]:
-        out = standing_out(points, normals, height, others, settings, camera.noise)
+        out = standing_out(points, normals, height, others, settings, noise)
     else:
         out = (frame.depth > 0) & (frame.depth <= settings.range_max)
 
@@ -72,7 +80,7 @@ def find_segments(
     if wanted["vessels"]:
         regions = _join_vessels(regions, points, normals, up, least, settings)
     if wanted["torn"]:
-        regions = join_torn(regions, points, normals, least, camera.noise)
+        regions = join_torn(regions, points, normals, least, noise)
     if wanted["fragments"]:
         regions = join_fragments(regions, points, frame.camera.fx, least, settings.size_min)
     candidates = [(part, _fault(part, frame, points, height, settings)) for part in _pixels(regions)]

@@ -4,9 +4,9 @@ import threading
 import time
 from collections.abc import Sequence
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spot3d.dataflow.conversion import rgbd_frame, segments_message
 from spot3d.dataflow.join import Join, Outcome
@@ -19,10 +19,11 @@ from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
-from spot3d.segments.keyframes import Keyframes
 from spot3d.segments.settings import SegmentsSettings
-from spot3d.segments.upward import Upward
 from spot3d_schemas import Heat, Message, Pose
+
+if TYPE_CHECKING:
+    from spot3d.segments.keyframe_segments import KeyframeSegments
 
 _HEAT, _POSE, _OUT = "heatmap/heat", "pose/pose", "segments/segments"
 _HEATS_WAITING = 4
@@ -51,19 +52,26 @@ def run(link: LinkSettings, settings: SegmentsSettings, stop: threading.Event | 
 
 
 def _find_first(settings: SegmentsSettings, frames: Sequence[RgbdFrame]) -> None:
-    if settings.enabled:
-        # Loaded here, so that its kernels are compiled behind the frames of a live run, and that is told.
-        from spot3d.segments.finder import find_segments
+    keyframes = _keyframes(settings)
+    if keyframes is not None:
+        heat = np.where(np.abs(frames[0].depth_metres() - 0.8) < 0.01, 255, 0).astype(np.uint8)
+        keyframes.wants(frames[0].stamp_ns, np.eye(4))
+        keyframes.find(frames[0], heat, np.eye(4))
 
-        depth = frames[0].depth_metres()
-        heat = np.where(np.abs(depth - 0.8) < 0.01, 255, 0).astype(np.uint8)
-        find_segments(frames[0].colour, depth, heat, frames[0].intrinsics, settings)
+
+def _keyframes(settings: SegmentsSettings) -> "KeyframeSegments | None":
+    if not settings.enabled:
+        return None
+    # Loaded here, so that its kernels are compiled behind the frames of a live run, and that is told.
+    from spot3d.segments.keyframe_segments import KeyframeSegments
+
+    return KeyframeSegments(settings)
 
 
 class _Stage:
     def __init__(self, node: Node, settings: SegmentsSettings) -> None:
         self.node, self.settings = node, settings
-        self.keyframes, self.upward = Keyframes(settings), Upward()
+        self.keyframes = _keyframes(settings)
         self.join: _Pairs = Join(max(_HEATS_WAITING, 2 * node.link.in_flight), _POSES_WAITING)
 
     def take_heat(self, given: Received[Heat]) -> None:
@@ -77,43 +85,34 @@ class _Stage:
     def _begin_if_new(self, given: Received[Message]) -> None:
         if given.begins:
             _count(self.node, self.join.clear())
-            self.keyframes, self.upward = Keyframes(self.settings), Upward()
+            self.keyframes = _keyframes(self.settings)
 
     def _answer(self, outcome: Outcome[Received[Heat], Received[Pose]]) -> None:
         _count(self.node, outcome)
         if outcome.pair is None:
             return
         heat, pose = outcome.pair
-        found = None
-        if pose.message.status == "ok":
-            stamp_ns, T_world_camera = heat.message.header.stamp_ns, pose.message.T_world_camera
-            self.upward.enter(pose.message.epoch)
-            if self.keyframes.is_keyframe(stamp_ns, T_world_camera):
-                found = _find(self.node, heat.message, self.settings, self.upward.in_camera(T_world_camera))
-                if found is not None:
-                    self.upward.learn(found, T_world_camera)
+        found = self._find(heat.message, pose.message) if pose.message.status == "ok" else None
         # The heat's trace is the longer one: it holds the source, the proposals and the heatmap.
         message = segments_message(self.node.header(_OUT, heat), found)
         if self.node.publish(_OUT, message):
             self.node.measure_latency(message.header)
 
+    def _find(self, heat: Heat, pose: Pose) -> FrameSegments | None:
+        keyframes, stamp_ns = self.keyframes, heat.header.stamp_ns
+        if keyframes is None or not keyframes.wants(stamp_ns, pose.T_world_camera, pose.epoch):
+            return None
+        start_s = time.perf_counter()
+        try:
+            found = keyframes.find(rgbd_frame(heat), heat.heat, pose.T_world_camera, pose.depth_factor)
+        except Exception as error:
+            self.node.crashed("segments", f"no segments of the frame at {stamp_ns} ns", error)
+            return None
+        if found is not None:
+            self.node.counters.step(time.perf_counter() - start_s)
+        return found
+
 
 def _count(node: Node, outcome: Outcome[Received[Heat], Received[Pose]]) -> None:
     node.counters.drop("no heat", len(outcome.without_left))
     node.counters.drop("no pose", len(outcome.without_right))
-
-
-def _find(
-    node: Node, heat: Heat, settings: SegmentsSettings, upwards: NDArray[np.float64] | None
-) -> FrameSegments | None:
-    from spot3d.segments.finder import find_segments
-
-    frame = rgbd_frame(heat)
-    start_s = time.perf_counter()
-    try:
-        found = find_segments(frame.colour, frame.depth_metres(), heat.heat, frame.intrinsics, settings, upwards)
-    except Exception as error:
-        node.crashed("segments", f"no segments of the frame at {frame.stamp_ns} ns", error)
-        return None
-    node.counters.step(time.perf_counter() - start_s)
-    return found

@@ -36,6 +36,13 @@ class SegmentsSettings(BaseModel):
     still_s: float = Field(
         1.0, ge=0, description="a camera that stands still is looked through again after this, seconds"
     )
+    recent_frames: int = Field(
+        2,
+        ge=0,
+        le=10,
+        description="frames of the last second whose depth fills the holes in a keyframe's: what shines or is dark "
+        "has depth in one view and none in the next; 0: none",
+    )
     lattice_width: int = Field(
         320, ge=40, description="segments are found at about this many samples across, as fused ones"
     )
@@ -93,5 +100,5 @@ class SegmentsSettings(BaseModel):
     seed: int = Field(0, ge=0, description="seed of RANSAC's choice of triples")
 
 
-PAPER = SegmentsSettings(enabled=False, plane_distance=0.005, noise_gate=0.0, grazing_cos=0.0)
+PAPER = SegmentsSettings(enabled=False, plane_distance=0.005, noise_gate=0.0, grazing_cos=0.0, recent_frames=0)
 """The paper's values (Sec. V-A). Its fusion clusters the map's points alone."""

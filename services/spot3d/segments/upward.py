@@ -22,13 +22,6 @@ class Upward:
 
     def __init__(self) -> None:
         self._normals: deque[NDArray[np.float64]] = deque(maxlen=_VOTES)
-        self._world: str | None = None
-
-    def enter(self, world: str | None) -> None:
-        """Say of which world the poses from here on are: what was up in another one tells nothing of it."""
-        if world != self._world:
-            self._normals.clear()
-        self._world = world
 
     def in_camera(self, T_world_camera: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """(3,) unit vector up in the camera frame of this (4, 4) pose; None as long as no majority says so."""

@@ -1,0 +1,60 @@
+"""The objects of one keyframe after the other, each with what the frames before it tell."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.frame import RgbdFrame
+from spot3d.frame_segments import FrameSegments
+from spot3d.geometry.downsampling import to_lattice
+from spot3d.segments.finder import find_on_lattice
+from spot3d.segments.keyframes import Keyframes
+from spot3d.segments.recent_depth import RecentDepth
+from spot3d.segments.settings import SegmentsSettings
+from spot3d.segments.upward import Upward
+
+
+class KeyframeSegments:
+    """Finds the objects of those frames that are keyframes; of the others it remembers depth, of all which way is up.
+
+    For every frame with a pose, in their order, `wants` comes first, then `find` where it says so.
+    """
+
+    def __init__(self, settings: SegmentsSettings) -> None:
+        self._settings = settings
+        self._keyframes, self._upward = Keyframes(settings), Upward()
+        self._recent = RecentDepth(settings)
+        self._world: str | None = None
+        self._is_keyframe = False
+
+    def wants(self, stamp_ns: int, T_world_camera: NDArray[np.float64], world: str | None = None) -> bool:
+        """Whether the images of the frame with this stamp and (4, 4) pose are of use.
+
+        world: which one the pose is in; another one has nothing to do with that of before.
+        """
+        if world != self._world:
+            self._world, self._upward = world, Upward()
+            self._recent.clear()
+        self._is_keyframe = self._keyframes.is_keyframe(stamp_ns, T_world_camera)
+        return self._is_keyframe or (self._settings.enabled and self._recent.wants(stamp_ns))
+
+    def find(
+        self, frame: RgbdFrame, heat: NDArray[np.uint8], T_world_camera: NDArray[np.float64], depth_factor: float = 1.0
+    ) -> FrameSegments | None:
+        """The objects of a frame that is wanted; None where it is no keyframe.
+
+        heat: (h, w) uint8, 255ths; T_world_camera: (4, 4) float64; depth_factor: what depth has to be multiplied by to
+        agree with the poses.
+        """
+        settings, stamp_ns = self._settings, frame.stamp_ns
+        pose = T_world_camera.copy()
+        pose[:3, 3] /= depth_factor  # in the unit of the depth that is measured
+        found = None
+        if self._is_keyframe:
+            size, grazing_cos = settings.lattice_width, settings.grazing_cos
+            lattice = to_lattice(frame.colour, frame.depth_metres(), heat, frame.intrinsics, size, grazing_cos)
+            filled = self._recent.filled(lattice, pose, stamp_ns)
+            found = find_on_lattice(filled, settings, self._upward.in_camera(T_world_camera))
+            self._upward.learn(found, T_world_camera)
+        if self._recent.wants(stamp_ns):
+            self._recent.remember(frame, heat, pose)
+        return found

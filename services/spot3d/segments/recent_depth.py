@@ -1,0 +1,157 @@
+"""Depth that a keyframe lacks and frames just before it have: what shines or is dark comes and goes with the view."""
+
+from collections import deque
+from dataclasses import replace
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics, invert
+from spot3d.frame import RgbdFrame
+from spot3d.geometry.downsampling import LatticeFrame
+from spot3d.geometry.flying_pixels import without_flying
+from spot3d.kernel import kernel
+from spot3d.segments.settings import SegmentsSettings
+
+# On built-in clutter with 30 % of its depth lost in blobs, five seeds, this brings detection from 0.74 to 0.90 and
+# success from 0.78 to 0.89, as they are without holes (0.91, 0.89); elsewhere it changes little. One frame of the past:
+# 0.89, with 0.02 less IoU; three, or five that are 50 ms apart: as two. The mean of all frames that see a surface, in
+# place of filling alone: 0.92, but 0.03 less on rendered desks.
+_APART_NS = 100_000_000
+"""Frames are remembered so far apart: a third of the time between keyframes."""
+_OLD_NS = 1_000_000_000
+"""What was seen longer ago than this may have changed."""
+_WINDOW = 31
+"""Pixels across, a tenth of the lattice, in which two frames are compared. 15, 61: the same to an object in fifty."""
+_STEP = 0.02
+"""Surfaces further apart than this, beyond the noise, are not the same, metres: eps_min. 0.01 and 0.04: as above."""
+_ALIKE = 0.5
+"""Around what is filled, most pixels are of the same surface in both frames. 0.3 and 0.8: the same."""
+_NEAREST_M = 0.05
+"""What is nearer than this to a camera is behind it, or as good as that."""
+
+
+class _Seen(NamedTuple):
+    """What is remembered of a frame, and where it was: stamp, depth and heat (h, w), (4, 4) pose."""
+
+    stamp_ns: int
+    depth: NDArray[np.float32]
+    heat: NDArray[np.uint8]
+    camera: Intrinsics
+    T_world_camera: NDArray[np.float64]
+
+
+class RecentDepth:
+    """Remembers the depth of some frames, thinned, and fills with it what the next keyframe lacks.
+
+    settings: `recent_frames` of about `lattice_width` pixels across are remembered, 0.4 MB each.
+    """
+
+    def __init__(self, settings: SegmentsSettings) -> None:
+        self._settings = settings
+        self._seen: deque[_Seen] = deque(maxlen=settings.recent_frames)
+
+    def clear(self) -> None:
+        """Forget all: poses from here on are of another world."""
+        self._seen.clear()
+
+    def wants(self, stamp_ns: int) -> bool:
+        """Whether a frame of this time is worth remembering: it is some time after the last one that is."""
+        if not self._seen:
+            return self._seen.maxlen != 0
+        return not 0 <= stamp_ns - self._seen[-1].stamp_ns < _APART_NS
+
+    def remember(self, frame: RgbdFrame, heat: NDArray[np.uint8], T_world_camera: NDArray[np.float64]) -> None:
+        """Take in a frame, and its (h, w) heat, as it was measured; the oldest makes room.
+
+        Every so-manieth pixel is kept: a mean of them all, as for the lattice, takes ten times as long.
+        """
+        step = max(1, round(frame.intrinsics.width / self._settings.lattice_width))
+        kept, camera = np.s_[::step, ::step], frame.intrinsics.thinned(step)
+        thinned = replace(frame, colour=frame.colour[kept], depth=frame.depth[kept], intrinsics=camera)
+        depth = thinned.depth_metres()
+        if self._settings.grazing_cos > 0:
+            depth = without_flying(depth, camera.fx, self._settings.grazing_cos)
+        self._seen.append(_Seen(frame.stamp_ns, depth, heat[kept].copy(), camera, T_world_camera.copy()))
+
+    def filled(self, frame: LatticeFrame, T_world_camera: NDArray[np.float64], stamp_ns: int) -> LatticeFrame:
+        """The frame, its depth and heat taken from the remembered ones, the last one first, where it has no depth.
+
+        Depth that was measured stays. What is filled is shifted along the rays by what both frames differ around it,
+        for poses are a bit wrong; where they differ more than that, as where something moves, nothing is.
+        """
+        depth, heat = frame.depth, frame.heat
+        for seen in reversed(self._seen):
+            if not 0 < stamp_ns - seen.stamp_ns <= _OLD_NS:
+                continue
+            other, other_heat = _seen_from(frame.camera, T_world_camera, seen)
+            fitting = _fitted(other, frame.depth, frame.camera)
+            lacking = (depth == 0) & (fitting > 0)
+            depth, heat = np.where(lacking, fitting, depth), np.where(lacking, other_heat, heat)
+        return LatticeFrame(frame.colour, depth, heat, frame.camera)
+
+
+def _fitted(other: NDArray[np.float32], depth: NDArray[np.float32], camera: Intrinsics) -> NDArray[np.float32]:
+    """Another frame's depth, seen from here, shifted to what is measured here around each pixel; 0 where it is not."""
+    both = (depth > 0) & (other > 0)
+    difference = np.where(both, depth - other, np.float32(0))
+    alike = both & (np.abs(difference) < _STEP + 3 * camera.noise.sigma(other))
+    seen, agreeing = _around(both), _around(alike)
+    offset = _around(np.where(alike, difference, np.float32(0))) / np.maximum(agreeing, 1)
+    fits = (other > 0) & (agreeing >= _WINDOW) & (agreeing >= _ALIKE * seen)
+    return np.where(fits, other + offset, np.float32(0))
+
+
+def _around(values: NDArray[np.generic]) -> NDArray[np.float32]:
+    """The sum of the pixels around each."""
+    sums = cv2.boxFilter(values.astype(np.float32), -1, (_WINDOW, _WINDOW), normalize=False)
+    return np.asarray(sums, np.float32)
+
+
+def _seen_from(
+    camera: Intrinsics, T_world_camera: NDArray[np.float64], seen: _Seen
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """The depth and the heat of another frame as this camera would see them, 0 where it would not."""
+    depth, heat = np.full(camera.shape, np.inf, np.float32), np.zeros(camera.shape, np.uint8)
+    T, own = invert(T_world_camera) @ seen.T_world_camera, _matrix(camera)
+    turned = own @ T[:3, :3] @ np.linalg.inv(_matrix(seen.camera))
+    to_pixel = np.column_stack((turned, own @ T[:3, 3])).astype(np.float32)
+    _splat(seen.depth, seen.heat, to_pixel, depth, heat)
+    return np.where(np.isfinite(depth), depth, np.float32(0)), heat
+
+
+def _matrix(camera: Intrinsics) -> NDArray[np.float64]:
+    return np.array(((camera.fx, 0, camera.cx), (0, camera.fy, camera.cy), (0, 0, 1)))
+
+
+@kernel("void(f4[:,::1], u1[:,::1], f4[:,::1], f4[:,::1], u1[:,::1])")
+def _splat(
+    depth: NDArray[np.float32],
+    heat: NDArray[np.uint8],
+    to_pixel: NDArray[np.float32],
+    seen_depth: NDArray[np.float32],
+    seen_heat: NDArray[np.uint8],
+) -> None:
+    """Write each pixel to the four around where it is seen, where nothing nearer is.
+
+    to_pixel: (3, 4) from (z u, z v, z, 1) to the other image's (z u, z v, z).
+    """
+    h, w = depth.shape
+    for v in range(h):
+        for u in range(w):
+            z = depth[v, u]
+            if z <= 0:
+                continue
+            x, y = z * np.float32(u), z * np.float32(v)
+            far = to_pixel[2, 0] * x + to_pixel[2, 1] * y + to_pixel[2, 2] * z + to_pixel[2, 3]
+            if far <= np.float32(_NEAREST_M):
+                continue
+            right = to_pixel[0, 0] * x + to_pixel[0, 1] * y + to_pixel[0, 2] * z + to_pixel[0, 3]
+            down = to_pixel[1, 0] * x + to_pixel[1, 1] * y + to_pixel[1, 2] * z + to_pixel[1, 3]
+            left, top = int(np.floor(right / far)), int(np.floor(down / far))
+            for i in range(max(0, top), min(seen_depth.shape[0], top + 2)):
+                for j in range(max(0, left), min(seen_depth.shape[1], left + 2)):
+                    if far < seen_depth[i, j]:
+                        seen_depth[i, j], seen_heat[i, j] = far, heat[v, u]
