@@ -167,7 +167,7 @@ def clusters(
     for row, holder in within.tolist():
         holders[row].add(holder)
     times = Counter(divided.tolist())
-    several = {row for row in times if times[row] >= 0.35 * (1 + len(observers[row] - {int(frame[row])}))}
+    several = {row for row in times if times[row] >= 0.5 * (1 + len(observers[row] - {int(frame[row])}))}
     groups = []
     for row, own in enumerate(frame.tolist()):
         silent = {int(frame[holder]) for holder in holders[row] & several}
@@ -179,7 +179,7 @@ def clusters(
             for i, (_, sees, holds) in enumerate(groups):
                 for j, (_, other_sees, other_holds) in enumerate(groups[:i]):
                     both = len(sees & other_sees)
-                    if both >= least and len(holds & other_holds) >= 0.7 * both and number[i] != number[j]:
+                    if both >= least and len(holds & other_holds) >= 0.6 * both and number[i] != number[j]:
                         number = [number[j] if n == number[i] else n for n in number]
             if len(set(number)) == len(groups):
                 break

@@ -10,13 +10,15 @@ from spot3d.fusion.objects.agreement import clusters_of
 Pairs = list[tuple[int, int]]
 
 
-def clusters(frame: list[int], observed: Pairs, within: Pairs, divided: list[int] | None = None) -> list[int]:
+def clusters(
+    frame: list[int], observed: Pairs, within: Pairs, divided: list[int] | None = None, views_min: int = 3
+) -> list[int]:
     def pairs(listed: Pairs) -> np.ndarray:
         return np.array(listed, np.int64).reshape(-1, 2)
 
     none: list[int] = []
     rows_divided = np.array(divided or none, np.int64)
-    found = clusters_of(np.array(frame, np.int64), pairs(observed), pairs(within), rows_divided, views_min=3)
+    found = clusters_of(np.array(frame, np.int64), pairs(observed), pairs(within), rows_divided, views_min)
     numbers: dict[int, int] = {-1: -1}
     return [numbers.setdefault(number, len(numbers) - 1) for number in found.tolist()]
 
@@ -68,7 +70,7 @@ def test_parts_that_most_views_have_in_one_join() -> None:
     assert len(set(clusters(frame, observed, within))) == 1
 
 
-@pytest.mark.parametrize("torn", [0, 1, 5])
+@pytest.mark.parametrize("torn", [0, 1, 5, 8])
 def test_what_a_few_of_many_views_tear_in_two_is_whole(torn: int) -> None:
     """Of 20 views so many tear it; they divide what the others have, which hold each other and all the parts."""
     frame = [k // 2 for k in range(2 * torn)] + list(range(torn, 20))
@@ -79,16 +81,18 @@ def test_what_a_few_of_many_views_tear_in_two_is_whole(torn: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("apart", "one"), [(7, 13), (13, 7), (2, 4)], ids=["most have it in one", "most tell it apart", "too few show it"]
+    ("apart", "one", "views_min"),
+    [(9, 11, 3), (11, 9, 3), (9, 11, 10)],
+    ids=["most have it in one", "most tell it apart", "too few show it"],
 )
-def test_what_most_views_have_in_one_with_another_is_a_part_of_it(apart: int, one: int) -> None:
+def test_what_most_views_have_in_one_with_another_is_a_part_of_it(apart: int, one: int, views_min: int) -> None:
     """So many views tell a small thing from a large one, the others hold both in one, and the large one is divided."""
     frame = [k // 2 for k in range(2 * apart)] + list(range(apart, apart + one))
     small, large, both = range(0, 2 * apart, 2), range(1, 2 * apart, 2), range(2 * apart, 2 * apart + one)
     within = held_by([[*small], [*large, *both]]) + [(row, holder) for row in small for holder in both]
-    found = clusters(frame, seen_by_all(frame), within)
+    found = clusters(frame, seen_by_all(frame), within, views_min=views_min)
     assert len({found[row] for row in (*large, *both)}) == 1
-    assert (found[0] == found[1]) == (one > apart >= 3)
+    assert (found[0] == found[1]) == (one > apart >= views_min)
 
 
 def test_the_order_of_what_is_said_does_not_matter() -> None:

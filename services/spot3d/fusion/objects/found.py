@@ -18,8 +18,10 @@ _TRIM = 2
 """Of a view's points so many may lie beyond a face: 1 % of them, where depth flies off edges."""
 _SAMPLE = 4000
 """About so many points tell a footprint's direction."""
-_CLEAR_SHARE = 0.15
-"""The clearance is no more than this share of an object's height: flat things stay."""
+_CLEAR_SHARE = 0.05
+"""The clearance is no more than this share of an object's height: flat things stay. With 0.15 IoU is 0.007 lower on
+desks and clutter, F 0.3 higher on redkitchen and 0.3 lower elsewhere; without any clearance IoU is 0.02 higher, and F 3
+lower on redkitchen."""
 _STANDS = 0.05
 """A box ends on the support beneath it that is no further away than this, metres: bottoms are hidden or blurred."""
 
