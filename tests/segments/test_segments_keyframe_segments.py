@@ -36,17 +36,19 @@ def middle(found: FrameSegments) -> int:
     return int(np.count_nonzero(found.labels[90:130, 150:175]))
 
 
+@pytest.mark.parametrize("away", [0.0, 20.0], ids=["near", "far"])
 @pytest.mark.parametrize("factor", [1.0, 1.04])
-def test_a_torn_keyframe_has_what_the_frames_before_saw(factor: float) -> None:
-    """factor: depth is too short by that, as the pose stage has found out."""
+def test_a_torn_keyframe_has_what_the_frames_before_saw(factor: float, away: float) -> None:
+    """factor: depth is too short by that, as the pose stage finds out at last; away: metres from the world's origin."""
     finder = KeyframeSegments(SETTINGS)
     keyframes = []
     for ms in range(0, 400, 33):
         frame, heat, pose = frame_at(ms, 1 / factor)
         if ms == 330:
             frame = torn(frame)
+        pose[0, 3] += away
         if finder.wants(frame.stamp_ns, pose):
-            found = finder.find(frame, heat, pose, factor)
+            found = finder.find(frame, heat, pose, factor if ms == 330 else 1.0)
             keyframes += [] if found is None else [(ms, found)]
     assert [ms for ms, _ in keyframes] == [0, 330]
     whole, heat, _ = frame_at(330, 1 / factor)

@@ -45,16 +45,13 @@ class KeyframeSegments:
         heat: (h, w) uint8, 255ths; T_world_camera: (4, 4) float64; depth_factor: what depth has to be multiplied by to
         agree with the poses.
         """
-        settings, stamp_ns = self._settings, frame.stamp_ns
-        pose = T_world_camera.copy()
-        pose[:3, 3] /= depth_factor  # in the unit of the depth that is measured
-        found = None
+        settings, found = self._settings, None
         if self._is_keyframe:
             size, grazing_cos = settings.lattice_width, settings.grazing_cos
             lattice = to_lattice(frame.colour, frame.depth_metres(), heat, frame.intrinsics, size, grazing_cos)
-            filled = self._recent.filled(lattice, pose, stamp_ns)
+            filled = self._recent.filled(lattice, T_world_camera, frame.stamp_ns, depth_factor)
             found = find_on_lattice(filled, settings, self._upward.in_camera(T_world_camera))
             self._upward.learn(found, T_world_camera)
-        if self._recent.wants(stamp_ns):
-            self._recent.remember(frame, heat, pose)
+        if self._recent.wants(frame.stamp_ns):
+            self._recent.remember(frame, heat, T_world_camera)
         return found

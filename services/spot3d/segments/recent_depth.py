@@ -22,9 +22,10 @@ from spot3d.segments.settings import SegmentsSettings
 _APART_NS = 100_000_000
 """Frames are remembered so far apart: a third of the time between keyframes."""
 _OLD_NS = 1_000_000_000
-"""What was seen longer ago than this may have changed."""
+"""What was seen longer ago than this may have changed: frames are that old only at a rate of 1 Hz."""
 _WINDOW = 31
-"""Pixels across, a tenth of the lattice, in which two frames are compared. 15, 61: the same to an object in fifty."""
+"""Pixels across, a tenth of the lattice, in which two frames are compared; a row of them must agree. With 15 and 61 it
+is the same to an object in fifty."""
 _STEP = 0.02
 """Surfaces further apart than this, beyond the noise, are not the same, metres: eps_min. 0.01 and 0.04: as above."""
 _ALIKE = 0.5
@@ -76,17 +77,22 @@ class RecentDepth:
             depth = without_flying(depth, camera.fx, self._settings.grazing_cos)
         self._seen.append(_Seen(frame.stamp_ns, depth, heat[kept].copy(), camera, T_world_camera.copy()))
 
-    def filled(self, frame: LatticeFrame, T_world_camera: NDArray[np.float64], stamp_ns: int) -> LatticeFrame:
+    def filled(
+        self, frame: LatticeFrame, T_world_camera: NDArray[np.float64], stamp_ns: int, depth_factor: float = 1.0
+    ) -> LatticeFrame:
         """The frame, its depth and heat taken from the remembered ones, the last one first, where it has no depth.
 
-        Depth that was measured stays. What is filled is shifted along the rays by what both frames differ around it,
-        for poses are a bit wrong; where they differ more than that, as where something moves, nothing is.
+        depth_factor: what depth has to be multiplied by to agree with the poses. Depth that was measured stays. What is
+        filled is shifted along the rays by what both frames differ around it, for poses are a bit wrong; where they
+        differ more than that, as where something moves, nothing is.
         """
         depth, heat = frame.depth, frame.heat
         for seen in reversed(self._seen):
             if not 0 < stamp_ns - seen.stamp_ns <= _OLD_NS:
                 continue
-            other, other_heat = _seen_from(frame.camera, T_world_camera, seen)
+            T = invert(T_world_camera) @ seen.T_world_camera
+            T[:3, 3] /= depth_factor  # in the unit of depth as it is measured
+            other, other_heat = _seen_from(frame.camera, T, seen)
             fitting = _fitted(other, frame.depth, frame.camera)
             lacking = (depth == 0) & (fitting > 0)
             depth, heat = np.where(lacking, fitting, depth), np.where(lacking, other_heat, heat)
@@ -111,11 +117,11 @@ def _around(values: NDArray[np.generic]) -> NDArray[np.float32]:
 
 
 def _seen_from(
-    camera: Intrinsics, T_world_camera: NDArray[np.float64], seen: _Seen
+    camera: Intrinsics, T: NDArray[np.float64], seen: _Seen
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """The depth and the heat of another frame as this camera would see them, 0 where it would not."""
+    """The depth and the heat of another frame, moved by T (4, 4), as this camera sees them; 0 where it does not."""
     depth, heat = np.full(camera.shape, np.inf, np.float32), np.zeros(camera.shape, np.uint8)
-    T, own = invert(T_world_camera) @ seen.T_world_camera, _matrix(camera)
+    own = _matrix(camera)
     turned = own @ T[:3, :3] @ np.linalg.inv(_matrix(seen.camera))
     to_pixel = np.column_stack((turned, own @ T[:3, 3])).astype(np.float32)
     _splat(seen.depth, seen.heat, to_pixel, depth, heat)
