@@ -111,6 +111,18 @@ def test_the_same_keyframes_give_the_same_to_the_last_bit() -> None:
     np.testing.assert_array_equal(described(first), described(second))
 
 
+def test_an_update_before_the_first_keyframe_changes_nothing() -> None:
+    """A run in one process begins with one, the processes do not: both are to describe boxes anew at the same time."""
+    first, second = ViewConsensus(SETTINGS), ViewConsensus(SETTINGS)
+    first.update([])
+    for votes in (first, second):
+        votes.update(keyframes())
+    assert 0 < np.linalg.norm(second._described_up - (0, 0, 1)) < 0.01, (
+        "up is not exactly what it is taken for at first"
+    )
+    np.testing.assert_array_equal(first._described_up, second._described_up)
+
+
 def test_an_update_describes_what_new_keyframes_see(boxes_made: list[Box3D]) -> None:
     votes = ViewConsensus(SETTINGS)
     votes.update(rooms(10, 4))

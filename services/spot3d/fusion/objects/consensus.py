@@ -105,7 +105,8 @@ class ViewConsensus:
             self._take_in(self._taken.popleft())
         graph.rescale(depth_factor)
         up = graph.up()
-        if up @ self._described_up < _TURNED:
+        # Before the first keyframe nothing is known to be up, and nothing described.
+        if graph.views and up @ self._described_up < _TURNED:
             graph.segments.touched.rows[:] = True
             self._described_up = up
         if graph.segments.touched.rows.any():
