@@ -26,7 +26,7 @@ def regions_of(
     depth = (scale * seen.depth).astype(np.float32)
     mask = (seen.colour[..., None, :] == [thing.colour for thing in things]).all(-1).any(-1)
     points = back_project(depth, CAMERA)
-    labels = split_at_creases(points, surface_normals(depth, CAMERA), mask, CAMERA.fx, CREASE, LEAST)
+    labels = split_at_creases(points, surface_normals(depth, CAMERA), mask, seen.colour, CAMERA.fx, CREASE, LEAST)
     assert ((labels >= 0) == mask).all(), "every pixel has a region"
     return labels, seen.colour
 
@@ -81,9 +81,42 @@ def test_from_near_and_from_far_there_are_as_many(share: float) -> None:
     assert len(large(regions_of(*things, pose=pose)[0])) == 2
 
 
+GREY, SHADED, GREEN = (120, 120, 120), (95, 95, 95), (90, 140, 90)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "left", "right", "count"),
+    [
+        (20, GREY, GREY, 1),
+        (20, GREY, SHADED, 1),
+        (20, GREY, GREEN, 2),
+        (20, GREY, (20, 20, 20), 2),
+        (60, GREY, GREY, 2),
+        (3, GREY, GREEN, 1),
+    ],
+)
+def test_what_is_of_one_colour_is_split_at_sharp_creases_alone(
+    degrees: float, left: tuple[int, int, int], right: tuple[int, int, int], count: int
+) -> None:
+    """Two surfaces that lean towards the camera by so much on either side of a seam."""
+    across = (np.arange(320) - CAMERA.cx) / CAMERA.fx
+    depth = np.tile(1 / (1 + np.tan(np.deg2rad(degrees)) * np.abs(across)), (240, 1)).astype(np.float32)
+    colour = np.where((across < 0)[None, :, None], np.array(left), np.array(right)) + np.zeros((240, 1, 1))
+    mask = np.ones(depth.shape, np.bool_)
+    points, normals = back_project(depth, CAMERA), surface_normals(depth, CAMERA)
+    labels = split_at_creases(points, normals, mask, colour.astype(np.uint8), CAMERA.fx, CREASE, LEAST)
+    assert len(large(labels)) == count
+    assert len(large(split_at_creases(points, normals, mask, None, CAMERA.fx, CREASE, LEAST))) == 1 + (degrees > 10)
+
+
+def test_what_lies_apart_is_not_joined_whatever_its_colour() -> None:
+    near, far = standing(0, 0, SIZE, colour=RED), standing(0.05, 0.3, (0.3, 0.05, 0.3), colour=RED)
+    assert len(large(regions_of(near, far)[0])) == 2
+
+
 def test_of_no_pixels_there_is_no_region() -> None:
-    points = np.zeros((12, 16, 3), np.float32)
-    labels = split_at_creases(points, points, np.zeros((12, 16), np.bool_), 300.0, CREASE, LEAST)
+    points, none = np.zeros((12, 16, 3), np.float32), np.zeros((12, 16), np.bool_)
+    labels = split_at_creases(points, points, none, None, 300.0, CREASE, LEAST)
     assert (labels == -1).all()
 
 
@@ -93,7 +126,8 @@ def test_what_is_near_no_region_is_one_of_its_own() -> None:
     mask = np.zeros(depth.shape, np.bool_)
     mask[2:5, 2:5] = mask[18:21, 25:28] = True
     camera = Intrinsics(300.0, 300.0, 15.5, 11.5, 32, 24)
-    labels = split_at_creases(back_project(depth, camera), surface_normals(depth, camera), mask, 300.0, CREASE, LEAST)
+    points, normals = back_project(depth, camera), surface_normals(depth, camera)
+    labels = split_at_creases(points, normals, mask, None, 300.0, CREASE, LEAST)
     assert sorted(np.unique(labels[2:5, 2:5]).tolist() + np.unique(labels[18:21, 25:28]).tolist()) == [0, 1]
 
 

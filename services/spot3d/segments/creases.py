@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.kernel import kernel, part
+from spot3d.segments.alike import join_alike
+from spot3d.segments.nearness import apart, within
 
 _NEAR = np.float32(0.01)
 """Pixels within this share of the range tell each other's curvature: 1 cm at 1 m, several times the noise there."""
@@ -21,6 +23,10 @@ _LIKE = np.float32(0.9)
 """Normals within this cosine (26 degrees) smooth each other."""
 _CONVEX = np.float32(-20.0)
 """A pair counts as no more convex than this, so that a convex edge does not hide the crease that it meets."""
+_SHARP = 3.0
+"""A crease that is so many times as concave parts what is of one colour, too: boxes that touch at a right angle. Of
+4100 views of things on ten rendered desks 79.6, 80.0, 80.2, 80.3 % are whole with 2, 2.5, 3, 4, and 79.2 % where colour
+is not looked at; from 4 on such boxes become one."""
 _ROUNDS = 12
 """Pixels of a crease join the regions beside it within this many pixels."""
 
@@ -29,15 +35,18 @@ def split_at_creases(
     points: NDArray[np.float32],
     normals: NDArray[np.float32],
     mask: NDArray[np.bool_],
+    colour: NDArray[np.uint8] | None,
     focal: float,
     crease: float,
     least: int,
 ) -> NDArray[np.int32]:
-    """Regions of the pixels in `mask`: connected without a crease, then the creases' pixels shared out.
+    """Regions of the pixels in `mask`: connected without a crease, then the creases' pixels shared out; those of one
+    colour that meet in no sharp crease are one.
 
     points, normals: (h, w, 3) float32, camera frame, metres and unit (zero = unknown); mask: (h, w) bool, of valid
-    pixels; focal: pixels; crease: concavity, as the range times the mean curvature, from which a pixel is a crease;
-    least: a region of fewer pixels is shared out as creases are.
+    pixels; colour: (h, w, 3) uint8 RGB, None = it is not looked at; focal: pixels; crease: concavity, as the range
+    times the mean curvature, from which a pixel is a crease; least: a region of fewer pixels is shared out as creases
+    are.
     Returns (h, w) int32: regions from 0, -1 = not in `mask`. What is near no region is one of its own.
     """
     reach = max(1, int(_NEAR * focal))
@@ -46,26 +55,13 @@ def split_at_creases(
     bend = np.empty(mask.shape, np.float32)
     _concavity(points, smooth, mask, reach, bend)
     labels = np.empty(mask.shape, np.int32)
-    count: int = _connect(points, smooth, mask & (bend < crease), least, labels)
+    _connect(points, smooth, mask & (bend < crease), least, labels)
     _share_out(points, mask, labels)
+    if colour is not None:
+        labels = join_alike(labels, points, bend, colour, _SHARP * crease, float(_LINK))
     rest = np.empty(mask.shape, np.int32)
     _connect(points, smooth, mask & (labels < 0), 1, rest)
-    return np.where(rest >= 0, rest + np.int32(count), labels)
-
-
-@part()
-def _apart(points: NDArray[np.float32], v: int, u: int, y: int, x: int) -> tuple[np.float32, np.float32]:
-    """Squares of the distance between pixels (v, u) and (y, x), and of their range."""
-    a, b, c = points[y, x, 0] - points[v, u, 0], points[y, x, 1] - points[v, u, 1], points[y, x, 2] - points[v, u, 2]
-    depth = np.float32(0.5) * (points[v, u, 2] + points[y, x, 2])
-    return a * a + b * b + c * c, depth * depth
-
-
-@part()
-def _within(points: NDArray[np.float32], v: int, u: int, y: int, x: int, share: np.float32) -> bool:
-    """Whether pixels (v, u) and (y, x) are nearer to each other than this share of their range."""
-    square, range_square = _apart(points, v, u, y, x)
-    return bool(square < share * share * range_square)
+    return np.where(rest >= 0, rest + np.int32(labels.max(initial=-1) + 1), labels)
 
 
 @kernel("void(f4[:,:,::1], f4[:,:,::1], b1[:,::1], i8, f4[:,:,::1])")
@@ -89,7 +85,7 @@ def _smooth(
                 for x in range(max(0, u - reach), min(w, u + reach + 1)):
                     if mask[y, x]:
                         m0, m1, m2 = normals[y, x, 0], normals[y, x, 1], normals[y, x, 2]
-                        if n0 * m0 + n1 * m1 + n2 * m2 > _LIKE and _within(points, v, u, y, x, _NEAR):
+                        if n0 * m0 + n1 * m1 + n2 * m2 > _LIKE and within(points, v, u, y, x, _NEAR):
                             s0, s1, s2 = s0 + m0, s1 + m1, s2 + m2
             scale = np.float32(1) / max(np.sqrt(s0 * s0 + s1 * s1 + s2 * s2), np.float32(1e-6))
             smooth[v, u, 0], smooth[v, u, 1], smooth[v, u, 2] = s0 * scale, s1 * scale, s2 * scale
@@ -172,7 +168,7 @@ def _connect(
                     if mask[y, x] and (y > v or x > u):
                         i, j = _root(root, v * w + u), _root(root, y * w + x)
                         if i != j and (
-                            _within(points, v, u, y, x, _LINK)
+                            within(points, v, u, y, x, _LINK)
                             or (
                                 max(y - v, abs(x - u)) == 1
                                 and _level(points, normals, v, u, y, x)
@@ -216,7 +212,7 @@ def _share_out(points: NDArray[np.float32], mask: NDArray[np.bool_], labels: NDA
             for y in range(max(0, v - 2), min(h, v + 3)):
                 for x in range(max(0, u - 2), min(w, u + 3)):
                     if labels[y, x] >= 0:
-                        square, range_square = _apart(points, v, u, y, x)
+                        square, range_square = apart(points, v, u, y, x)
                         if square < best * range_square:
                             best, found[k] = square / range_square, labels[y, x]
         left = 0

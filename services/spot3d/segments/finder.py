@@ -76,7 +76,8 @@ def find_on_lattice(
         out = (frame.depth > 0) & (frame.depth <= settings.range_max)
 
     least = int(settings.region * frame.camera.fx * frame.camera.fy)
-    regions = split_at_creases(points, normals, out, frame.camera.fx, settings.crease, least)
+    colour = frame.colour if wanted["colour"] else None
+    regions = split_at_creases(points, normals, out, colour, frame.camera.fx, settings.crease, least)
     if wanted["vessels"]:
         regions = _join_vessels(regions, points, normals, up, least, settings)
     if wanted["torn"]:

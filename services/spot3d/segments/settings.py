@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from spot3d.depth_noise import GRAZING_COS, GrazingCos
 from spot3d.object_size import SIZE_MAX, SIZE_MIN
 
-Step = Literal["support", "bend", "vessels", "torn", "fragments", "occluded", "hanging", "contained", "holes"]
+Step = Literal["support", "bend", "colour", "vessels", "torn", "fragments", "occluded", "hanging", "contained", "holes"]
 """A step of the finder that can be left out, to see what it is worth."""
 
 
@@ -67,7 +67,8 @@ class SegmentsSettings(BaseModel):
     crease: float = Field(
         9.0,
         gt=0,
-        description="a surface is split where its concavity, the range times the mean curvature, is more than this",
+        description="a surface is split where its concavity, the range times the mean curvature, is more than this; "
+        "what is of one colour, where it is more than four times this",
     )
     region: float = Field(
         1.5e-3,
@@ -94,8 +95,8 @@ class SegmentsSettings(BaseModel):
     skipped: tuple[Step, ...] = Field(
         (),
         description="steps to leave out, for ablations: removal of the support and other planes, its bend, joining of "
-        "vessels, of torn surfaces, of fragments, of what something hides in part, of what hangs in the air, of what "
-        "lies in another's box, filling of holes",
+        "what is of one colour, of vessels, of torn surfaces, of fragments, of what something hides in part, of what "
+        "hangs in the air, of what lies in another's box, filling of holes",
     )
     seed: int = Field(0, ge=0, description="seed of RANSAC's choice of triples")
 
