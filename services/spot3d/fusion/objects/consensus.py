@@ -227,7 +227,8 @@ class ViewConsensus:
             return None, 0.0, MOSTLY_BACKGROUND
         # The pseudo-average of Eq. 14, over views.
         confidence = float(segments.heat.rows[members].sum() / (max(len(members), sees.sum()) + settings.views_tau))
-        views = Seen(segments.places.rows[members], segments.support.rows[members], segments.frame.rows[members])
+        places, blur, support = segments.places.rows, segments.blur.rows, segments.support.rows
+        views = Seen(places[members], blur[members], support[members], segments.frame.rows[members])
         # What is too large as its views have it is not made an object by leaving out what they disagree on.
         low, high = views.places.min(axis=0).min(axis=0), views.places.max(axis=0).max(axis=0)
         if float(np.linalg.norm(high - low)) > settings.size_max:
@@ -249,7 +250,7 @@ class ViewConsensus:
             for number in np.unique(views.frame).tolist()
         }
         places, kept = without_disputed(views.places, views.frame, own)
-        return Seen(places[kept], views.support[kept], views.frame[kept])
+        return Seen(places[kept], views.blur[kept], views.support[kept], views.frame[kept])
 
 
 def _grouped(group: NDArray[np.int64], first: int, end: int) -> list[NDArray[np.int64]]:

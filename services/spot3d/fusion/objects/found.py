@@ -28,10 +28,12 @@ _STANDS = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """What the views saw of one object. places: (n, SAMPLE, 3) float32 world, of each of its segments; support: (n, 4)
-    float64, the plane that each stands on, world, zeros where it stands on none; frame: (n,) of each."""
+    """What the views saw of one object. places: (n, SAMPLE, 3) float32 world, of each of its segments; blur: (n, 3)
+    float32 world, how far noise scatters each one's along the ray, metres; support: (n, 4) float64, the plane that each
+    stands on, world, zeros where it stands on none; frame: (n,) of each."""
 
     places: NDArray[np.float32]
+    blur: NDArray[np.float32]
     support: NDArray[np.float64]
     frame: NDArray[np.int64]
 
@@ -45,6 +47,11 @@ def box_of(seen: Seen, up: NDArray[np.float64], clearance: float) -> Box3D:
     turned = upright_box(np.ascontiguousarray(flat[:: max(1, len(flat) // _SAMPLE)]), up, turn=True, trim=0.01)
     lows, highs = np.empty((2, len(seen.places), 3))
     _ends(seen.places @ turned.rotation.astype(np.float32), lows, highs)
+    # The outermost of a face's points lie beyond it by as much as noise scatters them. With half more, and twice that,
+    # IoU goes on rising where truth is a thing's own surface (rendered desks from 2 m 0.53, 0.57, 0.58, 0.59; TUM's
+    # cabinet 0.83, 0.84, 0.84, 0.84), and falls where it was drawn around points (redkitchen 0.74, 0.74, 0.74, 0.73).
+    scatter = np.abs(seen.blur @ turned.rotation)
+    lows, highs = lows + scatter, highs - scatter
     _, first = np.unique(seen.frame, return_index=True)
     order = np.argsort(seen.frame, kind="stable")
     starts = np.searchsorted(seen.frame[order], seen.frame[first])

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import back_project
+from spot3d.depth_noise import DepthNoise
 from spot3d.fusion.objects.growing import Growing
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.views import SAMPLE
@@ -21,16 +22,18 @@ class SegmentTable:
     """Rows of all segments, keyframe after keyframe.
 
     frame: (n,) int64, number of each one's keyframe; places: (n, SAMPLE, 3) float32 world; spheres: (n, 4) float32,
-    centre and radius around these; heat: (n,); colour: (n, 3) mean RGB; pixels: (n,) int64; support: (n, 4) plane,
-    world, zeros = none. What the consensus makes of them, all (n,): identity: int64, number of the object that it
-    belonged to last, 0 = none; former: int64, the number before that; cluster: int64, -1 = none; part: int64, the
-    first of the rows that it hangs together with; touched: bool, something about it is new.
+    centre and radius around these; blur: (n, 3) float32 world, metres, how far depth noise scatters them along the ray,
+    more than it does from near; heat: (n,); colour: (n, 3) mean RGB; pixels: (n,) int64; support: (n, 4) plane, world,
+    zeros = none. What the consensus makes of them, all (n,): identity: int64, number of the object that it belonged to
+    last, 0 = none; former: int64, the number before that; cluster: int64, -1 = none; part: int64, the first of the rows
+    that it hangs together with; touched: bool, something about it is new.
     """
 
     def __init__(self) -> None:
         self.frame = Growing[np.int64](np.int64)
         self.places = Growing[np.float32](np.float32, SAMPLE, 3)
         self.spheres = Growing[np.float32](np.float32, 4)
+        self.blur = Growing[np.float32](np.float32, 3)
         self.heat = Growing[np.float64](np.float64)
         self.colour = Growing[np.float64](np.float64, 3)
         self.pixels = Growing[np.int64](np.int64)
@@ -63,7 +66,9 @@ class SegmentTable:
         if count == 0:
             return rows
         spread = [pixels[np.linspace(0, len(pixels) - 1, SAMPLE).astype(np.int64)] for pixels in members]
-        places = (points[np.array(spread)] @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
+        seen = points[np.array(spread)]
+        places = (seen @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
+        blur = _blur(seen.mean(axis=1), keyframe.camera.noise) @ T[:3, :3].T
         colours = keyframe.colour.reshape(-1, 3)
         supports = [_support(keyframe, k, pixels, grid) for k, pixels in zip(labels.tolist(), members, strict=True)]
         means = [colours[pixels].mean(axis=0) for pixels in members]
@@ -72,6 +77,7 @@ class SegmentTable:
         self.frame.extend(np.full(count, number))
         self.places.extend(places)
         self.spheres.extend(np.array([sphere_around(place) for place in places]))
+        self.blur.extend(blur)
         self.heat.extend(keyframe.heat[labels.astype(np.int64) - 1])
         self.colour.extend(np.array(means))
         self.pixels.extend(counts)
@@ -92,6 +98,12 @@ def sphere_around(places: NDArray[np.float32]) -> NDArray[np.float32]:
     """Centre and radius of a sphere around (n, 3) points, (4,)."""
     centre = (places.min(axis=0) + places.max(axis=0)) / 2
     return np.append(centre, np.sqrt(((places - centre) ** 2).sum(axis=1).max())).astype(np.float32)
+
+
+def _blur(middles: NDArray[np.float32], noise: DepthNoise) -> NDArray[np.float64]:
+    """Along the rays to (n, 3) points, camera frame, the standard deviation of depth, less what it is from near."""
+    rays = middles / np.linalg.norm(middles, axis=1, keepdims=True)
+    return np.asarray((noise.sigma(middles[:, 2]) - noise.floor)[:, None] * rays, np.float64)
 
 
 def _support(
