@@ -13,7 +13,8 @@ most. Success, detection and boxes of no object on ten rendered desks: 0.70, 0.7
 at, 0.73, 0.74, 1.7 with half of both, 0.75, 0.74, 1.5 with these and with half more. Clutter, OSD, HOTS, redkitchen and
 TUM's cabinet are alike in all of these, to a box in a hundred; with twice both, OSD's success falls by 0.001."""
 _PAIRS = 10
-"""Regions meet along at least so many pairs of pixels."""
+"""Regions that meet in fewer pairs of pixels touch by chance. With 3, 10, 30 of the views that `creases` counts 80.4,
+80.2, 79.7 % are whole."""
 
 
 def join_alike(
@@ -27,7 +28,7 @@ def join_alike(
     """The labels with those regions made one that meet in no sharp crease and are of one colour.
 
     labels: (h, w) int32 from 0 without gaps, -1 = none; points: (h, w, 3) float32, camera frame; bend: (h, w) float32,
-    concavity; colour: (h, w, 3) uint8 RGB; sharp: the mean concavity from which a crease parts what is of one colour;
+    concavity; colour: (h, w, 3) uint8 RGB; sharp: the mean concavity from which a crease parts;
     link: pixels meet within this share of their range.
     """
     count = int(labels.max(initial=-1)) + 1
