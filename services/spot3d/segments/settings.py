@@ -68,7 +68,7 @@ class SegmentsSettings(BaseModel):
         9.0,
         gt=0,
         description="a surface is split where its concavity, the range times the mean curvature, is more than this; "
-        "what is of one colour, where it is more than four times this",
+        "what is of one colour, where it is more than three times this",
     )
     region: float = Field(
         1.5e-3,
