@@ -70,6 +70,9 @@ def test_rows_of_each_table(all_tables: tuple[str, dict[str, Any], Path]) -> Non
     for points in rows["points"]:
         assert points["carried F"] == pytest.approx(points["F"], abs=0.5)
     assert {row["peer DR"] for row in rows["proposals"]} == {rows["proposals"][0]["peer DR"]}
+    (still,) = rows["still"]
+    assert still["ours DR"] > still["peer DR"] > 0
+    assert still["true a frame"] == rows["proposals"][0]["true a frame"]
     for row in rows["filters"]:
         assert row["accepted %"] + row["masked in part %"] + row["rejected %"] == pytest.approx(100)
     (times,) = rows["time"]
@@ -87,7 +90,8 @@ def test_record_and_plots(all_tables: tuple[str, dict[str, Any], Path]) -> None:
     assert {"version", "machine", "options", "data", "settings"} == set(kept)
     assert (kept["options"]["every"], kept["data"]) == (12, {"scene:2": "built in"})
     assert kept["settings"]["pose"]["provider"] == "given"
-    assert {path.name for path in folder.glob("*.png")} == {"proposals-scene-2.png", "objects-scene-2.png"}
+    plots = {f"{name}-scene-2.png" for name in ("proposals", "still", "objects")}
+    assert {path.name for path in folder.glob("*.png")} == plots
 
 
 def test_all_tables_of_what_is_below_a_root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,7 +101,7 @@ def test_all_tables_of_what_is_below_a_root(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr("spot3d.cli.evaluate.BUILT_IN", ())
     result = CliRunner().invoke(app, ["all", str(tmp_path)], catch_exceptions=False)
     assert result.exit_code == 0
-    assert result.stdout.count("###") == 3, "single frames give the tables of proposals, steps and filters"
+    assert result.stdout.count("###") == 4, "single frames give the tables of proposals, still, steps and filters"
     assert "left out" in result.stderr
     assert "01.ply is missing" in result.stderr
 

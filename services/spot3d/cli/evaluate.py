@@ -28,7 +28,8 @@ def evaluate(
     table: Annotated[
         str,
         typer.Argument(
-            help="proposals, filters, objects, ablations, points, time, poses, stability; or: all, run, robustness"
+            help="proposals, still, filters, objects, ablations, points, time, poses, stability, steps; or: all, run, "
+            "robustness"
         ),
     ],
     path: Annotated[

@@ -42,8 +42,8 @@ def proposals_table(datasets: list[DataSet], settings: Settings) -> Table:
         frames = dataset.frames
         if frames is None:
             continue
-        bare, ours = ({number: _Found() for number in NUMBERS} for _ in range(2))
-        peer = _Found()
+        bare, ours = ({number: FoundInFrames() for number in NUMBERS} for _ in range(2))
+        peer = FoundInFrames()
         for item in (frames.read(index) for index in range(frames.count)):
             depth, camera = item.frame.depth_metres(), item.frame.intrinsics
             peer.add(item, peer_in_frame(depth, camera))
@@ -71,7 +71,7 @@ def proposals_table(datasets: list[DataSet], settings: Settings) -> Table:
 
 
 @dataclass(slots=True)
-class _Found:
+class FoundInFrames:
     """What a method found in a data set's frames: IoU matrices (true, counted), and how many boxes were left out."""
 
     iou: list[NDArray[np.float64]] = field(default_factory=list)

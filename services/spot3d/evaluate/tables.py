@@ -9,6 +9,7 @@ from spot3d.evaluate.labelled import DataSet
 from spot3d.evaluate.measured_run import Runs
 from spot3d.evaluate.object_tables import ablations_table, objects_table, points_table, stability_table
 from spot3d.evaluate.step_tables import steps_table
+from spot3d.evaluate.still_table import still_table
 from spot3d.evaluate.table import Table
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
@@ -48,6 +49,11 @@ def _has_poses(dataset: DataSet) -> bool:
 TABLES = {
     "proposals": TableKind(
         lambda data, settings, runs, say: proposals_table(data, settings),
+        _has_frames,
+        "single frames with true 2D boxes (OSD, RGB-D Scenes 2011, scene)",
+    ),
+    "still": TableKind(
+        lambda data, settings, runs, say: still_table(data, settings),
         _has_frames,
         "single frames with true 2D boxes (OSD, RGB-D Scenes 2011, scene)",
     ),

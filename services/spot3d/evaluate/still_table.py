@@ -1,0 +1,92 @@
+"""A single frame through every stage, as of a camera that has just begun, or stands still: its boxes in 3D."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.boxes import Box3D
+from spot3d.camera import Intrinsics
+from spot3d.evaluate.frame_tables import FoundInFrames
+from spot3d.evaluate.labelled import DataSet
+from spot3d.evaluate.peer import PEER, behind_peer
+from spot3d.evaluate.peer_map import PeerMap
+from spot3d.evaluate.projection import box_surface, boxes_in_view
+from spot3d.evaluate.scores import recall_of
+from spot3d.evaluate.table import Column, Table
+from spot3d.frame import RgbdFrame
+from spot3d.pipeline import run_pipeline
+from spot3d.settings import Settings
+
+
+@dataclass(frozen=True, slots=True)
+class OneFrame:
+    """A recording of one frame, whose camera is the world."""
+
+    frame: RgbdFrame
+    has_true_poses: bool = True
+    rate_hz: float = 30.0
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        return self.frame.intrinsics
+
+    @property
+    def stamps_ns(self) -> list[int]:
+        return [self.frame.stamp_ns]
+
+    def true_pose(self, index: int) -> NDArray[np.float64]:
+        return np.eye(4)
+
+    def __len__(self) -> int:
+        return 1
+
+    def __getitem__(self, index: int) -> RgbdFrame:
+        if index != 0:
+            raise IndexError(index)
+        return replace(self.frame, T_world_camera=np.eye(4))
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        yield self[0]
+
+
+def still_table(datasets: list[DataSet], settings: Settings) -> Table:
+    """Success (SR) and detection rate (DR) at IoU 0.5 of the objects' 3D boxes, drawn into the frame that they are of.
+
+    Unlike the finder's pixels (`proposals_table`), these boxes went through the votes, of one view here, and every
+    rule for objects; the peer's clusters are boxed in 3D too.
+    """
+    columns: tuple[Column, ...] = (Column("data"),)
+    for method in ("ours", "peer"):
+        columns += (Column(f"{method} SR"), Column(f"{method} DR"), Column(f"{method} a frame", 1))
+        columns += (Column(f"{method} no object", 1), Column(f"{method} left out", 1))
+    title = "Single frame through all stages: 3D boxes drawn into it"
+    table = Table("still", title, (*columns, Column("true a frame", 1)))
+    given = settings.model_copy(update={"pose": settings.pose.model_copy(update={"provider": "given"})})
+    for dataset in datasets:
+        frames = dataset.frames
+        if frames is None:
+            continue
+        ours, peer = FoundInFrames(), FoundInFrames()
+        for item in (frames.read(index) for index in range(frames.count)):
+            frame = item.frame
+            found = run_pipeline(OneFrame(frame), given).objects.objects
+            ours.add(item, _drawn([one.box for one in found], frame.intrinsics))
+            cloud = PeerMap(1)
+            cloud.add(frame.depth_metres(), frame.intrinsics, np.eye(4), settings.fusion.range_max)
+            peer.add(item, _drawn(cloud.found(settings.fusion).boxes, frame.intrinsics))
+        table.add(dataset.name, *ours.cells(), *peer.cells(), peer.true)
+        table.curves += [recall_of(dataset.name, "ours", ours.iou), recall_of(dataset.name, PEER, peer.iou)]
+        measures = [("success", ours.success, peer.success), ("detection", ours.detection, peer.detection)]
+        table.notes += behind_peer(dataset.name, measures)
+    table.notes.append(
+        "A true box is around an object's pixels, with depth or without; a found one is around its 3D box, of which a "
+        "corner may reach beyond the object's outline."
+    )
+    return table
+
+
+def _drawn(boxes: list[Box3D] | tuple[Box3D, ...], camera: Intrinsics) -> NDArray[np.float64]:
+    """(n, 4) [x, y, w, h] pixels around the boxes, of the camera's frame, in its image."""
+    return boxes_in_view([box_surface(box) for box in boxes], np.eye(4), camera)
