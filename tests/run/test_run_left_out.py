@@ -24,7 +24,7 @@ def result(found: int, left_out: dict[str, int], frames: int = 30) -> RunResult:
         (
             0,
             {"seen too seldom": 4, "too cold": 2, "too large": 3},
-            "no objects: 3 candidates were longer than 1 m (eps_max), 2 colder than 0.18 (eps), 4 seen in fewer than 3 "
+            "no objects: 3 candidates were longer than 1 m (eps_max), 2 colder than 0.15 (eps), 4 seen in fewer than 3 "
             "keyframes; if these are objects, raise size_max",
         ),
         (

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from spot3d.boxes import Box3D, iou_matrix_3d
 from spot3d.fusion.objects import found
 from spot3d.fusion.objects.found import Seen, box_of
+from spot3d.fusion.objects.outline import OUTERMOST
 from spot3d.fusion.objects.views import SAMPLE
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -34,7 +35,8 @@ def seen(
 ) -> Seen:
     frames = np.arange(len(places)) if frame is None else np.array(frame)
     blurs = np.tile(np.float32(blur), (len(places), 1))
-    return Seen(np.array(places), blurs, np.broadcast_to(support, (len(places), 4)), frames)
+    outline = np.full((len(places), OUTERMOST, 3), np.nan, np.float32)
+    return Seen(np.array(places), outline, blurs, np.broadcast_to(support, (len(places), 4)), frames)
 
 
 def true_box(yaw: float = 0.4) -> Box3D:

@@ -119,9 +119,7 @@ class ViewConsensus:
 
     def _take_in(self, keyframe: Keyframe) -> None:
         graph, limit = self._graph, self._settings.keyframe_limit
-        # With fewer keyframes than an object needs, the rule for it changes with each.
-        if len(graph.views) < self._settings.views_min:
-            graph.segments.touched.rows[:] = True
+        rules = self._rules()
         graph.take_in(keyframe)
         # Whoever finds segments may have reasons of their own, but not ever new ones.
         self._in_keyframes.update({k: n for k, n in keyframe.left_out.items() if k in KEYFRAME_REASONS})
@@ -133,6 +131,14 @@ class ViewConsensus:
             self._dropped += several
         for cluster in graph.drop(outdated) if outdated else ():
             self._found.pop(cluster, None)
+        if self._rules() != rules:
+            graph.segments.touched.rows[:] = True
+
+    def _rules(self) -> tuple[int, float]:
+        """The least number of an object's keyframes, and tau of its confidence: both are less while there are few."""
+        settings, count = self._settings, len(self._graph.views)
+        tau = min(settings.views_tau, settings.tau_share * count) if settings.tau_share else settings.views_tau
+        return min(settings.views_min, count), tau
 
     def _cluster(self) -> int:
         """Cluster anew what hangs together with what is touched; clusters from the returned number on have changed."""
@@ -213,7 +219,7 @@ class ViewConsensus:
     ) -> tuple[Box3D | None, float, str]:
         """The box of a cluster's segments, its confidence, and why it is no object, if so. said: of the members."""
         settings, segments = self._settings, self._graph.segments
-        least = min(settings.views_min, len(self._graph.views))
+        least, tau = self._rules()
         if len(members) < least or len(own := np.unique(segments.frame.rows[members])) < least:
             return None, 0.0, TOO_SELDOM
         # A view sees a cluster where it sees half of its segments, and an object where most of these say so.
@@ -226,9 +232,15 @@ class ViewConsensus:
         if agrees.sum() < settings.object_share * sees.sum():
             return None, 0.0, MOSTLY_BACKGROUND
         # The pseudo-average of Eq. 14, over views.
-        confidence = float(segments.heat.rows[members].sum() / (max(len(members), sees.sum()) + settings.views_tau))
+        confidence = float(segments.heat.rows[members].sum() / (max(len(members), sees.sum()) + tau))
         places, blur, support = segments.places.rows, segments.blur.rows, segments.support.rows
-        views = Seen(places[members], blur[members], support[members], segments.frame.rows[members])
+        views = Seen(
+            places[members],
+            segments.outline.rows[members],
+            blur[members],
+            support[members],
+            segments.frame.rows[members],
+        )
         # What is too large as its views have it is not made an object by leaving out what they disagree on.
         low, high = views.places.min(axis=0).min(axis=0), views.places.max(axis=0).max(axis=0)
         if float(np.linalg.norm(high - low)) > settings.size_max:
@@ -237,7 +249,8 @@ class ViewConsensus:
                 return whole, confidence, TOO_LARGE
         box = box_of(self._undisputed(views, segments.cluster.rows[members[0]]), up, settings.plane_distance)
         shortest, middle, _ = np.sort(box.size)
-        if middle < settings.size_min or box.volume < settings.volume_min:
+        # A thing that is measured 2 cm across has a box that is less: its faces are trimmed and drawn in.
+        if middle < settings.size_min - settings.plane_distance or box.volume < settings.volume_min:
             return box, confidence, TOO_SMALL
         return box, confidence, TOO_THIN if shortest < settings.plane_distance else ""
 
@@ -250,7 +263,7 @@ class ViewConsensus:
             for number in np.unique(views.frame).tolist()
         }
         places, kept = without_disputed(views.places, views.frame, own)
-        return Seen(places[kept], views.blur[kept], views.support[kept], views.frame[kept])
+        return Seen(places[kept], views.outline[kept], views.blur[kept], views.support[kept], views.frame[kept])
 
 
 def _grouped(group: NDArray[np.int64], first: int, end: int) -> list[NDArray[np.int64]]:

@@ -18,6 +18,11 @@ _TRIM = 2
 """Of a view's points so many may lie beyond a face: 1 % of them, where depth flies off edges."""
 _SAMPLE = 4000
 """About so many points tell a footprint's direction."""
+_GUESSED = 0.8
+"""An outline counts where more than this share of the views are torn: what a hole hides now and then, other views have
+seen. With 0.5, 0.7, 0.8, 0.9: where every second thing of five scenes lost the lower 70 % of its depth for good, their
+IoU is 0.38, 0.35, 0.34, 0.32 (without outlines 0.30), the upper 70 % 0.26, 0.24, 0.24, 0.24 (0.17); with 30 % of depth
+missing in other places in each frame of clutter 0.64, 0.68, 0.68, 0.68 (0.68)."""
 _CLEAR_SHARE = 0.05
 """The clearance is no more than this share of an object's height: flat things stay. With 0.15 IoU is 0.007 lower on
 desks and clutter, F 0.3 higher on redkitchen and 0.3 lower elsewhere; without any clearance IoU is 0.02 higher, and F 3
@@ -28,11 +33,16 @@ _STANDS = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """What the views saw of one object. places: (n, SAMPLE, 3) float32 world, of each of its segments; blur: (n, 3)
-    float32 world, how far noise scatters each one's along the ray, metres; support: (n, 4) float64, the plane that each
-    stands on, world, zeros where it stands on none; frame: (n,) of each."""
+    """What the views saw of one object.
+
+    places: (n, SAMPLE, 3) float32 world, of each of its segments; outline: (n, OUTERMOST, 3) float32 world, how far
+    torn ones reach (see `outline`), NaN of others; blur: (n, 3) float32 world, how far noise scatters each one's along
+    the ray, metres; support: (n, 4) float64, the plane that each stands on, world, zeros where it stands on none;
+    frame: (n,) of each.
+    """
 
     places: NDArray[np.float32]
+    outline: NDArray[np.float32]
     blur: NDArray[np.float32]
     support: NDArray[np.float64]
     frame: NDArray[np.int64]
@@ -57,6 +67,11 @@ def box_of(seen: Seen, up: NDArray[np.float64], clearance: float) -> Box3D:
     starts = np.searchsorted(seen.frame[order], seen.frame[first])
     lows, highs = np.minimum.reduceat(lows[order], starts), np.maximum.reduceat(highs[order], starts)
     low, high = np.quantile(lows, 1 - _FACE, axis=0), np.quantile(highs, _FACE, axis=0)
+    # A guess counts only where nearly all views must guess, and then half of them must guess as much.
+    guessed = seen.outline[np.isfinite(seen.outline[:, 0, 0])] @ turned.rotation
+    if len(guessed) > _GUESSED * len(seen.outline):
+        low = np.minimum(low, np.median(guessed.min(axis=1), axis=0))
+        high = np.maximum(high, np.median(guessed.max(axis=1), axis=0))
     high = np.maximum(high, low + 1e-3)
     box = Box3D(turned.rotation @ ((low + high) / 2), high - low, turned.rotation)
     return _standing(box, seen.support, up, clearance)

@@ -22,8 +22,9 @@ def rescale_segments(
     segments: SegmentTable, rows: NDArray[np.int64], camera: NDArray[np.float64], factor: float
 ) -> None:
     """Put segments of one keyframe where depth times `factor` has them, seen from its camera, (3,) world."""
-    places, spheres, support = segments.places.rows, segments.spheres.rows, segments.support.rows
-    places[rows] = camera + factor * (places[rows] - camera)
+    spheres, support = segments.spheres.rows, segments.support.rows
+    for points in (segments.places.rows, segments.outline.rows):
+        points[rows] = camera + factor * (points[rows] - camera)
     spheres[rows, :3] = camera + factor * (spheres[rows, :3] - camera)
     spheres[rows, 3] *= factor
     # Zeros, of a segment that stands on nothing, stay zeros.

@@ -7,6 +7,7 @@ from spot3d.camera import back_project
 from spot3d.depth_noise import DepthNoise
 from spot3d.fusion.objects.growing import Growing
 from spot3d.fusion.objects.keyframes import Keyframe
+from spot3d.fusion.objects.outline import OUTERMOST, outline_of
 from spot3d.fusion.objects.views import SAMPLE
 from spot3d.geometry.planes import transform_plane
 
@@ -23,10 +24,11 @@ class SegmentTable:
 
     frame: (n,) int64, number of each one's keyframe; places: (n, SAMPLE, 3) float32 world; spheres: (n, 4) float32,
     centre and radius around these; blur: (n, 3) float32 world, metres, how far depth noise scatters them along the ray,
-    more than it does from near; heat: (n,); colour: (n, 3) mean RGB; pixels: (n,) int64; support: (n, 4) plane, world,
-    zeros = none. What the consensus makes of them, all (n,): identity: int64, number of the object that it belonged to
-    last, 0 = none; former: int64, the number before that; cluster: int64, -1 = none; part: int64, the first of the rows
-    that it hangs together with; touched: bool, something about it is new.
+    more than it does from near; outline: (n, OUTERMOST, 3) float32 world, how far a torn one reaches (see `outline`),
+    NaN of others; heat: (n,); colour: (n, 3) mean RGB; pixels: (n,) int64; support: (n, 4) plane, world, zeros = none.
+    What the consensus makes of them, all (n,): identity: int64, number of the object that it belonged to last, 0 =
+    none; former: int64, the number before that; cluster: int64, -1 = none; part: int64, the first of the rows that it
+    hangs together with; touched: bool, something about it is new.
     """
 
     def __init__(self) -> None:
@@ -34,6 +36,7 @@ class SegmentTable:
         self.places = Growing[np.float32](np.float32, SAMPLE, 3)
         self.spheres = Growing[np.float32](np.float32, 4)
         self.blur = Growing[np.float32](np.float32, 3)
+        self.outline = Growing[np.float32](np.float32, OUTERMOST, 3)
         self.heat = Growing[np.float64](np.float64)
         self.colour = Growing[np.float64](np.float64, 3)
         self.pixels = Growing[np.int64](np.int64)
@@ -69,6 +72,7 @@ class SegmentTable:
         seen = points[np.array(spread)]
         places = (seen @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
         blur = _blur(seen.mean(axis=1), keyframe.camera.noise) @ T[:3, :3].T
+        outlines = np.array([outline_of(keyframe, label) for label in labels.tolist()]) @ T[:3, :3].T + T[:3, 3]
         colours = keyframe.colour.reshape(-1, 3)
         supports = [_support(keyframe, k, pixels, grid) for k, pixels in zip(labels.tolist(), members, strict=True)]
         means = [colours[pixels].mean(axis=0) for pixels in members]
@@ -78,6 +82,7 @@ class SegmentTable:
         self.places.extend(places)
         self.spheres.extend(np.array([sphere_around(place) for place in places]))
         self.blur.extend(blur)
+        self.outline.extend(outlines.astype(np.float32))
         self.heat.extend(keyframe.heat[labels.astype(np.int64) - 1])
         self.colour.extend(np.array(means))
         self.pixels.extend(counts)
