@@ -12,9 +12,6 @@ _CHROMA, _LIGHTNESS = 6.0, 15.0
 most. Success, detection and boxes of no object on ten rendered desks: 0.70, 0.73, 2.3 a desk where colour is not looked
 at, 0.73, 0.74, 1.7 with half of both, 0.75, 0.74, 1.5 with these and with half more. Clutter, OSD, HOTS, redkitchen and
 TUM's cabinet are alike in all of these, to a box in a hundred; with twice both, OSD's success falls by 0.001."""
-_PAIRS = 10
-"""Regions that meet in fewer pairs of pixels touch by chance: so many are a seam of three pixels or so. With 3, 10, 30
-of the views that `creases` counts 80.4, 80.2, 79.7 % are whole; OSD is the same with each."""
 
 
 def join_alike(
@@ -42,7 +39,7 @@ def join_alike(
     size = np.bincount(numbers, minlength=count)
     mean = np.array([np.bincount(numbers, lab[:, k], count) / size for k in range(3)])
     root = np.arange(count)
-    for a, b in np.argwhere((met >= _PAIRS) & (total < sharp * met)).tolist():
+    for a, b in np.argwhere(total < sharp * met).tolist():
         lightness, *chroma = mean[:, a] - mean[:, b]
         if abs(lightness) < _LIGHTNESS and np.hypot(*chroma) < _CHROMA:
             low, high = sorted((int(root[a]), int(root[b])))
