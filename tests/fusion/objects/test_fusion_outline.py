@@ -125,3 +125,16 @@ def test_where_the_image_ends_a_thing_does_not_stand() -> None:
 
     assert lowest(frame) == pytest.approx(0, abs=0.01)
     assert lowest(cut) > 0.05
+
+
+def test_outlines_follow_when_the_depths_scale_becomes_known() -> None:
+    """Depth that is 2 % short has them nearer; once that is known they are where true depth has them."""
+    frames = [torn(frame, 0.19) for frame in views()]
+    short = [replace(frame, depth=frame.depth / 1.02, planes=frame.planes / (1, 1, 1, 1.02)) for frame in frames]
+    votes = ViewConsensus(SETTINGS)
+    votes.update(short)
+    rescaled, true = votes.update([], 1.02).objects, found(frames)
+    assert len(rescaled) == len(true) == 2
+    for one, other in zip(rescaled, true, strict=True):
+        assert np.abs(one.box.centre - other.box.centre).max() < 0.003
+        assert np.abs(one.box.size - other.box.size).max() < 0.005
