@@ -8,7 +8,7 @@ from spot3d.camera import Intrinsics, invert
 from spot3d.fusion.map.heatmap3d import Heatmap3D
 from spot3d.fusion.map.map_arrays import FREQUENCY, HEAT, LAST, NORMAL, WEIGHT, R, X
 from spot3d.fusion.map.merging import Pixels
-from spot3d.fusion.objects.agreement import clusters_of
+from spot3d.fusion.objects.agreement import Statements, clusters_of
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.segment_table import SegmentTable
 from spot3d.fusion.objects.views import ask, view_of
@@ -115,10 +115,12 @@ def test_segments_are_clustered_the_same_way(seed: int) -> None:
     holder = np.where(thing[whole[:, 0]] == (joined[whole[:, 1]] + 1) % 4, joined[whole[:, 1]], -1)
     holder = 4 * whole[:, 1] + np.where(holder >= 0, holder, thing[whole[:, 0]])
     divided = observed[rng.random(len(observed)) < 0.1, 0]
-    statements = frame, observed, np.column_stack((whole[:, 0], holder)), divided, 3
-    found = clusters_of(*statements)
+    spilling = rng.integers(len(frame), size=6)
+    background = rng.choice(spilling, size=60)
+    statements = Statements(frame, observed, np.column_stack((whole[:, 0], holder)), divided, background)
+    found = clusters_of(statements, 3, 0.3)
     ours = {frozenset(np.flatnonzero(found == number).tolist()) for number in range(found.max() + 1)}
-    assert ours == {frozenset(rows) for rows in reference.clusters(*statements)}
+    assert ours == {frozenset(rows) for rows in reference.clusters(statements, 3, 0.3)}
     assert len(ours) < 20
 
 

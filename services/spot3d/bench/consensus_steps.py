@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from spot3d.bench import reference
 from spot3d.bench.material import Material, walking
+from spot3d.fusion.objects.agreement import Statements
 from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.keyframes import FusedFrame, Keyframe, keyframe_of
 from spot3d.fusion.objects.segment_table import SegmentTable
@@ -57,7 +58,7 @@ def consensus_steps(m: Material, settings: Settings) -> list[Step]:
             "consensus, a keyframe more",
             walking(len(m), lambda i: votes.update([keyframes[i]])),
             "sets, all clusters, no boxes",
-            lambda: reference.clusters(*statements, settings.fusion.views_min),
+            lambda: reference.clusters(statements, settings.fusion.views_min, settings.fusion.object_share),
             [keyframes[0].labels, keyframes[0].depth, keyframes[0].colour, places],
         ),
     ]
@@ -70,11 +71,10 @@ def _keyframe(m: Material, index: int, settings: Settings) -> Keyframe:
     return keyframe_of(frame, find_segments(colour, depth, heat, m.camera, settings.segments))
 
 
-def _statements(
-    table: SegmentTable, views: list[View], rows_of: list[NDArray[np.int32]]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """What all views say of the segments of others: each one's frame, who observes it, who holds and who divides it."""
-    observed, within, divided = [np.zeros((0, 2), np.int64)], [np.zeros((0, 2), np.int64)], [np.zeros(0, np.int64)]
+def _statements(table: SegmentTable, views: list[View], rows_of: list[NDArray[np.int32]]) -> Statements:
+    """What all views say of the segments of others."""
+    observed, within = [np.zeros((0, 2), np.int64)], [np.zeros((0, 2), np.int64)]
+    divided, background = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     said, label = np.empty((2, len(table)), np.uint8)
     for number, view in enumerate(views):
         ask(view, table.places.rows, table.spheres.rows, said, label)
@@ -85,4 +85,6 @@ def _statements(
         observed.append(np.column_stack((rows, np.full(len(rows), number))))
         within.append(np.column_stack((held, holder))[holder >= 0])
         divided.append(np.flatnonzero(others & (said == DIVIDED)))
-    return table.frame.rows.copy(), np.concatenate(observed), np.concatenate(within), np.concatenate(divided)
+        background.append(np.flatnonzero(others & (said == BACKGROUND)))
+    said_of_rows = [np.concatenate(parts) for parts in (observed, within, divided, background)]
+    return Statements(table.frame.rows.copy(), *said_of_rows)

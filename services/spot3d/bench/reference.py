@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, back_project
 from spot3d.depth_noise import KINECT_V1
+from spot3d.fusion.objects.agreement import Statements
 
 
 def weighted_heat(
@@ -146,33 +147,29 @@ def said_by_view(
     return answers
 
 
-def clusters(
-    frame: NDArray[np.int64],
-    observed: NDArray[np.int64],
-    within: NDArray[np.int64],
-    divided: NDArray[np.int64],
-    views_min: int,
-) -> list[set[int]]:
+def clusters(said: Statements, views_min: int, object_share: float) -> list[set[int]]:
     """The clusters of segments that most frames which see them have in one (MaskClustering, Sec. 3), by sets, and what
     most have in one with a larger one as a part of that.
 
-    frame: (n,) of each segment; observed: (k, 2) segments and frames that see objects in them; within: (m, 2) segments
-    and those that hold them; divided: (d,) segments, once for each frame that divides one; views_min: frames that show
-    an object.
+    views_min: frames that show an object; object_share: of the frames that see it, those that see it as one.
     """
+    frame, observed, within, divided, background = said
     observers: list[set[int]] = [set() for _ in frame]
     holders = [{row} for row in range(len(frame))]
     for row, by in observed.tolist():
         observers[row].add(by)
     for row, holder in within.tolist():
         holders[row].add(holder)
-    times = Counter(divided.tolist())
-    several = {row for row in times if times[row] >= 0.5 * (1 + len(observers[row] - {int(frame[row])}))}
+    seen = [1 + len(by - {own}) for by, own in zip(observers, frame.tolist(), strict=True)]
+    times, unseen = Counter(divided.tolist()), Counter(background.tolist())
+    several = {row for row in times if times[row] >= 0.5 * seen[row]}
+    spilled = {row for row in unseen if seen[row] < object_share * (seen[row] + unseen[row])}
     groups = []
     for row, own in enumerate(frame.tolist()):
-        silent = {int(frame[holder]) for holder in holders[row] & several}
+        wrong = holders[row] & (several if row in spilled else several | spilled)
+        silent = {int(frame[holder]) for holder in wrong}
         if row not in several:
-            groups.append(({row}, observers[row] - silent | {own}, holders[row] - several))
+            groups.append(({row}, observers[row] - silent | {own}, holders[row] - wrong))
     for least in (20, 15, 10, 8, 6, 5, 4, 3, 2):
         while True:
             number = list(range(len(groups)))

@@ -80,10 +80,10 @@ class SegmentsSettings(BaseModel):
         0.5, gt=0, le=1, description="a segment with this share of its points in another's box joins it"
     )
     heat_min: float = Field(
-        0.12,
+        0.05,
         ge=0,
         le=1,
-        description="mean confidence from which a segment is kept: less than eps, since views have yet to vote",
+        description="mean confidence from which a segment is kept: far less than eps, since views have yet to vote",
     )
     height_min: float = Field(
         0.01, ge=0, description="what rises less above its support is noise or glare: things of 1.5 cm count, metres"

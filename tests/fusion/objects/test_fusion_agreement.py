@@ -5,20 +5,27 @@ import pytest
 from scipy.sparse import csr_array
 
 from spot3d.fusion.objects import agreement
-from spot3d.fusion.objects.agreement import clusters_of
+from spot3d.fusion.objects.agreement import Statements, clusters_of
 
 Pairs = list[tuple[int, int]]
 
 
 def clusters(
-    frame: list[int], observed: Pairs, within: Pairs, divided: list[int] | None = None, views_min: int = 3
+    frame: list[int],
+    observed: Pairs,
+    within: Pairs,
+    divided: list[int] | None = None,
+    background: list[int] | None = None,
+    views_min: int = 3,
 ) -> list[int]:
     def pairs(listed: Pairs) -> np.ndarray:
         return np.array(listed, np.int64).reshape(-1, 2)
 
-    none: list[int] = []
-    rows_divided = np.array(divided or none, np.int64)
-    found = clusters_of(np.array(frame, np.int64), pairs(observed), pairs(within), rows_divided, views_min)
+    def rows(listed: list[int] | None) -> np.ndarray:
+        return np.array([] if listed is None else listed, np.int64)
+
+    said = Statements(rows(frame), pairs(observed), pairs(within), rows(divided), rows(background))
+    found = clusters_of(said, views_min, object_share=0.3)
     numbers: dict[int, int] = {-1: -1}
     return [numbers.setdefault(number, len(numbers) - 1) for number in found.tolist()]
 
@@ -59,6 +66,17 @@ def test_a_view_that_is_wrong_does_not_outvote_the_others() -> None:
     within = held_by([[0, 2, 4], [1, 3, 5]]) + [(row, 6) for row in range(6)]
     found = clusters(frame, seen_by_all(frame), within)
     assert found[:6] == [0, 1, 0, 1, 0, 1]
+
+
+@pytest.mark.parametrize("background", [0, 4, 6, 20])
+def test_what_few_see_as_an_object_joins_nothing_but_its_like(background: int) -> None:
+    """Two objects in three frames each, which no frame shows together but for two more, whose rows 3 and 4 hold both
+    and the floor between them. So many views say of these that there is no object."""
+    frame, first, second, both = [0, 1, 2, 3, 4, 5, 6, 7], [0, 1, 2], [5, 6, 7], [3, 4]
+    observed = [(row, by) for group in (first, second) for row in group for by in (*group, *both) if row != by]
+    within = held_by([first, second, both]) + [(row, holder) for row in (*first, *second) for holder in both]
+    found = clusters(frame, [*observed, (3, 4), (4, 3)], within, background=both * background)
+    assert found == ([0] * 8 if background < 5 else [0, 0, 0, 1, 1, 2, 2, 2])
 
 
 def test_parts_that_most_views_have_in_one_join() -> None:

@@ -3,6 +3,8 @@
 After M. Yan et al., MaskClustering, CVPR 2024 (see `views`).
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
@@ -27,28 +29,38 @@ With 0.4 the results are the same, with 0.6 half as much is gained: on built-in 
 poses and of shaken ones, and half of the boxes that are no object, for 0.006 in IoU and one of 106 objects."""
 
 
-def clusters_of(
-    frame: NDArray[np.int64],
-    observed: NDArray[np.int64],
-    within: NDArray[np.int64],
-    divided: NDArray[np.int64],
-    views_min: int,
-) -> NDArray[np.int64]:
-    """The cluster of each of n segments, (n,) int64; -1 for what holds several objects.
+class Statements(NamedTuple):
+    """What frames say of n segments. A segment is observed by its own frame, and within itself: that is left out.
 
     frame: (n,) the frame of each segment; observed: (k, 2) rows and frames that see objects in them; within: (m, 2)
     rows of segments and of those of other frames that hold them; divided: (d,) rows, one for each frame that divides
-    one. A segment is observed by its own frame, and within itself. views_min: an object is shown by so many frames.
+    one; background: (b,) rows, one for each frame that sees no object in most of one.
     """
+
+    frame: NDArray[np.int64]
+    observed: NDArray[np.int64]
+    within: NDArray[np.int64]
+    divided: NDArray[np.int64]
+    background: NDArray[np.int64]
+
+
+def clusters_of(said: Statements, views_min: int, object_share: float) -> NDArray[np.int64]:
+    """The cluster of each of n segments, (n,) int64; -1 for what holds several objects.
+
+    An object is shown by `views_min` frames, and seen as one by `object_share` of those that see it.
+    """
+    frame, observed, within, divided, background = said
     count, frames = len(frame), int(frame.max(initial=-1)) + 1
     own = np.arange(count)
     observers = 1 + np.bincount(observed[:, 0], minlength=count)  # its own frame observes it as well
     under = np.bincount(divided, minlength=count) >= _UNDER_SEGMENTED * observers
+    # What spills over things and what is between them is seen as an object by few: it holds none but its like.
+    spilled = observers < object_share * (observers + np.bincount(background, minlength=count))
     # What lies in a segment of several objects is not told apart by its frame, which then says nothing of it.
-    wrong = within[under[within[:, 1]]]
-    silent = np.unique(wrong[:, 0] * frames + frame[wrong[:, 1]])
+    misled = under[within[:, 1]] | (spilled[within[:, 1]] & ~spilled[within[:, 0]])
+    silent = np.unique(within[misled, 0] * frames + frame[within[misled, 1]])
     observed = observed[~np.isin(observed[:, 0] * frames + observed[:, 1], silent)]
-    within = within[~under[within[:, 1]]]
+    within = within[~misled]
     V = _incidence(np.append(observed[:, 0], own), np.append(observed[:, 1], frame), (count, frames))
     C = _incidence(np.append(within[:, 0], own), np.append(within[:, 1], own), (count, count))
 

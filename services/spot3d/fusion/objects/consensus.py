@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spot3d.boxes import Box3D
 from spot3d.found_object import FoundObject
 from spot3d.frame_segments import KEYFRAME_REASONS
-from spot3d.fusion.objects.agreement import clusters_of
+from spot3d.fusion.objects.agreement import Statements, clusters_of
 from spot3d.fusion.objects.disputed import without_disputed
 from spot3d.fusion.objects.found import Seen, box_of
 from spot3d.fusion.objects.keyframes import Keyframe
@@ -155,13 +155,14 @@ class ViewConsensus:
         own, by = frame[: len(rows)], frame[len(rows) :]
         row, holder = local[about[:, 0]], local[about[:, 3]]
         observed, whole = about[:, 2] >= OBJECT, holder >= 0
-        found = clusters_of(
+        statements = Statements(
             own,
             np.column_stack((row, by))[observed],
             np.column_stack((row, holder))[whole],
             row[about[:, 2] == DIVIDED],
-            self._settings.views_min,
+            row[about[:, 2] == BACKGROUND],
         )
+        found = clusters_of(statements, self._settings.views_min, self._settings.object_share)
         before = segments.cluster.rows[rows]
         number, changed = number_clusters(found, before, touched[rows], self._next_cluster)
         for gone in np.setdiff1d(before, number).tolist():
