@@ -17,6 +17,7 @@ from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.reasons import TOO_LARGE
 from spot3d.fusion.objects.views import SAMPLE, View, seen_at, view_of
 
+BACKGROUND, ANOTHER = 0, 2
 CARTON, NEIGHBOUR = standing(0, 0, (0.1, 0.1, 0.2)), standing(0.09, 0, (0.08, 0.1, 0.1), colour=(30, 60, 200))
 
 
@@ -27,13 +28,25 @@ def view_with(labels: NDArray[np.uint8], number: int) -> View:
 
 
 @pytest.mark.parametrize(
-    ("holders", "others", "left"),
-    [(9, 0, SAMPLE), (3, 6, SAMPLE), (2, 7, SAMPLE // 2), (0, 9, SAMPLE // 2), (0, 2, SAMPLE // 2), (0, 1, SAMPLE)],
+    ("holders", "others", "their", "left"),
+    [
+        (9, 0, BACKGROUND, SAMPLE),
+        (3, 6, BACKGROUND, SAMPLE),
+        (2, 7, BACKGROUND, SAMPLE // 2),
+        (0, 9, BACKGROUND, SAMPLE // 2),
+        (0, 2, BACKGROUND, SAMPLE // 2),
+        (0, 1, BACKGROUND, SAMPLE),
+        (5, 4, ANOTHER, SAMPLE),
+        (4, 5, BACKGROUND, SAMPLE),
+        (4, 5, ANOTHER, SAMPLE // 2),
+    ],
 )
-def test_a_point_is_an_objects_where_enough_of_its_views_have_it(holders: int, others: int, left: int) -> None:
+def test_a_point_is_an_objects_where_enough_of_its_views_have_it(
+    holders: int, others: int, their: int, left: int
+) -> None:
     """A strip of a wall: all views have its left half in label 1, some its right half as well."""
     whole = np.ones(CAMERA.shape, np.uint8)
-    half = whole * (np.arange(CAMERA.width) < CAMERA.cx).astype(np.uint8)
+    half = np.where(np.arange(CAMERA.width) < CAMERA.cx, whole, np.uint8(their))
     labels = [whole, *[whole] * holders, *[half] * others]
     own = np.arange(256) == 1
     views = {number: (view_with(image, number), own) for number, image in enumerate(labels)}
@@ -64,13 +77,15 @@ def test_places_are_looked_up_as_one_at_a_time(seed: int) -> None:
     at[::3] = rng.uniform(-3, 3, (10, SAMPLE, 3))
     places = (at @ frame.T_map_camera[:3, :3].T + frame.T_map_camera[:3, 3]).astype(np.float32)
     own, asked = rng.random(256) < 0.5, rng.random(30) < 0.8
-    seen, held = np.zeros((2, 30, SAMPLE), np.int32)
-    disputed._tally(view.image(), own, np.ascontiguousarray(places.transpose(0, 2, 1)), asked, seen, held)
+    seen, held, lost = np.zeros((3, 30, SAMPLE), np.int32)
+    disputed._tally(view.image(), own, np.ascontiguousarray(places.transpose(0, 2, 1)), asked, seen, held, lost)
     labels, depth, pose, focal = view.image()
     for i in range(30):
         pixels = [seen_at(places, i, k, depth, pose, focal) if asked[i] else -1 for k in range(SAMPLE)]
         np.testing.assert_array_equal(seen[i], np.array(pixels) >= 0)
-        np.testing.assert_array_equal(held[i], [p >= 0 and own[labels.ravel()[p]] for p in pixels])
+        label = [int(labels.ravel()[p]) if p >= 0 else -1 for p in pixels]
+        np.testing.assert_array_equal(held[i], [number >= 0 and own[number] for number in label])
+        np.testing.assert_array_equal(lost[i], [number > 0 and not own[number] for number in label])
     assert 0.1 < seen.mean() < 0.9
 
 
