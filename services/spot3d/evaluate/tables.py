@@ -18,89 +18,59 @@ Say = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
+class Need:
+    """What a table needs of a data set: whether one has it, and the same in words."""
+
+    met_by: Callable[[DataSet], bool]
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
 class TableKind:
-    """suits: whether a data set has what the table needs; needs: the same in words."""
+    """How a table is made, and what it needs."""
 
     make: Callable[[list[DataSet], Settings, Runs, Say], Table]
-    suits: Callable[[DataSet], bool]
-    needs: str
+    needs: Need
 
 
-def _has_frames(dataset: DataSet) -> bool:
-    return dataset.frames is not None
-
-
-def _has_sequences(dataset: DataSet) -> bool:
-    return bool(dataset.sequences)
-
-
-def _has_objects(dataset: DataSet) -> bool:
-    return any(item.truth is not None for item in dataset.sequences)
-
-
-def _has_points(dataset: DataSet) -> bool:
-    return any(item.truth is not None and len(item.truth.label) for item in dataset.sequences)
-
-
-def _has_poses(dataset: DataSet) -> bool:
-    return any(item.sequence.has_true_poses for item in dataset.sequences)
-
+_ANY = Need(lambda dataset: True, "frames")
+_FRAMES = Need(
+    lambda dataset: dataset.frames is not None, "single frames with true 2D boxes (OSD, RGB-D Scenes 2011, scene)"
+)
+_SEQUENCES = Need(lambda dataset: bool(dataset.sequences), "a sequence")
+_OBJECTS = Need(
+    lambda dataset: any(item.truth is not None for item in dataset.sequences),
+    "a sequence with true objects (labels.json, truth_objects.txt, RGB-D Scenes v2, scene)",
+)
+_POINTS = Need(
+    lambda dataset: any(item.truth is not None and len(item.truth.label) for item in dataset.sequences),
+    "a sequence with a labelled cloud (labels.json, RGB-D Scenes v2, scene)",
+)
+_POSES = Need(
+    lambda dataset: any(item.sequence.has_true_poses for item in dataset.sequences),
+    "a sequence with true poses (7-Scenes, TUM RGB-D, RGB-D Scenes v2, scene)",
+)
 
 TABLES = {
-    "proposals": TableKind(
-        lambda data, settings, runs, say: proposals_table(data, settings),
-        _has_frames,
-        "single frames with true 2D boxes (OSD, RGB-D Scenes 2011, scene)",
-    ),
-    "still": TableKind(
-        lambda data, settings, runs, say: still_table(data, settings),
-        _has_frames,
-        "single frames with true 2D boxes (OSD, RGB-D Scenes 2011, scene)",
-    ),
-    "steps": TableKind(
-        lambda data, settings, runs, say: steps_table(data, settings),
-        _has_frames,
-        "single frames with true 2D boxes (OSD, RGB-D Scenes 2011, scene)",
-    ),
-    "filters": TableKind(
-        lambda data, settings, runs, say: filters_table(data, settings), lambda dataset: True, "frames"
-    ),
-    "objects": TableKind(
-        lambda data, settings, runs, say: objects_table(data, settings, runs),
-        _has_objects,
-        "a sequence with true objects (labels.json, truth_objects.txt, RGB-D Scenes v2, scene)",
-    ),
-    "ablations": TableKind(
-        lambda data, settings, runs, say: ablations_table(data, settings, runs),
-        _has_objects,
-        "a sequence with true objects (labels.json, truth_objects.txt, RGB-D Scenes v2, scene)",
-    ),
-    "points": TableKind(
-        lambda data, settings, runs, say: points_table(data, settings, runs),
-        _has_points,
-        "a sequence with a labelled cloud (labels.json, RGB-D Scenes v2, scene)",
-    ),
-    "time": TableKind(lambda data, settings, runs, say: time_table(data, settings, runs), _has_sequences, "a sequence"),
-    "poses": TableKind(
-        lambda data, settings, runs, say: poses_table(data, settings, say),
-        _has_poses,
-        "a sequence with true poses (7-Scenes, TUM RGB-D, RGB-D Scenes v2, scene)",
-    ),
-    "stability": TableKind(
-        lambda data, settings, runs, say: stability_table(data, settings, runs),
-        _has_objects,
-        "a sequence with true objects (labels.json, truth_objects.txt, RGB-D Scenes v2, scene)",
-    ),
+    "proposals": TableKind(lambda data, settings, runs, say: proposals_table(data, settings), _FRAMES),
+    "still": TableKind(lambda data, settings, runs, say: still_table(data, settings), _FRAMES),
+    "steps": TableKind(lambda data, settings, runs, say: steps_table(data, settings), _FRAMES),
+    "filters": TableKind(lambda data, settings, runs, say: filters_table(data, settings), _ANY),
+    "objects": TableKind(lambda data, settings, runs, say: objects_table(data, settings, runs), _OBJECTS),
+    "ablations": TableKind(lambda data, settings, runs, say: ablations_table(data, settings, runs), _OBJECTS),
+    "points": TableKind(lambda data, settings, runs, say: points_table(data, settings, runs), _POINTS),
+    "time": TableKind(lambda data, settings, runs, say: time_table(data, settings, runs), _SEQUENCES),
+    "poses": TableKind(lambda data, settings, runs, say: poses_table(data, settings, say), _POSES),
+    "stability": TableKind(lambda data, settings, runs, say: stability_table(data, settings, runs), _OBJECTS),
 }
 """In the order in which they are printed."""
 
 
 def with_objects(datasets: list[DataSet]) -> list[DataSet]:
     """Those of the data sets that have a sequence with true objects. Raises SourceError where none has."""
-    chosen = [dataset for dataset in datasets if _has_objects(dataset)]
+    chosen = [dataset for dataset in datasets if _OBJECTS.met_by(dataset)]
     if not chosen:
-        given = ", ".join(dataset.name for dataset in datasets)
-        raise SourceError(f"{given or 'nothing'} is not enough for this table: it needs {TABLES['objects'].needs}")
+        raise _not_enough(datasets, _OBJECTS.words)
     return chosen
 
 
@@ -109,10 +79,13 @@ def make_tables(names: list[str], datasets: list[DataSet], settings: Settings, s
 
     Raises SourceError at once if that leaves no table.
     """
-    suited = {name: [dataset for dataset in datasets if TABLES[name].suits(dataset)] for name in names}
+    suited = {name: [dataset for dataset in datasets if TABLES[name].needs.met_by(dataset)] for name in names}
     if not any(suited.values()):
-        given = ", ".join(dataset.name for dataset in datasets)
-        needs = " or ".join(TABLES[name].needs for name in names)
-        raise SourceError(f"{given or 'nothing'} is not enough for this table: it needs {needs}")
+        raise _not_enough(datasets, " or ".join(dict.fromkeys(TABLES[name].needs.words for name in names)))
     runs = Runs(say)
     return (TABLES[name].make(suited[name], settings, runs, say) for name in names if suited[name])
+
+
+def _not_enough(datasets: list[DataSet], needed: str) -> SourceError:
+    given = ", ".join(dataset.name for dataset in datasets)
+    return SourceError(f"{given or 'nothing'} is not enough for this table: it needs {needed}")
