@@ -59,7 +59,7 @@ def test_markdown_and_json_say_the_same(all_tables: tuple[str, dict[str, Any], P
 def test_rows_of_each_table(all_tables: tuple[str, dict[str, Any], Path]) -> None:
     rows = {made["table"]: made["rows"] for made in all_tables[1]["tables"]}
     assert [row["proposals"] for row in rows["proposals"]] == [50, 100]
-    assert [row["method"] for row in rows["ablations"]] == ["noHmap", "noSFilt", "noHFilt", "noPlRem", "whole", PEER]
+    assert [row["method"] for row in rows["ablations"]] == [*ablations(Settings()), PEER]
     assert rows["objects"][0]["size"] == "320x240"
     assert [row["method"] for row in rows["objects"]] == [row["method"] for row in rows["points"]] == METHODS
     for overlap in rows["objects"]:
@@ -133,13 +133,15 @@ def test_runs_are_shared() -> None:
 def test_ablations_change_what_they_say() -> None:
     whole = Settings()
     variants = ablations(whole)
-    assert list(variants) == ["noHmap", "noSFilt", "noHFilt", "noPlRem", "whole"]
+    ours = ["noFlying", "noRecent", "noShare", "noCorr"]
+    assert list(variants) == ["noHmap", "noSFilt", "noHFilt", "noPlRem", *ours, "whole"]
     assert variants["whole"] == whole
+    assert len({settings.model_dump_json() for settings in variants.values()}) == len(variants)
     filters = {name: (s.heatmap.soft_filter, s.heatmap.hard_filter) for name, s in variants.items()}
     assert filters["noHmap"] == (False, False)
     assert filters["noSFilt"] == (False, True)
     assert filters["noHFilt"] == (True, False)
-    assert [s.fusion.plane_removal for s in variants.values()] == [True, True, True, False, True]
+    assert [name for name, s in variants.items() if not s.fusion.plane_removal] == ["noPlRem"]
     assert not variants["noHFilt"].proposals.metric_culling, "culling is the hard filter, applied earlier"
 
 

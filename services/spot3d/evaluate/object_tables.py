@@ -70,13 +70,17 @@ def ablations_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> 
             table.add(dataset.name, PEER, *_overlap([run.peer for run in done]))
             measures = overlap_measures([run.ours for run in done], [run.peer for run in done])
             table.notes += behind_peer(f"{dataset.name}, whole", measures)
-    table.notes.append("Without the hard filter, windows are not culled by their metric size either.")
+    table.notes += [
+        "Without the hard filter, windows are not culled by their metric size either.",
+        "noFlying: depth between two surfaces stays; noRecent: holes in depth are not filled by the frames before; "
+        "noShare: what few views have as an object is one; noCorr: given poses are taken as they are.",
+    ]
     _note_overlap(table, settings)
     return table
 
 
 def ablations(settings: Settings) -> dict[str, Settings]:
-    """The paper's ablations by name, and the whole method last."""
+    """The paper's ablations by name, those of what the default does besides, and the whole method last."""
 
     def without(soft: bool, hard: bool) -> Settings:
         heatmap = settings.heatmap.model_copy(update={"soft_filter": soft, "hard_filter": hard})
@@ -84,15 +88,24 @@ def ablations(settings: Settings) -> dict[str, Settings]:
         culling = hard and settings.proposals.metric_culling
         return with_proposals(settings.model_copy(update={"heatmap": heatmap}), metric_culling=culling)
 
+    fusion, segments, pose = settings.fusion, settings.segments, settings.pose
     no_planes = {
-        "fusion": settings.fusion.model_copy(update={"plane_removal": False}),
-        "segments": settings.segments.model_copy(update={"skipped": ("support",)}),
+        "fusion": fusion.model_copy(update={"plane_removal": False}),
+        "segments": segments.model_copy(update={"skipped": ("support",)}),
+    }
+    no_flying = {
+        "fusion": fusion.model_copy(update={"grazing_cos": 0.0}),
+        "segments": segments.model_copy(update={"grazing_cos": 0.0}),
     }
     return {
         "noHmap": without(soft=False, hard=False),
         "noSFilt": without(soft=False, hard=True),
         "noHFilt": without(soft=True, hard=False),
         "noPlRem": settings.model_copy(update=no_planes),
+        "noFlying": settings.model_copy(update=no_flying),
+        "noRecent": settings.model_copy(update={"segments": segments.model_copy(update={"recent_frames": 0})}),
+        "noShare": settings.model_copy(update={"fusion": fusion.model_copy(update={"object_share": 0.0})}),
+        "noCorr": settings.model_copy(update={"pose": pose.model_copy(update={"given_sigma": 0.0})}),
         "whole": settings,
     }
 
