@@ -41,7 +41,7 @@ def _normals(
             if not z > 0:
                 continue
             # A surface seen at 80 degrees slopes by tan(80 deg) pixel footprints; more is a jump.
-            jump = np.float32(6) * _REACH * z / fx + np.float32(4) * axial_noise_kernel(z, noise)
+            jump = np.float32(6 * _REACH) * z / fx + np.float32(4) * axial_noise_kernel(z, noise)
             left, right, up, down = u, u, v, v
             if u >= _REACH and depth[v, u - _REACH] > 0 and abs(depth[v, u - _REACH] - z) < jump:
                 left = u - _REACH
@@ -54,12 +54,11 @@ def _normals(
             if left == right or up == down:
                 continue
             za, zb, zc, zd = depth[v, left], depth[v, right], depth[up, u], depth[down, u]
-            ax = ((right - cx) * zb - (left - cx) * za) / fx
-            ay = (v - cy) * (zb - za) / fy
-            az = zb - za
-            bx = (u - cx) * (zd - zc) / fx
-            by = ((down - cy) * zd - (up - cy) * zc) / fy
-            bz = zd - zc
+            az, bz = zb - za, zd - zc
+            ax = ((np.float32(right) - cx) * zb - (np.float32(left) - cx) * za) / fx
+            ay = (np.float32(v) - cy) * az / fy
+            bx = (np.float32(u) - cx) * bz / fx
+            by = ((np.float32(down) - cy) * zd - (np.float32(up) - cy) * zc) / fy
             nx, ny, nz = az * by - ay * bz, ax * bz - az * bx, ay * bx - ax * by
             length = np.sqrt(nx * nx + ny * ny + nz * nz)
             if length > 0:

@@ -131,7 +131,7 @@ def warp(
             if row < 0:
                 continue
             z = last_depth[v, u]
-            x, y = (u - cx) * z / fx, (v - cy) * z / fy
+            x, y = (np.float32(u) - cx) * z / fx, (np.float32(v) - cy) * z / fy
             zw = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
             if zw <= 0:
                 continue

@@ -80,6 +80,7 @@ def merge(
     fx, fy, cx, cy, noise = camera
     per_metre, noise_gate, range_max, noise_weighting, look_up = how
     h, w = depth.shape
+    per_fx, per_fy = np.float32(1) / fx, np.float32(1) / fy
     T = T_world_camera
     warped, found, appended = 0, 0, 0
     for v in range(h):
@@ -87,11 +88,11 @@ def merge(
             z = depth[v, u]
             if not 0 < z <= range_max:
                 continue
-            dx, dy = (u - cx) / fx, (v - cy) / fy
             # In single precision, as the look-up has it: else a point on a voxel's border is entered in the next.
-            x = np.float32((T[0, 0] * dx + T[0, 1] * dy + T[0, 2]) * z + T[0, 3])
-            y = np.float32((T[1, 0] * dx + T[1, 1] * dy + T[1, 2]) * z + T[1, 3])
-            zw = np.float32((T[2, 0] * dx + T[2, 1] * dy + T[2, 2]) * z + T[2, 3])
+            dx, dy = (np.float32(u) - cx) * per_fx, (np.float32(v) - cy) * per_fy
+            x = (T[0, 0] * dx + T[0, 1] * dy + T[0, 2]) * z + T[0, 3]
+            y = (T[1, 0] * dx + T[1, 1] * dy + T[1, 2]) * z + T[1, 3]
+            zw = (T[2, 0] * dx + T[2, 1] * dy + T[2, 2]) * z + T[2, 3]
             sigma = axial_noise_kernel(z, noise)
             row = candidates[v, u]
             if row >= 0:
