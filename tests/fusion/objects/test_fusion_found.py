@@ -61,7 +61,7 @@ def test_a_box_is_as_large_as_what_was_seen(yaw: float) -> None:
 
 def test_a_view_that_is_off_moves_no_face() -> None:
     rng = np.random.default_rng(0)
-    places = [segment(rng) for _ in range(40)]
+    places = [segment(rng) for _ in range(20)]
     straight = box_of(seen(places), UP, 0.005)
     places[7] = places[7] + np.float32(0.05)
     moved = box_of(seen(places), UP, 0.005)
