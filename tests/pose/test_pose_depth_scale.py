@@ -1,8 +1,10 @@
 """Depth that is some per cent too long or too short for the given poses."""
 
+from itertools import product
+
 import numpy as np
 import pytest
-from test_pose_correction import CAMERA, recording, shaken, tracked
+from test_pose_correction import CAMERA, FRAME_NS, recording, shaken, tracked
 
 from spot3d.camera import invert
 from spot3d.pose.depth_scale import DepthScale
@@ -11,13 +13,16 @@ from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import sample_surface
 from spot3d.pose.surfel_map import SurfelMap
+from spot3d.source.scene.scene import Scene
+
+GIVEN = PoseSettings(provider="given")
 
 
 def followed(seed: int, factor: float, metres: float = 0.0, sigma: float = 0.02) -> list[PoseEstimate]:
     """The built-in scene with its depth times `factor`, its poses shaken by so many metres."""
     depths, true = recording(seed)
     given = shaken(true, metres, 40 * metres) if metres else true
-    tracker = make_tracker(PoseSettings(provider="given", depth_scale_sigma=sigma))
+    tracker = make_tracker(GIVEN.model_copy(update={"depth_scale_sigma": sigma}))
     return tracked(tracker, [depth * np.float32(factor) for depth in depths], given)
 
 
@@ -39,6 +44,18 @@ def test_depth_that_is_true_stays(seed: int, metres: float) -> None:
 def test_with_shaken_poses_depth_becomes_no_worse(factor: float) -> None:
     last = followed(0, factor, 0.01)[-1]
     assert abs(factor * last.depth_factor - 1) <= abs(factor - 1) + 1e-6
+
+
+def test_most_of_the_scale_is_found_though_poses_are_shaken() -> None:
+    left, frames = [], range(0, 600, 6)
+    for seed, factor in product((0, 1), (0.97, 1.03)):
+        scene, tracker = Scene(seed, frames=len(frames) * 6, intrinsics=CAMERA), make_tracker(GIVEN)
+        given = shaken(np.array([scene.true_pose(frame) for frame in frames]), 0.01, 0.4)
+        for frame, pose in zip(frames, given, strict=True):
+            depth = scene[frame].depth_metres() * np.float32(factor)
+            last = tracker.track(1 + frame * FRAME_NS // 3, depth, CAMERA, pose)
+        left.append(abs(factor * last.depth_factor - 1))
+    assert np.mean(left) <= 0.015
 
 
 def test_poses_come_out_as_they_were_given_where_depth_alone_is_wrong() -> None:
@@ -68,13 +85,27 @@ def test_chance_changes_nothing() -> None:
     assert scale.factor == pytest.approx(1.03, abs=0.005)
 
 
-def test_what_noisy_poses_look_like_is_no_scale() -> None:
-    """Poses that are off by 1 cm, seen from places a decimetre apart, look like depth that is off by a per cent."""
-    scale = DepthScale(0.02)
-    H, pose_information = np.diag([*np.full(3, 1e6), *np.full(3, 1e6), 3e4]), 1e4 * np.eye(6)
+@pytest.mark.parametrize(("across", "found"), [(0.0, 1.03), (0.03, 1.0)])
+def test_what_is_off_across_the_way_as_much_as_along_it_is_no_scale(across: float, found: float) -> None:
+    """Views a decimetre apart: poses off by 3 mm along that look like depth that is off by three per cent."""
+    scale, apart = DepthScale(0.02), np.array([0.1, 0.0, 0.0])
+    H, pose_information = np.diag([*np.full(6, 1e6), 1e6 * apart @ apart]), 1e5 * np.eye(6)
+    H[:3, 6] = H[6, :3] = 1e6 * apart
     for _ in range(200):
-        scale.learn(H, np.append(np.zeros(6), 3e4 * 0.01), pose_information, np.zeros(6), 1.0)
-    assert scale.factor == 1
+        left = np.log(1.03) - np.log(scale.factor)
+        off = np.array([0.1 * left, 0.1 * across, 0.0])
+        scale.learn(H, np.append(1e6 * off, [0.0, 0.0, 0.0, 1e6 * apart @ off]), pose_information, np.zeros(6), 1.0)
+    assert scale.factor == pytest.approx(found, abs=0.004)
+
+
+def test_a_map_of_corrected_poses_is_known_as_the_given_ones_have_it() -> None:
+    depths, true = recording(0)
+    surface, planes, given = sample_surface(depths[0], CAMERA, PoseSettings()), SurfelMap(0.05, 20_000), true[0].copy()
+    given[:3, 3] += 0.01, -0.005, 0.003
+    planes.insert(surface, true[0], given)
+    for as_given, meets in ((False, true[0]), (True, given)):
+        H, g, _ = planes.normal_equations(surface, true[0], 0.05, 4.5, as_given=as_given)
+        np.testing.assert_allclose(np.linalg.solve(H[:6, :6], g[:6])[:3], (meets - true[0])[:3, 3], atol=2e-3)
 
 
 def test_the_seventh_equation_is_the_growth_of_depth() -> None:

@@ -65,6 +65,8 @@ class CorrectedPoses:
         self._delay = PoseDelay(settings)
         self._correction = np.zeros(6)
         self._T_world_map = np.eye(4)
+        # Given poses in the map: where the world was when it began, for what slides later are corrected poses alone.
+        self._T_map_given = np.eye(4)
         self._age, self._map_delay_s = 0.0, 0.0
         self._last: tuple[int, NDArray[np.float64]] | None = None
         self._strangers = 0
@@ -123,20 +125,22 @@ class CorrectedPoses:
         self._strangers = 0
         offset = twist(prior, registered)
         H, g, (tried, _, _) = self._planes.normal_equations(
-            surface, registered, settings.refine_distance, settings.refine_kernel, _STRIDE
+            surface, registered, settings.refine_distance, settings.refine_kernel, _STRIDE, as_given=True
         )
+        as_given = self._T_map_given @ given.T_world_camera
         # In units of the stated uncertainty, in which the prior is the same in every direction.
         worth = _worth(surface, fit.residual, tried)
         information = worth / tried * self._sigma[:, None] * H[:6, :6] * self._sigma
         if _distance(offset / self._sigma, information) > _JUMP:
             return self._begin_anew(surface, given)
         variance = self._noise.measured(offset / self._sigma, information, elapsed)
-        known = np.diag(1 / (self._sigma**2 * (variance + self._noise.negligible)))
-        grown = self._scale.learn(worth / tried * H, worth / tried * g, known, -offset, elapsed)
+        # The map has as much noise of the given poses, of its own views.
+        known = np.diag(1 / (self._sigma**2 * (2 * variance + self._noise.negligible)))
+        grown = self._scale.learn(worth / tried * H, worth / tried * g, known, twist(registered, as_given), elapsed)
         self._correction = self._sigma * _most_probable(offset / self._sigma, information, variance)
         pose = moved(prior, self._correction)
         pose[:3, :3] = nearest_rotation(pose[:3, :3])
-        forgotten = self._insert(surface, pose)
+        forgotten = self._insert(surface, pose, as_given)
         if grown != 1:
             self._planes.rescale(grown)
             self._delay.rescaled()
@@ -178,12 +182,13 @@ class CorrectedPoses:
         """Forget the map."""
         self._planes = SurfelMap(self._settings.surfel_voxel, self._settings.surfel_limit)
         self._correction = np.zeros(6)
+        self._T_map_given = invert(self._T_world_map)
         self._strangers, self._age, self._map_delay_s = 0, 0.0, self._delay.delay_s
 
-    def _insert(self, surface: Surface, pose: NDArray[np.float64]) -> int:
+    def _insert(self, surface: Surface, pose: NDArray[np.float64], given: NDArray[np.float64] | None = None) -> int:
         """Add a frame to the map; returns how many surfels had to make room."""
         before = self._planes.forgotten
-        self._planes.insert(surface, pose)
+        self._planes.insert(surface, pose, given)
         return self._planes.forgotten - before
 
 

@@ -4,7 +4,9 @@ Depth cameras are true to a few per cent: what is two metres away is seen some c
 one looks from, and views from two sides never meet, however good the poses are. Odometry on depth has the same wrong
 metres and does not notice; with given poses it can be told: of what the map and a frame see from different places, the
 scale that makes both meet is estimated along with the frame's pose, and sharpened from frame to frame (a Kalman
-filter of one state).
+filter of one state). Both lie where the given poses have them, for it: corrected ones follow what depth says, wrong
+scale and all. What is off across the way between the views no scale explains; it shows what the poses' noise and drift
+may look like along it.
 """
 
 import numpy as np
@@ -22,6 +24,8 @@ _KNOWN = 0.003
 _SURE = 2.0
 # Steps smaller than this move what is a metre away by less than the noise of a pixel.
 _STEP = 0.003
+# Keeps directions that no depth holds, as along a bare plane, out of what is seen across.
+_RIDGE = 1e-6
 # Further off than so many standard deviations no camera is, and no message says so: it is the poses that are wrong.
 _MOST = 5.0
 TOLD = 0.01
@@ -50,7 +54,9 @@ class DepthScale:
         self._sigma = sigma
         self._information = sigma**-2 if sigma else np.inf
         self._log = 0.0
-        self._dilution = 0.0  # what the noise of the given poses may look like
+        # A vector, of which two directions are seen: about as large, each, as the scale that the same noise makes.
+        self._across = np.zeros(3)
+        self._across_information = self._information
 
     def learn(
         self,
@@ -62,30 +68,46 @@ class DepthScale:
     ) -> float:
         """Take a registered frame into account; returns by what `factor` has changed.
 
-        H (7, 7), g (7,): its normal equations for twist and scale (see `SurfelMap.normal_equations`), with depth
-        already multiplied by `factor`, in units of independent information. given: (6,) twist from there to the given
-        pose, which is known with pose_information (6, 6). elapsed: seconds since the last frame.
+        H (7, 7), g (7,): its normal equations for twist and scale, to the map as the given poses have it (see
+        `SurfelMap.normal_equations`), with depth already multiplied by `factor`, in units of independent information.
+        given: (6,) twist from there to the given pose, which is known with pose_information (6, 6) against the map.
+        elapsed: seconds since the last frame.
         """
         if not self._sigma:
             return 1.0
+        share = min(1.0, elapsed / _NEWS_S)
         # The pose may give way as far as it is uncertain: what is left tells the scale (Schur complement).
         A, b = H[:6, :6] + pose_information, g[:6] + pose_information @ given
-        share = min(1.0, elapsed / _NEWS_S)
         information = share * (H[6, 6] - H[6, :6] @ np.linalg.solve(A, H[:6, 6]))
         gradient = share * (g[6] - H[6, :6] @ np.linalg.solve(A, b))
         applied = np.log(self.factor)
         total = self._information + information
-        # Noise of the given poses is in what differs and in how far apart the views are, alike: it looks like a scale
-        # of its variance over that of the distances (errors in variables).
-        apart = H[6, 6] / max(float(np.trace(H[:3, :3])), 1e-12)
-        noise = 3 / float(np.trace(pose_information[:3, :3]))
-        self._dilution += information / total * (min(noise / max(apart, 1e-12), 1.0) - self._dilution)
         self._log += (gradient + information * (applied - self._log)) / total
         self._log = float(np.clip(self._log, -_MOST * self._sigma, _MOST * self._sigma))
         self._information = min(total, _KNOWN**-2)
-        doubt = _SURE / np.sqrt(self._information) + self._dilution
-        sure = max(0.0, 1.0 - (doubt / self._log) ** 2) if self._log else 0.0
+        self._see_across(H, g, pose_information, given, share)
+        chance = max(1 / self._information, float(self._across @ self._across) / 2)
+        sure = max(0.0, 1.0 - chance * (_SURE / self._log) ** 2) if self._log else 0.0
         if abs(sure * self._log - applied) < _STEP:
             return 1.0
         before, self.factor = self.factor, float(np.exp(sure * self._log))
         return self.factor / before
+
+    def _see_across(
+        self,
+        H: NDArray[np.float64],
+        g: NDArray[np.float64],
+        pose_information: NDArray[np.float64],
+        given: NDArray[np.float64],
+        share: float,
+    ) -> None:
+        """What a scale would be, and is none: how far given poses are off across the distance of the views, as a share
+        of it. As `learn`, of the shift alone, in units of its standard deviations."""
+        held = H[:6, :6] + _RIDGE * np.trace(H[:6, :6]) * np.eye(6)
+        covariance = np.linalg.inv(held) + np.linalg.inv(pose_information)
+        weight = np.linalg.cholesky(np.linalg.inv(covariance[:3, :3])).T
+        apart = weight @ np.linalg.solve(held, H[:6, 6])[:3]
+        off = weight @ (np.linalg.solve(held, g[:6]) - given)[:3]
+        information = share * float(apart @ apart)
+        self._across_information += information
+        self._across += (share * np.cross(apart, off) - information * self._across) / self._across_information

@@ -7,7 +7,7 @@ import numpy as np
 from spot3d.dataflow.snapshot_file import Snapshot, SnapshotError, read_snapshot
 from spot3d.pose.landmark_map import LANDMARK
 from spot3d.pose.settings import PoseSettings
-from spot3d.pose.surfel_map import COLUMNS
+from spot3d.pose.surfel_map import HELD
 from spot3d.pose.tracking import TrackerState
 
 _KIND = "pose"
@@ -39,7 +39,7 @@ def read_tracker(path: Path, stream: str, settings: PoseSettings) -> tuple[Track
         for name in LANDMARK.names or ():
             landmarks[name] = arrays[f"landmark {name}"]
         keys, surfels, pose = arrays["keys"], arrays["surfels"], arrays["T_world_camera"]
-        if surfels.shape != (len(keys), COLUMNS) or pose.shape != (4, 4):
+        if surfels.shape != (len(keys), HELD) or pose.shape != (4, 4):
             raise SnapshotError(f"{path} has arrays of other shapes than a tracker's")
         return TrackerState(int(kept.values["stamp_ns"]), pose, keys, surfels, landmarks), str(kept.values["epoch"])
     except (KeyError, ValueError) as error:

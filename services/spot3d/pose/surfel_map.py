@@ -9,8 +9,9 @@ from spot3d.kernel import kernel, part
 from spot3d.pose.surface import Surface
 from spot3d.voxel_hash import EMPTY, empty_table, find_slot, voxel_key
 
-# Mean position (3), mean normal (3), weight, frame that saw it last, mean position of the cameras that saw it (3).
-COLUMNS = 11
+# Mean position (3), mean normal (3), weight, frame that saw it last, mean position of the cameras that saw it (3): so
+# many are held; and how far it lies from where the cameras would have it by the poses that were given (3).
+HELD, _COLUMNS = 11, 14
 # Variance that counts as weight one; it only keeps the weights near one.
 _UNIT_VARIANCE = 1e-5
 # Beyond this weight (about 300 views at 1 m) a surfel stays open to change.
@@ -45,7 +46,7 @@ class _Sums(NamedTuple):
 class SurfelMap:
     """Bounded map of planes in the world frame.
 
-    keys: (slots,) int64, voxel coordinates and direction, -1 = free; surfels: (slots, 11) float64; forgotten: how many
+    keys: (slots,) int64, voxel coordinates and direction, -1 = free; surfels: (slots, 14) float64; forgotten: how many
     have had to make room.
     """
 
@@ -53,24 +54,31 @@ class SurfelMap:
         self.voxel = voxel
         self.limit = limit
         self.keys = empty_table(limit)
-        self.surfels = np.zeros((len(self.keys), COLUMNS))
+        self.surfels = np.zeros((len(self.keys), _COLUMNS))
         self._arrays = _Surfels(self.keys, self.surfels, voxel)
         self.count = 0
         self.frames = 0
         self.forgotten = 0
 
-    def insert(self, surface: Surface, T_world_camera: NDArray[np.float64]) -> None:
-        """Average the surface points into their surfels, weighted by their noise."""
+    def insert(
+        self, surface: Surface, T_world_camera: NDArray[np.float64], given: NDArray[np.float64] | None = None
+    ) -> None:
+        """Average the surface points into their surfels, weighted by their noise.
+
+        given: (4, 4), the pose before it was corrected; None: the same.
+        """
         self.frames += 1
         if self.count + len(surface) > self.limit:
             self._forget()
         pose = np.ascontiguousarray(T_world_camera, np.float64)
-        self.count += _insert(self._arrays, _points_of(surface), pose, self.frames, self.limit - self.count)
+        correction = np.zeros((4, 4)) if given is None else pose - given
+        room = self.limit - self.count
+        self.count += _insert(self._arrays, _points_of(surface), pose, correction, self.frames, room)
 
     def held(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Keys (n,) and surfels (n, 11) of the map, copied."""
         used = np.flatnonzero(self.keys != EMPTY)
-        return self.keys[used], self.surfels[used]
+        return self.keys[used], self.surfels[used, :HELD]
 
     def restore(self, keys: NDArray[np.int64], surfels: NDArray[np.float64]) -> None:
         """Make the map that which `held` has returned of one with this size of voxel; at most `limit` surfels."""
@@ -85,16 +93,17 @@ class SurfelMap:
         distance: float,
         kernel: float,
         stride: int = 1,
+        as_given: bool = False,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Point-to-plane normal equations of every `stride`-th point at a pose.
 
         Returns H (7, 7) and g (7,) of H x = g for the twist x (metres, radians; world axes, about the camera) and the
         growth of depth, the frame's and the map's, from where each was seen; and (points tried, points matched, sum of
-        squared distances in m2).
+        squared distances in m2). as_given: g is to the surfels where they would lie by the given poses.
         """
         sums = _Sums(np.zeros((7, 7)), np.zeros(7), np.zeros(3), np.empty(7))
         pose = np.ascontiguousarray(T_world_camera, np.float64)
-        _normal_equations(self._arrays, _points_of(surface), pose, distance, kernel, stride, sums)
+        _normal_equations(self._arrays, _points_of(surface), pose, distance, kernel, stride, float(as_given), sums)
         return sums.H, sums.g, sums.totals
 
     def rescale(self, factor: float) -> None:
@@ -157,12 +166,17 @@ def _restore(known: _Surfels, kept_keys: NDArray[np.int64], kept: NDArray[np.flo
     for i in range(kept_keys.shape[0]):
         h = find_slot(known.keys, kept_keys[i])
         known.keys[h] = kept_keys[i]
-        known.surfels[h] = kept[i]
+        known.surfels[h, : kept.shape[1]] = kept[i]
 
 
 @kernel()
-def _insert(known: _Surfels, surface: _Points, T: NDArray[np.float64], frame: int, room: int) -> int:
-    """Running means of position and normal; returns the number of new surfels, at most `room`."""
+def _insert(
+    known: _Surfels, surface: _Points, T: NDArray[np.float64], C: NDArray[np.float64], frame: int, room: int
+) -> int:
+    """Running means of position and normal; returns the number of new surfels, at most `room`.
+
+    T: the pose (4, 4); C: by how much it was corrected, each of its numbers.
+    """
     keys, surfels, voxel = known
     points, normals, sigma = surface
     new = 0
@@ -195,6 +209,9 @@ def _insert(known: _Surfels, surface: _Points, T: NDArray[np.float64], frame: in
         s[8] += share * (T[0, 3] - s[8])
         s[9] += share * (T[1, 3] - s[9])
         s[10] += share * (T[2, 3] - s[10])
+        s[11] += share * (C[0, 0] * p[0] + C[0, 1] * p[1] + C[0, 2] * p[2] + C[0, 3] - s[11])
+        s[12] += share * (C[1, 0] * p[0] + C[1, 1] * p[1] + C[1, 2] * p[2] + C[1, 3] - s[12])
+        s[13] += share * (C[2, 0] * p[0] + C[2, 1] * p[1] + C[2, 2] * p[2] + C[2, 3] - s[13])
     return new
 
 
@@ -206,6 +223,7 @@ def _normal_equations(
     distance: float,
     kernel: float,
     stride: int,
+    as_given: float,
     sums: _Sums,
 ) -> None:
     """Sum H, g and the totals over every stride-th point; Geman-McClure weights, inverse noise variance."""
@@ -243,9 +261,10 @@ def _normal_equations(
         J[0], J[1], J[2] = mx, my, mz
         J[3], J[4], J[5] = ly * mz - lz * my, lz * mx - lx * mz, lx * my - ly * mx
         J[6] = mx * (lx - s[0] + s[8]) + my * (ly - s[1] + s[9]) + mz * (lz - s[2] + s[10])
+        off = r + as_given * (mx * s[11] + my * s[12] + mz * s[13])
         for a in range(7):
             wj = weight * J[a]
-            g[a] -= wj * r
+            g[a] -= wj * off
             for b in range(a, 7):
                 H[a, b] += wj * J[b]
         totals[1] += 1
