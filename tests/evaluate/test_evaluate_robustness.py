@@ -174,7 +174,8 @@ def test_scaled_depth() -> None:
 def test_levels() -> None:
     base = Degradation(every=3)
     kinds = groups(base)
-    assert tuple(kinds) == GROUPS == ("poses", "delay", "mount", "scale", "depth", "edges", "holes", "every", "half")
+    assert tuple(kinds) == GROUPS
+    assert GROUPS == ("poses", "delay", "mount", "scale", "depth", "edges", "holes", "every", "together", "half")
     assert all(base in dict(levels).values() for levels in kinds.values())
     assert [(level.metres, level.degrees) for _, level in kinds["poses"]] == [(0, 0), *SHAKES]
     assert [level.late for _, level in kinds["delay"]] == [0, 1, 2]
@@ -184,6 +185,12 @@ def test_levels() -> None:
     assert [level.mixed for _, level in kinds["edges"]] == [0, *MIXED]
     assert [level.missing for _, level in kinds["holes"]] == [0, 0.1, 0.3]
     assert [level.every for _, level in kinds["every"]] == [1, 2, 3, 4, 5]
+    assert [(level.metres, level.scale, level.late, level.noise) for _, level in kinds["together"]] == [
+        (0, 1, 0, 1),
+        (0.01, 0.97, 0, 1),
+        (0.01, 1.03, 0, 1),
+        (0.01, 0.97, 1, 2),
+    ]
 
 
 def test_table_and_curves(tmp_path: Path) -> None:

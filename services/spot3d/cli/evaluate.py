@@ -46,7 +46,7 @@ def evaluate(
         str | None,
         typer.Option(
             metavar="KIND,..",
-            help="for robustness: poses, delay, mount, scale, depth, edges, holes, every, half; default: all",
+            help="for robustness: poses, delay, mount, scale, depth, edges, holes, every, together, half; default: all",
         ),
     ] = None,
     every: EveryOption = 1,

@@ -46,6 +46,8 @@ found 4 % on the Kinect of TUM's freiburg2."""
 MIXED = (1, 2)
 """Pixels to each side: what resizing, and what a usual smoothing filter makes of an edge."""
 HOLES = (0.1, 0.3)
+TOGETHER = 0.01, 0.4
+"""Metres and degrees of poses that are off while depth is of another scale: a hand-held camera under motion capture."""
 EVERY = (1, 2, 3, 4, 5)
 SEED = 1
 
@@ -99,12 +101,14 @@ class Degradation:
 
 
 Levels = list[tuple[str, Degradation]]
-OF_GIVEN_POSES = ("poses", "delay", "mount")
+OF_GIVEN_POSES = ("poses", "delay", "mount", "together")
 """Groups that say nothing where the system finds its own poses."""
 
 
 def groups(base: Degradation) -> dict[str, Levels]:
     """The levels of each kind of degradation by the kind's name, each with a name, the undegraded `base` among them."""
+    together = replace(base, metres=TOGETHER[0], degrees=TOGETHER[1])
+    worst = replace(together, scale=SCALES[2], late=DELAYS[0], noise=NOISES[0])
     shakes = [(f"{1e3 * m:g} mm {d:g} deg", replace(base, metres=m, degrees=d)) for m, d in SHAKES]
     return {
         "poses": [("0 mm", base), *shakes],
@@ -115,6 +119,11 @@ def groups(base: Degradation) -> dict[str, Levels]:
         "edges": [("sharp", base), *((f"{k} px", replace(base, mixed=k)) for k in MIXED)],
         "holes": [("0 %", base), *((f"{100 * k:g} %", replace(base, missing=k)) for k in HOLES)],
         "every": [(f"every {k}", replace(base, every=k)) for k in EVERY],
+        "together": [
+            ("nothing", base),
+            *((f"10 mm 0.4 deg, x {k:g}", replace(together, scale=k)) for k in SCALES[2:]),
+            ("10 mm 0.4 deg, x 0.97, 1 frame late, sigma x2", worst),
+        ],
         "half": [("as it is", base), ("half size", replace(base, half=True))],
     }
 
@@ -165,7 +174,7 @@ def robustness_table(
         "against images, in recorded frames. Mount: poses of what is fixed to the camera, so far away and turned by so "
         "much. Scale: depth times a factor, as of a camera out of calibration. Depth: "
         "noise added until its deviation is so many times that of a Kinect, 1.2 mm + 1.9 mm/m2 (z - 0.4 m)^2. Edges: "
-        "depth is the mean of the pixels within so many. Holes: "
+        "depth is the mean of the pixels within so many. Together: several of these at once. Holes: "
         "share of the measured pixels lost in blobs, others in each frame. "
         f"All with seed {SEED}.",
         NOTE_NO_OBJECT,
