@@ -112,5 +112,6 @@ class DepthScale:
         apart = weight @ np.linalg.solve(held, H[:6, 6])[:3]
         off = weight @ (np.linalg.solve(held, g[:6]) - given)[:3]
         information = share * float(apart @ apart)
-        self._across_information += information
-        self._across += (share * np.cross(apart, off) - information * self._across) / self._across_information
+        total = self._across_information + information
+        self._across += (share * np.cross(apart, off) - information * self._across) / total
+        self._across_information = min(total, _KNOWN**-2)
