@@ -10,7 +10,9 @@ import pytest
 
 from spot3d.camera import Intrinsics
 
-rs = pytest.importorskip("pyrealsense2", reason="pyrealsense2 is not installed")
+rs = pytest.importorskip(
+    "pyrealsense2", reason="pyrealsense2 is not installed, or lacks libusb-1.0", exc_type=ImportError
+)
 
 UNIT = 0.0005
 BASELINE_MM = 50.0

@@ -25,11 +25,14 @@ _WANTED = (((848, 480), (640, 480)), ((640, 480), (640, 480)), ((0, 0), (0, 0)))
 
 
 def sdk() -> Any:
-    """The package pyrealsense2. Raises SourceError where it is not installed."""
+    """The package pyrealsense2. Raises SourceError where it is not installed, or lacks a library of the system."""
     try:
         import pyrealsense2
     except ModuleNotFoundError:
         hint = "which is not installed: pip install 'spot3d[realsense]'"
+        raise SourceError(f"RealSense cameras and recordings need pyrealsense2, {hint}") from None
+    except ImportError as error:
+        hint = f"which cannot be loaded ({error}): on Debian and Ubuntu its libusb is in the package libusb-1.0-0"
         raise SourceError(f"RealSense cameras and recordings need pyrealsense2, {hint}") from None
     return pyrealsense2
 
