@@ -21,14 +21,16 @@ _NEWS_S = 1 / 3
 _KNOWN = 0.003
 # What lies within so many standard deviations may be chance: the scale is taken as true until it surely is not. With 1
 # to 3, and a sigma of 0.01 to 0.04, exact poses end as near to the truth on redkitchen and clutter (0.2 to 1.4 % of 3 %
-# left), after more or less time. Poses shaken by 10 mm leave 0.5, 1.1 and 2.3 % with 1, 2 and 3 (two cluttered scenes,
-# ten seconds), and change true depth by 0.4, 0.2 and 0.1 %; of poses that drift by 2 to 9 cm in six seconds 0.51, 0.44
-# and 0.42 of the error is left (0.41 without any of this).
+# left), after more or less time. Poses shaken by 10 mm leave 0.4, 1.2 and 2.6 % with 1, 2 and 3 (two cluttered scenes,
+# ten seconds), and change true depth by 0.3, 0.2 and 0.1 %; of poses that drift by 2 to 9 cm in six seconds 0.44, 0.42
+# and 0.41 of the error is left (0.41 without any of this).
 _SURE = 2.0
 # Steps smaller than this move what is a metre away by less than the noise of a pixel.
 _STEP = 0.003
 # Keeps directions that no depth holds, as along a bare plane, out of what is seen across.
 _RIDGE = 1e-6
+# What is seen across is taken as it is from the first frame on.
+_LEAST = 1e-9
 # Further off than so many standard deviations no camera is, and no message says so: it is the poses that are wrong.
 _MOST = 5.0
 TOLD = 0.01
@@ -57,9 +59,9 @@ class DepthScale:
         self._sigma = sigma
         self._information = sigma**-2 if sigma else np.inf
         self._log = 0.0
-        # A vector, of which two directions are seen: about as large, each, as the scale that the same noise makes.
+        # A vector: each of its parts is about as large as the scale that the same noise makes.
         self._across = np.zeros(3)
-        self._across_information = self._information
+        self._across_information = _LEAST
 
     def learn(
         self,
@@ -89,7 +91,7 @@ class DepthScale:
         self._log = float(np.clip(self._log, -_MOST * self._sigma, _MOST * self._sigma))
         self._information = min(total, _KNOWN**-2)
         self._see_across(H, g, pose_information, given, share)
-        chance = max(1 / self._information, float(self._across @ self._across) / 2)
+        chance = max(1 / self._information, float(self._across @ self._across) / 3)
         sure = max(0.0, 1.0 - chance * (_SURE / self._log) ** 2) if self._log else 0.0
         if abs(sure * self._log - applied) < _STEP:
             return 1.0
