@@ -13,7 +13,7 @@ from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.source.process import run as run_source
 from spot3d.source.settings import SourceSettings
-from spot3d_schemas import Header, Heat, MapPoints, Pose, decode, encode, encoding, key
+from spot3d_schemas import Header, Heat, MapPoints, Pose, Progress, decode, encode, encoding, key
 
 S = 10**9
 
@@ -69,6 +69,18 @@ def test_a_source_that_starts_again_with_older_stamps_is_another_scene(live) -> 
         ear.wait(lambda: second.frame_count <= ear.fused)
         assert second.frame_count < 100
         assert {pose.epoch for pose in ear.heard["pose/pose"] if pose.header.stream == first} == {first}
+
+
+def test_a_reset_amid_a_stream_begins_the_map_anew_and_goes_on(live) -> None:
+    session, stages, ear = live
+    with source(stages.link, Recording(10_000, 1500 * S)):
+        before = ear.stream
+        ear.wait(lambda: ear.stream != before and ear.fused >= 5 and ear.objects[-1].header.stream == ear.stream)
+        stream, epoch = ear.stream, ear.objects[-1].epoch
+        reply = next(iter(session.get(key("roving", "fusion/reset"), timeout=20)))
+        assert decode(reply.ok.payload.to_bytes(), Progress).fused == 0
+        ear.wait(lambda: ear.objects[-1].epoch != epoch and ear.objects[-1].frame_count >= 3)
+        assert ear.stream == stream
 
 
 def test_nobody_else_is_heard_while_the_source_is_there(live) -> None:

@@ -51,10 +51,15 @@ _IDLE_S = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Received(Generic[M_co]):
-    """A valid message and when it came, wall clock. begins: it is the first of another stream of captures."""
+    """A valid message and when it came, wall clock.
+
+    recording: how often the stamps of its topic had gone back, each time to another recording that nobody announced.
+    begins: it is the first of another stream of captures.
+    """
 
     message: M_co
     received_ns: int
+    recording: int = 0
     begins: bool = False
 
 
@@ -230,6 +235,7 @@ class Node:
 
     def _receive(self, topic: str, handler: Handler[zenoh.Sample]) -> None:
         expected = TOPICS[topic].message
+        recording = 0
         while True:
             try:
                 sample = handler.recv()
@@ -250,7 +256,8 @@ class Node:
             arrival = self._admission.judge(topic, message.header, time.monotonic())
             if not arrival.refused:
                 self._clocks.heard(message.header, received_ns, time.monotonic())
-                pushed_out = self._inbox.put(topic, Received(message, received_ns, arrival.restarted))
+                recording += arrival.restarted
+                pushed_out = self._inbox.put(topic, Received(message, received_ns, recording))
                 self.counters.drop(f"{topic} busy", pushed_out)
 
     def _ask(self, topic: str, handler: Handler[zenoh.Query]) -> None:

@@ -63,7 +63,7 @@ class Stage:
         self.world = World(fusion.settings.speed_max)
         self.epoch = new_stream() if told is None else told.epoch
         self.goes_on = told is not None
-        self.fused_ns = -1
+        self.fused_ns, self.recording = -1, 0
         self.camera: CameraIntrinsics | None = None
         self.last: Received[Message] | None = None
 
@@ -100,8 +100,9 @@ class Stage:
             self._complete()
 
     def _begin_if_new(self, given: Received[Message]) -> None:
-        if given.begins and given.message.header.stream is not None:
-            self._begin_stream(given.message.header.stream)
+        stream = given.message.header.stream
+        if given.begins and stream is not None:
+            self._begin_stream(stream)
 
     def _begin_stream(self, stream: str) -> None:
         """Another scene: nothing of the one before is left, unless this one was begun by an earlier process."""
@@ -112,6 +113,7 @@ class Stage:
             self.goes_on = False
             return
         self._begin_map()
+        self.world = World(self.fusion.settings.speed_max)
         told = self.keeping.begin(self.fusion, stream)
         if told is not None:
             self.epoch, self.fused_ns = told.epoch, told.fused_ns
@@ -124,7 +126,7 @@ class Stage:
         self.answers.forget()
         self.fusion.reset()
         self.cadence.reset()
-        self.world.leave()
+        self.world.forget()
         self.epoch, self.fused_ns = new_stream(), -1
 
     def _arrived(self, arrival: Arrival, given: Received[Message]) -> None:
@@ -144,7 +146,7 @@ class Stage:
     def _fuse(self, ready: Ready) -> None:
         heat, pose = ready.heat, ready.pose
         message, stamp_ns = heat.message, heat.message.header.stamp_ns
-        if stamp_ns <= self.fused_ns and not heat.begins:
+        if stamp_ns <= self.fused_ns and heat.recording == self.recording:
             self.node.counters.drop(AGAIN)
             return
         refused = LOST if pose.message.status == "lost" else self._refused(ready)
@@ -174,7 +176,7 @@ class Stage:
             self.node.counters.drop(FAILED)
             self.ledger.skip(FAILED, stamp_ns, time.monotonic())
             return
-        self.fused_ns = stamp_ns
+        self.fused_ns, self.recording = stamp_ns, heat.recording
         self.world.follow(pose.message.epoch, pose.message.T_world_camera, stamp_ns)
         if ready.segments is not None:
             self._observe(ready.segments)
@@ -188,11 +190,13 @@ class Stage:
 
     def _refused(self, ready: Ready) -> str:
         """Why a frame that has a pose is not fused, or nothing; another world begins with the first pose in it."""
-        heat, pose = ready.heat, ready.pose.message
+        pose = ready.pose.message
         verdict = self.world.judge(pose.epoch, pose.T_world_camera, pose.header.stamp_ns)
-        if verdict == "begins" or (heat.begins and heat.message.header.stream is None and pose.epoch is None):
-            text = f"poses of another world (epoch {pose.epoch}): the map begins anew, {self.fusion.frame_count} frames"
-            self.node.note("another world", f"{text} of the one before are left behind")
+        if verdict == "begins" or (pose.epoch is None and ready.heat.recording != self.recording):
+            why = f"poses of another world (epoch {pose.epoch})" if pose.epoch else "another recording"
+            text = f"{why}: the map begins anew, {self.fusion.frame_count} frames of the one before are left behind"
+            self.node.note("another world", text)
+            self.world.leave()
             self._begin_map()
             verdict = self.world.judge(pose.epoch, pose.T_world_camera, pose.header.stamp_ns)
         if verdict == IMPLAUSIBLE:

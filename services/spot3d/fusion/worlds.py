@@ -29,14 +29,14 @@ class World:
     def __init__(self, speed_max: float) -> None:
         self._speed_max = speed_max
         self.epoch: str | None = None
-        self.past: deque[str] = deque(maxlen=_PAST)
+        self._past: deque[str] = deque(maxlen=_PAST)
         self._begun = False
         self._last: tuple[int, NDArray[np.float64]] | None = None
 
     def judge(self, epoch: str | None, T_world_camera: NDArray[np.float64], stamp_ns: int) -> Verdict:
         """Whether a pose, (4, 4) metres, belongs to the map, begins another, or must not be used."""
         place = T_world_camera[:3, 3]
-        if epoch is not None and epoch in self.past:
+        if epoch is not None and epoch in self._past:
             return EARLIER_EPOCH
         if not float(np.abs(place).max()) < _REACH_M:
             return IMPLAUSIBLE
@@ -56,8 +56,12 @@ class World:
         """The map is one of this world, begun by another process."""
         self.epoch, self._begun, self._last = epoch, True, None
 
-    def leave(self) -> None:
-        """The map begins anew, in another world."""
-        if self.epoch is not None:
-            self.past.append(self.epoch)
+    def forget(self) -> None:
+        """The map is empty: it begins anew with the next pose, in this world or another."""
         self.epoch, self._begun, self._last = None, False, None
+
+    def leave(self) -> None:
+        """Another world has begun: poses of this one come too late."""
+        if self.epoch is not None:
+            self._past.append(self.epoch)
+        self.forget()

@@ -66,7 +66,7 @@ def _track_all(tracker: PoseTracker, frames: Sequence[RgbdFrame]) -> None:
 
 class _Stage:
     def __init__(self, node: Node, settings: PoseSettings) -> None:
-        self.node, self.settings = node, settings
+        self.node, self.settings, self.recording = node, settings, 0
         interval_s = min(_SNAPSHOT_S, node.link.snapshot_interval_s)
         failed = partial(node.note, "no snapshot")
         self.snapshots = SnapshotWriter(snapshot_path(node.link, "pose"), interval_s, failed)
@@ -78,16 +78,17 @@ class _Stage:
         self.snapshots.close()
 
     def _begin(self) -> None:
-        """Another scene, another tracker, another world; that of given poses is theirs, whoever passes them on."""
+        """Another scene, another tracker, another world; given poses' is the stream's, whoever passes them on."""
         self.tracker = make_tracker(self.settings)
-        self.epoch = new_stream() if isinstance(self.tracker, MapTracker) else self.node.stream or "given"
+        self.epoch = new_stream() if isinstance(self.tracker, MapTracker) else self.node.stream
         self.last = PoseEstimate(np.eye(4), "lost")
         self.lost_since: tuple[int, str] | None = None
         self.told_factor, self.told_delay_s = 1.0, 0.0
         self.node.state = ""
 
     def _answer(self, given: Received[Frame]) -> None:
-        if given.begins:
+        if given.begins or given.recording != self.recording:
+            self.recording = given.recording
             self._begin()
             self._resume()
         frame = rgbd_frame(given.message)
@@ -176,7 +177,8 @@ class _Stage:
 
     def _keep(self) -> None:
         """A snapshot of the tracker's map, where it has one and its stream has a name to find it by."""
+        stream, epoch = self.node.stream, self.epoch
         state = self.tracker.state() if isinstance(self.tracker, MapTracker) else None
-        if state is not None and self.node.stream is not None:
-            kept = tracker_snapshot(state, self.node.stream, self.epoch, self.settings)
+        if state is not None and stream is not None and epoch is not None:
+            kept = tracker_snapshot(state, stream, epoch, self.settings)
             self.snapshots.write(snapshot_bytes(kept))

@@ -70,12 +70,14 @@ def _keyframes(settings: SegmentsSettings) -> "KeyframeSegments | None":
 
 class _Stage:
     def __init__(self, node: Node, settings: SegmentsSettings) -> None:
-        self.node, self.settings = node, settings
+        self.node, self.settings, self.recording = node, settings, 0
         self.keyframes = _keyframes(settings)
         self.join: _Pairs = Join(max(_HEATS_WAITING, 2 * node.link.in_flight), _POSES_WAITING)
 
     def take_heat(self, given: Received[Heat]) -> None:
         self._begin_if_new(given)
+        if given.recording != self.recording:
+            self.recording, self.keyframes = given.recording, _keyframes(self.settings)
         self._answer(self.join.add_left(given.message.header.stamp_ns, given))
 
     def take_pose(self, given: Received[Pose]) -> None:

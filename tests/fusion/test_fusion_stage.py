@@ -1,0 +1,107 @@
+"""Which frames fusion's stage fuses, and into which map."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import closing
+
+import numpy as np
+import pytest
+
+from spot3d.dataflow.node import Node, Received
+from spot3d.dataflow.process_use import ProcessUse
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.fusion.fusion import Fusion
+from spot3d.fusion.inputs import Ready
+from spot3d.fusion.keeping import Keeping
+from spot3d.fusion.map_answers import MapAnswers
+from spot3d.fusion.settings import FusionSettings
+from spot3d.fusion.stage import FAILED, LOST, Stage
+from spot3d.fusion.updates import Updates
+from spot3d.fusion.worlds import World
+from spot3d_schemas import CameraIntrinsics, Header, Heat, Message, Pose
+
+S = 10**9
+
+
+class OffLine(Node):
+    """A node that nobody hears."""
+
+    def publish(self, topic: str, message: Message, jpeg_quality: int | None = None) -> bool:
+        """As if it had gone out."""
+        return True
+
+
+@pytest.fixture
+def stage() -> Iterator[Stage]:
+    """A stage that is not on line."""
+    node = OffLine("fusion", LinkSettings(), threading.Event(), outputs=("fusion/objects",))
+    keeping = Keeping(node)
+    with closing(Updates(node, keeping)) as updates, closing(MapAnswers(node)) as answers:
+        yield Stage(node, Fusion(FusionSettings()), keeping, updates, answers, None)
+
+
+def frame(stamp_ns: int, status: str = "ok", epoch: str | None = None, recording: int = 0, x: float = 0.0) -> Ready:
+    """A wall a metre away, from x metres along it."""
+    shape, camera = (60, 80), CameraIntrinsics(fx=70.0, fy=70.0, cx=39.5, cy=29.5, width=80, height=60)
+    heat = Heat(
+        header=Header(robot="robot", seq=0, stamp_ns=stamp_ns, frame_id="camera"),
+        intrinsics=camera,
+        depth_scale=0.001,
+        colour=np.zeros((*shape, 3), np.uint8),
+        depth=np.full(shape, 1000, np.uint16),
+        heat=np.zeros(shape, np.uint8),
+        accepted=0,
+        masked=0,
+        rejected=0,
+    )
+    T = np.eye(4)
+    T[0, 3] = x
+    pose = Pose(header=heat.header, T_world_camera=T, status=status, reason="", provider="given", epoch=epoch)
+    return Ready(Received(heat, 0, recording), Received(pose, 0, recording), None)
+
+
+def drops(stage: Stage) -> dict[str, int]:
+    """What the stage has dropped, by reason."""
+    header = Header(robot="robot", seq=0, stamp_ns=1, frame_id="camera")
+    return dict(stage.node.counters.health(header, 1.0, ProcessUse(cpu_s=0.0, rss_bytes=1, threads=1)).drops)
+
+
+@pytest.mark.parametrize(("status", "reason"), [("lost", LOST), ("ok", FAILED)])
+def test_frames_that_are_not_fused_are_told_with_the_drops(stage: Stage, status: str, reason: str) -> None:
+    stage.fusion.heatmap.arrays = None  # type: ignore[assignment]  # so that fusing fails
+    stage._fuse(frame(1, status))
+    assert drops(stage) == {reason: 1}
+
+
+def test_an_unnamed_recording_begins_anew_though_its_first_frame_has_no_pose(stage: Stage) -> None:
+    for stamp_s in (100, 101, 102):
+        stage._fuse(frame(stamp_s * S))
+    first = stage.epoch
+    stage._fuse(frame(1 * S, "lost", recording=1))
+    for stamp_s in (2, 3):
+        stage._fuse(frame(stamp_s * S, recording=1, x=0.1))
+    assert drops(stage) == {LOST: 1}
+    assert stage.fusion.frame_count == 2
+    assert stage.epoch != first
+
+
+def test_poses_that_name_another_world_begin_another_map(stage: Stage) -> None:
+    for stamp_s, epoch in ((1, "a"), (2, "a"), (3, "b"), (4, "a"), (5, "b")):
+        stage._fuse(frame(stamp_s * S, epoch=epoch))
+    assert drops(stage) == {"pose of an earlier epoch": 1}
+    assert stage.fusion.frame_count == 2
+
+
+def test_a_world_that_is_forgotten_may_go_on_and_one_that_is_left_may_not() -> None:
+    world, here = World(3.0), np.eye(4)
+    far = np.eye(4)
+    far[0, 3] = 100.0
+    world.follow("a", here, S)
+    assert world.judge("a", far, 2 * S) == "implausible pose"
+    world.forget()
+    assert world.judge("a", far, 2 * S) == "same"
+    world.follow("a", far, 2 * S)
+    assert world.judge("b", here, 3 * S) == "begins"
+    world.leave()
+    assert world.judge("b", here, 3 * S) == "same"
+    assert world.judge("a", far, 3 * S) == "pose of an earlier epoch"
