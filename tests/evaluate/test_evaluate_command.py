@@ -168,9 +168,15 @@ def test_a_finished_run_is_measured_from_its_folder(tmp_path: Path) -> None:
     ]
     write_results(tmp_path, RunResult(tuple(found[1:]), trajectory=tuple(path)))
     words = ["run", "scene:3", "--of", str(tmp_path), "--json", str(tmp_path / "numbers.json")]
-    result = CliRunner().invoke(app, words, catch_exceptions=False)
-    assert result.exit_code == 0
-    row, peer = json.loads((tmp_path / "numbers.json").read_text())["tables"][0]["rows"]
+
+    def rows(depth_factor: float) -> list[dict[str, Any]]:
+        (tmp_path / "report.json").write_text(json.dumps({"depth_factor": depth_factor}))
+        assert CliRunner().invoke(app, words, catch_exceptions=False).exit_code == 0
+        made: list[dict[str, Any]] = json.loads((tmp_path / "numbers.json").read_text())["tables"][0]["rows"]
+        return made
+
+    assert rows(1.2)[1]["3D IoU"] < rows(1.0)[1]["3D IoU"], "the peer sees depth as the run has corrected it"
+    row, peer = rows(1.0)
     assert [row["method"], peer["method"]] == METHODS
     count = len(found)
     assert (row["poses"], row["found"], row["true"], row["left out"]) == (3, count - 1, count, 0)

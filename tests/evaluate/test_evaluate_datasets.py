@@ -8,7 +8,7 @@ import pytest
 from evaluate_samples import uw_cloud, write_osd, write_png, write_rgbd_scenes, write_uw_scenes
 
 from spot3d.camera import Intrinsics
-from spot3d.evaluate.datasets import at_half_size, both_sizes, dataset_kind, datasets_below, open_dataset
+from spot3d.evaluate.datasets import at_half_size, both_sizes, dataset_kind, datasets_below, open_dataset, told_apart
 from spot3d.evaluate.labelled import DataSet, joined
 from spot3d.evaluate.ply import read_ply_points
 from spot3d.evaluate.scenes import scene_names
@@ -193,6 +193,16 @@ def test_datasets_below_a_root(tmp_path: Path) -> None:
     write_uw_scenes(tmp_path / "deeper" / "c")
     assert datasets_below(tmp_path) == [tmp_path / "a", tmp_path / "b", tmp_path / "deeper" / "c"]
     assert datasets_below(tmp_path / "a") == [tmp_path / "a"]
+
+
+def test_data_sets_of_one_name_are_told_apart_by_their_folders(tmp_path: Path) -> None:
+    places = [tmp_path / "chess" / "seq-01", tmp_path / "fire" / "seq-01", tmp_path / "desk"]
+    for place in places[:2]:
+        write_uw_scenes(place)
+    write_osd(places[2])
+    told = told_apart({str(place): open_dataset(str(place), Settings()) for place in places})
+    assert [dataset.name for dataset in told] == ["chess/seq-01", "fire/seq-01", "desk"]
+    assert [dataset.sequences[0].name for dataset in told[:2]] == ["chess/seq-01/scene_01", "fire/seq-01/scene_01"]
 
 
 @pytest.mark.parametrize(

@@ -62,7 +62,7 @@ def evaluate(
     `robustness` is of runs on input that is made worse, a kind after the other; it is not among `all`, it takes long.
     """
     from spot3d.dataflow.process_use import stay_single_threaded
-    from spot3d.evaluate.datasets import at_half_size, datasets_below, open_dataset
+    from spot3d.evaluate.datasets import at_half_size, datasets_below, open_dataset, told_apart
     from spot3d.evaluate.finished_run import finished_table
     from spot3d.evaluate.plots import write_plots
     from spot3d.evaluate.record import data_checksum, record
@@ -83,7 +83,7 @@ def evaluate(
     names = [path] if table != ALL else [*BUILT_IN, *map(str, datasets_below(Path(path)))]
     resolved = load_settings(settings, preset, {"pose": {"provider": pose}})
     camera = None if intrinsics is None else parse_intrinsics(intrinsics)
-    datasets = []
+    opened = {}
     for name in names:
         try:
             if table == ROBUSTNESS:
@@ -96,7 +96,8 @@ def evaluate(
                 raise
             _say(f"left out: {error}")
             continue
-        datasets.append(at_half_size(dataset) if half else dataset)
+        opened[name] = at_half_size(dataset) if half else dataset
+    datasets = told_apart(opened)
     made = []
     if table == ROBUSTNESS:
         tables = iter([robustness_table(with_objects(datasets), resolved, every, kinds, _say)])

@@ -1,5 +1,6 @@
 """Opens a data set for evaluation by its path or name."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +86,21 @@ def datasets_below(root: Path) -> list[Path]:
             inner for folder in level if folder not in found for inner in sorted(folder.iterdir()) if inner.is_dir()
         ]
     return found
+
+
+def told_apart(datasets: dict[str, DataSet]) -> list[DataSet]:
+    """Data sets by the paths they were opened with, those of one name with their parent folders before it."""
+    parts = {path: Path(path).resolve().parts for path in datasets}
+    told = []
+    for path, dataset in datasets.items():
+        rivals = [parts[other] for other, one in datasets.items() if other != path and one.name == dataset.name]
+        length = 1
+        while any(rival[-length:] == parts[path][-length:] for rival in rivals) and length < len(parts[path]):
+            length += 1
+        name = "/".join(parts[path][-length:]) if rivals else dataset.name
+        sequences = tuple(replace(s, name=name + s.name.removeprefix(dataset.name)) for s in dataset.sequences)
+        told.append(replace(dataset, name=name, sequences=sequences) if rivals else dataset)
+    return told
 
 
 def at_half_size(dataset: DataSet) -> DataSet:

@@ -1,6 +1,9 @@
 """A run that is over, live ones with their dropped frames included: what it wrote, beside the truth and the peer."""
 
+import json
 from pathlib import Path
+
+import numpy as np
 
 from spot3d.camera import invert
 from spot3d.evaluate.carried import Sightings
@@ -37,7 +40,8 @@ def finished_table(dataset: DataSet, folder: Path, settings: Settings) -> Table:
     try:
         stamps, poses = read_tum(folder / "trajectory.txt")
         objects = read_found_objects(folder / "objects.json")
-    except (FileNotFoundError, ValueError) as error:
+        depth_factor = np.float32(json.loads((folder / "report.json").read_text(encoding="utf-8"))["depth_factor"])
+    except (FileNotFoundError, ValueError, KeyError, TypeError) as error:
         raise SourceError(f"{folder} holds no finished run: {error}") from error
     T = world_alignment(item.sequence, list(zip(stamps, poses, strict=True)))
     index_of = {stamp: index for index, stamp in enumerate(item.sequence.stamps_ns)}
@@ -46,7 +50,7 @@ def finished_table(dataset: DataSet, folder: Path, settings: Settings) -> Table:
     peer, sightings = PeerMap(len(played)), Sightings(truth)
     for index, pose in played:
         frame, true_pose = item.sequence[index], item.sequence.true_pose(index)
-        depth = frame.depth_metres()
+        depth = frame.depth_metres() * depth_factor
         peer.add(depth, frame.intrinsics, pose, settings.fusion.range_max)
         if true_pose is not None:
             sightings.add(depth, frame.intrinsics, true_pose, pose)

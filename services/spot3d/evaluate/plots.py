@@ -14,4 +14,5 @@ def write_plots(folder: Path, tables: Sequence[Table]) -> None:
     for table in tables:
         for data in dict.fromkeys(curve.data for curve in table.curves):
             picture = recall_plot(f"{data}: {table.title}", [curve for curve in table.curves if curve.data == data])
-            write_picture(folder / f"{table.name}-{data.replace(':', '-').replace(' ', '-')}.png", picture)
+            name = data.translate(str.maketrans(": /", "---"))
+            write_picture(folder / f"{table.name}-{name}.png", picture)

@@ -66,7 +66,7 @@ def _open_scene(folder: Path, scene: Path, every: int, frames: int | None) -> La
     camera = Intrinsics(FOCAL, FOCAL, *CENTRE, depth.shape[1], depth.shape[0])
     units = depth_units(depth, camera, poses[0], xyz, entries[0].depth)
     recording = Recording(entries[::every][:frames], camera, 1 / units)
-    return LabelledSequence(scene.name, recording, scene_truth(xyz, classes, poses))
+    return LabelledSequence(f"{folder.name}/{scene.name}", recording, scene_truth(xyz, classes, poses))
 
 
 def scene_truth(xyz: NDArray[np.float32], classes: NDArray[np.int64], poses: NDArray[np.float64]) -> LabelledScene:
