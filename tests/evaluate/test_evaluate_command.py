@@ -19,7 +19,8 @@ from spot3d.evaluate.object_tables import OURS, ablations
 from spot3d.evaluate.peer import PEER
 from spot3d.evaluate.tables import TABLES
 from spot3d.found_object import FoundObject
-from spot3d.run.results import RunResult, TrackedFrame, write_results
+from spot3d.run.results import RunResult, write_results
+from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d.settings import Settings, load_settings
 from spot3d.source.errors import SourceError
 
@@ -162,11 +163,12 @@ def test_a_finished_run_is_measured_from_its_folder(tmp_path: Path) -> None:
     assert truth is not None
     T_found_true = np.array([[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]], np.float64)
     found = [FoundObject(k + 1, moved(box, T_found_true), 0.5, 9, 100) for k, box in enumerate(truth.boxes)]
-    path = [
-        TrackedFrame(stamp, T_found_true @ sequence.true_pose(index), lost=index == 2)
-        for index, stamp in enumerate(sequence.stamps_ns)
-    ]
-    write_results(tmp_path, RunResult(tuple(found[1:]), trajectory=tuple(path)))
+    stamps = sequence.stamps_ns
+    path = [(stamps[index], T_found_true @ sequence.true_pose(index)) for index in range(4) if index != 2]
+    write_results(tmp_path, RunResult(tuple(found[1:])))
+    with TrajectoryFile(tmp_path / "trajectory.txt") as trajectory:
+        for stamp_ns, T_world_camera in path:
+            trajectory.add_pose(stamp_ns, T_world_camera)
     words = ["run", "scene:3", "--of", str(tmp_path), "--json", str(tmp_path / "numbers.json")]
 
     def rows(depth_factor: float) -> list[dict[str, Any]]:

@@ -6,9 +6,10 @@ import pytest
 from spot3d.boxes import Box3D
 from spot3d.evaluate.truth import read_found_objects
 from spot3d.found_object import FoundObject
-from spot3d.run.lost_tracking import stretches, told
+from spot3d.run.lost_tracking import LostTracking, told
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport, report_document, statistics_ms
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, write_json, write_ply, write_results
+from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d.trajectory import read_tum
 
 TURN = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
@@ -50,10 +51,22 @@ def test_results_can_be_read_back(objects, tmp_path):
     assert [(item.id, item.views, item.points, item.confidence) for item in read] == [
         (item.id, item.views, item.points, item.confidence) for item in objects
     ]
-    stamps, path = read_tum(tmp_path / "trajectory.txt")
-    assert stamps == [0, 66_666_666], "a lost pose is not part of the trajectory"
-    np.testing.assert_allclose(path[1, :3, 3], (2, 0, 0))
     assert not list(tmp_path.glob(".*")), "nothing half written is left"
+
+
+def test_a_trajectory_is_written_as_it_goes_and_its_limit_is_told(tmp_path):
+    place = tmp_path / "trajectory.txt"
+    with TrajectoryFile(place, limit_bytes=300) as trajectory:
+        for item in poses((False,) * 3):
+            trajectory.add_pose(item.stamp_ns, item.T_world_camera)
+            trajectory.add_pose(item.stamp_ns, item.T_world_camera)
+        stamps, path = read_tum(place)
+        assert stamps == [0, 33_333_333, 66_666_666], "each once"
+        np.testing.assert_allclose(path[2, :3, 3], (2, 0, 0))
+        assert trajectory.told() is None
+        trajectory.add_pose(10**9, np.eye(4))
+        assert trajectory.told() == "trajectory.txt is at its limit of 300 bytes: it lacks 1 poses"
+    assert read_tum(place)[0] == stamps
 
 
 @pytest.mark.parametrize("count", [0, 1, 1000])
@@ -119,8 +132,24 @@ def test_frame_rate_counts_from_the_first_frame():
 
 def test_stretches_of_lost_tracking_are_told():
     lost = [index in (1, *range(20, 35)) or index >= 80 for index in range(100)]
-    found = stretches(TrackedFrame(10 * index, np.eye(4), is_lost) for index, is_lost in enumerate(lost))
+    tracking = LostTracking()
+    for index, is_lost in enumerate(lost):
+        tracking.add(10 * index, is_lost)
+    found = tracking.stretches()
+    assert tracking.frames == sum(lost)
     assert [(item.from_ns, item.to_ns, item.frames) for item in found] == [(10, 10, 1), (200, 340, 15), (800, 990, 20)]
     text = told(found)
     assert text.startswith("tracking was lost in 35 frames, in 2 stretches, the last 20 of them to the end")
     assert told(found[:1]) == told([]) == ""
+    tracking.add(1000, False)
+    assert not tracking.stretches()[-1].to_the_end
+
+
+def test_of_very_many_stretches_the_longest_are_kept():
+    tracking = LostTracking()
+    for index in range(3000):
+        tracking.add(index, index % 10 == 0 or 1500 <= index < 1520)
+    found = tracking.stretches()
+    assert len(found) == 100
+    assert max(item.frames for item in found) == 21
+    assert tracking.frames == 300 + 18

@@ -1,7 +1,7 @@
 """What the run's own session hears of the stages: objects, poses, progress and health."""
 
 import time
-from collections import Counter
+from collections import Counter, deque
 from contextlib import ExitStack
 from dataclasses import replace
 from typing import Self, TypeVar
@@ -16,10 +16,11 @@ from spot3d.dataflow.endpoints import declare_publisher
 from spot3d.dataflow.producers import Producers
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.found_object import FoundObject
-from spot3d.run.lost_tracking import stretches
+from spot3d.run.lost_tracking import LostTracking
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, empty_snapshot
 from spot3d.run.timeline import Timeline
+from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d.source.errors import UNREADABLE
 from spot3d_schemas import (
     STAGES,
@@ -40,6 +41,9 @@ from spot3d_schemas import (
 _WAITING = 4096
 """Small messages that may wait for this process: two minutes of a camera's poses."""
 
+POSES_MOST = 100_000
+"""Poses that are kept for the overview: the last hour of a camera, 45 MB. The file has them all."""
+
 _BOXES = ("accepted", "masked", "rejected")
 """What the heatmap stage counts of the proposals."""
 
@@ -58,12 +62,15 @@ class Collector:
     Other streams' messages are not this run's, nor is what a second producer says.
     """
 
-    def __init__(self, session: zenoh.Session, robot: str, stream: str, timeline: Timeline | None = None) -> None:
-        self._timeline = timeline
+    def __init__(
+        self, session: zenoh.Session, robot: str, stream: str, timeline: Timeline, trajectory: TrajectoryFile
+    ) -> None:
+        self._timeline, self._trajectory = timeline, trajectory
         self.objects: Objects | None = None
         self.progress: Progress | None = None
         self.health: dict[str, Health] = {}
-        self.poses: dict[int, TrackedFrame] = {}
+        self.poses: deque[TrackedFrame] = deque(maxlen=POSES_MOST)
+        self.lost = LostTracking()
         self.latency = HopTimes()
         self.rate = FrameRate()
         self._session = session
@@ -117,15 +124,14 @@ class Collector:
 
     def result(self, points: MapSnapshot) -> RunResult:
         """The run's result as it is known now."""
-        trajectory = tuple(self.poses[stamp] for stamp in sorted(self.poses))
         found = RunResult() if self.objects is None else found_objects(self.objects)
-        return replace(found, trajectory=trajectory, points=points)
+        return replace(found, trajectory=tuple(self.poses), points=points)
 
     def fill(self, report: RunReport, restarts: dict[str, int]) -> None:
         """Enter what was counted into the report."""
         if self.progress is not None:
             report.fused, report.skipped = self.progress.fused, dict(self.progress.skipped)
-        report.lost_poses = sum(item.lost for item in self.poses.values())
+        report.lost_poses, report.lost = self.lost.frames, self.lost.stretches()
         report.ms_per_frame = self.rate.ms_per_frame()
         report.latency_ms = self.latency.statistics()
         for stage in STAGES:
@@ -142,7 +148,6 @@ class Collector:
         unread = report.drops.get("source", {}).get(UNREADABLE, 0)
         if unread:
             report.skipped[UNREADABLE] = unread
-        report.lost = stretches(item for _, item in sorted(self.poses.items()))
         boxes = report.stages["heatmap"].events
         report.proposals = {kind: boxes[kind] for kind in _BOXES if kind in boxes}
         fusion = self.health.get("fusion")
@@ -151,8 +156,7 @@ class Collector:
     def _take(self, message: Message) -> None:
         if isinstance(message, Objects):
             self.objects = message
-            if self._timeline is not None:
-                self._timeline.add_update(message.header.stamp_ns, found_objects(message), message.complete)
+            self._timeline.add_update(message.header.stamp_ns, found_objects(message), message.complete)
         elif isinstance(message, Progress):
             self.progress = message
             hops = _hops(message.header)
@@ -160,10 +164,7 @@ class Collector:
             self.latency.add(hops, whole="source to fused" if [hop[0] for hop in hops[-2:]] in _FUSED else "")
             self.rate.add(message.fused + sum(message.skipped.values()), time.monotonic())
         elif isinstance(message, Pose):
-            stamp = message.header.stamp_ns
-            self.poses[stamp] = TrackedFrame(
-                stamp, message.T_world_camera, message.status == "lost", message.depth_factor, message.delay_s
-            )
+            self._pose(message)
             self.latency.add(_hops(message.header))
         elif isinstance(message, Proposals):
             self.latency.add(_hops(message.header))
@@ -173,6 +174,16 @@ class Collector:
                 self._earlier[message.stage] += Counter(last.drops)
                 self._earlier_events[message.stage] += Counter(last.events)
             self.health[message.stage] = message
+
+    def _pose(self, pose: Pose) -> None:
+        """A frame's pose; whoever gives poses may say one twice, and out of order."""
+        stamp, lost = pose.header.stamp_ns, pose.status == "lost"
+        if self.poses and stamp <= self.poses[-1].stamp_ns:
+            return
+        self.poses.append(TrackedFrame(stamp, pose.T_world_camera, lost, pose.depth_factor, pose.delay_s))
+        self.lost.add(stamp, lost)
+        if not lost:
+            self._trajectory.add_pose(stamp, pose.T_world_camera)
 
 
 def asked_map(session: zenoh.Session, robot: str, timeout_s: float) -> MapSnapshot:

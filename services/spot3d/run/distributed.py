@@ -17,6 +17,7 @@ from spot3d.run.report import RunReport
 from spot3d.run.results import RunResult, empty_snapshot
 from spot3d.run.supervisor import Supervisor
 from spot3d.run.timeline import Timeline
+from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d.run.watcher import Watcher
 from spot3d.security.access import access_control
 from spot3d.settings import Settings
@@ -55,6 +56,7 @@ def run_distributed(
     report: RunReport,
     logs: Path,
     timeline: Timeline,
+    trajectory: TrajectoryFile,
     watcher: Watcher,
     stop: Event,
     keep: Callable[[RunResult], None],
@@ -74,7 +76,7 @@ def run_distributed(
             endpoint = f"unixsock-stream/{stack.enter_context(TemporaryDirectory(prefix='spot3d-'))}/stages"
         listen = (endpoint, *plan.listen)
         session = stack.enter_context(open_router(listen, link=plan.settings.link, access=access, spare=spare))
-        collector = stack.enter_context(Collector(session, robot, plan.stream, timeline))
+        collector = stack.enter_context(Collector(session, robot, plan.stream, timeline, trajectory))
         if plan.camera is not None:
             stack.enter_context(plan.camera.hear(session, robot, plan.stream))
         if plan.pose_topic is not None and plan.pose_topic != key(robot, "pose/pose"):

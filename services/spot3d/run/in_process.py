@@ -9,10 +9,11 @@ import numpy as np
 from spot3d.dataflow.process_use import process_use, stay_single_threaded
 from spot3d.fusion.fusion import FoundObjects
 from spot3d.pipeline import PipelineResult, PipelineStep, run_pipeline
-from spot3d.run.lost_tracking import stretches
+from spot3d.run.lost_tracking import LostTracking
 from spot3d.run.report import FrameRate, RunReport, StageReport, statistics_ms
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame
 from spot3d.run.timeline import Timeline
+from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d.run.watcher import Watcher
 from spot3d.settings import Settings
 from spot3d.source.sequence import FrameSequence
@@ -23,23 +24,27 @@ def run_in_process(
     settings: Settings,
     report: RunReport,
     timeline: Timeline,
+    trajectory: TrajectoryFile,
     watcher: Watcher,
     stop: Event,
 ) -> RunResult:
     """Run every frame, or until `stop` is set; fills the report."""
     stay_single_threaded()
-    fused = skipped = found = 0
-
-    rate = FrameRate()
+    fused = found = 0
+    rate, lost = FrameRate(), LostTracking()
 
     def follow(step: PipelineStep) -> None:
-        nonlocal fused, skipped, found
-        fused, skipped = fused + (step.pose.status == "ok"), skipped + (step.pose.status != "ok")
+        nonlocal fused, found
+        is_lost = step.pose.status == "lost"
+        lost.add(step.frame.stamp_ns, is_lost)
+        if not is_lost:
+            fused += 1
+            trajectory.add_pose(step.frame.stamp_ns, step.pose.T_world_camera)
         found = found if step.objects is None else len(step.objects.objects)
         if step.objects is not None:
             timeline.add_update(step.frame.stamp_ns, _found(step.objects), complete=False)
-        rate.add(fused + skipped, time.monotonic())
-        watcher.on_progress(fused, skipped, found)
+        rate.add(fused + lost.frames, time.monotonic())
+        watcher.on_progress(fused, lost.frames, found)
 
     result = run_pipeline(sequence, settings, follow, stop.is_set)
     if result.trajectory:
@@ -50,8 +55,7 @@ def run_in_process(
     report.ms_per_frame = rate.ms_per_frame()
     report.interrupted = stop.is_set()
     report.fused, report.skipped = result.fusion.frame_count, dict(result.skipped)
-    report.lost_poses = sum(pose.status == "lost" for _, pose in result.trajectory)
-    report.lost = stretches(run.trajectory)
+    report.lost_poses, report.lost = lost.frames, lost.stretches()
     report.stages = {
         stage: StageReport(step_ms=dict(statistics_ms([1e3 * seconds for seconds in times])))
         for stage, times in result.step_s.items()

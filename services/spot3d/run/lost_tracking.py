@@ -1,9 +1,7 @@
 """When tracking was lost, for the report and for people."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-
-from spot3d.run.results import TrackedFrame
 
 _MOST = 100
 """Most stretches that are listed: the longest."""
@@ -21,20 +19,33 @@ class Stretch:
     to_the_end: bool = False
 
 
-def stretches(trajectory: Iterable[TrackedFrame]) -> list[Stretch]:
-    """The stretches of a trajectory in the order of its stamps, at most the hundred longest."""
-    found: list[Stretch] = []
-    lost = False
-    for item in trajectory:
-        if item.lost and lost:
-            found[-1].to_ns, found[-1].frames = item.stamp_ns, found[-1].frames + 1
-        elif item.lost:
-            found.append(Stretch(item.stamp_ns, item.stamp_ns, 1))
-        lost = item.lost
-    if lost:
-        found[-1].to_the_end = True
-    longest = sorted(found, key=lambda stretch: -stretch.frames)[:_MOST]
-    return sorted(longest, key=lambda stretch: stretch.from_ns)
+class LostTracking:
+    """Counts the frames whose pose is lost, and keeps their longest stretches. Add frames in the order of stamps."""
+
+    def __init__(self) -> None:
+        self.frames = 0
+        self._stretches: list[Stretch] = []
+
+    def add(self, stamp_ns: int, lost: bool) -> None:
+        """The next frame."""
+        found = self._stretches
+        goes_on = bool(found) and found[-1].to_the_end
+        if not lost:
+            if goes_on:
+                found[-1].to_the_end = False
+            return
+        self.frames += 1
+        if goes_on:
+            found[-1].to_ns, found[-1].frames = stamp_ns, found[-1].frames + 1
+            return
+        if len(found) >= 2 * _MOST:
+            self._stretches = found = self.stretches()
+        found.append(Stretch(stamp_ns, stamp_ns, 1, True))
+
+    def stretches(self) -> list[Stretch]:
+        """The stretches in the order of their stamps, at most the hundred longest."""
+        longest = sorted(self._stretches, key=lambda stretch: -stretch.frames)[:_MOST]
+        return sorted(longest, key=lambda stretch: stretch.from_ns)
 
 
 def told(found: Sequence[Stretch]) -> str:

@@ -1,5 +1,6 @@
 """report.json: what a run did with its frames, and what it cost."""
 
+from collections import defaultdict, deque
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import pairwise
@@ -10,6 +11,8 @@ import numpy as np
 import spot3d
 from spot3d.machine import machine
 from spot3d.run.lost_tracking import Stretch
+
+_TIMES = 10_000
 
 
 @dataclass(slots=True)
@@ -135,10 +138,10 @@ class FrameRate:
 
 
 class HopTimes:
-    """Collects, per hop, the times between the stages of a trace."""
+    """Collects, per hop, the times between the stages of a trace: the last ten thousand, minutes of a camera."""
 
     def __init__(self) -> None:
-        self._ms: dict[str, list[float]] = {}
+        self._ms: defaultdict[str, deque[float]] = defaultdict(lambda: deque(maxlen=_TIMES))
 
     def add(self, hops: Iterable[tuple[str, int, int]], whole: str = "") -> None:
         """Take in one trace: (stage, received_ns, sent_ns) in the order of the dataflow.
@@ -147,9 +150,9 @@ class HopTimes:
         """
         trace = list(hops)
         for (before, _, sent), (after, received, _) in pairwise(trace):
-            self._ms.setdefault(f"{before} to {after}", []).append((received - sent) / 1e6)
+            self._ms[f"{before} to {after}"].append((received - sent) / 1e6)
         if whole and len(trace) > 1:
-            self._ms.setdefault(whole, []).append((trace[-1][2] - trace[0][2]) / 1e6)
+            self._ms[whole].append((trace[-1][2] - trace[0][2]) / 1e6)
 
     def statistics(self) -> dict[str, dict[str, float]]:
         """p50, p99 and mean of each hop."""

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
 from spot3d.found_object import FoundObject
-from spot3d.trajectory import write_tum
 from spot3d.whole_file import whole_file
 
 _VERTEX = np.dtype(
@@ -65,9 +64,9 @@ class TrackedFrame:
 class RunResult:
     """What was found, and from what.
 
-    up: (3,) unit normal of the supporting plane, world; frame_count: frames fused; trajectory: by stamp; left_out: what
-    was taken for an object and is none, by reason; keyframes_dropped: keyframes that were forgotten as too many;
-    map_limit_reached: points of the map were, too.
+    up: (3,) unit normal of the supporting plane, world; frame_count: frames fused; trajectory: by stamp, the last of
+    it; left_out: what was taken for an object and is none, by reason; keyframes_dropped: keyframes that were forgotten
+    as too many; map_limit_reached: points of the map were, too.
     """
 
     objects: tuple[FoundObject, ...] = ()
@@ -93,11 +92,8 @@ class RunResult:
 
 
 def write_results(folder: Path, result: RunResult) -> None:
-    """Write objects.json, trajectory.txt (TUM) and heatmap.ply. Each file appears whole or not at all."""
+    """Write objects.json and heatmap.ply. Each file appears whole or not at all."""
     write_json(folder / "objects.json", objects_document(result))
-    path = result.path()
-    poses = np.array([item.T_world_camera for item in path]).reshape(-1, 4, 4)
-    write_tum(folder / "trajectory.txt", [item.stamp_ns for item in path], poses)
     write_ply(folder / "heatmap.ply", result.points)
 
 

@@ -21,6 +21,8 @@ from spot3d.run.results import RunResult, write_json, write_results
 from spot3d.run.supervisor import Supervisor
 from spot3d.run.timeline import NAME as TIMELINE
 from spot3d.run.timeline import Timeline
+from spot3d.run.trajectory_file import NAME as TRAJECTORY
+from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d.settings import Settings, to_toml
 from spot3d.source.errors import UNREADABLE, SourceError
 from spot3d.source.selected import Selection, open_selection
@@ -87,12 +89,13 @@ def _run(
         stop_on_signals(None) as stop,
         progress_bar(played or None, console) as watcher,
         Timeline(folder / TIMELINE) as timeline,
+        TrajectoryFile(folder / TRAJECTORY) as trajectory,
     ):
         if supervisor is None:
             # The cores take a second to import, and the stages are not started before.
             from spot3d.run.in_process import run_in_process
 
-            result = run_in_process(sequence, settings, report, timeline, watcher, stop)
+            result = run_in_process(sequence, settings, report, timeline, trajectory, watcher, stop)
         else:
             stages_file = _stages_settings(settings, folder)
             plan = Plan(selection, settings, stages_file, pose_topic, tuple(listen), camera)
@@ -104,9 +107,10 @@ def _run(
                 except OSError as error:
                     watcher.on_event(f"not kept so far: {error}")
 
-            result = run_distributed(plan, supervisor, report, folder / "logs", timeline, watcher, stop, keep)
+            logs = folder / "logs"
+            result = run_distributed(plan, supervisor, report, logs, timeline, trajectory, watcher, stop, keep)
     _count(report, camera)
-    if told := timeline.told():
+    for told in filter(None, (timeline.told(), trajectory.told())):
         report.events.append(told)
         console.print(told, style="yellow", markup=False, highlight=False, soft_wrap=True)
     unread = report.skipped.get(UNREADABLE, 0)

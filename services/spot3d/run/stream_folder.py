@@ -10,16 +10,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.run.bounded_file import BoundedFile
 from spot3d.run.overview_file import View, write_overview
 from spot3d.run.results import MapSnapshot, RunResult, objects_document, write_json, write_ply
 from spot3d.run.timeline import NAME as TIMELINE
 from spot3d.run.timeline import Timeline
-from spot3d.trajectory import tum_line
+from spot3d.run.trajectory_file import NAME as TRAJECTORY
+from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d_schemas import Progress
 
-_TRAJECTORY_BYTES = 256 * 2**20
-"""Longest trajectory.txt: a day at 30 frames a second."""
 _PLACES = 4000
 """Most positions of the camera that an overview draws."""
 _NAME = re.compile(r"\d{8}-\d{6}-\w{1,8}")
@@ -37,7 +35,7 @@ class StreamFolder:
         label = re.sub(r"\W", "_", stream or "unnamed")[:8]
         self.path = parent / f"{time.strftime('%Y%m%d-%H%M%S', time.gmtime(began_s))}-{label}"
         self.path.mkdir(parents=True, exist_ok=True)
-        self._poses = BoundedFile(self.path / "trajectory.txt", _TRAJECTORY_BYTES, "poses")
+        self._poses = TrajectoryFile(self.path / TRAJECTORY)
         self._timeline = Timeline(self.path / TIMELINE)
         self._places: list[NDArray[np.float64]] = []
         self._place_step, self._tracked, self._lost = 1, 0, 0
@@ -50,7 +48,7 @@ class StreamFolder:
         if T_world_camera is None:
             self._lost += 1
             return
-        self._poses.add(tum_line(stamp_ns, T_world_camera))
+        self._poses.add_pose(stamp_ns, T_world_camera)
         if self._tracked % self._place_step == 0:
             self._places.append(T_world_camera[:3, 3])
         if len(self._places) > _PLACES:
