@@ -40,24 +40,30 @@ class SnapshotWriter:
         return self._interval_s > 0 and not busy and now_s - self._last_s >= self._interval_s
 
     def write(self, pieces: list[bytes]) -> None:
-        """Begin to write the content of a file (see `snapshot_bytes`)."""
-        self.close()
+        """Begin to write the content of a file (see `snapshot_bytes`), unless another is being written for long."""
+        if self._busy_for_long():
+            return
         self._last_s = time.monotonic()
         self._thread = threading.Thread(target=self._write, args=(pieces,), name="snapshot", daemon=True)
         self._thread.start()
 
     def write_last(self, pieces: list[bytes]) -> None:
-        """Write the content of a file before this returns, unless another is being written for long already."""
-        self.close()
-        if self._thread is None or not self._thread.is_alive():
+        """Write the content of a file before this returns, unless another is being written for long."""
+        if not self._busy_for_long():
             self._write(pieces)
-        else:
-            self._failed("the snapshot before is still being written: what came since is lost in a restart")
 
     def close(self) -> None:
         """Wait for what is being written."""
         if self._thread is not None:
             end_threads((self._thread,))
+
+    def _busy_for_long(self) -> bool:
+        """Wait for what is being written: two at a time would write into one file."""
+        self.close()
+        busy = self._thread is not None and self._thread.is_alive()
+        if busy:
+            self._failed("the snapshot before is still being written: what came since is lost in a restart")
+        return busy
 
     def _write(self, pieces: list[bytes]) -> None:
         try:

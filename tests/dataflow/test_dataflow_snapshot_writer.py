@@ -1,0 +1,35 @@
+"""Snapshots beside a stage's work: never two at a time into one file."""
+
+import threading
+from pathlib import Path
+
+import pytest
+
+from spot3d.dataflow import snapshot_writer
+from spot3d.dataflow.snapshot_writer import SnapshotWriter
+
+LIMIT_S = 20.0
+
+
+def test_a_snapshot_that_takes_long_is_not_written_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, go, written, failures = threading.Event(), threading.Event(), list[list[bytes]](), list[str]()
+
+    def write_slowly(_path: Path, pieces: list[bytes]) -> None:
+        begun.set()
+        assert go.wait(LIMIT_S)
+        written.append(pieces)
+
+    monkeypatch.setattr(snapshot_writer, "write_snapshot", write_slowly)
+    monkeypatch.setattr("spot3d.dataflow.stopping._THREADS_END_S", 0.05)
+    writer = SnapshotWriter(tmp_path / "fusion.snapshot", 1.0, failures.append)
+    writer.write([b"first"])
+    assert begun.wait(LIMIT_S)
+    writer.write([b"second"])
+    writer.write_last([b"third"])
+    assert len(failures) == 2
+    assert "still being written" in failures[0]
+    go.set()
+    writer._thread.join(LIMIT_S)
+    assert written == [[b"first"]]
+    writer.write_last([b"fourth"])
+    assert written == [[b"first"], [b"fourth"]]
