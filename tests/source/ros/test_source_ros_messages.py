@@ -130,6 +130,16 @@ def test_an_image_that_is_shorter_than_it_says_is_told() -> None:
             "/rgb/image_raw/compressed",
             "/depth/image/compressedDepth",
         ),
+        (  # rgbd_launch, as of other OpenNI drivers
+            "/camera/rgb/image_rect_color /camera/depth/sw_registered/image_rect_raw /camera/depth/image_raw",
+            "/camera/rgb/image_rect_color",
+            "/camera/depth/sw_registered/image_rect_raw",
+        ),
+        (  # a namespace that speaks of depth
+            "/depth_camera/rgb/image_raw /depth_camera/depth/image_raw",
+            "/depth_camera/rgb/image_raw",
+            "/depth_camera/depth/image_raw",
+        ),
         ("/a/color/image_raw /b/color/image_raw /b/depth/image_raw", "/b/color/image_raw", "/b/depth/image_raw"),
     ],
 )  # fmt: skip

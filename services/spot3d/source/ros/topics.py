@@ -11,8 +11,9 @@ _TRANSPORT = re.compile(r"/(compressed|compressedDepth)$")
 _NO_CAMERA = re.compile(r"infra|/ir\b|/ir_|/ir/|fisheye|confidence|thermal|theora|mask|disparity|debug")
 # What drivers call an image that is registered with the other camera's, the best first: RealSense, Azure Kinect,
 # OpenNI; and an image that the lens no longer bends.
-_REGISTERED = re.compile(r"aligned_depth_to_colou?r|depth_to_rgb|depth_registered|hw_registered|rgb_to_depth")
+_REGISTERED = re.compile(r"aligned_depth_to_colou?r|depth_to_rgb|depth_registered|[hs]w_registered|rgb_to_depth")
 _RECTIFIED = re.compile(r"rect")
+_TELLING = re.compile(r"depth|rgb|colou?r")
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +76,11 @@ def _is_colour(topic: str) -> bool:
 
 
 def _kind(topic: str) -> str:
-    """The names that tell what an image shows: the last two, without a transport's suffix."""
+    """The names that tell what an image shows: the last two, or three where two tell nothing, without a transport's."""
     suffix = "depth" if topic.endswith("/compressedDepth") else ""
-    return "/".join(_TRANSPORT.sub("", topic).split("/")[-3:]) + suffix
+    names = _TRANSPORT.sub("", topic).split("/")
+    last = "/".join(names[-2:])
+    return (last if _TELLING.search(last) else "/".join(names[-3:])) + suffix
 
 
 def _cost(colour: str, depth: str) -> tuple[bool, bool, int, int, int, int]:
