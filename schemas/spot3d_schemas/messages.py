@@ -371,9 +371,11 @@ class MapChanges(Message):
     number: (N,) uint32 that stays the point's. xyz: (N, 3) float32 m, world. rgb: (N, 3) uint8. heat: (N,) uint8
     255ths of the pseudo-average confidence. frequency: (N,) uint32 frames that saw the point, 0 = it is no more.
     planes: (p, 4) float64 [n_x, n_y, n_z, b], world, metres, n.x + b = 0: surfaces on which things stand, seen of late.
+    Since 1.1, epoch: of the map, as in Objects: a fusion that is started again goes on with the objects of its epoch.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.MapChanges"
+    VERSION: ClassVar[str] = "1.1"
 
     generation: Count
     cursor: Count
@@ -385,6 +387,7 @@ class MapChanges(Message):
     frequency: PointNumbers
     planes: SegmentPlanes
     total: Count
+    epoch: Name | None = None
 
     @field_validator("xyz", "rgb", "heat", "frequency")
     @classmethod

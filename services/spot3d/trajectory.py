@@ -60,6 +60,16 @@ def rotation_from_quaternion(quaternion: NDArray[np.float64]) -> NDArray[np.floa
     )
 
 
+def rotation_to_z(up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The (3, 3) rotation of least angle that turns the unit vector `up` to (0, 0, 1) (Rodrigues)."""
+    axis, cosine = np.array((up[1], -up[0], 0.0)), up[2]
+    if cosine < -1 + 1e-9:
+        return np.diag((1.0, -1.0, -1.0))
+    cross = np.array(((0, 0, axis[1]), (0, 0, -axis[0]), (-axis[1], axis[0], 0)), np.float64)
+    rotation: NDArray[np.float64] = np.eye(3) + cross + cross @ cross / (1 + cosine)
+    return rotation
+
+
 def write_tum(path: Path, stamps_ns: Sequence[int], T_world_camera: NDArray[np.float64]) -> None:
     """Write a trajectory in TUM format: `stamp tx ty tz qx qy qz qw`, seconds with nine decimals, metres.
 

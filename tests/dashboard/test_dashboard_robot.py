@@ -62,13 +62,15 @@ def test_a_lost_pose_is_told_and_not_drawn() -> None:
     assert robot.pose is POSE
 
 
-def test_another_map_takes_the_objects_and_the_path_with_it() -> None:
+def test_a_map_of_another_epoch_takes_the_objects_and_the_path_with_it() -> None:
     robot = robot_with("fusion/objects", "fusion/changes")
     robot.hear("pose/pose", POSE, 1.0)
     assert [item.id for item in robot.objects_from(0.5)] == [BOX.id]
     assert robot.objects_from(0.51) == []
-    again = SAMPLES["MapChanges"].model_copy(update={"generation": 5})
+    again = SAMPLES["MapChanges"].model_copy(update={"generation": 5, "epoch": SAMPLES["Objects"].epoch})
     robot.hear("fusion/changes", again, 2.0)
+    assert robot.objects is not None, "the last objects of a map come before its points, or fusion was started again"
+    robot.hear("fusion/changes", again.model_copy(update={"generation": 6, "epoch": "reset"}), 3.0)
     assert (robot.objects, len(robot.trail.segments()), robot.map.count) == (None, 0, 1)
 
 

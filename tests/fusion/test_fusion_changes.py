@@ -94,17 +94,25 @@ def test_the_message_says_all_to_whoever_has_nothing(since: str) -> None:
     fusion = fused()
     header = Header(robot="robot", seq=0, stamp_ns=1, frame_id="camera")
     parameters = {"generation": str(fusion.map_changes.generation), "since": since}
-    message = changes_message(fusion, parameters, header)
+    message = changes_message(fusion, parameters, header, "a")
     assert message.number.tolist() == [0, 1, 2]
     np.testing.assert_array_equal(message.xyz, np.arange(9).reshape(3, 3))
     assert message.rgb.tolist() == [[10, 20, 255]] * 3
     assert message.frequency.tolist() == [4, 8, 16]
     assert message.heat.tolist() == [170, 102, 57], "tau is 2: 5 % of 40 frames"
     assert (message.behind, message.total) == (0, 3)
-    rest = changes_message(fusion, parameters | {"since": str(message.cursor)}, header)
+    rest = changes_message(fusion, parameters | {"since": str(message.cursor)}, header, "a")
     assert (len(rest.number), rest.cursor) == (0, message.cursor)
-    assert len(changes_message(fusion, parameters | {"since": str(message.cursor), "generation": "7"}, header).number)
-    assert changes_message(fusion, parameters | {"limit": "1"}, header).behind == 2
+    assert len(
+        changes_message(fusion, parameters | {"since": str(message.cursor), "generation": "7"}, header, "a").number
+    )
+    assert changes_message(fusion, parameters | {"limit": "1"}, header, "a").behind == 2
+    none = changes_message(fusion, parameters | {"limit": "0"}, header, "a")
+    assert (len(none.number), none.cursor, none.behind) == (1, 1, 2), "nothing is skipped"
+    for since in ("9" * 19, str(2**63 - 1)):
+        known = {"generation": str(message.generation), "since": since}
+        ahead = changes_message(fusion, known, header, "a")
+        assert (len(ahead.number), ahead.cursor) == (0, message.cursor), "nobody has more than there is"
 
 
 def test_supports_seen_again_replace_themselves() -> None:

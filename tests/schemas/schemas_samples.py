@@ -123,6 +123,7 @@ SAMPLES: dict[str, Message] = {
         frequency=np.array([5, 0], np.uint32),
         planes=np.array([[0.0, -0.6, -0.8, 1.2]]),
         total=20,
+        epoch="d4",
     ),
     "Progress": Progress(header=HEADER, fused=5, skipped={"pose lost": 2}, last_stamp_ns=77, complete=True),
     "Health": Health(
@@ -301,6 +302,7 @@ def _map_changes(draw: st.DrawFn) -> MapChanges:
         frequency=draw(hnp.arrays(np.uint32, n)),
         planes=np.array(surfaces, np.float64).reshape(-1, 4),
         total=draw(_counts),
+        epoch=draw(st.none() | _names),
     )
 
 

@@ -53,6 +53,7 @@ ADDED = {
     "Objects": {"left_out", "keyframes_dropped", "epoch"},
     "Pose": {"epoch", "lost_since_ns", "T_world_map", "depth_factor", "delay_s"},
     "MapPoints": {"epoch"},
+    "MapChanges": {"epoch"},
     "Frame": {"depth_noise"},
     "Heat": {"depth_noise"},
     "Health": {"state", "sent", "sent_bytes"},

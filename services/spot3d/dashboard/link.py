@@ -117,7 +117,11 @@ class Link:
                     self._listen()
                 stack.callback(self._hush)
                 while not self._stop.wait(self._pause_s):
-                    self._poll(session)
+                    try:
+                        self._poll(session)
+                    except zenoh.ZError as error:  # a session that is connecting again, say
+                        log.warning("who is there is not known: %s", error)
+                        self._pause_s = _POLL_S
         except (StoppedError, zenoh.ZError) as error:
             if not self._stop.is_set():
                 log.error("no connection: %s", error)

@@ -72,14 +72,15 @@ class Page:
         watched = self._always or bool(self._server.get_clients())
         heat = self._panel.heat_over_picture
         self._link.follow(Interest(frozenset(chosen), images=watched, heat=heat, maps=watched))
-        if now_s - self._slow_s >= _SLOW_S:
+        slow = now_s - self._slow_s >= _SLOW_S
+        if slow:
             self._slow_s = now_s
             self._tell(now_s)
         if self._panel.paused:
             return
-        if now_s - self._quick_s >= _QUICK_S:
+        if slow or now_s - self._quick_s >= _QUICK_S:
             self._quick_s = now_s
-            self._show(now_s == self._slow_s)
+            self._show(slow)
 
     def _robot(self, name: str) -> Robot | None:
         if name not in self._robots and len(self._robots) < ROBOTS_MAX:
@@ -103,7 +104,7 @@ class Page:
         panel.drops.say("".join(drop_table(robot.records.drops()) for robot in shown))
 
     def _show(self, slow: bool) -> None:
-        """The scene, the picture and the table."""
+        """The scene, the picture and the table; slow: what grows, too."""
         wanted, shown = self._panel.shown, self._shown
         known = len(self._scenes)
         for robot in shown:
@@ -120,7 +121,8 @@ class Page:
                 # Robots that share a world are turned alike.
                 scene.turn(shown[0].up())
                 scene.show_quick(wanted)
-                scene.show_slow(wanted)
+                if slow:
+                    scene.show_slow(wanted)
         found = [(robot.name, item) for robot in shown for item in robot.objects_from(wanted.confidence)]
         of = sum(0 if robot.objects is None else len(robot.objects.objects) for robot in shown)
         self._panel.list_objects(found, of, several=len(shown) > 1)

@@ -18,7 +18,7 @@ class MapCopy:
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
-        self.generation, self.cursor, self.behind, self.total = 0, 0, 0, 0
+        self.generation, self.behind, self.total = 0, 0, 0
         self.left_out = 0
         self.dirty: set[int] = set()
         self._used = 0
@@ -45,8 +45,7 @@ class MapCopy:
             self.dirty |= set(range(self.chunks))
             self._frequency[: self._used] = 0
             self._used = self.left_out = 0
-        self.generation, self.cursor = changes.generation, changes.cursor
-        self.behind, self.total = changes.behind, changes.total
+        self.generation, self.behind, self.total = changes.generation, changes.behind, changes.total
         kept = changes.number < self.limit
         self.left_out += int(len(kept) - np.count_nonzero(kept))
         rows = changes.number[kept].astype(np.int64)

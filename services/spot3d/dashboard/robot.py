@@ -46,7 +46,7 @@ class Robot:
         if isinstance(message, Health):
             self.records.hear(message, now_s)
         elif isinstance(message, Objects):
-            self.objects = message
+            self._found(message)
         elif isinstance(message, Pose):
             self._posed(message)
         elif isinstance(message, Preview):
@@ -77,10 +77,6 @@ class Robot:
     def hop_times(self) -> dict[str, dict[str, float]]:
         """p50, p99 and mean of the last times from stage to stage, and of the whole way, milliseconds."""
         return {name: statistics_ms(times) for name, times in self._hops.items()}
-
-    def forget_stream(self) -> None:
-        """Another map has begun: what belongs to the old one goes."""
-        self.objects, self.trail, self.planes = None, Trail(), np.zeros((0, 4))
 
     def _posed(self, pose: Pose) -> None:
         self.lost = pose.reason or "no reason given" if pose.status == "lost" else ""
@@ -114,8 +110,14 @@ class Robot:
             if name in self._hops or len(self._hops) < _HOPS:
                 self._hops.setdefault(name, deque(maxlen=_TIMES)).append(nanoseconds / 1e6)
 
+    def _found(self, objects: Objects) -> None:
+        if self.objects is not None and objects.epoch != self.objects.epoch:
+            self.trail = Trail()
+        self.objects = objects
+
     def _changed(self, changes: MapChanges) -> None:
-        first = self.map.generation == 0
-        if self.map.apply(changes) and not first:
-            self.forget_stream()
+        """Another map may be of the objects' epoch all the same: they come before it, and outlive a restart."""
+        another = self.map.apply(changes)
+        if another and self.objects is not None and self.objects.epoch != changes.epoch:
+            self.objects, self.trail = None, Trail()
         self.planes = changes.planes

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from spot3d.dashboard.points import heat_colours
 from spot3d.dashboard.robot import Robot
-from spot3d.dashboard.world import plane_patches, quaternion, rotation_up
+from spot3d.dashboard.world import plane_patches, quaternion
 from spot3d.drawing.picture import object_colour
+from spot3d.trajectory import rotation_to_z
 from spot3d_schemas import Object3D, Preview
 
 _POINT_M = 0.006
@@ -111,7 +112,7 @@ class RobotScene:
     @property
     def R_view_world(self) -> NDArray[np.float64]:
         """(3, 3) how this robot's world is turned in the view."""
-        return np.eye(3) if self._up is None else rotation_up(self._up)
+        return np.eye(3) if self._up is None else rotation_to_z(self._up)
 
     def visible(self, there: bool) -> None:
         """Show the robot, or hide it."""
@@ -123,7 +124,7 @@ class RobotScene:
         if up is None or (self._up is not None and up @ self._up > _TURN):
             return
         self._up = up
-        self._root.wxyz = quaternion(rotation_up(up))
+        self._root.wxyz = quaternion(rotation_to_z(up))
 
     def show_quick(self, shown: Shown) -> None:
         """What moves with each frame: the camera, and the boxes."""

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.trajectory import quaternion_from_rotation
+
 _STEP_M = 0.02
 """The path has no corners that are nearer to each other."""
 _CORNERS = 2000
@@ -10,42 +12,16 @@ _NEAR_M = 0.015
 """Points within this of a plane lie on it."""
 _SAMPLE = 60_000
 _PATCH_POINTS = 200
+"""A plane that fewer points lie on is not shown."""
 _LIFT_M = 0.005
 """A patch lies this much above its plane: the points would hide it."""
-"""A plane that fewer points lie on is not shown."""
 _PATCH_SHARE = 0.04
 """So much of the points is left out on each side of a patch: what a plane cuts far away is not part of it."""
 
 
-def rotation_up(up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, 3) the smallest rotation that turns the unit vector `up` (3,) to +z."""
-    x, y, z = (up / max(1e-12, float(np.linalg.norm(up)))).tolist()
-    if z < -1 + 1e-9:
-        return np.diag([1.0, -1.0, -1.0])
-    # Rodrigues' formula for the rotation about up x z, without its trigonometry.
-    return np.array(
-        [
-            [1 - x * x / (1 + z), -x * y / (1 + z), -x],
-            [-x * y / (1 + z), 1 - y * y / (1 + z), -y],
-            [x, y, z],
-        ]
-    )
-
-
 def quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(4,) unit quaternion w, x, y, z of a rotation matrix (3, 3); Bar-Itzhack's method, good for any angle."""
-    m = rotation
-    K = np.array(
-        [
-            [m[0, 0] - m[1, 1] - m[2, 2], 0, 0, 0],
-            [m[0, 1] + m[1, 0], m[1, 1] - m[0, 0] - m[2, 2], 0, 0],
-            [m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], m[2, 2] - m[0, 0] - m[1, 1], 0],
-            [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], m[0, 0] + m[1, 1] + m[2, 2]],
-        ]
-    )
-    x, y, z, w = np.linalg.eigh(K)[1][:, -1]
-    sign = 1.0 if w >= 0 else -1.0
-    return np.array([w, x, y, z]) * sign
+    """(4,) unit quaternion of a rotation matrix (3, 3) in viser's order: w, x, y, z."""
+    return np.roll(quaternion_from_rotation(rotation), 1)
 
 
 class Trail:

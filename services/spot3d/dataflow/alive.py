@@ -9,8 +9,10 @@ import zenoh
 from zenoh.handlers import FifoChannel, Handler
 
 from spot3d.dataflow.stopping import end_threads
-from spot3d_schemas import alive_key
+from spot3d_schemas import BRIDGE, STAGES, alive_key
 
+_KNOWN = frozenset((*STAGES, BRIDGE))
+"""Tokens of others tell nothing."""
 _PROCESSES = 16
 """Most processes of one stage that are told apart; anybody can make up tokens."""
 
@@ -81,6 +83,8 @@ def _follow(handler: Handler[zenoh.Sample], alive: Alive) -> None:
         except zenoh.ZError:
             return  # nobody watches any more
         _, _, stage, _, *sender = str(sample.key_expr).split("/")
+        if stage not in _KNOWN:
+            continue
         there = sample.kind == zenoh.SampleKind.PUT
         if sender:
             alive.note_process(stage, sender[0], there)

@@ -8,19 +8,20 @@ from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.map.map_arrays import R, X
 from spot3d.fusion.map.selection import counting
 from spot3d_schemas import Header, MapChanges
-from spot3d_schemas.limits import MAX_MAP_CHANGES
+from spot3d_schemas.limits import MAX_COUNT, MAX_MAP_CHANGES
 
 ASKED = ("generation", "since", "limit")
 """The parameters of the query."""
 
 
-def changes_message(fusion: Fusion, parameters: Mapping[str, str], header: Header) -> MapChanges:
+def changes_message(fusion: Fusion, parameters: Mapping[str, str], header: Header, epoch: str) -> MapChanges:
     """What changed in the map after what the asker has, as the query's parameters say (see `MapChanges`).
 
-    Parameters that are missing or no numbers count as an asker that has nothing.
+    Parameters that are missing or no numbers count as an asker that has nothing; one who claims to have more than there
+    is has all.
     """
     generation, since = _number(parameters, "generation", 0), _number(parameters, "since", 0)
-    limit = min(_number(parameters, "limit", MAX_MAP_CHANGES), MAX_MAP_CHANGES)
+    limit = max(1, min(_number(parameters, "limit", MAX_MAP_CHANGES), MAX_MAP_CHANGES))
     changes, heatmap = fusion.map_changes, fusion.heatmap
     rows = heatmap.points()
     least, tau = counting(fusion.frame_count, fusion.settings)
@@ -40,9 +41,10 @@ def changes_message(fusion: Fusion, parameters: Mapping[str, str], header: Heade
         frequency=frequency,
         planes=fusion.supports.planes(),
         total=heatmap.count,
+        epoch=epoch,
     )
 
 
 def _number(parameters: Mapping[str, str], name: str, otherwise: int) -> int:
     text = parameters.get(name, "")
-    return int(text) if text.isdecimal() and len(text) < 20 else otherwise
+    return min(int(text), MAX_COUNT) if text.isdecimal() and len(text) < 20 else otherwise

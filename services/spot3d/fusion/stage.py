@@ -253,7 +253,8 @@ class Stage:
         if self.last is not None and self.updates.wait(self._say_progress):
             self._submit(self.last, complete=True)
             self.updates.wait(self._say_progress)
-        self.node.counters.drop("never arrived", self.ledger.close())
+        missing = self.ledger.close()
+        self.node.counters.drop(self.ledger.missing, missing)
         self._say_progress()
 
     def _say_progress(self) -> None:
@@ -273,7 +274,7 @@ class Stage:
 
     def _answer_changes(self, query: zenoh.Query) -> None:
         parameters = {name: query.parameters.get(name) or "" for name in ASKED}
-        message = changes_message(self.fusion, parameters, self._own_header(_CHANGES))
+        message = changes_message(self.fusion, parameters, self._own_header(_CHANGES), self.epoch)
         self.node.reply(query, _CHANGES, message)
 
     def _answer_map(self, query: zenoh.Query) -> None:

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from spot3d.camera import Intrinsics
 from spot3d.drawing.picture import object_colour
 from spot3d.found_object import FoundObject
-from spot3d.trajectory import quaternion_from_rotation
+from spot3d.trajectory import quaternion_from_rotation, rotation_to_z
 
 MAP, WORLD, CAMERA = "map", "world", "camera"
 _JPEG_QUALITY = 85
@@ -80,16 +80,6 @@ def camera_pose(stamp_ns: int, T_world_camera: NDArray[np.float64]) -> FrameTran
 def upright(stamp_ns: int, up: Sequence[float]) -> FrameTransforms:
     """The world turned so that `up`, (3,) unit vector in the world, is z of the map."""
     return _transform(stamp_ns, MAP, WORLD, rotation_to_z(np.array(up, np.float64)), np.zeros(3))
-
-
-def rotation_to_z(up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The (3, 3) rotation of least angle that turns the unit vector `up` to (0, 0, 1) (Rodrigues)."""
-    axis, cosine = np.array((up[1], -up[0], 0.0)), up[2]
-    if cosine < -1 + 1e-9:
-        return np.diag((1.0, -1.0, -1.0))
-    cross = np.array(((0, 0, axis[1]), (0, 0, -axis[0]), (-axis[1], axis[0], 0)), np.float64)
-    rotation: NDArray[np.float64] = np.eye(3) + cross + cross @ cross / (1 + cosine)
-    return rotation
 
 
 def points(stamp_ns: int, frame_id: str, xyz: NDArray[np.float32], rgb: NDArray[np.uint8]) -> PointCloud:

@@ -37,7 +37,7 @@ class ChangeLog:
     def after(
         self, since: int, most: int, rows: NDArray[np.float32], limit: int, least: float, tau: float
     ) -> tuple[NDArray[np.int64], int, int]:
-        """The rows that changed after change number `since`, at most `most` of them, the first to change first.
+        """The rows that changed after change number `since`, at most `most` >= 1 of them, the first to change first.
 
         rows: (n, 16) float32 map rows, of `limit` that there can be; least, tau: as of `frequent_points`. Returns row
         numbers (k,), the number of the last change among them, and how many rows are left for the next call.
@@ -59,7 +59,7 @@ class ChangeLog:
         else:
             chosen = changed
         chosen = chosen[np.argsort(change[chosen])]
-        cursor = int(change[chosen[-1]]) if len(chosen) else max(since, self.last)
+        cursor = int(change[chosen[-1]]) if len(chosen) else self.last
         return chosen, cursor, len(changed) - len(chosen)
 
     def told(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.uint8], NDArray[np.uint32]]:
