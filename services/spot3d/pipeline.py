@@ -124,8 +124,10 @@ def run_pipeline(
 @contextmanager
 def _timed(step_s: dict[str, list[float]], stage: str, clock: Callable[[], float]) -> Iterator[None]:
     start = clock()
-    yield
-    step_s.setdefault(stage, []).append(clock() - start)
+    try:
+        yield
+    finally:
+        step_s.setdefault(stage, []).append(clock() - start)
 
 
 def _join_last_two(times: list[float]) -> None:

@@ -170,7 +170,8 @@ class Supervisor:
 
 def last_line(log: Path) -> str:
     """The last line that a stage said, without the prefix of an error message."""
-    lines = [line for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+    text = log.read_text(encoding="utf-8", errors="replace") if log.is_file() else ""
+    lines = [line for line in text.splitlines() if line.strip()]
     return lines[-1].removeprefix("error: ") if lines else f"no message, see {log}"
 
 
