@@ -60,4 +60,5 @@ MAX_OBJECTS_VALUES = 64 * MAX_OBJECTS
 """Most msgpack values of Objects (today's object has 35); takes the place of MAX_VALUES."""
 
 MAX_DECODE_BYTES = 2 * MAX_MESSAGE_BYTES
-"""Most memory that decoding one message allocates at any time, the message itself not counted."""
+"""Most memory that decoding one message allocates at any time, the message itself not counted: what the limits above
+come to, which tests measure. Nothing counts it while a message is decoded."""

@@ -16,9 +16,11 @@ def _grey() -> NDArray[np.float64]:
 class FoundObject:
     """One object in the world frame.
 
-    id: stable number (0 = not yet given); box: upright, metres; confidence: mean pseudo-average confidence of
-    its points, 0..1; views: frames that saw it; points: map points; colour: (3,) float64 mean RGB 0..255, grey
-    where it is not known.
+    id: stable number (0 = not yet given); box: upright, metres; confidence: pseudo-average of its segments' heat over
+    the keyframes that see it, 0..1; views: keyframes with a segment of it; points: pixels of its segments, summed over
+    these keyframes; colour: (3,) float64 mean RGB 0..255, grey where it is not known. Where fusion clusters by density,
+    as the paper does, confidence: mean of its map points' pseudo-averages; views: most frames that saw one of these
+    points; points: how many they are.
     """
 
     id: int

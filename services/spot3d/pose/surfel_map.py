@@ -154,7 +154,7 @@ def _key(x: float, y: float, z: float, nx: float, ny: float, nz: float, voxel: f
 
 @kernel("void(f8[:,::1], f8, i8[::1])")
 def _keys_of(surfels: NDArray[np.float64], voxel: float, keys: NDArray[np.int64]) -> None:
-    """The key of each of (n, 11) surfels."""
+    """The key of each of (n, 14) surfels."""
     for i in range(surfels.shape[0]):
         s = surfels[i]
         keys[i] = _key(s[0], s[1], s[2], s[3], s[4], s[5], voxel)

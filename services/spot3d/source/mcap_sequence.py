@@ -64,7 +64,7 @@ class McapSequence:
 
     @property
     def intrinsics(self) -> Intrinsics:
-        """Intrinsics of the first frame; one of another size cannot be read."""
+        """Intrinsics of the first frame; each frame brings its own, which may be others."""
         return self._intrinsics
 
     @property
