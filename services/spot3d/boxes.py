@@ -10,8 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 # Rotations pass through JSON and float32 messages; more than this is no rounding but another matrix.
 ROTATION_TOLERANCE = 1e-4
 
-_CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
-"""Corners of a box in units of its half sizes."""
+CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
+"""(8, 3) corners of a box in units of its half sizes, numbered in binary by x, y, z."""
+EDGES = np.array([(a, b) for a in range(8) for b in range(a) if (a ^ b) in (1, 2, 4)])
+"""(12, 2) edges of a box as pairs of its corners."""
 
 _AT_ONCE = 4096
 """Pairs of boxes that are clipped together: about 10 MB."""
@@ -49,6 +51,11 @@ class Box3D:
     def volume(self) -> float:
         """Volume in cubic metres."""
         return float(np.prod(self.size))
+
+
+def corners(box: Box3D) -> NDArray[np.float64]:
+    """The (8, 3) corners of a box in the world frame, metres, in the order of `CORNERS`."""
+    return box.centre + (CORNERS * box.size / 2) @ box.rotation.T
 
 
 def moved(box: Box3D, T_target_source: NDArray[np.float64]) -> Box3D:
@@ -102,9 +109,9 @@ def iou_matrix_3d(boxes_a: Sequence[Box3D], boxes_b: Sequence[Box3D]) -> NDArray
     first, second = np.nonzero(near)
     for start in range(0, len(first), _AT_ONCE):
         i, j = first[start : start + _AT_ONCE], second[start : start + _AT_ONCE]
-        corners = centre_a[i, None] + (_CORNERS * half_a[i, None]) @ rotation_a[i].transpose(0, 2, 1)
+        world = centre_a[i, None] + (CORNERS * half_a[i, None]) @ rotation_a[i].transpose(0, 2, 1)
         # Row vectors times R = R^T times column vectors: world corners in the other box's own axes.
-        local = (corners - centre_b[j, None]) @ rotation_b[j]
+        local = (world - centre_b[j, None]) @ rotation_b[j]
         volumes = 8 * np.prod(half_a[i], axis=1), 8 * np.prod(half_b[j], axis=1)
         result[i, j] = _over_union(clipped_volumes(local, half_b[j]), *volumes)
     return result

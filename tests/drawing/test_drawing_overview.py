@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from spot3d.boxes import Box3D
+from spot3d.boxes import Box3D, corners
 from spot3d.camera import Intrinsics, back_project
-from spot3d.drawing.box_views import choose_views, corners, visibility
+from spot3d.drawing.box_views import choose_views, visibility
 from spot3d.drawing.overview import candidate_indices, draw_overview
 from spot3d.drawing.picture import object_colour, place_labels, write_picture
 from spot3d.found_object import FoundObject

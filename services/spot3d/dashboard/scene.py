@@ -8,6 +8,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from spot3d.boxes import CORNERS, EDGES
 from spot3d.dashboard.points import heat_colours
 from spot3d.dashboard.robot import Robot
 from spot3d.dashboard.world import plane_patches, quaternion
@@ -29,9 +30,7 @@ _PATH_COLOUR = (240, 240, 240)
 _PLANE_COLOUR = (70, 130, 230)
 _CHOSEN_COLOUR = (255, 255, 255)
 
-_CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)], np.float32)
-_EDGES = np.array([(a, b) for a in range(8) for b in range(a) if np.count_nonzero(_CORNERS[a] != _CORNERS[b]) == 1])
-_UNIT_EDGES = _CORNERS[_EDGES]
+_UNIT_EDGES = (CORNERS / 2).astype(np.float32)[EDGES]
 """(12, 2, 3) the edges of the cube around the origin with sides of one."""
 
 

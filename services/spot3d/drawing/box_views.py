@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.boxes import Box3D
+from spot3d.boxes import CORNERS, EDGES, Box3D, corners
 from spot3d.camera import Intrinsics
 from spot3d.drawing.picture import (
     Picture,
@@ -23,14 +23,6 @@ _NEAR = 0.05
 """Edges are cut where they come nearer to the camera than this, metres."""
 _LARGE_ENOUGH = 60.0
 """An object this many pixels long (at 640 pixels of width) is seen well; larger is not better."""
-
-_SIGNS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
-_EDGES = [(a, b) for a in range(8) for b in range(a) if int((_SIGNS[a] != _SIGNS[b]).sum()) == 1]
-
-
-def corners(box: Box3D) -> NDArray[np.float64]:
-    """The (8, 3) corners of a box in the world frame, metres."""
-    return box.centre + (_SIGNS * box.size / 2) @ box.rotation.T
 
 
 def visibility(
@@ -137,9 +129,9 @@ def _edges_by_side(box: Box3D, eye: NDArray[np.float64]) -> tuple[list[tuple[int
     local = (eye - box.centre) @ box.rotation
     front: list[tuple[int, int]] = []
     back: list[tuple[int, int]] = []
-    for a, b in _EDGES:
-        shared = _SIGNS[a] == _SIGNS[b]
-        facing = (_SIGNS[a] * local > box.size / 2)[shared].any()
+    for a, b in EDGES.tolist():
+        shared = CORNERS[a] == CORNERS[b]
+        facing = (CORNERS[a] * local > box.size / 2)[shared].any()
         (front if facing else back).append((a, b))
     return front, back
 

@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.boxes import Box3D
-from spot3d.drawing.box_views import corners
+from spot3d.boxes import Box3D, corners
 from spot3d.drawing.picture import (
     GREY,
     INK,

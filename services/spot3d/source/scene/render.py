@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.boxes import EDGES
 from spot3d.camera import Intrinsics
 from spot3d.kernel import kernel
 from spot3d.source.scene.intersect import FAR, hit_box, hit_cone, hit_ellipsoid
@@ -16,8 +17,6 @@ from spot3d.source.scene.shapes import BOX, CONE, ROOM
 from spot3d.source.scene.texture import noise_table
 
 NEAR = 0.02
-# Edges of a box as pairs of its corners, numbered in binary by x, y, z.
-EDGES = np.array([(a, b) for a in range(8) for b in range(a) if (a ^ b) in (1, 2, 4)])
 
 
 @dataclass(frozen=True, slots=True)
