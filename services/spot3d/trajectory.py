@@ -5,7 +5,7 @@ from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from spot3d.whole_file import whole_file
 
@@ -60,6 +60,14 @@ def rotation_from_quaternion(quaternion: NDArray[np.float64]) -> NDArray[np.floa
     )
 
 
+def pose_from_quaternion(position: ArrayLike, quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(4, 4) pose of a position (3,) and a quaternion (x, y, z, w) of any length but zero (ValueError)."""
+    pose = np.eye(4)
+    pose[:3, :3] = rotation_from_quaternion(quaternion)
+    pose[:3, 3] = position
+    return pose
+
+
 def rotation_to_z(up: NDArray[np.float64]) -> NDArray[np.float64]:
     """The (3, 3) rotation of least angle that turns the unit vector `up` to (0, 0, 1) (Rodrigues)."""
     axis, cosine = np.array((up[1], -up[0], 0.0)), up[2]
@@ -105,12 +113,9 @@ def read_tum(path: Path) -> tuple[list[int], NDArray[np.float64]]:
                 raise ValueError("not all numbers are finite")
             # Decimal keeps the nanoseconds that a float of seconds since 1970 would lose.
             stamps.append(int(Decimal(fields[0]).scaleb(9).to_integral_value()))
-            pose = np.eye(4)
-            pose[:3, :3] = rotation_from_quaternion(values[3:])
-            pose[:3, 3] = values[:3]
+            poses.append(pose_from_quaternion(values[:3], values[3:]))
         except (ValueError, ArithmeticError) as error:
             raise ValueError(f"{path}, line {number}: {error}") from error
-        poses.append(pose)
     return stamps, np.array(poses).reshape(-1, 4, 4)
 
 

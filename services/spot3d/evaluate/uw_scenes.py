@@ -15,7 +15,7 @@ from spot3d.geometry.upright import upright_box
 from spot3d.source.errors import SourceError
 from spot3d.source.images import read_depth
 from spot3d.source.recording import RecordedFrame, Recording
-from spot3d.trajectory import rotation_from_quaternion
+from spot3d.trajectory import pose_from_quaternion
 
 FOCAL, CENTRE = 570.3, (320.0, 240.0)
 FRAME_NS = 33_333_333
@@ -121,12 +121,9 @@ def _read_poses(path: Path) -> NDArray[np.float64]:
             continue
         try:
             w, x, y, z, *position = (float(word) for word in line.split())
-            pose = np.eye(4)
-            pose[:3, :3] = rotation_from_quaternion(np.array((x, y, z, w)))
-            pose[:3, 3] = position
+            poses.append(pose_from_quaternion(position, np.array((x, y, z, w))))
         except ValueError as error:
             raise SourceError(f"{path}:{number} is malformed: expected `a b c d x y z`") from error
-        poses.append(pose)
     if not poses:
         raise SourceError(f"{path} holds no pose")
     return np.array(poses)

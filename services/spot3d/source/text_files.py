@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.source.errors import SourceError
+from spot3d.trajectory import pose_from_quaternion
 
 # A rotation written with a handful of digits is orthonormal to about this much.
 ROTATION_TOLERANCE = 1e-2
@@ -49,7 +50,7 @@ def read_pose_matrix(path: Path) -> NDArray[np.float64] | None:
     return T_world_camera
 
 
-def pose_of_quaternion(words: list[str], where: str) -> NDArray[np.float64]:
+def pose_of_words(words: list[str], where: str) -> NDArray[np.float64]:
     """T_world_camera (4, 4) float64 of TUM's `tx ty tz qx qy qz qw`; `where` names the line in errors.
 
     Raises SourceError unless there are seven finite numbers with a quaternion of unit length.
@@ -63,15 +64,7 @@ def pose_of_quaternion(words: list[str], where: str) -> NDArray[np.float64]:
     length = float(np.linalg.norm(values[3:]))
     if abs(length - 1) > ROTATION_TOLERANCE:
         raise SourceError(f"{where} is malformed: the quaternion's length is {length:.3f}, not 1")
-    x, y, z, w = values[3:] / length
-    T_world_camera = np.eye(4)
-    T_world_camera[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    T_world_camera[:3, 3] = values[:3]
-    return T_world_camera
+    return pose_from_quaternion(values[:3], values[3:])
 
 
 def read_stamped_lines(path: Path) -> list[tuple[int, list[str], str]]:

@@ -9,7 +9,7 @@ from spot3d.source.errors import SourceError
 from spot3d.source.images import read_depth
 from spot3d.source.intrinsics_files import FocalAndCentre, intrinsics_for, tum_values
 from spot3d.source.recording import RecordedFrame, Recording
-from spot3d.source.text_files import pose_of_quaternion, read_stamped_lines
+from spot3d.source.text_files import pose_of_words, read_stamped_lines
 
 METRES_PER_UNIT = 1 / 5000
 # The benchmark's own associate.py allows the same difference.
@@ -42,7 +42,7 @@ def open_tum(folder: Path, intrinsics: FocalAndCentre | None = None) -> Recordin
             stamp_ns,
             folder / colours[c][1][0],
             folder / words[0],
-            pose_of_quaternion(truth[t][1], truth[t][2]) if t >= 0 else None,
+            pose_of_words(truth[t][1], truth[t][2]) if t >= 0 else None,
         )
         for (stamp_ns, words, _), c, t in zip(depths, with_colour, with_truth, strict=True)
         if c >= 0

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import invert
-from spot3d.trajectory import quaternion_from_rotation, rotation_from_quaternion
+from spot3d.trajectory import pose_from_quaternion, quaternion_from_rotation
 
 Pose = NDArray[np.float64]
 _GAP_NS = 250_000_000
@@ -17,9 +17,8 @@ _GAP_NS = 250_000_000
 
 def transform_of(translation: Any, rotation: Any) -> Pose:
     """(4, 4) of a message's vector and quaternion. Raises ValueError for a quaternion of length zero or no numbers."""
-    T = np.eye(4)
-    T[:3, :3] = rotation_from_quaternion(np.array([rotation.x, rotation.y, rotation.z, rotation.w]))
-    T[:3, 3] = translation.x, translation.y, translation.z
+    quaternion = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
+    T = pose_from_quaternion((translation.x, translation.y, translation.z), quaternion)
     if not np.isfinite(T).all():
         raise ValueError("a pose holds what is no number")
     return T
@@ -49,11 +48,9 @@ class Motion:
         share = (stamp_ns - start) / (end - start)
         one, other = self._poses[after - 1], self._poses[after]
         p, q = quaternion_from_rotation(one[:3, :3]), quaternion_from_rotation(other[:3, :3])
-        pose = np.eye(4)
         # Turns within a quarter of a second are small: the straight line is near to the arc.
-        pose[:3, :3] = rotation_from_quaternion((1 - share) * p + share * (q if p @ q >= 0 else -q))
-        pose[:3, 3] = (1 - share) * one[:3, 3] + share * other[:3, 3]
-        return pose
+        between = (1 - share) * p + share * (q if p @ q >= 0 else -q)
+        return pose_from_quaternion((1 - share) * one[:3, 3] + share * other[:3, 3], between)
 
 
 @dataclass(slots=True)
