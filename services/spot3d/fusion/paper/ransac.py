@@ -4,11 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.fusion.settings import FusionSettings
-from spot3d.geometry.planes import count_inliers
+from spot3d.geometry.planes import count_inliers, neighbour_triples
 
-_NEIGHBOURHOOD = 1 / 16
-"""Neighbouring points lie within this share of the image's width: 7 cm at 1 m, fifty times the noise there. The paper
-does not say how near; between adjacent pixels, 2 mm apart, the noise alone would tell the normal."""
 _SAME_ANGLE, _SAME_DISTANCE = float(np.cos(np.deg2rad(10.0))), 0.05
 """Planes that differ less, metres at the triple's first point, are not distinct: the paper does not say which are. A
 triple of its noise turns by a few degrees, and a surface's noise at 3 m and more reaches over some centimetres."""
@@ -27,7 +24,7 @@ def planes_by_ransac(
     valid = np.flatnonzero(flat[:, 2] > 0)
     if len(valid) == 0:
         return np.zeros((0, 4))
-    triples = _neighbouring(points.shape, valid, settings.plane_triples, rng)
+    triples = neighbour_triples(points.shape, valid, settings.plane_triples, rng)
     x1, x2, x3 = (flat[triples[:, i]].astype(np.float64) for i in range(3))
     normal = np.cross(x2 - x1, x3 - x1)
     length = np.linalg.norm(normal, axis=1)
@@ -38,19 +35,6 @@ def planes_by_ransac(
     tolerance = np.full(len(valid), settings.plane_distance, np.float32)
     inliers = count_inliers(planes.astype(np.float32), flat[valid], tolerance)
     return _distinct(planes, x1, inliers, settings.plane_candidates)
-
-
-def _neighbouring(
-    shape: tuple[int, ...], valid: NDArray[np.int64], count: int, rng: np.random.Generator
-) -> NDArray[np.int64]:
-    """(count, 3) flat pixel numbers: a random valid pixel and two others near it (perhaps invalid)."""
-    h, w = shape[:2]
-    reach = max(2, int(w * _NEIGHBOURHOOD))
-    first = valid[rng.integers(0, len(valid), count)]
-    v, u = np.divmod(first, w)
-    dv, du = rng.integers(-reach, reach + 1, (2, 2, count))
-    others = np.clip(v + dv, 0, h - 1) * w + np.clip(u + du, 0, w - 1)
-    return np.stack((first, others[0], others[1]), axis=1)
 
 
 def _distinct(
