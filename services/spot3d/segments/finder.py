@@ -15,7 +15,7 @@ from spot3d.geometry.upright import Part, merge_contained, sampled, upright_box
 from spot3d.segments.creases import split_at_creases
 from spot3d.segments.foreground import standing_out
 from spot3d.segments.fragments import join_fragments
-from spot3d.segments.hanging import join_hanging
+from spot3d.segments.hanging import STANDS, join_hanging
 from spot3d.segments.holes import fill_holes
 from spot3d.segments.occlusion import join_occluded
 from spot3d.segments.settings import SegmentsSettings, Step
@@ -32,8 +32,6 @@ _FACES = 2**0.5
 """A cube shows this many of its faces' area to a camera that looks down on it at 45 degrees."""
 _SAMPLE = 500
 """About so many of a part's pixels tell whether it is bent around an axis."""
-_STANDS = 0.03
-"""What begins within this height above a support stands on it, metres: a rim that depth misses, and noise."""
 
 
 def find_segments(
@@ -187,7 +185,7 @@ def _segments(
     for number, pixels in enumerate(parts):
         labels.ravel()[pixels] = number + 1
         heat[number] = frame.heat.ravel()[pixels].mean() / 255
-        if np.quantile(height[pixels] - plane_tolerance(depth[pixels], settings, frame.camera.noise), 0.02) < _STANDS:
+        if np.quantile(height[pixels] - plane_tolerance(depth[pixels], settings, frame.camera.noise), 0.02) < STANDS:
             stands_on[number] = 0
     if "holes" not in settings.skipped:
         labels = fill_holes(labels, frame.depth, frame.colour, frame.camera.fx)

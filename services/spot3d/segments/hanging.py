@@ -16,7 +16,7 @@ from spot3d.kernel import kernel
 # Success and detection of single frames are the same, within 0.006 and 0.000, on HOTS, OSD and 60 cluttered frames with
 # each of these from a half to twice its value, but for `_BESIDE` of 0.06: things that stand close are joined (cluttered
 # 0.86, 0.87 to 0.84, 0.83). Without the step HOTS falls from 0.92, 0.92 to 0.85, 0.90; the others stay.
-_STANDS = 0.03
+STANDS = 0.03
 """What begins within this height above a support, or above what carries it, stands on it, metres: a rim that depth
 misses, and noise."""
 _BESIDE = 0.03
@@ -56,7 +56,7 @@ def join_hanging(
     known = [_part(pixels, points.reshape(-1, 3), height, up) for pixels in parts]
     held: dict[int, list[NDArray[np.int64]]] = {k: [part.pixels] for k, part in enumerate(known)}
     for k, part in enumerate(known):
-        holder = _holder(part, known) if part.bottom >= _STANDS else None
+        holder = _holder(part, known) if part.bottom >= STANDS else None
         if holder is not None and not _bottom_hidden(part, points[..., 2], height):
             held[holder] += held.pop(k)  # nothing hangs on what hangs itself
     return [np.concatenate(pixels) for pixels in held.values()]
@@ -81,9 +81,9 @@ def _holder(part: _Part, others: list[_Part]) -> int | None:
         if (np.maximum(part.low - other.high, other.low - part.high) >= _BESIDE).any():
             continue
         away = float(np.sqrt(_square(part.plan, other.plan)))
-        if away < _BESIDE and other.top > part.bottom - _STANDS:
+        if away < _BESIDE and other.top > part.bottom - STANDS:
             return None
-        if away < nearest and other.bottom < _STANDS:
+        if away < nearest and other.bottom < STANDS:
             found, nearest = number, away
     return found
 
