@@ -4,7 +4,6 @@ from scenes import WALL, camera, squares
 
 from spot3d.depth_noise import KINECT_V1
 from spot3d.proposals.edges import detect_edges, thin
-from spot3d.proposals.inverse_depth import fill_inverse_depth
 from spot3d.proposals.settings import EdgeSettings
 
 BOX = (100, 80, 80, 60)
@@ -13,26 +12,6 @@ GREY = np.full((240, 320, 3), 128, np.uint8)
 
 def depth_edges(depth):
     return detect_edges(GREY, depth, camera().fx, EdgeSettings())
-
-
-@pytest.mark.parametrize(
-    ("row", "filled"),
-    [
-        ([0, 0, 0, 0], [0, 0, 0, 0]),
-        ([0, 2, 0, 0], [2, 2, 2, 2]),
-        ([1, 0, 0, 4], [1, 4, 4, 4]),
-        ([4, 0, 1, 0], [4, 4, 1, 1]),
-    ],
-)
-def test_holes_take_the_farther_end(row, filled):
-    inverse = fill_inverse_depth(np.array([row], np.float32))
-    expected = np.array([filled], np.float32)
-    np.testing.assert_allclose(inverse, np.divide(1, expected, where=expected > 0, out=expected * 0))
-
-
-def test_empty_rows_repeat_the_nearest():
-    depth = np.array([[0, 0], [1, 2], [0, 0], [4, 4]], np.float32)
-    np.testing.assert_allclose(fill_inverse_depth(depth), [[1, 0.5], [1, 0.5], [1, 0.5], [0.25, 0.25]])
 
 
 def test_a_jump_is_one_thin_closed_line_with_its_normal():

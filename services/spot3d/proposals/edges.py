@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.depth_noise import KINECT_V1, DepthNoise
+from spot3d.geometry.inverse_depth import fill_inverse_depth
 from spot3d.kernel import kernel
-from spot3d.proposals.inverse_depth import depth_strength, fill_inverse_depth
+from spot3d.proposals.inverse_depth import depth_strength
 from spot3d.proposals.settings import EdgeSettings
 
 ALONG = 2.0  # standard deviation, pixels, of the smoothing whose ridges give the edges' orientation
@@ -42,7 +43,9 @@ def detect_edges(
     weight = np.float32(settings.colour_weight if has_depth else 1)
     strength = colour_strength(smooth, weight, np.float32(settings.colour_contrast), least)
     if has_depth:
-        of_depth = depth_strength(fill_inverse_depth(depth), focal_length, settings, noise)
+        inverse = np.empty_like(depth)
+        fill_inverse_depth(depth, inverse)
+        of_depth = depth_strength(inverse, focal_length, settings, noise)
         raise_to_depth(strength, of_depth, depth, least)
     ridges = np.asarray(cv2.GaussianBlur(strength, (0, 0), ALONG), np.float32)
     return thin(strength, ridges)

@@ -17,50 +17,6 @@ CREASE_RESPONSE, CREASE_NOISE = np.float32(0.2), np.float32(0.09)
 LOBES = np.float32(0.5)  # curvature beside a jump over the jump's own answer
 
 
-def fill_inverse_depth(depth: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Inverse depth whose holes take the farther of their two ends along the row.
-
-    A hole beside an object is background that the projector or the second eye does not see, so the farther
-    end is right and the object keeps its outline. Rows without any depth repeat the nearest row above, or
-    below at the top. depth: (h, w) float32 metres, 0 = invalid. Returns (h, w) float32 1/m, 0 if all is 0.
-    """
-    inverse = np.zeros_like(depth)
-    _fill_inverse_depth(depth, inverse)
-    return inverse
-
-
-@kernel()
-def _fill_inverse_depth(depth: NDArray[np.float32], inverse: NDArray[np.float32]) -> None:
-    """Fill in `inverse`, which is 0."""
-    # Rows are copied pixel by pixel: assigning them as arrays takes four seconds more to compile.
-    h, w = depth.shape
-    last_filled = -1
-    for y in range(h):
-        start = 0  # first pixel of the current hole
-        left = np.float32(0)
-        for x in range(w):
-            if depth[y, x] > 0:
-                value = np.float32(1) / depth[y, x]
-                inverse[y, x] = value
-                if start < x:
-                    farther = left if 0 < left < value else value
-                    for hole in range(start, x):
-                        inverse[y, hole] = farther
-                left = value
-                start = x + 1
-        if left > 0:
-            for hole in range(start, w):
-                inverse[y, hole] = left
-            if last_filled < 0:
-                for above in range(y):
-                    for x in range(w):
-                        inverse[above, x] = inverse[y, x]
-            last_filled = y
-        elif last_filled >= 0:
-            for x in range(w):
-                inverse[y, x] = inverse[last_filled, x]
-
-
 def depth_strength(
     inverse: NDArray[np.float32], focal_length: float, settings: EdgeSettings, noise: DepthNoise
 ) -> NDArray[np.float32]:
