@@ -70,7 +70,9 @@ def test_normals_are_the_same(scene: Scene) -> None:
 
 
 def test_frames_are_merged_the_same_way(scene: Scene) -> None:
-    rng, heatmap, plain = np.random.default_rng(0), Heatmap3D(40_000, 0.005), reference_map.empty_map(0.005)
+    rng, heatmap = np.random.default_rng(0), Heatmap3D(40_000, 0.005)
+    plain = reference_map.copy_of(heatmap)
+    assert (len(plain.rows), plain.voxels) == (0, {})
     candidates = np.full(CAMERA.shape, -1, np.int32)
     for number in range(1, 5):
         frame, pose = scene[number], scene.true_pose(number)

@@ -16,13 +16,13 @@ S = 1_000_000_000
 
 def test_credit_is_used_up_and_comes_back() -> None:
     credit = Credit(2)
-    assert not credit.used_up
+    assert credit.outstanding == 0
     credit.sent(10)
     credit.sent(20)
-    assert credit.used_up
+    assert credit.outstanding == credit.in_flight
     assert credit.answered(9) == 0
     assert credit.answered(10) == 1
-    assert (credit.used_up, credit.outstanding) == (False, 1)
+    assert credit.outstanding == 1
     assert credit.answered(99) == 1
     assert credit.answered(99) == 0
 
@@ -33,7 +33,7 @@ def test_credit_that_is_given_up_counts_as_lost() -> None:
     credit.sent(10)
     credit.sent(20)
     assert credit.give_up() == [10, 20]
-    assert (credit.lost, credit.outstanding, credit.used_up) == (2, 0, False)
+    assert (credit.lost, credit.outstanding) == (2, 0)
     assert credit.answered(20) == 0, "an answer that comes too late is no credit"
 
 

@@ -20,11 +20,6 @@ class ReferenceMap:
         self.voxels = voxels
 
 
-def empty_map(voxel: float) -> ReferenceMap:
-    """A map without points."""
-    return ReferenceMap(voxel, np.zeros((0, COLUMNS), np.float32), {})
-
-
 def copy_of(heatmap: Heatmap3D) -> ReferenceMap:
     """The same points under the same voxels."""
     keys, slot_rows = heatmap.arrays.keys, heatmap.arrays.slot_rows

@@ -2,7 +2,7 @@
 
 
 class Credit:
-    """At most `in_flight` frames are sent and not yet accounted for by fusion's progress."""
+    """Which frames are sent and not yet accounted for by fusion's progress; who sends holds them to `in_flight`."""
 
     def __init__(self, in_flight: int) -> None:
         self.in_flight = in_flight
@@ -13,11 +13,6 @@ class Credit:
     def outstanding(self) -> int:
         """Frames on their way."""
         return len(self._outstanding)
-
-    @property
-    def used_up(self) -> bool:
-        """Whether the next frame must wait."""
-        return len(self._outstanding) >= self.in_flight
 
     def sent(self, stamp_ns: int) -> None:
         """A frame is on its way."""
