@@ -266,10 +266,12 @@ class Pose(Message):
     where T_world_map inv(T_world_map of then) brings it. Since 1.3, depth_factor: what the capture's depth is to be
     multiplied by to agree with the poses; 1: they agree, or nobody knows. Since 1.4, delay_s: how much older than the
     capture the pose was as it was given, seconds; it has been carried on by that; 0: it came in time, or nobody knows.
+    Since 1.5, turn: (3,) rotation vector about the camera's axes, radians, by which the camera is turned against what
+    the given pose is of, as far as was known by then: it is part of the pose; None: the pose is as it was given.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Pose"
-    VERSION: ClassVar[str] = "1.4"
+    VERSION: ClassVar[str] = "1.5"
 
     T_world_camera: Transform
     status: Literal["ok", "lost"]
@@ -280,6 +282,7 @@ class Pose(Message):
     T_world_map: Transform | None = None
     depth_factor: Annotated[float, Field(ge=0.5, le=2)] = 1.0
     delay_s: Finite = 0.0
+    turn: Vector | None = None
 
 
 class Proposals(Message):

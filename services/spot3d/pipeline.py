@@ -107,6 +107,7 @@ def run_pipeline(
                     frame.stamp_ns,
                     pose.T_world_map,
                     depth_factor=pose.depth_factor,
+                    turn=pose.turn,
                 )
                 if segments is not None:
                     fusion.observe(segments, frame.stamp_ns)

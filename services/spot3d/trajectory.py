@@ -1,5 +1,6 @@
 """Camera trajectories: TUM files, and the errors ATE and RPE by evo's definitions."""
 
+import math
 from collections.abc import Sequence
 from decimal import Decimal
 from pathlib import Path
@@ -66,6 +67,16 @@ def pose_from_quaternion(position: ArrayLike, quaternion: NDArray[np.float64]) -
     pose[:3, :3] = rotation_from_quaternion(quaternion)
     pose[:3, 3] = position
     return pose
+
+
+def rotation_from_vector(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, 3) rotation of a rotation vector, radians (Rodrigues)."""
+    angle = math.sqrt(float(vector @ vector))
+    x, y, z = vector
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    sine = math.sin(angle) / angle if angle > 0 else 1.0
+    versine = 0.5 * (2 * math.sin(angle / 2) / angle) ** 2 if angle > 0 else 0.5
+    return np.asarray(np.eye(3) + sine * skew + versine * (skew @ skew))
 
 
 def rotation_to_z(up: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -175,7 +175,19 @@ def test_levels() -> None:
     base = Degradation(every=3)
     kinds = groups(base)
     assert tuple(kinds) == GROUPS
-    assert GROUPS == ("poses", "delay", "mount", "scale", "depth", "edges", "holes", "every", "together", "half")
+    assert GROUPS == (
+        "poses",
+        "delay",
+        "mount",
+        "centre",
+        "scale",
+        "depth",
+        "edges",
+        "holes",
+        "every",
+        "together",
+        "half",
+    )
     assert all(base in dict(levels).values() for levels in kinds.values())
     assert [(level.metres, level.degrees) for _, level in kinds["poses"]] == [(0, 0), *SHAKES]
     assert [level.late for _, level in kinds["delay"]] == [0, 1, 2]

@@ -10,11 +10,10 @@ from spot3d.camera import Intrinsics
 from spot3d.depth_noise import KINECT_V1
 from spot3d.pose.correction import CorrectedPoses, MeasuredNoise
 from spot3d.pose.estimate import PoseEstimate, PoseTracker
-from spot3d.pose.motion import rotation_from_vector
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
 from spot3d.source.scene.scene import Scene
-from spot3d.trajectory import ate, rotation_angle, rpe
+from spot3d.trajectory import ate, rotation_angle, rotation_from_vector, rpe
 
 CAMERA = Intrinsics(146.25, 146.25, 80.0, 60.0, 160, 120)
 FRAME_NS = 100_000_000

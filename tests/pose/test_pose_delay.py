@@ -7,11 +7,11 @@ from test_pose_correction import CAMERA, shaken
 
 from spot3d.pose.delay import PoseDelay, told
 from spot3d.pose.estimate import PoseEstimate
-from spot3d.pose.motion import rotation_from_vector
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface
 from spot3d.source.scene.scene import Scene
+from spot3d.trajectory import rotation_from_vector
 
 RATE, SECONDS, LATE = 30, 9, 3
 

@@ -9,11 +9,11 @@ from spot3d.depth_noise import KINECT_V1
 from spot3d.pose.drift import Agreement, DriftCorrection
 from spot3d.pose.features import FeatureDetector, Features
 from spot3d.pose.landmark_map import LandmarkMap
-from spot3d.pose.motion import moved, rotation_from_vector
+from spot3d.pose.motion import moved
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
 from spot3d.source.scene.scene import Scene
-from spot3d.trajectory import rotation_angle
+from spot3d.trajectory import rotation_angle, rotation_from_vector
 
 CAMERA = Intrinsics(525.0, 525.0, 319.5, 239.5, 640, 480)
 # What a depth camera knows of its pose in front of a wall: much along its axis, little sideways (1/m2, 1/rad2).

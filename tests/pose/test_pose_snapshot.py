@@ -9,13 +9,13 @@ from spot3d.dataflow.snapshot_file import SnapshotError, snapshot_bytes, write_s
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.features import Features
 from spot3d.pose.landmark_map import LANDMARK
-from spot3d.pose.motion import rotation_from_vector
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.relocalisation import relocalised
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.snapshot import read_tracker, tracker_snapshot
 from spot3d.pose.tracking import MapTracker
 from spot3d.source.scene.scene import Scene
+from spot3d.trajectory import rotation_from_vector
 
 SCENE = Scene(0, frames=300)
 

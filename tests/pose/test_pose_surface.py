@@ -11,12 +11,12 @@ from spot3d.pose.motion import (
     checked_pose,
     extrapolated,
     moved,
-    rotation_from_vector,
     vector_from_rotation,
 )
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import _SUMS, _sum_cells, information, sample_surface, weakest_direction
 from spot3d.pose.surfel_map import SurfelMap
+from spot3d.trajectory import rotation_from_vector
 
 CAMERA = Intrinsics(300.0, 300.0, 160.0, 120.0, 320, 240)
 SETTINGS = PoseSettings(lattice_width=80)

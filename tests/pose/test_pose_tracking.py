@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from spot3d.camera import Intrinsics
 from spot3d.depth_noise import KINECT_V1
 from spot3d.pose.estimate import PoseEstimate, PoseTracker
-from spot3d.pose.motion import rotation_from_vector
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.registration import Registration
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.tracking import implausible
-from spot3d.trajectory import rotation_angle, rpe
+from spot3d.trajectory import rotation_angle, rotation_from_vector, rpe
 
 CAMERA = Intrinsics(146.0, 146.0, 80.0, 60.0, 160, 120)
 # Room and furniture: lowest and highest corner, metres; z is up and the first box is seen from inside.

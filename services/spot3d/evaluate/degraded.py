@@ -17,17 +17,22 @@ ChangeDepth = Callable[[NDArray[np.float32], Intrinsics, int], NDArray[np.float3
 
 
 class Degraded:
-    """Frames of another sequence, told other poses, or with worse depth.
+    """Frames of another sequence, told other poses or intrinsics, or with worse depth.
 
     `true_pose` is that of the other sequence: a run with given poses takes what its frames tell, and is judged by what
     is true. Errors depend on a frame's number: degrade a whole sequence, and choose every so-manieth frame after that.
     """
 
     def __init__(
-        self, sequence: FrameSequence, told: Sequence[Pose] | None = None, change_depth: ChangeDepth | None = None
+        self,
+        sequence: FrameSequence,
+        told: Sequence[Pose] | None = None,
+        change_depth: ChangeDepth | None = None,
+        centre_off: float = 0.0,
     ) -> None:
-        """told: T_world_camera of each frame, None where it has none."""
+        """told: T_world_camera of each frame, None where it has none; centre_off: of the principal point, pixels."""
         self._sequence = sequence
+        self._centre_off = centre_off
         self._told = told
         self._change_depth = change_depth
 
@@ -45,15 +50,18 @@ class Degraded:
         if self._change_depth is not None:
             depth = self._change_depth(frame.depth_metres(), frame.intrinsics, number)
             frame = replace(frame, depth=depth, depth_scale=1.0)
-        return frame
+        return replace(frame, intrinsics=self._told_camera(frame.intrinsics)) if self._centre_off else frame
 
     def __iter__(self) -> Iterator[RgbdFrame]:
         return (self[index] for index in range(len(self)))
 
     @property
     def intrinsics(self) -> Intrinsics:
-        """Intrinsics of all frames."""
-        return self._sequence.intrinsics
+        """Intrinsics of all frames, as told."""
+        return self._told_camera(self._sequence.intrinsics)
+
+    def _told_camera(self, camera: Intrinsics) -> Intrinsics:
+        return replace(camera, cy=camera.cy + self._centre_off)
 
     @property
     def stamps_ns(self) -> list[int]:
@@ -95,6 +103,11 @@ def with_late_poses(sequence: FrameSequence, frames: int) -> Degraded:
 def with_misplaced_poses(sequence: FrameSequence, metres: float, degrees: float, seed: int = 1) -> Degraded:
     """The sequence with poses of something that is fixed to the camera; see `pose_errors.misplaced`."""
     return Degraded(sequence, told=misplaced(told_poses(sequence), metres, degrees, seed))
+
+
+def with_wrong_centre(sequence: FrameSequence, share: float) -> Degraded:
+    """The sequence with a principal point that is too low by this share of the image's width."""
+    return Degraded(sequence, centre_off=share * sequence.intrinsics.width)
 
 
 def with_noisier_depth(sequence: FrameSequence, factor: float, seed: int = 1) -> Degraded:

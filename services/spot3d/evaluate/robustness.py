@@ -14,6 +14,7 @@ from spot3d.evaluate.degraded import (
     with_scaled_depth,
     with_shaken_poses,
     with_torn_depth,
+    with_wrong_centre,
 )
 from spot3d.evaluate.labelled import DataSet, LabelledSequence
 from spot3d.evaluate.measured_run import Measured, MeasuredRun, measure
@@ -39,6 +40,9 @@ SHAKES = ((0.005, 0.2), (0.010, 0.4), (0.020, 0.8))
 DELAYS = (1, 2)
 MOUNTS = ((0.010, 0.5), (0.020, 1.0))
 """Metres and degrees by which a tracker is mounted otherwise than is known: measured with a ruler, or by eye."""
+CENTRES = (0.0125, -0.025)
+"""Shares of the width by which the principal point is told too low: 16 pixels at VGA lie between the driver's and a
+calibrated one of the Kinect of TUM's freiburg1."""
 NOISES = (2.0,)
 SCALES = (0.985, 1.015, 0.97, 1.03)
 """Depth times this: data sheets promise 2 % at two metres; ORB-SLAM2's authors (IEEE Trans. Robotics, 2017)
@@ -65,14 +69,16 @@ class Degradation:
     """What is worse than as recorded: several at once, if need be.
 
     metres, degrees: of the poses' smooth error; late: frames by which poses lag; mount: metres and degrees between the
-    camera and what the poses are of; scale: of depth; noise: times the sensor's; mixed: pixels over which depth is a
-    mean; missing: share of depth; every: only each so-manieth frame; half: half size.
+    camera and what the poses are of; centre: share of the width by which the principal point is off; scale: of depth;
+    noise: times the sensor's; mixed: pixels over which depth is a mean; missing: share of depth; every: only each
+    so-manieth frame; half: half size.
     """
 
     metres: float = 0.0
     degrees: float = 0.0
     late: int = 0
     mount: tuple[float, float] = (0.0, 0.0)
+    centre: float = 0.0
     scale: float = 1.0
     noise: float = 1.0
     mixed: int = 0
@@ -97,6 +103,8 @@ class Degradation:
             worse = with_mixed_depth(worse, self.mixed)
         if self.missing:
             worse = with_torn_depth(worse, self.missing, SEED)
+        if self.centre:
+            worse = with_wrong_centre(worse, self.centre)
         return worse if self.every == 1 else Selected(worse, range(0, len(worse), self.every))
 
 
@@ -114,6 +122,7 @@ def groups(base: Degradation) -> dict[str, Levels]:
         "poses": [("0 mm", base), *shakes],
         "delay": [("0 frames", base), *((f"{k} frames", replace(base, late=k)) for k in DELAYS)],
         "mount": [("0 mm", base), *((f"{1e3 * m:g} mm {d:g} deg", replace(base, mount=(m, d))) for m, d in MOUNTS)],
+        "centre": [("0 px", base), *((f"{640 * k:+g} of 640 px", replace(base, centre=k)) for k in CENTRES)],
         "scale": [("x 1", base), *((f"x {k:g}", replace(base, scale=k)) for k in SCALES)],
         "depth": [("sigma x1", base), *((f"sigma x{k:g}", replace(base, noise=k)) for k in NOISES)],
         "edges": [("sharp", base), *((f"{k} px", replace(base, mixed=k)) for k in MIXED)],
@@ -172,7 +181,9 @@ def robustness_table(
     table.notes += [
         "Poses: each axis off by a smooth random error of this deviation, correlated over 10 frames. Delay: of poses "
         "against images, in recorded frames. Mount: poses of what is fixed to the camera, so far away and turned by so "
-        "much. Scale: depth times a factor, as of a camera out of calibration. Depth: "
+        "much. Centre: the principal point is told that much lower in the image (true poses, by which things are "
+        "carried, are then not those of such a camera). Scale: depth times a factor, as of a camera out of "
+        "calibration. Depth: "
         "noise added until its deviation is so many times that of a Kinect, 1.2 mm + 1.9 mm/m2 (z - 0.4 m)^2. Edges: "
         "depth is the mean of the pixels within so many. Together: several of these at once. Holes: "
         "share of the measured pixels lost in blobs, others in each frame. "

@@ -53,7 +53,7 @@ class MapState:
 
     rows: (n, 16) float32 points and keys: (n,) int64 the voxel of each (see `Heatmap3D.held`); removed, candidates:
     (k, 4) planes, world; supporting: (4,) or None; T_world_map: (4, 4) where the map of poses lay by the last frame;
-    poses_of: whose poses these were; T_theirs_map: (4, 4) the map of poses in theirs.
+    poses_of: whose poses these were; T_theirs_map: (4, 4) the map of poses in theirs. depth_factor, turn: of keyframes.
     """
 
     rows: NDArray[np.float32]
@@ -67,6 +67,7 @@ class MapState:
     poses_of: str | None
     T_theirs_map: NDArray[np.float64]
     depth_factor: float
+    turn: NDArray[np.float64]
 
 
 class ObjectsTask(Protocol):
@@ -86,10 +87,11 @@ class _ConsensusTask:
     keyframes: list[Keyframe]
     T_world_map: NDArray[np.float64]
     depth_factor: float
+    turn: NDArray[np.float64]
     frame_count: int
 
     def run(self) -> FoundObjects:
-        agreed, T = self.consensus.update(self.keyframes, self.depth_factor), self.T_world_map
+        agreed, T = self.consensus.update(self.keyframes, self.depth_factor, self.turn), self.T_world_map
         objects = [replace(item, box=moved(item.box, T)) for item in agreed.objects]
         return FoundObjects(objects, T[:3, :3] @ agreed.up, self.frame_count, agreed.left_out, agreed.dropped)
 
@@ -127,7 +129,7 @@ class Fusion:
         self._supporting: NDArray[np.float64] | None = None
         self._T_world_map = self._T_theirs_map = np.eye(4)
         self._poses_of: str | None = None
-        self._depth_factor = 1.0
+        self._depth_factor, self._turn = 1.0, np.zeros(3)
 
     def reset(self) -> None:
         """Forget everything; object numbers start anew."""
@@ -142,7 +144,7 @@ class Fusion:
         self._candidates, self._supporting, self.frame_count = np.zeros((0, 4)), None, 0
         self._T_world_map = self._T_theirs_map = np.eye(4)
         self._poses_of = None
-        self._depth_factor = 1.0
+        self._depth_factor, self._turn = 1.0, np.zeros(3)
 
     def map_state(self) -> MapState:
         """The map as it is now, copied, without its objects."""
@@ -159,6 +161,7 @@ class Fusion:
             poses_of=self._poses_of,
             T_theirs_map=self._T_theirs_map,
             depth_factor=self._depth_factor,
+            turn=self._turn,
         )
 
     def resume(self, state: MapState, consensus: ViewConsensus, identities: Identities) -> None:
@@ -169,7 +172,7 @@ class Fusion:
         self._removed = list(state.removed)
         self._candidates, self._supporting = state.candidates, state.supporting
         self._T_world_map, self._poses_of, self._T_theirs_map = state.T_world_map, state.poses_of, state.T_theirs_map
-        self._depth_factor = state.depth_factor
+        self._depth_factor, self._turn = state.depth_factor, state.turn
         self.consensus, self.identities = consensus, identities
 
     def fuse(
@@ -183,6 +186,7 @@ class Fusion:
         T_world_map: NDArray[np.float64] | None = None,
         poses_of: str | None = None,
         depth_factor: float = 1.0,
+        turn: NDArray[np.float64] | None = None,
     ) -> MatchCounts:
         """Take in one frame: supporting plane, its removal from the heat, registration with the map.
 
@@ -191,8 +195,12 @@ class Fusion:
         T_world_map: (4, 4) float64, where the map of poses lies by now (see `PoseEstimate`), and the objects with it;
         None: it stays. poses_of: who gives the poses: another one's map begins where that of before lay. depth_factor:
         what depth has to be multiplied by, this and that of the keyframes before, as far as is known by now; 1: nothing
-        is known but what was said before.
+        is known but what was said before. turn: (3,) rotation vector by which the camera turned out to be turned
+        against what the given poses are of: this pose is, and those of the keyframes before are to be as well; None:
+        nothing is known.
         """
+        if turn is not None and turn.any():
+            self._turn = turn
         if depth_factor != 1:
             # Who gives poses anew does not know it at first.
             self._depth_factor = depth_factor
@@ -217,7 +225,15 @@ class Fusion:
             seen = (frame.colour.copy(), frame.depth.copy()) if theirs else (frame.colour, frame.depth)
             T_map_camera = invert(self._T_world_map) @ T_world_camera
             self._fused.add(
-                FusedFrame(stamp_ns, *seen, frame.camera, T_world_camera.copy(), T_map_camera, self._depth_factor)
+                FusedFrame(
+                    stamp_ns,
+                    *seen,
+                    frame.camera,
+                    T_world_camera.copy(),
+                    T_map_camera,
+                    self._depth_factor,
+                    np.zeros(3) if turn is None else turn,
+                )
             )
         return self._index_map.register(
             self.heatmap, self.frame_count, frame.colour, frame.depth, warm, frame.camera, T_world_camera
@@ -259,7 +275,12 @@ class Fusion:
                 points, np.array(self._removed).reshape(-1, 4), self.identities, self.settings, self.frame_count
             )
         return _ConsensusTask(
-            self.consensus, self.consensus.take_waiting(), self._T_world_map, self._depth_factor, self.frame_count
+            self.consensus,
+            self.consensus.take_waiting(),
+            self._T_world_map,
+            self._depth_factor,
+            self._turn,
+            self.frame_count,
         )
 
     def objects(self) -> FoundObjects:

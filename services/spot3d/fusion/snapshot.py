@@ -96,6 +96,7 @@ def fusion_snapshot(kept: Kept) -> Snapshot:
         "frame_count": state.frame_count,
         "poses_of": state.poses_of,
         "depth_factor": state.depth_factor,
+        "turn": state.turn.tolist(),
         "account": {name: getattr(kept.told, name) for name in Account.__slots__},
         "consensus": saved(kept.consensus.without_waiting(), arrays, _CLASSES, settings),
         "identities": saved(kept.identities, arrays, _CLASSES, settings),
@@ -138,6 +139,7 @@ def resume(fusion: Fusion, kept: Snapshot, path: Path) -> None:
             poses_of=values["poses_of"],
             T_theirs_map=arrays["T_theirs_map"],
             depth_factor=float(values["depth_factor"]),
+            turn=np.array(values["turn"], np.float64).reshape(3),
         )
         if state.rows.ndim != 2 or state.rows.shape[1:] != fusion.heatmap.arrays.rows.shape[1:]:
             raise SnapshotError(f"{path} has points of another version of spot3d")

@@ -170,6 +170,7 @@ class Stage:
                 pose.message.T_world_map,
                 pose.message.header.sender,
                 pose.message.depth_factor,
+                pose.message.turn,
             )
         except Exception as error:
             self.node.crashed("fuse", f"cannot fuse the frame at {stamp_ns} ns", error)

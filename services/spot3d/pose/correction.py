@@ -17,6 +17,7 @@ from spot3d.pose.depth_scale import DepthScale
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.given import GivenPoses
 from spot3d.pose.motion import moved, nearest_rotation, twist
+from spot3d.pose.mount import MountTurn
 from spot3d.pose.registration import judged, refined
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface, sample_surface
@@ -62,6 +63,7 @@ class CorrectedPoses:
         self._sigma = np.repeat((settings.given_sigma, settings.given_turn_sigma), 3)
         self._noise = MeasuredNoise(0.0)
         self._scale = DepthScale(settings.depth_scale_sigma)
+        self._mount = MountTurn(settings.mount_turn_sigma)
         self._delay = PoseDelay(settings)
         self._correction = np.zeros(6)
         self._T_world_map = np.eye(4)
@@ -86,10 +88,10 @@ class CorrectedPoses:
         given = self._given.track(stamp_ns, depth_m, intrinsics, given_T_world_camera, colour)
         if given.status == "lost":
             return given
-        factor = self._scale.factor
+        factor, turn = self._scale.factor, self._mount.vector
         scaled = depth_m if factor == 1 else depth_m * np.float32(factor)
         followed = self._followed(given, stamp_ns, scaled, intrinsics)
-        return replace(followed, T_world_map=self._T_world_map, depth_factor=factor)
+        return replace(followed, T_world_map=self._T_world_map, depth_factor=factor, turn=turn)
 
     def _followed(
         self, given: PoseEstimate, stamp_ns: int, depth_m: NDArray[np.float32], intrinsics: Intrinsics
@@ -99,7 +101,7 @@ class CorrectedPoses:
         if leaps:
             self._delay.interrupt()
         surface = sample_surface(depth_m, intrinsics, self._settings)
-        pose = self._delay.compensated(stamp_ns, given.T_world_camera, surface)
+        pose = self._mount.applied(self._delay.compensated(stamp_ns, given.T_world_camera, surface))
         if abs(self._delay.delay_s - self._map_delay_s) >= _OUTDATED_S:
             self._replace_map(surface, pose)
         given = replace(given, T_world_camera=pose, delay_s=self._delay.delay_s)
@@ -136,7 +138,10 @@ class CorrectedPoses:
         variance = self._noise.measured(offset / self._sigma, information, elapsed)
         # The map has as much noise of the given poses, of its own views.
         known = np.diag(1 / (self._sigma**2 * (2 * variance + self._noise.negligible)))
-        grown = self._scale.learn(worth / tried * H, worth / tried * g, known, twist(registered, as_given), elapsed)
+        off = twist(registered, as_given)
+        grown = self._scale.learn(worth / tried * H, worth / tried * g, known, off, elapsed)
+        blurred = _sharpness(surface, variance * self._sigma**2) * worth / tried
+        turned = self._mount.learn(blurred * H, blurred * g, known, off, elapsed)
         self._correction = self._sigma * _most_probable(offset / self._sigma, information, variance)
         pose = moved(prior, self._correction)
         pose[:3, :3] = nearest_rotation(pose[:3, :3])
@@ -144,6 +149,8 @@ class CorrectedPoses:
         if grown != 1:
             self._planes.rescale(grown)
             self._delay.rescaled()
+        if turned.any():
+            self._planes.turn(turned)
         pose = self._settled(pose, given.T_world_camera, elapsed)
         return replace(given, T_world_camera=pose, forgotten=forgotten)
 
@@ -235,6 +242,17 @@ def _worth(surface: Surface, residual: float, tried: float) -> float:
     """
     expected = float(np.mean(np.square(surface.sigma, dtype=np.float64)))
     return float(min(_INDEPENDENT * expected / max(residual**2, 1e-12), tried))
+
+
+def _sharpness(surface: Surface, variances: NDArray[np.float64]) -> float:
+    """Share of the noise in a map of given poses, 0..1, that is the sensor's.
+
+    variances: (6,) of the given poses. What was seen a while ago lies apart from what was seen just now by that much,
+    and no pose of this frame mends it.
+    """
+    sensor = float(np.mean(np.square(surface.sigma, dtype=np.float64)))
+    away = float(np.square(surface.points, dtype=np.float64).sum(axis=1).mean())
+    return sensor / (sensor + float(variances[0] + variances[3] * away))
 
 
 def _most_probable(

@@ -1,6 +1,6 @@
 """What a pose provider says about a frame."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 import numpy as np
@@ -21,6 +21,7 @@ class PoseEstimate:
     now: it moves, and what earlier frames saw moves with it; None: the map stays.
     depth_factor: what the frame's depth is to be multiplied by to agree with the given poses.
     delay_s: how much older than the image the given pose was taken to be; the pose is where the camera is by then.
+    turn: (3,) rotation vector about the camera's axes, by which it was taken to be turned against the given pose.
     """
 
     T_world_camera: NDArray[np.float64]
@@ -31,6 +32,7 @@ class PoseEstimate:
     T_world_map: NDArray[np.float64] | None = None
     depth_factor: float = 1.0
     delay_s: float = 0.0
+    turn: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
 
 
 class PoseTracker(Protocol):

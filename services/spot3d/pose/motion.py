@@ -1,22 +1,10 @@
 """Small rigid-body algebra: twists, extrapolation."""
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import invert
-from spot3d.trajectory import rotation_angle
-
-
-def rotation_from_vector(vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, 3) rotation of a rotation vector, radians (Rodrigues)."""
-    angle = math.sqrt(float(vector @ vector))
-    x, y, z = vector
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    sine = math.sin(angle) / angle if angle > 0 else 1.0
-    versine = 0.5 * (2 * math.sin(angle / 2) / angle) ** 2 if angle > 0 else 0.5
-    return np.asarray(np.eye(3) + sine * skew + versine * (skew @ skew))
+from spot3d.trajectory import rotation_angle, rotation_from_vector
 
 
 def vector_from_rotation(rotation: NDArray[np.float64]) -> NDArray[np.float64]:

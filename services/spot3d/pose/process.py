@@ -19,7 +19,7 @@ from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.streams import new_stream
 from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
-from spot3d.pose import delay, depth_scale
+from spot3d.pose import delay, depth_scale, mount
 from spot3d.pose.estimate import PoseEstimate, PoseTracker
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
@@ -83,7 +83,7 @@ class _Stage:
         self.epoch = new_stream() if isinstance(self.tracker, MapTracker) else self.node.stream
         self.last = PoseEstimate(np.eye(4), "lost")
         self.lost_since: tuple[int, str] | None = None
-        self.told_factor, self.told_delay_s = 1.0, 0.0
+        self.told_factor, self.told_delay_s, self.told_turn = 1.0, 0.0, np.zeros(3)
         self.node.state = ""
 
     def _answer(self, given: Received[Frame]) -> None:
@@ -96,6 +96,7 @@ class _Stage:
         self._tell_if_lost(frame.stamp_ns)
         self._tell_depth()
         self._tell_delay()
+        self._tell_turn()
         pose = Pose(
             header=self.node.header(_OUT, given),
             T_world_camera=self.last.T_world_camera,
@@ -107,6 +108,7 @@ class _Stage:
             T_world_map=self.last.T_world_map,
             depth_factor=self.last.depth_factor,
             delay_s=self.last.delay_s,
+            turn=self.last.turn,
         )
         if self.node.publish(_OUT, pose):
             self.node.measure_latency(pose.header)
@@ -174,6 +176,13 @@ class _Stage:
         if abs(delay_s - self.told_delay_s) >= delay.TOLD_S and (text := delay.told(delay_s)):
             self.told_delay_s = delay_s
             self.node.note("poses' delay", text)
+
+    def _tell_turn(self) -> None:
+        """Say when the camera turns out to be turned against the given poses, and when that has changed as much."""
+        turn = self.last.turn
+        if np.linalg.norm(turn - self.told_turn) >= mount.TOLD and (text := mount.told(turn)):
+            self.told_turn = turn
+            self.node.note("camera's turn", text)
 
     def _keep(self) -> None:
         """A snapshot of the tracker's map, where it has one and its stream has a name to find it by."""

@@ -34,6 +34,13 @@ class PoseSettings(BaseModel):
         description="how late given poses may be, or early, standard deviation in seconds; their delay is estimated "
         "from how the camera's velocity and what depth says differ together; 0: they are taken as they are",
     )
+    mount_turn_sigma: float = Field(
+        0.014,
+        ge=0,
+        le=0.2,
+        description="given: how far the camera may be turned against what the poses are of, standard deviation about "
+        "each axis, radians: it is estimated from views at a slant to each other; 0: poses are taken as they are",
+    )
     depth_scale_sigma: float = Field(
         0.02,
         ge=0,

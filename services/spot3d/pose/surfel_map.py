@@ -10,8 +10,10 @@ from spot3d.pose.surface import Surface
 from spot3d.voxel_hash import EMPTY, empty_table, find_slot, voxel_key
 
 # Mean position (3), mean normal (3), weight, frame that saw it last, mean position of the cameras that saw it (3): so
-# many are held; and how far it lies from where the cameras would have it by the poses that were given (3).
-HELD, _COLUMNS = 11, 14
+# many are held; how far it lies from where the cameras would have it by the poses that were given (3); and how it moves
+# along its normal where each of them is turned about its own axes (3), metres a radian.
+HELD, _COLUMNS = 11, 17
+_POSE_AND_SCALE, _ALL = 7, 10
 # Variance that counts as weight one; it only keeps the weights near one.
 _UNIT_VARIANCE = 1e-5
 # Beyond this weight (about 300 views at 1 m) a surfel stays open to change.
@@ -35,7 +37,7 @@ class _Points(NamedTuple):
 
 
 class _Sums(NamedTuple):
-    """What is summed up (see `SurfelMap.normal_equations`), and J (7,), room for the row of one point."""
+    """What is summed up (see `SurfelMap.normal_equations`), and J (10,), room for the row of one point."""
 
     H: NDArray[np.float64]
     g: NDArray[np.float64]
@@ -46,7 +48,7 @@ class _Sums(NamedTuple):
 class SurfelMap:
     """Bounded map of planes in the world frame.
 
-    keys: (slots,) int64, voxel coordinates and direction, -1 = free; surfels: (slots, 14) float64; forgotten: how many
+    keys: (slots,) int64, voxel coordinates and direction, -1 = free; surfels: (slots, 17) float64; forgotten: how many
     have had to make room.
     """
 
@@ -99,18 +101,30 @@ class SurfelMap:
 
         Returns H (7, 7) and g (7,) of H x = g for the twist x (metres, radians; world axes, about the camera) and the
         growth of depth, the frame's and the map's, from where each was seen; and (points tried, points matched, sum of
-        squared distances in m2). as_given: g is to the surfels where they would lie by the given poses.
+        squared distances in m2). as_given: g is to the surfels where they would lie by the given poses, and both have
+        three more rows: for a turn of all cameras, the frame's and the map's, each about its own axes.
         """
-        sums = _Sums(np.zeros((7, 7)), np.zeros(7), np.zeros(3), np.empty(7))
+        size = _ALL if as_given else _POSE_AND_SCALE
+        sums = _Sums(np.zeros((size, size)), np.zeros(size), np.zeros(3), np.empty(size))
         pose = np.ascontiguousarray(T_world_camera, np.float64)
-        _normal_equations(self._arrays, _points_of(surface), pose, distance, kernel, stride, float(as_given), sums)
+        _normal_equations(self._arrays, _points_of(surface), pose, distance, kernel, stride, sums)
         return sums.H, sums.g, sums.totals
 
     def rescale(self, factor: float) -> None:
         """Put every surfel where it would be had the depth been `factor` times as large."""
-        used = np.flatnonzero(self.keys != EMPTY)
-        surfels = self.surfels[used]
+        surfels = self.surfels[self.keys != EMPTY]
         surfels[:, :3] += (factor - 1) * (surfels[:, :3] - surfels[:, 8:11])
+        self._hold_moved(surfels)
+
+    def turn(self, vector: NDArray[np.float64]) -> None:
+        """Put every surfel where it would be had each camera been turned by a small rotation vector (3,) of its own."""
+        surfels = self.surfels[self.keys != EMPTY]
+        normals = surfels[:, 3:6] / np.maximum(np.linalg.norm(surfels[:, 3:6], axis=1), 1e-9)[:, None]
+        surfels[:, :3] += normals * (surfels[:, 14:] @ vector)[:, None]
+        self._hold_moved(surfels)
+
+    def _hold_moved(self, surfels: NDArray[np.float64]) -> None:
+        """Hold these surfels alone, each in the voxel where it now is."""
         keys = np.empty(len(surfels), np.int64)
         _keys_of(surfels, self.voxel, keys)
         # Of two that come to lie in one voxel, the better known stays.
@@ -212,6 +226,9 @@ def _insert(
         s[11] += share * (C[0, 0] * p[0] + C[0, 1] * p[1] + C[0, 2] * p[2] + C[0, 3] - s[11])
         s[12] += share * (C[1, 0] * p[0] + C[1, 1] * p[1] + C[1, 2] * p[2] + C[1, 3] - s[12])
         s[13] += share * (C[2, 0] * p[0] + C[2, 1] * p[1] + C[2, 2] * p[2] + C[2, 3] - s[13])
+        s[14] += share * (p[1] * n[2] - p[2] * n[1] - s[14])
+        s[15] += share * (p[2] * n[0] - p[0] * n[2] - s[15])
+        s[16] += share * (p[0] * n[1] - p[1] * n[0] - s[16])
     return new
 
 
@@ -223,13 +240,13 @@ def _normal_equations(
     distance: float,
     kernel: float,
     stride: int,
-    as_given: float,
     sums: _Sums,
 ) -> None:
     """Sum H, g and the totals over every stride-th point; Geman-McClure weights, inverse noise variance."""
     keys, surfels, voxel = known
     points, normals, sigma = surface
     H, g, totals, J = sums
+    size = g.shape[0]
     for i in range(0, points.shape[0], stride):
         totals[0] += 1
         p, n = points[i], normals[i]
@@ -261,14 +278,22 @@ def _normal_equations(
         J[0], J[1], J[2] = mx, my, mz
         J[3], J[4], J[5] = ly * mz - lz * my, lz * mx - lx * mz, lx * my - ly * mx
         J[6] = mx * (lx - s[0] + s[8]) + my * (ly - s[1] + s[9]) + mz * (lz - s[2] + s[10])
-        off = r + as_given * (mx * s[11] + my * s[12] + mz * s[13])
-        for a in range(7):
+        off = r
+        if size > 7:
+            off += mx * s[11] + my * s[12] + mz * s[13]
+            cx = T[0, 0] * mx + T[1, 0] * my + T[2, 0] * mz
+            cy = T[0, 1] * mx + T[1, 1] * my + T[2, 1] * mz
+            cz = T[0, 2] * mx + T[1, 2] * my + T[2, 2] * mz
+            J[7] = p[1] * cz - p[2] * cy - s[14]
+            J[8] = p[2] * cx - p[0] * cz - s[15]
+            J[9] = p[0] * cy - p[1] * cx - s[16]
+        for a in range(size):
             wj = weight * J[a]
             g[a] -= wj * off
-            for b in range(a, 7):
+            for b in range(a, size):
                 H[a, b] += wj * J[b]
         totals[1] += 1
         totals[2] += r * r
-    for a in range(7):
+    for a in range(size):
         for b in range(a):
             H[a, b] = H[b, a]

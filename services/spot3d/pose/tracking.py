@@ -9,12 +9,12 @@ from spot3d.camera import Intrinsics, invert
 from spot3d.pose.drift import DriftCorrection
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.landmark_map import LANDMARK
-from spot3d.pose.motion import checked_pose, extrapolated, rotation_from_vector
+from spot3d.pose.motion import checked_pose, extrapolated
 from spot3d.pose.registration import Registrar, Registration
 from spot3d.pose.relocalisation import relocalised
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface, information, sample_surface, weakest_direction
-from spot3d.trajectory import rotation_angle
+from spot3d.trajectory import rotation_angle, rotation_from_vector
 
 # Turns of the camera, in degrees about its x and y axes, that are tried from the last good pose while lost.
 _TURNS = ((0, 12), (0, -12), (12, 0), (-12, 0), (0, 25), (0, -25), (12, 12), (-12, -12), (12, -12), (-12, 12))

@@ -17,6 +17,7 @@ from spot3d.fusion.objects.consensus import Consensus, ViewConsensus
 from spot3d.fusion.objects.found import Seen, box_of
 from spot3d.fusion.objects.keyframes import FusedFrame, Keyframe, keyframe_of
 from spot3d.fusion.settings import FusionSettings
+from spot3d.trajectory import rotation_from_vector
 
 
 def agreed(frames: list[Keyframe], **changes: object) -> Consensus:
@@ -392,6 +393,22 @@ def test_keyframes_of_before_the_scale_of_depth_was_known(factor: float) -> None
     found = votes.update(frames[6:], 1 / factor)
     assert_found(found)
     exact, unaware = agreed(keyframes()), agreed([replace(frame, depth_factor=1.0) for frame in frames])
+    assert overlaps(found.objects).max(axis=1).mean() > overlaps(exact.objects).max(axis=1).mean() - 0.03
+    assert overlaps(found.objects).max(axis=1).mean() > overlaps(unaware.objects).max(axis=1).mean() + 0.1
+
+
+def test_keyframes_of_before_the_cameras_turn_was_known() -> None:
+    turn, frames = np.array((0.03, -0.01, 0.02)), keyframes()
+    back = np.eye(4)
+    back[:3, :3] = rotation_from_vector(turn).T
+    for row, frame in enumerate(frames):
+        given = frame.T_map_camera @ back if row < 6 else frame.T_map_camera
+        frames[row] = replace(frame, T_map_camera=given, turn=np.zeros(3) if row < 6 else turn)
+    votes = ViewConsensus(SETTINGS)
+    votes.update(frames[:6])
+    found = votes.update(frames[6:], turn=turn)
+    assert_found(found)
+    exact, unaware = agreed(keyframes()), agreed([replace(frame, turn=np.zeros(3)) for frame in frames])
     assert overlaps(found.objects).max(axis=1).mean() > overlaps(exact.objects).max(axis=1).mean() - 0.03
     assert overlaps(found.objects).max(axis=1).mean() > overlaps(unaware.objects).max(axis=1).mean() + 0.1
 

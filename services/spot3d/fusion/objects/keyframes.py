@@ -20,7 +20,8 @@ class FusedFrame:
 
     colour: (h, w, 3) uint8 RGB on fusion's lattice; depth: (h, w) float32 metres, 0 = invalid; camera: of that
     lattice; T_world_camera: (4, 4); T_map_camera: (4, 4), in the map of poses, which slides in the world as it is
-    better known where it lies. depth_factor: what depth has been multiplied by.
+    better known where it lies. depth_factor: what depth has been multiplied by; turn: (3,) rotation vector by which the
+    poses have been turned about the camera's axes.
     """
 
     stamp_ns: int
@@ -30,6 +31,7 @@ class FusedFrame:
     T_world_camera: NDArray[np.float64]
     T_map_camera: NDArray[np.float64]
     depth_factor: float = 1.0
+    turn: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +41,7 @@ class Keyframe:
     labels: (h, w) uint8 on the lattice of `depth`, 0 = no object, k = segment k - 1; depth: (h, w) float32 metres,
     0 = invalid; colour: (h, w, 3) uint8 RGB; camera: of that lattice; T_map_camera: (4, 4) float64, in the map of
     poses, which is the consensus' world: its views must not slide against each other. heat, planes (camera frame),
-    stands_on and left_out: as in `FrameSegments`. depth_factor: what depth has been multiplied by.
+    stands_on and left_out: as in `FrameSegments`. depth_factor, turn: as in `FusedFrame`.
     """
 
     stamp_ns: int
@@ -53,6 +55,7 @@ class Keyframe:
     stands_on: NDArray[np.int8]
     left_out: dict[str, int] = field(default_factory=dict)
     depth_factor: float = 1.0
+    turn: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
 
 
 def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
@@ -73,6 +76,7 @@ def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
         seen.stands_on,
         seen.left_out,
         frame.depth_factor,
+        frame.turn,
     )
 
 
