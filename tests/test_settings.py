@@ -122,3 +122,8 @@ def test_what_is_not_finite_round_trips(tmp_path):
 def test_other_variables_are_left_alone():
     environment = {"SPOT3D_DATA": "d", "SPOT3D_FUSION__TAU": "1", "SPOT3D_PRESET": "paper", "HOME": "h"}
     assert without_settings(environment) == {"SPOT3D_DATA": "d", "HOME": "h"}
+
+
+def test_a_greatest_size_below_the_least_is_refused() -> None:
+    with pytest.raises(InvalidSettingsError, match=r"size_max.*as small as this and as large as size_min, 2 m"):
+        load_settings(overrides={"size_min": 2.0, "size_max": 1.0})

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic_settings import BaseSettings, EnvSettingsSource, SettingsConfigDict, SettingsError
 
 from spot3d.bridge.settings import BridgeSettings
@@ -57,6 +57,13 @@ class Settings(BaseSettings):
     access: AccessSettings = AccessSettings()
     dashboard: DashboardSettings = DashboardSettings()
     bridge: BridgeSettings = BridgeSettings()
+
+    @field_validator("size_max")
+    @classmethod
+    def _above_the_least(cls, size_max: float, info: ValidationInfo) -> float:
+        if size_max <= info.data.get("size_min", 0.0):
+            raise ValueError(f"nothing is as small as this and as large as size_min, {info.data['size_min']:g} m")
+        return size_max
 
     @model_validator(mode="before")
     @classmethod

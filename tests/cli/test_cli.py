@@ -42,6 +42,7 @@ def test_settings_prints_what_can_be_read_again(tmp_path):
         (["run", "scene", "--out", "{tmp}", "--pose", "magic"], "pose.provider"),
         (["run", "scene", "--out", "{tmp}", "--intrinsics", "1,2"], "four numbers"),
         (["run", "scene", "--out", "{tmp}", "--in-process", "--pose", "a/b"], "--in-process hears no topics"),
+        (["run", "scene", "--out", "{tmp}", "--pose", "/odom"], "--pose /odom is no key"),
         (["run", "scene", "--out", "{tmp}", "--in-process", "--dashboard"], "--in-process has no messages"),
         (["run", "scene", "--out", "{tmp}/file/x", "--frames", "1"], "file"),
         (["pose", "--connect", "nonsense"], "link.connect.0"),

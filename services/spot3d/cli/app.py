@@ -106,6 +106,8 @@ def run(
     in_bag = None
     if topic is not None and is_ros_bag(Path(input_name)):
         pose, topic, in_bag = "truth", None, topic
+    if topic is not None:
+        _check_key(topic)
     if in_process and topic is not None:
         raise CommandError(f"--in-process hears no topics; leave --in-process away, or do without --pose {pose}")
     overrides = play_overrides(
@@ -257,6 +259,16 @@ def _conclude(done: "Finished", settings: Settings) -> None:
         _fail(report.error, code=1)
     if report.interrupted:
         raise typer.Exit(130)
+
+
+def _check_key(topic: str) -> None:
+    """Refuse what is no key of Zenoh."""
+    import zenoh
+
+    try:
+        zenoh.KeyExpr(topic)
+    except zenoh.ZError as error:
+        raise CommandError(f"--pose {topic} is no key of poses, as ROBOT/odom is: {error}") from error
 
 
 def _fail(message: str, code: int = 2) -> NoReturn:

@@ -29,6 +29,8 @@ _FINAL_OBJECTS_S = 30.0
 """Longest wait for the last update of the objects after the last frame."""
 _KEEP_S = 10.0
 """Time between two times that what there is so far is kept."""
+_NO_POSE_S = 10.0
+"""Somebody else's poses that have not come by then are told of."""
 _MAP_S, _MAP_INTERRUPTED_S = 30.0, 2.0
 """Longest wait for the map, at the end and after Ctrl-C."""
 
@@ -116,7 +118,8 @@ def _follow(
 ) -> None:
     """Watch the stages until the source has ended and the last objects are here."""
     ended_s: float | None = None
-    kept_s = time.monotonic()
+    began_s = kept_s = time.monotonic()
+    awaited = plan.pose_topic
     while not stop.wait(_POLL_S):
         collector.drain()
         progress, objects = collector.progress, collector.objects
@@ -128,6 +131,10 @@ def _follow(
             if death.fatal:
                 report.error = death.message
                 return
+        if awaited is not None and (collector.poses or time.monotonic() - began_s > _NO_POSE_S):
+            if not collector.poses:
+                _tell(report, watcher, f"no pose has come on {awaited}: is it published, and does it reach this run?")
+            awaited = None
         if progress is not None:
             found = 0 if objects is None else len(objects.objects)
             watcher.on_progress(progress.fused, sum(progress.skipped.values()), found)

@@ -48,8 +48,8 @@ class McapSequence:
             raise SourceError(f"{contents.path}: cannot find its frames: {error}") from error
         if not places:
             raise SourceError(
-                f"{contents.path} holds no frames: neither source/frame nor heatmap/heat; it holds "
-                f"{', '.join(contents.topics) or 'nothing'}"
+                f"{contents.path} holds no frames: no message of source/frame or heatmap/heat; its topics are "
+                f"{', '.join(contents.topics) or 'none'}"
             )
         if not contents.complete:
             log.warning("%s was not finished: %d bytes at its end are lost", contents.path, contents.lost_bytes)
