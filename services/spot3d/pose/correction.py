@@ -140,7 +140,10 @@ class CorrectedPoses:
         known = np.diag(1 / (self._sigma**2 * (2 * variance + self._noise.negligible)))
         off = twist(registered, as_given)
         grown = self._scale.learn(worth / tried * H, worth / tried * g, known, off, elapsed)
-        blurred = _sharpness(surface, variance * self._sigma**2) * worth / tried
+        # A turn looks like noise of the poses, as much of which may be there as the registrations' own hides.
+        most = variance + self._noise.hidden
+        known = np.diag(1 / (self._sigma**2 * (2 * most + self._noise.negligible)))
+        blurred = _sharpness(surface, most * self._sigma**2) * worth / tried
         turned = self._mount.learn(blurred * H, blurred * g, known, off, elapsed)
         self._correction = self._sigma * _most_probable(offset / self._sigma, information, variance)
         pose = moved(prior, self._correction)
@@ -205,11 +208,12 @@ class MeasuredNoise:
     Registrations scatter about the given poses by the noise of both (covariance matching, Mehra 1970). What they have
     in common for long counts as well: poses that drift disagree with the map more and more.
 
-    negligible: variance, in units of the stated one, below which the given poses count as exact.
+    negligible: variance, in units of the stated one, below which the given poses count as exact; hidden: that of the
+    registrations themselves, by which the given poses could be wrong unseen.
     """
 
     def __init__(self, negligible: float) -> None:
-        self.negligible = negligible
+        self.negligible, self.hidden = negligible, 1.0
         self._count = 0
         # Poses count as exact until they are seen not to be.
         self._variance = 0.0
@@ -229,7 +233,8 @@ class MeasuredNoise:
         expected = spread + max(self._variance, self.negligible)
         weight = 1 / expected**2
         square = np.minimum((axes.T @ offset) ** 2, _OUTLIER**2 * expected)
-        excess = weight @ (square - spread) / weight.sum()
+        self.hidden = float(weight @ spread / weight.sum())
+        excess = weight @ square / weight.sum() - self.hidden
         self._variance += gain * (excess - self._variance)
         return float(np.clip(self._variance - self.negligible, 0.0, 1.0))
 

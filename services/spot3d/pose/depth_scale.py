@@ -12,11 +12,11 @@ may look like along it.
 import numpy as np
 from numpy.typing import NDArray
 
-# `_NEWS_S`, `_STEP`, `_KNOWN` and `_MOST` with half and with twice their value: of 3 % on redkitchen and clutter, whose
-# poses are exact, 0.1 to 1.2 % are left in the end by `_NEWS_S`, 0.2 to 0.8 % by `_STEP`, the same by `_KNOWN` and
+from spot3d.pose.evidence import NEWS_S, evidence
+
+# `NEWS_S`, `_STEP`, `_KNOWN` and `_MOST` with half and with twice their value: of 3 % on redkitchen and clutter, whose
+# poses are exact, 0.1 to 1.2 % are left in the end by `NEWS_S`, 0.2 to 0.8 % by `_STEP`, the same by `_KNOWN` and
 # `_MOST`; true depth stays.
-# Given poses are wrong alike over a third of a second: no sooner does a frame tell something new.
-_NEWS_S = 1 / 3
 # A scale is never better known than this: depth is distorted over the image, and drifts with the camera's warmth.
 _KNOWN = 0.003
 # What lies within so many standard deviations may be chance: the scale is taken as true until it surely is not. With 1
@@ -80,17 +80,14 @@ class DepthScale:
         """
         if not self._sigma:
             return 1.0
-        share = min(1.0, elapsed / _NEWS_S)
-        # The pose may give way as far as it is uncertain: what is left tells the scale (Schur complement).
-        A, b = H[:6, :6] + pose_information, g[:6] + pose_information @ given
-        information = share * (H[6, 6] - H[6, :6] @ np.linalg.solve(A, H[:6, 6]))
-        gradient = share * (g[6] - H[6, :6] @ np.linalg.solve(A, b))
+        told_information, told_gradient = evidence(H, g, slice(6, 7), pose_information, given, elapsed)
+        information, gradient = float(told_information[0, 0]), float(told_gradient[0])
         applied = np.log(self.factor)
         total = self._information + information
         self._log += (gradient + information * (applied - self._log)) / total
         self._log = float(np.clip(self._log, -_MOST * self._sigma, _MOST * self._sigma))
         self._information = min(total, _KNOWN**-2)
-        self._see_across(H, g, pose_information, given, share)
+        self._see_across(H, g, pose_information, given, min(1.0, elapsed / NEWS_S))
         chance = max(1 / self._information, float(self._across @ self._across) / 3)
         sure = max(0.0, 1.0 - chance * (_SURE / self._log) ** 2) if self._log else 0.0
         if abs(sure * self._log - applied) < _STEP:

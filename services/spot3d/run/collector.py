@@ -180,7 +180,8 @@ class Collector:
         stamp, lost = pose.header.stamp_ns, pose.status == "lost"
         if self.poses and stamp <= self.poses[-1].stamp_ns:
             return
-        self.poses.append(TrackedFrame(stamp, pose.T_world_camera, lost, pose.depth_factor, pose.delay_s))
+        turn = np.zeros(3) if pose.turn is None else pose.turn
+        self.poses.append(TrackedFrame(stamp, pose.T_world_camera, lost, pose.depth_factor, pose.delay_s, turn))
         self.lost.add(stamp, lost)
         if not lost:
             self._trajectory.add_pose(stamp, pose.T_world_camera)

@@ -30,7 +30,7 @@ _FINAL_OBJECTS_S = 30.0
 _KEEP_S = 10.0
 """Time between two times that what there is so far is kept."""
 _NO_POSE_S = 10.0
-"""Somebody else's poses that have not come by then are told of."""
+"""Somebody else's poses that have not come by then are told of: the stages are there after some four."""
 _MAP_S, _MAP_INTERRUPTED_S = 30.0, 2.0
 """Longest wait for the map, at the end and after Ctrl-C."""
 

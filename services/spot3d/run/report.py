@@ -7,12 +7,14 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import spot3d
 from spot3d.machine import machine
 from spot3d.run.lost_tracking import Stretch
 
 _TIMES = 10_000
+"""Times of a hop that are kept: five minutes of a camera, 0.3 MB; p99 is then of a hundred."""
 
 
 @dataclass(slots=True)
@@ -39,7 +41,8 @@ class RunReport:
     them; keyframes: those whose segments fusion has taken in; keyframes_dropped: those of them that it has forgotten as
     too many; objects: how many there are; left_out: what was taken for one and is none, by reason; map_limit_reached:
     points of the map were forgotten as too many; depth_factor: what depth was multiplied by in the end; delay_s: how
-    much older than their images given poses turned out to be; drops: by stage and reason; latency_ms: p50 and p99 of
+    much older than their images given poses turned out to be; turn: (3,) rotation vector by which the camera turned out
+    to be turned against what they are of, radians; drops: by stage and reason; latency_ms: p50 and p99 of
     each hop and of the whole way, from the messages' traces; wall_s: the whole run with the start of its processes;
     ms_per_frame: from the first frame done to the last, per frame.
     """
@@ -56,6 +59,7 @@ class RunReport:
     lost: list[Stretch] = field(default_factory=list)
     depth_factor: float = 1.0
     delay_s: float = 0.0
+    turn: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     proposals: dict[str, int] = field(default_factory=dict)
     keyframes: int = 0
     keyframes_dropped: int = 0
@@ -89,6 +93,7 @@ def report_document(report: RunReport) -> dict[str, Any]:
         },
         "depth_factor": _rounded(report.depth_factor),
         "delay_s": _rounded(report.delay_s),
+        "turn_deg": [_rounded(degrees) for degrees in np.degrees(report.turn).tolist()],
         "proposals": report.proposals,
         "keyframes": report.keyframes,
         "keyframes_dropped": report.keyframes_dropped,

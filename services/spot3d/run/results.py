@@ -50,7 +50,8 @@ def empty_snapshot() -> MapSnapshot:
 class TrackedFrame:
     """Pose of one frame: T_world_camera (4, 4), trusted only where `lost` is False.
 
-    depth_factor: by what its depth was corrected; delay_s: and the delay of its pose.
+    depth_factor: by what its depth was corrected; delay_s: and the delay of its pose; turn: (3,) rotation vector by
+    which the camera was turned against what the pose is of.
     """
 
     stamp_ns: int
@@ -58,6 +59,7 @@ class TrackedFrame:
     lost: bool
     depth_factor: float = 1.0
     delay_s: float = 0.0
+    turn: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +91,10 @@ class RunResult:
     def delay_s(self) -> float:
         """How much older than their images the given poses are, as far as was known in the end."""
         return next((item.delay_s for item in reversed(self.trajectory) if not item.lost), 0.0)
+
+    def turn(self) -> NDArray[np.float64]:
+        """How the camera is turned against what given poses are of, as far as was known in the end: (3,) radians."""
+        return next((item.turn for item in reversed(self.trajectory) if not item.lost), np.zeros(3))
 
 
 def write_results(folder: Path, result: RunResult) -> None:

@@ -139,7 +139,7 @@ def _write(folder: Path, result: RunResult, report: RunReport, wall_s: float) ->
     report.objects, report.left_out = len(result.objects), result.left_out
     report.keyframes_dropped, report.map_points = result.keyframes_dropped, result.points.total
     report.map_limit_reached = result.map_limit_reached
-    report.depth_factor, report.delay_s = result.depth_factor(), result.delay_s()
+    report.depth_factor, report.delay_s, report.turn = result.depth_factor(), result.delay_s(), result.turn()
     write_json(folder / "report.json", report_document(report))
     write_results(folder, result)
 

@@ -52,6 +52,7 @@ def change_segments(segments: SegmentTable, rows: NDArray[np.int64], change: Cha
         points[rows] = change.moved(points[rows])
     spheres[rows, :3] = change.moved(spheres[rows, :3])
     spheres[rows, 3] *= change.factor
+    segments.blur.rows[rows] = segments.blur.rows[rows] @ change.rotation.T
     # Zeros, of a segment that stands on nothing, stay zeros.
     away = change.factor * (support[rows, :3] @ change.camera + support[rows, 3])
     support[rows, :3] = support[rows, :3] @ change.rotation.T
