@@ -42,7 +42,7 @@ _WAITING = 4096
 """Small messages that may wait for this process: two minutes of a camera's poses."""
 
 POSES_MOST = 100_000
-"""Poses that are kept for the overview: the last hour of a camera, 45 MB. The file has them all."""
+"""Poses that are kept for the overview: the last hour of a camera, 60 MB. The file has them all."""
 
 _BOXES = ("accepted", "masked", "rejected")
 """What the heatmap stage counts of the proposals."""

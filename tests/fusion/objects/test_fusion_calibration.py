@@ -30,3 +30,18 @@ def test_a_changed_keyframe_is_one_that_was_seen_like_that() -> None:
     np.testing.assert_allclose(view.pose, other.pose, atol=1e-5)
     np.testing.assert_allclose(view.centre, other.centre, atol=1e-2)
     np.testing.assert_allclose(view.depth, other.depth, atol=2)
+
+
+def test_changes_back_and_forth_end_where_they_began() -> None:
+    first = keyframes()[0]
+    segments, still = SegmentTable(), np.zeros(3)
+    segments.extend(first, 0)
+    tables = {name: getattr(segments, name).rows.copy() for name in ("places", "support", "blur", "spheres")}
+    view = view_of(first)
+    for factor, turn in [(1.02, np.array((0.02, -0.01, 0.01))), (1 / 1.02, still)] * 20:
+        change = Change.of(view, factor, np.array((0.02, -0.01, 0.01)) - turn, turn)
+        change_segments(segments, np.arange(len(segments)), change)
+        view = changed_view(view, change)
+    for name, rows in tables.items():
+        np.testing.assert_allclose(getattr(segments, name).rows, rows, atol=1e-4, err_msg=name)
+    np.testing.assert_allclose(view.pose, view_of(first).pose, atol=1e-5)

@@ -16,19 +16,23 @@ from spot3d.trajectory import rotation_from_vector
 class Change:
     """How what one camera saw moves: depth times `factor`, and a turn about the camera.
 
-    camera: (3,) where it is; rotation: (3, 3); both in the views' world.
+    camera: (3,) where it is, and rotation: (3, 3) how it turns, in the views' world; turn: (3, 3) the same rotation in
+    the camera's axes.
     """
 
     factor: float
     camera: NDArray[np.float64]
     rotation: NDArray[np.float64]
+    turn: NDArray[np.float64]
 
     @classmethod
     def of(cls, view: View, factor: float, before: NDArray[np.float64], now: NDArray[np.float64]) -> Self:
         """Of a view whose camera was turned by the rotation vector `before` (3,) of its axes, and is to be by `now`."""
-        pose = view.pose.astype(np.float64)
+        axes, origin = np.split(view.pose.astype(np.float64), [3], axis=1)
         turn = rotation_from_vector(before).T @ rotation_from_vector(now)
-        return cls(factor, -pose[:, :3].T @ pose[:, 3], pose[:, :3].T @ turn @ pose[:, :3])
+        # The inverse, not the transpose: what single precision lacks of a rotation must not add up over many changes.
+        inverse = np.linalg.inv(axes)
+        return cls(factor, -(inverse @ origin)[:, 0], inverse @ turn @ axes, turn)
 
     def moved(self, points: NDArray[np.float32]) -> NDArray[np.float64]:
         """Where (..., 3) points come to lie."""
@@ -39,8 +43,7 @@ def changed_view(view: View, change: Change) -> View:
     """The view after the change."""
     millimetres = np.rint(view.depth * change.factor)
     depth = np.where(millimetres < 65536, millimetres, 0).astype(np.uint16)
-    turned = view.pose[:, :3].astype(np.float64) @ change.rotation.T
-    pose = np.column_stack((turned, -turned @ change.camera)).astype(np.float32)
+    pose = (change.turn.T @ view.pose).astype(np.float32)
     centre = change.moved(view.centre).astype(np.float32)
     return replace(view, depth=depth, pose=pose, centre=centre, reach=view.reach * change.factor)
 
