@@ -141,8 +141,8 @@ class CorrectedPoses:
         off = twist(registered, as_given)
         grown = self._scale.learn(worth / tried * H, worth / tried * g, known, off, elapsed)
         # A turn looks like noise of the poses, as much of which may be there as the registrations' own hides.
-        most = 2 * (variance + self._noise.hidden)
-        known = np.diag(1 / (self._sigma**2 * (most + self._noise.negligible)))
+        most = variance + self._noise.hidden
+        known = np.diag(1 / (self._sigma**2 * (2 * most + self._noise.negligible)))
         blurred = _sharpness(surface, most * self._sigma**2) * worth / tried
         turned = self._mount.learn(blurred * H, blurred * g, known, off, elapsed)
         self._correction = self._sigma * _most_probable(offset / self._sigma, information, variance)
