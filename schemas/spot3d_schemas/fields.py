@@ -40,6 +40,7 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Reasons = Annotated[dict[Annotated[str, Field(max_length=MAX_NAME)], Count], Field(max_length=MAX_REASONS)]
 """Counts by reason."""
 
+Point2 = Annotated[NDArray[np.float64], NumbersSpec((2,))]
 Vector = Annotated[NDArray[np.float64], NumbersSpec((3,))]
 Rotation = Annotated[NDArray[np.float64], NumbersSpec((3, 3), "rotation")]
 Transform = Annotated[NDArray[np.float64], NumbersSpec((4, 4), "rigid")]

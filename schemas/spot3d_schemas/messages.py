@@ -32,6 +32,7 @@ from spot3d_schemas.fields import (
     Name,
     Nanoseconds,
     NonNegative,
+    Point2,
     PointColours,
     PointCounts,
     PointHeat,
@@ -268,10 +269,12 @@ class Pose(Message):
     capture the pose was as it was given, seconds; it has been carried on by that; 0: it came in time, or nobody knows.
     Since 1.5, turn: (3,) rotation vector about the camera's axes, radians, by which the camera is turned against what
     the given pose is of, as far as was known by then: it is part of the pose; None: the pose is as it was given.
+    Since 1.6, centre: (2,) by how much further to the right and down a thing at unit distance lies than the capture's
+    intrinsics say: cx and cy are to be less by so many focal lengths; None: nobody knows.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Pose"
-    VERSION: ClassVar[str] = "1.5"
+    VERSION: ClassVar[str] = "1.6"
 
     T_world_camera: Transform
     status: Literal["ok", "lost"]
@@ -283,6 +286,7 @@ class Pose(Message):
     depth_factor: Annotated[float, Field(ge=0.5, le=2)] = 1.0
     delay_s: Finite = 0.0
     turn: Vector | None = None
+    centre: Point2 | None = None
 
 
 class Proposals(Message):

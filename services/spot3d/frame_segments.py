@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.calibration import Calibration, moved_planes, sheared
 from spot3d.camera import Intrinsics
 from spot3d_schemas.limits import MAX_PLANES, MAX_SEGMENTS
 
@@ -74,9 +75,11 @@ class FrameSegments:
                 found[number] = *low, *(high - low)
         return found
 
-    def with_depth_times(self, factor: float) -> "FrameSegments":
-        """The same segments had depth been `factor` times as large."""
-        return self if factor == 1 else replace(self, planes=self.planes * (1, 1, 1, factor))
+    def calibrated(self, calibration: Calibration) -> "FrameSegments":
+        """The same segments had they been seen by this calibration; the camera's turn is part of its pose."""
+        moves = calibration.depth_factor * sheared(calibration.centre)
+        planes = moved_planes(self.planes, moves, np.zeros(3))
+        return replace(self, planes=planes, camera=calibration.camera(self.camera))
 
     def seen_by(self, camera: Intrinsics) -> "FrameSegments":
         """The same segments on another lattice of the same view: each pixel has the label of the nearest one here.

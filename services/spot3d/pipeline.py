@@ -94,7 +94,7 @@ def run_pipeline(
         if pose.status == "ok":
             if keyframes.wants(frame.stamp_ns, pose.T_world_camera):
                 with _timed(result.step_s, "segments", clock):
-                    segments = keyframes.find(frame, heat.heat, pose.T_world_camera, pose.depth_factor)
+                    segments = keyframes.find(frame, heat.heat, pose.T_world_camera, pose.calibration.depth_factor)
                 if segments is None:
                     _join_last_two(result.step_s["segments"])
             with _timed(result.step_s, "fusion", clock):
@@ -106,8 +106,7 @@ def run_pipeline(
                     pose.T_world_camera,
                     frame.stamp_ns,
                     pose.T_world_map,
-                    depth_factor=pose.depth_factor,
-                    turn=pose.turn,
+                    calibration=pose.calibration,
                 )
                 if segments is not None:
                     fusion.observe(segments, frame.stamp_ns)

@@ -48,6 +48,7 @@ def test_a_preview_waits_for_its_pose() -> None:
     robot.hear("pose/pose", at(POSE, 5), 1.1)
     assert robot.shown is not None
     np.testing.assert_array_equal(robot.shown[1], POSE.T_world_camera)
+    assert robot.shown[0].intrinsics.cy == pytest.approx(29.5 - 0.03 * 70), "boxes are drawn where things are seen"
     robot.hear("source/preview", seen(6), 2.0)
     robot.hear("fusion/health", SAMPLES["Health"], 3.5)
     assert robot.shown[0].header.stamp_ns == 6

@@ -171,13 +171,14 @@ def test_a_finished_run_is_measured_from_its_folder(tmp_path: Path) -> None:
             trajectory.add_pose(stamp_ns, T_world_camera)
     words = ["run", "scene:3", "--of", str(tmp_path), "--json", str(tmp_path / "numbers.json")]
 
-    def rows(depth_factor: float) -> list[dict[str, Any]]:
-        (tmp_path / "report.json").write_text(json.dumps({"depth_factor": depth_factor}))
+    def rows(depth_factor: float, centre: float = 0.0) -> list[dict[str, Any]]:
+        (tmp_path / "report.json").write_text(json.dumps({"depth_factor": depth_factor, "centre": [0.0, centre]}))
         assert CliRunner().invoke(app, words, catch_exceptions=False).exit_code == 0
         made: list[dict[str, Any]] = json.loads((tmp_path / "numbers.json").read_text())["tables"][0]["rows"]
         return made
 
     assert rows(1.2)[1]["3D IoU"] < rows(1.0)[1]["3D IoU"], "the peer sees depth as the run has corrected it"
+    assert rows(1.0, 0.2)[1]["3D IoU"] < rows(1.0)[1]["3D IoU"], "and the principal point"
     row, peer = rows(1.0)
     assert [row["method"], peer["method"]] == METHODS
     count = len(found)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from voting_room import keyframe
 
 from spot3d.boxes import iou_matrix_3d, moved
+from spot3d.calibration import Calibration
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import FoundObjects, Fusion
 
@@ -54,7 +55,7 @@ def test_depth_of_another_scale_than_the_poses() -> None:
         seen, true = view(pose, ROOM + THREE, np.random.default_rng(stamp)), keyframe(pose, THREE)
         depth, factor = seen.depth / np.float32(1.04), 1.04 if 5 <= stamp < 8 else 1.0
         by = "first" if stamp < 8 else "another"
-        fusion.fuse(seen.colour, depth, seen.heat, CAMERA, pose, stamp, poses_of=by, depth_factor=factor)
+        fusion.fuse(seen.colour, depth, seen.heat, CAMERA, pose, stamp, poses_of=by, calibration=Calibration(factor))
         planes = true.planes / (1, 1, 1, 1.04)
         fusion.observe(FrameSegments(true.labels, true.heat, planes, true.stands_on, CAMERA), stamp)
         if stamp in (3, 6):

@@ -29,21 +29,21 @@ def followed(seed: int, factor: float, metres: float = 0.0, sigma: float = 0.02)
 @pytest.mark.parametrize("factor", [0.96, 0.98, 1.04])
 def test_most_of_the_scale_is_found_in_six_seconds(factor: float) -> None:
     estimates = followed(0, factor)
-    assert estimates[0].depth_factor == 1
-    assert factor * estimates[-1].depth_factor == pytest.approx(1, abs=0.011)
+    assert estimates[0].calibration.depth_factor == 1
+    assert factor * estimates[-1].calibration.depth_factor == pytest.approx(1, abs=0.011)
     assert {estimate.status for estimate in estimates} == {"ok"}
 
 
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("metres", [0.0, 0.01])
 def test_depth_that_is_true_stays(seed: int, metres: float) -> None:
-    assert max(abs(estimate.depth_factor - 1) for estimate in followed(seed, 1.0, metres)) <= 0.006
+    assert max(abs(estimate.calibration.depth_factor - 1) for estimate in followed(seed, 1.0, metres)) <= 0.006
 
 
 @pytest.mark.parametrize("factor", [0.97, 1.03])
 def test_with_shaken_poses_depth_becomes_no_worse(factor: float) -> None:
     last = followed(0, factor, 0.01)[-1]
-    assert abs(factor * last.depth_factor - 1) <= abs(factor - 1) + 1e-6
+    assert abs(factor * last.calibration.depth_factor - 1) <= abs(factor - 1) + 1e-6
 
 
 def test_most_of_the_scale_is_found_though_poses_are_shaken() -> None:
@@ -54,7 +54,7 @@ def test_most_of_the_scale_is_found_though_poses_are_shaken() -> None:
         for frame, pose in zip(frames, given, strict=True):
             depth = scene[frame].depth_metres() * np.float32(factor)
             last = tracker.track(1 + frame * FRAME_NS // 3, depth, CAMERA, pose)
-        left.append(abs(factor * last.depth_factor - 1))
+        left.append(abs(factor * last.calibration.depth_factor - 1))
     assert np.mean(left) <= 0.015
 
 
@@ -65,13 +65,13 @@ def test_poses_come_out_as_they_were_given_where_depth_alone_is_wrong() -> None:
 
 
 def test_depth_is_taken_as_it_is_where_it_is_told_to_be_exact() -> None:
-    assert {estimate.depth_factor for estimate in followed(0, 1.04, sigma=0.0)} == {1.0}
+    assert {estimate.calibration.depth_factor for estimate in followed(0, 1.04, sigma=0.0)} == {1.0}
 
 
 def test_odometry_has_the_scale_of_its_depth() -> None:
     depths, _ = recording(0)
     tracker = make_tracker(PoseSettings(provider="kiss"))
-    assert tracker.track(1, depths[0] * np.float32(1.04), CAMERA, None).depth_factor == 1
+    assert tracker.track(1, depths[0] * np.float32(1.04), CAMERA, None).calibration.depth_factor == 1
 
 
 def test_chance_changes_nothing() -> None:

@@ -51,7 +51,7 @@ def test_all_names_exist() -> None:
 ADDED = {
     "Segments": {"left_out"},
     "Objects": {"left_out", "keyframes_dropped", "epoch"},
-    "Pose": {"epoch", "lost_since_ns", "T_world_map", "depth_factor", "delay_s", "turn"},
+    "Pose": {"epoch", "lost_since_ns", "T_world_map", "depth_factor", "delay_s", "turn", "centre"},
     "MapPoints": {"epoch"},
     "MapChanges": {"epoch"},
     "Frame": {"depth_noise"},

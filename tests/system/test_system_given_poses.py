@@ -68,6 +68,7 @@ def test_a_run_says_that_depth_is_too_long(too_long: Path, tmp_path: Path, more:
     assert report["depth_factor"] == pytest.approx(1 / FACTOR, abs=0.011)
     assert report["delay_s"] == pytest.approx(0, abs=0.005)
     assert report["turn_deg"] == pytest.approx([0, 0, 0], abs=0.3)
+    assert report["centre"] == pytest.approx([0, 0], abs=0.005)
     said = re.search(r"^depth is ([\d.]+)% too long for the given poses", stdout, re.MULTILINE)
     assert said is not None, stdout
     assert 0.01 * float(said[1]) == pytest.approx(1 / report["depth_factor"] - 1, abs=0.002)

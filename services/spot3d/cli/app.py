@@ -238,7 +238,7 @@ def print_settings(settings: SettingsOption = None, preset: PresetOption = None)
 
 def _conclude(done: "Finished", settings: Settings) -> None:
     """Say how a run went, and end with the exit code that tells programs."""
-    from spot3d.pose import delay, depth_scale, mount
+    from spot3d.pose import delay, depth_scale, orientation
     from spot3d.run.left_out import forgotten, why_so_few
     from spot3d.run.lost_tracking import told
 
@@ -250,7 +250,8 @@ def _conclude(done: "Finished", settings: Settings) -> None:
         f" ({f'not fused: {reasons}' if dropped else 'none dropped'}); results in {done.folder}"
     )
     few = why_so_few(done.result, report.keyframes, settings)
-    given = depth_scale.told(report.depth_factor), delay.told(report.delay_s), mount.told(report.turn)
+    known = report.calibration
+    given = depth_scale.told(known.depth_factor), delay.told(report.delay_s), orientation.told(known)
     for line in (few, told(report.lost), *given, forgotten(report.keyframes_dropped, settings)):
         if line:
             typer.echo(line)

@@ -6,10 +6,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.camera import Intrinsics
 from spot3d.dashboard.health import StageRecords
 from spot3d.dashboard.points import MapCopy
 from spot3d.dashboard.world import Trail
 from spot3d.dataflow.clocks import one_clock, ways_ns
+from spot3d.dataflow.conversion import calibration_of
 from spot3d.run.report import statistics_ms
 from spot3d_schemas import Health, MapChanges, Message, Object3D, Objects, Pose, Preview, Progress
 
@@ -38,7 +40,7 @@ class Robot:
         self.shown: tuple[Preview, NDArray[np.float64] | None] | None = None
         self.frame_s: float | None = None
         self._coming: tuple[Preview, float] | None = None
-        self._poses: OrderedDict[int, NDArray[np.float64]] = OrderedDict()
+        self._poses: OrderedDict[int, Pose] = OrderedDict()
         self._hops: dict[str, deque[float]] = {}
 
     def hear(self, topic: str, message: Message, now_s: float) -> None:
@@ -84,7 +86,7 @@ class Robot:
             return
         self.pose = pose
         self.trail.add(pose.T_world_camera[:3, 3])
-        self._poses[pose.header.stamp_ns] = pose.T_world_camera
+        self._poses[pose.header.stamp_ns] = pose
         while len(self._poses) > _POSES:
             self._poses.popitem(last=False)
 
@@ -94,8 +96,10 @@ class Robot:
             return
         preview, came_s = self._coming
         pose = self._poses.get(preview.header.stamp_ns)
-        if pose is not None or now_s - came_s > _WITHOUT_POSE_S or self.lost:
-            self.shown, self._coming = (preview, pose), None
+        if pose is not None:
+            self.shown, self._coming = (_calibrated(preview, pose), pose.T_world_camera), None
+        elif now_s - came_s > _WITHOUT_POSE_S or self.lost:
+            self.shown, self._coming = (preview, None), None
 
     def _timed(self, progress: Progress) -> None:
         trace = progress.header.trace
@@ -121,3 +125,10 @@ class Robot:
         if another and self.objects is not None and self.objects.epoch != changes.epoch:
             self.objects, self.trail = None, Trail()
         self.planes = changes.planes
+
+
+def _calibrated(preview: Preview, pose: Pose) -> Preview:
+    """The preview with the intrinsics that are right by its pose: boxes are drawn where things are seen."""
+    known, told = calibration_of(pose), preview.intrinsics
+    camera = known.camera(Intrinsics(**told.model_dump()))
+    return preview.model_copy(update={"intrinsics": told.model_copy(update={"cx": camera.cx, "cy": camera.cy})})

@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from spot3d.calibration import Calibration
 from spot3d.camera import Intrinsics
 from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
-from spot3d_schemas import CameraIntrinsics, Frame, Header, Heat, Segments
+from spot3d_schemas import CameraIntrinsics, Frame, Header, Heat, Pose, Segments
 from spot3d_schemas import DepthNoise as NoiseMessage
 
 
@@ -30,6 +31,13 @@ def intrinsics_message(camera: Intrinsics) -> CameraIntrinsics:
 def noise_message(noise: DepthNoise) -> NoiseMessage:
     """The noise of depth as messages state it."""
     return NoiseMessage(**noise._asdict())
+
+
+def calibration_of(pose: Pose) -> Calibration:
+    """What a pose says of how its frame is to be seen."""
+    turn = (0.0, 0.0, 0.0) if pose.turn is None else (float(pose.turn[0]), float(pose.turn[1]), float(pose.turn[2]))
+    centre = (0.0, 0.0) if pose.centre is None else (float(pose.centre[0]), float(pose.centre[1]))
+    return Calibration(pose.depth_factor, turn, centre)
 
 
 def _noise(stated: NoiseMessage | None) -> DepthNoise:

@@ -3,8 +3,7 @@
 import json
 from pathlib import Path
 
-import numpy as np
-
+from spot3d.calibration import Calibration
 from spot3d.camera import invert
 from spot3d.evaluate.carried import Sightings
 from spot3d.evaluate.judgement import Found, judge
@@ -40,7 +39,9 @@ def finished_table(dataset: DataSet, folder: Path, settings: Settings) -> Table:
     try:
         stamps, poses = read_tum(folder / "trajectory.txt")
         objects = read_found_objects(folder / "objects.json")
-        depth_factor = np.float32(json.loads((folder / "report.json").read_text(encoding="utf-8"))["depth_factor"])
+        report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+        x, y = report["centre"]
+        known = Calibration(float(report["depth_factor"]), centre=(float(x), float(y)))
     except (FileNotFoundError, ValueError, KeyError, TypeError) as error:
         raise SourceError(f"{folder} holds no finished run: {error}") from error
     T = world_alignment(item.sequence, list(zip(stamps, poses, strict=True)))
@@ -50,10 +51,10 @@ def finished_table(dataset: DataSet, folder: Path, settings: Settings) -> Table:
     peer, sightings = PeerMap(len(played)), Sightings(truth)
     for index, pose in played:
         frame, true_pose = item.sequence[index], item.sequence.true_pose(index)
-        depth = frame.depth_metres() * depth_factor
-        peer.add(depth, frame.intrinsics, pose, settings.fusion.range_max)
+        depth, camera = known.metres(frame.depth_metres()), known.camera(frame.intrinsics)
+        peer.add(depth, camera, pose, settings.fusion.range_max)
         if true_pose is not None:
-            sightings.add(depth, frame.intrinsics, true_pose, pose)
+            sightings.add(depth, camera, true_pose, pose)
     carried = sightings.carried(invert(T))
     table = Table("run", f"Objects of the run in {folder}", COLUMNS)
     methods = {OURS: Found(tuple(one.box for one in objects), ()), PEER: peer.found(settings.fusion)}

@@ -99,8 +99,8 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
             updates.append([(found.id, found.box) for found in step.objects.objects])
         if step.pose.status != "ok" or not truth.boxes:
             return
-        depth, camera, pose = step.frame.depth_metres(), step.frame.intrinsics, step.pose
-        depth = depth * np.float32(pose.depth_factor)
+        pose, known = step.pose, step.pose.calibration
+        depth, camera = known.metres(step.frame.depth_metres()), known.camera(step.frame.intrinsics)
         T_map_world = np.eye(4) if pose.T_world_map is None else invert(pose.T_world_map)
         peer.add(depth, camera, T_map_world @ pose.T_world_camera, settings.fusion.range_max)
         T_true_camera = true_of[step.frame.stamp_ns]

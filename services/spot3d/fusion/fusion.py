@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import moved
+from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.camera import Intrinsics, back_project, invert
 from spot3d.depth_noise import DepthNoise
 from spot3d.found_object import FoundObject
@@ -53,7 +54,7 @@ class MapState:
 
     rows: (n, 16) float32 points and keys: (n,) int64 the voxel of each (see `Heatmap3D.held`); removed, candidates:
     (k, 4) planes, world; supporting: (4,) or None; T_world_map: (4, 4) where the map of poses lay by the last frame;
-    poses_of: whose poses these were; T_theirs_map: (4, 4) the map of poses in theirs. depth_factor, turn: of keyframes.
+    poses_of: whose poses these were; T_theirs_map: (4, 4) the map of poses in theirs. calibration: of keyframes.
     """
 
     rows: NDArray[np.float32]
@@ -66,8 +67,7 @@ class MapState:
     T_world_map: NDArray[np.float64]
     poses_of: str | None
     T_theirs_map: NDArray[np.float64]
-    depth_factor: float
-    turn: NDArray[np.float64]
+    calibration: Calibration
 
 
 class ObjectsTask(Protocol):
@@ -86,12 +86,11 @@ class _ConsensusTask:
     consensus: ViewConsensus
     keyframes: list[Keyframe]
     T_world_map: NDArray[np.float64]
-    depth_factor: float
-    turn: NDArray[np.float64]
+    calibration: Calibration
     frame_count: int
 
     def run(self) -> FoundObjects:
-        agreed, T = self.consensus.update(self.keyframes, self.depth_factor, self.turn), self.T_world_map
+        agreed, T = self.consensus.update(self.keyframes, self.calibration), self.T_world_map
         objects = [replace(item, box=moved(item.box, T)) for item in agreed.objects]
         return FoundObjects(objects, T[:3, :3] @ agreed.up, self.frame_count, agreed.left_out, agreed.dropped)
 
@@ -129,7 +128,7 @@ class Fusion:
         self._supporting: NDArray[np.float64] | None = None
         self._T_world_map = self._T_theirs_map = np.eye(4)
         self._poses_of: str | None = None
-        self._depth_factor, self._turn = 1.0, np.zeros(3)
+        self._calibration = AS_TOLD
 
     def reset(self) -> None:
         """Forget everything; object numbers start anew."""
@@ -144,7 +143,7 @@ class Fusion:
         self._candidates, self._supporting, self.frame_count = np.zeros((0, 4)), None, 0
         self._T_world_map = self._T_theirs_map = np.eye(4)
         self._poses_of = None
-        self._depth_factor, self._turn = 1.0, np.zeros(3)
+        self._calibration = AS_TOLD
 
     def map_state(self) -> MapState:
         """The map as it is now, copied, without its objects."""
@@ -160,8 +159,7 @@ class Fusion:
             T_world_map=self._T_world_map,
             poses_of=self._poses_of,
             T_theirs_map=self._T_theirs_map,
-            depth_factor=self._depth_factor,
-            turn=self._turn,
+            calibration=self._calibration,
         )
 
     def resume(self, state: MapState, consensus: ViewConsensus, identities: Identities) -> None:
@@ -172,7 +170,7 @@ class Fusion:
         self._removed = list(state.removed)
         self._candidates, self._supporting = state.candidates, state.supporting
         self._T_world_map, self._poses_of, self._T_theirs_map = state.T_world_map, state.poses_of, state.T_theirs_map
-        self._depth_factor, self._turn = state.depth_factor, state.turn
+        self._calibration = state.calibration
         self.consensus, self.identities = consensus, identities
 
     def fuse(
@@ -185,28 +183,24 @@ class Fusion:
         stamp_ns: int | None = None,
         T_world_map: NDArray[np.float64] | None = None,
         poses_of: str | None = None,
-        depth_factor: float = 1.0,
-        turn: NDArray[np.float64] | None = None,
+        calibration: Calibration = AS_TOLD,
     ) -> MatchCounts:
         """Take in one frame: supporting plane, its removal from the heat, registration with the map.
 
         colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths;
         T_world_camera: (4, 4) float64. stamp_ns: by which `observe` finds the frame for a while; None: it does not.
         T_world_map: (4, 4) float64, where the map of poses lies by now (see `PoseEstimate`), and the objects with it;
-        None: it stays. poses_of: who gives the poses: another one's map begins where that of before lay. depth_factor:
-        what depth has to be multiplied by, this and that of the keyframes before, as far as is known by now; 1: nothing
-        is known but what was said before. turn: (3,) rotation vector by which the camera turned out to be turned
-        against what the given poses are of: this pose is, and those of the keyframes before are to be as well; None:
-        nothing is known.
+        None: it stays. poses_of: who gives the poses: another one's map begins where that of before lay. calibration:
+        by which this frame and the keyframes before are to be seen, as far as is known by now; the pose is turned by it
+        already. As told: nothing is known but what was said before.
         """
-        if turn is not None and turn.any():
-            self._turn = turn
-        if depth_factor != 1:
+        if calibration != AS_TOLD:
             # Who gives poses anew does not know it at first.
-            self._depth_factor = depth_factor
-        if self._depth_factor != 1:
-            depth = depth * np.float32(self._depth_factor)
+            self._calibration = calibration
+        known = replace(self._calibration, turn=calibration.turn)
+        depth = known.metres(depth)
         frame = to_lattice(colour, depth, heat, camera, self.settings.lattice_width, self.settings.grazing_cos)
+        frame = replace(frame, camera=known.camera(frame.camera))
         warm = frame.heat
         if self.settings.plane_removal:
             points = back_project(frame.depth, frame.camera)
@@ -224,17 +218,7 @@ class Fusion:
             theirs = np.may_share_memory(frame.colour, colour) or np.may_share_memory(frame.depth, depth)
             seen = (frame.colour.copy(), frame.depth.copy()) if theirs else (frame.colour, frame.depth)
             T_map_camera = invert(self._T_world_map) @ T_world_camera
-            self._fused.add(
-                FusedFrame(
-                    stamp_ns,
-                    *seen,
-                    frame.camera,
-                    T_world_camera.copy(),
-                    T_map_camera,
-                    self._depth_factor,
-                    np.zeros(3) if turn is None else turn,
-                )
-            )
+            self._fused.add(FusedFrame(stamp_ns, *seen, frame.camera, T_world_camera.copy(), T_map_camera, known))
         return self._index_map.register(
             self.heatmap, self.frame_count, frame.colour, frame.depth, warm, frame.camera, T_world_camera
         )
@@ -254,7 +238,7 @@ class Fusion:
         frame = self._fused.take(stamp_ns)
         if frame is None:
             return False
-        segments = segments.with_depth_times(frame.depth_factor)
+        segments = segments.calibrated(frame.calibration)
         self.consensus.add(keyframe_of(frame, segments))
         for plane in segments.supports()[::-1]:
             self.supports.add(transform_plane(plane, frame.T_world_camera), frame.T_world_camera[:3, 3])
@@ -278,8 +262,7 @@ class Fusion:
             self.consensus,
             self.consensus.take_waiting(),
             self._T_world_map,
-            self._depth_factor,
-            self._turn,
+            self._calibration,
             self.frame_count,
         )
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
+from spot3d.calibration import Calibration
 from spot3d.camera import Intrinsics
 from spot3d.dataflow.ledger import Ledger
 from spot3d.dataflow.saved_objects import restored, same_fields, saved
@@ -29,6 +30,7 @@ _CLASSES = {
     kind.__name__: kind
     for kind in (
         Box3D,
+        Calibration,
         FoundObject,
         Growing,
         Identities,
@@ -95,8 +97,7 @@ def fusion_snapshot(kept: Kept) -> Snapshot:
         "evicted": state.evicted,
         "frame_count": state.frame_count,
         "poses_of": state.poses_of,
-        "depth_factor": state.depth_factor,
-        "turn": state.turn.tolist(),
+        "calibration": saved(state.calibration, arrays, _CLASSES, settings),
         "account": {name: getattr(kept.told, name) for name in Account.__slots__},
         "consensus": saved(kept.consensus.without_waiting(), arrays, _CLASSES, settings),
         "identities": saved(kept.identities, arrays, _CLASSES, settings),
@@ -138,8 +139,7 @@ def resume(fusion: Fusion, kept: Snapshot, path: Path) -> None:
             T_world_map=arrays["T_world_map"],
             poses_of=values["poses_of"],
             T_theirs_map=arrays["T_theirs_map"],
-            depth_factor=float(values["depth_factor"]),
-            turn=np.array(values["turn"], np.float64).reshape(3),
+            calibration=restored(values["calibration"], arrays, _CLASSES, settings),
         )
         if state.rows.ndim != 2 or state.rows.shape[1:] != fusion.heatmap.arrays.rows.shape[1:]:
             raise SnapshotError(f"{path} has points of another version of spot3d")

@@ -11,13 +11,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.calibration import Calibration
 from spot3d.camera import Intrinsics, invert
 from spot3d.pose.delay import PoseDelay
 from spot3d.pose.depth_scale import DepthScale
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.given import GivenPoses
 from spot3d.pose.motion import moved, nearest_rotation, twist
-from spot3d.pose.mount import MountTurn
+from spot3d.pose.orientation import Orientation
 from spot3d.pose.registration import judged, refined
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface, sample_surface
@@ -63,7 +64,7 @@ class CorrectedPoses:
         self._sigma = np.repeat((settings.given_sigma, settings.given_turn_sigma), 3)
         self._noise = MeasuredNoise(0.0)
         self._scale = DepthScale(settings.depth_scale_sigma)
-        self._mount = MountTurn(settings.mount_turn_sigma)
+        self._orientation = Orientation(settings.mount_turn_sigma, settings.centre_sigma)
         self._delay = PoseDelay(settings)
         self._correction = np.zeros(6)
         self._T_world_map = np.eye(4)
@@ -88,10 +89,9 @@ class CorrectedPoses:
         given = self._given.track(stamp_ns, depth_m, intrinsics, given_T_world_camera, colour)
         if given.status == "lost":
             return given
-        factor, turn = self._scale.factor, self._mount.vector
-        scaled = depth_m if factor == 1 else depth_m * np.float32(factor)
-        followed = self._followed(given, stamp_ns, scaled, intrinsics)
-        return replace(followed, T_world_map=self._T_world_map, depth_factor=factor, turn=turn)
+        known = Calibration(self._scale.factor, self._orientation.turn, self._orientation.centre)
+        followed = self._followed(given, stamp_ns, known.metres(depth_m), known.camera(intrinsics))
+        return replace(followed, T_world_map=self._T_world_map, calibration=known)
 
     def _followed(
         self, given: PoseEstimate, stamp_ns: int, depth_m: NDArray[np.float32], intrinsics: Intrinsics
@@ -101,7 +101,7 @@ class CorrectedPoses:
         if leaps:
             self._delay.interrupt()
         surface = sample_surface(depth_m, intrinsics, self._settings)
-        pose = self._mount.applied(self._delay.compensated(stamp_ns, given.T_world_camera, surface))
+        pose = self._orientation.applied(self._delay.compensated(stamp_ns, given.T_world_camera, surface))
         if abs(self._delay.delay_s - self._map_delay_s) >= _OUTDATED_S:
             self._replace_map(surface, pose)
         given = replace(given, T_world_camera=pose, delay_s=self._delay.delay_s)
@@ -140,11 +140,11 @@ class CorrectedPoses:
         known = np.diag(1 / (self._sigma**2 * (2 * variance + self._noise.negligible)))
         off = twist(registered, as_given)
         grown = self._scale.learn(worth / tried * H, worth / tried * g, known, off, elapsed)
-        # A turn looks like noise of the poses, as much of which may be there as the registrations' own hides.
+        # A turn looks like noise of the poses, of which as much may be there as the registrations' own hides.
         most = variance + self._noise.hidden
         known = np.diag(1 / (self._sigma**2 * (2 * most + self._noise.negligible)))
         blurred = _sharpness(surface, most * self._sigma**2) * worth / tried
-        turned = self._mount.learn(blurred * H, blurred * g, known, off, elapsed)
+        turned = self._orientation.learn(blurred * H, blurred * g, known, off, elapsed)
         self._correction = self._sigma * _most_probable(offset / self._sigma, information, variance)
         pose = moved(prior, self._correction)
         pose[:3, :3] = nearest_rotation(pose[:3, :3])
@@ -153,7 +153,7 @@ class CorrectedPoses:
             self._planes.rescale(grown)
             self._delay.rescaled()
         if turned.any():
-            self._planes.turn(turned)
+            self._planes.look_elsewhere(turned)
         pose = self._settled(pose, given.T_world_camera, elapsed)
         return replace(given, T_world_camera=pose, forgotten=forgotten)
 

@@ -1,11 +1,12 @@
 """What a pose provider says about a frame."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.camera import Intrinsics
 
 
@@ -19,9 +20,8 @@ class PoseEstimate:
     restarted: the given poses jumped away from the local map, which began anew with this frame.
     T_world_map: (4, 4) float64, where the map by which poses are corrected lies in the world, as far as is known by
     now: it moves, and what earlier frames saw moves with it; None: the map stays.
-    depth_factor: what the frame's depth is to be multiplied by to agree with the given poses.
     delay_s: how much older than the image the given pose was taken to be; the pose is where the camera is by then.
-    turn: (3,) rotation vector about the camera's axes, by which it was taken to be turned against the given pose.
+    calibration: by which the frame is to be seen to agree with the given poses; the pose is turned by it.
     """
 
     T_world_camera: NDArray[np.float64]
@@ -30,9 +30,8 @@ class PoseEstimate:
     forgotten: int = 0
     restarted: bool = False
     T_world_map: NDArray[np.float64] | None = None
-    depth_factor: float = 1.0
     delay_s: float = 0.0
-    turn: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    calibration: Calibration = AS_TOLD
 
 
 class PoseTracker(Protocol):

@@ -19,7 +19,7 @@ from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.streams import new_stream
 from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
-from spot3d.pose import delay, depth_scale, mount
+from spot3d.pose import delay, depth_scale, orientation
 from spot3d.pose.estimate import PoseEstimate, PoseTracker
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
@@ -83,7 +83,7 @@ class _Stage:
         self.epoch = new_stream() if isinstance(self.tracker, MapTracker) else self.node.stream
         self.last = PoseEstimate(np.eye(4), "lost")
         self.lost_since: tuple[int, str] | None = None
-        self.told_factor, self.told_delay_s, self.told_turn = 1.0, 0.0, np.zeros(3)
+        self.told_factor, self.told_delay_s, self.told_looks = 1.0, 0.0, np.zeros(5)
         self.node.state = ""
 
     def _answer(self, given: Received[Frame]) -> None:
@@ -96,7 +96,7 @@ class _Stage:
         self._tell_if_lost(frame.stamp_ns)
         self._tell_depth()
         self._tell_delay()
-        self._tell_turn()
+        self._tell_orientation()
         pose = Pose(
             header=self.node.header(_OUT, given),
             T_world_camera=self.last.T_world_camera,
@@ -106,9 +106,10 @@ class _Stage:
             epoch=self.epoch,
             lost_since_ns=None if self.lost_since is None else self.lost_since[0],
             T_world_map=self.last.T_world_map,
-            depth_factor=self.last.depth_factor,
+            depth_factor=self.last.calibration.depth_factor,
             delay_s=self.last.delay_s,
-            turn=self.last.turn,
+            turn=np.array(self.last.calibration.turn),
+            centre=np.array(self.last.calibration.centre),
         )
         if self.node.publish(_OUT, pose):
             self.node.measure_latency(pose.header)
@@ -165,7 +166,7 @@ class _Stage:
 
     def _tell_depth(self) -> None:
         """Say when depth turns out to be of another scale than the given poses, and when that has changed as much."""
-        factor = self.last.depth_factor
+        factor = self.last.calibration.depth_factor
         if abs(factor / self.told_factor - 1) >= depth_scale.TOLD and (text := depth_scale.told(factor)):
             self.told_factor = factor
             self.node.note("depth's scale", text)
@@ -177,12 +178,13 @@ class _Stage:
             self.told_delay_s = delay_s
             self.node.note("poses' delay", text)
 
-    def _tell_turn(self) -> None:
-        """Say when the camera turns out to be turned against the given poses, and when that has changed as much."""
-        turn = self.last.turn
-        if np.linalg.norm(turn - self.told_turn) >= mount.TOLD and (text := mount.told(turn)):
-            self.told_turn = turn
-            self.node.note("camera's turn", text)
+    def _tell_orientation(self) -> None:
+        """Say when the camera turns out to look elsewhere than the poses say, and when that has changed as much."""
+        known = self.last.calibration
+        looks = np.array((*known.turn, *known.centre))
+        if np.linalg.norm(looks - self.told_looks) >= orientation.TOLD and (text := orientation.told(known)):
+            self.told_looks = looks
+            self.node.note("where the camera looks", text)
 
     def _keep(self) -> None:
         """A snapshot of the tracker's map, where it has one and its stream has a name to find it by."""

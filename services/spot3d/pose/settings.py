@@ -41,6 +41,13 @@ class PoseSettings(BaseModel):
         description="given: how far the camera may be turned against what the poses are of, standard deviation about "
         "each axis, radians: it is estimated from views at a slant to each other; 0: poses are taken as they are",
     )
+    centre_sigma: float = Field(
+        0.02,
+        ge=0,
+        le=0.2,
+        description="given: how far off the principal point may be, standard deviation along each axis, focal lengths "
+        "(0.02: ten pixels of 640): it is estimated along with the turn; 0: it is taken as it is",
+    )
     depth_scale_sigma: float = Field(
         0.02,
         ge=0,

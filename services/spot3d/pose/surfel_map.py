@@ -11,9 +11,10 @@ from spot3d.voxel_hash import EMPTY, empty_table, find_slot, voxel_key
 
 # Mean position (3), mean normal (3), weight, frame that saw it last, mean position of the cameras that saw it (3): so
 # many are held; how far it lies from where the cameras would have it by the poses that were given (3); and how it moves
-# along its normal where each of them is turned about its own axes (3), metres a radian.
-HELD, _COLUMNS = 11, 17
-_POSE_AND_SCALE, _ALL = 7, 10
+# along its normal where each of them is turned about its own axes (3), metres a radian, and where what they see is
+# sheared along their x and y with the distance (2), metres.
+HELD, _COLUMNS = 11, 19
+_POSE_AND_SCALE, _ALL = 7, 12
 # Variance that counts as weight one; it only keeps the weights near one.
 _UNIT_VARIANCE = 1e-5
 # Beyond this weight (about 300 views at 1 m) a surfel stays open to change.
@@ -37,7 +38,7 @@ class _Points(NamedTuple):
 
 
 class _Sums(NamedTuple):
-    """What is summed up (see `SurfelMap.normal_equations`), and J (10,), room for the row of one point."""
+    """What is summed up (see `SurfelMap.normal_equations`), and J (12,), room for the row of one point."""
 
     H: NDArray[np.float64]
     g: NDArray[np.float64]
@@ -48,7 +49,7 @@ class _Sums(NamedTuple):
 class SurfelMap:
     """Bounded map of planes in the world frame.
 
-    keys: (slots,) int64, voxel coordinates and direction, -1 = free; surfels: (slots, 17) float64; forgotten: how many
+    keys: (slots,) int64, voxel coordinates and direction, -1 = free; surfels: (slots, 19) float64; forgotten: how many
     have had to make room.
     """
 
@@ -102,7 +103,8 @@ class SurfelMap:
         Returns H (7, 7) and g (7,) of H x = g for the twist x (metres, radians; world axes, about the camera) and the
         growth of depth, the frame's and the map's, from where each was seen; and (points tried, points matched, sum of
         squared distances in m2). as_given: g is to the surfels where they would lie by the given poses, and both have
-        three more rows: for a turn of all cameras, the frame's and the map's, each about its own axes.
+        five more rows, of all cameras, the frame's and the map's: a turn of each about its own axes, and an offset of
+        its principal point (see `Calibration`).
         """
         size = _ALL if as_given else _POSE_AND_SCALE
         sums = _Sums(np.zeros((size, size)), np.zeros(size), np.zeros(3), np.empty(size))
@@ -116,8 +118,9 @@ class SurfelMap:
         surfels[:, :3] += (factor - 1) * (surfels[:, :3] - surfels[:, 8:11])
         self._hold_moved(surfels)
 
-    def turn(self, vector: NDArray[np.float64]) -> None:
-        """Put every surfel where it would be had each camera been turned by a small rotation vector (3,) of its own."""
+    def look_elsewhere(self, vector: NDArray[np.float64]) -> None:
+        """Put every surfel where it would be had each camera been turned by a small rotation vector of its own, and its
+        principal point been off: (5,)."""
         surfels = self.surfels[self.keys != EMPTY]
         normals = surfels[:, 3:6] / np.maximum(np.linalg.norm(surfels[:, 3:6], axis=1), 1e-9)[:, None]
         surfels[:, :3] += normals * (surfels[:, 14:] @ vector)[:, None]
@@ -229,6 +232,8 @@ def _insert(
         s[14] += share * (p[1] * n[2] - p[2] * n[1] - s[14])
         s[15] += share * (p[2] * n[0] - p[0] * n[2] - s[15])
         s[16] += share * (p[0] * n[1] - p[1] * n[0] - s[16])
+        s[17] += share * (p[2] * n[0] - s[17])
+        s[18] += share * (p[2] * n[1] - s[18])
     return new
 
 
@@ -287,6 +292,8 @@ def _normal_equations(
             J[7] = p[1] * cz - p[2] * cy - s[14]
             J[8] = p[2] * cx - p[0] * cz - s[15]
             J[9] = p[0] * cy - p[1] * cx - s[16]
+            J[10] = p[2] * cx - s[17]
+            J[11] = p[2] * cy - s[18]
         for a in range(size):
             wj = weight * J[a]
             g[a] -= wj * off

@@ -12,6 +12,7 @@ from zenoh.handlers import FifoChannel, Handler
 
 from spot3d.boxes import Box3D
 from spot3d.dataflow.alive import watch_alive
+from spot3d.dataflow.conversion import calibration_of
 from spot3d.dataflow.endpoints import declare_publisher
 from spot3d.dataflow.producers import Producers
 from spot3d.dataflow.settings import LinkSettings
@@ -180,8 +181,7 @@ class Collector:
         stamp, lost = pose.header.stamp_ns, pose.status == "lost"
         if self.poses and stamp <= self.poses[-1].stamp_ns:
             return
-        turn = np.zeros(3) if pose.turn is None else pose.turn
-        self.poses.append(TrackedFrame(stamp, pose.T_world_camera, lost, pose.depth_factor, pose.delay_s, turn))
+        self.poses.append(TrackedFrame(stamp, pose.T_world_camera, lost, pose.delay_s, calibration_of(pose)))
         self.lost.add(stamp, lost)
         if not lost:
             self._trajectory.add_pose(stamp, pose.T_world_camera)

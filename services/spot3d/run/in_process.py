@@ -81,7 +81,7 @@ def _run_result(result: PipelineResult) -> RunResult:
         _found(result.objects),
         map_limit_reached=result.fusion.heatmap.evicted > 0,
         trajectory=tuple(
-            TrackedFrame(stamp, pose.T_world_camera, pose.status == "lost", pose.depth_factor, pose.delay_s, pose.turn)
+            TrackedFrame(stamp, pose.T_world_camera, pose.status == "lost", pose.delay_s, pose.calibration)
             for stamp, pose in result.trajectory
         ),
         points=MapSnapshot(

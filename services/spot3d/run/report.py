@@ -1,5 +1,6 @@
 """report.json: what a run did with its frames, and what it cost."""
 
+import math
 from collections import defaultdict, deque
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
@@ -7,9 +8,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import spot3d
+from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.machine import machine
 from spot3d.run.lost_tracking import Stretch
 
@@ -40,11 +41,10 @@ class RunReport:
     selection: which frames of the input; played: how many those are; fused, skipped (by reason): what fusion did with
     them; keyframes: those whose segments fusion has taken in; keyframes_dropped: those of them that it has forgotten as
     too many; objects: how many there are; left_out: what was taken for one and is none, by reason; map_limit_reached:
-    points of the map were forgotten as too many; depth_factor: what depth was multiplied by in the end; delay_s: how
-    much older than their images given poses turned out to be; turn: (3,) rotation vector by which the camera turned out
-    to be turned against what they are of, radians; drops: by stage and reason; latency_ms: p50 and p99 of
-    each hop and of the whole way, from the messages' traces; wall_s: the whole run with the start of its processes;
-    ms_per_frame: from the first frame done to the last, per frame.
+    points of the map were forgotten as too many; delay_s: how much older than their images given poses turned out to
+    be; calibration: what of the camera turned out not to agree with them; drops: by stage and reason; latency_ms: p50
+    and p99 of each hop and of the whole way, from the messages' traces; wall_s: the whole run with the start of its
+    processes; ms_per_frame: from the first frame done to the last, per frame.
     """
 
     input_name: str
@@ -57,9 +57,8 @@ class RunReport:
     drops: dict[str, dict[str, int]] = field(default_factory=dict)
     lost_poses: int = 0
     lost: list[Stretch] = field(default_factory=list)
-    depth_factor: float = 1.0
     delay_s: float = 0.0
-    turn: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    calibration: Calibration = AS_TOLD
     proposals: dict[str, int] = field(default_factory=dict)
     keyframes: int = 0
     keyframes_dropped: int = 0
@@ -91,9 +90,10 @@ def report_document(report: RunReport) -> dict[str, Any]:
             "lost_poses": report.lost_poses,
             "lost": [asdict(stretch) for stretch in report.lost],
         },
-        "depth_factor": _rounded(report.depth_factor),
+        "depth_factor": _rounded(report.calibration.depth_factor),
         "delay_s": _rounded(report.delay_s),
-        "turn_deg": [_rounded(degrees) for degrees in np.degrees(report.turn).tolist()],
+        "turn_deg": [_rounded(math.degrees(angle)) for angle in report.calibration.turn],
+        "centre": [_rounded(offset) for offset in report.calibration.centre],
         "proposals": report.proposals,
         "keyframes": report.keyframes,
         "keyframes_dropped": report.keyframes_dropped,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
+from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.found_object import FoundObject
 from spot3d.whole_file import whole_file
 
@@ -50,16 +51,14 @@ def empty_snapshot() -> MapSnapshot:
 class TrackedFrame:
     """Pose of one frame: T_world_camera (4, 4), trusted only where `lost` is False.
 
-    depth_factor: by what its depth was corrected; delay_s: and the delay of its pose; turn: (3,) rotation vector by
-    which the camera was turned against what the pose is of.
+    delay_s: by how much its pose was carried on; calibration: by which it was seen.
     """
 
     stamp_ns: int
     T_world_camera: NDArray[np.float64]
     lost: bool
-    depth_factor: float = 1.0
     delay_s: float = 0.0
-    turn: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    calibration: Calibration = AS_TOLD
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,17 +83,13 @@ class RunResult:
         """The frames whose pose is trusted."""
         return [item for item in self.trajectory if not item.lost]
 
-    def depth_factor(self) -> float:
-        """What depth has to be multiplied by to agree with the given poses, as far as was known in the end."""
-        return next((item.depth_factor for item in reversed(self.trajectory) if not item.lost), 1.0)
-
     def delay_s(self) -> float:
         """How much older than their images the given poses are, as far as was known in the end."""
         return next((item.delay_s for item in reversed(self.trajectory) if not item.lost), 0.0)
 
-    def turn(self) -> NDArray[np.float64]:
-        """How the camera is turned against what given poses are of, as far as was known in the end: (3,) radians."""
-        return next((item.turn for item in reversed(self.trajectory) if not item.lost), np.zeros(3))
+    def calibration(self) -> Calibration:
+        """What had to be corrected of the camera to agree with the given poses, as far as was known in the end."""
+        return next((item.calibration for item in reversed(self.trajectory) if not item.lost), AS_TOLD)
 
 
 def write_results(folder: Path, result: RunResult) -> None:

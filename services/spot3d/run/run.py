@@ -139,7 +139,7 @@ def _write(folder: Path, result: RunResult, report: RunReport, wall_s: float) ->
     report.objects, report.left_out = len(result.objects), result.left_out
     report.keyframes_dropped, report.map_points = result.keyframes_dropped, result.points.total
     report.map_limit_reached = result.map_limit_reached
-    report.depth_factor, report.delay_s, report.turn = result.depth_factor(), result.delay_s(), result.turn()
+    report.delay_s, report.calibration = result.delay_s(), result.calibration()
     write_json(folder / "report.json", report_document(report))
     write_results(folder, result)
 
@@ -159,9 +159,10 @@ def _views(sequence: FrameSequence, result: RunResult) -> list[View]:
     """Frames whose pose is trusted, over the whole run; a picture that no longer can be read is left out."""
     index_of = {stamp: index for index, stamp in enumerate(sequence.stamps_ns)}
     tracked = [item for item in result.path() if item.stamp_ns in index_of]
-    views: list[View] = []
+    known, views = result.calibration(), list[View]()
     for chosen in candidate_indices(len(tracked)):
         with suppress(SourceError):
             item = tracked[chosen]
-            views.append((sequence[index_of[item.stamp_ns]], item.T_world_camera))
+            frame = sequence[index_of[item.stamp_ns]]
+            views.append((replace(frame, intrinsics=known.camera(frame.intrinsics)), item.T_world_camera))
     return views

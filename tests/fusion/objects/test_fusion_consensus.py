@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from voting_room import POSES, SETTINGS, assert_found, assert_same, described, keyframe, keyframes, overlaps
 
 from spot3d.boxes import Box3D
+from spot3d.calibration import AS_TOLD, Calibration, moved_planes, sheared
 from spot3d.camera import Intrinsics
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.objects import consensus
@@ -383,32 +384,38 @@ def wrong_by(factor: float) -> list[Keyframe]:
     for row in range(6):
         depth = frames[row].depth * np.float32(factor)
         frames[row] = replace(frames[row], depth=depth, planes=frames[row].planes * (1, 1, 1, factor))
-    return [replace(frame, depth_factor=1.0 if row < 6 else 1 / factor) for row, frame in enumerate(frames)]
+    known = Calibration(1 / factor)
+    return [replace(frame, calibration=AS_TOLD if row < 6 else known) for row, frame in enumerate(frames)]
 
 
 @pytest.mark.parametrize("factor", [0.96, 1.04])
 def test_keyframes_of_before_the_scale_of_depth_was_known(factor: float) -> None:
     votes, frames = ViewConsensus(SETTINGS), wrong_by(factor)
     votes.update(frames[:6])
-    found = votes.update(frames[6:], 1 / factor)
+    found = votes.update(frames[6:], Calibration(1 / factor))
     assert_found(found)
-    exact, unaware = agreed(keyframes()), agreed([replace(frame, depth_factor=1.0) for frame in frames])
+    exact, unaware = agreed(keyframes()), agreed([replace(frame, calibration=AS_TOLD) for frame in frames])
     assert overlaps(found.objects).max(axis=1).mean() > overlaps(exact.objects).max(axis=1).mean() - 0.03
     assert overlaps(found.objects).max(axis=1).mean() > overlaps(unaware.objects).max(axis=1).mean() + 0.1
 
 
-def test_keyframes_of_before_the_cameras_turn_was_known() -> None:
-    turn, frames = np.array((0.03, -0.01, 0.02)), keyframes()
-    back = np.eye(4)
-    back[:3, :3] = rotation_from_vector(turn).T
+@pytest.mark.parametrize("known", [Calibration(turn=(0.03, -0.01, 0.02)), Calibration(centre=(0.02, -0.04))])
+def test_keyframes_of_before_it_was_known_where_the_camera_looks(known: Calibration) -> None:
+    frames, back = keyframes(), np.eye(4)
+    back[:3, :3] = rotation_from_vector(np.array(known.turn)).T
+    wrong = (-known.centre[0], -known.centre[1])
+    told = Calibration(centre=wrong).camera(frames[0].camera)
     for row, frame in enumerate(frames):
-        given = frame.T_map_camera @ back if row < 6 else frame.T_map_camera
-        frames[row] = replace(frame, T_map_camera=given, turn=np.zeros(3) if row < 6 else turn)
+        if row < 6:
+            planes = moved_planes(frame.planes, sheared(wrong), np.zeros(3))
+            frames[row] = replace(frame, T_map_camera=frame.T_map_camera @ back, camera=told, planes=planes)
+        else:
+            frames[row] = replace(frame, calibration=known)
     votes = ViewConsensus(SETTINGS)
     votes.update(frames[:6])
-    found = votes.update(frames[6:], turn=turn)
+    found = votes.update(frames[6:], known)
     assert_found(found)
-    exact, unaware = agreed(keyframes()), agreed([replace(frame, turn=np.zeros(3)) for frame in frames])
+    exact, unaware = agreed(keyframes()), agreed([replace(frame, calibration=AS_TOLD) for frame in frames])
     assert overlaps(found.objects).max(axis=1).mean() > overlaps(exact.objects).max(axis=1).mean() - 0.03
     assert overlaps(found.objects).max(axis=1).mean() > overlaps(unaware.objects).max(axis=1).mean() + 0.1
 

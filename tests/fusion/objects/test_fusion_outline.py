@@ -8,6 +8,7 @@ from fusion_room import CAMERA, ROOM, Cuboid, orbit, standing
 from numpy.typing import NDArray
 from voting_room import SETTINGS, keyframe, overlaps
 
+from spot3d.calibration import Calibration
 from spot3d.camera import back_project
 from spot3d.found_object import FoundObject
 from spot3d.fusion.objects.consensus import ViewConsensus
@@ -133,7 +134,7 @@ def test_outlines_follow_when_the_depths_scale_becomes_known() -> None:
     short = [replace(frame, depth=frame.depth / 1.02, planes=frame.planes / (1, 1, 1, 1.02)) for frame in frames]
     votes = ViewConsensus(SETTINGS)
     votes.update(short)
-    rescaled, true = votes.update([], 1.02).objects, found(frames)
+    rescaled, true = votes.update([], Calibration(1.02)).objects, found(frames)
     assert len(rescaled) == len(true) == 2
     for one, other in zip(rescaled, true, strict=True):
         assert np.abs(one.box.centre - other.box.centre).max() < 0.003

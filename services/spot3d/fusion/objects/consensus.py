@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
+from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.found_object import FoundObject
 from spot3d.frame_segments import KEYFRAME_REASONS
 from spot3d.fusion.objects.agreement import Statements, clusters_of
@@ -93,20 +94,17 @@ class ViewConsensus:
         waiting, self._waiting = self._waiting, deque()
         return list(waiting)
 
-    def update(
-        self, keyframes: list[Keyframe], depth_factor: float = 1.0, turn: NDArray[np.float64] | None = None
-    ) -> Consensus:
+    def update(self, keyframes: list[Keyframe], calibration: Calibration = AS_TOLD) -> Consensus:
         """Take in keyframes, in their order, and find the objects. Updates run one at a time.
 
-        depth_factor: what all their depth is to be multiplied by, as far as is known by now. turn: (3,) rotation vector
-        by which all their cameras are to be turned about their own axes; None: by none.
+        calibration: by which they all are to be seen, as far as is known by now.
         Where one cannot be taken in, that is raised, and those after it are the next update's.
         """
         graph = self._graph
         self._taken.extend(keyframes)
         while self._taken:
             self._take_in(self._taken.popleft())
-        graph.see_anew(depth_factor, np.zeros(3) if turn is None else turn)
+        graph.see_anew(calibration)
         up = graph.up()
         # Before the first keyframe nothing is known to be up, and nothing described.
         if graph.views and up @ self._described_up < _TURNED:

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.camera import Intrinsics
 from spot3d.frame_segments import FrameSegments
 
@@ -20,8 +21,7 @@ class FusedFrame:
 
     colour: (h, w, 3) uint8 RGB on fusion's lattice; depth: (h, w) float32 metres, 0 = invalid; camera: of that
     lattice; T_world_camera: (4, 4); T_map_camera: (4, 4), in the map of poses, which slides in the world as it is
-    better known where it lies. depth_factor: what depth has been multiplied by; turn: (3,) rotation vector by which the
-    poses have been turned about the camera's axes.
+    better known where it lies. calibration: what depth, camera and poses have been corrected by.
     """
 
     stamp_ns: int
@@ -30,8 +30,7 @@ class FusedFrame:
     camera: Intrinsics
     T_world_camera: NDArray[np.float64]
     T_map_camera: NDArray[np.float64]
-    depth_factor: float = 1.0
-    turn: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    calibration: Calibration = AS_TOLD
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +40,7 @@ class Keyframe:
     labels: (h, w) uint8 on the lattice of `depth`, 0 = no object, k = segment k - 1; depth: (h, w) float32 metres,
     0 = invalid; colour: (h, w, 3) uint8 RGB; camera: of that lattice; T_map_camera: (4, 4) float64, in the map of
     poses, which is the consensus' world: its views must not slide against each other. heat, planes (camera frame),
-    stands_on and left_out: as in `FrameSegments`. depth_factor, turn: as in `FusedFrame`.
+    stands_on and left_out: as in `FrameSegments`. calibration: as in `FusedFrame`.
     """
 
     stamp_ns: int
@@ -54,8 +53,7 @@ class Keyframe:
     planes: NDArray[np.float64]
     stands_on: NDArray[np.int8]
     left_out: dict[str, int] = field(default_factory=dict)
-    depth_factor: float = 1.0
-    turn: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    calibration: Calibration = AS_TOLD
 
 
 def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
@@ -75,8 +73,7 @@ def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
         seen.planes,
         seen.stands_on,
         seen.left_out,
-        frame.depth_factor,
-        frame.turn,
+        frame.calibration,
     )
 
 

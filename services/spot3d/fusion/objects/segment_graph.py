@@ -5,9 +5,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from spot3d.fusion.objects.calibration import Change, change_segments, changed_view
+from spot3d.calibration import Calibration, moved_planes
 from spot3d.fusion.objects.growing import Growing
 from spot3d.fusion.objects.keyframes import Keyframe
+from spot3d.fusion.objects.recalibration import Change, change_segments, changed_view
 from spot3d.fusion.objects.segment_table import SegmentTable
 from spot3d.fusion.objects.views import NOTHING, WHOLE, View, ask, view_of
 
@@ -32,9 +33,7 @@ class SegmentGraph:
         self.rows_of: dict[int, NDArray[np.int32]] = {}
         self._said = Growing[np.int32](np.int32, 4)
         self._linked = 0  # of what is said so many rows are in the segments' `part`
-        # What the depth of each view has been multiplied by, and by what its camera has been turned.
-        self._factor_of: dict[int, float] = {}
-        self._turn_of: dict[int, NDArray[np.float64]] = {}
+        self._seen_by: dict[int, Calibration] = {}  # of the camera of each view
         self._reaches = Growing[np.float32](np.float32, 4)  # centre and reach of each view
         self._normals: dict[int, NDArray[np.float64]] = {}
         self._next_keyframe = 0
@@ -58,7 +57,7 @@ class SegmentGraph:
             ask(self.views[other], places[old:], spheres[old:], said[:count], label[:count])
             self._enter(old, other, said[:count], self.rows_of[other][label[:count]])
         self.views[number], self.rows_of[number] = view, row_of
-        self._factor_of[number], self._turn_of[number] = keyframe.depth_factor, keyframe.turn
+        self._seen_by[number] = keyframe.calibration
         self._reaches.extend(np.append(view.centre, np.float32(view.reach))[None])
         if len(keyframe.planes):
             self._normals[number] = keyframe.T_map_camera[:3, :3] @ keyframe.planes[0, :3]
@@ -92,7 +91,7 @@ class SegmentGraph:
         segments, said = self.segments, self._said.rows
         numbers = np.fromiter(self.views, np.int64, len(self.views))
         for number in gone:
-            del self.views[number], self.rows_of[number], self._factor_of[number], self._turn_of[number]
+            del self.views[number], self.rows_of[number], self._seen_by[number]
             self._normals.pop(number, None)
         self._reaches.keep(~np.isin(numbers, gone))
         kept = ~np.isin(segments.frame.rows, gone)
@@ -112,24 +111,21 @@ class SegmentGraph:
         none_left: list[int] = np.setdiff1d(lost, segments.cluster.rows).tolist()
         return none_left
 
-    def see_anew(self, depth_factor: float, turn: NDArray[np.float64]) -> None:
-        """See all keyframes by this factor of depth and this turn (3,) of the camera, and ask them anew."""
+    def see_anew(self, calibration: Calibration) -> None:
+        """See all keyframes by this calibration of the camera, and ask them anew."""
         segments = self.segments
-        wrong = [
-            number
-            for number, factor in self._factor_of.items()
-            if factor != depth_factor or (self._turn_of[number] != turn).any()
-        ]
+        wrong = [number for number, seen_by in self._seen_by.items() if seen_by != calibration]
         if not wrong:
             return
         for number in wrong:
             view = self.views[number]
-            change = Change.of(view, depth_factor / self._factor_of[number], self._turn_of[number], turn)
+            change = Change.of(view, self._seen_by[number], calibration)
             change_segments(segments, np.flatnonzero(segments.frame.rows == number), change)
             self.views[number] = changed_view(view, change)
-            self._factor_of[number], self._turn_of[number] = depth_factor, turn
+            self._seen_by[number] = calibration
             if number in self._normals:
-                self._normals[number] = change.rotation @ self._normals[number]
+                plane = np.append(self._normals[number], 0.0)[None]
+                self._normals[number] = moved_planes(plane, change.linear, change.camera)[0, :3]
         views = self.views.values()
         self._reaches.rows[:] = [(*view.centre, view.reach) for view in views]
         self._said.keep(np.zeros(len(self._said), np.bool_))

@@ -72,21 +72,23 @@ def view_of(keyframe: Keyframe) -> View:
     millimetres = np.rint(keyframe.depth[::STRIDE, ::STRIDE] * 1000)
     depth = np.where(millimetres < 65536, millimetres, 0).astype(np.uint16)
     focal = np.array((camera.fx, camera.fy, camera.cx, camera.cy), np.float32) / np.float32(STRIDE)
+    labels, pose = np.ascontiguousarray(keyframe.labels[::STRIDE, ::STRIDE]), np.ascontiguousarray(T[:3], np.float32)
+    return View(labels, depth, pose, focal, *within_reach(depth, pose, focal))
+
+
+def within_reach(
+    depth: NDArray[np.uint16], pose: NDArray[np.float32], focal: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], float]:
+    """`centre` and `reach` of the `View` with these."""
     deepest = float(depth.max(initial=0)) / 1000 + float(TOLERANCE)
     # What is seen lies in a pyramid as deep as this: the sphere is around its apex and its base's corners.
     h, w = depth.shape
     u, v = (np.array((-1.0, w, -1.0, w)) - focal[2]) / focal[0], (np.array((-1.0, -1.0, h, h)) - focal[3]) / focal[1]
     corners = deepest * np.column_stack((u, v, np.ones(4)))
-    centre = np.array((0, 0, deepest / 2))
-    reach = max(deepest / 2, float(np.linalg.norm(corners - centre, axis=1).max()))
-    return View(
-        np.ascontiguousarray(keyframe.labels[::STRIDE, ::STRIDE]),
-        depth,
-        np.ascontiguousarray(T[:3], np.float32),
-        focal,
-        (keyframe.T_map_camera[:3, :3] @ centre + keyframe.T_map_camera[:3, 3]).astype(np.float32),
-        reach,
-    )
+    middle = np.array((0, 0, deepest / 2))
+    reach = max(deepest / 2, float(np.linalg.norm(corners - middle, axis=1).max()))
+    centre = np.linalg.solve(pose[:, :3].astype(np.float64), middle - pose[:, 3])
+    return centre.astype(np.float32), reach
 
 
 def ask(
