@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from spot3d import __version__
 from spot3d.cli.app import app
 from spot3d.dataflow.about import zenoh_version
-from spot3d.dataflow.kernel_cache import kernels_missing
+from spot3d.dataflow.kernel_cache import kernels_missing, stage_kernels_missing
 from spot3d.dataflow.node import Node
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
@@ -117,6 +117,15 @@ def test_kernels_are_missing_until_they_are_compiled_and_when_they_change(
     later = time.time() + 10
     os.utime(module, (later, later))
     assert kernels_missing(tmp_path) == [module]
+
+
+def test_kernels_of_other_inputs_are_not_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A demo compiles neither those of ROS bags nor those that register colour."""
+    monkeypatch.setattr("spot3d.dataflow.kernel_cache._SERVICES", tmp_path)
+    for module in ("source/ros/rvl.py", "pose/features.py"):
+        (tmp_path / module).parent.mkdir(parents=True)
+        (tmp_path / module).write_text("import x\n\n\n@kernel()\ndef decode(): ...\n")
+    assert {stage: stage_kernels_missing(stage) for stage in STAGES if stage_kernels_missing(stage)} == {"pose": 1}
 
 
 def health(seconds: int, sent: dict[str, int], size: int) -> Health:

@@ -11,13 +11,15 @@ from functools import cache
 from pathlib import Path
 
 from spot3d import __version__
-from spot3d.dataflow.kernel_cache import kernels_missing
+from spot3d.dataflow.kernel_cache import stage_kernels_missing
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.snapshot_writer import snapshot_path
 from spot3d.dataflow.tls import TlsError, own_certificate
 from spot3d_schemas import About, Header
 
 _SHARED = Path("/dev/shm")
+
+_kernels_missing = cache(stage_kernels_missing)
 
 
 def about(header: Header, stage: str, link: LinkSettings) -> About:
@@ -34,7 +36,7 @@ def about(header: Header, stage: str, link: LinkSettings) -> About:
         spot3d=__version__,
         zenoh=zenoh_version(),
         python=platform.python_version(),
-        kernels_missing=_missing(stage),
+        kernels_missing=_kernels_missing(stage),
         shared_memory_bytes=shared_memory_bytes() if link.shared_memory and link.delivery == "live" else 0,
         disk=str(disk),
         disk_free_bytes=shutil.disk_usage(disk).free,
@@ -57,8 +59,3 @@ def snapshot_disk(link: LinkSettings) -> Path:
     """Where snapshots of the map are kept, or the nearest folder above it that exists."""
     folder = snapshot_path(link, "fusion").parent.absolute()
     return next(path for path in (folder, *folder.parents) if path.exists())
-
-
-@cache
-def _missing(stage: str) -> int:
-    return len(kernels_missing(Path(__file__).parents[1] / stage))

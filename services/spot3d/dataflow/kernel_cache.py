@@ -5,6 +5,15 @@ import sys
 from pathlib import Path
 
 _DECORATOR = "\n@kernel("
+_SERVICES = Path(__file__).parents[1]
+
+
+def stage_kernels_missing(stage: str) -> int:
+    """How many modules of a stage have kernels that are not compiled; none of the source's count.
+
+    Each of those is for one kind of input, which waits for it: no run needs them all.
+    """
+    return 0 if stage == "source" else len(kernels_missing(_SERVICES / stage))
 
 
 def kernels_missing(folder: Path) -> list[Path]:

@@ -2,17 +2,15 @@
 
 import platform
 import shutil
-from pathlib import Path
 
 from spot3d import __version__
 from spot3d.dataflow.about import shared_memory_bytes, snapshot_disk, zenoh_version
-from spot3d.dataflow.kernel_cache import kernels_missing
+from spot3d.dataflow.kernel_cache import stage_kernels_missing
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.tls import TlsError, own_certificate
 from spot3d.doctor.finding import Finding
 from spot3d_schemas import STAGES
 
-_SERVICES = Path(__file__).parents[1]
 SHARED_BYTES = 128 << 20
 """Zenoh's pool is 16 MiB a process; six stages, and room for readers."""
 DISK_BYTES = 2 << 30
@@ -23,7 +21,7 @@ _RENEW = "make a new one: spot3d certificates --renew"
 def look_here(link: LinkSettings) -> list[Finding]:
     """Versions, certificate, kernels, shared memory and disk of this device."""
     versions = f"spot3d {__version__}, zenoh {zenoh_version()}, Python {platform.python_version()}"
-    modules = sum(len(kernels_missing(_SERVICES / part)) for part in (*STAGES, "geometry"))
+    modules = sum(map(stage_kernels_missing, (*STAGES, "geometry")))
     folder = snapshot_disk(link)
     return [
         Finding("ok", "versions here", versions),
