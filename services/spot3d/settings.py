@@ -13,6 +13,7 @@ from pydantic_settings import BaseSettings, EnvSettingsSource, SettingsConfigDic
 from spot3d.bridge.settings import BridgeSettings
 from spot3d.dashboard.settings import DashboardSettings
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.file_errors import why
 from spot3d.fusion.settings import PAPER as PAPER_FUSION
 from spot3d.fusion.settings import FusionSettings
 from spot3d.heatmap.settings import PAPER as PAPER_HEATMAP
@@ -119,7 +120,7 @@ def read_toml(file: Path) -> Layer:
         with file.open("rb") as stream:
             return tomllib.load(stream)
     except OSError as error:
-        raise InvalidSettingsError(f"cannot read settings from {file}: {error.strerror}") from error
+        raise InvalidSettingsError(f"cannot read settings from {file}: {why(error)}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InvalidSettingsError(f"{file} is no valid TOML: {error}") from error
 

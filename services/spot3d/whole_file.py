@@ -5,6 +5,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
+from spot3d.file_errors import why
+
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[IO[bytes]]:
@@ -18,6 +20,6 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
             yield stream
         partial.replace(path)
     except OSError as error:
-        raise OSError(f"cannot write {path}: {error.strerror or error}") from error
+        raise OSError(f"cannot write {path}: {why(error)}") from error
     finally:
         partial.unlink(missing_ok=True)

@@ -44,12 +44,19 @@ def test_settings_prints_what_can_be_read_again(tmp_path):
         (["run", "scene", "--out", "{tmp}", "--in-process", "--pose", "a/b"], "--in-process hears no topics"),
         (["run", "scene", "--out", "{tmp}", "--pose", "/odom"], "--pose /odom is no key"),
         (["run", "scene", "--out", "{tmp}", "--in-process", "--dashboard"], "--in-process has no messages"),
-        (["run", "scene", "--out", "{tmp}/file/x", "--frames", "1"], "file"),
+        (["run", "scene", "--out", "{tmp}/file/x", "--frames", "1"], "file/x: a part of its path is a file"),
+        (["demo", "--out", "{tmp}/file", "--frames", "1"], "cannot use {tmp}/file: it is a file, and a folder is"),
+        (["results", "{tmp}/file"], "cannot use {tmp}/file: it is a file, and a folder is needed; give another path"),
+        (["certificates", "drone", "--out", "{tmp}/file"], "cannot use {tmp}/file: it is a file"),
+        (["router", "--stages", "{tmp}/file/socket"], "cannot use {tmp}/file: it is a file"),
         (["pose", "--connect", "nonsense"], "link.connect.0"),
-        (["fusion", "--settings", "/nowhere.toml"], "/nowhere.toml"),
+        (["fusion", "--settings", "/nowhere.toml"], "/nowhere.toml: it, or the folder that it is in, does not exist"),
+        (["settings", "--settings", "{tmp}"], "cannot read settings from {tmp}: it is a folder, and a file is needed"),
+        (["fusion", "--resume", "{tmp}"], "cannot use {tmp}: it is a folder, and a file is needed"),
         (["status", "--connect", "tcp/127.0.0.1:1"], "no router answers at tcp/127.0.0.1:1"),
         (["record", "{tmp}/new.mcap", "--topics", "sauce/*"], "no topic matches 'sauce/*'; there are source/frame"),
         (["record", "{tmp}/file"], "file exists already"),
+        (["record", "{tmp}/none/new.mcap"], "none/new.mcap: it, or the folder that it is in, does not exist"),
         (["play", "/nowhere.mcap"], "/nowhere.mcap does not exist"),
         (["play", "{tmp}/file"], "file is no recording of spot3d"),
         (["export", "{tmp}", "{tmp}/new.mcap"], "report.json is missing"),
@@ -64,7 +71,8 @@ def test_what_a_user_can_put_right_is_one_line(arguments, said, tmp_path, monkey
     assert end.value.code == 2
     error = capsys.readouterr().err.strip()
     assert error.startswith("error: ")
-    assert said in error
+    assert said.format(tmp=tmp_path) in error
+    assert "[Errno" not in error
     assert "\n" not in error
 
 

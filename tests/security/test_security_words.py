@@ -35,7 +35,7 @@ def test_own_certificate_says_whose_and_until_when(fleet: Path) -> None:
     [
         ("expired", None, r"expired.pem is not accepted by .*ca.pem: certificate has expired; .* this device's clock"),
         ("drone", "dashboard", r"dashboard.key is not the key of the certificate .*drone.pem"),
-        ("nobody", None, r"cannot read .*nobody.pem: No such file"),
+        ("nobody", None, r"cannot read .*nobody.pem: it, or the folder"),
         ("stranger/drone", None, r"drone.pem is not accepted by .*ca.pem: unable to get local issuer certificate"),
     ],
 )

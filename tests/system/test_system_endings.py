@@ -111,7 +111,7 @@ def test_a_file_that_cannot_be_written_whole_is_not_there(tmp_path: Path) -> Non
             stream.write(b"half")
             full.write(b"the rest")
 
-    with pytest.raises(OSError, match=f"cannot write {path}: No space left on device"):
+    with pytest.raises(OSError, match=f"cannot write {path}: the disk is full; free some space"):
         write()
     assert [item.name for item in tmp_path.iterdir()] == ["objects.json"]
     assert path.read_text() == "the last one"

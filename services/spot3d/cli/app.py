@@ -35,6 +35,7 @@ from spot3d.cli.options import (
     stage_started,
 )
 from spot3d.dataflow.thread_deaths import end_with_any_thread
+from spot3d.file_errors import in_words
 from spot3d.settings import InvalidSettingsError, Settings, load_settings, to_toml
 from spot3d.source.errors import SourceError
 
@@ -70,8 +71,10 @@ def main() -> None:
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
         _fail(f"{error.name} is not installed; {_PACKAGES.get(package, _STAGES)}")
-    except (SourceError, InvalidSettingsError, CommandError, OSError) as error:
+    except (SourceError, InvalidSettingsError, CommandError) as error:
         _fail(str(error))
+    except OSError as error:
+        _fail(in_words(error))
 
 
 @app.command()

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.file_errors import why
 
 EXPIRES_SOON = datetime.timedelta(days=14)
 _PROBE_S = 1.0
@@ -134,7 +135,7 @@ def _refuse_unreadable(file: Path) -> None:
     try:
         file.open("rb").close()
     except OSError as error:
-        raise TlsError(f"cannot read {file}: {error.strerror}") from error
+        raise TlsError(f"cannot read {file}: {why(error)}") from error
 
 
 def _talk(ours: ssl.SSLContext, other: ssl.SSLContext) -> Mapping[str, object] | None:

@@ -15,6 +15,7 @@ from spot3d.evaluate.peer_map import FRAMES_MAX, PeerMap
 from spot3d.evaluate.scores import object_scores, without_object
 from spot3d.evaluate.table import Column, Table
 from spot3d.evaluate.truth import LabelledScene, read_found_objects
+from spot3d.file_errors import in_words
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
 from spot3d.trajectory import read_tum
@@ -42,8 +43,9 @@ def finished_table(dataset: DataSet, folder: Path, settings: Settings) -> Table:
         report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
         x, y = report["centre"]
         known = Calibration(float(report["depth_factor"]), centre=(float(x), float(y)))
-    except (FileNotFoundError, ValueError, KeyError, TypeError) as error:
-        raise SourceError(f"{folder} holds no finished run: {error}") from error
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        reason = in_words(error) if isinstance(error, OSError) else error
+        raise SourceError(f"{folder} holds no finished run: {reason}") from error
     T = world_alignment(item.sequence, list(zip(stamps, poses, strict=True)))
     index_of = {stamp: index for index, stamp in enumerate(item.sequence.stamps_ns)}
     played = [(index_of[stamp], pose) for stamp, pose in zip(stamps, poses, strict=True) if stamp in index_of]

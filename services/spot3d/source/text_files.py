@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.file_errors import why
 from spot3d.source.errors import SourceError
 from spot3d.trajectory import pose_from_quaternion
 
@@ -19,7 +20,9 @@ def read_text(path: Path) -> str:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise SourceError(f"{path} is missing; is the recording complete?") from None
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise SourceError(f"{path} cannot be read: {why(error)}") from error
+    except UnicodeDecodeError as error:
         raise SourceError(f"{path} cannot be read as text: {error}") from error
 
 
