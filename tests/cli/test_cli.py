@@ -6,6 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from spot3d.cli import app as cli
+from spot3d.cli.options import check_outputs
 from spot3d_schemas import MESSAGES, TOPICS
 
 runner = CliRunner()
@@ -60,6 +61,10 @@ def test_settings_prints_what_can_be_read_again(tmp_path):
         (["play", "/nowhere.mcap"], "/nowhere.mcap does not exist"),
         (["play", "{tmp}/file"], "file is no recording of spot3d"),
         (["export", "{tmp}", "{tmp}/new.mcap"], "report.json is missing"),
+        (["evaluate", "points", "/nowhere", "--json", "{tmp}/file/x.json"], "cannot use {tmp}/file: it is a file"),
+        (["evaluate", "points", "/nowhere", "--json", "{tmp}"], "cannot use {tmp}: it is a folder"),
+        (["evaluate", "points", "/nowhere", "--plots", "{tmp}/file"], "cannot use {tmp}/file: it is a file"),
+        (["bench", "--data", "/nowhere", "--json", "{tmp}/file/x.json"], "cannot use {tmp}/file: it is a file"),
         (["router", "--listen", "tcp/256.0.0.1:1"], "cannot listen"),
     ],
 )
@@ -74,6 +79,16 @@ def test_what_a_user_can_put_right_is_one_line(arguments, said, tmp_path, monkey
     assert said.format(tmp=tmp_path) in error
     assert "[Errno" not in error
     assert "\n" not in error
+
+
+def test_what_cannot_be_written_to_is_refused(tmp_path, monkeypatch):
+    """Permissions are asked for, not tried: root may do all."""
+    monkeypatch.setattr("os.access", lambda path, mode: path != tmp_path / "kept.json")
+    check_outputs(tmp_path / "new" / "numbers.json", tmp_path / "plots")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["new", "plots"]
+    (tmp_path / "kept.json").touch()
+    with pytest.raises(PermissionError, match=r"kept\.json"):
+        check_outputs(tmp_path / "kept.json", None)
 
 
 def test_the_light_commands_load_no_algorithm():

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from spot3d.cli.options import CommandError
+from spot3d.cli.options import CommandError, check_outputs
 
 if TYPE_CHECKING:
     from spot3d.bench.material import Material
@@ -50,6 +50,7 @@ def bench(
     for name in chosen:
         if name not in SECTIONS:
             raise CommandError(f"there is nothing called {name!r} to measure; there are {', '.join(SECTIONS)}")
+    check_outputs(json_file, plots)
     stay_single_threaded()
     settings = load_settings()
     names = [SCENE, *map(str, data or [])]

@@ -14,6 +14,7 @@ from spot3d.cli.options import (
     IntrinsicsOption,
     PresetOption,
     SettingsOption,
+    check_outputs,
 )
 from spot3d.settings import load_settings
 from spot3d.source.errors import SourceError
@@ -79,6 +80,7 @@ def evaluate(
         raise CommandError("a finished run is measured by: spot3d evaluate run PATH --of FOLDER")
     if intrinsics is not None and table == ALL:
         raise CommandError("--intrinsics are one data set's: name it and one table")
+    check_outputs(json_file, plots)
     stay_single_threaded()
     names = [path] if table != ALL else [*BUILT_IN, *map(str, datasets_below(Path(path)))]
     resolved = load_settings(settings, preset, {"pose": {"provider": pose}})

@@ -1,6 +1,8 @@
 """Options that several commands share, and what they mean for the settings."""
 
+import errno
 import logging
+import os
 import threading
 from pathlib import Path
 from typing import Annotated, Any
@@ -80,6 +82,21 @@ def link_overrides(
     if lossless is not None:
         link["delivery"] = "lossless" if lossless else "live"
     return {"link": link}
+
+
+def check_outputs(json_file: Path | None, plots: Path | None) -> None:
+    """Make the folders of what a command writes when its work is done.
+
+    Raises OSError, before that work, where a file or a folder of pictures could not be written.
+    """
+    if json_file is not None and json_file.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(json_file))
+    folders = [folder for folder in (json_file and json_file.parent, plots) if folder is not None]
+    for folder in folders:
+        folder.mkdir(parents=True, exist_ok=True)
+    for place in (*folders, *([json_file] if json_file is not None and json_file.exists() else [])):
+        if not os.access(place, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(place))
 
 
 def stage_started(supervised: bool) -> threading.Event:
