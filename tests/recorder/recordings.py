@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from spot3d.recorder.mcap_contents import open_mcap
 from spot3d.recorder.mcap_writer import McapWriter
 from spot3d.recorder.profile import PROFILE
 from spot3d.recorder.record import topic_channel
@@ -28,6 +29,14 @@ def frame(seq: int, stamp_ns: int, stream: str | None = None) -> Frame:
         depth=rng.integers(500, 2000, (48, 64), np.uint16),
         T_world_camera=np.eye(4),
     )
+
+
+def damage_second_chunk(path: Path) -> int:
+    """Changes a byte in the middle of a recording's second chunk; returns where that chunk begins."""
+    whole, second = bytearray(path.read_bytes()), open_mcap(path).chunks[1]
+    whole[second.offset + second.length // 2] ^= 0xFF
+    path.write_bytes(whole)
+    return second.offset
 
 
 def write_recording(path: Path, chunks: Sequence[Sequence[tuple[str, float, Message]]]) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
-from recordings import START_NS, frame, write_recording
+from recordings import START_NS, damage_second_chunk, frame, write_recording
 
 from spot3d.recorder.mcap_contents import BrokenRecordingError, open_mcap
 from spot3d.source.errors import SourceError
@@ -67,14 +67,15 @@ def test_what_was_cut_off_is_read_up_to_the_last_whole_chunk(recording: Path, tm
 
 
 def test_damage_is_told_with_its_place(recording: Path) -> None:
-    whole = bytearray(recording.read_bytes())
-    second = open_mcap(recording).chunks[1]
-    whole[second.offset + second.length // 2] ^= 0xFF
-    recording.write_bytes(whole)
-    contents = open_mcap(recording)
+    damaged = damage_second_chunk(recording)
+    contents, complaints = open_mcap(recording), list[str]()
     assert len(contents.messages(contents.chunks[0])) == 2
-    with pytest.raises(BrokenRecordingError, match=f"damaged at byte {second.offset}"):
-        contents.messages(second)
+    with pytest.raises(BrokenRecordingError, match=f"damaged at byte {damaged}"):
+        contents.messages(contents.chunks[1])
+    left = [item.sequence for item in contents.between(contents.start_ns, contents.end_ns, complaints.append)]
+    assert left == [0, 1, 4, 5]
+    (said,) = complaints
+    assert said.startswith(f"left out 1 of 3 chunks of messages: {recording} is damaged at byte {damaged}")
 
 
 @pytest.mark.parametrize(

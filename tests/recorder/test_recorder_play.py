@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zenoh
-from recordings import ROBOT, frame, write_recording
+from recordings import ROBOT, damage_second_chunk, frame, write_recording
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
@@ -100,6 +100,16 @@ def test_a_part_of_it_under_another_name(contents: McapContents, link: LinkSetti
     assert [(item.header.robot, item.header.seq) for item in frames] == [("other", seq) for seq in range(2, 6)]
     (end,) = [decode(data, End) for _, where, _, data in ear.heard if where == key("other", "source/end")]
     assert (end.frames_sent, end.header.stamp_ns) == (4, 5 * PERIOD_NS)
+
+
+def test_what_is_damaged_is_left_out(
+    contents: McapContents, link: LinkSettings, session: zenoh.Session, caplog: pytest.LogCaptureFixture
+) -> None:
+    damage_second_chunk(contents.path)
+    ear = Ear(session, ROBOT)
+    assert play(contents, Playing(("pose/pose",), rate=100), link) == 3
+    ear.wait(3)
+    assert "left out 1 of 2 chunks of messages" in caplog.text
 
 
 def test_in_a_loop_until_it_is_stopped(contents: McapContents, link: LinkSettings, session: zenoh.Session) -> None:

@@ -17,6 +17,7 @@ from spot3d.recorder.edge_points import edge_points
 from spot3d.recorder.mcap_contents import open_mcap
 from spot3d.recorder.mcap_writer import McapWriter
 from spot3d.recorder.sights import Cloud, Sight, sights_of_recording, sights_of_run
+from spot3d.source.errors import SourceError
 
 
 class _Encoded(Protocol):
@@ -51,7 +52,7 @@ def export(source: Path, out: Path, complain: Callable[[str], None]) -> Exported
     """Write the results folder of a run, or a recording, as Foxglove's messages; log times are capture times.
 
     complain: called with what had to be left out. Raises SourceError or BrokenRecordingError where `source` cannot be
-    read, FileExistsError, and OSError where the disk is full.
+    read or holds nothing to export, FileExistsError, and OSError where the disk is full.
     """
     if source.is_dir():
         sights: Iterable[tuple[int, Sight]] = sights_of_run(source, complain)
@@ -62,6 +63,8 @@ def export(source: Path, out: Path, complain: Callable[[str], None]) -> Exported
         exporter = _Exporter(writer)
         for stamp_ns, sight in sights:
             exporter.add(stamp_ns, sight)
+        if not any(exporter.exported.messages.values()):
+            raise SourceError(f"{source} holds nothing to export: no frame, no pose and no object")
         writer.close()
     except BaseException:
         with suppress(OSError):

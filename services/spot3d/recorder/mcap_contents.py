@@ -2,7 +2,7 @@
 
 import io
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
@@ -82,11 +82,20 @@ class McapContents:
             raise BrokenRecordingError(f"{self.path} is damaged at byte {chunk.offset}: {error}") from error
         return sorted((item for item in records if isinstance(item, Message)), key=lambda item: item.log_time)
 
-    def between(self, start_ns: int, end_ns: int) -> Iterator[Message]:
-        """The messages logged from start_ns to end_ns, both included. Raises BrokenRecordingError."""
+    def between(self, start_ns: int, end_ns: int, complain: Callable[[str], None]) -> Iterator[Message]:
+        """The messages logged from start_ns to end_ns, both included; complain: told in the end what is damaged."""
+        damaged = []
         for chunk in self.chunks:
-            if chunk.end_ns >= start_ns and chunk.start_ns <= end_ns:
-                yield from (item for item in self.messages(chunk) if start_ns <= item.log_time <= end_ns)
+            if chunk.end_ns < start_ns or chunk.start_ns > end_ns:
+                continue
+            try:
+                messages = self.messages(chunk)
+            except BrokenRecordingError as error:
+                damaged.append(str(error))
+                continue
+            yield from (item for item in messages if start_ns <= item.log_time <= end_ns)
+        if damaged:
+            complain(f"left out {len(damaged)} of {len(self.chunks)} chunks of messages: {damaged[0]}")
 
 
 def open_mcap(path: Path) -> McapContents:

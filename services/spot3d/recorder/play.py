@@ -1,5 +1,6 @@
 """Puts a recording back on the wire, in its own time."""
 
+import logging
 import threading
 import time
 import uuid
@@ -18,6 +19,8 @@ from spot3d.recorder.mcap_contents import McapContents
 from spot3d.recorder.pace import Pace
 from spot3d.recorder.relabel import Labels
 from spot3d_schemas import STAGES, TOPICS, End, Header, alive_key, encode, peek_header, process_key
+
+log = logging.getLogger("spot3d.play")
 
 _FRAME, _END = "source/frame", "source/end"
 _TOKEN_S = 5.0
@@ -42,8 +45,8 @@ class Playing:
 def play(contents: McapContents, playing: Playing, link: LinkSettings, stop: threading.Event | None = None) -> int:
     """Publish the messages of a recording under the robot of `link` until its end, or for ever in a loop.
 
-    The space bar pauses and goes on. Returns how many messages were sent. Raises StageAliveError, and
-    BrokenRecordingError where the file is damaged.
+    The space bar pauses and goes on. What of the file is damaged is left out, and said. Returns how many messages were
+    sent. Raises StageAliveError.
     """
     with stop_on_signals(stop) as stopped:
         try:
@@ -89,7 +92,7 @@ class _Player:
         last_ns = self._contents.end_ns if playing.end_s is None else start_ns + round(1e9 * playing.end_s)
         self.pace.restart()
         frames, last_frame, labels = 0, b"", Labels(self._link.robot, self._sender)
-        for message in self._contents.between(first_ns, last_ns):
+        for message in self._contents.between(first_ns, last_ns, log.warning):
             topic = self._topic_of.get(message.channel_id)
             # The end that was recorded counts frames that are not all played.
             if topic is None or topic == _END:

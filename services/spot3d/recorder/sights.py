@@ -57,12 +57,13 @@ def sights_of_run(folder: Path, complain: Callable[[str], None]) -> Iterator[tup
     except (KeyError, ValueError) as error:
         raise SourceError(f"{folder}: {error}") from error
     first, last = (stamps[0], stamps[-1]) if stamps else (0, 0)
-    yield first, Cloud(False, cloud.xyz, cloud.rgb)
+    if len(cloud.xyz):
+        yield first, Cloud(False, cloud.xyz, cloud.rgb)
     yield from heapq.merge(
         zip(stamps, poses, strict=True),
         _frames_of_run(folder, complain),
         updates,
-        [(max([last, *(stamp for stamp, _ in updates)]), final)],
+        [(max([last, *(stamp for stamp, _ in updates)]), final)] if final.frame_count else [],
         key=lambda item: item[0],
     )
 
@@ -87,13 +88,15 @@ def _frames_of_run(folder: Path, complain: Callable[[str], None]) -> Iterator[tu
 def sights_of_recording(contents: McapContents, complain: Callable[[str], None]) -> Iterator[tuple[int, Sight]]:
     """Stamp and sight, from the messages of a recording; points are those of a frame every half second.
 
-    Raises BrokenRecordingError where the file is damaged.
+    complain: told what of the file is lost.
     """
+    if not contents.complete:
+        complain(f"{contents.path} was not finished: {contents.lost_bytes} bytes at its end are lost")
     topic_of = {number: topic for topic, number in contents.topics.items()}
     images = "source/frame" if "source/frame" in contents.topics else "heatmap/heat"
     wanted = {images, "pose/pose", "fusion/objects"}
     cloud_ns: int | None = None
-    for message in contents.between(contents.start_ns, contents.end_ns):
+    for message in contents.between(contents.start_ns, contents.end_ns, complain):
         topic = topic_of.get(message.channel_id, "")
         if topic not in wanted:
             continue

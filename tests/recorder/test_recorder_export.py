@@ -1,0 +1,62 @@
+"""What an export leaves out, and what it refuses."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recordings import ROBOT, damage_second_chunk, frame, write_recording
+
+from spot3d.recorder.foxglove_export import export
+from spot3d.run.results import RunResult, write_results
+from spot3d.source.errors import SourceError
+from spot3d_schemas import Header, Pose
+
+PERIOD_NS = 33_000_000
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """Six frames in three chunks."""
+    path = tmp_path / "six.mcap"
+    sent = [("source/frame", 0.1 * seq, frame(seq, PERIOD_NS * seq)) for seq in range(6)]
+    write_recording(path, [sent[:2], sent[2:4], sent[4:]])
+    return path
+
+
+def test_all_but_a_damaged_chunk_is_exported(recording: Path, tmp_path: Path) -> None:
+    damage_second_chunk(recording)
+    complaints = list[str]()
+    exported = export(recording, tmp_path / "out.mcap", complaints.append)
+    assert exported.messages["/camera/image"] == 4
+    assert len(complaints) == 1
+
+
+def test_an_unfinished_recording_says_what_is_lost(recording: Path, tmp_path: Path) -> None:
+    whole, complaints = recording.read_bytes(), list[str]()
+    recording.write_bytes(whole[: len(whole) // 2])
+    assert export(recording, tmp_path / "out.mcap", complaints.append).messages["/camera/image"] == 2
+    (said,) = complaints
+    assert "was not finished" in said
+
+
+def test_a_recording_that_shows_nothing_is_refused(tmp_path: Path) -> None:
+    path, out = tmp_path / "lost.mcap", tmp_path / "out.mcap"
+    header = Header(robot=ROBOT, seq=0, stamp_ns=1, frame_id="camera")
+    lost = Pose(header=header, T_world_camera=np.eye(4), status="lost", reason="dark", provider="kiss")
+    write_recording(path, [[("pose/pose", 0.0, lost)]])
+    with pytest.raises(SourceError, match=r"lost\.mcap holds nothing to export"):
+        export(path, out, lambda text: None)
+    assert not out.exists()
+
+
+def test_a_run_of_nothing_is_refused(tmp_path: Path) -> None:
+    run, out = tmp_path / "run", tmp_path / "out.mcap"
+    run.mkdir()
+    write_results(run, RunResult())
+    (run / "trajectory.txt").touch()
+    (run / "report.json").write_text(json.dumps({"selection": {"name": "/nowhere"}}))
+    (run / "settings.toml").touch()
+    with pytest.raises(SourceError, match="run holds nothing to export"):
+        export(run, out, lambda text: None)
+    assert not out.exists()
