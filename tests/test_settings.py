@@ -34,6 +34,33 @@ def test_each_layer_wins_over_the_one_below(tmp_path, monkeypatch):
     assert settings.fusion.clustering == "density", "and the preset that the file names stays below all"
 
 
+@pytest.mark.parametrize(
+    ("endpoint", "valid"),
+    [
+        ("tcp/ground-station:7447", True),
+        ("tls/[::1]:7447#so_sndbuf=65536", True),
+        ("tcp/127.0.0.1:0", True),
+        ("unixsock-stream//run/spot3d/stages", True),
+        ("tcp/10.0.0.1", False),
+        ("tcp/:7447", False),
+        ("tcp/::1:7447", False),
+        ("tcp/10.0.0.1:http", False),
+        ("tcp/10.0.0.1:65536", False),
+        ("udp/10.0.0.1:7447", False),
+    ],
+)
+@pytest.mark.parametrize(("section", "name"), [("link", "listen"), ("link", "connect"), ("bridge", "ground")])
+def test_endpoints_have_an_address_and_a_port(section, name, endpoint, valid):
+    overrides = {section: {name: (endpoint,)}}
+    if valid:
+        # Who listens at tls/... needs a certificate besides.
+        overrides["link"] = overrides.get("link", {}) | {"certificate": "own.pem", "key": "own.key"}
+        load_settings(overrides=overrides)
+    else:
+        with pytest.raises(InvalidSettingsError, match=rf"{section}.{name}.0: expected tcp/ADDRESS:PORT with a port"):
+            load_settings(overrides=overrides)
+
+
 def test_the_papers_preset_keeps_the_papers_values_in_nested_settings():
     assert load_settings(preset="paper").proposals.edges.min_magnitude == 0.1
     edges = {"proposals": {"edges": {"noise_gate": 2.0}}}

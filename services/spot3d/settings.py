@@ -170,7 +170,7 @@ def _first_error(error: ValidationError, layers: Mapping[str, Layer]) -> str:
     if first["type"] == "extra_forbidden":
         return f"{'.'.join(path)}: there is no such setting (set in {origin})"
     given = repr(first["input"])
-    return f"{'.'.join(path)}: {first['msg']}, got {given[:80]} (set in {origin})"
+    return f"{'.'.join(path)}: {first['msg'].removeprefix('Value error, ')}, got {given[:80]} (set in {origin})"
 
 
 def _holds(layer: Any, path: list[str]) -> bool:

@@ -65,7 +65,9 @@ def test_settings_prints_what_can_be_read_again(tmp_path):
         (["evaluate", "points", "/nowhere", "--json", "{tmp}"], "cannot use {tmp}: it is a folder"),
         (["evaluate", "points", "/nowhere", "--plots", "{tmp}/file"], "cannot use {tmp}/file: it is a file"),
         (["bench", "--data", "/nowhere", "--json", "{tmp}/file/x.json"], "cannot use {tmp}/file: it is a file"),
-        (["router", "--listen", "tcp/256.0.0.1:1"], "cannot listen"),
+        (["router", "--listen", "tcp/256.0.0.1:1"], "is that an address of this device?"),
+        (["router", "--listen", "tcp/127.0.0.1"], "link.listen.0: expected tcp/ADDRESS:PORT"),
+        (["bridge", "--ground", "tcp/10.0.0.1"], "bridge.ground.0: expected tcp/ADDRESS:PORT"),
     ],
 )
 def test_what_a_user_can_put_right_is_one_line(arguments, said, tmp_path, monkeypatch, capsys):

@@ -77,6 +77,7 @@ def test_an_endpoint_that_cannot_be_had_is_told_in_one_line(tmp_path: Path) -> N
             assert taken.returncode == 2, taken.stderr
             assert endpoint in taken.stderr.splitlines()[-1]
             assert "cannot listen" in taken.stderr.splitlines()[-1]
+            assert "end the program that listens there, or give another" in taken.stderr.splitlines()[-1]
             assert "Traceback" not in taken.stderr
     bogus = spot3d("run", "scene", "--out", str(tmp_path), "--listen", "bogus")
     assert (bogus.returncode, len(bogus.stderr.splitlines())) == (2, 1)

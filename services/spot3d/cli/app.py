@@ -269,10 +269,12 @@ def _check_key(topic: str) -> None:
     """Refuse what is no key of Zenoh."""
     import zenoh
 
+    from spot3d.dataflow.session import first_line
+
     try:
         zenoh.KeyExpr(topic)
     except zenoh.ZError as error:
-        raise CommandError(f"--pose {topic} is no key of poses, as ROBOT/odom is: {error}") from error
+        raise CommandError(f"--pose {topic} is no key of poses, as ROBOT/odom is: {first_line(error)}") from error
 
 
 def _fail(message: str, code: int = 2) -> NoReturn:

@@ -19,6 +19,7 @@ _LEASE_MS = 2000
 """A peer that is silent for this long counts as gone."""
 _LARGE_BYTES = 65536
 """Messages that are at least so long go through shared memory between processes on one host."""
+_IN_USE = "the port or socket may be in use: end the program that listens there, or give another"
 
 
 class StoppedError(Exception):
@@ -99,10 +100,11 @@ def _open(link: LinkSettings, stop: threading.Event | None, more: Mapping[str, o
             return zenoh.open(config)
         except zenoh.ZError as error:
             if link.mode != "client":
-                where = ", ".join(link.listen or link.connect)
-                raise ConnectionError(f"cannot listen at {where}: {first_line(error)}; is the port in use?") from error
+                where, reason = ", ".join(link.listen or link.connect), first_line(error)
+                remedy = _IN_USE if "in use" in reason else "is that an address of this device?"
+                raise ConnectionError(f"cannot listen at {where}: {reason}; {remedy}") from error
             if tries % 10 == 0:
-                reason = why_refused(link) or error
+                reason = why_refused(link) or first_line(error)
                 log.warning("no router at %s yet, trying again: %s", ", ".join(link.connect), reason)
             tries += 1
             if stop is not None:

@@ -1,5 +1,6 @@
 """Settings of the links between the stages."""
 
+import re
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -7,9 +8,23 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 
 from spot3d_schemas import checked_name
 
-Endpoint = Annotated[
-    str, Field(pattern=r"^(tcp|tls|quic|ws|unixsock-stream)/\S+$", description="e.g. tcp/127.0.0.1:7447")
-]
+_ENDPOINT = re.compile(
+    r"unixsock-stream/\S+|(tcp|tls|quic|ws)/(\[[^]\s]+]|[^][:/\s]+):(?P<port>[0-9]+)([?#]\S*)?", re.ASCII
+)
+_PORT_MAX = 65535
+
+
+def _checked_endpoint(text: str) -> str:
+    match = _ENDPOINT.fullmatch(text)
+    if match is None or int(match["port"] or 0) > _PORT_MAX:
+        raise ValueError(
+            f"expected tcp/ADDRESS:PORT with a port up to {_PORT_MAX}, as tcp/127.0.0.1:7447 (or tls, quic, ws), or "
+            "unixsock-stream/PATH"
+        )
+    return text
+
+
+Endpoint = Annotated[str, AfterValidator(_checked_endpoint)]
 
 
 class LinkSettings(BaseModel):
