@@ -250,6 +250,14 @@ def test_live_it_takes_what_is_left_of_the_processors(
     assert recorder.returncode == 0
 
 
+@pytest.mark.usefixtures("session")
+def test_nothing_is_left_where_it_cannot_listen(endpoint: str, tmp_path: Path) -> None:
+    link = LinkSettings(mode="router", listen=(endpoint,), connect=())
+    with pytest.raises(ConnectionError, match="cannot listen"):
+        record(Settings(link=link), tmp_path / "flight.mcap", TOPICS, threading.Event())
+    assert not list(tmp_path.iterdir())
+
+
 @linux
 def test_a_full_disk_is_told_in_one_line(session: zenoh.Session, endpoint: str, tmp_path: Path) -> None:
     path, limit = tmp_path / "flight.mcap", 200_000

@@ -7,7 +7,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -90,10 +90,13 @@ def record(settings: Settings, path: Path, topics: Sequence[str], stop: threadin
     with stop_on_signals(stop) as stopped:
         recorder = _Recorder(settings, path, topics)
         try:
-            with suppress(StoppedError):
+            with closing(recorder), suppress(StoppedError):
                 recorder.run(stopped)
-        finally:
-            recorder.close()
+        except OSError:
+            # It cannot listen, say. An empty file would be in the way of the next try.
+            if not any(recorder.recorded.messages.values()):
+                path.unlink(missing_ok=True)
+            raise
         return recorder.recorded
 
 
