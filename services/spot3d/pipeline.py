@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from spot3d.dataflow.cadence import Cadence
+from spot3d.dataflow.order import DUPLICATE
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import FoundObjects, Fusion
@@ -16,7 +17,7 @@ from spot3d.pose.providers import make_tracker
 from spot3d.proposals.propose import propose
 from spot3d.segments.keyframe_segments import KeyframeSegments
 from spot3d.settings import Settings
-from spot3d.source.errors import UNREADABLE, SourceError
+from spot3d.source.errors import IN_THE_INPUT, UNREADABLE, SourceError
 from spot3d.source.sequence import FrameSequence
 
 LOST = "lost pose"
@@ -41,7 +42,8 @@ class PipelineStep:
 class PipelineResult:
     """Everything a run leaves behind.
 
-    trajectory: stamp in ns and pose of each frame. skipped: frames that were not fused, by reason.
+    trajectory: stamp in ns and pose of each frame. skipped: frames that were not fused, by reason; unreadable: why the
+    last of those could not be read.
     step_s: seconds that each stage's core took for each of its frames; segments: for each
     keyframe, and what is remembered until the next one. heat_counts: proposals accepted,
     masked and rejected in all frames. fusion: the final map.
@@ -51,6 +53,7 @@ class PipelineResult:
     objects: FoundObjects
     trajectory: list[tuple[int, PoseEstimate]] = field(default_factory=list)
     skipped: Counter[str] = field(default_factory=Counter)
+    unreadable: str = ""
     step_s: dict[str, list[float]] = field(default_factory=dict)
     heat_counts: Counter[str] = field(default_factory=Counter)
 
@@ -71,16 +74,21 @@ def run_pipeline(
     tracker, fusion = make_tracker(settings.pose), Fusion(settings.fusion)
     keyframes = KeyframeSegments(settings.segments)
     cadence = Cadence(settings.fusion.object_interval_s)
-    result = PipelineResult(fusion, fusion.objects())
+    result, last_ns = PipelineResult(fusion, fusion.objects()), -1
     for index in range(len(sequence)):
         if stopped():
             break
         try:
             with _timed(result.step_s, "source", clock):
                 frame = sequence[index]
-        except SourceError:
+        except SourceError as error:
             result.skipped[UNREADABLE] += 1
+            result.unreadable = str(error)
             continue
+        if frame.stamp_ns == last_ns:
+            result.skipped[f"{DUPLICATE} {IN_THE_INPUT}"] += 1
+            continue
+        last_ns = frame.stamp_ns
         depth, camera = frame.depth_metres(), frame.intrinsics
         with _timed(result.step_s, "pose", clock):
             pose = tracker.track(frame.stamp_ns, depth, camera, frame.T_world_camera, frame.colour)

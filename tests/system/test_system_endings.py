@@ -53,19 +53,50 @@ def recording(folder: Path) -> Path:
     return folder
 
 
-def test_frames_that_cannot_be_read_are_counted_and_told(tmp_path: Path) -> None:
+@pytest.mark.parametrize("more", [(), ("--in-process",)])
+def test_frames_that_cannot_be_read_are_counted_and_told(tmp_path: Path, more: tuple[str, ...]) -> None:
     # A library that prints when it is imported, and a process that is nice already, are in nobody's way.
     (tmp_path / "sitecustomize.py").write_text("print('a word from a library')\n")
     out = tmp_path / "out"
-    done = spot3d("run", str(recording(tmp_path / "frames")), "--out", str(out), PYTHONPATH=str(tmp_path))
+    done = spot3d("run", str(recording(tmp_path / "frames")), "--out", str(out), *more, PYTHONPATH=str(tmp_path))
     assert done.returncode == 1, done.stderr
     assert f"{FRAMES - 1} of {FRAMES} frames" in done.stdout
     assert "1 cannot be read" in done.stdout
-    assert done.stderr.splitlines()[-1] == f"error: 1 of {FRAMES} frames cannot be read"
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith(f"error: 1 of {FRAMES} frames cannot be read; the last that failed: ")
+    assert f"frame-{BROKEN:06d}.depth.png" in last
     report = json.loads((out / "report.json").read_text())
     assert report["frames"]["skipped"] == {"cannot be read": 1}
     assert "frame-000002.depth.png" in report["stages"]["source"]["last_error"]
     assert not (out / "snapshots").exists()
+
+
+@pytest.mark.parametrize("more", [(), ("--in-process",)])
+def test_a_run_that_fuses_nothing_has_failed(tmp_path: Path, more: tuple[str, ...]) -> None:
+    frames, out = recording(tmp_path / "frames"), tmp_path / "out"
+    for path in frames.glob("*.depth.png"):
+        cv2.imwrite(str(path), np.zeros((240, 320), np.uint16))
+    done = spot3d("run", str(frames), "--pose", "kiss", "--out", str(out), *more)
+    assert done.returncode == 1, done.stderr
+    assert done.stderr.splitlines()[-1] == f"error: no frame was fused: {FRAMES} lost pose"
+    assert json.loads((out / "report.json").read_text())["error"].startswith("no frame was fused")
+
+
+@pytest.mark.parametrize("more", [(), ("--in-process",)])
+def test_a_frame_that_is_listed_twice_is_fused_once(tmp_path: Path, more: tuple[str, ...]) -> None:
+    whole, frames, out = recording(tmp_path / "whole"), tmp_path / "frames", tmp_path / "out"
+    frames.mkdir()
+    camera = open_source("scene:0", 1, halved=True).intrinsics
+    (frames / "intrinsics.txt").write_text(f"{camera.fx} {camera.fy} {camera.cx} {camera.cy}")
+    for kind, name in (("rgb", "color"), ("depth", "depth")):
+        files = [file for file in sorted(whole.glob(f"*.{name}.png")) if f"{BROKEN:06d}" not in file.name]
+        lines = [f"{1 + index / 10:.6f} {file}\n" for index, file in enumerate(files)]
+        (frames / f"{kind}.txt").write_text("".join([*lines[:2], *lines[1:]]))
+    done = spot3d("run", str(frames), "--pose", "kiss", "--out", str(out), *more)
+    assert done.returncode == 0, done.stderr
+    report = json.loads((out / "report.json").read_text())["frames"]
+    assert report["skipped"] == {"duplicate stamp in the input": 1}, done.stdout
+    assert report["fused"] == report["input"] - 1
 
 
 def test_an_endpoint_that_cannot_be_had_is_told_in_one_line(tmp_path: Path) -> None:

@@ -60,6 +60,8 @@ def run_in_process(
         stage: StageReport(step_ms=dict(statistics_ms([1e3 * seconds for seconds in times])))
         for stage, times in result.step_s.items()
     }
+    if result.unreadable:
+        report.stages["source"].last_error = result.unreadable
     report.stages["all"] = StageReport(cpu_s=use.cpu_s, rss_mb=use.rss_bytes / 2**20)
     return run
 

@@ -115,7 +115,11 @@ def _run(
         console.print(told, style="yellow", markup=False, highlight=False, soft_wrap=True)
     unread = report.skipped.get(UNREADABLE, 0)
     if unread and not report.error:
-        report.error = f"{unread} of {len(sequence)} frames cannot be read"
+        why = report.stages["source"].last_error
+        report.error = f"{unread} of {len(sequence)} frames cannot be read; the last that failed: {why}"
+    if not (report.fused or report.error or report.interrupted):
+        reasons = ", ".join(f"{count} {reason}" for reason, count in report.skipped.items() if count)
+        report.error = f"no frame was fused: {reasons or 'none came'}"
     _write(folder, result, report, time.perf_counter() - start_s)
     if in_process:
         # Logs of an earlier run's processes would be taken for this one's.

@@ -1,4 +1,4 @@
-"""The source stage's one error."""
+"""The source stage's one error, and why frames of an input are not played."""
 
 
 class SourceError(Exception):
@@ -6,4 +6,6 @@ class SourceError(Exception):
 
 
 UNREADABLE = "cannot be read"
-"""Why a frame of an input is not played: its files are missing or broken."""
+"""Its files are missing or broken."""
+IN_THE_INPUT = "in the input"
+"""Said of what is wrong with its stamp (see `dataflow.order`)."""

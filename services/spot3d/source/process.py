@@ -16,7 +16,7 @@ from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.streams import new_stream
 from spot3d.frame import RgbdFrame
-from spot3d.source.errors import UNREADABLE
+from spot3d.source.errors import IN_THE_INPUT, UNREADABLE
 from spot3d.source.sequence import FrameSequence, FrameStream
 from spot3d.source.settings import SourceSettings
 from spot3d_schemas import STAGES, End, Frame, Header, Progress
@@ -136,7 +136,7 @@ class _Player:
         """Whether the frame is sent; stamps of a camera that go back for good begin another stream."""
         arrival = self.order.check(self._header(stamp_ns), time.monotonic())
         if arrival.refused:
-            self.node.counters.drop(f"{arrival.refused} in the input")
+            self.node.counters.drop(f"{arrival.refused} {IN_THE_INPUT}")
         elif arrival.restarted:
             self.stream, self.sent_before = new_stream(), self.sent
             self.node.note("streams", "the camera's stamps went back: another stream begins")
