@@ -44,6 +44,7 @@ def test_settings_prints_what_can_be_read_again(tmp_path):
         (["run", "scene", "--out", "{tmp}", "--intrinsics", "1,2"], "four numbers"),
         (["run", "scene", "--out", "{tmp}", "--in-process", "--pose", "a/b"], "--in-process hears no topics"),
         (["run", "scene", "--out", "{tmp}", "--pose", "/odom"], "--pose /odom is no key"),
+        (["run", "scene", "--out", "{tmp}", "--depth-topic", "/d"], "scene is no ROS bag: leave --colour-topic and"),
         (["run", "scene", "--out", "{tmp}", "--in-process", "--dashboard"], "--in-process has no messages"),
         (["run", "scene", "--out", "{tmp}/file/x", "--frames", "1"], "file/x: a part of its path is a file"),
         (["demo", "--out", "{tmp}/file", "--frames", "1"], "cannot use {tmp}/file: it is a file, and a folder is"),

@@ -106,8 +106,10 @@ def run(
     from spot3d.source.sequences import is_stream
 
     topic = pose if pose is not None and "/" in pose else None
-    in_bag = None
-    if topic is not None and is_ros_bag(Path(input_name)):
+    in_bag, bag = None, is_ros_bag(Path(input_name))
+    if (colour_topic or depth_topic) and not bag:
+        raise CommandError(f"{input_name} is no ROS bag: leave --colour-topic and --depth-topic away")
+    if topic is not None and bag:
         pose, topic, in_bag = "truth", None, topic
     if topic is not None:
         _check_key(topic)

@@ -1,6 +1,7 @@
-"""A stage's process ends by SIGINT, SIGTERM or its stop event."""
+"""A stage's process ends by SIGINT, SIGTERM, SIGHUP or its stop event."""
 
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -12,9 +13,10 @@ _THREADS_END_S = 2.0
 
 @contextmanager
 def stop_on_signals(stop: threading.Event | None) -> Iterator[threading.Event]:
-    """The event that says stop: the given one or a new one, set by SIGINT and SIGTERM too.
+    """The event that says stop: the given one or a new one, set by SIGINT, SIGTERM and SIGHUP too.
 
-    Outside the main thread signals are left to whoever handles them there.
+    SIGHUP, of a terminal that is closed, stays ignored where it was, as by nohup. Outside the main thread signals are
+    left to whoever handles them there.
     """
     event = stop or threading.Event()
     if threading.current_thread() is not threading.main_thread():
@@ -24,7 +26,10 @@ def stop_on_signals(stop: threading.Event | None) -> Iterator[threading.Event]:
     def set_event(_number: int, _frame: FrameType | None) -> None:
         event.set()
 
-    before = {number: signal.signal(number, set_event) for number in (signal.SIGINT, signal.SIGTERM)}
+    heard = [signal.SIGINT, signal.SIGTERM]
+    if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        heard.append(signal.SIGHUP)
+    before = {number: signal.signal(number, set_event) for number in heard}
     try:
         yield event
     finally:
