@@ -222,7 +222,12 @@ def test_seven_scenes_errors(seven_scenes: Path, change: Callable[[Path], None],
         (_replace("rgb.txt", "1.0 rgb/none.png\n"), "none.png is missing"),
         (_replace("groundtruth.txt", "1.0 0 0 0 0 0 0\n"), "groundtruth.txt:1 .*expected"),
         (_replace("groundtruth.txt", "1.0 0 0 0 0 0 0 2\n"), "length is 2.000"),
-        (_replace("groundtruth.txt", "1.0 0 0 0 0 0 0 w\n"), "not only numbers"),
+        (_replace("groundtruth.txt", "1.0 0 0 0 0 0 0 w\n"), "groundtruth.txt:1 .*'w' is no finite number; expected"),
+        (
+            _replace("groundtruth.txt", "1.0 0 0 nan 0 0 0 1\n"),
+            "groundtruth.txt:1 .*'nan' is no finite number; expected",
+        ),
+        (_replace("groundtruth.txt", "nan 0 0 0 0 0 0 1\n"), "groundtruth.txt:1 .*'nan' is no time in seconds"),
         (_replace("intrinsics.txt", "1 2 3\n"), "not four numbers"),
     ],
 )

@@ -1,6 +1,7 @@
 """The recordings' text files: matrices, lists of stamped lines, poses."""
 
-from decimal import Decimal, InvalidOperation
+import math
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from spot3d.trajectory import pose_from_quaternion
 
 # A rotation written with a handful of digits is orthonormal to about this much.
 ROTATION_TOLERANCE = 1e-2
+_POSE_LINE = "expected `stamp tx ty tz qx qy qz qw`: seconds, metres and a quaternion of length 1"
+_STAMP_MAX_NS = np.iinfo(np.int64).max
 
 
 def read_text(path: Path) -> str:
@@ -58,15 +61,15 @@ def pose_of_words(words: list[str], where: str) -> NDArray[np.float64]:
 
     Raises SourceError unless there are seven finite numbers with a quaternion of unit length.
     """
-    try:
-        values = np.array([float(word) for word in words])
-    except ValueError:
-        raise SourceError(f"{where} is malformed: not only numbers") from None
-    if values.size != 7 or not np.isfinite(values).all():
-        raise SourceError(f"{where} is malformed: expected `stamp tx ty tz qx qy qz qw`")
+    for word in words:
+        if not _is_finite(word):
+            raise SourceError(f"{where} is malformed: {word!r} is no finite number; {_POSE_LINE}")
+    if len(words) != 7:
+        raise SourceError(f"{where} is malformed: it has {1 + len(words)} numbers; {_POSE_LINE}")
+    values = np.array([float(word) for word in words])
     length = float(np.linalg.norm(values[3:]))
     if abs(length - 1) > ROTATION_TOLERANCE:
-        raise SourceError(f"{where} is malformed: the quaternion's length is {length:.3f}, not 1")
+        raise SourceError(f"{where} is malformed: the quaternion's length is {length:.3f}, not 1; {_POSE_LINE}")
     return pose_from_quaternion(values[:3], values[3:])
 
 
@@ -82,10 +85,20 @@ def read_stamped_lines(path: Path) -> list[tuple[int, list[str], str]]:
             continue
         where = f"{path}:{number}"
         try:
-            stamp_ns = int(Decimal(words[0]) * 10**9)
-        except (InvalidOperation, ValueError, OverflowError):
-            raise SourceError(f"{where} is malformed: {words[0]!r} is no time in seconds") from None
+            stamp_ns = Decimal(words[0]) * 10**9
+            in_range = abs(stamp_ns) <= _STAMP_MAX_NS
+        except ArithmeticError:  # no number, or nan
+            in_range = False
+        if not in_range:
+            raise SourceError(f"{where} is malformed: {words[0]!r} is no time in seconds, with which a line begins")
         if len(words) < 2:
             raise SourceError(f"{where} is malformed: nothing follows the time")
-        lines.append((stamp_ns, words[1:], where))
+        lines.append((int(stamp_ns), words[1:], where))
     return sorted(lines, key=lambda entry: entry[0])
+
+
+def _is_finite(word: str) -> bool:
+    try:
+        return math.isfinite(float(word))
+    except ValueError:
+        return False
