@@ -40,7 +40,11 @@ def test_settings_prints_what_can_be_read_again(tmp_path):
     [
         (["schema", "Frome"], "there is no message 'Frome'; there are Frame"),
         (["run", "/nowhere/at/all", "--out", "{tmp}"], "/nowhere/at/all does not exist"),
-        (["run", "scene", "--out", "{tmp}", "--pose", "magic"], "pose.provider"),
+        (["run", "scene", "--out", "{tmp}", "--pose", "magic"], "--pose magic: choose kiss or gicp"),
+        (["run", "scene:abc", "--out", "{tmp}"], "scene:abc names no built-in scene; there are scene, scene:SEED,"),
+        (["run", "scenes:2", "--out", "{tmp}"], "for spot3d evaluate scenes:COUNT"),
+        (["source", "scene:1:nonsense"], "scene:1:nonsense names no built-in scene"),
+        (["evaluate", "points", "scenes:x"], "scenes:x names no built-in scene"),
         (["run", "scene", "--out", "{tmp}", "--intrinsics", "1,2"], "four numbers"),
         (["run", "scene", "--out", "{tmp}", "--in-process", "--pose", "a/b"], "--in-process hears no topics"),
         (["run", "scene", "--out", "{tmp}", "--pose", "/odom"], "--pose /odom is no key"),

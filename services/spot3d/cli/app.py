@@ -105,6 +105,11 @@ def run(
     from spot3d.source.ros.bag import is_ros_bag
     from spot3d.source.sequences import is_stream
 
+    if pose is not None and "/" not in pose and pose not in ("kiss", "gicp", "truth", "given"):
+        raise CommandError(
+            f"--pose {pose}: choose kiss or gicp (odometry), truth (the input's own poses), or a topic with a / in its "
+            "name: of a ROS bag, such as /odom or /tf, or a key of Zenoh, such as ROBOT/odom"
+        )
     topic = pose if pose is not None and "/" in pose else None
     in_bag, bag = None, is_ros_bag(Path(input_name))
     if (colour_topic or depth_topic) and not bag:

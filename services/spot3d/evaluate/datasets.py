@@ -17,6 +17,7 @@ from spot3d.source.halving import halve
 from spot3d.source.intrinsics_files import FocalAndCentre
 from spot3d.source.selected import Selection, open_selection
 from spot3d.source.sequences import at_half_size as half_sequence
+from spot3d.source.sequences import refuse_misnamed_scene
 from spot3d.source.seven_scenes import is_seven_scenes
 from spot3d.source.tum import is_tum
 
@@ -46,6 +47,7 @@ def open_dataset(
         return DataSet(name, "built-in scene", joined([f for _, f in opened]), tuple(s for s, _ in opened))
     folder = Path(name)
     if not folder.is_dir():
+        refuse_misnamed_scene(name)
         raise SourceError(f"{folder} is no folder; give a data set's folder ({LAYOUTS}), scene or scenes:5")
     kind = dataset_kind(folder)
     if kind == "OSD":

@@ -20,6 +20,15 @@ from spot3d.source.tum import is_tum, open_tum
 SCENE_NAME = re.compile(r"scene(?::(?P<seed>\d+))?(?P<cluttered>:cluttered)?")
 
 
+def refuse_misnamed_scene(name: str) -> None:
+    """Raises SourceError for a name that begins as those of built-in scenes do."""
+    if name.startswith(("scene:", "scenes:")):
+        raise SourceError(
+            f"{name} names no built-in scene; there are scene, scene:SEED, scene:cluttered and scene:SEED:cluttered "
+            "(SEED: 0, 1, ...), and for spot3d evaluate scenes:COUNT and scenes:COUNT:cluttered (COUNT: 1 to 99)"
+        )
+
+
 def open_source(
     path_or_name: str | Path,
     frames: int = 300,
@@ -69,6 +78,7 @@ def at_half_size(sequence: FrameSequence) -> FrameSequence:
 
 def _open_path(folder: Path, intrinsics: FocalAndCentre | None, topics: TopicNames) -> FrameSequence:
     if not folder.exists():
+        refuse_misnamed_scene(str(folder))
         raise SourceError(f"{folder} does not exist; give a recording's folder, or `scene` for the built-in scene")
     if is_ros_bag(folder):
         from spot3d.source.ros.recording import open_bag
