@@ -29,8 +29,8 @@ class Match:
 
 def match_objects(
     true: Sequence[tuple[str, Box3D]], found: Sequence[FoundObject]
-) -> tuple[list[Match], list[FoundObject]]:
-    """Each true object's best box, and the found objects that are no true object's (IoU < 0.25 with all)."""
+) -> tuple[list[Match], list[FoundObject], list[FoundObject]]:
+    """Each true object's best box; found objects that are a further box of one; those that are none's (IoU < 0.25)."""
     iou = iou_matrix_3d([box for _, box in true], [item.box for item in found])
     matches = []
     for row, (name, _) in enumerate(true):
@@ -38,12 +38,20 @@ def match_objects(
         overlap = float(iou[row, best]) if found else 0.0
         matches.append(Match(name, overlap, found[best].id if overlap > 0 else None))
     best_of_found = iou.max(axis=0, initial=0.0)
-    return matches, [item for item, overlap in zip(found, best_of_found, strict=True) if overlap < FOUND_IOU]
+    best_ids = {match.found_id for match in matches if match.found}
+    further, strangers = [], []
+    for item, overlap in zip(found, best_of_found, strict=True):
+        if overlap < FOUND_IOU:
+            strangers.append(item)
+        elif item.id not in best_ids:
+            further.append(item)
+    return matches, further, strangers
 
 
-def demo_table(matches: Sequence[Match], strangers: Sequence[FoundObject]) -> Table:
+def demo_table(matches: Sequence[Match], further: Sequence[FoundObject], strangers: Sequence[FoundObject]) -> Table:
     """The table that the demo ends with."""
-    table = Table(title="found against true objects", title_justify="left")
+    title = f"found against true objects (found: 3D IoU of {FOUND_IOU:g} or more)"
+    table = Table(title=title, title_justify="left")
     for heading in ("object", "IoU", "found as", ""):
         table.add_column(heading, justify="left" if heading in ("object", "") else "right")
     for match in matches:
@@ -54,5 +62,6 @@ def demo_table(matches: Sequence[Match], strangers: Sequence[FoundObject]) -> Ta
     mean = float(np.mean([match.iou for match in matches])) if matches else 0.0
     table.add_section()
     table.add_row(f"{found} of {len(matches)} found", f"{mean:.2f}", "", "mean IoU")
+    table.add_row("further boxes of an object", str(len(further)), "", "")
     table.add_row("boxes that are no object", str(len(strangers)), "", "")
     return table
