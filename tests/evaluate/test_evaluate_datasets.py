@@ -143,6 +143,7 @@ BROKEN: list[tuple[Callable[[Path], None], str, str, str]] = [
     (write_uw_scenes, "pc/01.label", "2832\n" + "11\n" * 2832, "unknown labels"),
     (write_uw_scenes, "pc/01.pose", "1 0 0 0 0 0\n", "01.pose:1 is malformed"),
     (write_uw_scenes, "pc/01.pose", "0 0 0 0 0 0 0\n", "01.pose:1 is malformed"),
+    (write_uw_scenes, "pc/01.pose", "1 0 0 0 0 0 nan\n", "01.pose:1 is malformed"),
     (write_uw_scenes, "pc/01.pose", "\n", "holds no pose"),
 ]
 

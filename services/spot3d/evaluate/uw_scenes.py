@@ -120,10 +120,12 @@ def _read_poses(path: Path) -> NDArray[np.float64]:
         if not line.strip():
             continue
         try:
-            w, x, y, z, *position = (float(word) for word in line.split())
-            poses.append(pose_from_quaternion(position, np.array((x, y, z, w))))
+            values = np.array([float(word) for word in line.split()])
+            if values.shape != (7,) or not np.isfinite(values).all():
+                raise ValueError("not seven finite numbers")
+            poses.append(pose_from_quaternion(values[4:], values[[1, 2, 3, 0]]))
         except ValueError as error:
-            raise SourceError(f"{path}:{number} is malformed: expected `a b c d x y z`") from error
+            raise SourceError(f"{path}:{number} is malformed: {error}; expected `a b c d x y z`") from error
     if not poses:
         raise SourceError(f"{path} holds no pose")
     return np.array(poses)
