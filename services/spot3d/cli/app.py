@@ -30,6 +30,7 @@ from spot3d.cli.options import (
     RobotOption,
     SettingsOption,
     SupervisedOption,
+    check_topics,
     link_overrides,
     play_overrides,
     stage_started,
@@ -111,10 +112,9 @@ def run(
             "name: of a ROS bag, such as /odom or /tf, or a key of Zenoh, such as ROBOT/odom"
         )
     topic = pose if pose is not None and "/" in pose else None
-    in_bag, bag = None, is_ros_bag(Path(input_name))
-    if (colour_topic or depth_topic) and not bag:
-        raise CommandError(f"{input_name} is no ROS bag: leave --colour-topic and --depth-topic away")
-    if topic is not None and bag:
+    in_bag = None
+    check_topics(input_name, colour_topic=colour_topic, depth_topic=depth_topic)
+    if topic is not None and is_ros_bag(Path(input_name)):
         pose, topic, in_bag = "truth", None, topic
     if topic is not None:
         _check_key(topic)

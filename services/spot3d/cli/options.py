@@ -65,6 +65,15 @@ def play_overrides(half: bool, rate: float | None, **named: str | None) -> dict[
     return {"source": source}
 
 
+def check_topics(input_name: str, **options: str | None) -> None:
+    """Refuse topics for what is no ROS bag. options: those that name topics, `_` for `-`; None: not given."""
+    from spot3d.source.ros.bag import is_ros_bag
+
+    given = [f"--{name.replace('_', '-')}" for name, topic in options.items() if topic is not None]
+    if given and not is_ros_bag(Path(input_name)):
+        raise CommandError(f"{input_name} is no ROS bag: leave {' and '.join(given)} away")
+
+
 def link_overrides(
     robot: str | None, connect: list[str] | None, listen: list[str] | None, lossless: bool | None
 ) -> dict[str, Any]:

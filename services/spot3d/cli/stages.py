@@ -25,6 +25,7 @@ from spot3d.cli.options import (
     RobotOption,
     SettingsOption,
     SupervisedOption,
+    check_topics,
     link_overrides,
     play_overrides,
     stage_started,
@@ -58,6 +59,7 @@ def source(
     supervised: SupervisedOption = False,
 ) -> None:
     """The source stage: play INPUT to the other stages."""
+    check_topics(input_name, colour_topic=colour_topic, depth_topic=depth_topic, pose_topic=pose_topic)
     stop = stage_started(supervised)
     overrides = play_overrides(
         half, rate, depth_noise=noise, colour_topic=colour_topic, depth_topic=depth_topic, pose_topic=pose_topic
