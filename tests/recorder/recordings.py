@@ -1,5 +1,6 @@
 """Small recordings, written as the recorder writes them."""
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -39,8 +40,13 @@ def damage_second_chunk(path: Path) -> int:
     return second.offset
 
 
-def write_recording(path: Path, chunks: Sequence[Sequence[tuple[str, float, Message]]]) -> None:
-    """A finished recording of messages, each with its topic and seconds after the beginning, chunk by chunk."""
+def write_recording(
+    path: Path, chunks: Sequence[Sequence[tuple[str, float, Message]]], listed: Sequence[tuple[int, int, str]] = ()
+) -> None:
+    """A finished recording of messages, each with its topic and seconds after the beginning, chunk by chunk.
+
+    listed: chunk, stamp and stream of each frame, where the recorder has left a list of them.
+    """
     writer = McapWriter(path, PROFILE, "test")
     writer.metadata("spot3d", {"robot": ROBOT})
     topics = dict.fromkeys(topic for chunk in chunks for topic, _, _ in chunk)
@@ -50,4 +56,6 @@ def write_recording(path: Path, chunks: Sequence[Sequence[tuple[str, float, Mess
             log_ns = START_NS + round(1e9 * seconds)
             writer.add(channels[topic], log_ns, log_ns, message.header.seq, encode(message))
         writer.flush()
+    if listed:
+        writer.metadata("frames", {"topic": "source/frame", "chunk_stamp_ns_stream": json.dumps(listed)})
     writer.close()

@@ -78,6 +78,34 @@ def test_damage_is_told_with_its_place(recording: Path) -> None:
     assert said.startswith(f"left out 1 of 3 chunks of messages: {recording} is damaged at byte {damaged}")
 
 
+def test_an_unfinished_recording_plays_on_behind_damage(recording: Path, caplog: pytest.LogCaptureFixture) -> None:
+    last = open_mcap(recording).chunks[2]
+    damaged = damage_second_chunk(recording)
+    recording.write_bytes(recording.read_bytes()[: last.offset + last.length])
+    assert open_source(recording).stamps_ns == [PERIOD_NS * seq for seq in (0, 1, 4, 5)]
+    assert f"the frames of a chunk are left out: {recording} is damaged at byte {damaged}" in caplog.text
+
+
+@pytest.mark.parametrize("damaged", [1, 2], ids=["the first", "all"])
+def test_a_finished_recording_whose_first_frames_are_damaged(tmp_path: Path, damaged: int) -> None:
+    path = tmp_path / "listed.mcap"
+    sent = [("source/frame", 0.1 * seq, frame(seq, PERIOD_NS * seq)) for seq in range(4)]
+    write_recording(path, [sent[:2], sent[2:]], [(seq // 2, PERIOD_NS * seq, "") for seq in range(4)])
+    whole = bytearray(path.read_bytes())
+    for chunk in open_mcap(path).chunks[:damaged]:
+        whole[chunk.offset + chunk.length // 2] ^= 0xFF
+    path.write_bytes(whole)
+    if damaged == 2:
+        with pytest.raises(SourceError, match="is damaged at byte"):
+            open_source(path)
+        return
+    sequence = open_source(path)
+    assert (len(sequence), sequence.intrinsics.fx, sequence.has_true_poses) == (4, 50.0, True)
+    with pytest.raises(SourceError, match="is damaged at byte"):
+        sequence[0]
+    assert (sequence[2].depth == frame(2, 0).depth).all()
+
+
 @pytest.mark.parametrize(
     ("stamps_ms", "streams"),
     [((10_000, 10_033, 0, 33, 33, 66), [None] * 6), ((-66, -33, 0, 33, 33, 66), ["a", "a", "b", "b", "b", "b"])],

@@ -3,6 +3,7 @@
 import json
 import logging
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -59,12 +60,12 @@ class McapSequence:
             told = ", ".join(str(len(stream)) for stream in streams)
             log.warning("%s holds %d streams of %s frames; the longest is played", contents.path, len(streams), told)
         self._chunk: tuple[int, list[bytes]] = (-1, [])
-        first = self[0]
+        first = self._first()
         self._intrinsics, self._has_poses = first.intrinsics, first.T_world_camera is not None
 
     @property
     def intrinsics(self) -> Intrinsics:
-        """Intrinsics of the first frame; each frame brings its own, which may be others."""
+        """Intrinsics of the first frame that can be read; each frame brings its own, which may be others."""
         return self._intrinsics
 
     @property
@@ -79,7 +80,7 @@ class McapSequence:
 
     @property
     def has_true_poses(self) -> bool:
-        """Whether the first frame came with a pose that its source knew."""
+        """Whether the first frame that can be read came with a pose that its source knew."""
         return self._has_poses
 
     def true_pose(self, index: int) -> NDArray[np.float64] | None:
@@ -102,6 +103,13 @@ class McapSequence:
         except (CodecError, IndexError) as error:
             raise SourceError(f"{self._contents.path}, frame {index}: {error}") from error
         return replace(frame, colour=frame.colour.copy(), depth=frame.depth.copy())
+
+    def _first(self) -> RgbdFrame:
+        """The first frame that is not damaged. Raises SourceError where all are."""
+        for index in range(len(self) - 1):
+            with suppress(SourceError):
+                return self[index]
+        return self[-1]
 
 
 def open_recorded_mcap(path: Path) -> McapSequence:
@@ -140,9 +148,14 @@ def _listed(contents: McapContents, topic: str) -> list[tuple[int, int, str]]:
 
 
 def _searched(contents: McapContents, topic: str) -> Iterator[tuple[int, int, str]]:
-    """Chunk, stamp and stream of each frame."""
+    """Chunk, stamp and stream of each frame; a damaged chunk does not tell which frames it holds."""
     for chunk in range(len(contents.chunks)):
-        for data in _messages(contents, chunk, topic):
+        try:
+            messages = _messages(contents, chunk, topic)
+        except SourceError as error:
+            log.warning("the frames of a chunk are left out: %s", error)
+            continue
+        for data in messages:
             header = peek_header(data)
             yield chunk, header.stamp_ns, header.stream or ""
 
