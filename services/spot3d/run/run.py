@@ -18,6 +18,7 @@ from spot3d.run.distributed import Plan, run_distributed
 from spot3d.run.overview_file import View, write_overview
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import RunResult, write_json, write_results
+from spot3d.run.sole_writer import sole_writer
 from spot3d.run.supervisor import Supervisor
 from spot3d.run.timeline import NAME as TIMELINE
 from spot3d.run.timeline import Timeline
@@ -57,13 +58,20 @@ def run(
     """Play the input through all stages and write every result file into `folder`.
 
     Ctrl-C (SIGINT) or SIGTERM end the stages at once; what there is by then is written all the same.
-    Raises SourceError for an input that cannot be played and OSError where `folder` cannot be written.
+    Raises SourceError for an input that cannot be played, or where another run writes into `folder`, and OSError where
+    that cannot be written.
     """
     with nullcontext() if in_process else Supervisor() as supervisor:
-        return _run(selection, settings, folder, console, supervisor, pose_topic, listen)
+        name = selection.name
+        sequence = CameraFrames(name) if is_stream(name) else open_selection(selection, settings.source)
+        if settings.pose.provider == "given" and not sequence.has_true_poses and pose_topic is None:
+            raise SourceError(f"{name} has no true poses; choose --pose kiss or --pose gicp")
+        with sole_writer(folder):
+            return _run(sequence, selection, settings, folder, console, supervisor, pose_topic, listen)
 
 
 def _run(
+    sequence: FrameSequence,
     selection: Selection,
     settings: Settings,
     folder: Path,
@@ -73,11 +81,7 @@ def _run(
     listen: Sequence[str],
 ) -> Finished:
     in_process = supervisor is None
-    camera = CameraFrames(selection.name) if is_stream(selection.name) else None
-    sequence = open_selection(selection, settings.source) if camera is None else camera
-    if settings.pose.provider == "given" and not sequence.has_true_poses and pose_topic is None:
-        raise SourceError(f"{selection.name} has no true poses; choose --pose kiss or --pose gicp")
-    folder.mkdir(parents=True, exist_ok=True)
+    camera = sequence if isinstance(sequence, CameraFrames) else None
     settings_file = folder / "settings.toml"
     settings_file.write_text(to_toml(settings), encoding="utf-8")
     size = (sequence.intrinsics.width, sequence.intrinsics.height) if camera is None else camera.image
