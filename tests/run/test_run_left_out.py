@@ -1,15 +1,21 @@
 """The line that says why a run found nothing, or almost nothing, and what the report says of it."""
 
+from pathlib import Path
+
+import cv2
 import numpy as np
 import pytest
 
 from spot3d.boxes import Box3D
+from spot3d.camera import Intrinsics
 from spot3d.found_object import FoundObject
 from spot3d.fusion.objects.reasons import REASONS
-from spot3d.run.left_out import forgotten, why_so_few
+from spot3d.run.camera_frames import CameraFrames
+from spot3d.run.left_out import first_depth, forgotten, why_so_few
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import RunResult
 from spot3d.settings import load_settings
+from spot3d.source.recording import RecordedFrame, Recording
 
 FOUND = FoundObject(1, Box3D(np.zeros(3), np.full(3, 0.1), np.eye(3)), 0.5, 12, 345)
 
@@ -109,3 +115,17 @@ def test_the_report_counts_them_by_reason() -> None:
     assert document["objects"] == {"found": 2, "left_out": {"too cold": 3}}
     assert document["keyframes_dropped"] == 20
     assert document["map_limit_reached"] is True
+
+
+def test_the_first_frame_s_depth_shows_a_wrong_unit(tmp_path: Path) -> None:
+    camera = Intrinsics(20.0, 20.0, 2.0, 1.0, 4, 2)
+    paths = tmp_path / "colour.png", tmp_path / "depth.png"
+    assert cv2.imwrite(str(paths[0]), np.zeros((2, 4, 3), np.uint8))
+    assert cv2.imwrite(str(paths[1]), np.array([[0, 0, 0, 6000], [6000, 6100, 6200, 9000]], np.uint16))
+    assert first_depth(Recording([RecordedFrame(0, *paths, None)], camera, 0.001)) == (
+        "half of the first frame's depth is below 6.10 m, read as units of 1 mm; if that is not so, give the unit of a "
+        "folder with --depth-unit METRES"
+    )
+    paths[1].unlink()
+    assert not first_depth(Recording([RecordedFrame(0, *paths, None)], camera, 0.001))
+    assert not first_depth(CameraFrames("realsense"))

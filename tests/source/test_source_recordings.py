@@ -295,3 +295,14 @@ def test_images_of_a_halved_recording_must_have_their_full_size(seven_scenes: Pa
     write(seven_scenes / "frame-000001.color.png", colour_image(HEIGHT // 2, WIDTH // 2))
     with pytest.raises(SourceError, match=r"size mismatch: .*frame-000001\.color\.png is 12x8"):
         open_source(seven_scenes, halved=True)[1]
+
+
+@pytest.mark.parametrize("halved", [False, True])
+def test_the_unit_of_depth_can_be_told(tum: Path, halved: bool) -> None:
+    assert open_source(tum, halved=halved)[0].depth_metres()[5, 5] == pytest.approx(2.0)
+    assert open_source(tum, halved=halved, depth_unit=0.001)[0].depth_metres()[5, 5] == pytest.approx(10.0)
+
+
+def test_what_tells_its_unit_itself_takes_no_other() -> None:
+    with pytest.raises(SourceError, match="scene tells its depth's unit itself; leave --depth-unit away"):
+        open_source("scene", 2, depth_unit=0.001)

@@ -18,6 +18,7 @@ from spot3d.cli.options import (
     CommandError,
     ConnectOption,
     DepthTopicOption,
+    DepthUnitOption,
     EveryOption,
     FramesOption,
     HalfOption,
@@ -95,6 +96,7 @@ def run(
     rate: RateOption = None,
     intrinsics: IntrinsicsOption = None,
     noise: NoiseOption = None,
+    depth_unit: DepthUnitOption = None,
     colour_topic: ColourTopicOption = None,
     depth_topic: DepthTopicOption = None,
     listen: ListenOption = None,
@@ -121,7 +123,13 @@ def run(
     if in_process and topic is not None:
         raise CommandError(f"--in-process hears no topics; leave --in-process away, or do without --pose {pose}")
     overrides = play_overrides(
-        half, rate, depth_noise=noise, colour_topic=colour_topic, depth_topic=depth_topic, pose_topic=in_bag
+        half,
+        rate,
+        depth_noise=noise,
+        depth_unit=depth_unit,
+        colour_topic=colour_topic,
+        depth_topic=depth_topic,
+        pose_topic=in_bag,
     )
     camera = is_stream(input_name)
     if camera and in_process:
@@ -249,7 +257,7 @@ def print_settings(settings: SettingsOption = None, preset: PresetOption = None)
 def _conclude(done: "Finished", settings: Settings) -> None:
     """Say how a run went, and end with the exit code that tells programs."""
     from spot3d.pose import delay, depth_scale, orientation
-    from spot3d.run.left_out import forgotten, why_so_few
+    from spot3d.run.left_out import first_depth, forgotten, why_so_few
     from spot3d.run.lost_tracking import told
 
     report = done.report
@@ -260,9 +268,10 @@ def _conclude(done: "Finished", settings: Settings) -> None:
         f" ({f'not fused: {reasons}' if dropped else 'none dropped'}); results in {done.folder}"
     )
     few = why_so_few(done.result, report.keyframes, settings)
+    seen = "" if report.objects else first_depth(done.sequence)
     known = report.calibration
     given = depth_scale.told(known.depth_factor), delay.told(report.delay_s), orientation.told(known)
-    for line in (few, told(report.lost), *given, forgotten(report.keyframes_dropped, settings)):
+    for line in (few, seen, told(report.lost), *given, forgotten(report.keyframes_dropped, settings)):
         if line:
             typer.echo(line)
     typer.echo(f"picture: {done.folder / 'overview.png'}")

@@ -43,6 +43,9 @@ NoiseOption = Annotated[
     str | None,
     typer.Option("--noise", metavar="d435|tof|...", help="the depth's noise; see: spot3d settings"),
 ]
+DepthUnitOption = Annotated[
+    float | None, typer.Option("--depth-unit", metavar="METRES", help="unit of the depth, for any input folder: 0.001")
+]
 ColourTopicOption = Annotated[str | None, typer.Option("--colour-topic", help="ROS bags: the colour images")]
 DepthTopicOption = Annotated[str | None, typer.Option("--depth-topic", help="ROS bags: the depth images")]
 SupervisedOption = Annotated[bool, typer.Option("--supervised", hidden=True)]
@@ -52,7 +55,7 @@ class CommandError(Exception):
     """A command cannot do what it was asked to; the message says why."""
 
 
-def play_overrides(half: bool, rate: float | None, **named: str | None) -> dict[str, Any]:
+def play_overrides(half: bool, rate: float | None, **named: str | float | None) -> dict[str, Any]:
     """Settings of the options that say how an input is played; only those that were given.
 
     named: the source's settings by their names.

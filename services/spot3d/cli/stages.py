@@ -13,6 +13,7 @@ from spot3d.cli.options import (
     ConnectOption,
     DeliveryOption,
     DepthTopicOption,
+    DepthUnitOption,
     EveryOption,
     FramesOption,
     HalfOption,
@@ -50,6 +51,7 @@ def source(
     rate: RateOption = None,
     intrinsics: IntrinsicsOption = None,
     noise: NoiseOption = None,
+    depth_unit: DepthUnitOption = None,
     colour_topic: ColourTopicOption = None,
     depth_topic: DepthTopicOption = None,
     pose_topic: Annotated[str | None, typer.Option("--pose-topic", help="ROS bags: the camera's poses")] = None,
@@ -62,7 +64,13 @@ def source(
     check_topics(input_name, colour_topic=colour_topic, depth_topic=depth_topic, pose_topic=pose_topic)
     stop = stage_started(supervised)
     overrides = play_overrides(
-        half, rate, depth_noise=noise, colour_topic=colour_topic, depth_topic=depth_topic, pose_topic=pose_topic
+        half,
+        rate,
+        depth_noise=noise,
+        depth_unit=depth_unit,
+        colour_topic=colour_topic,
+        depth_topic=depth_topic,
+        pose_topic=pose_topic,
     ) | link_overrides(robot, connect, listen, lossless)
     resolved = load_settings(settings, preset, overrides)
     from spot3d.source.process import EVERY_STAGE, FUSING_STAGES, MissingStagesError

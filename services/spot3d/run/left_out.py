@@ -1,10 +1,16 @@
 """Why a run found nothing, or almost nothing: one line for people."""
 
+from contextlib import suppress
+
+import numpy as np
+
 from spot3d.frame_segments import KEYFRAME_REASONS
 from spot3d.fusion.objects.reasons import MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
 from spot3d.fusion.settings import FusionSettings
 from spot3d.run.results import RunResult
 from spot3d.settings import Settings
+from spot3d.source.errors import SourceError
+from spot3d.source.sequence import FrameSequence
 
 _FEW = 4
 """Where not every fourth candidate is an object, people are told why. It is every third on redkitchen, whose shelves
@@ -39,6 +45,21 @@ def why_so_few(result: RunResult, keyframes: int, settings: Settings) -> str:
     head = f"only {found} of {candidates} candidates {'is an object' if found == 1 else 'are objects'}"
     advice = _ADVICE.get(ordered[0])
     return f"{head if found else 'no objects'}: {', '.join(said)}" + (f"; {advice}" if advice else "")
+
+
+def first_depth(sequence: FrameSequence) -> str:
+    """Where the depth of the first frame lies, which shows a wrong unit; empty where there is none to see."""
+    with suppress(SourceError, IndexError):
+        frame = sequence[0]
+        metres = frame.depth_metres()
+        measured = metres[metres > 0]
+        if measured.size:
+            unit = "metres" if frame.depth_scale == 1 else f"units of {1000 * frame.depth_scale:g} mm"
+            return (
+                f"half of the first frame's depth is below {np.median(measured):.2f} m, read as {unit}; if that is not "
+                "so, give the unit of a folder with --depth-unit METRES"
+            )
+    return ""
 
 
 def forgotten(keyframes_dropped: int, settings: Settings) -> str:

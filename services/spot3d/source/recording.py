@@ -63,6 +63,10 @@ class Recording:
             self.frames, self._image_intrinsics, self.depth_scale, self._colour_camera, self.invalid, halved=True
         )
 
+    def in_unit(self, metres: float) -> "Recording":
+        """The same recording with depth in units of so many metres."""
+        return Recording(self.frames, self._image_intrinsics, metres, self._colour_camera, self.invalid, self._halved)
+
     def __len__(self) -> int:
         return len(self.frames)
 

@@ -48,7 +48,7 @@ def open_selection(selection: Selection, settings: SourceSettings) -> FrameSeque
         name = _full_scene_name(name, settings)
         length = length if selection.frames is None else selection.frames * every
     topics = TopicNames(settings.colour_topic, settings.depth_topic, settings.pose_topic)
-    sequence = open_source(name, length, selection.intrinsics, settings.halved, topics)
+    sequence = open_source(name, length, selection.intrinsics, settings.halved, topics, settings.depth_unit)
     noise = parse_noise(settings.depth_noise) if settings.depth_noise else None
     all_of_it = every == 1 and selection.after_ns is None and (selection.frames or len(sequence)) >= len(sequence)
     if all_of_it and noise is None:
@@ -66,6 +66,8 @@ def open_selected_stream(selection: Selection, settings: SourceSettings) -> Fram
         raise SourceError("--every and --frames must be at least 1")
     if selection.intrinsics is not None:
         raise SourceError(f"{selection.name} has its own intrinsics; leave --intrinsics away")
+    if settings.depth_unit:
+        raise SourceError(f"{selection.name} tells its depth's unit itself; leave --depth-unit away")
     return _SelectedStream(open_stream(selection.name), selection, settings)
 
 

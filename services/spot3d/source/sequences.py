@@ -35,13 +35,15 @@ def open_source(
     intrinsics: FocalAndCentre | None = None,
     halved: bool = False,
     topics: TopicNames | None = None,
+    depth_unit: float = 0.0,
 ) -> FrameSequence:
     """Opens a recording's folder by what it holds, or the built-in scene.
 
     `scene`, `scene:SEED`, `scene:SEED:cluttered` (or `scene:cluttered`) are the built-in scene with
     `frames` frames; a file is a ROS bag, of which `topics` are played, or one that `spot3d record` has made;
     everything else is a folder in the layout of 7-Scenes or TUM RGB-D. `intrinsics` (fx, fy, cx, cy) override the
-    input's own; `halved` halves every frame. Raises SourceError, saying what is wrong and what to do.
+    input's own, and `depth_unit` (metres; 0: as it is) a folder's; `halved` halves every frame. Raises SourceError,
+    saying what is wrong and what to do.
     """
     sequence: FrameSequence
     if match := SCENE_NAME.fullmatch(str(path_or_name)):
@@ -58,6 +60,10 @@ def open_source(
         sequence = open_recorded_mcap(Path(path_or_name))
     else:
         sequence = _open_path(Path(path_or_name), intrinsics, topics or TopicNames())
+    if depth_unit:
+        if not isinstance(sequence, Recording):
+            raise SourceError(f"{path_or_name} tells its depth's unit itself; leave --depth-unit away")
+        sequence = sequence.in_unit(depth_unit)
     return at_half_size(sequence) if halved else sequence
 
 

@@ -22,6 +22,13 @@ class SourceSettings(BaseModel):
         description="noise of the depth: kinect-v1, d415, d435, d455, tof, stereo:BASELINE,FOCAL[,SUBPIXEL] or "
         "FLOOR,GROWTH,AT in metres (and pixels); empty: what the input knows of itself, else a Kinect v1's",
     )
+    depth_unit: float = Field(
+        0.0,
+        ge=0,
+        le=0.01,
+        description="unit of the depth images of a folder, metres; 0: the layout's own, 0.001 (7-Scenes) or 0.0002 "
+        "(TUM RGB-D)",
+    )
     colour_topic: str = Field("", description="ROS bags: topic of the colour images; empty: found by type and name")
     depth_topic: str = Field("", description="ROS bags: topic of the depth images; empty: found by type and name")
     pose_topic: str = Field(
