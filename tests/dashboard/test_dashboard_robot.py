@@ -135,9 +135,11 @@ def test_the_panel_says_why_nothing_crosses() -> None:
 
 
 def test_a_port_that_is_taken_ends_the_dashboard_with_what_is_wrong() -> None:
+    told = list[str]()
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         link = LinkSettings(mode="router", listen=(f"tcp/127.0.0.1:{taken.getsockname()[1]}",), connect=())
         with pytest.raises(ConnectionError, match=r"cannot listen at .* the port or socket may be in use"):
-            run(link, DashboardSettings(), threading.Event())
+            run(link, DashboardSettings(), threading.Event(), on_ready=told.append)
+    assert not told, "no address is given of a page that ends at once"

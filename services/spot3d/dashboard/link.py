@@ -72,11 +72,17 @@ class Link:
         self.connected = False
         self.failed: OSError | None = None
         """Why it cannot listen where it should; what cannot be reached is waited for instead."""
+        self._settled = threading.Event()
         self._pause_s = 0.1
         self._thread = threading.Thread(target=self._work, name="link", daemon=True)
 
     def __enter__(self) -> "Link":
+        """Raises OSError where it cannot listen where it should."""
         self._thread.start()
+        if self._settings.mode != "client":
+            self._settled.wait(_ANSWER_S)
+            if self.failed is not None:
+                raise self.failed
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -115,6 +121,7 @@ class Link:
                         self._fleet[topic] = _hear_fleet(session, topic, stack)
                     self._session = session
                     self._listen()
+                self._settled.set()
                 stack.callback(self._hush)
                 while not self._stop.wait(self._pause_s):
                     try:
@@ -127,6 +134,8 @@ class Link:
                 log.error("no connection: %s", error)
         except OSError as error:
             self.failed = error
+        finally:
+            self._settled.set()
 
     def _poll(self, session: zenoh.Session) -> None:
         """Who is there, and what has changed in the maps that are shown."""

@@ -39,8 +39,8 @@ def run(
     Raises OSError where the page cannot be served at the address of the settings, or `link` cannot listen.
     """
     with stop_on_signals(stop) as stopped, open_server(settings) as server:
-        on_ready(f"http://{'127.0.0.1' if settings.host == '0.0.0.0' else settings.host}:{server.get_port()}")
-        serve(server, link, settings, stopped, robot, always)
+        address = f"http://{'127.0.0.1' if settings.host == '0.0.0.0' else settings.host}:{server.get_port()}"
+        serve(server, link, settings, stopped, robot, always, lambda: on_ready(address))
 
 
 def serve(
@@ -50,12 +50,17 @@ def serve(
     stop: threading.Event,
     robot: str | None = None,
     always: bool = False,
+    on_ready: Callable[[], None] = lambda: None,
 ) -> None:
-    """Show what is heard on an open server until `stop` is set. Raises OSError where `link` cannot listen."""
+    """Show what is heard on an open server until `stop` is set. Raises OSError where `link` cannot listen.
+
+    on_ready: called once it listens, or at once where it seeks a router.
+    """
     failures = RateLimitedLog(log)
     where = ", ".join(link.listen or link.connect)
     with Link(link, settings.map_rate) as heard, closing(Page(server, heard, settings, where, always)) as page:
         let_stages_go_first()
+        on_ready()
         while not stop.wait(_STEP_S):
             if heard.failed is not None:
                 raise heard.failed
