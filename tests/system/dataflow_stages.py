@@ -20,7 +20,19 @@ from spot3d.dataflow.conversion import intrinsics_message
 from spot3d.dataflow.process_use import SINGLE_THREADED
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.frame import RgbdFrame
-from spot3d_schemas import TOPICS, Frame, Header, Health, Message, Objects, Progress, alive_key, decode, key
+from spot3d_schemas import (
+    TOPICS,
+    Frame,
+    Header,
+    Health,
+    Message,
+    Objects,
+    Progress,
+    alive_key,
+    decode,
+    key,
+    process_key,
+)
 
 M = TypeVar("M", bound=Message)
 
@@ -207,4 +219,13 @@ def wait_alive(session: zenoh.Session, robot: str, stages: set[str]) -> None:
     while (there := alive_stages(session, robot)) != stages:
         if time.monotonic() > end_s:
             raise TimeoutError(f"alive: {sorted(there)}; expected {sorted(stages)}")
+        time.sleep(0.05)
+
+
+def wait_gone(session: zenoh.Session, robot: str, stage: str) -> None:
+    """Wait until no process of this stage is there: until then, it alone is heard. Raises TimeoutError."""
+    end_s = time.monotonic() + LIMIT_S
+    while list(session.liveliness().get(process_key(robot, stage, "*"), timeout=5)):
+        if time.monotonic() > end_s:
+            raise TimeoutError(f"a process of {stage} is still there")
         time.sleep(0.05)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zenoh
-from dataflow_stages import STAGES, Ear, Recording, Stages, frame_message, listening, wait_alive
+from dataflow_stages import STAGES, Ear, Recording, Stages, frame_message, listening, wait_alive, wait_gone
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.session import open_session
@@ -173,6 +173,7 @@ def _header() -> Header:
 def test_duplicates_and_stragglers_are_dropped(lossless: tuple[zenoh.Session, Stages, Ear]) -> None:
     session, _, ear = lossless
     recording = Recording(5, 2 * HOUR_NS)
+    wait_gone(session, "calm", "source")
     fused, skipped = counts(ear)
     before = {stage: dict(health.drops) if (health := ear.health(stage)) else {} for stage in STAGES}
     with session.declare_publisher(
