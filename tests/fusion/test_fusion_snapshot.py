@@ -93,3 +93,15 @@ def test_a_map_of_other_settings_is_refused_whole(file: Path) -> None:
         with pytest.raises(SnapshotError, match=why):
             resume(fusion, kept, file)
         assert (fusion.frame_count, fusion.heatmap.count, fusion.objects().objects) == (0, 0, [])
+
+
+def test_a_map_of_another_version_is_refused_whole(file: Path) -> None:
+    """One whose segments lack what this version knows of each, however deep in it."""
+    kept = read_account(file)[1]
+    segments = kept.values["consensus"]["fields"]["_graph"]["fields"]["segments"]
+    assert segments["object"] == "SegmentTable"
+    del segments["fields"]["support"]
+    fusion = Fusion(COARSE)
+    with pytest.raises(SnapshotError, match="another version"):
+        resume(fusion, kept, file)
+    assert (fusion.frame_count, fusion.heatmap.count, fusion.objects().objects) == (0, 0, [])

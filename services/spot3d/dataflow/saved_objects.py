@@ -75,8 +75,12 @@ def restored(said: Any, arrays: Mapping[str, NDArray[Any]], classes: Classes, gi
 
 
 def same_fields(one: object, other: object) -> bool:
-    """Whether two objects of one class have the same attributes, as they have in one version."""
-    return type(one) is type(other) and set(_field_names(one)) == set(_field_names(other))
+    """Whether two objects of one class, and those that both hold, have the same attributes, as in one version."""
+    names = _field_names(one)
+    if type(one) is not type(other) or set(names) != set(_field_names(other)):
+        return False
+    pairs = ((getattr(one, name), getattr(other, name)) for name in names)
+    return all(same_fields(a, b) for a, b in pairs if type(a) is type(b) and hasattr(a, "__dict__"))
 
 
 def _field_names(value: object) -> list[str]:
