@@ -139,6 +139,19 @@ def test_a_wall_is_no_object_however_warm() -> None:
     assert (iou.max(axis=1) > 0.8).all()
 
 
+def test_a_chair_at_the_table_is_not_cut_where_the_table_is_high() -> None:
+    small, chair = Cuboid((0, 0, -0.02), (0.7, 0.6, 0.04), colour=TABLE.colour), standing(0.6, 0, (0.05, 0.4, 0.9))
+    chair = dataclasses.replace(chair, centre=(0.6, 0, -0.25), colour=(1, 2, 3))
+    frame = seen(*THREE[:2], chair, room=(small, *ROOM[1:]), pose=look_at((0.1, -1.3, 0.8), (0.2, 0, -0.1)))
+    segments = find(frame)
+    iou = iou_matrix_2d(true_boxes(frame, *THREE[:2], chair), segments.boxes(FINE_CAMERA))
+    assert len(segments) == 3
+    assert (iou.max(axis=1) > 0.8).all()
+    assert segments.stands_on[iou.argmax(axis=1)].tolist() == [0, 0, -1]
+    without = find(frame, SETTINGS.model_copy(update={"skipped": ("beside",)})).boxes(FINE_CAMERA)
+    assert iou_matrix_2d(true_boxes(frame, chair), without).max() < 0.5
+
+
 def test_what_is_no_segment_is_counted_by_reason() -> None:
     longer = find(seen(standing(0, 0, (0.3, 0.3, 0.3))), SETTINGS.model_copy(update={"size_max": 0.35}))
     low = find(seen(standing(0, 0, (0.2, 0.14, 0.03))), SETTINGS.model_copy(update={"height_min": 0.05}))

@@ -24,7 +24,8 @@ def out_of(
     points = back_project(depth, CAMERA)
     height = (points @ TABLE[:3] + TABLE[3]).astype(np.float32)
     normals = surface_normals(depth, CAMERA)
-    return standing_out(points, normals, height, np.array(others).reshape(-1, 4), settings)
+    nothing = np.zeros(depth.shape, np.bool_)
+    return standing_out(points, normals, height, nothing, np.array(others).reshape(-1, 4), settings)
 
 
 def test_the_objects_stand_out_and_the_table_does_not() -> None:
@@ -80,6 +81,17 @@ def test_a_view_that_is_all_wall_is_a_wall() -> None:
     points, normals = back_project(depth, CAMERA), surface_normals(depth, CAMERA)
     height = np.full(CAMERA.shape, 0.5, np.float32)
     facing = np.array([[0, 0, -1.0, 2.0]])
-    assert not standing_out(points, normals, height, facing, SETTINGS).any()
+    nothing = np.zeros(CAMERA.shape, np.bool_)
+    assert not standing_out(points, normals, height, nothing, facing, SETTINGS).any()
     wide = SETTINGS.model_copy(update={"size_max": 3.0})
-    assert standing_out(points, normals, height, facing, wide).all()
+    assert standing_out(points, normals, height, nothing, facing, wide).all()
+
+
+def test_what_is_beside_the_support_stands_out_though_it_is_lower() -> None:
+    seen = view(POSE, ROOM + THREE)
+    points, normals = back_project(seen.depth, CAMERA), surface_normals(seen.depth, CAMERA)
+    height = np.full(CAMERA.shape, -0.2, np.float32)
+    beside = (seen.colour[..., None, :] == BOXES).all(-1).any(-1)
+    out = standing_out(points, normals, height, beside, np.zeros((0, 4)), SETTINGS)
+    assert not out[~beside].any()
+    assert out[beside].mean() > 0.9

@@ -2,13 +2,15 @@
 
 import numpy as np
 import pytest
-from fusion_room import CAMERA, ROOM, THREE, look_at, view
+from fusion_room import CAMERA, FLOOR, ROOM, THREE, Cuboid, View, look_at, view
+from fusion_room import WALL as BACK
 from numpy.typing import NDArray
 
 from spot3d.camera import back_project, invert
+from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import on_plane, transform_plane
 from spot3d.segments.settings import SegmentsSettings
-from spot3d.segments.supports import IMAGE_UP, choose_support, heights
+from spot3d.segments.supports import IMAGE_UP, beside_support, choose_support, heights
 
 SETTINGS = SegmentsSettings()
 POSE = look_at((0, -0.95, 0.7))
@@ -97,3 +99,43 @@ def test_where_little_of_the_plane_is_seen_it_is_flat(pixels: int) -> None:
 def test_heights_are_numbers_where_depth_is_missing() -> None:
     points = back_project(np.zeros(CAMERA.shape, np.float32), CAMERA)
     assert np.isfinite(heights(points, TABLE)).all()
+
+
+SMALL_TABLE = Cuboid((0, 0, -0.02), (0.7, 0.6, 0.04), colour=(180, 150, 110))
+CHAIR = Cuboid((0.6, 0, -0.25), (0.05, 0.4, 0.9), colour=(1, 2, 3))
+TALL = Cuboid((0.1, 0.1, 0.1), (0.1, 0.1, 0.2), colour=(4, 5, 6))
+
+
+def beside(seen: View) -> NDArray[np.bool_]:
+    points = back_project(seen.depth, CAMERA)
+    height = (points @ TABLE[:3] + TABLE[3]).astype(np.float32)
+    return beside_support(points, surface_normals(seen.depth, CAMERA), height, TABLE[:3], SETTINGS)
+
+
+def test_a_chair_is_beside_the_table_and_what_is_on_it_or_under_it_is_not() -> None:
+    """The chair is, below the table's height and at it; above, it stands out as it is."""
+    seen = view(POSE, (SMALL_TABLE, FLOOR, BACK, CHAIR, TALL))
+    height = (back_project(seen.depth, CAMERA) @ TABLE[:3] + TABLE[3]).astype(np.float32)
+    found, chair = beside(seen), (seen.colour == CHAIR.colour).all(-1)
+    assert found[chair & (height < 0)].all()
+    assert not found[chair & (height > 0.01)].any()
+    for thing in (SMALL_TABLE, TALL):
+        own = (seen.colour == thing.colour).all(-1)
+        assert own.any()
+        assert not found[own & (height < 0.01)].any(), "its edge is the table's, a foot is what stands on it"
+
+
+def test_where_the_support_is_hidden_it_still_counts() -> None:
+    """A thing that hides the middle of the table, down to a step in it, is beside nothing."""
+    wide = Cuboid((0, 0, 0.05), (0.5, 0.4, 0.1), colour=(4, 5, 6))
+    seen = view(POSE, (SMALL_TABLE, FLOOR, BACK, wide))
+    sunk = (seen.colour == wide.colour).all(-1)
+    points = back_project(seen.depth, CAMERA)
+    height = np.where(sunk, np.float32(-0.03), points @ TABLE[:3] + TABLE[3]).astype(np.float32)
+    found = beside_support(points, surface_normals(seen.depth, CAMERA), height, TABLE[:3], SETTINGS)
+    assert not found[sunk].any()
+    assert found[(seen.colour == FLOOR.colour).all(-1)].mean() > 0.5
+
+
+def test_of_a_support_that_is_not_seen_nothing_is_beside() -> None:
+    assert not beside(view(look_at((0, -0.95, 0.7), (0, 3, 2.5)), ROOM)).any()

@@ -19,7 +19,7 @@ from spot3d.segments.hanging import STANDS, join_hanging
 from spot3d.segments.holes import fill_holes
 from spot3d.segments.occlusion import join_occluded
 from spot3d.segments.settings import SegmentsSettings, Step
-from spot3d.segments.supports import IMAGE_UP, choose_support, heights
+from spot3d.segments.supports import IMAGE_UP, beside_support, choose_support, heights
 from spot3d.segments.torn import join_torn
 from spot3d.segments.vessels import hollow_groups
 from spot3d_schemas.limits import MAX_SEGMENTS
@@ -68,14 +68,18 @@ def find_on_lattice(
     wanted = {step: step not in settings.skipped for step in get_args(Step)}
     height, up = heights(points, support, bent=wanted["bend"]), support[:3]
     others = planes[(planes != support).any(axis=1)]
+    beside = np.zeros(height.shape, np.bool_)
+    if wanted["beside"]:
+        beside = beside_support(points, normals, height, up, settings, noise)
     if wanted["support"]:
-        out = standing_out(points, normals, height, others, settings, noise)
+        out = standing_out(points, normals, height, beside, others, settings, noise)
     else:
         out = (frame.depth > 0) & (frame.depth <= settings.range_max)
 
     least = int(settings.region * frame.camera.fx * frame.camera.fy)
     colour = frame.colour if wanted["colour"] else None
     regions = split_at_creases(points, normals, out, colour, frame.camera.fx, settings.crease, least)
+    regions = _risen(regions, height)
     if wanted["vessels"]:
         regions = _join_vessels(regions, points, normals, up, least, settings)
     if wanted["torn"]:
@@ -85,15 +89,29 @@ def find_on_lattice(
     candidates = [(part, _fault(part, frame, points, height, settings)) for part in _pixels(regions)]
     left_out = Counter(fault for _, fault in candidates if fault)
     plausible = [part for part, fault in candidates if not fault]
-    parts = _warm(plausible, frame.heat, settings.heat_min)
-    left_out[TOO_COLD] = len(plausible) - len(parts)
-    if wanted["occluded"]:
-        parts = join_occluded(parts, points, normals, up)
-    if wanted["hanging"]:
-        parts = join_hanging(parts, points, height.ravel(), up)
-    if wanted["contained"]:
-        parts = _join_contained(parts, points, up, settings.contained_share)
+    warm = _warm(plausible, frame.heat, settings.heat_min)
+    left_out[TOO_COLD] = len(plausible) - len(warm)
+    parts = []
+    # What stands lower, beside the support, is no part of what stands on it: a cup is not its chair's.
+    lower = [float(np.quantile(height.ravel()[pixels], _TRIM)) <= -STANDS for pixels in warm]
+    for level in (False, True):
+        here = [pixels for pixels, is_lower in zip(warm, lower, strict=True) if is_lower == level]
+        if wanted["occluded"]:
+            here = join_occluded(here, points, normals, up)
+        if wanted["hanging"]:
+            here = join_hanging(here, points, height.ravel(), up)
+        if wanted["contained"]:
+            here = _join_contained(here, points, up, settings.contained_share)
+        parts += here
     return _segments(parts, frame, support[None], height.ravel(), left_out, settings)
+
+
+def _risen(labels: NDArray[np.int32], height: NDArray[np.float32]) -> NDArray[np.int32]:
+    """The labels without those regions that rise nowhere above the support: they stand on something lower."""
+    risen = np.zeros(int(labels.max(initial=-1)) + 2, np.bool_)
+    risen[labels[height > 0]] = True
+    risen[-1] = False  # of no region
+    return np.where(risen[labels], labels, -1).astype(np.int32)
 
 
 def _pixels(labels: NDArray[np.int32]) -> list[NDArray[np.int64]]:
@@ -185,7 +203,8 @@ def _segments(
     for number, pixels in enumerate(parts):
         labels.ravel()[pixels] = number + 1
         heat[number] = frame.heat.ravel()[pixels].mean() / 255
-        if np.quantile(height[pixels] - plane_tolerance(depth[pixels], settings, frame.camera.noise), 0.02) < STANDS:
+        lowest = np.quantile(height[pixels] - plane_tolerance(depth[pixels], settings, frame.camera.noise), 0.02)
+        if abs(lowest) < STANDS:
             stands_on[number] = 0
     if "holes" not in settings.skipped:
         labels = fill_holes(labels, frame.depth, frame.colour, frame.camera.fx)

@@ -1,4 +1,4 @@
-"""Which pixels of a single view stand out: above what things stand on, and on no wall, floor or ceiling."""
+"""Which pixels of a single view stand out: above what things stand on or beside it, on no wall, floor or ceiling."""
 
 import cv2
 import numpy as np
@@ -8,9 +8,8 @@ from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.geometry.planes import on_plane, plane_tolerance
 from spot3d.kernel import kernel
 from spot3d.segments.settings import SegmentsSettings
+from spot3d.segments.supports import FACING
 
-_FACING = np.float32(0.8)
-"""Cosine (37 degrees) of a pixel's normal to that of the plane it lies on; noise tilts normals by less."""
 _PIXELS = 200
 """A piece of a plane of fewer pixels is not looked at: as long as eps_max it would be a line."""
 _KERNEL = np.ones((2, 2), np.uint8)
@@ -20,19 +19,22 @@ def standing_out(
     points: NDArray[np.float32],
     normals: NDArray[np.float32],
     height: NDArray[np.float32],
+    beside: NDArray[np.bool_],
     others: NDArray[np.float64],
     settings: SegmentsSettings,
     noise: DepthNoise = KINECT_V1,
 ) -> NDArray[np.bool_]:
-    """(h, w) bool: valid pixels above the support by more than noise, on no plane that is longer than an object.
+    """(h, w) bool: valid pixels above the support by more than noise, or beside it, that are on no plane which is
+    longer than an object.
 
-    points, normals: (h, w, 3) float32, camera frame; height: (h, w) float32 metres above the support; others: (k, 4)
-    the view's other dominant planes.
+    points, normals: (h, w, 3) float32, camera frame; height: (h, w) float32 metres above the support; beside: (h, w)
+    bool, see `beside_support`; others: (k, 4) the view's other dominant planes.
     """
     depth = points[..., 2]
-    out = (depth > 0) & (depth <= settings.range_max) & (height > plane_tolerance(depth, settings, noise))
+    free = beside | (height > plane_tolerance(depth, settings, noise))
+    out = (depth > 0) & (depth <= settings.range_max) & free
     for plane in others:
-        facing = normals @ plane[:3].astype(np.float32) > _FACING
+        facing = normals @ plane[:3].astype(np.float32) > FACING
         out &= ~_long_pieces(on_plane(plane, points, settings, noise) & facing, points, settings.size_max)
     return _opened(out)
 

@@ -1,10 +1,16 @@
-"""What things stand on in a single view: the plane that holds the heat, and how high all else is above it."""
+"""What things stand on in one view: the plane that holds the heat, how high the rest is above it, what is beside."""
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.depth_noise import KINECT_V1, DepthNoise
-from spot3d.geometry.planes import PlaneSettings, on_plane
+from spot3d.geometry.planes import PlaneSettings, on_plane, plane_tolerance
+from spot3d.geometry.upright import rotation_to_upright
+from spot3d.segments.settings import SegmentsSettings
+
+FACING = np.float32(0.8)
+"""Cosine (37 degrees) of a pixel's normal to that of the plane it lies on; noise tilts normals by less."""
 
 _FROM_BELOW = 0.02
 """What a plane counts that the camera sees along its surface or from below: little, but it may be the only one."""
@@ -14,6 +20,12 @@ _SAMPLE = 5000
 """About so many of a plane's pixels are fitted."""
 _FITS, _ROBUST = 8, 1.5
 """Rounds of the fit; a pixel this many deviations off weighs little: what stands on the plane does not lift it."""
+_CELL = 0.01
+"""Cells of the plan on which a support is drawn, metres: a pixel of the lattice at 3 m."""
+_BEYOND = 0.05
+"""A support counts so far beyond the edge that is seen of it, metres: depth ends early there, and things overhang."""
+_PIECE = 200
+"""What lies in a support's plane in fewer connected pixels is none of it: a rung of a chair, noise."""
 
 IMAGE_UP = {
     "top": np.array((0.0, -1.0, 0.0)),
@@ -76,6 +88,44 @@ def heights(points: NDArray[np.float32], plane: NDArray[np.float64], bent: bool 
     grid = middle[:, None] + x * (slope[:, None] + x * bend[3])
     above: NDArray[np.float32] = height - grid.astype(np.float32)
     return above
+
+
+def beside_support(
+    points: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    height: NDArray[np.float32],
+    up: NDArray[np.float64],
+    settings: SegmentsSettings,
+    noise: DepthNoise = KINECT_V1,
+) -> NDArray[np.bool_]:
+    """(h, w) bool: pixels no higher than a support that it is not above, as those of a chair at a table.
+
+    points, normals: (h, w, 3) float32, camera frame, z = 0 invalid; height: (h, w) float32 metres above the support;
+    up: (3,) its unit normal. A support reaches over the convex hull of what is seen of it: what stands on it hides
+    some of it. What lies in its plane and faces up is of it, wherever it is.
+    """
+    tolerance = plane_tolerance(points[..., 2], settings, noise)
+    low = (points[..., 2] > 0) & (points[..., 2] <= settings.range_max) & (height <= tolerance)
+    on = low & (height >= -tolerance) & (normals @ up.astype(np.float32) > FACING)
+    low &= ~on
+    _, piece, sizes, _ = cv2.connectedComponentsWithStats(on.astype(np.uint8), connectivity=4)
+    large = sizes[:, cv2.CC_STAT_AREA] >= _PIECE
+    large[0] = False  # what is on no piece
+    across = (rotation_to_upright(up)[:2].T / _CELL).astype(np.float32)
+    seen, asked = points[large[piece]] @ across, points[low] @ across
+    if not len(seen):
+        return np.zeros_like(low)
+    # The plan, and which of its cells are the support's.
+    margin = round(_BEYOND / _CELL)
+    corner = seen.min(axis=0) - np.float32(margin + 1)
+    w, h = (np.ceil(seen.max(axis=0) - corner) + margin + 2).astype(int)
+    extent = np.zeros((h, w), np.uint8)
+    cv2.fillConvexPoly(extent, np.rint(cv2.convexHull(seen - corner)).astype(np.int32), 1)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * margin + 1, 2 * margin + 1))
+    extent = cv2.dilate(extent, disc)
+    x, y = np.clip(np.rint(asked - corner), 0, (w - 1, h - 1)).astype(np.int32).T  # the rim is no support's
+    low[low] = extent[y, x] == 0
+    return low
 
 
 def _quadratic(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
