@@ -135,8 +135,11 @@ def test_ablations_change_what_they_say() -> None:
     whole = Settings()
     variants = ablations(whole)
     ours = ["noFlying", "noRecent", "noShare", "noCorr"]
-    assert list(variants) == ["noHmap", "noSFilt", "noHFilt", "noPlRem", *ours, "whole"]
+    steps = [name for name in variants if name.startswith("without ")]
+    assert list(variants) == ["noHmap", "noSFilt", "noHFilt", "noPlRem", *ours, *steps, "whole"]
     assert variants["whole"] == whole
+    assert variants["without torn"].segments.skipped == ("torn",)
+    assert variants["without disputed"].fusion.skipped == ("disputed",)
     assert len({settings.model_dump_json() for settings in variants.values()}) == len(variants)
     filters = {name: (s.heatmap.soft_filter, s.heatmap.hard_filter) for name, s in variants.items()}
     assert filters["noHmap"] == (False, False)

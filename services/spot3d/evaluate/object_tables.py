@@ -1,5 +1,7 @@
 """Tables of the objects that a whole run finds: overlap, ablations (Table III), points (Table IV), stability."""
 
+from typing import get_args
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +15,8 @@ from spot3d.evaluate.points import mean_point_scores
 from spot3d.evaluate.scores import object_scores, recall_of, without_object
 from spot3d.evaluate.stability import stability
 from spot3d.evaluate.table import Cell, Column, Table
+from spot3d.fusion.settings import Vote
+from spot3d.segments.settings import Step
 from spot3d.settings import Settings
 
 OURS = "spot3d"
@@ -73,7 +77,8 @@ def ablations_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> 
     table.notes += [
         "Without the hard filter, windows are not culled by their metric size either.",
         "noFlying: depth between two surfaces stays; noRecent: holes in depth are not filled by the frames before; "
-        "noShare: what few views have as an object is one; noCorr: given poses are taken as they are.",
+        "noShare: what few views have as an object is one; noCorr: given poses are taken as they are. Without a step "
+        "of the finder (`segments.skipped`), or a rule of the consensus (`fusion.skipped`): as these settings say.",
     ]
     _note_overlap(table, settings)
     return table
@@ -89,6 +94,10 @@ def ablations(settings: Settings) -> dict[str, Settings]:
         return with_proposals(settings.model_copy(update={"heatmap": heatmap}), metric_culling=culling)
 
     fusion, segments, pose = settings.fusion, settings.segments, settings.pose
+
+    def skipping(section: str, step: str) -> Settings:
+        return settings.model_copy(update={section: getattr(settings, section).model_copy(update={"skipped": (step,)})})
+
     no_planes = {
         "fusion": fusion.model_copy(update={"plane_removal": False}),
         "segments": segments.model_copy(update={"skipped": ("support",)}),
@@ -106,6 +115,8 @@ def ablations(settings: Settings) -> dict[str, Settings]:
         "noRecent": settings.model_copy(update={"segments": segments.model_copy(update={"recent_frames": 0})}),
         "noShare": settings.model_copy(update={"fusion": fusion.model_copy(update={"object_share": 0.0})}),
         "noCorr": settings.model_copy(update={"pose": pose.model_copy(update={"given_sigma": 0.0})}),
+        **{f"without {step}": skipping("segments", step) for step in get_args(Step) if step != "support"},
+        **{f"without {rule}": skipping("fusion", rule) for rule in get_args(Vote)},
         "whole": settings,
     }
 

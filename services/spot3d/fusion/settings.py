@@ -7,6 +7,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from spot3d.depth_noise import GRAZING_COS, GrazingCos
 from spot3d.object_size import SIZE_MAX, SIZE_MIN
 
+Vote = Literal["parts", "disputed", "outline"]
+"""A rule of the views' consensus that can be left out, to see what it is worth."""
+
 
 class FusionSettings(BaseModel):
     """Plane removal, registration, point selection, clustering and boxes (paper, Sec. IV)."""
@@ -110,6 +113,12 @@ class FusionSettings(BaseModel):
     )
     object_share: float = Field(
         0.3, ge=0, le=1, description="share of the keyframes that see an object which must see it as one"
+    )
+    skipped: tuple[Vote, ...] = Field(
+        (),
+        description="rules of the consensus to leave out, for ablations: what most views have in one with something "
+        "larger is a part of it; points that most views have elsewhere are left out; what lacks depth reaches as far "
+        "as its outline",
     )
     size_min: float = Field(SIZE_MIN, ge=0, description="an object's second longest edge is at least this, metres")
     size_max: float = Field(SIZE_MAX, gt=0, description="an object's longest edge is at most this, metres")

@@ -17,6 +17,7 @@ def clusters(
     divided: list[int] | None = None,
     background: list[int] | None = None,
     views_min: int = 3,
+    join_parts: bool = True,
 ) -> list[int]:
     def pairs(listed: Pairs) -> np.ndarray:
         return np.array(listed, np.int64).reshape(-1, 2)
@@ -25,7 +26,7 @@ def clusters(
         return np.array([] if listed is None else listed, np.int64)
 
     said = Statements(rows(frame), pairs(observed), pairs(within), rows(divided), rows(background))
-    found = clusters_of(said, views_min, object_share=0.3)
+    found = clusters_of(said, views_min, object_share=0.3, join_parts=join_parts)
     numbers: dict[int, int] = {-1: -1}
     return [numbers.setdefault(number, len(numbers) - 1) for number in found.tolist()]
 
@@ -111,6 +112,8 @@ def test_what_most_views_have_in_one_with_another_is_a_part_of_it(apart: int, on
     found = clusters(frame, seen_by_all(frame), within, views_min=views_min)
     assert len({found[row] for row in (*large, *both)}) == 1
     assert (found[0] == found[1]) == (one > apart >= views_min)
+    apart_still = clusters(frame, seen_by_all(frame), within, views_min=views_min, join_parts=False)
+    assert apart_still[0] != apart_still[1]
 
 
 def test_the_order_of_what_is_said_does_not_matter() -> None:

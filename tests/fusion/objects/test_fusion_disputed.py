@@ -105,6 +105,8 @@ def test_a_box_ends_where_most_views_have_the_neighbour() -> None:
     iou = iou_matrix_3d((CARTON.box(), NEIGHBOUR.box()), [item.box for item in found])
     assert iou.shape == (2, 2)
     assert (iou.max(axis=1) > 0.8).all()
+    without = ViewConsensus(SETTINGS.model_copy(update={"skipped": ("disputed",)})).update(frames).objects
+    assert iou_matrix_3d((CARTON.box(),), [item.box for item in without]).max() < iou[0].max() - 0.1
 
 
 def test_what_is_too_large_stays_so() -> None:

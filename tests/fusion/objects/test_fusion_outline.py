@@ -56,6 +56,8 @@ def test_what_has_depth_on_its_top_alone_stands_on_the_table_where_its_outline_d
     assert iou > 0.5
     assert box.box.size[2] == pytest.approx(CARTON.size[2], abs=0.03)
     assert box.box.centre[2] == pytest.approx(CARTON.centre[2], abs=0.02)
+    without = ViewConsensus(SETTINGS.model_copy(update={"skipped": ("outline",)})).update(frames).objects
+    assert overlaps(without, (CARTON,)).max(initial=0.0) < iou - 0.2
 
 
 def test_a_thing_that_some_views_see_whole_has_the_box_that_they_see() -> None:

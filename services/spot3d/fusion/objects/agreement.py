@@ -44,10 +44,11 @@ class Statements(NamedTuple):
     background: NDArray[np.int64]
 
 
-def clusters_of(said: Statements, views_min: int, object_share: float) -> NDArray[np.int64]:
+def clusters_of(said: Statements, views_min: int, object_share: float, join_parts: bool = True) -> NDArray[np.int64]:
     """The cluster of each of n segments, (n,) int64; -1 for what holds several objects.
 
-    An object is shown by `views_min` frames, and seen as one by `object_share` of those that see it.
+    An object is shown by `views_min` frames, and seen as one by `object_share` of those that see it. join_parts: with
+    what most views have it in one with.
     """
     frame, observed, within, divided, background = said
     count, frames = len(frame), int(frame.max(initial=-1)) + 1
@@ -77,8 +78,11 @@ def clusters_of(said: Statements, views_min: int, object_share: float) -> NDArra
             gather = _incidence(number, np.arange(len(number)), (groups, len(number)))
             V, C = _binary(gather @ V), _binary(gather @ C)
             a, b, seen_by, _ = _pairs(V, C, _AGREED)
-    shown_by = np.bincount(np.unique(cluster * frames + frame[kept]) // max(frames, 1), minlength=V.shape[0])
     found = np.full(count, -1, np.int64)
+    if not join_parts:
+        found[kept] = cluster
+        return found
+    shown_by = np.bincount(np.unique(cluster * frames + frame[kept]) // max(frames, 1), minlength=V.shape[0])
     found[kept] = _whole_of(_pairs(V, C, _MOST), shown_by, views_min)[cluster]
     return found
 

@@ -163,7 +163,9 @@ class ViewConsensus:
             row[about[:, 2] == DIVIDED],
             row[about[:, 2] == BACKGROUND],
         )
-        found = clusters_of(statements, self._settings.views_min, self._settings.object_share)
+        settings = self._settings
+        join_parts = "parts" not in settings.skipped
+        found = clusters_of(statements, settings.views_min, settings.object_share, join_parts)
         before = segments.cluster.rows[rows]
         number, changed = number_clusters(found, before, touched[rows], self._next_cluster)
         for gone in np.setdiff1d(before, number).tolist():
@@ -236,9 +238,10 @@ class ViewConsensus:
         # The pseudo-average of Eq. 14, over views.
         confidence = float(segments.heat.rows[members].sum() / (max(len(members), sees.sum()) + tau))
         places, blur, support = segments.places.rows, segments.blur.rows, segments.support.rows
+        outline = segments.outline.rows[members]
         views = Seen(
             places[members],
-            segments.outline.rows[members],
+            outline if "outline" not in settings.skipped else np.full_like(outline, np.nan),
             blur[members],
             support[members],
             segments.frame.rows[members],
@@ -249,7 +252,9 @@ class ViewConsensus:
             whole = box_of(views, up, settings.plane_distance)
             if whole.size.max() > settings.size_max:
                 return whole, confidence, TOO_LARGE
-        box = box_of(self._undisputed(views, segments.cluster.rows[members[0]]), up, settings.plane_distance)
+        if "disputed" not in settings.skipped:
+            views = self._undisputed(views, segments.cluster.rows[members[0]])
+        box = box_of(views, up, settings.plane_distance)
         shortest, middle, _ = np.sort(box.size)
         # A thing that is measured 2 cm across has a box that is less: its faces are trimmed and drawn in.
         if middle < settings.size_min - settings.plane_distance or box.volume < settings.volume_min:
