@@ -92,17 +92,14 @@ def find_on_lattice(
     warm = _warm(plausible, frame.heat, settings.heat_min)
     left_out[TOO_COLD] = len(plausible) - len(warm)
     parts = []
-    # What stands lower, beside the support, is no part of what stands on it: a cup is not its chair's.
-    lower = [float(np.quantile(height.ravel()[pixels], _TRIM)) <= -STANDS for pixels in warm]
-    for level in (False, True):
-        here = [pixels for pixels, is_lower in zip(warm, lower, strict=True) if is_lower == level]
+    for level in _levels(warm, height):
         if wanted["occluded"]:
-            here = join_occluded(here, points, normals, up)
+            level = join_occluded(level, points, normals, up)
         if wanted["hanging"]:
-            here = join_hanging(here, points, height.ravel(), up)
+            level = join_hanging(level, points, height.ravel(), up)
         if wanted["contained"]:
-            here = _join_contained(here, points, up, settings.contained_share)
-        parts += here
+            level = _join_contained(level, points, up, settings.contained_share)
+        parts += level
     return _segments(parts, frame, support[None], height.ravel(), left_out, settings)
 
 
@@ -167,6 +164,14 @@ def _warm(parts: list[NDArray[np.int64]], heat: NDArray[np.uint8], heat_min: flo
     means = np.array([heat.ravel()[part].mean() / 255 for part in parts])
     least = heat_min * min(1.0, means.max(initial=0.0) / _HOT)
     return [part for part, mean in zip(parts, means.tolist(), strict=True) if mean >= least]
+
+
+def _levels(parts: list[NDArray[np.int64]], height: NDArray[np.float32]) -> list[list[NDArray[np.int64]]]:
+    """The parts that stand on the support or above it, and those that stand lower: a cup is no part of a chair."""
+    levels: list[list[NDArray[np.int64]]] = [[], []]
+    for pixels in parts:
+        levels[float(np.quantile(height.ravel()[pixels], _TRIM)) <= -STANDS].append(pixels)
+    return levels
 
 
 def _join_contained(
