@@ -109,6 +109,17 @@ def test_what_is_of_one_colour_is_split_at_sharp_creases_alone(
     assert len(large(split_at_creases(points, normals, mask, None, CAMERA.fx, CREASE, LEAST))) == 1 + (degrees > 10)
 
 
+@pytest.mark.parametrize(("degrees", "there", "count"), [(18, 18, 2), (18, 11, 2), (11, 11, 1), (11, 8, 1)])
+def test_a_crease_parts_as_a_whole(degrees: float, there: float, count: int) -> None:
+    """Two surfaces that lean towards each other by so much, and in the middle of their seam by less: from 13 degrees on
+    a pixel is a crease's. What is fainter all along is none."""
+    across, v = (np.arange(320) - CAMERA.cx) / CAMERA.fx, np.arange(240)[:, None]
+    lean = np.deg2rad(degrees - (degrees - there) * np.exp(-(((v - 120) / 25) ** 2)))
+    depth = (1 / (1 + np.tan(lean) * np.abs(across))).astype(np.float32)
+    points, normals, mask = back_project(depth, CAMERA), surface_normals(depth, CAMERA), np.ones(depth.shape, np.bool_)
+    assert len(large(split_at_creases(points, normals, mask, None, CAMERA.fx, CREASE, LEAST))) == count
+
+
 def test_what_lies_apart_is_not_joined_whatever_its_colour() -> None:
     near, far = standing(0, 0, SIZE, colour=RED), standing(0.05, 0.3, (0.3, 0.05, 0.3), colour=RED)
     assert len(large(regions_of(near, far)[0])) == 2

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.kernel import kernel, part
-from spot3d.segments.alike import join_alike
 from spot3d.segments.nearness import apart, within
+from spot3d.segments.seams import join_at_seams
 
 _NEAR = np.float32(0.01)
 """Pixels within this share of the range tell each other's curvature: 1 cm at 1 m, several times the noise there."""
@@ -23,6 +23,11 @@ _LIKE = np.float32(0.9)
 """Normals within this cosine (26 degrees) smooth each other."""
 _CONVEX = np.float32(-20.0)
 """A pair counts as no more convex than this, so that a convex edge does not hide the crease that it meets."""
+_FAINT = 0.7
+"""A pixel parts from so much of a crease's concavity on, and what only pixels part is joined again by the mean along
+the seam: else two things are one where noise leaves a gap of a pixel in the crease between them. On four cluttered
+scenes that nobody tuned on, single frames, with 1, 0.8, 0.7, 0.6, 0.5: detection 0.873, 0.878, 0.884, 0.884, 0.885,
+success 0.826, 0.826, 0.826, 0.824, 0.823; OSD is the same with all of them, HOTS to one thing in 288."""
 _SHARP = 3.0
 """A crease that is so many times as concave parts what is of one colour, too: boxes that touch at a right angle. Of
 4100 views of things on ten rendered desks 79.6, 80.0, 80.2, 80.3 % are whole with 2, 2.5, 3, 4, and 79.2 % where colour
@@ -40,8 +45,8 @@ def split_at_creases(
     crease: float,
     least: int,
 ) -> NDArray[np.int32]:
-    """Regions of the pixels in `mask`: connected without a crease, then the creases' pixels shared out; those of one
-    colour that meet in no sharp crease are one.
+    """Regions of the pixels in `mask`: connected without a crease, however faint, then the creases' pixels shared out,
+    and those that no crease parts as a whole joined again, of one colour no sharp one.
 
     points, normals: (h, w, 3) float32, camera frame, metres and unit (zero = unknown); mask: (h, w) bool, of valid
     pixels; colour: (h, w, 3) uint8 RGB, None = it is not looked at; focal: pixels; crease: concavity, as the range
@@ -55,10 +60,9 @@ def split_at_creases(
     bend = np.empty(mask.shape, np.float32)
     _concavity(points, smooth, mask, reach, bend)
     labels = np.empty(mask.shape, np.int32)
-    _connect(points, smooth, mask & (bend < crease), least, labels)
+    _connect(points, smooth, mask & (bend < _FAINT * crease), least, labels)
     _share_out(points, mask, labels)
-    if colour is not None:
-        labels = join_alike(labels, points, bend, colour, _SHARP * crease, float(_LINK))
+    labels = join_at_seams(labels, points, bend, colour, crease, _SHARP * crease, float(_LINK))
     rest = np.empty(mask.shape, np.int32)
     _connect(points, smooth, mask & (labels < 0), 1, rest)
     return np.where(rest >= 0, rest + np.int32(labels.max(initial=-1) + 1), labels)

@@ -1,4 +1,4 @@
-"""Join regions that meet at a crease and are of one colour: the neck of a thing, not the seam of two."""
+"""Join regions that meet in no crease after all, or are of one colour: the neck of a thing, not the seam of two."""
 
 import cv2
 import numpy as np
@@ -14,19 +14,21 @@ at, 0.73, 0.74, 1.7 with half of both, 0.75, 0.74, 1.5 with these and with half 
 TUM's cabinet are alike in all of these, to a box in a hundred; with twice both, OSD's success falls by 0.001."""
 
 
-def join_alike(
+def join_at_seams(
     labels: NDArray[np.int32],
     points: NDArray[np.float32],
     bend: NDArray[np.float32],
-    colour: NDArray[np.uint8],
+    colour: NDArray[np.uint8] | None,
+    crease: float,
     sharp: float,
     link: float,
 ) -> NDArray[np.int32]:
-    """The labels with those regions made one that meet in no sharp crease and are of one colour.
+    """The labels with those regions made one whose seam is no crease as a whole, or no sharp one and they are of one
+    colour.
 
     labels: (h, w) int32 from 0 without gaps, -1 = none; points: (h, w, 3) float32, camera frame; bend: (h, w) float32,
-    concavity; colour: (h, w, 3) uint8 RGB; sharp: the mean concavity from which a crease parts;
-    link: pixels meet within this share of their range.
+    concavity; colour: (h, w, 3) uint8 RGB, None = it is not looked at; crease, sharp: mean concavity along a seam from
+    which it parts anything, and what is of one colour; link: pixels meet within this share of their range.
     """
     count = int(labels.max(initial=-1)) + 1
     if count < 2:
@@ -34,17 +36,23 @@ def join_alike(
     met, total = np.zeros((count, count), np.int32), np.zeros((count, count), np.float32)
     _meet(labels, points, bend, np.float32(link), met, total)
     inside = labels >= 0
-    numbers = labels[inside]
-    lab = cv2.cvtColor(colour.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)[inside]
-    size = np.bincount(numbers, minlength=count)
-    mean = np.array([np.bincount(numbers, lab[:, k], count) / size for k in range(3)])
+    one = total < crease * met
+    if colour is not None:
+        one |= (total < sharp * met) & _alike(labels[inside], colour[inside], count)
     root = np.arange(count)
-    for a, b in np.argwhere(total < sharp * met).tolist():
-        lightness, *chroma = mean[:, a] - mean[:, b]
-        if abs(lightness) < _LIGHTNESS and np.hypot(*chroma) < _CHROMA:
-            low, high = sorted((int(root[a]), int(root[b])))
-            root[root == high] = low
+    for pair in np.argwhere(one).tolist():
+        low, high = sorted(int(root[region]) for region in pair)
+        root[root == high] = low
     return np.where(inside, np.unique(root, return_inverse=True)[1][labels], -1).astype(np.int32)
+
+
+def _alike(labels: NDArray[np.int32], colour: NDArray[np.uint8], count: int) -> NDArray[np.bool_]:
+    """(count, count): which regions are of one colour. labels: (n,) of pixels; colour: (n, 3) RGB."""
+    lab = cv2.cvtColor(colour[None].astype(np.float32) / 255, cv2.COLOR_RGB2LAB)[0]
+    size = np.bincount(labels, minlength=count)
+    mean = np.stack([np.bincount(labels, lab[:, k], count) / size for k in range(3)], axis=1)
+    lightness, *chroma = np.abs(mean[:, None] - mean[None]).transpose(2, 0, 1)
+    return np.asarray((lightness < _LIGHTNESS) & (np.hypot(*chroma) < _CHROMA))
 
 
 @kernel("void(i4[:,::1], f4[:,:,::1], f4[:,::1], f4, i4[:,::1], f4[:,::1])")
