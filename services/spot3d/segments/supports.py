@@ -22,6 +22,8 @@ _FITS, _ROBUST = 8, 1.5
 """Rounds of the fit; a pixel this many deviations off weighs little: what stands on the plane does not lift it."""
 _CELL = 0.01
 """Cells of the plan on which a support is drawn, metres: a pixel of the lattice at 3 m."""
+# With 0.02, 0.05 and 0.1 m, and with 50, 200 and 800 pixels, what is found on redkitchen, clutter (with holes too) and
+# TUM's cabinet is the same, to one thing in 120.
 _BEYOND = 0.05
 """A support counts so far beyond the edge that is seen of it, metres: depth ends early there, and things overhang."""
 _PIECE = 200
