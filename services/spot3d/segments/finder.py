@@ -168,10 +168,11 @@ def _warm(parts: list[NDArray[np.int64]], heat: NDArray[np.uint8], heat_min: flo
 
 def _levels(parts: list[NDArray[np.int64]], height: NDArray[np.float32]) -> list[list[NDArray[np.int64]]]:
     """The parts that stand on the support or above it, and those that stand lower: a cup is no part of a chair."""
-    levels: list[list[NDArray[np.int64]]] = [[], []]
+    standing, lower = list[NDArray[np.int64]](), list[NDArray[np.int64]]()
     for pixels in parts:
-        levels[float(np.quantile(height.ravel()[pixels], _TRIM)) <= -STANDS].append(pixels)
-    return levels
+        bottom = float(np.quantile(height.ravel()[pixels], _TRIM))
+        (standing if bottom > -STANDS else lower).append(pixels)
+    return [standing, lower]
 
 
 def _join_contained(

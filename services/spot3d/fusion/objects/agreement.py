@@ -47,8 +47,8 @@ class Statements(NamedTuple):
 def clusters_of(said: Statements, views_min: int, object_share: float, join_parts: bool = True) -> NDArray[np.int64]:
     """The cluster of each of n segments, (n,) int64; -1 for what holds several objects.
 
-    An object is shown by `views_min` frames, and seen as one by `object_share` of those that see it. join_parts: with
-    what most views have it in one with.
+    An object is shown by `views_min` frames, and seen as one by `object_share` of those that see it. join_parts: what
+    most views have in one with a larger object is a part of that (see `_whole_of`).
     """
     frame, observed, within, divided, background = said
     count, frames = len(frame), int(frame.max(initial=-1)) + 1
