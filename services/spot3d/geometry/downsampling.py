@@ -36,36 +36,34 @@ def to_lattice(
 ) -> LatticeFrame:
     """Reduce a frame by the whole factor that brings it nearest to `width` pixels across.
 
-    Depth is the mean of a block's pixels on its nearest surface: noise falls and no point floats between two
-    surfaces, where those pixels that do are left out before (`without_flying`; grazing_cos 0: they are not). Colour and
-    heat are the block's first pixel's.
+    Depth is the mean of a block's pixels on its nearest surface, so that noise falls; what floats between two surfaces
+    all the same is moved to one of them or left out (`without_flying`; grazing_cos 0: it is not). Colour and heat are
+    the block's first pixel's.
     """
     factor = max(1, round(camera.width / width))
     # Decoded messages are read-only views, which compiled kernels refuse.
     depth = np.require(depth, np.float32, ["C", "W"])
+    if factor > 1:
+        depth = _mean_of_nearest(depth, factor, camera.noise)
+        shift = (factor - 1) / 2
+        h, w = depth.shape
+        camera = replace(
+            camera,
+            fx=camera.fx / factor,
+            fy=camera.fy / factor,
+            cx=(camera.cx - shift) / factor,
+            cy=(camera.cy - shift) / factor,
+            width=w,
+            height=h,
+        )
     if grazing_cos > 0:
         depth = without_flying(depth, camera.fx, grazing_cos)
-    if factor == 1:
-        return LatticeFrame(
-            np.require(colour, requirements=["C", "W"]), depth, np.require(heat, requirements=["C", "W"]), camera
-        )
-    small = _mean_of_nearest(depth, factor, camera.noise)
-    shift = (factor - 1) / 2
-    h, w = small.shape
-    lattice = replace(
-        camera,
-        fx=camera.fx / factor,
-        fy=camera.fy / factor,
-        cx=(camera.cx - shift) / factor,
-        cy=(camera.cy - shift) / factor,
-        width=w,
-        height=h,
-    )
+    kept = np.s_[::factor, ::factor]
     return LatticeFrame(
-        np.ascontiguousarray(colour[::factor, ::factor]),
-        small,
-        np.ascontiguousarray(heat[::factor, ::factor]),
-        lattice,
+        np.require(colour[kept], requirements=["C", "W"]),
+        depth,
+        np.require(heat[kept], requirements=["C", "W"]),
+        camera,
     )
 
 
