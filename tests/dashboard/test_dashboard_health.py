@@ -139,6 +139,16 @@ def test_a_lost_pose_is_told_of_the_pose_stage() -> None:
     assert said(working(8), "pose", 8.0, lost="too few points") == "bad: is lost: too few points"
 
 
+def test_a_stage_that_is_gone_after_the_last_objects_has_done_its_work() -> None:
+    records = working(8)
+    records.words(STAGES, 8.0)
+    assert [word.level for word in records.words((), 8.5)] == ["bad"] * len(STAGES)
+    ended = records.words(("fusion",), 8.5, complete=True)
+    assert [f"{word.stage}: {word.text}" for word in ended if word.level == "ended"] == [
+        f"{stage}: has ended" for stage in STAGES if stage != "fusion"
+    ]
+
+
 def test_who_is_no_stage_is_not_listened_to() -> None:
     records = StageRecords()
     records.hear(health("stranger"), 1.0)

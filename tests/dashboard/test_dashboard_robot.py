@@ -123,6 +123,17 @@ def test_texts_are_told_and_escaped() -> None:
     assert "&lt;" not in health_table(words)
 
 
+def test_a_run_that_is_complete_waits_for_nothing() -> None:
+    robot = robot_with("fusion/objects")
+    assert robot.objects is not None
+    robot.objects = robot.objects.model_copy(update={"complete": True})
+    assert "is complete" in waiting_for(True, "tcp/a:1", ["drone"], robot, 9.0)
+    gone = waiting_for(False, "tcp/a:1", ["drone"], robot, 9.0)
+    assert "is complete" in gone
+    assert "none answers at `tcp/a:1`" in gone
+    assert "#868e96" in health_table(robot.records.words((), 9.0, complete=True))
+
+
 def test_the_panel_says_why_nothing_crosses() -> None:
     robot = robot_with("fusion/health")
     assert ">bridge<" not in health_table(robot.records.words(STAGES, 1.0))

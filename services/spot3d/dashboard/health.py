@@ -7,7 +7,7 @@ from typing import Literal
 
 from spot3d_schemas import BRIDGE, STAGES, Health
 
-Level = Literal["good", "waits", "bad"]
+Level = Literal["good", "waits", "bad", "ended"]
 
 SILENT_S = 4.0
 """A stage says how it is once a second; who says nothing for so long hangs, or is cut off."""
@@ -82,19 +82,22 @@ class StageRecords:
         latest = {stage: self.latest(stage) for stage in HEARD}
         return {stage: dict(health.drops) for stage, health in latest.items() if health is not None and health.drops}
 
-    def words(self, alive: Collection[str], now_s: float, lost: str = "") -> list[Word]:
+    def words(self, alive: Collection[str], now_s: float, lost: str = "", complete: bool = False) -> list[Word]:
         """One word on each stage, and on the bridge where there is or was one.
 
-        alive: those whose process is there; lost: why the last pose is lost, if it is. To be called every second.
+        alive: those whose process is there; lost: why the last pose is lost, if it is; complete: whether the run's last
+        objects are there, so that who is gone has done its work. To be called every second.
         """
         self._gone_s = {stage: self._gone_s.get(stage, now_s) for stage in HEARD if stage not in alive}
         bridged = BRIDGE in alive or self._heard[BRIDGE]
-        return [self._word(stage, alive, now_s, lost) for stage in (HEARD if bridged else STAGES)]
+        return [self._word(stage, alive, now_s, lost, complete) for stage in (HEARD if bridged else STAGES)]
 
-    def _word(self, stage: str, alive: Collection[str], now_s: float, lost: str) -> Word:
+    def _word(self, stage: str, alive: Collection[str], now_s: float, lost: str, complete: bool) -> Word:
         records = self._heard[stage]
         silent_s = now_s - records[-1].at_s if records else 0.0
         if stage not in alive:
+            if complete and not self._cut(stage):
+                return Word(stage, "ended", "has ended")
             return Word(stage, "bad", self._absent(stage, silent_s))
         if not records:
             return Word(stage, "waits", "is there, and has not said yet how it is")

@@ -98,8 +98,8 @@ class Page:
         panel.waiting.say(waiting)
         panel.summary.say("  \n".join(summary(robot) for robot in shown))
         titled = len(shown) > 1
-        words = [(robot, health_table(robot.records.words(robot.alive, now_s, robot.lost))) for robot in shown]
-        panel.health.say("".join((f"<b>{robot.name}</b>" if titled else "") + table for robot, table in words))
+        words = [(robot, robot.records.words(robot.alive, now_s, robot.lost, robot.complete)) for robot in shown]
+        panel.health.say("".join((f"<b>{robot.name}</b>" if titled else "") + health_table(of) for robot, of in words))
         panel.latency.say("".join(hop_table(robot.hop_times()) for robot in shown))
         panel.drops.say("".join(drop_table(robot.records.drops()) for robot in shown))
 

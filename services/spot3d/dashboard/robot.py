@@ -43,6 +43,11 @@ class Robot:
         self._poses: OrderedDict[int, Pose] = OrderedDict()
         self._hops: dict[str, deque[float]] = {}
 
+    @property
+    def complete(self) -> bool:
+        """Whether the last objects of a run are here."""
+        return self.objects is not None and self.objects.complete
+
     def hear(self, topic: str, message: Message, now_s: float) -> None:
         """Take in a message of this robot."""
         if isinstance(message, Health):

@@ -6,7 +6,7 @@ from html import escape
 from spot3d.dashboard.health import HEARD, Word
 from spot3d.dashboard.robot import Robot
 
-_COLOURS = {"good": "#40c057", "waits": "#fab005", "bad": "#fa5252"}
+_COLOURS = {"good": "#40c057", "waits": "#fab005", "bad": "#fa5252", "ended": "#868e96"}
 _REASONS_MOST = 12
 
 
@@ -15,6 +15,9 @@ def waiting_for(router: bool, where: str, robots: Sequence[str], robot: Robot | 
 
     frames_s: how long ago the last frame of the robot shown came, None: none has come.
     """
+    if robot is not None and robot.complete and not robot.alive:
+        ended = f"The run of **{robot.name}** is complete, and its stages have ended: what they found stays here."
+        return ended if router else f"{ended} Its router is gone as well: none answers at `{where}`."
     if not router:
         return (
             f"Waiting for a router: none answers at `{where}`. Start `spot3d run`, `spot3d router` or `zenohd` there, "
@@ -51,7 +54,7 @@ def summary(robot: Robot) -> str:
         text += f" ({robot.map.behind / 1000:.0f} k on their way)"
     if robot.map.left_out:
         text += f" (of which {robot.map.limit} are shown: dashboard.points_max)"
-    if objects is not None and objects.complete:
+    if robot.complete:
         text += ", complete"
     return text
 

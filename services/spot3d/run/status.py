@@ -27,7 +27,7 @@ _CONNECT_S = 3.0
 _LISTEN_S = 2.5
 """One shot: each stage says how it is once a second."""
 _REFRESH_S = 0.5
-_STYLES = {"good": "green", "waits": "yellow", "bad": "red"}
+_STYLES = {"good": "green", "waits": "yellow", "bad": "red", "ended": "dim"}
 
 M = TypeVar("M", bound=Message)
 Subscriber = zenoh.Subscriber[Handler[zenoh.Sample]]
