@@ -79,6 +79,12 @@ def rotation_from_vector(vector: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.eye(3) + sine * skew + versine * (skew @ skew))
 
 
+def nearest_rotation(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rotation nearest to a (3, 3) matrix that is almost one: rounding must not add up."""
+    u, _, vt = np.linalg.svd(matrix)
+    return np.asarray(u @ vt)
+
+
 def rotation_to_z(up: NDArray[np.float64]) -> NDArray[np.float64]:
     """The (3, 3) rotation of least angle that turns the unit vector `up` to (0, 0, 1) (Rodrigues)."""
     axis, cosine = np.array((up[1], -up[0], 0.0)), up[2]

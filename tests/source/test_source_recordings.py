@@ -15,6 +15,7 @@ from spot3d.source.halving import halve
 from spot3d.source.recording import Recording
 from spot3d.source.sequences import open_source
 from spot3d.source.tum import nearest_in_time
+from spot3d.trajectory import rotation_from_vector
 
 WIDTH, HEIGHT = 24, 16
 INTRINSICS = "20 0 12\n0 20 8\n0 0 1\n"
@@ -93,6 +94,19 @@ def test_a_lost_pose_is_no_pose(seven_scenes: Path) -> None:
     sequence = open_source(seven_scenes)
     assert sequence.true_pose(1) is None
     assert sequence.true_pose(0) is not None
+
+
+def test_a_rotation_that_was_rounded_is_made_exact(seven_scenes: Path) -> None:
+    pose = POSE.copy()
+    pose[:3, :3] = rotation_from_vector(np.array([1.3, 0.1, 1.5]))
+    rounded = np.round(pose, 3)
+    np.savetxt(seven_scenes / "frame-000001.pose.txt", rounded, fmt="%.3f")
+    assert np.abs(rounded[:3, :3] @ rounded[:3, :3].T - np.eye(3)).max() > 1e-3, "no message takes it"
+    frame = open_source(seven_scenes)[1]
+    assert frame.T_world_camera is not None
+    rotation = frame.T_world_camera[:3, :3]
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(frame.T_world_camera, pose, atol=1e-3)
 
 
 def test_halved_depth_is_never_averaged(seven_scenes: Path) -> None:

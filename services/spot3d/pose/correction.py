@@ -17,13 +17,13 @@ from spot3d.pose.delay import PoseDelay
 from spot3d.pose.depth_scale import DepthScale
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.given import GivenPoses
-from spot3d.pose.motion import moved, nearest_rotation, twist
+from spot3d.pose.motion import moved, twist
 from spot3d.pose.orientation import Orientation
 from spot3d.pose.registration import judged, refined
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface, sample_surface
 from spot3d.pose.surfel_map import SurfelMap
-from spot3d.trajectory import rotation_angle
+from spot3d.trajectory import nearest_rotation, rotation_angle
 
 # A whole image's surface tells as much of the pose as so many points of independent noise would: a depth camera's own
 # distortion is alike over large parts of the image. Registered to a map of the data's own poses, real frames are off

@@ -16,8 +16,9 @@ from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.kernel import kernel
 from spot3d.pose.features import FeatureDetector, Features
 from spot3d.pose.landmark_map import LandmarkMap
-from spot3d.pose.motion import moved, nearest_rotation
+from spot3d.pose.motion import moved
 from spot3d.pose.settings import PoseSettings
+from spot3d.trajectory import nearest_rotation
 
 # The correction follows the landmarks within about this time, two frames: colour and depth may be one apart.
 _SETTLING_S = 1 / 15

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import invert
-from spot3d.trajectory import rotation_angle, rotation_from_vector
+from spot3d.trajectory import nearest_rotation, rotation_angle, rotation_from_vector
 
 
 def vector_from_rotation(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -25,12 +25,6 @@ def twist(T_world_from: NDArray[np.float64], T_world_to: NDArray[np.float64]) ->
     """Motion (6,) between two poses in world axes, as `moved` takes it."""
     turn = vector_from_rotation(T_world_to[:3, :3] @ T_world_from[:3, :3].T)
     return np.concatenate((T_world_to[:3, 3] - T_world_from[:3, 3], turn))
-
-
-def nearest_rotation(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The rotation nearest to a (3, 3) matrix that is almost one: rounding must not add up."""
-    u, _, vt = np.linalg.svd(matrix)
-    return np.asarray(u @ vt)
 
 
 def extrapolated(

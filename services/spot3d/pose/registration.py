@@ -6,10 +6,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.pose.motion import moved, nearest_rotation
+from spot3d.pose.motion import moved
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface
 from spot3d.pose.surfel_map import SurfelMap
+from spot3d.trajectory import nearest_rotation
 
 # The first Gauss-Newton steps are coarse: part of the points does.
 _COARSE_STRIDE, _FINE_STRIDE = 6, 1

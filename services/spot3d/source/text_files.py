@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from spot3d.file_errors import why
 from spot3d.source.errors import SourceError
-from spot3d.trajectory import pose_from_quaternion
+from spot3d.trajectory import nearest_rotation, pose_from_quaternion
 
 # A rotation written with a handful of digits is orthonormal to about this much.
 ROTATION_TOLERANCE = 1e-2
@@ -44,7 +44,8 @@ def read_matrix(path: Path, size: int) -> NDArray[np.float64]:
 def read_pose_matrix(path: Path) -> NDArray[np.float64] | None:
     """T_world_camera (4, 4) float64, or None where the recorder had lost track (written as nan or inf).
 
-    Raises SourceError if the matrix is no rigid transform.
+    A rotation that was written with few digits is made exact, as messages want it. Raises SourceError if the matrix is
+    no rigid transform.
     """
     T_world_camera = read_matrix(path, 4)
     if not np.isfinite(T_world_camera).all():
@@ -53,6 +54,8 @@ def read_pose_matrix(path: Path) -> NDArray[np.float64] | None:
     rigid = np.allclose(rotation @ rotation.T, np.eye(3), atol=ROTATION_TOLERANCE)
     if not (rigid and np.linalg.det(rotation) > 0 and np.allclose(T_world_camera[3], [0, 0, 0, 1])):
         raise SourceError(f"{path} is malformed: not a camera-to-world rotation and translation")
+    T_world_camera[:3, :3] = nearest_rotation(rotation)
+    T_world_camera[3] = (0, 0, 0, 1)
     return T_world_camera
 
 
