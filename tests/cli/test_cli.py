@@ -2,6 +2,8 @@ import json
 import subprocess
 import sys
 
+import cv2
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -87,6 +89,20 @@ def test_what_a_user_can_put_right_is_one_line(arguments, said, tmp_path, monkey
     assert said.format(tmp=tmp_path) in error
     assert "[Errno" not in error
     assert "\n" not in error
+
+
+def test_images_that_no_message_holds_are_refused_in_one_line(tmp_path, monkeypatch, capsys):
+    image = np.zeros((1944, 2592), np.uint16)
+    assert cv2.imwrite(str(tmp_path / "frame-000000.depth.png"), image)
+    assert cv2.imwrite(str(tmp_path / "frame-000000.color.png"), np.dstack([image.astype(np.uint8)] * 3))
+    (tmp_path / "camera-intrinsics.txt").write_text("2000 0 1296 0 2000 972 0 0 1")
+    monkeypatch.setattr(sys, "argv", ["spot3d", "run", str(tmp_path), "--out", str(tmp_path / "out")])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 2
+    (error,) = capsys.readouterr().err.splitlines()
+    assert error.startswith("error: 2592 x 1944 pixels are more than a message holds")
+    assert error.endswith("use --half")
 
 
 def test_what_cannot_be_written_to_is_refused(tmp_path, monkeypatch):

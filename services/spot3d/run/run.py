@@ -26,6 +26,7 @@ from spot3d.run.trajectory_file import NAME as TRAJECTORY
 from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d.settings import Settings, to_toml
 from spot3d.source.errors import UNREADABLE, SourceError
+from spot3d.source.image_limit import refuse_large_images
 from spot3d.source.selected import Selection, open_selection
 from spot3d.source.sequence import FrameSequence
 from spot3d.source.sequences import is_stream
@@ -64,6 +65,8 @@ def run(
     with nullcontext() if in_process else Supervisor() as supervisor:
         name = selection.name
         sequence = CameraFrames(name) if is_stream(name) else open_selection(selection, settings.source)
+        if not (in_process or isinstance(sequence, CameraFrames)):
+            refuse_large_images(sequence.intrinsics, settings.source.halved)
         if settings.pose.provider == "given" and not sequence.has_true_poses and pose_topic is None:
             raise SourceError(f"{name} has no true poses; choose --pose kiss or --pose gicp")
         with sole_writer(folder):

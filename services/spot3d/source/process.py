@@ -17,6 +17,7 @@ from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.streams import new_stream
 from spot3d.frame import RgbdFrame
 from spot3d.source.errors import IN_THE_INPUT, UNREADABLE
+from spot3d.source.image_limit import refuse_large_images
 from spot3d.source.sequence import FrameSequence, FrameStream
 from spot3d.source.settings import SourceSettings
 from spot3d_schemas import STAGES, End, Frame, Header, Progress
@@ -56,15 +57,17 @@ def run(
     rate_hz: frames per second; None: `settings.rate_hz`, and with 0 there the recorded stamps (live) or as
     fast as fusion's progress allows (lossless). wait_for: stages that must be alive before the first frame;
     None: all of them in a lossless run, none in a live one. Raises MissingStagesError naming those that do
-    not come.
+    not come, and SourceError for images that are too large.
     """
     if wait_for is None:
         wait_for = EVERY_STAGE if link.delivery == "lossless" else ()
+    if not isinstance(sequence, FrameStream):
+        refuse_large_images(sequence.intrinsics, settings.halved)
     with stop_on_signals(stop) as stopped:
         try:
             with Node("source", link, stopped, (_PROGRESS,), (_OUT, _END, _PREVIEW)) as node:
                 _wait_for(node, node.alive, wait_for)
-                _Player(node, stream or new_stream()).play(sequence, rate_hz or settings.rate_hz or None)
+                _Player(node, stream or new_stream(), settings).play(sequence, rate_hz or settings.rate_hz or None)
         except StoppedError:
             return
 
@@ -81,8 +84,8 @@ def _wait_for(node: Node, alive: Alive, stages: tuple[str, ...]) -> None:
 class _Player:
     """One pass through a sequence."""
 
-    def __init__(self, node: Node, stream: str) -> None:
-        self.node, self.alive, self.stream = node, node.alive, stream
+    def __init__(self, node: Node, stream: str, settings: SourceSettings) -> None:
+        self.node, self.alive, self.stream, self.settings = node, node.alive, stream, settings
         self.credit = Credit(node.link.in_flight)
         self.previews = Previews(node, _PREVIEW)
         self.order = StreamOrder(node.link.delivery == "live")
@@ -130,6 +133,7 @@ class _Player:
     def _streamed(self, camera: FrameStream) -> Iterator[tuple[RgbdFrame, int]]:
         """A camera's frames, with the wall clock when each was there."""
         for frame in camera.stream(self.node.stop, self.node.note):
+            refuse_large_images(frame.intrinsics, self.settings.halved)
             yield frame, time.time_ns()
 
     def _in_order(self, stamp_ns: int) -> bool:

@@ -1,0 +1,20 @@
+"""Images that no message can hold are refused before the first is sent."""
+
+from spot3d.camera import Intrinsics
+from spot3d.source.errors import SourceError
+from spot3d_schemas.limits import MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE
+
+
+def refuse_large_images(camera: Intrinsics, halved: bool) -> None:
+    """Raises SourceError where frames of this camera are larger than a message holds. halved: they are so already."""
+    if _fits(camera):
+        return
+    remedy = "use --half" if not halved and _fits(camera.halved()) else "scale colour and depth down"
+    raise SourceError(
+        f"{camera.width} x {camera.height} pixels are more than a message holds, {MAX_IMAGE_PIXELS} in all and "
+        f"{MAX_IMAGE_SIDE} a side; {remedy}"
+    )
+
+
+def _fits(camera: Intrinsics) -> bool:
+    return camera.width * camera.height <= MAX_IMAGE_PIXELS and max(camera.shape) <= MAX_IMAGE_SIDE

@@ -1,0 +1,64 @@
+"""The source's process: what it refuses to play, and what it does about what comes in between."""
+
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from dataflow_stages import Recording
+
+from spot3d.camera import Intrinsics
+from spot3d.dataflow.router import free_loopback_endpoint, open_router
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.frame import RgbdFrame
+from spot3d.source.errors import SourceError
+from spot3d.source.image_limit import refuse_large_images
+from spot3d.source.process import run
+from spot3d.source.sequence import Note
+from spot3d.source.settings import SourceSettings
+
+
+def camera(width: int, height: int) -> Intrinsics:
+    return Intrinsics(500.0, 500.0, width / 2, height / 2, width, height)
+
+
+@pytest.mark.parametrize("size", [(2048, 2048), (8192, 512)])
+def test_images_of_the_largest_size_are_played(size: tuple[int, int]) -> None:
+    refuse_large_images(camera(*size), halved=False)
+
+
+@pytest.mark.parametrize(
+    ("size", "halved", "remedy"),
+    [
+        ((2049, 2048), False, "use --half"),
+        ((2049, 2048), True, "scale colour and depth down"),
+        ((8193, 400), False, "use --half"),
+        ((400, 8193), True, "scale colour and depth down"),
+        ((4098, 4096), False, "scale colour and depth down"),
+    ],
+)
+def test_larger_images_are_refused_in_one_sentence(size: tuple[int, int], halved: bool, remedy: str) -> None:
+    said = rf"^{size[0]} x {size[1]} pixels are more than a message holds, 4194304 in all and 8192 a side; {remedy}$"
+    with pytest.raises(SourceError, match=said):
+        refuse_large_images(camera(*size), halved)
+
+
+class LargeRecording(Recording):
+    intrinsics = camera(2592, 1944)
+
+
+class LargeCamera:
+    """A camera of five million pixels."""
+
+    def stream(self, stop: threading.Event, note: Note) -> Iterator[RgbdFrame]:
+        large = camera(2592, 1944)
+        yield RgbdFrame(1, np.zeros((*large.shape, 3), np.uint8), np.zeros(large.shape, np.uint16), 0.001, large)
+
+
+def test_large_images_end_the_source_before_any_is_sent() -> None:
+    endpoint = free_loopback_endpoint()
+    link = LinkSettings(robot="large", connect=(endpoint,))
+    with open_router((endpoint,)):
+        for sequence in (LargeRecording(1), LargeCamera()):
+            with pytest.raises(SourceError, match=r"2592 x 1944 pixels are more than a message holds.*use --half"):
+                run(link, SourceSettings(), sequence, stop=threading.Event())
