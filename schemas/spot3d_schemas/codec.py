@@ -83,7 +83,7 @@ def decode(payload: bytes | bytearray | memoryview, message: type[M]) -> M:
     try:
         return message.model_validate(fields)
     except ValidationError as error:
-        raise CodecError(_first_problem(schema, error)) from None
+        raise CodecError(first_problem(schema, error)) from None
 
 
 def peek_header(payload: bytes | bytearray | memoryview) -> WireHeader:
@@ -93,7 +93,7 @@ def peek_header(payload: bytes | bytearray | memoryview) -> WireHeader:
     try:
         return WireHeader.model_validate({**header, "schema_name": header.get("schema")})
     except ValidationError as error:
-        raise CodecError(_first_problem("header", error)) from None
+        raise CodecError(first_problem("header", error)) from None
 
 
 def encoding(message: type[Message]) -> str:
@@ -120,6 +120,17 @@ def array_fields(message: type[Message]) -> dict[str, ArraySpec]:
         for spec in field.metadata
         if isinstance(spec, ArraySpec)
     }
+
+
+def first_problem(schema: str, error: ValidationError) -> str:
+    """The first thing that pydantic found wrong, as one line that names the field."""
+    problem = error.errors(include_url=False, include_context=False)[0]
+    path = ".".join((schema, *map(str, problem["loc"])))
+    text = problem["msg"].removeprefix("Value error, ")
+    given = problem["input"]
+    got = f" (got {given!r:.60})" if isinstance(given, int | float | str | None) else ""
+    more = f"; and {error.error_count() - 1} more" if error.error_count() > 1 else ""
+    return f"{path}: {text[0].lower()}{text[1:]}{got}{more}"
 
 
 def _array_pieces(
@@ -189,14 +200,3 @@ def _read_array(view: memoryview, span: Span, spec: ArraySpec) -> NDArray[Any]:
         raise ValueError(f"the array lacks {', '.join(missing)}")
     described = {name: unpack(view, places[name], MAX_FIELD_BYTES) for name in ("dtype", "shape", "encoding")}
     return decode_array(described, bin_data(view, places["data"]), spec)
-
-
-def _first_problem(schema: str, error: ValidationError) -> str:
-    """The first thing that pydantic found wrong, as one line that names the field."""
-    problem = error.errors(include_url=False, include_context=False)[0]
-    path = ".".join((schema, *map(str, problem["loc"])))
-    text = problem["msg"].removeprefix("Value error, ")
-    given = problem["input"]
-    got = f" (got {given!r:.60})" if isinstance(given, int | float | str | None) else ""
-    more = f"; and {error.error_count() - 1} more" if error.error_count() > 1 else ""
-    return f"{path}: {text[0].lower()}{text[1:]}{got}{more}"

@@ -5,7 +5,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from dataflow_stages import Recording
+from dataflow_stages import Recording, listening
+from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
@@ -16,6 +17,7 @@ from spot3d.source.image_limit import refuse_large_images
 from spot3d.source.process import run
 from spot3d.source.sequence import Note
 from spot3d.source.settings import SourceSettings
+from spot3d_schemas import Frame, Health
 
 
 def camera(width: int, height: int) -> Intrinsics:
@@ -62,3 +64,29 @@ def test_large_images_end_the_source_before_any_is_sent() -> None:
         for sequence in (LargeRecording(1), LargeCamera()):
             with pytest.raises(SourceError, match=r"2592 x 1944 pixels are more than a message holds.*use --half"):
                 run(link, SourceSettings(), sequence, stop=threading.Event())
+
+
+class BentRecording(Recording):
+    """The pose of one frame is no rotation, and the stamp of another lies before 1970."""
+
+    def __init__(self) -> None:
+        super().__init__(4)
+        self.stamps_ns.insert(0, -1)
+
+    def true_pose(self, index: int) -> NDArray[np.float64]:
+        return np.diag([1.0, 1.0, 1.1 if index == 2 else 1.0, 1.0])
+
+
+def test_frames_that_no_message_holds_are_counted_and_the_others_played() -> None:
+    endpoint = free_loopback_endpoint()
+    link = LinkSettings(robot="bent", connect=(endpoint,), credit_timeout_s=0.1)
+    with open_router((endpoint,)) as session, listening(session, "bent", "source/frame", "source/health") as ear:
+        run(link, SourceSettings(), BentRecording(), stop=threading.Event())
+        frames: list[Frame] = ear.heard["source/frame"]
+        health: list[Health] = ear.heard["source/health"]
+        ear.wait(lambda: len(frames) == 3 and health[-1].errors == 2)
+    assert [frame.header.stamp_ns for frame in frames] == [0, 100_000_000, 150_000_000]
+    assert [frame.header.seq for frame in frames] == [0, 1, 2], "nobody misses what was never sent"
+    assert health[-1].drops == {"cannot be sent": 2}
+    why = health[-1].last_error
+    assert why.startswith("the frame of 50000000 ns cannot be sent.T_world_camera: the 3x3 part is no rotation"), why

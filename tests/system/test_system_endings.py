@@ -99,6 +99,23 @@ def test_a_frame_that_is_listed_twice_is_fused_once(tmp_path: Path, more: tuple[
     assert report["fused"] == report["input"] - 1
 
 
+def test_frames_that_no_message_holds_are_counted_and_told(tmp_path: Path) -> None:
+    whole, frames, out = recording(tmp_path / "whole"), tmp_path / "frames", tmp_path / "out"
+    frames.mkdir()
+    camera = open_source("scene:0", 1, halved=True).intrinsics
+    (frames / "intrinsics.txt").write_text(f"{camera.fx} {camera.fy} {camera.cx} {camera.cy}")
+    for kind, name in (("rgb", "color"), ("depth", "depth")):
+        # The first stamp lies before 1970, where no message can be.
+        lines = [f"{index - 1} {whole}/frame-{index:06d}.{name}.png\n" for index in range(FRAMES) if index != BROKEN]
+        (frames / f"{kind}.txt").write_text("".join(lines))
+    done = spot3d("run", str(frames), "--pose", "kiss", "--out", str(out))
+    assert done.returncode == 1, done.stderr
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith(f"error: 1 of {FRAMES - 1} frames cannot be sent; the last that failed: the frame of -10000")
+    assert "greater than or equal to 0" in last
+    assert json.loads((out / "report.json").read_text())["frames"]["skipped"] == {"cannot be sent": 1}
+
+
 def test_an_endpoint_that_cannot_be_had_is_told_in_one_line(tmp_path: Path) -> None:
     endpoint = free_loopback_endpoint()
     with open_router((endpoint,)):

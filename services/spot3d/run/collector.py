@@ -22,7 +22,7 @@ from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, empty_snapshot
 from spot3d.run.timeline import Timeline
 from spot3d.run.trajectory_file import TrajectoryFile
-from spot3d.source.errors import IN_THE_INPUT, UNREADABLE
+from spot3d.source.errors import IN_THE_INPUT, NOT_PLAYED
 from spot3d_schemas import (
     STAGES,
     TOPICS,
@@ -147,7 +147,7 @@ class Collector:
             report.stages[stage] = item
         # Fusion cannot know of frames that were never sent.
         unsent = report.drops.get("source", {})
-        unsent = {why: count for why, count in unsent.items() if why == UNREADABLE or why.endswith(IN_THE_INPUT)}
+        unsent = {why: count for why, count in unsent.items() if why in NOT_PLAYED or why.endswith(IN_THE_INPUT)}
         report.skipped |= unsent
         boxes = report.stages["heatmap"].events
         report.proposals = {kind: boxes[kind] for kind in _BOXES if kind in boxes}

@@ -25,7 +25,7 @@ from spot3d.run.timeline import Timeline
 from spot3d.run.trajectory_file import NAME as TRAJECTORY
 from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d.settings import Settings, to_toml
-from spot3d.source.errors import UNREADABLE, SourceError
+from spot3d.source.errors import NOT_PLAYED, SourceError
 from spot3d.source.image_limit import refuse_large_images
 from spot3d.source.selected import Selection, open_selection
 from spot3d.source.sequence import FrameSequence
@@ -120,10 +120,10 @@ def _run(
     for told in filter(None, (timeline.told(), trajectory.told())):
         report.events.append(told)
         console.print(told, style="yellow", markup=False, highlight=False, soft_wrap=True)
-    unread = report.skipped.get(UNREADABLE, 0)
-    if unread and not report.error:
-        why = report.stages["source"].last_error
-        report.error = f"{unread} of {len(sequence)} frames cannot be read; the last that failed: {why}"
+    skipped = report.skipped
+    not_played = [f"{skipped[why]} of {report.played} frames {why}" for why in NOT_PLAYED if why in skipped]
+    if not_played and not report.error:
+        report.error = f"{', '.join(not_played)}; the last that failed: {report.stages['source'].last_error}"
     if not (report.fused or report.error or report.interrupted):
         reasons = ", ".join(f"{count} {reason}" for reason, count in report.skipped.items() if count)
         report.error = f"no frame was fused: {reasons or 'none came'}"

@@ -7,5 +7,8 @@ class SourceError(Exception):
 
 UNREADABLE = "cannot be read"
 """Its files are missing or broken."""
+UNSENDABLE = "cannot be sent"
+"""No message holds what is in them, such as a pose that is no rotation."""
+NOT_PLAYED = (UNREADABLE, UNSENDABLE)
 IN_THE_INPUT = "in the input"
 """Said of what is wrong with its stamp (see `dataflow.order`)."""

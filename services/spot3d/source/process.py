@@ -5,6 +5,8 @@ import threading
 import time
 from collections.abc import Iterator
 
+from pydantic import ValidationError
+
 from spot3d.dataflow.alive import Alive
 from spot3d.dataflow.conversion import intrinsics_message, noise_message
 from spot3d.dataflow.credit import Credit
@@ -16,11 +18,12 @@ from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.streams import new_stream
 from spot3d.frame import RgbdFrame
-from spot3d.source.errors import IN_THE_INPUT, UNREADABLE
+from spot3d.source.errors import IN_THE_INPUT, UNREADABLE, UNSENDABLE
 from spot3d.source.image_limit import refuse_large_images
 from spot3d.source.sequence import FrameSequence, FrameStream
 from spot3d.source.settings import SourceSettings
 from spot3d_schemas import STAGES, End, Frame, Header, Progress
+from spot3d_schemas.codec import first_problem
 
 log = logging.getLogger(__name__)
 
@@ -138,7 +141,12 @@ class _Player:
 
     def _in_order(self, stamp_ns: int) -> bool:
         """Whether the frame is sent; stamps of a camera that go back for good begin another stream."""
-        arrival = self.order.check(self._header(stamp_ns), time.monotonic())
+        try:
+            header = self._header(stamp_ns)
+        except ValueError as error:
+            self._unsendable(stamp_ns, error)
+            return False
+        arrival = self.order.check(header, time.monotonic())
         if arrival.refused:
             self.node.counters.drop(f"{arrival.refused} {IN_THE_INPUT}")
         elif arrival.restarted:
@@ -152,21 +160,34 @@ class _Player:
 
     def _send(self, frame: RgbdFrame, read_ns: int) -> None:
         header = self._header(frame.stamp_ns)
-        message = Frame(
-            header=self.node.numbered(_OUT, header.with_hop("source", read_ns, time.time_ns())),
-            intrinsics=intrinsics_message(frame.intrinsics),
-            depth_scale=frame.depth_scale,
-            colour=frame.colour,
-            depth=frame.depth,
-            depth_noise=noise_message(frame.intrinsics.noise),
-            T_world_camera=frame.T_world_camera,
-        )
+        try:
+            message = Frame(
+                header=header.with_hop("source", read_ns, time.time_ns()),
+                intrinsics=intrinsics_message(frame.intrinsics),
+                depth_scale=frame.depth_scale,
+                colour=frame.colour,
+                depth=frame.depth,
+                depth_noise=noise_message(frame.intrinsics.noise),
+                T_world_camera=frame.T_world_camera,
+            )
+        except ValueError as error:
+            self._unsendable(frame.stamp_ns, error)
+            return
+        # Numbered only now: readers count the numbers that are missing.
+        message = message.model_copy(update={"header": self.node.numbered(_OUT, message.header)})
         if self.node.link.delivery == "lossless":
             self.credit.sent(frame.stamp_ns)
         self.node.publish(_OUT, message)
         self.previews.offer(message.header, frame.colour, frame.intrinsics)
         self.sent += 1
         self.last_stamp_ns = frame.stamp_ns
+
+    def _unsendable(self, stamp_ns: int, error: ValueError) -> None:
+        """Count a frame that no message holds, and say why."""
+        what = f"the frame of {stamp_ns} ns {UNSENDABLE}"
+        why = first_problem(what, error) if isinstance(error, ValidationError) else f"{what}: {error}"
+        self.node.counters.drop(UNSENDABLE)
+        self.node.failed(UNSENDABLE, why)
 
     def _read_progress(self, timeout_s: float) -> Progress | None:
         """The newest progress that is there, or comes within `timeout_s`; the credit follows it."""
