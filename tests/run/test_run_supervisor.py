@@ -3,9 +3,14 @@
 import os
 import signal
 import time
+import traceback
 from pathlib import Path
 
-from spot3d.run.supervisor import Death, Supervisor
+import pytest
+from pydantic import ValidationError
+
+from spot3d.run.supervisor import Death, Supervisor, last_line
+from spot3d_schemas import CameraIntrinsics
 
 LIMIT_S = 60.0
 
@@ -26,6 +31,15 @@ def test_what_a_user_can_put_right_is_told_in_one_line(tmp_path: Path) -> None:
     assert death.fatal
     assert death.stage == "source"
     assert death.message.startswith(f"source: {tmp_path / 'nothing'} does not exist")
+
+
+def test_the_reason_of_a_death_is_what_was_wrong_not_where_to_read_on(tmp_path: Path) -> None:
+    log = tmp_path / "source.log"
+    with pytest.raises(ValidationError) as refused:
+        CameraIntrinsics(fx=500.0, fy=500.0, cx=0.0, cy=0.0, width=4096, height=2048)
+    log.write_text("".join(traceback.format_exception(refused.value)))
+    assert "pydantic.dev" in log.read_text().splitlines()[-1]
+    assert last_line(log).startswith("Value error, 4096x2048 is beyond the limit")
 
 
 def test_a_run_cannot_go_on_without_the_process_that_starts_its_stages(tmp_path: Path) -> None:

@@ -22,6 +22,9 @@ USER_ERROR = 2
 _END_S = 5.0
 """Time for the fork server to end itself and all stages, by force if need be, before it is killed."""
 
+_POINTER = "For further information visit https://errors.pydantic.dev"
+"""How the last line of pydantic's errors begins, which does not say what is wrong."""
+
 _ENVIRONMENT = {"PYTHONUNBUFFERED": "1", "PYDANTIC_DISABLE_PLUGINS": "__all__"}
 """Looking for pydantic's plugins, of which there are none, takes a tenth of the time of all imports."""
 
@@ -171,7 +174,7 @@ class Supervisor:
 def last_line(log: Path) -> str:
     """The last line that a stage said, without the prefix of an error message."""
     text = log.read_text(encoding="utf-8", errors="replace") if log.is_file() else ""
-    lines = [line for line in text.splitlines() if line.strip()]
+    lines = [line for line in map(str.strip, text.splitlines()) if line and not line.startswith(_POINTER)]
     return lines[-1].removeprefix("error: ") if lines else f"no message, see {log}"
 
 
