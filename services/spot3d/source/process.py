@@ -20,6 +20,7 @@ from spot3d.dataflow.streams import new_stream
 from spot3d.frame import RgbdFrame
 from spot3d.source.errors import IN_THE_INPUT, UNREADABLE, UNSENDABLE
 from spot3d.source.image_limit import refuse_large_images
+from spot3d.source.pace import Pace
 from spot3d.source.sequence import FrameSequence, FrameStream
 from spot3d.source.settings import SourceSettings
 from spot3d_schemas import STAGES, End, Frame, Header, Progress
@@ -36,8 +37,6 @@ START_LIMIT_S = 180.0
 _END_LIMIT_S = 60.0
 """Longest wait for fusion's last word."""
 _END_INTERVAL_S = 0.5
-_BEHIND_S = 0.5
-"""Live: whoever is later than this does not catch up in a burst."""
 
 
 class MissingStagesError(RuntimeError):
@@ -100,9 +99,9 @@ class _Player:
         lossless = self.node.link.delivery == "lossless"
         if isinstance(sequence, FrameStream):
             # A camera has a pace of its own.
-            pace, frames = _Pace(self.node, None, recorded=False), self._streamed(sequence)
+            pace, frames = Pace(self.node, None, recorded=False), self._streamed(sequence)
         else:
-            pace, frames = _Pace(self.node, rate_hz, recorded=not lossless), self._frames(sequence)
+            pace, frames = Pace(self.node, rate_hz, recorded=not lossless), self._frames(sequence)
         for frame, read_ns in frames:
             if not self._in_order(frame.stamp_ns):
                 continue
@@ -241,29 +240,3 @@ class _Player:
             if progress.complete and progress.last_stamp_ns >= self.last_stamp_ns:
                 return
             start_s = now_s
-
-
-class _Pace:
-    """Keeps the recorded pace, a given rate, or none."""
-
-    def __init__(self, node: Node, rate_hz: float | None, recorded: bool) -> None:
-        self._node, self._rate_hz, self._recorded = node, rate_hz, recorded
-        self._start_s = 0.0
-        self._first_ns = 0
-
-    def wait(self, sent: int, stamp_ns: int) -> None:
-        """Sleep until the frame is due."""
-        if sent == 0:
-            self._start_s, self._first_ns = time.monotonic(), stamp_ns
-        if self._rate_hz is not None:
-            after_s = sent / self._rate_hz
-        elif self._recorded:
-            after_s = 1e-9 * (stamp_ns - self._first_ns)
-        else:
-            return
-        late_s = time.monotonic() - self._start_s - after_s
-        if late_s > _BEHIND_S:
-            self._start_s += late_s
-            self._node.note("behind", f"the source is {late_s:.1f} s behind its pace; it goes on from here")
-        elif late_s < 0:
-            self._node.rest(-late_s)
