@@ -1,7 +1,11 @@
 """The source's process: what it refuses to play, and what it does about what comes in between."""
 
+import queue
 import threading
+import time
 from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,15 +13,16 @@ from dataflow_stages import Recording, listening
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
+from spot3d.dataflow import node as node_module
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.frame import RgbdFrame
 from spot3d.source.errors import SourceError
 from spot3d.source.image_limit import refuse_large_images
 from spot3d.source.process import run
-from spot3d.source.sequence import Note
+from spot3d.source.sequence import CAMERA_LOST, CAMERA_MISSING, FrameStream, Note
 from spot3d.source.settings import SourceSettings
-from spot3d_schemas import Frame, Health
+from spot3d_schemas import Frame, Header, Health, Progress, encode, encoding, key
 
 
 def camera(width: int, height: int) -> Intrinsics:
@@ -90,3 +95,86 @@ def test_frames_that_no_message_holds_are_counted_and_the_others_played() -> Non
     assert health[-1].drops == {"cannot be sent": 2}
     why = health[-1].last_error
     assert why.startswith("the frame of 50000000 ns cannot be sent.T_world_camera: the 3x3 part is no rotation"), why
+
+
+class ScriptedCamera:
+    """A camera that does what it is told to: gives a frame, or says something."""
+
+    def __init__(self) -> None:
+        self.script: queue.SimpleQueue[RgbdFrame | tuple[str, str]] = queue.SimpleQueue()
+
+    def stream(self, stop: threading.Event, note: Note) -> Iterator[RgbdFrame | None]:
+        while not stop.is_set():
+            try:
+                told = self.script.get(timeout=0.02)
+            except queue.Empty:
+                yield None
+                continue
+            if isinstance(told, RgbdFrame):
+                yield told
+            else:
+                note(*told)
+
+
+@contextmanager
+def playing(link: LinkSettings, sequence: Recording | FrameStream, wait_for: tuple[str, ...] = ()) -> Iterator[None]:
+    """A source in a thread of this process, ended at last."""
+    stop = threading.Event()
+    options = {"stop": stop, "wait_for": wait_for}
+    thread = threading.Thread(target=run, args=(link, SourceSettings(), sequence), kwargs=options)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join(20)
+        assert not thread.is_alive()
+
+
+def test_a_camera_that_is_waited_for_is_what_is_wrong_until_its_frames_come() -> None:
+    endpoint, camera, frames = free_loopback_endpoint(), ScriptedCamera(), Recording(2)
+    link = LinkSettings(robot="unplugged", connect=(endpoint,), health_interval_s=0.05)
+    with (
+        open_router((endpoint,)) as session,
+        listening(session, "unplugged", "source/health") as ear,
+        playing(link, camera),
+    ):
+        health: list[Health] = ear.heard["source/health"]
+
+        def wait_for_state(state: str) -> None:
+            ear.wait(lambda: bool(health) and health[-1].state == state, 20)
+
+        camera.script.put((CAMERA_MISSING, "no camera is plugged in"))
+        wait_for_state("no camera is plugged in")
+        camera.script.put(("camera found", "streaming"))
+        ear.wait(lambda: "camera found" in health[-1].events, 20)
+        wait_for_state("no camera is plugged in")
+        camera.script.put(frames[0])
+        wait_for_state("")
+        camera.script.put((CAMERA_LOST, "it is gone"))
+        wait_for_state("it is gone")
+        camera.script.put(frames[1])
+        wait_for_state("")
+
+
+def test_a_source_that_waits_for_its_camera_does_not_hang(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(node_module, "STUCK_S", 0.3)
+    endpoint, beat = free_loopback_endpoint(), tmp_path / "beat"
+    link = LinkSettings(robot="patient", connect=(endpoint,), health_interval_s=0.05, heartbeat=beat)
+    header = Header(robot="patient", seq=0, stamp_ns=0, frame_id="camera")
+    words = Progress(header=header, fused=1, skipped={}, last_stamp_ns=0, complete=False)
+    with (
+        open_router((endpoint,)) as session,
+        listening(session, "patient", "source/health") as ear,
+        playing(link, ScriptedCamera()),
+    ):
+        health: list[Health] = ear.heard["source/health"]
+        ear.wait(lambda: bool(health), 20)
+        session.put(key("patient", "fusion/progress"), encode(words), encoding=encoding(Progress))
+        ear.wait(lambda: health[-1].received == 1, 20)
+        time.sleep(0.5)
+        beat.unlink(missing_ok=True)
+        end_s = time.monotonic() + 10
+        while not beat.exists():
+            assert time.monotonic() < end_s, "it beats no more, though it only waits"
+            time.sleep(0.02)

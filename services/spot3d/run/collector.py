@@ -23,6 +23,7 @@ from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, empty_snaps
 from spot3d.run.timeline import Timeline
 from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d.source.errors import IN_THE_INPUT, NOT_PLAYED
+from spot3d.source.sequence import CAMERA_GONE
 from spot3d_schemas import (
     STAGES,
     TOPICS,
@@ -47,9 +48,6 @@ POSES_MOST = 100_000
 
 _BOXES = ("accepted", "masked", "rejected")
 """What the heatmap stage counts of the proposals."""
-
-_CAMERA = ("camera missing", "camera lost")
-"""What the source notes of a camera that is to be told."""
 
 _FUSED = (["heatmap", "fusion"], ["segments", "fusion"])
 """The last stages that a fused frame went through: live, and lossless, where fusion waits for both."""
@@ -111,7 +109,8 @@ class Collector:
     def camera_news(self) -> list[str]:
         """What there is to tell of a camera, each kind once; the source's log has every time, its events how many."""
         health = self.health.get("source")
-        new = [] if health is None else [kind for kind in _CAMERA if kind in health.events and kind not in self._told]
+        events = {} if health is None else health.events
+        new = [kind for kind in CAMERA_GONE if kind in events and kind not in self._told]
         self._told.update(new)
         return [f"{kind}: it is waited for (logs/source.log)" for kind in new]
 

@@ -21,7 +21,7 @@ from spot3d.frame import RgbdFrame
 from spot3d.source.errors import IN_THE_INPUT, UNREADABLE, UNSENDABLE
 from spot3d.source.image_limit import refuse_large_images
 from spot3d.source.pace import Pace
-from spot3d.source.sequence import FrameSequence, FrameStream
+from spot3d.source.sequence import CAMERA_GONE, FrameSequence, FrameStream
 from spot3d.source.settings import SourceSettings
 from spot3d_schemas import STAGES, End, Frame, Header, Progress
 from spot3d_schemas.codec import first_problem
@@ -134,9 +134,19 @@ class _Player:
 
     def _streamed(self, camera: FrameStream) -> Iterator[tuple[RgbdFrame, int]]:
         """A camera's frames, with the wall clock when each was there."""
-        for frame in camera.stream(self.node.stop, self.node.note):
+        for frame in camera.stream(self.node.stop, self._camera_said):
+            if frame is None:
+                # Whoever waits for a camera does not hang.
+                self._read_progress(0.0)
+                continue
             refuse_large_images(frame.intrinsics, self.settings.halved)
+            self.node.state = ""
             yield frame, time.time_ns()
+
+    def _camera_said(self, kind: str, text: str) -> None:
+        self.node.note(kind, text)
+        if kind in CAMERA_GONE:
+            self.node.state = text
 
     def _in_order(self, stamp_ns: int) -> bool:
         """Whether the frame is sent; stamps of a camera that go back for good begin another stream."""

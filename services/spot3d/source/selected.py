@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import islice
 from threading import Event
 
 import numpy as np
@@ -78,13 +77,24 @@ class _SelectedStream:
         self._camera, self._selection, self._halved = camera, selection, settings.halved
         self._noise = parse_noise(settings.depth_noise) if settings.depth_noise else None
 
-    def stream(self, stop: Event, note: Note) -> Iterator[RgbdFrame]:
-        """The camera's frames, until there are as many as were asked for."""
-        end = None if self._selection.frames is None else self._selection.frames * self._selection.every
-        for frame in islice(self._camera.stream(stop, note), 0, end, self._selection.every):
-            if self._noise is not None:
-                frame = replace(frame, intrinsics=replace(frame.intrinsics, noise=self._noise))
-            yield halve(frame) if self._halved else frame
+    def stream(self, stop: Event, note: Note) -> Iterator[RgbdFrame | None]:
+        """The camera's frames, until there are as many as were asked for; None while none comes."""
+        came = given = 0
+        for frame in self._camera.stream(stop, note):
+            if frame is None:
+                yield None
+                continue
+            if came % self._selection.every == 0:
+                yield self._prepared(frame)
+                given += 1
+            came += 1
+            if given == self._selection.frames:
+                return
+
+    def _prepared(self, frame: RgbdFrame) -> RgbdFrame:
+        if self._noise is not None:
+            frame = replace(frame, intrinsics=replace(frame.intrinsics, noise=self._noise))
+        return halve(frame) if self._halved else frame
 
 
 def _full_scene_name(name: str, settings: SourceSettings) -> str:

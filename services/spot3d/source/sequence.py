@@ -12,14 +12,20 @@ from spot3d.frame import RgbdFrame
 
 Note = Callable[[str, str], None]
 """Told what happened: its kind, and a sentence."""
+CAMERA_MISSING, CAMERA_LOST = "camera missing", "camera lost"
+CAMERA_GONE = (CAMERA_MISSING, CAMERA_LOST)
+"""What is told of a camera that is waited for."""
 
 
 @runtime_checkable
 class FrameStream(Protocol):
     """A camera, or what behaves like one: frames come when they come, and only once."""
 
-    def stream(self, stop: Event, note: Note) -> Iterator[RgbdFrame]:
-        """Frames until the stream ends, or until `stop`; `note` is told when a camera is found, missing or lost."""
+    def stream(self, stop: Event, note: Note) -> Iterator[RgbdFrame | None]:
+        """Frames until the stream ends, or until `stop`; None, every few seconds or sooner, while none comes.
+
+        note: is told when a camera is found, missing or lost.
+        """
 
 
 def median_rate_hz(stamps_ns: Sequence[int] | NDArray[np.int64]) -> float:

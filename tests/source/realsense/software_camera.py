@@ -36,12 +36,14 @@ class SoftwareCamera:
         self.depth.register_extrinsics_to(self.colour, beside)
         self.device.create_matcher(rs.matchers.default)
 
-    def send(self, number: int, stamp_ms: float, depth: np.ndarray, colour: np.ndarray) -> None:
-        """Feed one depth image (h, w) uint16 and one colour image (h, w, 3) uint8 RGB."""
+    def send(self, number: int, stamp_ms: float, depth: np.ndarray, colour: np.ndarray | None) -> None:
+        """Feed one depth image (h, w) uint16 and one colour image (h, w, 3) uint8 RGB; None: no colour comes."""
         for sensor, profile, pixels, size in (
             (self.depth_sensor, self.depth, depth, 2),
             (self.colour_sensor, self.colour, colour, 3),
         ):
+            if pixels is None:
+                continue
             frame = rs.software_video_frame()
             frame.pixels, frame.bpp, frame.stride = pixels, size, size * self.camera.width
             frame.timestamp, frame.domain, frame.frame_number = stamp_ms, rs.timestamp_domain.system_time, number

@@ -7,7 +7,7 @@ from typing import Any
 
 from spot3d.frame import RgbdFrame
 from spot3d.source.realsense.framesets import sdk, streamed
-from spot3d.source.sequence import Note
+from spot3d.source.sequence import CAMERA_LOST, CAMERA_MISSING, Note
 
 NAME = "realsense"
 """What the camera is called as an input."""
@@ -30,29 +30,26 @@ class RealSenseCamera:
         self._find = find
         self._silent_s = silent_s
 
-    def stream(self, stop: Event, note: Note) -> Iterator[RgbdFrame]:
+    def stream(self, stop: Event, note: Note) -> Iterator[RgbdFrame | None]:
         """Frames as they come, until `stop`; note: is told when the camera is found, missing or lost."""
         while not stop.is_set():
             try:
                 device = self._find()
-                if device is None:
-                    note("camera missing", "no RealSense camera is plugged in; waiting for one")
-                    stop.wait(_RETRY_S)
+                if device is not None:
+                    yield from self._opened(device, stop, note)
                     continue
-                yield from self._opened(device, stop, note)
+                note(CAMERA_MISSING, "no RealSense camera is plugged in; waiting for one")
             except (RuntimeError, ValueError) as error:  # what the SDK raises, whatever is wrong
-                note("camera lost", f"the RealSense camera is lost: {error}; waiting for it")
-                stop.wait(_RETRY_S)
+                note(CAMERA_LOST, f"the RealSense camera is lost: {error}; waiting for it")
+            yield None
+            stop.wait(_RETRY_S)
 
-    def _opened(self, device: Any, stop: Event, note: Note) -> Iterator[RgbdFrame]:
-        since_s, name = time.monotonic(), device.get_info(sdk().camera_info.name)
-
-        def silent() -> bool:
-            if time.monotonic() - since_s > self._silent_s:
-                raise RuntimeError(f"no frame for {self._silent_s:g} s")
-            return False
-
-        note("camera found", f"streaming from {name}")
-        for frame in streamed(device, stop, silent):
-            since_s = time.monotonic()
+    def _opened(self, device: Any, stop: Event, note: Note) -> Iterator[RgbdFrame | None]:
+        note("camera found", f"streaming from {device.get_info(sdk().camera_info.name)}")
+        since_s = time.monotonic()
+        for frame in streamed(device, stop, note, lambda: False):
+            if frame is None and time.monotonic() - since_s > self._silent_s:
+                raise RuntimeError(f"no depth with colour for {self._silent_s:g} s")
             yield frame
+            if frame is not None:
+                since_s = time.monotonic()

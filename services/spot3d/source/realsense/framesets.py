@@ -14,6 +14,7 @@ from spot3d.camera import Intrinsics
 from spot3d.depth_noise import KINECT_V1, TIME_OF_FLIGHT, DepthNoise, stereo_noise
 from spot3d.frame import RgbdFrame
 from spot3d.source.errors import SourceError
+from spot3d.source.sequence import Note
 
 log = logging.getLogger(__name__)
 
@@ -37,10 +38,11 @@ def sdk() -> Any:
     return pyrealsense2
 
 
-def streamed(device: Any, stop: Event, ended: Callable[[], bool]) -> Iterator[RgbdFrame]:
-    """Frames of a device, live or played, until `stop`, or until none comes and `ended` says so.
+def streamed(device: Any, stop: Event, note: Note, ended: Callable[[], bool]) -> Iterator[RgbdFrame | None]:
+    """Frames of a device, live or played, until `stop`, or until nothing comes and `ended` says so; None: not just now.
 
-    Raises RuntimeError, as the SDK does for whatever is wrong, and ValueError.
+    Where no other colour comes, the SDK gives the last one with each depth image; these are no frames, and `note` is
+    told. Raises RuntimeError, as the SDK does for whatever is wrong, and ValueError.
     """
     rs = sdk()
     pipeline = rs.pipeline(rs.context())
@@ -50,16 +52,23 @@ def streamed(device: Any, stop: Event, ended: Callable[[], bool]) -> Iterator[Rg
         framesets = Framesets(device)
         while not stop.is_set():
             arrived, frameset = pipeline.try_wait_for_frames(_WAIT_MS)
-            if not arrived:
-                if ended():
-                    return
-                continue
-            depth, colour = frameset.get_depth_frame(), frameset.get_color_frame()
-            if depth and colour and abs(depth.get_timestamp() - colour.get_timestamp()) <= _TOGETHER_MS:
+            if arrived and _are_together(frameset):
                 yield framesets.frame(frameset)
+                continue
+            if arrived:
+                note("unmatched images", "depth is left out that has no colour of its time")
+            elif ended():
+                return
+            yield None
     finally:
         with suppress(RuntimeError):  # unplugged: it has stopped by itself
             pipeline.stop()
+
+
+def _are_together(frameset: Any) -> bool:
+    """Whether depth and colour are there, and of one time."""
+    depth, colour = frameset.get_depth_frame(), frameset.get_color_frame()
+    return bool(depth and colour) and abs(depth.get_timestamp() - colour.get_timestamp()) <= _TOGETHER_MS
 
 
 def _start(pipeline: Any, recorded: bool) -> None:

@@ -51,11 +51,11 @@ class RealSenseRecording:
         sdk()
         self._path = path
 
-    def stream(self, stop: Event, note: Note) -> Iterator[RgbdFrame]:
+    def stream(self, stop: Event, note: Note) -> Iterator[RgbdFrame | None]:
         """Frames until the file ends, or until `stop`. Raises SourceError for what cannot be played."""
         rs = sdk()
         try:
             playback = rs.context().load_device(str(self._path))
-            yield from streamed(playback, stop, lambda: playback.current_status() == rs.playback_status.stopped)
+            yield from streamed(playback, stop, note, lambda: playback.current_status() == rs.playback_status.stopped)
         except (RuntimeError, ValueError) as error:
             raise SourceError(f"{self._path} cannot be played: {error}; does it hold depth and colour?") from error
