@@ -16,7 +16,7 @@ InputArgument = Annotated[
     str,
     typer.Argument(
         metavar="INPUT",
-        help="folder (7-Scenes, TUM RGB-D), ROS bag, file of spot3d record, or: realsense, scene, scene:SEED",
+        help="folder (7-Scenes, TUM RGB-D), ROS bag, file of spot3d record, or: realsense[:SERIAL], scene[:SEED]",
     ),
 ]
 SettingsOption = Annotated[Path | None, typer.Option("--settings", help="TOML file; see: spot3d settings")]

@@ -75,7 +75,7 @@ def source(
     resolved = load_settings(settings, preset, overrides)
     from spot3d.source.process import EVERY_STAGE, FUSING_STAGES, MissingStagesError
     from spot3d.source.process import run as run_source
-    from spot3d.source.realsense.camera import NAME as REALSENSE
+    from spot3d.source.realsense.camera import is_camera
     from spot3d.source.selected import open_selected_stream, open_selection, selection
     from spot3d.source.sequences import is_stream
 
@@ -87,7 +87,7 @@ def source(
     awaited: tuple[str, ...] = EVERY_STAGE
     if resolved.link.delivery == "live" and not supervised:
         awaited = ()
-    elif resolved.link.delivery == "live" and (input_name == REALSENSE or not is_stream(input_name)):
+    elif resolved.link.delivery == "live" and (is_camera(input_name) or not is_stream(input_name)):
         awaited = FUSING_STAGES
     wait_for = tuple(stage for stage in awaited if stage != "pose" or not pose_from_elsewhere)
     try:

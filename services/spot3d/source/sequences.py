@@ -7,8 +7,7 @@ from spot3d.recorder.profile import is_our_mcap
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import Halved
 from spot3d.source.intrinsics_files import FocalAndCentre
-from spot3d.source.realsense.camera import NAME as REALSENSE
-from spot3d.source.realsense.camera import RealSenseCamera
+from spot3d.source.realsense.camera import is_camera, open_camera
 from spot3d.source.realsense.recording import RealSenseRecording, is_realsense_recording
 from spot3d.source.recording import Recording
 from spot3d.source.ros.bag import is_ros_bag
@@ -69,12 +68,12 @@ def open_source(
 
 def is_stream(name: str) -> bool:
     """Whether an input is a camera, or a recording that plays like one: its frames come only once."""
-    return name == REALSENSE or is_realsense_recording(Path(name))
+    return is_camera(name) or is_realsense_recording(Path(name))
 
 
 def open_stream(name: str) -> FrameStream:
     """The stream of a name for which `is_stream` holds. Raises SourceError where its SDK is not installed."""
-    return RealSenseCamera() if name == REALSENSE else RealSenseRecording(Path(name))
+    return open_camera(name) if is_camera(name) else RealSenseRecording(Path(name))
 
 
 def at_half_size(sequence: FrameSequence) -> FrameSequence:

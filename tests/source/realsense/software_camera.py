@@ -21,10 +21,10 @@ BASELINE_MM = 50.0
 class SoftwareCamera:
     """Depth and colour of one size and place, or of cameras `apart` metres from each other."""
 
-    def __init__(self, camera: Intrinsics, apart: float = 0.0) -> None:
+    def __init__(self, camera: Intrinsics, apart: float = 0.0, serial: str = "123") -> None:
         self.camera = camera
         self.device = rs.software_device()
-        self.device.register_info(rs.camera_info.serial_number, "123")
+        self.device.register_info(rs.camera_info.serial_number, serial)
         self.device.register_info(rs.camera_info.name, "Software D435")
         self.depth_sensor, self.colour_sensor = self.device.add_sensor("Depth"), self.device.add_sensor("Color")
         self.depth = self.depth_sensor.add_video_stream(self._stream(rs.stream.depth, 1, 2, rs.format.z16), True)

@@ -1,7 +1,6 @@
 import threading
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -34,12 +33,17 @@ class Listener:
     def __init__(self, camera: FrameStream) -> None:
         self.frames: list[RgbdFrame] = []
         self.notes: list[str] = []
+        self.texts: list[str] = []
         self.stop = threading.Event()
         self.thread = threading.Thread(target=self._listen, args=(camera,))
         self.thread.start()
 
     def _listen(self, camera: FrameStream) -> None:
-        for frame in camera.stream(self.stop, lambda kind, _text: self.notes.append(kind)):
+        def note(kind: str, text: str) -> None:
+            self.texts.append(text)
+            self.notes.append(kind)
+
+        for frame in camera.stream(self.stop, note):
             if frame is not None:
                 self.frames.append(frame)
 
@@ -69,10 +73,7 @@ def wait_for(listener: Listener, notes: list[str]) -> None:
 def test_a_camera_that_is_plugged_in_late_unplugged_and_plugged_in_again() -> None:
     plugged: list[SoftwareCamera] = []
 
-    def find() -> Any | None:
-        return plugged[-1].device if plugged else None
-
-    listener = Listener(RealSenseCamera(find, silent_s=0.5))
+    listener = Listener(RealSenseCamera(devices=lambda: [one.device for one in plugged], silent_s=0.5))
     try:
         wait_for(listener, ["camera missing"])
         plugged.append(SoftwareCamera(CAMERA))
@@ -104,7 +105,7 @@ def test_a_camera_that_is_plugged_in_late_unplugged_and_plugged_in_again() -> No
 
 def test_a_camera_whose_colour_stalls_is_lost_until_colour_comes_again() -> None:
     camera = SoftwareCamera(CAMERA)
-    listener = Listener(RealSenseCamera(lambda: camera.device, silent_s=0.5))
+    listener = Listener(RealSenseCamera(devices=lambda: [camera.device], silent_s=0.5))
     try:
         while "camera found" not in listener.notes:
             time.sleep(0.01)
@@ -121,9 +122,33 @@ def test_a_camera_whose_colour_stalls_is_lost_until_colour_comes_again() -> None
         listener.end()
 
 
+def test_a_camera_is_taken_by_its_serial_number() -> None:
+    plugged = [SoftwareCamera(CAMERA, serial="123"), SoftwareCamera(CAMERA, serial="456")]
+    listener = Listener(RealSenseCamera("789", devices=lambda: [one.device for one in plugged]))
+    try:
+        wait_for(listener, ["camera missing"])
+        assert listener.texts == ["the RealSense camera 789 is not plugged in; waiting for it; found: 123, 456"]
+        listener.notes.clear()
+        plugged.append(SoftwareCamera(CAMERA, serial="789"))
+        while "camera found" not in listener.notes:
+            time.sleep(0.01)
+        assert listener.texts[-1] == "streaming from Software D435 789"
+        feed(plugged[2], listener, 1, 2)
+    finally:
+        listener.end()
+
+
+def test_a_name_with_a_serial_number_is_a_camera() -> None:
+    assert is_stream("realsense:0123")
+    assert isinstance(open_stream("realsense:0123"), RealSenseCamera)
+    with pytest.raises(SourceError, match="realsense: names no camera; give realsense:SERIAL, or realsense for"):
+        open_stream("realsense:")
+    assert not is_stream("realsenses:0123")
+
+
 def test_depth_is_aligned_with_colour() -> None:
     camera = SoftwareCamera(CAMERA, apart=0.05)
-    listener = Listener(RealSenseCamera(lambda: camera.device))
+    listener = Listener(RealSenseCamera(devices=lambda: [camera.device]))
     try:
         while "camera found" not in listener.notes:
             time.sleep(0.01)

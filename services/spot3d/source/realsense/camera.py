@@ -1,51 +1,77 @@
 """A RealSense camera, live: it may be missing, unplugged and plugged in again."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from threading import Event
 from typing import Any
 
 from spot3d.frame import RgbdFrame
+from spot3d.source.errors import SourceError
 from spot3d.source.realsense.framesets import sdk, streamed
 from spot3d.source.sequence import CAMERA_LOST, CAMERA_MISSING, Note
 
-NAME = "realsense"
-"""What the camera is called as an input."""
+_NAME = "realsense"
+"""What a camera is called as an input; `realsense:SERIAL` where there are several."""
 _SILENT_S = 3.0
 """A camera without a frame for so long is gone, or hangs: it is opened anew."""
 _RETRY_S = 1.0
 
 
-def first_device() -> Any | None:
-    """The first camera that is plugged in, or None."""
-    devices = sdk().context().query_devices()
-    return devices[0] if len(devices) else None
+def is_camera(name: str) -> bool:
+    """Whether an input is called as cameras are."""
+    return name.partition(":")[0] == _NAME
+
+
+def open_camera(name: str) -> "RealSenseCamera":
+    """The camera of such a name. Raises SourceError where the serial number or the SDK is missing."""
+    _, colon, serial = name.partition(":")
+    if colon and not serial:
+        raise SourceError(f"{name} names no camera; give {_NAME}:SERIAL, or {_NAME} for the first that is plugged in")
+    return RealSenseCamera(serial)
+
+
+def plugged_in() -> list[Any]:
+    """The cameras that are plugged in now."""
+    return list(sdk().context().query_devices())
 
 
 class RealSenseCamera:
-    """Frames of a camera for as long as they are wanted. find: gives the device to open, None while there is none."""
+    """Frames of a camera for as long as they are wanted.
 
-    def __init__(self, find: Callable[[], Any | None] = first_device, silent_s: float = _SILENT_S) -> None:
+    serial: its serial number; empty: the first camera is taken. devices: gives those that are there.
+    """
+
+    def __init__(
+        self, serial: str = "", devices: Callable[[], Sequence[Any]] = plugged_in, silent_s: float = _SILENT_S
+    ) -> None:
         sdk()
-        self._find = find
+        self._serial = serial
+        self._devices = devices
         self._silent_s = silent_s
 
     def stream(self, stop: Event, note: Note) -> Iterator[RgbdFrame | None]:
         """Frames as they come, until `stop`; note: is told when the camera is found, missing or lost."""
         while not stop.is_set():
             try:
-                device = self._find()
-                if device is not None:
-                    yield from self._opened(device, stop, note)
+                devices = self._devices()
+                wanted = [one for one in devices if not self._serial or _serial_of(one) == self._serial]
+                if wanted:
+                    yield from self._opened(wanted[0], stop, note)
                     continue
-                note(CAMERA_MISSING, "no RealSense camera is plugged in; waiting for one")
+                note(CAMERA_MISSING, self._what_is_missing(devices))
             except (RuntimeError, ValueError) as error:  # what the SDK raises, whatever is wrong
                 note(CAMERA_LOST, f"the RealSense camera is lost: {error}; waiting for it")
             yield None
             stop.wait(_RETRY_S)
 
+    def _what_is_missing(self, devices: Sequence[Any]) -> str:
+        if not self._serial:
+            return "no RealSense camera is plugged in; waiting for one"
+        found = ", ".join(map(_serial_of, devices)) or "none"
+        return f"the RealSense camera {self._serial} is not plugged in; waiting for it; found: {found}"
+
     def _opened(self, device: Any, stop: Event, note: Note) -> Iterator[RgbdFrame | None]:
-        note("camera found", f"streaming from {device.get_info(sdk().camera_info.name)}")
+        note("camera found", f"streaming from {device.get_info(sdk().camera_info.name)} {_serial_of(device)}")
         since_s = time.monotonic()
         for frame in streamed(device, stop, note, lambda: False):
             if frame is None and time.monotonic() - since_s > self._silent_s:
@@ -53,3 +79,9 @@ class RealSenseCamera:
             yield frame
             if frame is not None:
                 since_s = time.monotonic()
+
+
+def _serial_of(device: Any) -> str:
+    """A device's serial number; empty where it does not tell."""
+    number = sdk().camera_info.serial_number
+    return str(device.get_info(number)) if device.supports(number) else ""
