@@ -22,7 +22,7 @@ from spot3d.source.image_limit import refuse_large_images
 from spot3d.source.process import run
 from spot3d.source.sequence import CAMERA_LOST, CAMERA_MISSING, FrameStream, Note
 from spot3d.source.settings import SourceSettings
-from spot3d_schemas import Frame, Header, Health, Progress, encode, encoding, key
+from spot3d_schemas import Frame, Header, Health, Progress, alive_key, encode, encoding, key
 
 
 def camera(width: int, height: int) -> Intrinsics:
@@ -178,3 +178,26 @@ def test_a_source_that_waits_for_its_camera_does_not_hang(tmp_path: Path, monkey
         while not beat.exists():
             assert time.monotonic() < end_s, "it beats no more, though it only waits"
             time.sleep(0.02)
+
+
+def test_a_source_says_for_whom_it_waits_and_begins_when_they_are_there(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO")
+    endpoint = free_loopback_endpoint()
+    link = LinkSettings(robot="early", connect=(endpoint,), credit_timeout_s=0.1)
+    with (
+        open_router((endpoint,)) as session,
+        listening(session, "early", "source/frame") as ear,
+        session.liveliness().declare_token(alive_key("early", "pose")),
+        playing(link, Recording(2), wait_for=("pose", "heatmap", "fusion")),
+    ):
+        end_s = time.monotonic() + 20
+        while "waiting for heatmap, fusion, for 180 s at most" not in caplog.text:
+            assert time.monotonic() < end_s, caplog.text
+            time.sleep(0.02)
+        assert not ear.heard["source/frame"]
+        with (
+            session.liveliness().declare_token(alive_key("early", "heatmap")),
+            session.liveliness().declare_token(alive_key("early", "fusion")),
+        ):
+            ear.wait(lambda: len(ear.heard["source/frame"]) == 2, 20)
+    assert caplog.text.count("waiting for") == 1

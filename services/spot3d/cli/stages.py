@@ -73,27 +73,37 @@ def source(
         pose_topic=pose_topic,
     ) | link_overrides(robot, connect, listen, lossless)
     resolved = load_settings(settings, preset, overrides)
-    from spot3d.source.process import EVERY_STAGE, FUSING_STAGES, MissingStagesError
+    from spot3d.source.process import MissingStagesError
     from spot3d.source.process import run as run_source
-    from spot3d.source.realsense.camera import is_camera
     from spot3d.source.selected import open_selected_stream, open_selection, selection
     from spot3d.source.sequences import is_stream
 
     chosen = selection(input_name, frames, every, intrinsics, after_ns)
     opened = open_selected_stream if is_stream(input_name) else open_selection
     sequence = opened(chosen, resolved.source)
-    # A live source is a camera: it waits for nobody, unless a run has started it together with the others. Even then
-    # frames can be fused while segments is still compiling its kernels. A recording that plays like a camera can wait.
-    awaited: tuple[str, ...] = EVERY_STAGE
-    if resolved.link.delivery == "live" and not supervised:
-        awaited = ()
-    elif resolved.link.delivery == "live" and (is_camera(input_name) or not is_stream(input_name)):
-        awaited = FUSING_STAGES
+    awaited = _awaited(input_name, resolved.link.delivery == "live", supervised)
     wait_for = tuple(stage for stage in awaited if stage != "pose" or not pose_from_elsewhere)
     try:
         run_source(resolved.link, resolved.source, sequence, stop=stop, wait_for=wait_for, stream=stream)
     except MissingStagesError as error:
         raise CommandError(str(error)) from error
+
+
+def _awaited(input_name: str, live: bool, supervised: bool) -> tuple[str, ...]:
+    """The stages that have to be there before a source's first frame.
+
+    A camera waits for nobody, unless a run has started it together with the others; of a recording, what is played
+    before they listen is lost. Live, frames can be fused while segments is still compiling its kernels; a run lets a
+    recording that plays like a camera wait for it too.
+    """
+    from spot3d.source.process import EVERY_STAGE, FUSING_STAGES
+    from spot3d.source.realsense.camera import is_camera
+    from spot3d.source.sequences import is_stream
+
+    if live and not supervised and is_camera(input_name):
+        return ()
+    plays_like_a_camera = is_stream(input_name) and not is_camera(input_name)
+    return FUSING_STAGES if live and not (supervised and plays_like_a_camera) else EVERY_STAGE
 
 
 def pose(

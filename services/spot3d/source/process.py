@@ -34,6 +34,8 @@ FUSING_STAGES = tuple(stage for stage in STAGES if stage not in ("source", "segm
 EVERY_STAGE = tuple(stage for stage in STAGES if stage != "source")
 START_LIMIT_S = 180.0
 """Longest wait for the stages before the first frame: a first start compiles kernels."""
+_LOOK_S = 1.0
+"""A wait for stages that takes longer is told."""
 _END_LIMIT_S = 60.0
 """Longest wait for fusion's last word."""
 _END_INTERVAL_S = 0.5
@@ -75,12 +77,20 @@ def run(
 
 
 def _wait_for(node: Node, alive: Alive, stages: tuple[str, ...]) -> None:
-    missing = alive.missing(stages, START_LIMIT_S, node.stop)
-    if missing and not node.stop.is_set():
-        raise MissingStagesError(
-            f"no sign of {', '.join(missing)} for robot {node.link.robot!r} within {START_LIMIT_S:.0f} s; start "
-            f"{'it' if len(missing) == 1 else 'them'} on the router at {', '.join(node.link.connect)}"
-        )
+    end_s, said = time.monotonic() + START_LIMIT_S, False
+    while missing := alive.missing(stages, _LOOK_S, node.stop):
+        if node.stop.is_set():
+            return
+        if time.monotonic() > end_s:
+            raise MissingStagesError(
+                f"no sign of {', '.join(missing)} for robot {node.link.robot!r} within {START_LIMIT_S:.0f} s; start "
+                f"{'it' if len(missing) == 1 else 'them'} on the router at {', '.join(node.link.connect)}"
+            )
+        if not said:
+            log.info("waiting for %s, for %.0f s at most", ", ".join(missing), START_LIMIT_S)
+            said = True
+        # Whoever waits does not hang; what fusion says now is of an earlier stream.
+        node.next(0.0)
 
 
 class _Player:
