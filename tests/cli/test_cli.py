@@ -1,6 +1,8 @@
 import json
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 
 import cv2
 import numpy as np
@@ -9,6 +11,8 @@ from typer.testing import CliRunner
 
 from spot3d.cli import app as cli
 from spot3d.cli.options import check_outputs
+from spot3d.recorder.mcap_writer import McapWriter
+from spot3d.recorder.profile import PROFILE
 from spot3d_schemas import MESSAGES, TOPICS
 
 runner = CliRunner()
@@ -89,6 +93,42 @@ def test_what_a_user_can_put_right_is_one_line(arguments, said, tmp_path, monkey
     assert said.format(tmp=tmp_path) in error
     assert "[Errno" not in error
     assert "\n" not in error
+
+
+def write_what_ends_like_a_bag(path):
+    """A recording of ours, or as much of one of RealSense's SDK as it is known by."""
+    if path.suffix == ".mcap":
+        McapWriter(path, PROFILE, "test").close()
+    elif path.suffix == ".db3":
+        with closing(sqlite3.connect(path)) as connection, connection:
+            connection.execute("CREATE TABLE topics (name TEXT)")
+            connection.execute("INSERT INTO topics VALUES ('/device_0/sensor_0/Depth_0/image/data')")
+    else:
+        head = b"#ROSBAG V2.0\n\x45\x00\x00\x00\x12\x00\x00\x00index_pos=" + (200).to_bytes(8, "little")
+        path.write_bytes(head.ljust(200, b"\0") + b"topic=/device_0/sensor_0/Depth_0/image/data")
+
+
+@pytest.mark.parametrize("name", ["flight.mcap", "walk.bag", "walk.db3"])
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (
+            ["run", "{input}", "--out", "{tmp}", "--depth-topic", "/d"],
+            "{input} is no ROS bag: leave --depth-topic away",
+        ),
+        (["source", "{input}", "--pose-topic", "/p"], "{input} is no ROS bag: leave --pose-topic away"),
+        (["run", "{input}", "--out", "{tmp}", "--pose", "/odom"], "--pose /odom is no key of poses"),
+    ],
+)
+def test_topics_of_recordings_that_only_end_like_a_bag_are_refused(name, options, said, tmp_path, monkeypatch, capsys):
+    path = tmp_path / name
+    write_what_ends_like_a_bag(path)
+    monkeypatch.setattr("spot3d.source.process.run", lambda *_arguments, **_named: None)
+    monkeypatch.setattr(sys, "argv", ["spot3d", *(text.format(tmp=tmp_path, input=path) for text in options)])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 2
+    assert capsys.readouterr().err.startswith(f"error: {said.format(input=path)}")
 
 
 def test_images_that_no_message_holds_are_refused_in_one_line(tmp_path, monkeypatch, capsys):

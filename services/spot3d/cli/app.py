@@ -105,8 +105,7 @@ def run(
     """Play INPUT through all stages and write the objects found, with a picture, into a folder."""
     from rich.console import Console
 
-    from spot3d.source.ros.bag import is_ros_bag
-    from spot3d.source.sequences import is_stream
+    from spot3d.source.sequences import has_topics, is_stream
 
     if pose is not None and "/" not in pose and pose not in ("kiss", "gicp", "truth", "given"):
         raise CommandError(
@@ -116,7 +115,7 @@ def run(
     topic = pose if pose is not None and "/" in pose else None
     in_bag = None
     check_topics(input_name, colour_topic=colour_topic, depth_topic=depth_topic)
-    if topic is not None and is_ros_bag(Path(input_name)):
+    if topic is not None and has_topics(input_name):
         pose, topic, in_bag = "truth", None, topic
     if topic is not None:
         _check_key(topic)

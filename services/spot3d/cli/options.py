@@ -70,10 +70,10 @@ def play_overrides(half: bool, rate: float | None, **named: str | float | None) 
 
 def check_topics(input_name: str, **options: str | None) -> None:
     """Refuse topics for what is no ROS bag. options: those that name topics, `_` for `-`; None: not given."""
-    from spot3d.source.ros.bag import is_ros_bag
+    from spot3d.source.sequences import has_topics
 
     given = [f"--{name.replace('_', '-')}" for name, topic in options.items() if topic is not None]
-    if given and not is_ros_bag(Path(input_name)):
+    if given and not has_topics(input_name):
         raise CommandError(f"{input_name} is no ROS bag: leave {' and '.join(given)} away")
 
 

@@ -71,6 +71,12 @@ def is_stream(name: str) -> bool:
     return is_camera(name) or is_realsense_recording(Path(name))
 
 
+def has_topics(name: str) -> bool:
+    """Whether an input is a ROS bag, whose topics can be named: not so what else ends in .bag, .db3 or .mcap."""
+    path = Path(name)
+    return is_ros_bag(path) and not (is_our_mcap(path) or is_realsense_recording(path))
+
+
 def open_stream(name: str) -> FrameStream:
     """The stream of a name for which `is_stream` holds. Raises SourceError where its SDK is not installed."""
     return open_camera(name) if is_camera(name) else RealSenseRecording(Path(name))
