@@ -3,6 +3,7 @@ import sqlite3
 import subprocess
 import sys
 from contextlib import closing
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from spot3d.cli import app as cli
-from spot3d.cli.options import check_outputs
+from spot3d.cli.options import CommandError, check_outputs, out_folder
 from spot3d.recorder.mcap_writer import McapWriter
 from spot3d.recorder.profile import PROFILE
 from spot3d_schemas import MESSAGES, TOPICS
@@ -46,6 +47,7 @@ def test_settings_prints_what_can_be_read_again(tmp_path):
     [
         (["schema", "Frome"], "there is no message 'Frome'; there are Frame"),
         (["run", "/nowhere/at/all", "--out", "{tmp}"], "/nowhere/at/all does not exist"),
+        (["run", "/nowhere/at/all"], "/nowhere/at/all does not exist"),
         (["run", "scene", "--out", "{tmp}", "--pose", "magic"], "--pose magic: choose kiss or gicp"),
         (["run", "scene:abc", "--out", "{tmp}"], "scene:abc names no built-in scene; there are scene, scene:SEED,"),
         (["run", "scenes:2", "--out", "{tmp}"], "for spot3d evaluate scenes:COUNT"),
@@ -143,6 +145,37 @@ def test_images_that_no_message_holds_are_refused_in_one_line(tmp_path, monkeypa
     (error,) = capsys.readouterr().err.splitlines()
     assert error.startswith("error: 2592 x 1944 pixels are more than a message holds")
     assert error.endswith("use --half")
+
+
+@pytest.mark.parametrize(
+    ("name", "folder"),
+    [
+        ("scene", "scene"),
+        ("scene:0:cluttered", "scene-0-cluttered"),
+        ("realsense", "realsense"),
+        ("data/kitchen", "kitchen"),
+        ("data/kitchen/", "kitchen"),
+        ("data/kitchen/..", "data"),
+        ("data/seq.01", "seq.01"),
+        ("flight.2.mcap", "flight.2"),
+        (".", "here"),
+        ("/", "run"),
+    ],
+)
+def test_results_go_by_the_name_of_the_input(name, folder, tmp_path, monkeypatch):
+    here = tmp_path / "here"
+    for below in ("kitchen", "seq.01"):
+        (here / "data" / below).mkdir(parents=True)
+    (here / "flight.2.mcap").touch()
+    monkeypatch.chdir(here)
+    assert out_folder(name) == Path("out", folder)
+
+
+def test_results_do_not_go_into_the_input_unasked(tmp_path, monkeypatch):
+    (tmp_path / "out" / "kitchen").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(CommandError, match="out/kitchen is the input itself"):
+        out_folder("out/kitchen/")
 
 
 def test_what_cannot_be_written_to_is_refused(tmp_path, monkeypatch):

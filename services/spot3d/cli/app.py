@@ -33,6 +33,7 @@ from spot3d.cli.options import (
     SupervisedOption,
     check_topics,
     link_overrides,
+    out_folder,
     play_overrides,
     stage_started,
 )
@@ -82,7 +83,7 @@ def main() -> None:
 @app.command()
 def run(
     input_name: InputArgument,
-    out: Annotated[Path, typer.Option(help="folder for the results")],
+    out: Annotated[Path | None, typer.Option(help="folder for the results; default: out/ and INPUT's name")] = None,
     pose: Annotated[
         str | None, typer.Option(metavar="kiss|gicp|truth|TOPIC", help="where camera poses come from; default: kiss")
     ] = None,
@@ -143,10 +144,10 @@ def run(
     from spot3d.run.run import run as run_input
     from spot3d.source.selected import selection
 
-    chosen, console = selection(input_name, frames, every, intrinsics), Console()
-    with beside(show, in_process, resolved, settings, out, console) as page:
+    chosen, console, folder = selection(input_name, frames, every, intrinsics), Console(), out or out_folder(input_name)
+    with beside(show, in_process, resolved, settings, folder, console) as page:
         endpoints = (*(listen or ()), *(() if page is None else (page.endpoint,)))
-        _conclude(run_input(chosen, resolved, out, console, in_process, topic, endpoints), resolved)
+        _conclude(run_input(chosen, resolved, folder, console, in_process, topic, endpoints), resolved)
         if page is not None:
             page.keep(console)
 

@@ -96,6 +96,21 @@ def link_overrides(
     return {"link": link}
 
 
+def out_folder(input_name: str) -> Path:
+    """Where the results of an input go if nobody says: below out/, under its name without suffix or colons.
+
+    Raises CommandError where that is the input itself.
+    """
+    place = Path(input_name)
+    if place.name in ("", ".."):
+        place = place.resolve()
+    name = place.stem if place.is_file() else place.name
+    folder = Path("out") / (name.replace(":", "-") or "run")
+    if folder.resolve() == place.resolve():
+        raise CommandError(f"{folder} is the input itself; say with --out where the results go")
+    return folder
+
+
 def check_outputs(json_file: Path | None, plots: Path | None) -> None:
     """Make the folders of what a command writes when its work is done.
 

@@ -70,6 +70,7 @@ def run(
         if settings.pose.provider == "given" and not sequence.has_true_poses and pose_topic is None:
             raise SourceError(f"{name} has no true poses; choose --pose kiss or --pose gicp")
         with sole_writer(folder):
+            console.print(f"results go to {folder}", markup=False, highlight=False, soft_wrap=True)
             return _run(sequence, selection, settings, folder, console, supervisor, pose_topic, listen)
 
 
