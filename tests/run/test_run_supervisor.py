@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from spot3d.run.supervisor import Death, Supervisor, last_line
+from spot3d.run.supervisor import RESTARTS_MAX, RESTARTS_S, Child, Death, Supervisor, last_line
 from spot3d_schemas import CameraIntrinsics
 
 LIMIT_S = 60.0
@@ -54,3 +54,23 @@ def test_a_run_cannot_go_on_without_the_process_that_starts_its_stages(tmp_path:
         death = first_death(supervisor)
     assert death.fatal
     assert "SIGKILL" in death.message
+
+
+def test_only_restarts_of_the_last_minutes_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def die_at_once(_supervisor: Supervisor, child: Child) -> None:
+        child.code = -signal.SIGSEGV
+
+    monkeypatch.setattr(Supervisor, "_launch", die_at_once)
+    now_s = 0.0
+    with Supervisor(lambda: now_s) as supervisor:
+        supervisor.start("fusion", [], tmp_path / "fusion.log")
+        for _ in range(3 * RESTARTS_MAX):  # never more than five in ten minutes, for as long as it goes on
+            (death,) = supervisor.poll({})
+            assert not death.fatal
+            now_s += RESTARTS_S / RESTARTS_MAX
+        assert "started again (5 of 5 in 10 minutes)" in death.message
+        assert supervisor.restarts() == {"fusion": 3 * RESTARTS_MAX}
+        now_s -= 1.0
+        (death,) = supervisor.poll({})
+    assert death.fatal
+    assert "was started 5 times in 10 minutes; giving up" in death.message

@@ -6,17 +6,19 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Self
 
 from spot3d.dataflow.process_use import KEEPING_MEMORY, SINGLE_THREADED
 from spot3d.settings import without_settings
 
-RESTARTS_MAX = 5
-"""A stage that dies more often than this is given up."""
+RESTARTS_MAX, RESTARTS_S = 5, 600.0
+"""A stage that dies more often than this within so many seconds is given up."""
 USER_ERROR = 2
 """Exit code of a stage that cannot work as it was told to: starting it again would change nothing."""
 _END_S = 5.0
@@ -31,13 +33,17 @@ _ENVIRONMENT = {"PYTHONUNBUFFERED": "1", "PYDANTIC_DISABLE_PLUGINS": "__all__"}
 
 @dataclass(slots=True)
 class Child:
-    """One stage's process; code: with which exit code it has ended, None while it runs."""
+    """One stage's process; code: with which exit code it has ended, None while it runs.
+
+    restarts: all of them; recent_s: when the last ones were, seconds.
+    """
 
     stage: str
     arguments: list[str]
     log: Path
     code: int | None = None
     restarts: int = 0
+    recent_s: deque[float] = field(default_factory=deque)
     finished: bool = False
 
 
@@ -53,11 +59,13 @@ class Death:
 class Supervisor:
     """Has `spot3d STAGE ARGUMENTS` run for each stage; use it in a `with` block, which ends all.
 
-    The stages are forked from the fork server, which imports what they need as soon as the block is entered.
+    The stages are forked from the fork server, which imports what they need as soon as the block is entered. clock: the
+    time by which restarts are counted, seconds.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.children: dict[str, Child] = {}
+        self._clock = clock
 
     def __enter__(self) -> Self:
         environment = without_settings(os.environ) | SINGLE_THREADED | KEEPING_MEMORY | _ENVIRONMENT
@@ -160,14 +168,19 @@ class Supervisor:
         if code == USER_ERROR:
             child.finished = True
             return Death(child.stage, f"{child.stage}: {last_line(child.log)}", fatal=True)
-        if child.restarts == RESTARTS_MAX:
+        now_s, recent_s = self._clock(), child.recent_s
+        while recent_s and now_s - recent_s[0] >= RESTARTS_S:
+            recent_s.popleft()
+        often = f"in {RESTARTS_S / 60:.0f} minutes"
+        if len(recent_s) == RESTARTS_MAX:
             child.finished = True
-            message = f"{child.stage} {how} and was started {RESTARTS_MAX} times before; giving up, see {child.log}"
+            message = f"{child.stage} {how} and was started {RESTARTS_MAX} times {often}; giving up, see {child.log}"
             return Death(child.stage, message, fatal=True)
+        recent_s.append(now_s)
         child.restarts += 1
         child.arguments = child.arguments if arguments is None else list(arguments)
         self._launch(child)
-        text = f"{child.stage} {how}; started again ({child.restarts} of {RESTARTS_MAX})"
+        text = f"{child.stage} {how}; started again ({len(recent_s)} of {RESTARTS_MAX} {often})"
         return Death(child.stage, text, fatal=False)
 
 
