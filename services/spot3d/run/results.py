@@ -14,6 +14,8 @@ from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.found_object import FoundObject
 from spot3d.whole_file import whole_file
 
+RESULTS = ("objects.json", "heatmap.ply")
+"""The files that `write_results` writes."""
 _VERTEX = np.dtype(
     [
         *((axis, "<f4") for axis in "xyz"),

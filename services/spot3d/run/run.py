@@ -17,7 +17,7 @@ from spot3d.run.display import progress_bar
 from spot3d.run.distributed import Plan, run_distributed
 from spot3d.run.overview_file import View, write_overview
 from spot3d.run.report import RunReport, report_document
-from spot3d.run.results import RunResult, write_json, write_results
+from spot3d.run.results import RESULTS, RunResult, write_json, write_results
 from spot3d.run.sole_writer import sole_writer
 from spot3d.run.supervisor import Supervisor
 from spot3d.run.timeline import NAME as TIMELINE
@@ -31,8 +31,9 @@ from spot3d.source.selected import Selection, open_selection
 from spot3d.source.sequence import FrameSequence
 from spot3d.source.sequences import is_stream
 
-_UNFINISHED = "the run goes on, or was killed"
+_UNFINISHED = "the run goes on, was killed, or could not begin"
 """What a report says as the error until the run has ended."""
+_OVERVIEW = "overview.png"
 _SNAPSHOTS = "snapshots"
 """Folder of what stages that are started again go on from; it goes with the end of the run, unless that is killed."""
 
@@ -92,6 +93,7 @@ def _run(
     mode = "in process" if in_process else "processes"
     played = len(sequence) if camera is None else selection.frames or 0
     report = RunReport(selection.name, mode, played, size, asdict(selection))
+    _begin(folder, report)
     start_s = time.perf_counter()
     with (
         stop_on_signals(None) as stop,
@@ -134,7 +136,7 @@ def _run(
         shutil.rmtree(folder / "logs", ignore_errors=True)
     name = Path(selection.name).name or selection.name
     camera_path = np.array([item.T_world_camera[:3, 3] for item in result.path()]).reshape(-1, 3)
-    write_overview(folder / "overview.png", name, _views(sequence, result), result, camera_path)
+    write_overview(folder / _OVERVIEW, name, _views(sequence, result), result, camera_path)
     shutil.rmtree(folder / _SNAPSHOTS, ignore_errors=True)
     return Finished(folder, sequence, result, report)
 
@@ -143,6 +145,13 @@ def _count(report: RunReport, camera: CameraFrames | None) -> None:
     """Enter what is known of a camera's frames only once they have come."""
     if camera is not None:
         report.image, report.played = camera.image, report.fused + sum(report.skipped.values())
+
+
+def _begin(folder: Path, report: RunReport) -> None:
+    """Say in the report that the run goes on, and let no result of an earlier one be taken for this one's."""
+    write_json(folder / "report.json", report_document(replace(report, error=_UNFINISHED)))
+    for name in (*RESULTS, _OVERVIEW):
+        (folder / name).unlink(missing_ok=True)
 
 
 def _write(folder: Path, result: RunResult, report: RunReport, wall_s: float) -> None:

@@ -1,0 +1,37 @@
+"""What is in a run's folder while it goes on."""
+
+import json
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from spot3d.run.run import run
+from spot3d.settings import load_settings
+from spot3d.source.selected import Selection
+
+
+class StartedError(Exception):
+    """The stages would be started now."""
+
+
+@pytest.mark.parametrize("in_process", [True, False])
+def test_nothing_of_an_earlier_run_is_there_when_the_stages_start(
+    in_process: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def start(*_: object) -> None:
+        raise StartedError
+
+    monkeypatch.setattr("spot3d.run.in_process.run_in_process", start)
+    monkeypatch.setattr("spot3d.run.run.run_distributed", start)
+    for name in ("objects.json", "objects.jsonl", "heatmap.ply", "overview.png", "trajectory.txt"):
+        (tmp_path / name).write_text("of the run before")
+    (tmp_path / "report.json").write_text('{"error": null}')
+    with pytest.raises(StartedError):
+        run(Selection("scene", 3), load_settings(), tmp_path, Console(quiet=True), in_process)
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["error"] == "the run goes on, was killed, or could not begin"
+    assert (report["input"], report["frames"]["fused"]) == ("scene", 0)
+    left = {path.name for path in tmp_path.iterdir() if path.is_file() and path.read_text() == "of the run before"}
+    assert not left
+    assert not [name for name in ("objects.json", "heatmap.ply", "overview.png") if (tmp_path / name).exists()]
