@@ -131,7 +131,7 @@ def test_nothing_was_compiled_and_what_would_be_outlives_a_restart() -> None:
     compose("up", "--detach", "--force-recreate", "--no-deps", "fusion")
     wait(lambda: inspect("fusion", "{{.State.Health.Status}}") == "healthy")
     assert "compiled-here" in inside("segments", "ls", folder)
-    assert {"fusion.snapshot", "pose.snapshot"} <= set(inside("fusion", "ls", "/var/lib/spot3d").split())
+    assert {"fusion.snapshot", "pose.snapshot"} <= set(inside("fusion", "ls", "/var/lib/spot3d/robot").split())
 
 
 def test_a_frozen_stage_is_started_again() -> None:

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from spot3d.dataflow import snapshot_writer
-from spot3d.dataflow.snapshot_writer import SnapshotWriter
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.snapshot_writer import SnapshotWriter, snapshot_path
 
 LIMIT_S = 20.0
 
@@ -33,3 +34,13 @@ def test_a_snapshot_that_takes_long_is_not_written_over(tmp_path: Path, monkeypa
     assert written == [[b"first"]]
     writer.write_last([b"fourth"])
     assert written == [[b"first"], [b"fourth"]]
+
+
+def test_each_robot_has_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    chosen = LinkSettings(robot="drone", snapshot_folder=str(tmp_path / "kept"))
+    assert snapshot_path(chosen, "pose") == tmp_path / "kept" / "drone" / "pose.snapshot"
+    assert (
+        snapshot_path(LinkSettings(robot="drone"), "pose") == tmp_path / "state" / "spot3d" / "drone" / "pose.snapshot"
+    )
+    assert snapshot_path(chosen.model_copy(update={"robot": "other"}), "pose") != snapshot_path(chosen, "pose")

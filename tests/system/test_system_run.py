@@ -207,7 +207,7 @@ def test_a_run_that_is_killed_leaves_the_results_of_its_last_ten_seconds(endless
     assert len(cloud.partition(b"end_header\n")[2]) == count * VERTEX_BYTES > 0
     updates = [json.loads(line) for line in (endless.out / "objects.jsonl").read_text().splitlines()]
     assert updates[-1]["frame_count"] >= objects["frame_count"], "each update is written as it comes"
-    told, _ = read_account(endless.out / "snapshots" / "fusion.snapshot")
+    told, _ = read_account(endless.out / "snapshots" / "robot" / "fusion.snapshot")
     assert told.fused > 0
 
 

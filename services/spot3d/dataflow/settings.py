@@ -66,7 +66,9 @@ class LinkSettings(BaseModel):
         description="fusion keeps a snapshot of its map this often, seconds, and when stopped, to go on from; 0: none",
     )
     snapshot_folder: str = Field(
-        "", description="where snapshots are kept; empty: spot3d/ROBOT in $XDG_STATE_HOME, or in ~/.local/state"
+        "",
+        description="where snapshots are kept, in a folder by the robot's name; empty: spot3d in $XDG_STATE_HOME, or "
+        "in ~/.local/state",
     )
     thin_link: bool = Field(False, description="compress images, and of heat messages send what fusion looks at")
     jpeg_quality: int = Field(90, ge=1, le=100, description="thin_link: quality of the colour images")

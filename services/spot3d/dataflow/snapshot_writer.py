@@ -17,8 +17,8 @@ _PATIENCE_S = 60.0
 def snapshot_path(link: LinkSettings, stage: str) -> Path:
     """Where a stage of this robot keeps its snapshot."""
     state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
-    folder = Path(link.snapshot_folder) if link.snapshot_folder else Path(state) / "spot3d" / link.robot
-    return folder / f"{stage}.snapshot"
+    folder = Path(link.snapshot_folder) if link.snapshot_folder else Path(state) / "spot3d"
+    return folder / link.robot / f"{stage}.snapshot"
 
 
 class SnapshotWriter:
