@@ -34,7 +34,7 @@ _PRIORITY = zenoh.Priority.DATA_LOW
 _NAME = b"the dashboard"
 """Fusion tells by whom it was reset."""
 ROBOTS_MAX = 16
-"""Robots that are listened to; beyond, the page says that there are more."""
+"""Robots that are shown; one that is gone makes room, and where more are alive the page says so."""
 
 Heard = tuple[str, str, Message]
 """Robot, topic, message."""
@@ -95,6 +95,10 @@ class Link:
             with self._lock:
                 self._interest = interest
                 self._listen()
+
+    def forget(self, robot: str) -> None:
+        """Of a robot that comes back, ask for its whole map."""
+        self._cursors.pop(robot, None)
 
     def drain(self) -> Iterator[Heard]:
         """Everything that has come since the last call; what is no valid message is left out."""

@@ -3,7 +3,7 @@
 import logging
 import operator
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
@@ -63,10 +63,12 @@ class Page:
             robot = self._robot(name)
             if robot is not None:
                 robot.hear(topic, message, now_s)
-        for name in self._link.alive:
+        alive = self._link.alive
+        for name in alive:
+            self._make_room(name, alive)
             self._robot(name)
         for robot in self._robots.values():
-            robot.alive = self._link.alive.get(robot.name, frozenset())
+            robot.present(alive.get(robot.name, frozenset()), now_s)
         chosen = self._panel.robots(sorted(self._robots), first)
         self._shown = [self._robots[name] for name in chosen]
         watched = self._always or bool(self._server.get_clients())
@@ -86,6 +88,18 @@ class Page:
         if name not in self._robots and len(self._robots) < ROBOTS_MAX:
             self._robots[name] = Robot(name, self._settings.points_max)
         return self._robots.get(name)
+
+    def _make_room(self, name: str, alive: Collection[str]) -> None:
+        """Where there are as many robots as can be, and this is another: forget the one that is gone the longest."""
+        gone = [robot for robot in self._robots.values() if robot.name not in alive]
+        if name in self._robots or len(self._robots) < ROBOTS_MAX or not gone:
+            return
+        longest = min(gone, key=lambda robot: robot.alive_s).name
+        del self._robots[longest]
+        self._link.forget(longest)
+        scene = self._scenes.pop(longest, None)
+        if scene is not None:
+            scene.remove()
 
     def _tell(self, now_s: float) -> None:
         """The texts of the panels."""

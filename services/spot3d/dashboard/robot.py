@@ -28,6 +28,8 @@ class Robot:
     def __init__(self, name: str, points_max: int) -> None:
         self.name = name
         self.alive: frozenset[str] = frozenset()
+        self.alive_s = float("-inf")
+        """When a stage of it was last there."""
         self.records = StageRecords()
         self.map = MapCopy(points_max)
         self.objects: Objects | None = None
@@ -47,6 +49,12 @@ class Robot:
     def complete(self) -> bool:
         """Whether the last objects of a run are here."""
         return self.objects is not None and self.objects.complete
+
+    def present(self, stages: frozenset[str], now_s: float) -> None:
+        """These stages of it are alive now."""
+        self.alive = stages
+        if stages:
+            self.alive_s = now_s
 
     def hear(self, topic: str, message: Message, now_s: float) -> None:
         """Take in a message of this robot."""

@@ -118,6 +118,10 @@ class RobotScene:
         if self._root.visible != there:
             self._root.visible = there
 
+    def remove(self) -> None:
+        """Take the robot from the page."""
+        self._root.remove()
+
     def turn(self, up: NDArray[np.float64] | None) -> None:
         """Let `up` (3,), of this robot's world, be up in the view, unless it hardly differs from what is."""
         if up is None or (self._up is not None and up @ self._up > _TURN):

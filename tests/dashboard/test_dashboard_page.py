@@ -1,0 +1,76 @@
+"""Which robots the page knows: those that are alive, and of those that are gone as many as there is room for."""
+
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("viser", reason="the dashboard's packages are not installed")
+
+import numpy as np
+import viser
+from schemas_samples import SAMPLES
+
+from spot3d.dashboard.link import ROBOTS_MAX, Heard, Link
+from spot3d.dashboard.page import Page
+from spot3d.dashboard.process import open_server
+from spot3d.dashboard.settings import DashboardSettings
+from spot3d.dataflow.settings import LinkSettings
+
+POSE = SAMPLES["Pose"].model_copy(update={"status": "ok", "reason": "", "T_world_camera": np.eye(4)})
+NAMES = [f"drone-{number:02}" for number in range(ROBOTS_MAX)]
+
+
+class Fleet(Link):
+    """A link that hears what it is told here."""
+
+    def __init__(self) -> None:
+        super().__init__(LinkSettings(), 1.0)
+        self.connected = True
+        self.heard: list[Heard] = []
+
+    def drain(self) -> Iterator[Heard]:
+        heard, self.heard = self.heard, []
+        yield from heard
+
+    def has(self, *names: str) -> None:
+        self.alive = {name: frozenset(("pose",)) for name in names}
+
+
+@pytest.fixture
+def server() -> Iterator[viser.ViserServer]:
+    with open_server(DashboardSettings(port=18_420, points_max=1000)) as server:
+        yield server
+
+
+def test_a_robot_too_many_takes_the_place_of_the_one_that_is_gone_the_longest(server: viser.ViserServer) -> None:
+    fleet = Fleet()
+    page = Page(server, fleet, DashboardSettings(points_max=1000), "tcp/a:1", always=False)
+    try:
+        first, second, *others = NAMES
+        fleet.has(*NAMES)
+        page.step(first=second)
+        fleet.heard = [(second, "pose/pose", POSE)]
+        page._slow_s = page._quick_s = 0.0
+        page.step()
+        fleet.has(first, *others)
+        fleet._cursors = {second: (7, 100)}
+        page.step()
+        fleet.has(*others)
+        page.step()
+        assert set(page._robots) == {*NAMES}, "who is gone stays, with what it found"
+        assert server.scene.get_handle_by_name(f"/{second}") is not None
+        fleet.has(*others, "late")
+        page.step()
+        assert set(page._robots) == {first, *others, "late"}
+        assert server.scene.get_handle_by_name(f"/{second}") is None
+        assert not fleet._cursors, "when it comes back, its whole map is asked for"
+        fleet.has(*others, "late", "later")
+        page.step()
+        assert set(page._robots) == {*others, "late", "later"}
+        fleet.has(*others, "late", "later", second)
+        page._slow_s = 0.0
+        page.step()
+        assert set(page._robots) == {*others, "late", "later"}, "none is gone"
+        assert "17 robots are alive; the first 16 are listened to" in page._panel.waiting._said
+    finally:
+        page.close()
