@@ -28,15 +28,11 @@ _OFTENER = 1.25
 
 
 class Pacing:
-    """Says of each image whether it goes, and learns from when images arrive. Times are monotonic seconds."""
+    """Says of each image whether it goes, and learns from when images arrive; for one connection. Monotonic seconds."""
 
     def __init__(self) -> None:
         self._offered_s: float | None = None
         self._gap_s = _FIRST_S
-        self.forget_the_way()
-
-    def forget_the_way(self) -> None:
-        """The connection is another one: nothing is known of delays, and what was on the way is lost."""
         self.interval_s = _FIRST_S
         self._number = 0
         self._on_the_way: deque[tuple[int, float, bool]] = deque()

@@ -88,7 +88,6 @@ class Panel:
         camera = gui.add_panel()
         with camera.add_tab("Camera"):
             self._picture = gui.add_image(np.zeros((1, 1, 3), np.uint8), format="jpeg", jpeg_quality=75, visible=False)
-            self.camera = _Text(gui.add_markdown(""))
         camera.dock_left()
         camera.set_width(400)
         gui.main_panel.dock_right()

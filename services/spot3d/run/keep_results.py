@@ -17,7 +17,7 @@ from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.streams import Streams
 from spot3d.run.collector import asked_map, decoded, found_objects
-from spot3d.run.sights import Sights
+from spot3d.run.overview_frames import OverviewFrames
 from spot3d.run.stream_folder import StreamFolder, drop_oldest
 from spot3d_schemas import TOPICS, Message, Objects, Pose, Progress, key
 
@@ -53,7 +53,7 @@ class _Keeper:
     def __init__(self, session: zenoh.Session, link: LinkSettings, out: Path, keep: int) -> None:
         self._session, self._robot, self._out, self._keep = session, link.robot, out, keep
         self._heartbeat = Heartbeat(link.heartbeat)
-        self._sights = Sights(session, link.robot)
+        self._seen = OverviewFrames(session, link.robot)
         self._streams = Streams()
         self._folder: StreamFolder | None = None
         self._written_s = float("-inf")
@@ -67,7 +67,7 @@ class _Keeper:
                 subscriber = self._session.declare_subscriber(key(self._robot, topic), RingChannel(_WAITING))
                 stack.callback(subscriber.undeclare)
                 inputs[topic] = subscriber.handler
-            stack.callback(self._sights.close)
+            stack.callback(self._seen.close)
             log.info("results of %s go to %s", self._robot, self._out.absolute())
             while not stop.wait(_POLL_S):
                 self._drain(inputs)
@@ -90,7 +90,7 @@ class _Keeper:
                     self._take(message)
         now_s = time.monotonic()
         if self._folder is not None:
-            self._sights.look(self._folder.stream, now_s)
+            self._seen.look(self._folder.stream, now_s)
             if now_s - self._written_s >= _WRITE_S:
                 self._write(self._folder)
 
@@ -113,7 +113,7 @@ class _Keeper:
         if isinstance(message, Pose):
             pose = None if message.status == "lost" else message.T_world_camera
             folder.pose(message.header.stamp_ns, pose)
-            self._sights.pose(message.header.stamp_ns, pose)
+            self._seen.pose(message.header.stamp_ns, pose)
         elif isinstance(message, Progress):
             folder.progress = message
         elif isinstance(message, Objects):
@@ -132,13 +132,13 @@ class _Keeper:
                 self._write(folder, map_s, last=True)
                 log.info("stream %s has not been completed; results in %s", folder.stream, folder.path)
             folder.close()
-        self._sights.forget()
+        self._seen.forget()
 
     def _write(self, folder: StreamFolder, map_s: float | None = None, last: bool = False) -> None:
         self._written_s = time.monotonic()
         points = None if map_s is None else asked_map(self._session, self._robot, map_s)
         pictured = last or map_s is not None
         try:
-            folder.write(points, self._sights.views if pictured else None)
+            folder.write(points, self._seen.views if pictured else None)
         except OSError as error:
             log.error("the results of stream %s are not whole: %s", folder.stream, error)

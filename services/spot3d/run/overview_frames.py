@@ -19,7 +19,7 @@ _POSES = 300
 """A frame's pose is among so many latest ones."""
 
 
-class Sights:
+class OverviewFrames:
     """Takes a frame now and then. Between two it does not listen: nobody sends it frames that it would not keep."""
 
     def __init__(self, session: zenoh.Session, robot: str) -> None:
