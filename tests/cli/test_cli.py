@@ -178,6 +178,26 @@ def test_results_do_not_go_into_the_input_unasked(tmp_path, monkeypatch):
         out_folder("out/kitchen/")
 
 
+@pytest.mark.parametrize(
+    ("more", "folder", "listen", "usual"),
+    [
+        ([], "out/scene", (), "tcp/127.0.0.1:7447"),
+        (["--out", "results"], "results", (), "tcp/127.0.0.1:7447"),
+        (["--listen", "tcp/127.0.0.1:7450"], "out/scene", ("tcp/127.0.0.1:7450",), None),
+    ],
+)
+def test_a_run_is_reached_at_the_usual_endpoint_unless_told_another(more, folder, listen, usual, monkeypatch):
+    asked = []
+
+    def refuse(_chosen, _settings, *rest):
+        asked.extend(rest)
+        raise CommandError("not now")
+
+    monkeypatch.setattr("spot3d.run.run.run", refuse)
+    assert isinstance(runner.invoke(cli.app, ["run", "scene", *more]).exception, CommandError)
+    assert (asked[0], *asked[-2:]) == (Path(folder), listen, usual)
+
+
 def test_what_cannot_be_written_to_is_refused(tmp_path, monkeypatch):
     """Permissions are asked for, not tried: root may do all."""
     monkeypatch.setattr("os.access", lambda path, mode: path != tmp_path / "kept.json")

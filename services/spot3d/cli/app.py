@@ -37,6 +37,7 @@ from spot3d.cli.options import (
     play_overrides,
     stage_started,
 )
+from spot3d.dataflow.settings import USUAL_ENDPOINT
 from spot3d.dataflow.thread_deaths import end_with_any_thread
 from spot3d.file_errors import in_words
 from spot3d.settings import InvalidSettingsError, Settings, load_settings, to_toml
@@ -147,7 +148,8 @@ def run(
     chosen, console, folder = selection(input_name, frames, every, intrinsics), Console(), out or out_folder(input_name)
     with beside(show, in_process, resolved, settings, folder, console) as page:
         endpoints = (*(listen or ()), *(() if page is None else (page.endpoint,)))
-        _conclude(run_input(chosen, resolved, folder, console, in_process, topic, endpoints), resolved)
+        usual = None if listen else USUAL_ENDPOINT
+        _conclude(run_input(chosen, resolved, folder, console, in_process, topic, endpoints, usual), resolved)
         if page is not None:
             page.keep(console)
 

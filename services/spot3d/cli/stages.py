@@ -31,6 +31,7 @@ from spot3d.cli.options import (
     play_overrides,
     stage_started,
 )
+from spot3d.dataflow.settings import USUAL_ENDPOINT
 from spot3d.settings import Settings, load_settings
 
 _NEWCOMERS_S = 0.5
@@ -230,7 +231,7 @@ def router(
     Its certificate is that of the settings' [link], and who may do what is what their [access] says.
     """
     stop = stage_started(supervised)
-    endpoints, others = tuple(listen or ["tcp/127.0.0.1:7447"]), tuple(connect or ())
+    endpoints, others = tuple(listen or [USUAL_ENDPOINT]), tuple(connect or ())
     if stages is not None:
         stages.parent.mkdir(parents=True, exist_ok=True)
         endpoints = (f"unixsock-stream/{stages.absolute()}", *endpoints)

@@ -12,13 +12,15 @@ _ENDPOINT = re.compile(
     r"unixsock-stream/\S+|(tcp|tls|quic|ws)/(\[[^]\s]+]|[^][:/\s]+):(?P<port>[0-9]+)([?#]\S*)?", re.ASCII
 )
 _PORT_MAX = 65535
+USUAL_ENDPOINT = "tcp/127.0.0.1:7447"
+"""Where routers listen, and everybody else looks for one, unless told otherwise."""
 
 
 def _checked_endpoint(text: str) -> str:
     match = _ENDPOINT.fullmatch(text)
     if match is None or int(match["port"] or 0) > _PORT_MAX:
         raise ValueError(
-            f"expected tcp/ADDRESS:PORT with a port up to {_PORT_MAX}, as tcp/127.0.0.1:7447 (or tls, quic, ws), or "
+            f"expected tcp/ADDRESS:PORT with a port up to {_PORT_MAX}, as {USUAL_ENDPOINT} (or tls, quic, ws), or "
             "unixsock-stream/PATH"
         )
     return text
@@ -38,9 +40,7 @@ class LinkSettings(BaseModel):
     mode: Literal["client", "peer", "router"] = Field(
         "client", description="client: of the router at `connect`; router: serves the clients at `listen`"
     )
-    connect: tuple[Endpoint, ...] = Field(
-        ("tcp/127.0.0.1:7447",), description="endpoints to connect to; retried for ever"
-    )
+    connect: tuple[Endpoint, ...] = Field((USUAL_ENDPOINT,), description="endpoints to connect to; retried for ever")
     listen: tuple[Endpoint, ...] = Field((), description="endpoints to listen on")
     ca: Path | None = Field(
         None, description="tls: certificate of the authority that signs the others'; none: the public web's authorities"

@@ -28,7 +28,7 @@ def progress_bar(total: int | None, console: Console) -> Iterator[Watcher]:
             text = f"[red]{dropped} not fused" if dropped else "none dropped"
             bar.update(task, completed=fused + dropped, objects=objects, dropped=text, description="fusing")
 
-        def say(text: str) -> None:
-            console.print(text, style="yellow", markup=False, highlight=False, soft_wrap=True)
+        def say(text: str, style: str | None = None) -> None:
+            console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
 
-        yield Watcher(follow, say)
+        yield Watcher(follow, lambda text: say(text, "yellow"), say)

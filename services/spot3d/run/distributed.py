@@ -6,20 +6,18 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from threading import Event
 
-from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.streams import new_stream
 from spot3d.run.camera_frames import CameraFrames
 from spot3d.run.collector import Collector, relay_poses
+from spot3d.run.meeting import open_meeting
 from spot3d.run.report import RunReport
 from spot3d.run.results import RunResult, empty_snapshot
 from spot3d.run.supervisor import Supervisor
 from spot3d.run.timeline import Timeline
 from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d.run.watcher import Watcher
-from spot3d.security.access import access_control
 from spot3d.settings import Settings
 from spot3d.source.selected import Selection
 from spot3d_schemas import STAGES, key
@@ -39,6 +37,7 @@ _MAP_S, _MAP_INTERRUPTED_S = 30.0, 2.0
 class Plan:
     """What to run. settings_file: the resolved settings; pose_topic: key of someone else's poses, or None.
 
+    listen: endpoints for other programs; usual: one more, if it is free.
     camera: keeps some frames of an input that is a camera; None: it is none. stream: the name of the frames' stream,
     which a source that is started again goes on with.
     """
@@ -48,6 +47,7 @@ class Plan:
     settings_file: Path
     pose_topic: str | None = None
     listen: tuple[str, ...] = ()
+    usual: str | None = None
     camera: CameraFrames | None = None
     stream: str = field(default_factory=new_stream)
 
@@ -71,13 +71,9 @@ def run_distributed(
     robot = plan.settings.link.robot
     logs.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
-        access = access_control(plan.settings.access) if plan.settings.access.enabled else None
-        spare = _spares_onlookers(plan)
-        endpoint = free_loopback_endpoint()
-        if spare:
-            endpoint = f"unixsock-stream/{stack.enter_context(TemporaryDirectory(prefix='spot3d-'))}/stages"
-        listen = (endpoint, *plan.listen)
-        session = stack.enter_context(open_router(listen, link=plan.settings.link, access=access, spare=spare))
+        apart = _stages_meet_apart(plan)
+        meeting = stack.enter_context(open_meeting(plan.settings, plan.listen, plan.usual, apart, watcher))
+        session, endpoint = meeting.session, meeting.endpoint
         collector = stack.enter_context(Collector(session, robot, plan.stream, timeline, trajectory))
         if plan.camera is not None:
             stack.enter_context(plan.camera.hear(session, robot, plan.stream))
@@ -97,13 +93,12 @@ def run_distributed(
         return collector.result(points)
 
 
-def _spares_onlookers(plan: Plan) -> bool:
+def _stages_meet_apart(plan: Plan) -> bool:
     """Whether the stages meet where nobody else does, so that a slow onlooker of a lossless run holds nobody up.
 
     Not where somebody from elsewhere is a stage, as whoever gives the poses.
     """
-    lossless = plan.settings.link.delivery == "lossless" and plan.pose_topic is None
-    return lossless and bool(plan.listen) and sys.platform != "win32"
+    return plan.settings.link.delivery == "lossless" and plan.pose_topic is None and sys.platform != "win32"
 
 
 def _follow(

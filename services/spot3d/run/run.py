@@ -56,9 +56,11 @@ def run(
     in_process: bool = False,
     pose_topic: str | None = None,
     listen: Sequence[str] = (),
+    usual: str | None = None,
 ) -> Finished:
     """Play the input through all stages and write every result file into `folder`.
 
+    pose_topic: key of someone else's poses. listen: endpoints for other programs; usual: one more, if it is free.
     Ctrl-C (SIGINT) or SIGTERM end the stages at once; what there is by then is written all the same.
     Raises SourceError for an input that cannot be played, or where another run writes into `folder`, and OSError where
     that cannot be written.
@@ -72,7 +74,7 @@ def run(
             raise SourceError(f"{name} has no true poses; choose --pose kiss or --pose gicp")
         with sole_writer(folder):
             console.print(f"results go to {folder}", markup=False, highlight=False, soft_wrap=True)
-            return _run(sequence, selection, settings, folder, console, supervisor, pose_topic, listen)
+            return _run(sequence, selection, settings, folder, console, supervisor, pose_topic, tuple(listen), usual)
 
 
 def _run(
@@ -83,7 +85,8 @@ def _run(
     console: Console,
     supervisor: Supervisor | None,
     pose_topic: str | None,
-    listen: Sequence[str],
+    listen: tuple[str, ...],
+    usual: str | None,
 ) -> Finished:
     in_process = supervisor is None
     camera = sequence if isinstance(sequence, CameraFrames) else None
@@ -108,7 +111,7 @@ def _run(
             result = run_in_process(sequence, settings, report, timeline, trajectory, watcher, stop)
         else:
             stages_file = _stages_settings(settings, folder)
-            plan = Plan(selection, settings, stages_file, pose_topic, tuple(listen), camera)
+            plan = Plan(selection, settings, stages_file, pose_topic, listen, usual, camera)
 
             def keep(result: RunResult) -> None:
                 _count(report, camera)

@@ -1,0 +1,54 @@
+"""Where the stages of a run meet, and where other programs reach it."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from tempfile import TemporaryDirectory
+
+import zenoh
+
+from spot3d.dataflow.router import free_loopback_endpoint, open_router
+from spot3d.run.watcher import Watcher
+from spot3d.security.access import access_control
+from spot3d.settings import Settings
+
+
+@dataclass(frozen=True, slots=True)
+class Meeting:
+    """The session of a run's router, and the endpoint of its stages."""
+
+    session: zenoh.Session
+    endpoint: str
+
+
+@contextmanager
+def open_meeting(
+    settings: Settings, listen: tuple[str, ...], usual: str | None, apart: bool, watcher: Watcher
+) -> Iterator[Meeting]:
+    """The router of a run, for as long as the block is entered.
+
+    listen: endpoints for other programs; usual: one more, without which it goes where that is taken. apart: if other
+    programs can come at all, the stages meet at a Unix socket, and no stage waits for who is not there.
+    Raises ConnectionError where it cannot listen, TlsError where its certificate cannot be used.
+    """
+    with ExitStack() as stack:
+        meeting: Meeting | None = None
+        if usual is not None:
+            # To look whether it is free would not be enough: another run may begin at the same time.
+            try:
+                meeting = stack.enter_context(_listening(settings, (usual, *listen), apart))
+                watcher.on_note(f"status, dashboard and record reach this run at {usual}")
+            except ConnectionError:
+                watcher.on_event(f"{usual} is taken: other programs reach this run only where --listen says")
+        yield meeting or stack.enter_context(_listening(settings, listen, apart))
+
+
+@contextmanager
+def _listening(settings: Settings, listen: tuple[str, ...], apart: bool) -> Iterator[Meeting]:
+    access = access_control(settings.access) if settings.access.enabled else None
+    with ExitStack() as stack:
+        spare, endpoint = apart and bool(listen), free_loopback_endpoint()
+        if spare:
+            endpoint = f"unixsock-stream/{stack.enter_context(TemporaryDirectory(prefix='spot3d-'))}/stages"
+        router = open_router((endpoint, *listen), link=settings.link, access=access, spare=spare)
+        yield Meeting(stack.enter_context(router), endpoint)

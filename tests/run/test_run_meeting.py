@@ -1,0 +1,78 @@
+"""Where a run is reached: at the usual endpoint if that is free, and where it must be."""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from threading import Barrier
+
+import pytest
+
+from spot3d.dataflow.router import free_loopback_endpoint, open_router
+from spot3d.dataflow.session import open_session
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.run.meeting import Meeting, open_meeting
+from spot3d.run.watcher import Watcher
+from spot3d.settings import load_settings
+
+LIMIT_S = 20.0
+
+
+@dataclass
+class Told:
+    notes: list[str] = field(default_factory=list)
+    events: list[str] = field(default_factory=list)
+
+    def watcher(self) -> Watcher:
+        return Watcher(lambda *_: None, self.events.append, self.notes.append)
+
+
+def reached(meeting: Meeting, endpoint: str) -> bool:
+    """Whether who connects there is at the run's own router."""
+    with open_session(LinkSettings(connect=(endpoint,))) as session:
+        return list(map(str, session.info.routers_zid())) == [str(meeting.session.info.zid())]
+
+
+@pytest.mark.parametrize("apart", [True, False])
+def test_others_reach_a_run_at_the_usual_endpoint(apart: bool) -> None:
+    usual, told = free_loopback_endpoint(), Told()
+    with open_meeting(load_settings(), (), usual, apart, told.watcher()) as meeting:
+        assert reached(meeting, usual)
+        assert reached(meeting, meeting.endpoint)
+        assert meeting.endpoint.startswith("unixsock-stream/") == apart
+    assert (told.notes, told.events) == ([f"status, dashboard and record reach this run at {usual}"], [])
+
+
+@pytest.mark.parametrize("others", [0, 1])
+def test_a_run_goes_without_the_usual_endpoint_where_that_is_taken(others: int) -> None:
+    usual, told = free_loopback_endpoint(), Told()
+    listen = tuple(free_loopback_endpoint() for _ in range(others))
+    with open_router((usual,)), open_meeting(load_settings(), listen, usual, True, told.watcher()) as meeting:
+        assert not reached(meeting, usual)
+        assert all(reached(meeting, endpoint) for endpoint in (meeting.endpoint, *listen))
+        assert meeting.endpoint.startswith("unixsock-stream/") == bool(listen), "only who can come is kept apart"
+    assert (told.notes, told.events) == (
+        [],
+        [f"{usual} is taken: other programs reach this run only where --listen says"],
+    )
+
+
+def test_an_endpoint_that_was_asked_for_must_be_had() -> None:
+    endpoint = free_loopback_endpoint()
+    with open_router((endpoint,)), pytest.raises(ConnectionError, match=f"cannot listen at .*{endpoint}"):
+        open_meeting(load_settings(), (endpoint,), None, True, Told().watcher()).__enter__()
+
+
+def test_of_runs_that_begin_at_once_one_has_the_usual_endpoint() -> None:
+    usual, settings, told, runs = free_loopback_endpoint(), load_settings(), Told(), 4
+    together = Barrier(runs)
+
+    def begin(stack: ExitStack) -> None:
+        together.wait(LIMIT_S)
+        stack.enter_context(open_meeting(settings, (), usual, True, told.watcher()))
+
+    with ExitStack() as stack, ThreadPoolExecutor(runs) as pool:
+        stacks: Sequence[ExitStack] = [stack.enter_context(ExitStack()) for _ in range(runs)]
+        for begun in [pool.submit(begin, own) for own in stacks]:
+            begun.result(LIMIT_S)
+    assert (len(told.notes), len(told.events)) == (1, runs - 1)
