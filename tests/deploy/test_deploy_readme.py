@@ -140,6 +140,60 @@ def test_own_camera_publishes_frames(router: zenoh.Session, endpoint: str) -> No
     assert second.header.seq == first.header.seq + 1
     assert second.header.stamp_ns > first.header.stamp_ns
     assert first.depth_noise is not None
+    assert (first.header.stream, first.header.sender) == (second.header.stream, second.header.sender)
+    assert first.header.stream
+    assert first.header.sender
+
+
+ROS = """
+import sys, time, types
+import numpy as np
+def module(name, **what):
+    sys.modules[name] = types.ModuleType(name)
+    vars(sys.modules[name]).update(what)
+class Synchronizer:
+    def __init__(self, inputs, queue_size, slop):
+        self.inputs = inputs
+    def registerCallback(self, callback):
+        self.inputs[0][0].append((callback, [topic for _, _, topic, _ in self.inputs]))
+def subscriber(node, kind, topic, qos_profile):
+    return node, kind, topic, qos_profile
+def spin(node):
+    ((callback, topics),) = node
+    said = {topics[0]: ((4, 6, 3), "u1"), topics[1]: ((4, 6), "u2")}
+    stamp = types.SimpleNamespace(sec=7, nanosec=5)
+    images = [types.SimpleNamespace(header=types.SimpleNamespace(stamp=stamp), pixels=np.ones(*said[topic]))
+              for topic in topics[:2]]
+    k = np.array([5.0, 0, 2, 0, 5.5, 1, 0, 0, 1])
+    while True:
+        time.sleep(0.05)
+        callback(*images, types.SimpleNamespace(k=k, width=6, height=4))
+bridge = types.SimpleNamespace(imgmsg_to_cv2=lambda message, encoding: message.pixels)
+module("message_filters", Subscriber=subscriber, ApproximateTimeSynchronizer=Synchronizer)
+module("rclpy", init=lambda: None, create_node=lambda name: [], spin=spin)
+module("rclpy.qos", qos_profile_sensor_data=None)
+module("cv_bridge", CvBridge=lambda: bridge)
+module("sensor_msgs")
+module("sensor_msgs.msg", CameraInfo=None, Image=None)
+"""
+"""As much of ROS' modules as the node calls; the same messages come again and again."""
+
+
+def test_a_node_of_ros_publishes_frames(router: zenoh.Session, endpoint: str) -> None:
+    arrived: queue.SimpleQueue[zenoh.Sample] = queue.SimpleQueue()
+    subscriber = router.declare_subscriber(key("robot", "source/frame"), arrived.put)
+    with running(ROS + program_with("import rclpy"), endpoint):
+        samples = [arrived.get(timeout=20) for _ in range(2)]
+    subscriber.undeclare()
+    first, second = (decode(sample.payload.to_bytes(), Frame) for sample in samples)
+    refuse_encoding(str(samples[0].encoding), Frame)
+    assert second.header.seq == first.header.seq + 1
+    assert first.header.stamp_ns == 7_000_000_005
+    assert (first.header.stream, first.header.sender) == (second.header.stream, second.header.sender)
+    assert first.header.stream
+    assert first.header.sender
+    assert first.intrinsics == CameraIntrinsics(fx=5.0, fy=5.5, cx=2.0, cy=1.0, width=6, height=4)
+    assert (first.colour.shape, first.depth.dtype) == ((4, 6, 3), np.uint16)
 
 
 def test_cores_run_without_processes() -> None:
@@ -151,7 +205,7 @@ def test_cores_run_without_processes() -> None:
 
 def test_every_program_is_tested() -> None:
     """A page that adds one adds its test."""
-    tested = ("fusion/objects", "proposals/boxes", "segments/segments", "weighted_heat", "def capture")
+    tested = ("fusion/objects", "proposals/boxes", "segments/segments", "weighted_heat", "def capture", "import rclpy")
     assert [program for program in PROGRAMS if not any(text in program for text in tested)] == []
 
 

@@ -1,6 +1,7 @@
 """Who reads and says what at a router with certificates and roles: real routers and sessions on loopback."""
 
 import json
+import re
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -14,7 +15,7 @@ from authority import link, make_fleet
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.session import open_session, zenoh_config
 from spot3d.dataflow.settings import LinkSettings
-from spot3d.security.access import AccessSettings, access_control
+from spot3d.security.access import _ANSWERED, AccessSettings, access_control
 from spot3d_schemas import alive_key, key
 
 LIMIT_S = 20.0
@@ -168,3 +169,10 @@ def test_nobody_named_means_no_access_control() -> None:
     config = zenoh.Config()
     config.insert_json5("access_control", json.dumps(access_control(ACCESS)))
     assert json.loads(config.get_json("access_control/default_permission")) == "deny"
+
+
+def test_the_page_names_what_a_dashboard_may_ask() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "security.md").read_text()
+    (row,) = re.findall(r"^\| dashboard \|(.*)\|$", page, re.MULTILINE)
+    asked = {key.removeprefix("spot3d/*/").removeprefix("*/") for key in _ANSWERED if "@adv" not in key}
+    assert set(re.findall(r"`([^`]+)`", row.split("|")[-1])) == asked
