@@ -85,6 +85,18 @@ def test_a_camera_that_hangs_upside_down_finds_the_same() -> None:
     assert len(segments) == 3
 
 
+@pytest.mark.parametrize("tilt", [-2.0, 0.0, 2.0])
+def test_a_camera_straight_above_the_table_finds_the_same(tilt: float) -> None:
+    """Though a carton's side faces the upper side of the image, and the table does not; tilt: degrees."""
+    sine, cosine = np.sin(np.radians(tilt)), np.cos(np.radians(tilt))
+    pose = np.array([[1.0, 0, 0, 0], [0, -cosine, sine, -sine], [0, -sine, -cosine, cosine], [0, 0, 0, 1]])
+    things = (standing(-0.05, -0.25, (0.3, 0.15, 0.2), colour=(50, 60, 200)), *THREE[:2])
+    frame = seen(*things, pose=pose)
+    segments = find(frame)
+    assert len(segments) == 3
+    assert (iou_matrix_2d(true_boxes(frame, *things), segments.boxes(FINE_CAMERA)).max(axis=1) > 0.85).all()
+
+
 @pytest.mark.parametrize("value", [0.0, 5.0])
 def test_without_depth_within_range_there_is_nothing(value: float) -> None:
     blank = np.zeros(CAMERA.shape, np.uint8)

@@ -10,7 +10,7 @@ from spot3d.camera import back_project, invert
 from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import on_plane, transform_plane
 from spot3d.segments.settings import SegmentsSettings
-from spot3d.segments.supports import IMAGE_UP, beside_support, choose_support, heights
+from spot3d.segments.supports import IMAGE_UP, beside_support, choose_support, expected_up, heights
 
 SETTINGS = SegmentsSettings()
 POSE = look_at((0, -0.95, 0.7))
@@ -62,6 +62,33 @@ def test_a_camera_may_be_mounted_on_any_side(image_up: str) -> None:
     support = choose_support(planes, turned, heat, SETTINGS, IMAGE_UP[image_up])
     assert support is not None
     np.testing.assert_array_equal(support, planes[1])
+
+
+def test_from_straight_above_a_table_is_what_faces_the_camera() -> None:
+    """The side of a box that faces the image's upper side is seen as well, and is hotter."""
+    down = np.array([[1.0, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 1.0], [0, 0, 0, 1]])
+    box = Cuboid((0, -0.3, 0.1), (0.3, 0.1, 0.2))
+    points = back_project(view(down, (ROOM[0], box)).depth, CAMERA)
+    planes = np.array([[0, 0, 1.0, 0], [0, 1.0, 0, 0.25]]) @ down
+    heat = np.full(CAMERA.shape, 40, np.uint8)
+    heat[on_plane(planes[1], points, SETTINGS)] = 255
+    support = choose_support(planes, points, heat, SETTINGS, expected_up("top"))
+    assert support is not None
+    np.testing.assert_array_equal(support, planes[0])
+    wrong = choose_support(planes, points, heat, SETTINGS, IMAGE_UP["top"])
+    assert wrong is not None
+    np.testing.assert_array_equal(wrong, planes[1])
+
+
+@pytest.mark.parametrize("looks_down", [0, 10, 30, 60, 85])
+@pytest.mark.parametrize("image_up", ["top", "bottom", "left", "right"])
+def test_a_table_faces_what_is_expected_to_be_up_and_a_wall_hardly_does(image_up: str, looks_down: float) -> None:
+    upper, forward, pitch = IMAGE_UP[image_up], np.array((0.0, 0.0, 1.0)), np.radians(looks_down)
+    table = np.cos(pitch) * upper - np.sin(pitch) * forward
+    wall = -np.sin(pitch) * upper - np.cos(pitch) * forward
+    expected = expected_up(image_up)
+    assert np.linalg.norm(expected) == pytest.approx(1)
+    assert expected @ table > max(0.3, 3 * expected @ wall)
 
 
 def bent(depth: NDArray[np.float32], by: float) -> NDArray[np.float32]:

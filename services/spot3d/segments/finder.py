@@ -19,7 +19,7 @@ from spot3d.segments.hanging import STANDS, join_hanging
 from spot3d.segments.holes import fill_holes
 from spot3d.segments.occlusion import join_occluded
 from spot3d.segments.settings import SegmentsSettings, Step
-from spot3d.segments.supports import IMAGE_UP, beside_support, choose_support, heights
+from spot3d.segments.supports import beside_support, choose_support, expected_up, heights
 from spot3d.segments.torn import join_torn
 from spot3d.segments.vessels import hollow_groups
 from spot3d_schemas.limits import MAX_SEGMENTS
@@ -60,7 +60,7 @@ def find_on_lattice(
     points, noise = back_project(frame.depth, frame.camera), frame.camera.noise
     planes = dominant_planes(points, settings, np.random.default_rng(settings.seed), noise=noise)
     if upwards is None:
-        upwards = IMAGE_UP[settings.image_up]
+        upwards = expected_up(settings.image_up)
     support = choose_support(planes, points, frame.heat, settings, upwards, noise)
     if support is None:
         return _segments([], frame, np.zeros((0, 4)), np.zeros(0, np.float32), Counter(), settings)

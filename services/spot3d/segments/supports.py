@@ -37,6 +37,19 @@ IMAGE_UP = {
 }
 """The direction in the camera frame, x right and y down, of the side of the image that is up."""
 
+# In 1620 rendered views of tables with things or cartons, looking down by 5 to 30, 45 to 75 and 80 to 95 degrees,
+# the table is chosen in 100, 100, 98.6 % with 0 degrees, 100, 100, 99.7 % with 15, 99.7, 100, 99.8 % with 20 and 95,
+# 100, 100 % with 45, where the front of a large box counts too much. From 80 on, rolled by 90 and 180 degrees: in 76,
+# 53 % with 0 degrees, 98, 89 % with 15.
+_LOOKS_DOWN = np.radians(15)
+"""A camera is taken to look so far down: what one from straight above sees of its table faces the camera, not the side
+of the image that is up."""
+
+
+def expected_up(image_up: str) -> NDArray[np.float64]:
+    """(3,) unit vector up in the frame of a camera of which only the upper side of the image is known."""
+    return np.asarray(np.cos(_LOOKS_DOWN) * IMAGE_UP[image_up] - np.sin(_LOOKS_DOWN) * np.array((0.0, 0.0, 1.0)))
+
 
 def choose_support(
     planes: NDArray[np.float64],
@@ -49,9 +62,10 @@ def choose_support(
     """The plane whose inliers hold most heat (paper, Eq. 10), each as much as the plane faces up.
 
     A hot object's front holds much heat as well, but what things stand on shows its upper side. Where only the upper
-    side of the image is known, its normal points there, while fronts point level or, seen from above, downwards.
+    side of the image is known, its normal points there, or towards a camera that looks straight down, while fronts
+    point level or, seen from above, downwards.
     planes: (n, 4) camera frame, normals towards the camera; points: (h, w, 3) float32 metres, z = 0 invalid;
-    heat: (h, w) uint8, 255ths; up: (3,) unit, camera frame: `IMAGE_UP`, or the true one. None where no plane holds
+    heat: (h, w) uint8, 255ths; up: (3,) unit, camera frame: `expected_up`, or the true one. None where no plane holds
     heat.
     """
     best, most = None, 0.0
