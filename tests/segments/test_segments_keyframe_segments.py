@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fusion_room import ROOM, THREE, look_at, view
+from fusion_room import ROOM, THREE, Cuboid, View, look_at, standing, view
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
@@ -96,3 +96,56 @@ def test_another_world_begins_with_nothing_remembered() -> None:
         assert found is not None
         alone = find_segments(frame.colour, frame.depth_metres(), heat, CAMERA, SETTINGS)
         assert (len(alone), len(found)) == (4, 3 if world == "first" else 4)
+
+
+ALONE = SETTINGS.model_copy(update={"recent_frames": 0})
+SCREEN = Cuboid((0.1, 0.4, 0.28), (0.5, 0.02, 0.3), colour=(30, 30, 35), heat=1.0)
+MUG = standing(-0.3, 0.0, (0.09, 0.09, 0.1))
+
+
+def next_found(finder: KeyframeSegments, seen: View, pose: NDArray[np.float64], second: int) -> FrameSegments:
+    """What is found in a keyframe that a camera sees so many seconds after the first; all of it is warm."""
+    frame = RgbdFrame(second * 1000 * MS, seen.colour, seen.depth, 1.0, CAMERA)
+    assert finder.wants(frame.stamp_ns, pose)
+    found = finder.find(frame, np.maximum(seen.heat, 60), pose)
+    assert found is not None
+    return found
+
+
+def faces_up(found: FrameSegments, pose: NDArray[np.float64]) -> bool:
+    """Whether the support that was found is level in the world."""
+    return bool((pose[:3, :3] @ found.planes[0, :3])[2] > 0.99)
+
+
+@pytest.mark.parametrize("looks_down", [-10, 0, 10])
+def test_a_wall_that_a_run_begins_with_is_not_taken_for_what_things_stand_on(looks_down: float) -> None:
+    """Not then, and not when a table is seen with the same wall, and a screen that stands as the wall does."""
+    finder, rng = KeyframeSegments(ALONE), np.random.default_rng(0)
+    pose = look_at((0, 0.4, 0.8), (0, 1.5, 0.8 - 1.1 * np.tan(np.radians(looks_down))))
+    for second in range(6):
+        found = next_found(finder, view(pose, ROOM[2:], rng, CAMERA), pose, second)
+        assert abs(pose[:3, :3] @ found.planes[0, :3])[1] > 0.99, "there is nothing but the wall"
+    pose = look_at((0, -0.95, 0.7))
+    for second in range(10, 14):
+        seen = view(pose, (*ROOM, SCREEN, MUG), rng, CAMERA)
+        found = next_found(finder, seen, pose, second)
+        assert faces_up(found, pose)
+        for thing in (SCREEN, MUG):
+            own = (seen.colour == thing.colour).all(-1)
+            shares = [np.count_nonzero(own & mask) / np.count_nonzero(own | mask) for mask in masks(found)]
+            assert max(shares) > 0.8
+
+
+def masks(found: FrameSegments) -> list[NDArray[np.bool_]]:
+    return [found.labels == number + 1 for number in range(len(found))]
+
+
+def test_a_camera_that_rolls_for_long_after_it_began_upright_still_knows_what_is_up() -> None:
+    """The side of the screen that faces the image's upper side is not learned as up, however often it is seen."""
+    finder, rng, upright = KeyframeSegments(ALONE), np.random.default_rng(0), look_at((0, -0.95, 0.7))
+    for second in range(30):
+        seen, pose = view(upright, (*ROOM, SCREEN, MUG), rng, CAMERA), upright.copy()
+        if second >= 6:
+            seen = View(*(np.ascontiguousarray(image[::-1, ::-1]) for image in (seen.colour, seen.depth, seen.heat)))
+            pose[:3, :2] *= -1
+        assert faces_up(next_found(finder, seen, pose, second), pose)

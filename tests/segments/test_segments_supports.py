@@ -10,7 +10,7 @@ from spot3d.camera import back_project, invert
 from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import on_plane, transform_plane
 from spot3d.segments.settings import SegmentsSettings
-from spot3d.segments.supports import IMAGE_UP, beside_support, choose_support, expected_up, heights
+from spot3d.segments.supports import IMAGE_UP, beside_support, choose_support, clearly_faces, expected_up, heights
 
 SETTINGS = SegmentsSettings()
 POSE = look_at((0, -0.95, 0.7))
@@ -89,6 +89,22 @@ def test_a_table_faces_what_is_expected_to_be_up_and_a_wall_hardly_does(image_up
     expected = expected_up(image_up)
     assert np.linalg.norm(expected) == pytest.approx(1)
     assert expected @ table > max(0.3, 3 * expected @ wall)
+
+
+@pytest.mark.parametrize(("looks_down", "expected"), [(0, True), (45, True), (70, True), (75, False), (90, False)])
+def test_a_table_is_clearly_one_unless_it_is_seen_from_above(looks_down: float, expected: bool) -> None:
+    pitch = np.radians(looks_down)
+    table = np.array([[0, -np.cos(pitch), -np.sin(pitch), 1.0]])
+    assert clearly_faces(table, "top") == expected
+    assert not clearly_faces(table, "bottom")
+
+
+@pytest.mark.parametrize("looks_down", [-15, -10, 0, 10, 45])
+def test_a_wall_is_never_clearly_a_support(looks_down: float) -> None:
+    pitch = np.radians(looks_down)
+    wall = np.array([[0, np.sin(pitch), -np.cos(pitch), 1.0]])
+    assert not any(clearly_faces(wall, side) for side in ("top", "left", "right"))
+    assert not clearly_faces(np.zeros((0, 4)), "top")
 
 
 def bent(depth: NDArray[np.float32], by: float) -> NDArray[np.float32]:

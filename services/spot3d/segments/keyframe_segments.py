@@ -10,6 +10,7 @@ from spot3d.segments.finder import find_on_lattice
 from spot3d.segments.keyframes import Keyframes
 from spot3d.segments.recent_depth import RecentDepth
 from spot3d.segments.settings import SegmentsSettings
+from spot3d.segments.supports import clearly_faces
 from spot3d.segments.upward import Upward
 
 
@@ -51,7 +52,8 @@ class KeyframeSegments:
             lattice = to_lattice(frame.colour, frame.depth_metres(), heat, frame.intrinsics, size, grazing_cos)
             filled = self._recent.filled(lattice, T_world_camera, frame.stamp_ns, depth_factor)
             found = find_on_lattice(filled, settings, self._upward.in_camera(T_world_camera))
-            self._upward.learn(found, T_world_camera)
+            if clearly_faces(found.planes, settings.image_up):
+                self._upward.learn(found, T_world_camera)
         if self._recent.wants(frame.stamp_ns):
             self._recent.remember(frame, heat, T_world_camera)
         return found

@@ -44,11 +44,19 @@ IMAGE_UP = {
 _LOOKS_DOWN = np.radians(15)
 """A camera is taken to look so far down: what one from straight above sees of its table faces the camera, not the side
 of the image that is up."""
+_CLEARLY = 0.3
+"""A support whose normal has this cosine to the upper side of the image is no wall: a wall has it in a camera that
+looks up by 17 degrees, a table in every one that looks down by less than 72."""
 
 
 def expected_up(image_up: str) -> NDArray[np.float64]:
     """(3,) unit vector up in the frame of a camera of which only the upper side of the image is known."""
     return np.asarray(np.cos(_LOOKS_DOWN) * IMAGE_UP[image_up] - np.sin(_LOOKS_DOWN) * np.array((0.0, 0.0, 1.0)))
+
+
+def clearly_faces(planes: NDArray[np.float64], image_up: str) -> bool:
+    """Whether a view's main support, the first of (n, 4) planes, faces the upper side of the image as no wall does."""
+    return bool((planes[:1, :3] @ IMAGE_UP[image_up] >= _CLEARLY).any())
 
 
 def choose_support(

@@ -10,7 +10,7 @@ from spot3d.frame_segments import FrameSegments
 # With 10 to 100 votes, 3 to 10 at least and 8 to 30 degrees up comes out within 5 degrees in every keyframe of
 # redkitchen (some with a wall for their support), TUM's cabinet and clutter.
 _VOTES = 30
-"""So many keyframes are remembered, ten seconds: a wrong start is outvoted."""
+"""So many keyframes are remembered, ten seconds: of these some may have stood on something else."""
 _FEWEST = 5
 """Fewer keyframes than this say nothing."""
 _ALIKE = float(np.cos(np.radians(15)))
