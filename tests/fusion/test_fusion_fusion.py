@@ -65,6 +65,25 @@ def test_depth_of_another_scale_than_the_poses() -> None:
     assert iou.max(axis=1).min() > 0.85
 
 
+@pytest.mark.parametrize(("then", "expected"), [("first", 1.0), ("another", 1.04)])
+def test_a_correction_is_taken_back_by_who_gave_it(then: str, expected: float) -> None:
+    """Also after a restart of fusion; another process that gives poses has only not found it yet."""
+    fusion, pose = Fusion(COARSE), look_at((0.0, -0.95, 0.7))
+    seen = view(pose, ROOM)
+
+    def fuse(factor: float, by: str) -> float:
+        fusion.fuse(
+            seen.colour, seen.depth, seen.heat, CAMERA, pose, poses_of=by, calibration=Calibration(depth_factor=factor)
+        )
+        return fusion.map_state().calibration.depth_factor
+
+    assert [fuse(factor, "first") for factor in (1.0, 1.04)] == [1.0, 1.04]
+    assert [fuse(1.0, then), fuse(1.0, then)] == [expected, expected]
+    assert fuse(1.04, "first") == 1.04
+    fusion.resume(fusion.map_state(), fusion.consensus, fusion.identities)
+    assert [fuse(1.0, then), fuse(1.0, then)] == [expected, expected]
+
+
 def test_before_the_first_frame_there_is_nothing() -> None:
     update = Fusion(COARSE).objects()
     assert (update.objects, update.frame_count) == ([], 0)

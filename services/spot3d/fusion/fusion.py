@@ -54,7 +54,8 @@ class MapState:
 
     rows: (n, 16) float32 points and keys: (n,) int64 the voxel of each (see `Heatmap3D.held`); removed, candidates:
     (k, 4) planes, world; supporting: (4,) or None; T_world_map: (4, 4) where the map of poses lay by the last frame;
-    poses_of: whose poses these were; T_theirs_map: (4, 4) the map of poses in theirs. calibration: of keyframes.
+    poses_of: whose poses these were; T_theirs_map: (4, 4) the map of poses in theirs. calibration: of keyframes;
+    calibrated_by: who gave it.
     """
 
     rows: NDArray[np.float32]
@@ -68,6 +69,7 @@ class MapState:
     poses_of: str | None
     T_theirs_map: NDArray[np.float64]
     calibration: Calibration
+    calibrated_by: str | None
 
 
 class ObjectsTask(Protocol):
@@ -129,6 +131,7 @@ class Fusion:
         self._T_world_map = self._T_theirs_map = np.eye(4)
         self._poses_of: str | None = None
         self._calibration = AS_TOLD
+        self._calibrated_by: str | None = None
 
     def reset(self) -> None:
         """Forget everything; object numbers start anew."""
@@ -143,7 +146,7 @@ class Fusion:
         self._candidates, self._supporting, self.frame_count = np.zeros((0, 4)), None, 0
         self._T_world_map = self._T_theirs_map = np.eye(4)
         self._poses_of = None
-        self._calibration = AS_TOLD
+        self._calibration, self._calibrated_by = AS_TOLD, None
 
     def map_state(self) -> MapState:
         """The map as it is now, copied, without its objects."""
@@ -160,6 +163,7 @@ class Fusion:
             poses_of=self._poses_of,
             T_theirs_map=self._T_theirs_map,
             calibration=self._calibration,
+            calibrated_by=self._calibrated_by,
         )
 
     def resume(self, state: MapState, consensus: ViewConsensus, identities: Identities) -> None:
@@ -170,7 +174,7 @@ class Fusion:
         self._removed = list(state.removed)
         self._candidates, self._supporting = state.candidates, state.supporting
         self._T_world_map, self._poses_of, self._T_theirs_map = state.T_world_map, state.poses_of, state.T_theirs_map
-        self._calibration = state.calibration
+        self._calibration, self._calibrated_by = state.calibration, state.calibrated_by
         self.consensus, self.identities = consensus, identities
 
     def fuse(
@@ -192,11 +196,11 @@ class Fusion:
         T_world_map: (4, 4) float64, where the map of poses lies by now (see `PoseEstimate`), and the objects with it;
         None: it stays. poses_of: who gives the poses: another one's map begins where that of before lay. calibration:
         by which this frame and the keyframes before are to be seen, as far as is known by now; the pose is turned by it
-        already. As told: nothing is known but what was said before.
+        already. As told: nothing is known but what somebody else said before.
         """
-        if calibration != AS_TOLD:
-            # Who gives poses anew does not know it at first.
-            self._calibration = calibration
+        if calibration != AS_TOLD or poses_of == self._calibrated_by:
+            # Who gives poses anew does not know it at first; who gave it may take it back.
+            self._calibration, self._calibrated_by = calibration, poses_of
         known = replace(self._calibration, turn=calibration.turn)
         depth = known.metres(depth)
         frame = to_lattice(colour, depth, heat, camera, self.settings.lattice_width, self.settings.grazing_cos)

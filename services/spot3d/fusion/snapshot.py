@@ -98,6 +98,7 @@ def fusion_snapshot(kept: Kept) -> Snapshot:
         "frame_count": state.frame_count,
         "poses_of": state.poses_of,
         "calibration": saved(state.calibration, arrays, _CLASSES, settings),
+        "calibrated_by": state.calibrated_by,
         "account": {name: getattr(kept.told, name) for name in Account.__slots__},
         "consensus": saved(kept.consensus.without_waiting(), arrays, _CLASSES, settings),
         "identities": saved(kept.identities, arrays, _CLASSES, settings),
@@ -140,6 +141,7 @@ def resume(fusion: Fusion, kept: Snapshot, path: Path) -> None:
             poses_of=values["poses_of"],
             T_theirs_map=arrays["T_theirs_map"],
             calibration=restored(values["calibration"], arrays, _CLASSES, settings),
+            calibrated_by=values["calibrated_by"],
         )
         if state.rows.ndim != 2 or state.rows.shape[1:] != fusion.heatmap.arrays.rows.shape[1:]:
             raise SnapshotError(f"{path} has points of another version of spot3d")
