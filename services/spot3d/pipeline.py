@@ -7,10 +7,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from spot3d.dataflow.cadence import Cadence
-from spot3d.dataflow.order import DUPLICATE
+from spot3d.dataflow.order import DUPLICATE, OUT_OF_ORDER
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import FoundObjects, Fusion
+from spot3d.fusion.worlds import World
 from spot3d.heatmap.heat import Heatmap, weighted_heat
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.providers import make_tracker
@@ -28,7 +29,8 @@ LOST = "lost pose"
 class PipelineStep:
     """What happened to one frame.
 
-    segments: only of a keyframe; objects: only where this frame was due for an update of the objects.
+    segments: only of a keyframe; objects: only where this frame was due for an update of the objects; refused: why it
+    was not fused, empty where it was.
     """
 
     frame: RgbdFrame
@@ -36,6 +38,7 @@ class PipelineStep:
     heat: Heatmap
     segments: FrameSegments | None
     objects: FoundObjects | None
+    refused: str
 
 
 @dataclass(slots=True)
@@ -67,12 +70,13 @@ def run_pipeline(
 ) -> PipelineResult:
     """Run every frame through all cores, in order, and find the objects whenever capture time says so.
 
-    A frame that cannot be read is skipped and counted, as it is in a distributed run.
+    A frame that cannot be read, whose stamp is not later than that of the frame before, or whose pose no camera can
+    have is skipped and counted, as it is in a distributed run.
     `on_frame` is called after each frame; once `stopped` says so, the run ends early with what there is.
     `clock` gives seconds and is read around each core only.
     """
     tracker, fusion = make_tracker(settings.pose), Fusion(settings.fusion)
-    keyframes = KeyframeSegments(settings.segments)
+    keyframes, world = KeyframeSegments(settings.segments), World(settings.fusion.speed_max)
     cadence = Cadence(settings.fusion.object_interval_s)
     result, last_ns = PipelineResult(fusion, fusion.objects()), -1
     for index in range(len(sequence)):
@@ -85,8 +89,8 @@ def run_pipeline(
             result.skipped[UNREADABLE] += 1
             result.unreadable = str(error)
             continue
-        if frame.stamp_ns == last_ns:
-            result.skipped[f"{DUPLICATE} {IN_THE_INPUT}"] += 1
+        if frame.stamp_ns <= last_ns:
+            result.skipped[f"{DUPLICATE if frame.stamp_ns == last_ns else OUT_OF_ORDER} {IN_THE_INPUT}"] += 1
             continue
         last_ns = frame.stamp_ns
         depth, camera = frame.depth_metres(), frame.intrinsics
@@ -98,13 +102,18 @@ def run_pipeline(
             heat = weighted_heat(depth, camera, boxes, settings.heatmap)
         result.trajectory.append((frame.stamp_ns, pose))
         result.heat_counts.update(accepted=heat.accepted, masked=heat.masked, rejected=heat.rejected)
-        segments, update = None, None
+        segments, update, refused = None, None, LOST
         if pose.status == "ok":
             if keyframes.wants(frame.stamp_ns, pose.T_world_camera):
                 with _timed(result.step_s, "segments", clock):
                     segments = keyframes.find(frame, heat.heat, pose.T_world_camera, pose.calibration.depth_factor)
                 if segments is None:
                     _join_last_two(result.step_s["segments"])
+            verdict = world.judge(None, pose.T_world_camera, frame.stamp_ns)
+            refused = "" if verdict == "same" else verdict
+        if refused:
+            result.skipped[refused] += 1
+        else:
             with _timed(result.step_s, "fusion", clock):
                 fusion.fuse(
                     frame.colour,
@@ -118,13 +127,12 @@ def run_pipeline(
                 )
                 if segments is not None:
                     fusion.observe(segments, frame.stamp_ns)
+            world.follow(None, pose.T_world_camera, frame.stamp_ns)
             if cadence.due(frame.stamp_ns):
                 with _timed(result.step_s, "objects", clock):
                     update = result.objects = fusion.objects()
-        else:
-            result.skipped[LOST] += 1
         if on_frame is not None:
-            on_frame(PipelineStep(frame, pose, heat, segments, update))
+            on_frame(PipelineStep(frame, pose, heat, segments, update, refused))
     result.objects = fusion.objects()
     return result
 

@@ -17,7 +17,7 @@ from spot3d.fusion.map_answers import MapAnswers
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.stage import FAILED, LOST, Stage
 from spot3d.fusion.updates import Updates
-from spot3d.fusion.worlds import World
+from spot3d.fusion.worlds import World, why_refused
 from spot3d_schemas import CameraIntrinsics, Header, Heat, Message, Pose
 
 S = 10**9
@@ -105,3 +105,18 @@ def test_a_world_that_is_forgotten_may_go_on_and_one_that_is_left_may_not() -> N
     world.leave()
     assert world.judge("b", here, 3 * S) == "same"
     assert world.judge("a", far, 3 * S) == "pose of an earlier epoch"
+
+
+def test_a_place_that_the_map_does_not_reach_is_told_from_one_that_is_reached_too_soon() -> None:
+    """Poses of a survey's grid lie thousands of kilometres from its origin, from the first one on."""
+    world, here, soon, survey = World(3.0), np.eye(4), np.eye(4), np.eye(4)
+    soon[0, 3], survey[:2, 3] = 100.0, (4.5e5, 5.4e6)
+    assert world.judge("a", survey, S) == "pose too far from the origin"
+    world.follow("a", here, S)
+    assert world.judge("a", survey, 2 * S) == "pose too far from the origin"
+    assert "(4.5e+05, 5.4e+06, 0) m is not fused: the map reaches 2000 m" in why_refused(
+        "pose too far from the origin", survey
+    )
+    assert "as where the camera starts" in why_refused("pose too far from the origin", survey)
+    assert why_refused(world.judge("a", soon, 2 * S), soon).endswith("no camera can be there so soon")
+    assert why_refused(world.judge("a", here, 2 * S), here) == ""

@@ -116,6 +116,22 @@ def test_frames_that_no_message_holds_are_counted_and_told(tmp_path: Path) -> No
     assert json.loads((out / "report.json").read_text())["frames"]["skipped"] == {"cannot be sent": 1}
 
 
+@pytest.mark.parametrize("more", [(), ("--in-process",)])
+def test_a_pose_that_no_camera_can_have_is_not_fused(tmp_path: Path, more: tuple[str, ...]) -> None:
+    """Five metres off for one frame, and five hundred kilometres."""
+    frames, out = recording(tmp_path / "frames"), tmp_path / "out"
+    for index, off in ((3, 5.0), (4, 5e5)):
+        path = frames / f"frame-{index:06d}.pose.txt"
+        pose = np.loadtxt(path)
+        pose[0, 3] += off
+        np.savetxt(path, pose)
+    done = spot3d("run", str(frames), "--pose", "given", "--out", str(out), *more)
+    report = json.loads((out / "report.json").read_text())["frames"]
+    counts = {"cannot be read": 1, "implausible pose": 1, "pose too far from the origin": 1}
+    assert report["skipped"] == counts, done.stdout
+    assert report["fused"] == FRAMES - 3
+
+
 def test_an_endpoint_that_cannot_be_had_is_told_in_one_line(tmp_path: Path) -> None:
     endpoint = free_loopback_endpoint()
     with open_router((endpoint,)):

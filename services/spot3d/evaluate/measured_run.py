@@ -97,7 +97,7 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
     def follow(step: PipelineStep) -> None:
         if step.objects is not None:
             updates.append([(found.id, found.box) for found in step.objects.objects])
-        if step.pose.status != "ok" or not truth.boxes:
+        if step.refused or not truth.boxes:
             return
         pose, known = step.pose, step.pose.calibration
         depth, camera = known.metres(step.frame.depth_metres()), known.camera(step.frame.intrinsics)

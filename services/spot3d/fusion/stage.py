@@ -21,7 +21,7 @@ from spot3d.fusion.keeping import Keeping
 from spot3d.fusion.map_answers import MapAnswers
 from spot3d.fusion.snapshot import Account, account, keep
 from spot3d.fusion.updates import Updates, take_update
-from spot3d.fusion.worlds import IMPLAUSIBLE, World
+from spot3d.fusion.worlds import World, why_refused
 from spot3d_schemas import CameraIntrinsics, End, Header, Heat, Message, Pose, Progress, Segments
 
 log = logging.getLogger(__name__)
@@ -199,9 +199,8 @@ class Stage:
             self.world.leave()
             self._begin_map()
             verdict = self.world.judge(pose.epoch, pose.T_world_camera, pose.header.stamp_ns)
-        if verdict == IMPLAUSIBLE:
-            place = ", ".join(f"{value:.3g}" for value in pose.T_world_camera[:3, 3])
-            self.node.note("implausible poses", f"a pose at ({place}) m is not fused: no camera can be there so soon")
+        if why := why_refused(verdict, pose.T_world_camera):
+            self.node.note("implausible poses", why)
         return "" if verdict in ("same", "begins") else verdict
 
     def _observe(self, given: Received[Segments]) -> None:

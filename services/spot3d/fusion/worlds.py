@@ -6,9 +6,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Verdict = Literal["same", "begins", "implausible pose", "pose of an earlier epoch"]
+Verdict = Literal["same", "begins", "implausible pose", "pose too far from the origin", "pose of an earlier epoch"]
 
 IMPLAUSIBLE: Literal["implausible pose"] = "implausible pose"
+TOO_FAR: Literal["pose too far from the origin"] = "pose too far from the origin"
 EARLIER_EPOCH: Literal["pose of an earlier epoch"] = "pose of an earlier epoch"
 """Why a frame is not fused whose pose is there and not lost."""
 
@@ -18,6 +19,16 @@ _JUMP_M = 0.5
 """Given poses jump so far where their own map is corrected."""
 _PAST = 16
 """So many epochs before are known again."""
+
+
+def why_refused(verdict: Verdict, T_world_camera: NDArray[np.float64]) -> str:
+    """What is wrong with a pose, (4, 4) metres, that was refused for its place, and what to do; else nothing."""
+    place = ", ".join(f"{value:.3g}" for value in T_world_camera[:3, 3])
+    text = f"a pose at ({place}) m is not fused:"
+    if verdict == TOO_FAR:
+        reach = f"the map reaches {_REACH_M:g} m from its world's origin"
+        return f"{text} {reach}; give poses in a world that begins nearby, as where the camera starts"
+    return f"{text} no camera can be there so soon" if verdict == IMPLAUSIBLE else ""
 
 
 class World:
@@ -39,7 +50,7 @@ class World:
         if epoch is not None and epoch in self._past:
             return EARLIER_EPOCH
         if not float(np.abs(place).max()) < _REACH_M:
-            return IMPLAUSIBLE
+            return TOO_FAR
         if self._begun and epoch != self.epoch:
             return "begins"
         if self._last is not None:

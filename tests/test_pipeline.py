@@ -1,0 +1,70 @@
+"""All cores in one process: what a distributed run refuses is refused here, for the same reasons."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from fusion_room import CAMERA, COARSE, ROOM, THREE, look_at, view
+from numpy.typing import NDArray
+
+from spot3d.camera import Intrinsics
+from spot3d.frame import RgbdFrame
+from spot3d.pipeline import PipelineResult, PipelineStep, run_pipeline
+from spot3d.settings import load_settings
+
+MS = 1_000_000
+SETTINGS = load_settings(overrides={"pose": {"provider": "given"}}).model_copy(update={"fusion": COARSE})
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A table with things, seen at these stamps, milliseconds, by a camera whose poses are said to be `off` metres
+    beside where it is."""
+
+    stamps: tuple[int, ...]
+    off: tuple[float, ...]
+    has_true_poses: bool = True
+    rate_hz: float = 30.0
+    intrinsics: Intrinsics = CAMERA
+
+    @property
+    def stamps_ns(self) -> list[int]:
+        return [stamp * MS for stamp in self.stamps]
+
+    def true_pose(self, index: int) -> NDArray[np.float64]:
+        pose = look_at((0.02 * index, -0.95, 0.7))
+        pose[0, 3] += self.off[index]
+        return pose
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def __getitem__(self, index: int) -> RgbdFrame:
+        seen = view(look_at((0.02 * index, -0.95, 0.7)), ROOM + THREE, np.random.default_rng(index))
+        return RgbdFrame(self.stamps_ns[index], seen.colour, seen.depth, 1.0, CAMERA, self.true_pose(index))
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        return (self[index] for index in range(len(self)))
+
+
+def run(stamps: tuple[int, ...], off: tuple[float, ...] | None = None) -> tuple[PipelineResult, list[PipelineStep]]:
+    steps: list[PipelineStep] = []
+    return run_pipeline(Recording(stamps, off or (0.0,) * len(stamps)), SETTINGS, steps.append), steps
+
+
+def test_frames_whose_stamps_are_not_later_are_skipped() -> None:
+    result, steps = run((0, 33, 33, 20, 66, 66, 50, 100))
+    assert result.skipped == {"duplicate stamp in the input": 2, "out of order in the input": 2}
+    assert [step.frame.stamp_ns for step in steps] == [0, 33 * MS, 66 * MS, 100 * MS]
+    assert result.fusion.frame_count == len(result.trajectory) == 4
+
+
+def test_a_frame_with_a_pose_that_no_camera_can_have_is_not_fused() -> None:
+    stamps = (0, 33, 66, 100, 133, 166)
+    result, steps = run(stamps, (0.0, 0.0, 5.0, 3000.0, 0.6, 0.0))
+    assert result.skipped == {"implausible pose": 1, "pose too far from the origin": 1}
+    refused = ["", "", "implausible pose", "pose too far from the origin", "", ""]
+    assert [step.refused for step in steps] == refused
+    assert result.fusion.frame_count == 4
+    assert len(result.trajectory) == 6, "what was said of them is told"
+    assert np.abs(result.fusion.heatmap.points()[:, 0]).max() < 4.0
