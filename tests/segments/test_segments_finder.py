@@ -219,6 +219,16 @@ def test_what_something_in_front_divides_is_one() -> None:
     assert (iou_matrix_2d(true_boxes(frame, carton, post), segments.boxes(FINE_CAMERA)).max(axis=1) > 0.8).all()
 
 
+def test_a_cup_on_a_long_shelf_is_no_part_of_the_box_beneath_it() -> None:
+    shelf = Cuboid((0, 0.32, 0.23), (1.3, 0.26, 0.02), colour=(3, 4, 5))
+    cup = Cuboid((0.0, 0.33, 0.29), (0.1, 0.1, 0.1), colour=(200, 40, 40), heat=1.0)
+    carton = standing(0.0, 0.25, (0.16, 0.12, 0.15), colour=(40, 160, 60))
+    frame = seen(cup, carton, room=(*ROOM, shelf), pose=look_at((0, -0.7, 0.5), (0, 0.3, 0.18)))
+    segments = find(frame)
+    assert len(segments) == 2
+    assert (iou_matrix_2d(true_boxes(frame, cup, carton), segments.boxes(FINE_CAMERA)).max(axis=1) > 0.85).all()
+
+
 def test_what_lies_beyond_the_range_is_not_looked_for() -> None:
     near = SETTINGS.model_copy(update={"range_max": 1.1})
     frame = seen(*THREE)

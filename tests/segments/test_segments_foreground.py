@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from spot3d.camera import back_project, invert
 from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import transform_plane
-from spot3d.segments.foreground import standing_out
+from spot3d.segments.foreground import on_long_planes, standing_out
 from spot3d.segments.settings import SegmentsSettings
 
 SETTINGS = SegmentsSettings()
@@ -23,9 +23,8 @@ def out_of(
 ) -> NDArray[np.bool_]:
     points = back_project(depth, CAMERA)
     height = (points @ TABLE[:3] + TABLE[3]).astype(np.float32)
-    normals = surface_normals(depth, CAMERA)
-    nothing = np.zeros(depth.shape, np.bool_)
-    return standing_out(points, normals, height, nothing, np.array(others).reshape(-1, 4), settings)
+    long = on_long_planes(points, surface_normals(depth, CAMERA), np.array(others).reshape(-1, 4), settings)
+    return standing_out(points, height, np.zeros(depth.shape, np.bool_), long, settings)
 
 
 def test_the_objects_stand_out_and_the_table_does_not() -> None:
@@ -82,16 +81,19 @@ def test_a_view_that_is_all_wall_is_a_wall() -> None:
     height = np.full(CAMERA.shape, 0.5, np.float32)
     facing = np.array([[0, 0, -1.0, 2.0]])
     nothing = np.zeros(CAMERA.shape, np.bool_)
-    assert not standing_out(points, normals, height, nothing, facing, SETTINGS).any()
-    wide = SETTINGS.model_copy(update={"size_max": 3.0})
-    assert standing_out(points, normals, height, nothing, facing, wide).all()
+    for size_max, is_long in ((SETTINGS.size_max, True), (3.0, False)):
+        settings = SETTINGS.model_copy(update={"size_max": size_max})
+        long = on_long_planes(points, normals, facing, settings)
+        assert long.all() if is_long else not long.any()
+        out = standing_out(points, height, nothing, long, settings)
+        assert not out.any() if is_long else out.all()
 
 
 def test_what_is_beside_the_support_stands_out_though_it_is_lower() -> None:
     seen = view(POSE, ROOM + THREE)
-    points, normals = back_project(seen.depth, CAMERA), surface_normals(seen.depth, CAMERA)
+    points = back_project(seen.depth, CAMERA)
     height = np.full(CAMERA.shape, -0.2, np.float32)
     beside = (seen.colour[..., None, :] == BOXES).all(-1).any(-1)
-    out = standing_out(points, normals, height, beside, np.zeros((0, 4)), SETTINGS)
+    out = standing_out(points, height, beside, np.zeros(CAMERA.shape, np.bool_), SETTINGS)
     assert not out[~beside].any()
     assert out[beside].mean() > 0.9

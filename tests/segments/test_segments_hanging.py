@@ -17,16 +17,20 @@ SCREEN = Cuboid((0.0, 0.1, 0.25), (0.3, 0.02, 0.2), colour=RED)
 FOOT = standing(0.0, 0.05, (0.2, 0.15, 0.02), colour=GREEN)
 
 
-def groups_of(*things: Cuboid, noise: bool = False, torn: float = 0.0) -> list[list[int]]:
-    """Which of these things are joined. torn: share of the image's height without depth, from the middle down."""
-    seen = view(POSE, ROOM + things, np.random.default_rng(0) if noise else None, CAMERA)
+def groups_of(
+    *things: Cuboid, noise: bool = False, torn: float = 0.0, room: tuple[Cuboid, ...] = ROOM, long: Cuboid | None = None
+) -> list[list[int]]:
+    """Which of these things are joined. torn: share of the image's height without depth, from the middle down; long:
+    what of the room is too long for an object, and above the table."""
+    seen = view(POSE, room + things, np.random.default_rng(0) if noise else None, CAMERA)
     depth = seen.depth.copy()
     depth[CAMERA.height // 2 : int(CAMERA.height * (0.5 + torn))] = 0
     points = back_project(depth, CAMERA)
     whose: list[NDArray[np.int64]] = [
         np.flatnonzero((seen.colour == thing.colour).all(axis=-1) & (depth > 0)) for thing in things
     ]
-    joined = join_hanging(whose, points, heights(points, TABLE, bent=False).ravel(), invert(POSE)[:3, 2])
+    carriers = np.flatnonzero((seen.colour == long.colour).all(axis=-1) & (depth > 0)) if long else whose[0][:0]
+    joined = join_hanging(whose, points, heights(points, TABLE, bent=False).ravel(), invert(POSE)[:3, 2], carriers)
     assert np.array_equal(np.sort(np.concatenate(joined)), np.sort(np.concatenate(whose)))
     return sorted([k for k, pixels in enumerate(whose) if np.isin(pixels, group).all()] for group in joined)
 
@@ -72,6 +76,26 @@ def test_what_the_image_cuts_off_below_may_stand() -> None:
     assert len(join_hanging([screen, low], points, height.ravel(), up)) == 2
     raised = number[:-4, 10:50].ravel()  # not cut off: the same hangs above what is low
     assert len(join_hanging([raised, low], points, height.ravel(), up)) == 1
+
+
+@pytest.mark.parametrize("noise", [False, True])
+def test_what_stands_on_a_shelf_is_no_part_of_what_is_beneath_it(noise: bool) -> None:
+    """Though the shelf is longer than an object, and none: it carries what nothing else does."""
+    shelf = Cuboid((0, 0.2, 0.23), (1.3, 0.26, 0.02), colour=(3, 4, 5))
+    cup = Cuboid((0.0, 0.2, 0.29), (0.1, 0.1, 0.1), colour=RED)
+    carton = standing(0.0, 0.1, (0.16, 0.12, 0.15), colour=GREEN)
+    for room in (ROOM, (*ROOM, shelf)):
+        assert groups_of(cup, carton, noise=noise, room=room) == [[0, 1]], "nobody says what carries it"
+    assert groups_of(cup, carton, noise=noise, room=(*ROOM, shelf), long=shelf) == [[0], [1]]
+
+
+@pytest.mark.parametrize(("behind", "expected"), [(0.0, [[0], [1]]), (0.06, [[0, 1]])])
+def test_a_wall_carries_what_is_fixed_to_it_and_no_screen_in_front_of_it(
+    behind: float, expected: list[list[int]]
+) -> None:
+    """behind: how far behind the screen the wall begins, metres."""
+    wall = Cuboid((0, 0.13 + behind, 0.5), (3, 0.04, 1.0), colour=(3, 4, 5))
+    assert groups_of(SCREEN, FOOT, noise=True, room=(*ROOM[:2], wall), long=wall) == expected
 
 
 def test_nothing_hangs_on_what_hangs_itself() -> None:

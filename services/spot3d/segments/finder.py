@@ -13,7 +13,7 @@ from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import dominant_planes, plane_tolerance
 from spot3d.geometry.upright import Part, merge_contained, sampled, upright_box
 from spot3d.segments.creases import split_at_creases
-from spot3d.segments.foreground import standing_out
+from spot3d.segments.foreground import on_long_planes, standing_out
 from spot3d.segments.fragments import join_fragments
 from spot3d.segments.hanging import STANDS, join_hanging
 from spot3d.segments.holes import fill_holes
@@ -68,11 +68,12 @@ def find_on_lattice(
     wanted = {step: step not in settings.skipped for step in get_args(Step)}
     height, up = heights(points, support, bent=wanted["bend"]), support[:3]
     others = planes[(planes != support).any(axis=1)]
-    beside = np.zeros(height.shape, np.bool_)
+    beside = long = np.zeros(height.shape, np.bool_)
     if wanted["beside"]:
         beside = beside_support(points, normals, height, up, settings, noise)
     if wanted["support"]:
-        out = standing_out(points, normals, height, beside, others, settings, noise)
+        long = on_long_planes(points, normals, others, settings, noise)
+        out = standing_out(points, height, beside, long, settings, noise)
     else:
         out = (frame.depth > 0) & (frame.depth <= settings.range_max)
 
@@ -89,6 +90,7 @@ def find_on_lattice(
     candidates = [(part, _fault(part, frame, points, height, settings)) for part in _pixels(regions)]
     left_out = Counter(fault for _, fault in candidates if fault)
     plausible = [part for part, fault in candidates if not fault]
+    carriers = np.concatenate([np.flatnonzero(long), *(part for part, fault in candidates if fault == TOO_LONG)])
     warm = _warm(plausible, frame.heat, settings.heat_min)
     left_out[TOO_COLD] = len(plausible) - len(warm)
     parts = []
@@ -96,7 +98,7 @@ def find_on_lattice(
         if wanted["occluded"]:
             level = join_occluded(level, points, normals, up)
         if wanted["hanging"]:
-            level = join_hanging(level, points, height.ravel(), up)
+            level = join_hanging(level, points, height.ravel(), up, carriers)
         if wanted["contained"]:
             level = _join_contained(level, points, up, settings.contained_share)
         parts += level

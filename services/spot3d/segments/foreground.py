@@ -17,26 +17,39 @@ _KERNEL = np.ones((2, 2), np.uint8)
 
 def standing_out(
     points: NDArray[np.float32],
-    normals: NDArray[np.float32],
     height: NDArray[np.float32],
     beside: NDArray[np.bool_],
-    others: NDArray[np.float64],
+    long: NDArray[np.bool_],
     settings: SegmentsSettings,
     noise: DepthNoise = KINECT_V1,
 ) -> NDArray[np.bool_]:
     """(h, w) bool: valid pixels above the support by more than noise, or beside it, that are on no plane which is
     longer than an object.
 
-    points, normals: (h, w, 3) float32, camera frame; height: (h, w) float32 metres above the support; beside: (h, w)
-    bool, see `beside_support`; others: (k, 4) the view's other dominant planes.
+    points: (h, w, 3) float32, camera frame; height: (h, w) float32 metres above the support; beside, long: (h, w) bool,
+    see `beside_support` and `on_long_planes`.
     """
     depth = points[..., 2]
     free = beside | (height > plane_tolerance(depth, settings, noise))
-    out = (depth > 0) & (depth <= settings.range_max) & free
+    return _opened((depth > 0) & (depth <= settings.range_max) & free & ~long)
+
+
+def on_long_planes(
+    points: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    others: NDArray[np.float64],
+    settings: SegmentsSettings,
+    noise: DepthNoise = KINECT_V1,
+) -> NDArray[np.bool_]:
+    """(h, w) bool: pixels on connected pieces of planes, facing as these do, that are longer than an object.
+
+    points, normals: (h, w, 3) float32, camera frame; others: (k, 4) the view's dominant planes beside the support.
+    """
+    long = np.zeros(points.shape[:2], np.bool_)
     for plane in others:
         facing = normals @ plane[:3].astype(np.float32) > FACING
-        out &= ~_long_pieces(on_plane(plane, points, settings, noise) & facing, points, settings.size_max)
-    return _opened(out)
+        long |= _long_pieces(on_plane(plane, points, settings, noise) & facing, points, settings.size_max)
+    return long
 
 
 def _long_pieces(on: NDArray[np.bool_], points: NDArray[np.float32], size_max: float) -> NDArray[np.bool_]:

@@ -2,7 +2,7 @@
 
 Nothing hangs in the air. What begins well above the support, hidden by nothing in front, and has nothing beneath it
 that reaches up to it, is held by something that is not seen: behind it, or in a hole of depth. It belongs to what
-stands beneath it.
+stands beneath it. What is too long for an object, as a shelf, carries things as well.
 """
 
 from dataclasses import dataclass
@@ -30,6 +30,7 @@ _END = 0.02
 """Share of a part's points that may lie beyond its top and its bottom."""
 _SAMPLE = 300
 """About so many of a part's points tell what is beneath it."""
+_NOTHING = np.zeros(0, np.int64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,18 +47,25 @@ class _Part:
 
 
 def join_hanging(
-    parts: list[NDArray[np.int64]], points: NDArray[np.float32], height: NDArray[np.float32], up: NDArray[np.float64]
+    parts: list[NDArray[np.int64]],
+    points: NDArray[np.float32],
+    height: NDArray[np.float32],
+    up: NDArray[np.float64],
+    carriers: NDArray[np.int64] = _NOTHING,
 ) -> list[NDArray[np.int64]]:
     """Parts of one view, those that hang in the air joined with what is beneath them.
 
     parts: flat pixel numbers; points: (h, w, 3) float32 metres, camera frame; height: (h * w,) float32 metres above
-    the support; up: (3,) unit, camera frame. What hangs above nothing stays as it is.
+    the support; up: (3,) unit, camera frame; carriers: flat pixel numbers of what is too long for an object. What hangs
+    above nothing stays as it is.
     """
     known = [_part(pixels, points.reshape(-1, 3), height, up) for pixels in parts]
     held: dict[int, list[NDArray[np.int64]]] = {k: [part.pixels] for k, part in enumerate(known)}
     for k, part in enumerate(known):
         holder = _holder(part, known) if part.bottom >= STANDS else None
-        if holder is not None and not _bottom_hidden(part, points[..., 2], height):
+        if holder is None or _bottom_hidden(part, points[..., 2], height):
+            continue
+        if not _is_carried(part, carriers, points.reshape(-1, 3), height, up):
             held[holder] += held.pop(k)  # nothing hangs on what hangs itself
     return [np.concatenate(pixels) for pixels in held.values()]
 
@@ -65,11 +73,29 @@ def join_hanging(
 def _part(
     pixels: NDArray[np.int64], flat: NDArray[np.float32], height: NDArray[np.float32], up: NDArray[np.float64]
 ) -> _Part:
-    upwards = up.astype(np.float32)
-    places = taken(flat, pixels[:: max(1, len(pixels) // _SAMPLE)])
     bottom, top = np.quantile(height[pixels], (_END, 1 - _END))
-    plan = places - (places @ upwards)[:, None] * upwards
+    plan = _in_plan(flat, pixels[:: max(1, len(pixels) // _SAMPLE)], up)
     return _Part(pixels, plan, plan.min(axis=0), plan.max(axis=0), float(bottom), float(top))
+
+
+def _in_plan(flat: NDArray[np.float32], pixels: NDArray[np.int64], up: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(n, 3) float32: these pixels' points, moved along up to one height."""
+    upwards, places = up.astype(np.float32), taken(flat, pixels)
+    plan: NDArray[np.float32] = places - (places @ upwards)[:, None] * upwards
+    return plan
+
+
+def _is_carried(
+    part: _Part,
+    carriers: NDArray[np.int64],
+    flat: NDArray[np.float32],
+    height: NDArray[np.float32],
+    up: NDArray[np.float64],
+) -> bool:
+    """Whether some of the carriers' pixels are where a part begins."""
+    plan = _in_plan(flat, carriers[np.abs(height[carriers] - part.bottom) < STANDS], up)
+    near = ((plan > part.low - _BESIDE) & (plan < part.high + _BESIDE)).all(axis=1)
+    return bool(_square(part.plan, plan[near]) < _BESIDE**2)
 
 
 def _holder(part: _Part, others: list[_Part]) -> int | None:
