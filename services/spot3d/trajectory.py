@@ -86,13 +86,15 @@ def nearest_rotation(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def rotation_to_z(up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The (3, 3) rotation of least angle that turns the unit vector `up` to (0, 0, 1) (Rodrigues)."""
-    axis, cosine = np.array((up[1], -up[0], 0.0)), up[2]
-    if cosine < -1 + 1e-9:
-        return np.diag((1.0, -1.0, -1.0))
-    cross = np.array(((0, 0, axis[1]), (0, 0, -axis[0]), (-axis[1], axis[0], 0)), np.float64)
-    rotation: NDArray[np.float64] = np.eye(3) + cross + cross @ cross / (1 + cosine)
-    return rotation
+    """The (3, 3) rotation of least angle that turns the unit vector `up`, float64, to (0, 0, 1) (Rodrigues).
+
+    Plain enough to be compiled, too (see `geometry.upright`).
+    """
+    x, y, c = up[0], up[1], up[2]
+    if c < -1 + 1e-9:
+        return np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
+    a, b, d = x * x / (1 + c), y * y / (1 + c), x * y / (1 + c)
+    return np.array([[1 - a, -d, -x], [-d, 1 - b, -y], [x, y, 1 - a - b]])
 
 
 def write_tum(path: Path, stamps_ns: Sequence[int], T_world_camera: NDArray[np.float64]) -> None:

@@ -10,6 +10,7 @@ from spot3d.boxes import Box3D
 from spot3d.geometry.footprint import footprint_yaw
 from spot3d.geometry.quantiles import quantiles
 from spot3d.kernel import kernel, part
+from spot3d.trajectory import rotation_to_z
 
 _SAMPLE = 1000
 """About as many points of a cluster tell its rough box, and how much of it lies in another's."""
@@ -34,17 +35,11 @@ class Part:
     box: Box3D
 
 
-@kernel("f8[:,::1](f8[:])")
-def rotation_to_upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotation R_upright_world that turns `up` (unit, world) into +z by the shortest way (paper, Eq. 15).
+rotation_to_upright = kernel("f8[:,::1](f8[:])")(rotation_to_z)
+"""Rotation R_upright_world (3, 3) that turns `up` (unit, world) into +z by the shortest way (paper, Eq. 15).
 
-    The paper turns the normal into y; z is the robot world's up. (3, 3) float64.
-    """
-    x, y, c = up[0], up[1], up[2]
-    if c < -1 + 1e-9:
-        return np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
-    a, b, d = x * x / (1 + c), y * y / (1 + c), x * y / (1 + c)
-    return np.array([[1 - a, -d, -x], [-d, 1 - b, -y], [x, y, 1 - a - b]])
+The paper turns the normal into y; z is the robot world's up.
+"""
 
 
 @kernel("f8[:,::1](f4[:,::1], f8[:,:])")

@@ -1,8 +1,9 @@
 """Split what stands out at its concave creases: where two objects touch, or one stands on another.
 
 Real objects are mostly convex, and the seam between two that touch is concave (Stein et al., *Convexity based object
-partitioning for robot applications*, ICRA 2014). All lengths here are shares of the range, so that the same is seen
-of the same thing from near and from far: pixels and the noise of depth grow with the range.
+partitioning for robot applications*, ICRA 2014). All lengths here are shares of the range, so that a camera
+sees the same of a thing from near and from far: pixels and the noise of depth grow with the range. One with fewer
+pixels to the radian sees creases blunter: normals are of pixels side by side.
 """
 
 import numpy as np
