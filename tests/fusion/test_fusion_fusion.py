@@ -10,6 +10,32 @@ from spot3d.boxes import iou_matrix_3d, moved
 from spot3d.calibration import Calibration
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import FoundObjects, Fusion
+from spot3d.fusion.settings import MAP_ALONE, FusionSettings
+
+OF_THE_MAP = {
+    "plane_triples": 10,
+    "plane_candidates": 1,
+    "plane_search": "triples",
+    "plane_heat_max": 1.0,
+    "keyframe_interval": 3,
+    "plane_removal": False,
+    "colour_gate": 0.01,
+    "depth_gate": 0.1,
+    "noise_gate": 0.0,
+    "noise_weighting": False,
+    "look_up": False,
+    "voxel": 0.02,
+    "map_limit": 1000,
+    "range_max": 0.3,
+    "frequency_min": 100,
+    "frequency_share": 1.0,
+    "tau": 1000.0,
+    "density_radius": 1.0,
+    "density_points": 1000,
+    "density_cell": 0.1,
+    "seed": 1,
+}
+"""Settings that change the map, and another value of each."""
 
 
 def run(
@@ -103,6 +129,18 @@ def test_the_same_input_gives_the_same_objects(fused: Fusion) -> None:
     again = run(Fusion(COARSE))
     np.testing.assert_array_equal(again.heatmap.points(), fused.heatmap.points())
     assert described(again.objects()) == described(fused.objects())
+
+
+@pytest.mark.parametrize(("name", "value"), OF_THE_MAP.items())
+def test_what_is_of_the_map_alone_has_no_part_in_the_objects(fused: Fusion, name: str, value: float | str) -> None:
+    found, expected = run(Fusion(COARSE.model_copy(update={name: value}))).objects(), fused.objects()
+    assert described(found) == described(expected)
+    np.testing.assert_array_equal(found.up, expected.up)
+
+
+def test_what_is_of_the_map_alone_says_so() -> None:
+    fields = FusionSettings.model_fields.items()
+    assert {name for name, field in fields if (field.description or "").endswith(MAP_ALONE)} == OF_THE_MAP.keys()
 
 
 def test_numbers_stay_from_update_to_update(fused: Fusion) -> None:

@@ -10,6 +10,10 @@ from spot3d.object_size import SIZE_MAX, SIZE_MIN
 Vote = Literal["parts", "disputed", "outline"]
 """A rule of the views' consensus that can be left out, to see what it is worth."""
 
+MAP_ALONE = "; map alone"
+"""Said of what has no part in the objects that the views' consensus finds, but in the map that is kept beside them and
+shown, and in the paper's way, which finds objects in it."""
+
 
 class FusionSettings(BaseModel):
     """Plane removal, registration, point selection, clustering and boxes (paper, Sec. IV)."""
@@ -20,31 +24,35 @@ class FusionSettings(BaseModel):
         0.005, gt=0, description="eps_p: distance in metres within which a point lies on a plane"
     )
     plane_triples: int = Field(
-        10_000, ge=10, le=1_000_000, description="triples of neighbouring pixels that RANSAC tries"
+        10_000, ge=10, le=1_000_000, description="triples of neighbouring pixels that RANSAC tries" + MAP_ALONE
     )
-    plane_candidates: int = Field(5, ge=1, le=20, description="dominant planes among which heat decides")
+    plane_candidates: int = Field(5, ge=1, le=20, description="dominant planes among which heat decides" + MAP_ALONE)
     plane_search: Literal["refined", "triples"] = Field(
         "refined",
         description="triples: planes through three points each, all points counted, anew at every keyframe (the "
         "paper); refined: known planes and a tenth of the triples, ranked on samples of the points, then fitted to the "
-        "inliers",
+        "inliers" + MAP_ALONE,
     )
     plane_heat_max: float = Field(
         0.5,
         gt=0,
         le=1,
         description="a plane hotter than this on average is an object's own face and supports nothing; 1: heat alone "
-        "decides (the paper)",
+        "decides (the paper)" + MAP_ALONE,
     )
-    keyframe_interval: int = Field(10, ge=1, description="frames between two estimates of the supporting plane")
-    plane_removal: bool = Field(True, description="remove supporting planes (off: ablation noPlRem)")
+    keyframe_interval: int = Field(
+        10, ge=1, description="frames between two estimates of the supporting plane" + MAP_ALONE
+    )
+    plane_removal: bool = Field(True, description="remove supporting planes; off: ablation noPlRem" + MAP_ALONE)
 
     colour_gate: float = Field(
-        0.2, gt=0, description="eps_I: largest colour difference of matching pixels, RGB in [0, 1], L2 norm"
+        0.2, gt=0, description="eps_I: largest colour difference of matching pixels, RGB in [0, 1], L2 norm" + MAP_ALONE
     )
-    depth_gate: float = Field(0.01, gt=0, description="eps_Z: largest depth difference of matching pixels, metres")
+    depth_gate: float = Field(
+        0.01, gt=0, description="eps_Z: largest depth difference of matching pixels, metres" + MAP_ALONE
+    )
     noise_gate: float = Field(
-        3.0, ge=0, description="gates never close below this many standard deviations of the depth noise"
+        3.0, ge=0, description="gates never close below this many standard deviations of the depth noise" + MAP_ALONE
     )
     grazing_cos: GrazingCos = GRAZING_COS
     lattice_width: int = Field(
@@ -53,30 +61,39 @@ class FusionSettings(BaseModel):
         description="a frame is fused at about this many samples across, each the mean of its block",
     )
     noise_weighting: bool = Field(
-        True, description="running means weigh a sample by 1 / sigma^2 of its depth; off: plain means (the paper)"
+        True,
+        description="running means weigh a sample by 1 / sigma^2 of its depth; off: plain means (the paper)"
+        + MAP_ALONE,
     )
     look_up: bool = Field(
         True,
         description="a pixel that no pixel of the last frame matches finds the point that lies in its voxel; off: it "
-        "is a new point (the paper), and only map_limit bounds the map",
+        "is a new point (the paper), and only map_limit bounds the map" + MAP_ALONE,
     )
     speed_max: float = Field(
         20.0, gt=0, description="fastest plausible camera, m/s: a pose further off than that is not fused"
     )
-    voxel: float = Field(0.005, gt=0.001, le=0.1, description="edge of the look-up voxels of map points, metres")
-    map_limit: int = Field(2_000_000, ge=1000, le=20_000_000, description="most points that the 3D heatmap holds")
+    voxel: float = Field(
+        0.005, gt=0.001, le=0.1, description="edge of the look-up voxels of map points, metres" + MAP_ALONE
+    )
+    map_limit: int = Field(
+        2_000_000, ge=1000, le=20_000_000, description="most points that the 3D heatmap holds" + MAP_ALONE
+    )
     keyframe_limit: int = Field(
         200, ge=1, le=10_000, description="most keyframes whose segments are kept, the latest; 0.2 MB each"
     )
     range_max: float = Field(
-        2.5, gt=0, description="depth beyond this, where noise exceeds half of eps_min, is not fused, metres"
+        2.5,
+        gt=0,
+        description="depth beyond this, where noise exceeds half of eps_min, is not fused, metres; what is found is up "
+        "to segments.range_max" + MAP_ALONE,
     )
 
-    frequency_min: int = Field(5, ge=1, description="points seen in fewer frames are dropped, or ...")
+    frequency_min: int = Field(5, ge=1, description="points seen in fewer frames are dropped, or ..." + MAP_ALONE)
     frequency_share: float = Field(
-        0.05, ge=0, le=1, description="... seen in less than this share of the frames, whichever is lower"
+        0.05, ge=0, le=1, description="... seen in less than this share of the frames, whichever is lower" + MAP_ALONE
     )
-    tau: float = Field(10.0, ge=0, description="tau: favours points seen more often; or ...")
+    tau: float = Field(10.0, ge=0, description="tau: favours points seen more often; or ..." + MAP_ALONE)
     tau_share: float = Field(
         0.05,
         ge=0,
@@ -92,16 +109,17 @@ class FusionSettings(BaseModel):
     clustering: Literal["density", "consensus"] = Field(
         "consensus",
         description="density: threshold, K-means over the keyframes' planes, their removal, DBSCAN, merging, volume, "
-        "and no other rule (the paper); consensus: the segments of keyframes, joined where most views agree",
+        "and no other rule (the paper); consensus: the segments of keyframes, joined where most views agree, in "
+        "which what is said to be of the `map alone` has no part",
     )
-    density_radius: float = Field(0.02, gt=0, description="DBSCAN's radius, metres")
-    density_points: int = Field(20, ge=1, description="DBSCAN's least neighbours of a core point")
+    density_radius: float = Field(0.02, gt=0, description="DBSCAN's radius, metres" + MAP_ALONE)
+    density_points: int = Field(20, ge=1, description="DBSCAN's least neighbours of a core point" + MAP_ALONE)
     density_cell: float = Field(
         0.005,
         ge=0,
         le=0.1,
         description="DBSCAN sees the points of a cell of this edge as one at their mean, with their number as its "
-        "weight, metres; 0: every point (the paper)",
+        "weight, metres; 0: every point (the paper)" + MAP_ALONE,
     )
     object_interval_s: float = Field(0.4, gt=0, description="capture time between two updates of the objects, seconds")
     views_min: int = Field(3, ge=1, description="an object is seen in at least so many keyframes, if there are as many")
@@ -123,7 +141,7 @@ class FusionSettings(BaseModel):
     size_min: float = Field(SIZE_MIN, ge=0, description="an object's second longest edge is at least this, metres")
     size_max: float = Field(SIZE_MAX, gt=0, description="an object's longest edge is at most this, metres")
     volume_min: float = Field(1e-6, ge=0, description="boxes below this volume are dropped, cubic metres")
-    seed: int = Field(0, ge=0, description="seed of RANSAC's choice of triples")
+    seed: int = Field(0, ge=0, description="seed of RANSAC's choice of triples" + MAP_ALONE)
 
 
 PAPER = FusionSettings(
