@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spot3d.camera import Intrinsics, back_project
-from spot3d.geometry.downsampling import to_lattice
+from spot3d.geometry.downsampling import block_size, to_lattice
 
 
 def camera(width: int, height: int) -> Intrinsics:
@@ -18,6 +18,30 @@ def blank(camera: Intrinsics) -> tuple[np.ndarray, np.ndarray]:
 def plane_depth(camera: Intrinsics, plane: np.ndarray) -> np.ndarray:
     rays = back_project(np.ones(camera.shape, np.float32), camera).astype(np.float64)
     return (-plane[3] / (rays @ plane[:3])).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "focal", "pixels"),
+    [
+        ("Kinect, Orbbec", (640, 480), 525.0, 2),
+        ("7-Scenes", (640, 480), 585.0, 2),
+        ("half of it", (320, 240), 262.5, 1),
+        ("RealSense's colour", (848, 480), 610.0, 2),
+        ("RealSense's colour", (1280, 720), 915.0, 3),
+        ("the same, upright", (720, 1280), 915.0, 3),
+        ("RealSense's depth, 90 degrees across", (848, 480), 424.0, 2),
+        ("OAK-D", (640, 400), 450.0, 2),
+        ("Azure Kinect's colour", (1280, 720), 610.0, 3),
+        ("a narrow view", (640, 480), 1200.0, 2),
+        ("four times VGA", (1920, 1080), 1050.0, 4),
+    ],
+)
+def test_samples_are_as_many_to_the_radian_as_a_kinects(
+    name: str, size: tuple[int, int], focal: float, pixels: int
+) -> None:
+    camera = Intrinsics(focal, focal, size[0] / 2, size[1] / 2, *size)
+    assert block_size(camera, 320) == pixels, name
+    assert max(size) / pixels <= 480, "a wide camera's samples are limited"
 
 
 @pytest.mark.parametrize(("width", "factor"), [(640, 1), (320, 1), (160, 2), (107, 3), (80, 4)])

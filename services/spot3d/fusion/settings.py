@@ -58,7 +58,7 @@ class FusionSettings(BaseModel):
     lattice_width: int = Field(
         320,
         ge=40,
-        description="a frame is fused at about this many samples across, each the mean of its block",
+        description="a frame is fused at about this many samples across 58 degrees, each the mean of its block",
     )
     noise_weighting: bool = Field(
         True,

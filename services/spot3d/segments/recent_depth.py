@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, invert
 from spot3d.frame import RgbdFrame
-from spot3d.geometry.downsampling import LatticeFrame
+from spot3d.geometry.downsampling import LatticeFrame, block_size
 from spot3d.geometry.flying_pixels import without_flying
 from spot3d.kernel import kernel
 from spot3d.segments.settings import SegmentsSettings
@@ -69,7 +69,7 @@ class RecentDepth:
 
         Every so-manieth pixel is kept: a mean of them all, as for the lattice, takes ten times as long.
         """
-        step = max(1, round(frame.intrinsics.width / self._settings.lattice_width))
+        step = block_size(frame.intrinsics, self._settings.lattice_width)
         kept, camera = np.s_[::step, ::step], frame.intrinsics.thinned(step)
         thinned = replace(frame, colour=frame.colour[kept], depth=frame.depth[kept], intrinsics=camera)
         depth = thinned.depth_metres()

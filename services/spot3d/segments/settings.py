@@ -46,7 +46,9 @@ class SegmentsSettings(BaseModel):
         "has depth in one view and none in the next; 0: none",
     )
     lattice_width: int = Field(
-        320, ge=40, description="segments are found at about this many samples across, as fused ones"
+        320,
+        ge=40,
+        description="segments are found at about this many samples across 58 degrees, as fused ones",
     )
 
     plane_distance: float = Field(
