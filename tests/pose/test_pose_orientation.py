@@ -106,7 +106,7 @@ def test_the_last_equations_are_the_principal_point_of_all_cameras() -> None:
 
 
 def test_chance_turns_nothing() -> None:
-    """What lies within two standard deviations of none may be chance; what is sure is found."""
+    """What is no further from none than chance makes it may be chance; what is sure is found."""
     mount, pose_information = Orientation(0.014, 0.014), 1e8 * np.eye(6)
     H, looks = np.diag([*np.full(7, 1e3), *np.full(5, 4e3)]), np.append(TURN, (0.0, 0.03))
     assert not mount.learn(H, np.append(np.zeros(7), 4e3 * looks), pose_information, np.zeros(6), 0.1).any()
@@ -114,6 +114,16 @@ def test_chance_turns_nothing() -> None:
         left = looks - mount.vector
         mount.learn(H, np.append(np.zeros(7), 4e3 * left), pose_information, np.zeros(6), 1.0)
     np.testing.assert_allclose(mount.vector, looks, atol=0.004)
+
+
+@pytest.mark.parametrize(("deviations", "found"), [(0.9, False), (1.8, True)])
+def test_all_directions_together_tell_what_is_chance(deviations: float, found: bool) -> None:
+    """Each of five unknowns lies so many standard deviations from none."""
+    looks, known = Orientation(0.014, 0.014), 1.0 / 0.005**2
+    gradient = deviations * np.sqrt(known + 0.014**-2) * np.ones(5)
+    H = np.diag([*np.full(7, 1e3), *np.full(5, known)])
+    looks.learn(H, np.append(np.zeros(7), gradient), 1e8 * np.eye(6), np.zeros(6), 1.0)
+    assert looks.vector.any() == found
 
 
 @pytest.mark.parametrize(("sigmas", "free"), [((0.014, 0.0), slice(0, 3)), ((0.0, 0.02), slice(3, 5))])

@@ -29,7 +29,8 @@ _TRIM = 0.005
 _HOT = 0.5
 """The hottest part of a frame is mostly hotter than this; a frame's heat is a share of its maximum, which wanders."""
 _FACES = 2**0.5
-"""A cube shows this many of its faces' area to a camera that looks down on it at 45 degrees."""
+"""A cube shows this many of its faces' area to a camera that looks down on it at 45 degrees. With 1, glare and
+fragments cost 0.03 of HOTS' success rate, and 0.01 of clutter's; nothing more is found."""
 _SAMPLE = 500
 """About so many of a part's pixels tell whether it is bent around an axis."""
 

@@ -93,7 +93,10 @@ class SegmentsSettings(BaseModel):
         0.01, ge=0, description="what rises less above its support is noise or glare: things of 1.5 cm count, metres"
     )
     size_min: float = Field(
-        SIZE_MIN, ge=0, description="eps_min: an object covers at least a square of this edge, metres"
+        SIZE_MIN,
+        ge=0,
+        description="eps_min: an object shows at least what a cube of this edge does from above at an angle, metres; "
+        "its lowest 5 mm count as its support",
     )
     size_max: float = Field(SIZE_MAX, gt=0, description="eps_max: an object's longest edge is at most this, metres")
     skipped: tuple[Step, ...] = Field(
