@@ -37,8 +37,8 @@ def run_in_process(
         nonlocal fused, found
         is_lost = step.pose.status == "lost"
         lost.add(step.frame.stamp_ns, is_lost)
+        fused += not step.refused
         if not is_lost:
-            fused += 1
             trajectory.add_pose(step.frame.stamp_ns, step.pose.T_world_camera)
         found = found if step.objects is None else len(step.objects.objects)
         if step.objects is not None:
