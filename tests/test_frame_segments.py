@@ -72,7 +72,7 @@ def test_what_lies_outside_is_no_object() -> None:
 @pytest.mark.parametrize("factor", [1, 2, 3])
 def test_boxes_are_those_of_the_full_image(factor: int) -> None:
     """Each sample of a lattice stands for a block of pixels."""
-    camera = Intrinsics(6.0 * factor, 6.0 * factor, 4.0, 3.25, 8 * factor, 6 * factor)
+    camera = Intrinsics(7.2 * factor, 7.2 * factor, 4.0, 3.25, 8 * factor, 6 * factor)
     blank = np.zeros(camera.shape, np.uint8)
     lattice = to_lattice(np.zeros((*camera.shape, 3), np.uint8), np.ones(camera.shape, np.float32), blank, camera, 8)
     boxes = made(camera=lattice.camera).boxes(camera)
