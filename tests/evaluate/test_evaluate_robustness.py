@@ -196,7 +196,7 @@ def test_levels() -> None:
     assert [level.noise for _, level in kinds["depth"]] == [1, 2]
     assert [level.mixed for _, level in kinds["edges"]] == [0, *MIXED]
     assert [level.missing for _, level in kinds["holes"]] == [0, 0.1, 0.3]
-    assert [level.every for _, level in kinds["every"]] == [1, 2, 3, 4, 5]
+    assert [level.every for _, level in kinds["every"]] == [1, 2, 3, 4, 5, 10, 20, 30]
     assert [(level.metres, level.scale, level.late, level.noise) for _, level in kinds["together"]] == [
         (0, 1, 0, 1),
         (0.01, 0.97, 0, 1),

@@ -233,6 +233,14 @@ def test_the_tracker_uses_colour_where_there_is_some() -> None:
     assert np.linalg.norm(estimates[0][:3, 3] - given[:3, 3]) < 0.003
 
 
+def test_landmarks_agree_with_a_pose_that_is_true_alone() -> None:
+    drift = DriftCorrection(PoseSettings())
+    drift.correct(seen(pose(0)), CAMERA, pose(0), INFORMATION, 0.0)
+    features = seen(pose(0.3), seed=1, wrong=0.5)
+    assert drift.agreeing(features, CAMERA, pose(0.3)) > 0.3 * len(features)
+    assert drift.agreeing(features, CAMERA, pose(0.7)) < 5
+
+
 def test_frames_between_two_comparisons_keep_the_correction() -> None:
     drift = DriftCorrection(PoseSettings())
     for index in range(6):

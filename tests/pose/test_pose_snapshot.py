@@ -88,6 +88,17 @@ def test_landmarks_tell_the_place_from_anywhere(wrong: float, found: bool) -> No
         np.testing.assert_allclose(place.T_world_camera, T, atol=0.02)
 
 
+@pytest.mark.parametrize(("last", "found"), [(7, True), (6, False)])
+def test_of_landmarks_seen_once_those_of_the_last_frame_count(last: int, found: bool) -> None:
+    rng = np.random.default_rng(0)
+    landmarks = np.zeros(300, LANDMARK)
+    landmarks["position"], landmarks["sightings"] = rng.uniform(-3, 3, (300, 3)), 1
+    landmarks["descriptor"] = rng.integers(0, 2**64, (300, 4), np.uint64)
+    landmarks["last"] = np.where(np.arange(300) < 120, last, 7 - np.arange(300) % 2)
+    seen = features_at(np.eye(4), landmarks["position"][:120], landmarks["descriptor"][:120], 0.2)
+    assert (relocalised(seen, landmarks) is not None) == found
+
+
 def test_few_landmarks_tell_nothing() -> None:
     seen = Features(np.zeros((0, 2)), np.zeros((0, 3)), np.zeros((0, 4), np.uint64), np.zeros(0))
     assert relocalised(seen, np.zeros(0, LANDMARK)) is None

@@ -21,6 +21,8 @@ from spot3d.pose.tracking import implausible
 from spot3d.trajectory import rotation_angle, rotation_from_vector, rpe
 
 CAMERA = Intrinsics(146.0, 146.0, 80.0, 60.0, 160, 120)
+# With enough pixels for features.
+LARGER = Intrinsics(292.0, 292.0, 159.5, 119.5, 320, 240)
 # Room and furniture: lowest and highest corner, metres; z is up and the first box is seen from inside.
 BOXES = np.array(
     [
@@ -44,11 +46,25 @@ PROVIDERS = [
 ]
 
 
+# A floor, a wall and pillars before it, one like the other, 0.4 m apart.
+PILLARS = np.array(
+    [
+        [(-4.0, -2.0, 0.0), (4.0, 1.0, 3.0)],
+        *([(x, 0.8, 0.0), (x + 0.2, 1.0, 3.0)] for x in np.arange(-3.8, 3.8, 0.4)),
+    ]
+)
+
+
 def pose_at(seconds: float) -> NDArray[np.float64]:
     """A camera that moves sideways at 0.3 m/s while it looks into the furnished corner."""
-    pose = np.eye(4)
     eye = np.array([-0.9 + 0.1 * np.sin(2 * seconds), -0.8 + 0.3 * seconds, 1.3 + 0.05 * np.sin(3 * seconds)])
-    forward = np.array([0.8, 0.5, 0.6]) - eye
+    return looking(eye, np.array([0.8, 0.5, 0.6]))
+
+
+def looking(eye: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Pose (4, 4) of an upright camera at `eye` that looks at `target`."""
+    pose = np.eye(4)
+    forward = target - eye
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)
@@ -57,12 +73,18 @@ def pose_at(seconds: float) -> NDArray[np.float64]:
     return pose
 
 
-def render(T_world_camera: NDArray[np.float64], seed: int) -> NDArray[np.float32]:
+def rays(T_world_camera: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.float64]:
+    """Where each pixel (h, w, 3) looks, world axes, a metre along the camera's axis."""
+    v, u = np.mgrid[: camera.height, : camera.width]
+    across = np.stack(((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)), axis=-1)
+    return np.asarray(across @ T_world_camera[:3, :3].T)
+
+
+def render(
+    T_world_camera: NDArray[np.float64], seed: int, boxes: NDArray[np.float64] = BOXES, camera: Intrinsics = CAMERA
+) -> NDArray[np.float32]:
     """Noisy depth (h, w) float32 metres of the room, by slabs: each ray meets each box at most twice."""
-    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
-    rays = np.stack(((u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)), axis=-1)
-    rays = rays @ T_world_camera[:3, :3].T
-    corners = (BOXES[:, :, None, None, :] - T_world_camera[:3, 3]) / rays
+    corners = (boxes[:, :, None, None, :] - T_world_camera[:3, 3]) / rays(T_world_camera, camera)
     enter = corners.min(axis=1).max(axis=-1)
     leave = corners.max(axis=1).min(axis=-1)
     depth = leave[0]
@@ -70,6 +92,15 @@ def render(T_world_camera: NDArray[np.float64], seed: int) -> NDArray[np.float32
         depth = np.where((near < far) & (near > 0), np.minimum(depth, near), depth)
     noise = np.random.default_rng(seed).normal(size=depth.shape)
     return (depth + noise * KINECT_V1.sigma(depth)).astype(np.float32)
+
+
+def painted(T_world_camera: NDArray[np.float64], depth: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Colour (h, w, 3) uint8 RGB, seen by `LARGER`, of surfaces in painted squares of 5 cm, no two areas alike."""
+    places = T_world_camera[:3, 3] + rays(T_world_camera, LARGER) * depth[..., None]
+    i, j, k = np.moveaxis(np.rint(places / 0.05).astype(np.int64), -1, 0)
+    grey = (i * 73_856_093 ^ j * 19_349_663 ^ k * 83_492_791) * 2_654_435_761 >> 16 & 255
+    # As sharp as a lens, not as noise.
+    return cv2.GaussianBlur(np.repeat(grey[..., None], 3, axis=-1).astype(np.uint8), (0, 0), 1.0)
 
 
 @cache
@@ -156,14 +187,17 @@ def test_covered_for_a_second(provider: str) -> None:
 
 
 @pytest.mark.parametrize("provider", PROVIDERS)
-def test_a_jump_is_lost_and_the_map_survives_it(provider: str) -> None:
+@pytest.mark.parametrize("after", [0, 20])
+def test_a_jump_is_lost_and_the_map_survives_it(provider: str, after: int) -> None:
+    """Whether what is elsewhere comes as the next frame or two thirds of a second later."""
     tracker = started(provider, 10)
     away = pose_at(10 / 30)
     away[:3, :3] = away[:3, :3] @ rotation_from_vector(np.array([0.0, 2.4, 0.0]))
     for index in range(10, 20):
-        estimate = tracker.track(1 + index * FRAME_NS, render(away, index), CAMERA, None)
+        estimate = tracker.track(1 + (index + after) * FRAME_NS, render(away, index), CAMERA, None)
         assert estimate.status == "lost"
-    estimate = tracker.track(1 + 20 * FRAME_NS, frame(20), CAMERA, None)
+        assert estimate.reason
+    estimate = tracker.track(1 + (20 + after) * FRAME_NS, frame(20), CAMERA, None)
     assert estimate.status == "ok"
     assert error(estimate, pose_at(20 / 30))[0] < 0.02
 
@@ -183,6 +217,35 @@ def test_dropped_frames_are_no_loss() -> None:
         estimate = tracker.track(1 + index * FRAME_NS, frame(index), CAMERA, None)
         assert estimate.status == "ok"
         assert error(estimate, pose_at(index / 30))[0] < 0.015
+
+
+@pytest.mark.parametrize("sway", [0.2, 0.3])
+def test_a_camera_of_three_frames_in_two_seconds_is_followed(sway: float) -> None:
+    """It goes around the corner by 0.1 m and looks to another side each time: its velocity says nothing."""
+    tracker = make_tracker(PoseSettings.model_validate({"lattice_width": 160}))
+    for index in range(8):
+        eye = np.array([0.8 - 1.5 * np.cos(0.1 * (index + 1)), 0.5 - 1.2 * np.sin(0.5 + 0.1 * index), 1.3])
+        aside = sway * np.array([(-1) ** index, (-1) ** (index // 2), 0.3 * (-1) ** index])
+        pose = looking(eye, np.array([0.8, 0.5, 0.6]) + aside)
+        estimate = tracker.track(1 + 20 * index * FRAME_NS, render(pose, index), CAMERA, pose)
+        assert estimate.status == "ok"
+        assert error(estimate, pose)[0] < 0.015
+
+
+@pytest.mark.parametrize(("landmarks", "features"), [(True, 500), (True, 150), (False, 500)])
+def test_what_is_painted_tells_one_pillar_from_another(landmarks: bool, features: int) -> None:
+    """A camera that comes two thirds of a second later to the next pillar sees the same depth, but other colours.
+
+    Of 150 features too few are known again to tell the place alone.
+    """
+    settings = {"lattice_width": 160, "landmarks": landmarks, "features": features}
+    tracker = make_tracker(PoseSettings.model_validate(settings))
+    for index in range(4):
+        pose = looking(np.array([0.4 * index - 0.6, -0.7, 1.2]), np.array([0.4 * index - 0.45, 0.8, 0.9]))
+        depth = render(pose, index, PILLARS, LARGER)
+        estimate = tracker.track(1 + 20 * index * FRAME_NS, depth, LARGER, pose, painted(pose, depth))
+        assert estimate.status == "ok"
+        assert (error(estimate, pose)[0] < 0.02) == (landmarks or index == 0)
 
 
 def test_a_bare_wall_holds_no_pose() -> None:

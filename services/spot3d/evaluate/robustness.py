@@ -52,7 +52,8 @@ MIXED = (1, 2)
 HOLES = (0.1, 0.3)
 TOGETHER = 0.01, 0.4
 """Metres and degrees of poses that are off while depth is of another scale: a hand-held camera under motion capture."""
-EVERY = (1, 2, 3, 4, 5)
+EVERY = (1, 2, 3, 4, 5, 10, 20, 30)
+"""Down to what a thin link or a slow computer leaves of 30 a second: one."""
 SEED = 1
 
 COLUMNS = (

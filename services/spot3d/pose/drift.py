@@ -17,6 +17,7 @@ from spot3d.kernel import kernel
 from spot3d.pose.features import FeatureDetector, Features
 from spot3d.pose.landmark_map import LandmarkMap
 from spot3d.pose.motion import moved
+from spot3d.pose.relocalisation import meeting
 from spot3d.pose.settings import PoseSettings
 from spot3d.trajectory import nearest_rotation
 
@@ -83,6 +84,13 @@ class DriftCorrection:
         trusted[matched] = agreement.weights(pose) > _FITS
         self.map.insert(features, matches, trusted, pose)
         return pose
+
+    def agreeing(self, features: Features, camera: Intrinsics, T_world_camera: NDArray[np.float64]) -> int:
+        """How many features lie, by a pose (4, 4), where their landmark is."""
+        landmark = self.map.match(features, camera, T_world_camera).landmark
+        known = landmark >= 0
+        points, places = features.points[known], self.map.rows["position"][landmark[known]]
+        return int(np.count_nonzero(meeting(T_world_camera, points, places, features.noise)))
 
     def held(self, T_world_registered: NDArray[np.float64]) -> NDArray[np.float64]:
         """The pose (4, 4) of a registered frame with the correction as it stands, for a frame that is not compared."""

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.depth_noise import DepthNoise
 from spot3d.pose.features import Features
 
 # A descriptor is a landmark's if it differs in no more bits than this, and clearly less than from those elsewhere.
@@ -36,19 +37,31 @@ def relocalised(features: Features, landmarks: NDArray[np.void]) -> Place | None
 
     landmarks: rows of the type LANDMARK (see `landmark_map`).
     """
-    known = landmarks[landmarks["sightings"] > 1]
+    # Once is chance, or the frame before: of few frames a second most landmarks are in two.
+    last = landmarks["last"] == landmarks["last"].max(initial=0)
+    known = landmarks[(landmarks["sightings"] > 1) | last]
     feature, landmark = _matched(features.descriptors, known)
     if len(feature) < _AGREE_MIN:
         return None
     points, places = features.points[feature], known["position"][landmark]
-    reach = _NEAR + 3 * features.noise.sigma(points[:, 2])
-    T = _agreed(points, places, reach)
+    T = _agreed(points, places, _reach(points, features.noise))
     for _ in range(3):
-        near = _off(T, points, places) < reach
+        near = meeting(T, points, places, features.noise)
         if np.count_nonzero(near) < max(_AGREE_MIN, _SHARE_MIN * len(points)):
             return None
         T = _aligned(points[None, near], places[None, near])[0]
-    return Place(T, int(np.count_nonzero(_off(T, points, places) < reach)))
+    return Place(T, int(np.count_nonzero(meeting(T, points, places, features.noise))))
+
+
+def meeting(
+    T_world_camera: NDArray[np.float64], points: NDArray[np.float64], places: NDArray[np.float64], noise: DepthNoise
+) -> NDArray[np.bool_]:
+    """(n,) whether points (n, 3) of the camera frame lie by a pose where their landmarks are, places (n, 3)."""
+    return np.asarray(_off(T_world_camera, points, places) < _reach(points, noise))
+
+
+def _reach(points: NDArray[np.float64], noise: DepthNoise) -> NDArray[np.float64]:
+    return _NEAR + 3 * np.asarray(noise.sigma(points[:, 2]))
 
 
 def _matched(descriptors: NDArray[np.uint64], known: NDArray[np.void]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
