@@ -56,6 +56,14 @@ def test_what_stands_on_another_is_another() -> None:
         assert groups_of(Cuboid((0.0, 0.1, 0.17), (width, width, 0.06), colour=RED), carton) == [[0], [1]]
 
 
+@pytest.mark.parametrize(("hidden", "expected"), [(0.1, [[0, 1], [2]]), (0.24, [[0], [1], [2]])])
+def test_a_screen_with_something_before_it_is_one_with_its_foot(hidden: float, expected: list[list[int]]) -> None:
+    """As long as most of its lower edge, 0.3 m, is seen to hang."""
+    foot = standing(0.0, 0.05, (0.28, 0.15, 0.02), colour=GREEN)
+    binder = standing(0.0, -0.1, (hidden, 0.05, 0.3), colour=BLUE)
+    assert groups_of(SCREEN, foot, binder) == expected
+
+
 def test_what_something_in_front_hides_below_may_stand() -> None:
     wide = Cuboid((0.0, 0.1, 0.25), (0.36, 0.02, 0.2), colour=RED)
     foot = standing(0.0, 0.05, (0.4, 0.15, 0.02), colour=GREEN)
