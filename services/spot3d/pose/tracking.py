@@ -21,7 +21,7 @@ from spot3d.trajectory import rotation_angle, rotation_from_vector
 _TURNS = ((0, 12), (0, -12), (12, 0), (-12, 0), (0, 25), (0, -25), (12, 12), (-12, -12), (12, -12), (-12, 12))
 # Velocity holds for this long, seconds; beyond it is a guess worse than standing still: a frame that comes later than
 # that after the last is searched for. Redkitchen at two frames a second is off by 0.03 m then in the place of 0.2 to
-# 0.5, TUM fr3/cabinet (no texture, 0.16 m from frame to frame) by 0.05 m in the place of 0.3 to 0.4.
+# 0.5, TUM fr3/cabinet (no texture, 0.16 m from frame to frame) by 0.05 to 0.16 m in the place of 0.3 to 0.4.
 _COASTING = 0.3
 # Places this close to each other are one place (metres, radians).
 _SAME_PLACE, _SAME_TURN = 0.10, np.radians(5.0)
