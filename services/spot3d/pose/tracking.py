@@ -17,7 +17,7 @@ from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface, information, sample_surface, weakest_direction
 from spot3d.trajectory import rotation_angle, rotation_from_vector
 
-# Turns of the camera, in degrees about its x and y axes, that are tried from the last good pose while lost.
+# Turns of the camera, in degrees about its x and y axes, that a frame is searched for by, from the last good pose.
 _TURNS = ((0, 12), (0, -12), (12, 0), (-12, 0), (0, 25), (0, -25), (12, 12), (-12, -12), (12, -12), (-12, 12))
 # Velocity holds for this long, seconds; beyond it is a guess worse than standing still: a frame that comes later than
 # that after the last is searched for. Redkitchen at two frames a second is off by 0.03 m then in the place of 0.2 to
