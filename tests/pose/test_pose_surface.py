@@ -86,13 +86,20 @@ def test_jumps_holes_range_and_grazing_views_give_no_points() -> None:
     assert cosines.min() >= SETTINGS.grazing_cos - 1e-3
 
 
+def weakness(depth: NDArray[np.float32]) -> float:
+    surface = sample_surface(depth, CAMERA, SETTINGS)
+    return weakest_direction(information(surface)) / float(np.median(surface.sigma))
+
+
 def test_a_plane_leaves_directions_free_and_a_corner_does_not() -> None:
+    """However far away the corner is, and depth noisy: the pose is better known than each point."""
     wall = plane_depth(np.array([0.0, 0.0, 1.0]), 1.5)
     corner = np.minimum(wall, plane_depth(np.array([0.8, 0.0, 0.6]), 0.9))
     positive = plane_depth(np.array([0.0, 0.8, 0.6]), 1.0)
     corner = np.minimum(corner, np.where(positive > 0, positive, np.inf)).astype(np.float32)
-    assert weakest_direction(information(sample_surface(wall, CAMERA, SETTINGS))) > SETTINGS.weakness_max
-    assert weakest_direction(information(sample_surface(corner, CAMERA, SETTINGS))) < SETTINGS.weakness_max
+    for farther in (1, 2.5):
+        assert weakness((farther * wall).astype(np.float32)) > SETTINGS.weakness_max
+        assert weakness((farther * corner).astype(np.float32)) < SETTINGS.weakness_max / 2
 
 
 def test_normal_equations_point_to_the_plane() -> None:

@@ -124,10 +124,10 @@ class PoseSettings(BaseModel):
         0.015, gt=0, description="root mean square distance of the matched points to the map, metres"
     )
     weakness_max: float = Field(
-        2e-3,
+        1.0,
         gt=0,
-        description="largest standard deviation of the pose in its least constrained direction, "
-        "if the noise of the points were independent (metres; radians at 1 m): a bare wall holds no pose",
+        description="largest standard deviation of the pose in its least constrained direction, if the noise of the "
+        "points were independent, as a multiple of that noise (metres; radians at 1 m): a bare wall holds no pose",
     )
     speed_max: float = Field(3.0, gt=0, description="fastest plausible camera, m/s")
     turn_max: float = Field(5.0, gt=0, description="fastest plausible turn, rad/s")

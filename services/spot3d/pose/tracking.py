@@ -143,7 +143,7 @@ class MapTracker:
                 f"too few points: {len(surface)} on smooth surfaces, {self._settings.points_min} are needed"
             )
         held = information(surface)
-        if weakest_direction(held) > self._settings.weakness_max:
+        if weakest_direction(held) > self._settings.weakness_max * float(np.median(surface.sigma)):
             return self._lose("the view does not hold the pose in every direction")
         view = _View(colour, depth_m, intrinsics, surface, held)
         if last is None:
