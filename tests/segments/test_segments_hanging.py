@@ -45,6 +45,19 @@ def test_a_screen_whose_lower_edge_has_no_depth_is_one_with_its_foot() -> None:
     assert groups_of(SCREEN, FOOT, torn=0.04) == [[0, 1]]
 
 
+NECK = standing(0.0, 0.07, (0.05, 0.02, 0.25), colour=GREEN)
+"""Before the screen, as from behind, with no surface from one to the other."""
+
+
+@pytest.mark.parametrize("noise", [False, True])
+def test_a_screen_is_one_with_the_neck_that_reaches_up_to_it(noise: bool) -> None:
+    assert groups_of(SCREEN, NECK, noise=noise) == [[0, 1]]
+
+
+def test_what_a_hole_in_depth_parts_from_the_table_is_none_of_what_is_before_it() -> None:
+    assert groups_of(SCREEN, NECK, torn=0.08) == [[0], [1]]
+
+
 def test_what_hangs_above_nothing_stays_as_it_is() -> None:
     assert groups_of(SCREEN, standing(0.3, 0.05, (0.1, 0.1, 0.02), colour=GREEN)) == [[0], [1]]
 
