@@ -10,7 +10,15 @@ from spot3d.camera import back_project, invert
 from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import on_plane, transform_plane
 from spot3d.segments.settings import SegmentsSettings
-from spot3d.segments.supports import IMAGE_UP, beside_support, choose_support, clearly_faces, expected_up, heights
+from spot3d.segments.supports import (
+    IMAGE_UP,
+    beside_support,
+    choose_support,
+    clearly_faces,
+    expected_up,
+    heights,
+    lift,
+)
 
 SETTINGS = SegmentsSettings()
 POSE = look_at((0, -0.95, 0.7))
@@ -144,6 +152,22 @@ def test_heights_are_numbers_where_depth_is_missing() -> None:
     assert np.isfinite(heights(points, TABLE)).all()
 
 
+@pytest.mark.parametrize(("away", "gate"), [(0.6, 3.0), (2.4, 3.0), (0.6, 6.0)])
+def test_noise_lifts_what_lies_on_a_support_by_its_part_along_the_normal(away: float, gate: float) -> None:
+    """Of a table that is seen aslant from afar, 0.6 m below the camera, a quarter of the noise is height."""
+    noise, settings = CAMERA.noise, SETTINGS.model_copy(update={"noise_gate": gate})
+    depth = np.full(1, away, np.float32)
+    scatter = gate * float(noise.sigma(away))
+    expected = max(settings.plane_distance, min(scatter, settings.height_min), scatter * min(1, 0.6 / away))
+    assert lift(depth, np.array([0, -1.0, 0, 0.6]), settings)[0] == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_thin_thing_is_seen_on_a_table_far_away() -> None:
+    """2 cm above it, by the noise of a Kinect 2.4 m away: less than three deviations along the ray."""
+    assert float(CAMERA.noise.sigma(2.4)) * SETTINGS.noise_gate > 0.02
+    assert lift(np.full(1, 2.4, np.float32), np.array([0, -0.8, -0.6, 1.0]), SETTINGS)[0] < 0.02
+
+
 SMALL_TABLE = Cuboid((0, 0, -0.02), (0.7, 0.6, 0.04), colour=(180, 150, 110))
 CHAIR = Cuboid((0.6, 0, -0.25), (0.05, 0.4, 0.9), colour=(1, 2, 3))
 TALL = Cuboid((0.1, 0.1, 0.1), (0.1, 0.1, 0.2), colour=(4, 5, 6))
@@ -152,7 +176,8 @@ TALL = Cuboid((0.1, 0.1, 0.1), (0.1, 0.1, 0.2), colour=(4, 5, 6))
 def beside(seen: View) -> NDArray[np.bool_]:
     points = back_project(seen.depth, CAMERA)
     height = (points @ TABLE[:3] + TABLE[3]).astype(np.float32)
-    return beside_support(points, surface_normals(seen.depth, CAMERA), height, TABLE[:3], SETTINGS)
+    tolerance = lift(seen.depth, TABLE, SETTINGS)
+    return beside_support(points, surface_normals(seen.depth, CAMERA), height, tolerance, TABLE[:3], SETTINGS)
 
 
 def test_a_chair_is_beside_the_table_and_what_is_on_it_or_under_it_is_not() -> None:
@@ -175,7 +200,8 @@ def test_where_the_support_is_hidden_it_still_counts() -> None:
     sunk = (seen.colour == wide.colour).all(-1)
     points = back_project(seen.depth, CAMERA)
     height = np.where(sunk, np.float32(-0.03), points @ TABLE[:3] + TABLE[3]).astype(np.float32)
-    found = beside_support(points, surface_normals(seen.depth, CAMERA), height, TABLE[:3], SETTINGS)
+    tolerance = lift(seen.depth, TABLE, SETTINGS)
+    found = beside_support(points, surface_normals(seen.depth, CAMERA), height, tolerance, TABLE[:3], SETTINGS)
     assert not found[sunk].any()
     assert found[(seen.colour == FLOOR.colour).all(-1)].mean() > 0.5
 

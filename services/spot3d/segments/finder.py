@@ -10,7 +10,7 @@ from spot3d.camera import Intrinsics, back_project
 from spot3d.frame_segments import TOO_COLD, TOO_LONG, TOO_LOW, TOO_MANY, TOO_SMALL, FrameSegments
 from spot3d.geometry.downsampling import LatticeFrame, to_lattice
 from spot3d.geometry.normals import surface_normals
-from spot3d.geometry.planes import dominant_planes, plane_tolerance
+from spot3d.geometry.planes import dominant_planes
 from spot3d.geometry.upright import Part, merge_contained, sampled, upright_box
 from spot3d.segments.creases import split_at_creases
 from spot3d.segments.foreground import on_long_planes, standing_out
@@ -19,7 +19,7 @@ from spot3d.segments.hanging import STANDS, join_hanging
 from spot3d.segments.holes import fill_holes
 from spot3d.segments.occlusion import join_occluded
 from spot3d.segments.settings import SegmentsSettings, Step
-from spot3d.segments.supports import beside_support, choose_support, expected_up, heights
+from spot3d.segments.supports import beside_support, choose_support, expected_up, heights, lift
 from spot3d.segments.torn import join_torn
 from spot3d.segments.vessels import hollow_groups
 from spot3d_schemas.limits import MAX_SEGMENTS
@@ -68,13 +68,14 @@ def find_on_lattice(
     normals = surface_normals(frame.depth, frame.camera)
     wanted = {step: step not in settings.skipped for step in get_args(Step)}
     height, up = heights(points, support, bent=wanted["bend"]), support[:3]
+    tolerance = lift(frame.depth, support, settings, noise)
     others = planes[(planes != support).any(axis=1)]
     beside = long = np.zeros(height.shape, np.bool_)
     if wanted["beside"]:
-        beside = beside_support(points, normals, height, up, settings, noise)
+        beside = beside_support(points, normals, height, tolerance, up, settings)
     if wanted["support"]:
         long = on_long_planes(points, normals, others, settings, noise)
-        out = standing_out(points, height, beside, long, settings, noise)
+        out = standing_out(points, height, tolerance, beside, long, settings)
     else:
         out = (frame.depth > 0) & (frame.depth <= settings.range_max)
 
@@ -103,7 +104,7 @@ def find_on_lattice(
         if wanted["contained"]:
             level = _join_contained(level, points, up, settings.contained_share)
         parts += level
-    return _segments(parts, frame, support[None], height.ravel(), left_out, settings)
+    return _segments(parts, frame, support[None], (height - tolerance).ravel(), left_out, settings)
 
 
 def _risen(labels: NDArray[np.int32], height: NDArray[np.float32]) -> NDArray[np.int32]:
@@ -200,20 +201,22 @@ def _segments(
     parts: list[NDArray[np.int64]],
     frame: LatticeFrame,
     planes: NDArray[np.float64],
-    height: NDArray[np.float32],
+    clear: NDArray[np.float32],
     left_out: Counter[str],
     settings: SegmentsSettings,
 ) -> FrameSegments:
-    """The parts as segments, the largest first if there are too many, with the holes in them filled."""
+    """The parts as segments, the largest first if there are too many, with the holes in them filled.
+
+    clear: (h * w,) metres above the support for certain.
+    """
     left_out[TOO_MANY] = max(0, len(parts) - MAX_SEGMENTS)
     parts = sorted(parts, key=len, reverse=True)[:MAX_SEGMENTS]
-    labels, depth = np.zeros(frame.depth.shape, np.int32), frame.depth.ravel()
+    labels = np.zeros(frame.depth.shape, np.int32)
     heat, stands_on = np.zeros(len(parts), np.float32), np.full(len(parts), -1, np.int8)
     for number, pixels in enumerate(parts):
         labels.ravel()[pixels] = number + 1
         heat[number] = frame.heat.ravel()[pixels].mean() / 255
-        lowest = np.quantile(height[pixels] - plane_tolerance(depth[pixels], settings, frame.camera.noise), 0.02)
-        if abs(lowest) < STANDS:
+        if abs(np.quantile(clear[pixels], 0.02)) < STANDS:
             stands_on[number] = 0
     if "holes" not in settings.skipped:
         labels = fill_holes(labels, frame.depth, frame.colour, frame.camera.fx)

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.depth_noise import KINECT_V1, DepthNoise
-from spot3d.geometry.planes import on_plane, plane_tolerance
+from spot3d.geometry.planes import on_plane
 from spot3d.kernel import kernel
 from spot3d.segments.settings import SegmentsSettings
 from spot3d.segments.supports import FACING
@@ -18,19 +18,19 @@ _KERNEL = np.ones((2, 2), np.uint8)
 def standing_out(
     points: NDArray[np.float32],
     height: NDArray[np.float32],
+    tolerance: NDArray[np.float32],
     beside: NDArray[np.bool_],
     long: NDArray[np.bool_],
     settings: SegmentsSettings,
-    noise: DepthNoise = KINECT_V1,
 ) -> NDArray[np.bool_]:
     """(h, w) bool: valid pixels above the support by more than noise, or beside it, that are on no plane which is
     longer than an object.
 
-    points: (h, w, 3) float32, camera frame; height: (h, w) float32 metres above the support; beside, long: (h, w) bool,
-    see `beside_support` and `on_long_planes`.
+    points: (h, w, 3) float32, camera frame; height, tolerance: (h, w) float32 metres above the support, and what of it
+    may be noise (see `lift`); beside, long: (h, w) bool, see `beside_support` and `on_long_planes`.
     """
     depth = points[..., 2]
-    free = beside | (height > plane_tolerance(depth, settings, noise))
+    free = beside | (height > tolerance)
     return _opened((depth > 0) & (depth <= settings.range_max) & free & ~long)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.depth_noise import KINECT_V1, DepthNoise
-from spot3d.geometry.planes import PlaneSettings, on_plane, plane_tolerance
+from spot3d.geometry.planes import PlaneSettings, on_plane
 from spot3d.geometry.upright import rotation_to_upright
 from spot3d.segments.settings import SegmentsSettings
 
@@ -114,21 +114,43 @@ def heights(points: NDArray[np.float32], plane: NDArray[np.float64], bent: bool 
     return above
 
 
+# Of rendered desks 2.4 m away 65 % are found where noise is all taken for height, 81 % so; of desks 1.7 m away 97 % and
+# 97 %. With 7.5, 12.5 and 15 mm in the place of `height_min` it is 84, 76 and 70 %, and success on HOTS, where glare
+# lies at 6 to 9 mm, 0.89, 0.91 and 0.91 for 0.91.
+def lift(
+    depth: NDArray[np.float32],
+    plane: NDArray[np.float64],
+    settings: SegmentsSettings,
+    noise: DepthNoise = KINECT_V1,
+) -> NDArray[np.float32]:
+    """How high above a support, at most, noise may lift what lies on it, metres: the shape of depth.
+
+    depth: metres, 0 = invalid; plane: (4,) camera frame. Noise scatters along the ray, which a support that is seen
+    along its surface crosses aslant: the further a table is, the less of its noise is height. What is below
+    `height_min` is lift in any case, as far as noise reaches: glare and bends are no noise of this kind.
+    """
+    scatter = np.float32(settings.noise_gate) * noise.sigma(depth)
+    aslant = np.float32(plane[3]) / np.maximum(depth, np.float32(1e-3))  # the ray's part along the normal
+    lifted = np.maximum(np.minimum(scatter, np.float32(settings.height_min)), scatter * np.minimum(aslant, 1))
+    most: NDArray[np.float32] = np.maximum(np.float32(settings.plane_distance), lifted)
+    return most
+
+
 def beside_support(
     points: NDArray[np.float32],
     normals: NDArray[np.float32],
     height: NDArray[np.float32],
+    tolerance: NDArray[np.float32],
     up: NDArray[np.float64],
     settings: SegmentsSettings,
-    noise: DepthNoise = KINECT_V1,
 ) -> NDArray[np.bool_]:
     """(h, w) bool: pixels no higher than a support that it is not above, as those of a chair at a table.
 
-    points, normals: (h, w, 3) float32, camera frame, z = 0 invalid; height: (h, w) float32 metres above the support;
-    up: (3,) its unit normal. A support reaches over the convex hull of what is seen of it: what stands on it hides
-    some of it. What lies in its plane and faces up is of it, wherever it is.
+    points, normals: (h, w, 3) float32, camera frame, z = 0 invalid; height, tolerance: (h, w) float32 metres above the
+    support, and what of it may be noise (see `lift`); up: (3,) its unit normal. A support reaches over the convex hull
+    of what is seen of it: what stands on it hides some of it. What lies in its plane and faces up is of it, wherever it
+    is.
     """
-    tolerance = plane_tolerance(points[..., 2], settings, noise)
     low = (points[..., 2] > 0) & (points[..., 2] <= settings.range_max) & (height <= tolerance)
     on = low & (height >= -tolerance) & (normals @ up.astype(np.float32) > FACING)
     low &= ~on
