@@ -202,6 +202,19 @@ def test_a_jump_is_lost_and_the_map_survives_it(provider: str, after: int) -> No
     assert error(estimate, pose_at(20 / 30))[0] < 0.02
 
 
+@pytest.mark.parametrize("provider", PROVIDERS)
+def test_frames_that_are_torn_elsewhere_are_followed(provider: str) -> None:
+    """Half of each lacks depth, in other strips each time: less than half of the second meets the first."""
+    rng = np.random.default_rng(0)
+    tracker = make_tracker(PoseSettings.model_validate({"provider": provider, "lattice_width": 160}))
+    for index in range(20):
+        torn = frame(index).copy()
+        torn[:, np.repeat(rng.permutation(10) < 5, CAMERA.width // 10)] = 0
+        estimate = tracker.track(1 + index * FRAME_NS, torn, CAMERA, pose_at(0) if index == 0 else None)
+        assert estimate.status == "ok", (index, estimate.reason)
+        assert error(estimate, pose_at(index / 30))[0] < 0.015
+
+
 def test_a_step_too_fast_for_a_camera_is_a_jump() -> None:
     tracker = started("kiss", 5)
     # A third of a second's way within a millisecond: the map fits, the speed does not.
