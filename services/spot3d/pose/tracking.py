@@ -30,8 +30,9 @@ _SAME_PLACE, _SAME_TURN = 0.10, np.radians(5.0)
 # is missing it is off by 0.1 to 0.3 m with each at two frames a second and fewer.
 _AGREE_MIN = 5
 # So many points must meet the map where the camera is expected, or landmarks have it: a map of few frames that are torn
-# lacks most of what the next one sees. With 0.15, 0.25 and 0.35 built-in desks with 30 % of their depth missing are
-# followed to 1 to 3 mm, and redkitchen as without it, torn or not; with half of it missing, such desks with 0.15 alone.
+# lacks most of what the next one sees. With 0.15, 0.25 and 0.35 rendered desks with 30 % of their depth missing are
+# followed to 1 to 3 mm, and redkitchen as with half of the points, torn or not; with half of depth missing two desks
+# are with 0.15, one with 0.25, none with 0.35.
 _OVERLAP_EXPECTED = 0.15
 # So far from where landmarks place it may a camera be by its surface, metres.
 _LANDMARKS_OFF = 0.25

@@ -30,8 +30,8 @@ image's border: then its bottom is hidden. With 0.25 and 0.75 it is the same; wh
 but for a tenth, screens that something stands before part from their feet (two of four on rendered desks)."""
 _AIR = 0.5
 """Beneath more than this share of the lower edge something farther away is seen: then it is no hole in depth that parts
-it from the support. With 0.25 and 0.75 it is the same. Of screens that are seen from all sides three of five are
-in pieces where this is not asked."""
+it from the support. With 0.25 and 0.75 it is the same. Where nothing joins what reaches up to it, three of five screens
+that are seen from all sides are in pieces."""
 _END = 0.02
 """Share of a part's points that may lie beyond its top and its bottom."""
 _SAMPLE = 300
