@@ -31,8 +31,8 @@ _SAME_PLACE, _SAME_TURN = 0.10, np.radians(5.0)
 _AGREE_MIN = 5
 # So many points must meet the map where the camera is expected, or landmarks have it: a map of few frames that are torn
 # lacks most of what the next one sees. With 0.15, 0.25 and 0.35 rendered desks with 30 % of their depth missing are
-# followed to 1 to 3 mm, and redkitchen as with half of the points, torn or not; with half of depth missing two desks
-# are with 0.15, one with 0.25, none with 0.35.
+# followed to 1 to 3 mm, and redkitchen as well as with 0.5, torn or not; of two desks with half of their depth missing
+# both are with 0.15, one with 0.25, none with 0.35.
 _OVERLAP_EXPECTED = 0.15
 # So far from where landmarks place it may a camera be by its surface, metres.
 _LANDMARKS_OFF = 0.25
