@@ -19,8 +19,9 @@ from spot3d.fusion.process import run as run_fusion
 from spot3d.fusion.settings import FusionSettings
 from spot3d.geometry.planes import transform_plane
 from spot3d.source.process import run as run_source
-from spot3d.source.scene.placement import SHELF_HEIGHT, TABLE_HEIGHT
+from spot3d.source.scene.placement import TABLE_HEIGHT
 from spot3d.source.scene.scene import Scene
+from spot3d.source.scene.table import SHELF_HEIGHT
 from spot3d.source.settings import SourceSettings
 from spot3d_schemas import Frame, Heat, Pose, alive_key, decode, encode, key
 

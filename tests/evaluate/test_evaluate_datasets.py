@@ -11,11 +11,11 @@ from spot3d.camera import Intrinsics
 from spot3d.evaluate.datasets import at_half_size, both_sizes, dataset_kind, datasets_below, open_dataset, told_apart
 from spot3d.evaluate.labelled import DataSet, joined
 from spot3d.evaluate.ply import read_ply_points
-from spot3d.evaluate.scenes import scene_names
 from spot3d.evaluate.scores import without_object
 from spot3d.evaluate.unjudged import judged_overlap
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
+from spot3d.source.scene.name import scene_names
 
 
 def test_osd(tmp_path: Path) -> None:
@@ -214,6 +214,8 @@ def test_data_sets_of_one_name_are_told_apart_by_their_folders(tmp_path: Path) -
         ("scene:3:cluttered", ["scene:3:cluttered"]),
         ("scenes:2", ["scene:0", "scene:1"]),
         ("scenes:1:cluttered", ["scene:0:cluttered"]),
+        ("scenes:2:desk", ["scene:0:desk", "scene:1:desk"]),
+        ("scene:2:table", None),
         ("scenes:0", None),
         ("scenery", None),
     ],

@@ -7,11 +7,14 @@ import pytest
 
 from spot3d.camera import Intrinsics, back_project
 from spot3d.source.errors import SourceError
+from spot3d.source.scene.desk import DESK_REGION, things_on_desk
 from spot3d.source.scene.model import TrueBox, build_scene
+from spot3d.source.scene.name import SceneKind
 from spot3d.source.scene.noise import block_noise, measured_depth, noisy_colour
 from spot3d.source.scene.path import camera_pose
-from spot3d.source.scene.placement import arrange, footprint, separation
+from spot3d.source.scene.placement import Placed, footprint, separation
 from spot3d.source.scene.scene import Scene
+from spot3d.source.scene.table import things_on_table
 from spot3d.source.sequences import open_source
 
 SMALL = Intrinsics(585 / 4, 585 / 4, 80.0, 60.0, 160, 120)
@@ -43,25 +46,46 @@ def test_sequence(scene: Scene) -> None:
 
 @pytest.mark.parametrize("cluttered", [False, True])
 @pytest.mark.parametrize("seed", [0, 1, 2, 3, 4])
-def test_arrangement(seed: int, cluttered: bool) -> None:
-    placed = arrange(seed, cluttered)
+def test_arrangement_on_table(seed: int, cluttered: bool) -> None:
+    placed = things_on_table(seed, cluttered)
     if cluttered:
         assert 18 <= len(placed) <= 24
     else:
         assert len(placed) == 12
     gaps = [separation(footprint(a), footprint(b)) for a, b in combinations(placed, 2) if a.z == b.z]
-    assert min(gaps) >= 0, "things of one support do not interpenetrate"
     assert sum(gap < 0.003 for gap in gaps) >= 1 + cluttered, "some touch"
     heights = {round(p.z, 3) for p in placed}
     assert len(heights) > 2, "one is stacked"
     assert sum(p.z == 0.98 for p in placed) >= 2, "two are on the shelf"
+    assert_apart(placed)
+    sizes = np.array([p.thing.size for p in placed])
+    assert sizes.max() < 0.35
+    assert sizes.max(axis=1).min() > 0.04
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 4])
+def test_arrangement_on_desk(seed: int) -> None:
+    placed = things_on_desk(seed)
+    assert len(placed) == 14
+    names = [p.thing.name for p in placed]
+    assert names[:5] == ["monitor", "keyboard", "mouse", "laptop", "lamp"]
+    assert len(set(names)) == 14, "no thing is there twice"
+    assert sum(p.z > 0.75 for p in placed) == 1, "one is stacked"
+    assert_apart(placed)
+    low, high = (np.array([f(footprint(p), axis=0) for p in placed]) for f in (np.min, np.max))
+    assert (low >= DESK_REGION[::2]).all()
+    assert (high <= DESK_REGION[1::2]).all()
+    sizes = np.array([p.thing.size for p in placed])
+    assert sizes.max() < 0.60
+    assert sizes.max(axis=1).min() > 0.04
+
+
+def assert_apart(placed: list[Placed]) -> None:
+    """No two things have a point in common."""
     for low, high in combinations(sorted(placed, key=lambda p: p.z), 2):
         beside = separation(footprint(low), footprint(high)) >= 0
         above = high.z >= low.z + low.thing.size[2] - 1e-9
         assert beside or above, f"{low.thing.name} and {high.thing.name} interpenetrate"
-    sizes = np.array([p.thing.size for p in placed])
-    assert sizes.max() < 0.35
-    assert sizes.max(axis=1).min() > 0.04
 
 
 def inside_share(points: np.ndarray, box: TrueBox, tolerance: float) -> float:
@@ -69,8 +93,9 @@ def inside_share(points: np.ndarray, box: TrueBox, tolerance: float) -> float:
     return float((np.abs(local) <= box.size / 2 + tolerance).all(axis=1).mean())
 
 
-def test_true_boxes_hold_their_points_tightly() -> None:
-    longer = Scene(1, frames=600, intrinsics=SMALL)
+@pytest.mark.parametrize("kind", ["table", "desk"])
+def test_true_boxes_hold_their_points_tightly(kind: SceneKind) -> None:
+    longer = Scene(1, kind, frames=600, intrinsics=SMALL)
     points: dict[int, list[np.ndarray]] = {box.id: [] for box in longer.boxes}
     for index in range(0, 600, 50):
         view = longer.truth(index)
@@ -88,32 +113,44 @@ def test_true_boxes_hold_their_points_tightly() -> None:
         assert (extent > 0.5 * box.size).all(), (box.name, extent, box.size)
 
 
-@pytest.mark.parametrize("cluttered", [False, True])
-def test_every_object_is_seen(cluttered: bool) -> None:
-    scene = Scene(3, cluttered, intrinsics=SMALL)
+@pytest.mark.parametrize("kind", ["table", "cluttered", "desk"])
+def test_every_object_is_seen(kind: SceneKind) -> None:
+    scene = Scene(3, kind, intrinsics=SMALL)
     best = np.zeros(len(scene.boxes) + 1)
     for index in range(0, 300, 25):
         best = np.maximum(best, np.bincount(scene.truth(index).instance.ravel(), minlength=len(best)))
     assert best[1:].min() > 15, "in quarter-size pixels"
 
 
-def test_instances_are_the_boxes() -> None:
-    model = build_scene(0)
+@pytest.mark.parametrize("kind", ["table", "desk"])
+def test_instances_are_the_boxes(kind: SceneKind) -> None:
+    model = build_scene(0, kind)
     assert set(model.solids.instance.tolist()) == {0, *(box.id for box in model.boxes)}
     for box in model.boxes:
         np.testing.assert_allclose(box.rotation @ box.rotation.T, np.eye(3), atol=1e-12)
         np.testing.assert_array_equal(box.rotation[2], [0, 0, 1])
 
 
-def test_camera_moves_as_a_hand_does() -> None:
-    poses = np.array([camera_pose(index, 0) for index in range(1200)])
-    steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+@pytest.mark.parametrize(("kind", "least", "mean", "most"), [("table", 4, 10, 15), ("desk", 10, 17, 25)])
+def test_camera_moves_as_a_hand_does(kind: SceneKind, least: float, mean: float, most: float) -> None:
+    """Bounds of the mean and of each step in millimetres."""
+    poses = np.array([camera_pose(index, 0, kind) for index in range(1200)])
+    steps = 1000 * np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     turns = np.einsum("nij,nij->n", poses[1:, :3, :3], poses[:-1, :3, :3])
     degrees = np.degrees(np.arccos(np.clip((turns - 1) / 2, -1, 1)))
-    assert 0.004 < steps.mean() < 0.010
-    assert steps.max() < 0.015
+    assert least < steps.mean() < mean
+    assert steps.max() < most
     assert 0.25 < degrees.mean() < 0.6
     assert degrees.max() < 1.2
+
+
+def test_camera_walks_around_the_desk() -> None:
+    eyes = np.array([camera_pose(index, 1, "desk")[:2, 3] for index in range(0, 1800, 3)])
+    distance = np.linalg.norm(eyes, axis=1)
+    assert 1.4 < distance.min() < 1.6
+    assert 2.2 < distance.max() < 2.4
+    turned = np.unwrap(np.arctan2(eyes[:, 1], eyes[:, 0]))
+    assert turned[-1] - turned[0] == pytest.approx(4 * np.pi, abs=0.1)
 
 
 @pytest.mark.parametrize("metres", [1.0, 2.0])
@@ -176,18 +213,20 @@ def test_colour_noise() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "seed", "cluttered"),
+    ("name", "seed", "kind"),
     [
-        ("scene", 0, False),
-        ("scene:4", 4, False),
-        ("scene:4:cluttered", 4, True),
-        ("scene:cluttered", 0, True),
+        ("scene", 0, "table"),
+        ("scene:4", 4, "table"),
+        ("scene:4:cluttered", 4, "cluttered"),
+        ("scene:cluttered", 0, "cluttered"),
+        ("scene:2:desk", 2, "desk"),
+        ("scene:desk", 0, "desk"),
     ],
 )
-def test_scene_by_name(name: str, seed: int, cluttered: bool) -> None:
+def test_scene_by_name(name: str, seed: int, kind: SceneKind) -> None:
     found = open_source(name, frames=9)
     assert isinstance(found, Scene)
-    assert (found.seed, found.cluttered, len(found)) == (seed, cluttered, 9)
+    assert (found.seed, found.kind, len(found)) == (seed, kind, 9)
 
 
 def test_scene_has_its_own_camera() -> None:

@@ -8,13 +8,14 @@ import numpy as np
 from spot3d.evaluate.labelled import DataSet, LabelledFrame, LabelledFrames, LabelledSequence, joined
 from spot3d.evaluate.osd import is_osd, open_osd
 from spot3d.evaluate.rgbd_scenes import is_rgbd_scenes, open_rgbd_scenes
-from spot3d.evaluate.scenes import open_scene, scene_names
+from spot3d.evaluate.scenes import open_scene
 from spot3d.evaluate.truth import LabelledScene, read_cuboids, read_labelled_scene
 from spot3d.evaluate.uw_scenes import is_uw_scenes, open_uw_scenes
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import halve
 from spot3d.source.intrinsics_files import FocalAndCentre
+from spot3d.source.scene.name import scene_names
 from spot3d.source.selected import Selection, open_selection
 from spot3d.source.sequences import at_half_size as half_sequence
 from spot3d.source.sequences import refuse_misnamed_scene

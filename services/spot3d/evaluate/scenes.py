@@ -1,7 +1,5 @@
 """The built-in scene as a data set: what the renderer knows becomes boxes and a labelled cloud."""
 
-import re
-
 import numpy as np
 
 from spot3d.boxes import Box3D
@@ -9,10 +7,10 @@ from spot3d.camera import back_project
 from spot3d.evaluate.labelled import LabelledFrame, LabelledFrames, LabelledSequence, mask_boxes
 from spot3d.evaluate.truth import LabelledScene
 from spot3d.settings import Settings
+from spot3d.source.scene.name import DEFAULT_KIND, SceneName, parse_scene_name
 from spot3d.source.scene.scene import Scene
-from spot3d.source.selected import Selection, open_selection
+from spot3d.source.selected import Selection, full_scene_name, open_selection
 
-SCENES = re.compile(r"scenes:(?P<count>[1-9]\d?)(?P<cluttered>:cluttered)?|scene(?::\d+)?(?::cluttered)?")
 TRUTH_VIEWS = 20
 TRUTH_VOXEL = 0.005
 SINGLE_FRAMES = 30
@@ -21,24 +19,13 @@ PIXELS_MIN = 200
 """An object with fewer visible pixels in a VGA frame is not there to be found."""
 
 
-def scene_names(name: str) -> list[str] | None:
-    """Scenes that a name stands for: `scenes:5` is `scene:0` .. `scene:4`; None if it names no scene."""
-    match = SCENES.fullmatch(name)
-    if match is None:
-        return None
-    if match["count"] is None:
-        return [name]
-    return [f"scene:{seed}{match['cluttered'] or ''}" for seed in range(int(match["count"]))]
-
-
 def open_scene(
     name: str, settings: Settings, every: int = 1, frames: int | None = None
 ) -> tuple[LabelledSequence, LabelledFrames]:
     """The scene of this name as a labelled sequence, and some of its frames with boxes around the true masks."""
     sequence = open_selection(Selection(name, frames, every), settings.source)
-    seed = re.search(r"\d+", name)
-    number = int(seed[0]) if seed else settings.source.scene_seed
-    scene = Scene(number, "cluttered" in name or settings.source.scene_cluttered, frames=every * len(sequence))
+    full = full_scene_name(parse_scene_name(name) or SceneName(), settings.source)
+    scene = Scene(full.seed or 0, full.kind or DEFAULT_KIND, frames=every * len(sequence))
 
     looked_at = range(0, len(sequence), max(1, len(sequence) // SINGLE_FRAMES))
 

@@ -14,8 +14,9 @@ from spot3d.source.errors import SourceError
 from spot3d.source.halving import halve
 from spot3d.source.intrinsics_files import FocalAndCentre, parse_intrinsics
 from spot3d.source.ros.topics import TopicNames
+from spot3d.source.scene.name import SceneName, parse_scene_name
 from spot3d.source.sequence import FrameSequence, FrameStream, Note
-from spot3d.source.sequences import SCENE_NAME, open_source, open_stream
+from spot3d.source.sequences import open_source, open_stream
 from spot3d.source.settings import SourceSettings
 
 
@@ -43,8 +44,8 @@ def open_selection(selection: Selection, settings: SourceSettings) -> FrameSeque
     if every < 1 or (selection.frames is not None and selection.frames < 1):
         raise SourceError("--every and --frames must be at least 1")
     length = settings.scene_frames
-    if SCENE_NAME.fullmatch(name):
-        name = _full_scene_name(name, settings)
+    if (scene := parse_scene_name(name)) is not None:
+        name = str(full_scene_name(scene, settings))
         length = length if selection.frames is None else selection.frames * every
     topics = TopicNames(settings.colour_topic, settings.depth_topic, settings.pose_topic)
     sequence = open_source(name, length, selection.intrinsics, settings.halved, topics, settings.depth_unit)
@@ -97,12 +98,12 @@ class _SelectedStream:
         return halve(frame) if self._halved else frame
 
 
-def _full_scene_name(name: str, settings: SourceSettings) -> str:
-    """The scene's name with the seed and clutter of the settings where the name itself does not say."""
-    match = SCENE_NAME.fullmatch(name)
-    seed = (match and match["seed"]) or settings.scene_seed
-    cluttered = (match and match["cluttered"]) or settings.scene_cluttered
-    return f"scene:{seed}{':cluttered' if cluttered else ''}"
+def full_scene_name(name: SceneName, settings: SourceSettings) -> SceneName:
+    """A built-in scene's name with the settings' seed and kind where it does not state its own."""
+    return SceneName(
+        settings.scene_seed if name.seed is None else name.seed,
+        settings.scene_kind if name.kind is None else name.kind,
+    )
 
 
 class Selected:

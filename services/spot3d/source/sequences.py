@@ -1,6 +1,5 @@
 """Opens an input by its path or name."""
 
-import re
 from pathlib import Path
 
 from spot3d.recorder.profile import is_our_mcap
@@ -12,19 +11,17 @@ from spot3d.source.realsense.recording import RealSenseRecording, is_realsense_r
 from spot3d.source.recording import Recording
 from spot3d.source.ros.bag import is_ros_bag
 from spot3d.source.ros.topics import TopicNames
+from spot3d.source.scene.name import DEFAULT_KIND, SPELLINGS, SPELLINGS_OF_MANY, parse_scene_name
 from spot3d.source.sequence import FrameSequence, FrameStream
 from spot3d.source.seven_scenes import is_seven_scenes, open_seven_scenes
 from spot3d.source.tum import is_tum, open_tum
-
-SCENE_NAME = re.compile(r"scene(?::(?P<seed>\d+))?(?P<cluttered>:cluttered)?")
 
 
 def refuse_misnamed_scene(name: str) -> None:
     """Raises SourceError for a name that begins as those of built-in scenes do."""
     if name.startswith(("scene:", "scenes:")):
         raise SourceError(
-            f"{name} names no built-in scene; there are scene, scene:SEED, scene:cluttered and scene:SEED:cluttered "
-            "(SEED: 0, 1, ...), and for spot3d evaluate scenes:COUNT and scenes:COUNT:cluttered (COUNT: 1 to 99)"
+            f"{name} names no built-in scene; there are {SPELLINGS}, and for spot3d evaluate {SPELLINGS_OF_MANY}"
         )
 
 
@@ -38,19 +35,18 @@ def open_source(
 ) -> FrameSequence:
     """Opens a recording's folder by what it holds, or the built-in scene.
 
-    `scene`, `scene:SEED`, `scene:SEED:cluttered` (or `scene:cluttered`) are the built-in scene with
-    `frames` frames; a file is a ROS bag, of which `topics` are played, or one that `spot3d record` has made;
-    everything else is a folder in the layout of 7-Scenes or TUM RGB-D. `intrinsics` (fx, fy, cx, cy) override the
-    input's own, and `depth_unit` (metres; 0: as it is) a folder's; `halved` halves every frame. Raises SourceError,
-    saying what is wrong and what to do.
+    `scene`, `scene:SEED`, `scene:SEED:cluttered`, `scene:SEED:desk` are built-in scenes with `frames` frames; a file
+    is a ROS bag, of which `topics` are played, or one that `spot3d record` has made; everything else is a folder in the
+    layout of 7-Scenes or TUM RGB-D. `intrinsics` (fx, fy, cx, cy) override the input's own, and `depth_unit` (metres;
+    0: as it is) a folder's; `halved` halves every frame. Raises SourceError, saying what is wrong and what to do.
     """
     sequence: FrameSequence
-    if match := SCENE_NAME.fullmatch(str(path_or_name)):
+    if (scene := parse_scene_name(str(path_or_name))) is not None:
         if intrinsics is not None:
             raise SourceError("the built-in scene has its own camera; leave --intrinsics away")
         from spot3d.source.scene.scene import Scene  # numba takes a second to import
 
-        sequence = Scene(int(match["seed"] or 0), match["cluttered"] is not None, frames)
+        sequence = Scene(scene.seed or 0, scene.kind or DEFAULT_KIND, frames)
     elif is_our_mcap(Path(path_or_name)):
         if intrinsics is not None:
             raise SourceError("a recording has its own intrinsics; leave --intrinsics away")

@@ -3,6 +3,7 @@
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from spot3d.depth_noise import parse_noise
+from spot3d.source.scene.name import DEFAULT_KIND, SceneKind
 
 
 class SourceSettings(BaseModel):
@@ -36,7 +37,11 @@ class SourceSettings(BaseModel):
     )
     scene_frames: int = Field(300, ge=1, le=1_000_000, description="length of the built-in scene, frames at 30 Hz")
     scene_seed: int = Field(0, ge=0, le=2**31 - 1, description="which built-in scene, where the name gives no seed")
-    scene_cluttered: bool = Field(False, description="built-in scene with 18 to 24 objects instead of 12")
+    scene_kind: SceneKind = Field(
+        DEFAULT_KIND,
+        description="kind of the built-in scene, where the name gives none: table (12 things), cluttered (18 to 24), "
+        "desk (14 on a free-standing one, which the camera walks around)",
+    )
 
     @field_validator("depth_noise")
     @classmethod

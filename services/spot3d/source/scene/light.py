@@ -8,29 +8,27 @@ from numpy.typing import NDArray
 
 from spot3d.kernel import kernel
 from spot3d.source.scene.intersect import hit
-from spot3d.source.scene.placement import SHELF_HEIGHT, TABLE_HEIGHT
+from spot3d.source.scene.placement import Region
 from spot3d.source.scene.shapes import ROOM, Shapes, Solids
 
 # The lamp: a square panel under the ceiling, in the world frame; metres.
 LAMP_CENTRE = (0.7, 0.35, 2.5)
 LAMP_HALF = 0.3
-# Upward surfaces with a shadow map, by height: x from, y from, extent x, extent y.
-SHADED = {
-    0.0: (-0.5, -2.2, 4.7, 4.6),
-    TABLE_HEIGHT: (-0.4, -0.7, 0.8, 1.4),
-    SHELF_HEIGHT: (-0.5, -0.6, 0.28, 1.2),
-}
 CELLS = 224
 
 
-def shadow_maps(solids: Solids) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-    """Shadow maps of the floor, the table top and the shelf.
+def shadow_maps(solids: Solids, shaded: dict[float, Region]) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    """Shadow maps of the upward surfaces, which are given by their height.
 
-    Returns areas (3, 5) float64: height, x from, y from, cells per metre along x and y; and light (3, 224,
+    Returns areas (n, 5) float64: height, x from, y from, cells per metre along x and y; and light (n, 224,
     224) float32, [map, y, x], the visible share 0..1 of the lamp.
     """
+    cells = CELLS - 1
     areas = np.array(
-        [(z, x, y, (CELLS - 1) / width, (CELLS - 1) / depth) for z, (x, y, width, depth) in SHADED.items()]
+        [
+            (z, left, near, cells / (right - left), cells / (far - near))
+            for z, (left, right, near, far) in shaded.items()
+        ]
     )
     # A sphere around each primitive spares most rays the exact test.
     middle = solids.centre + np.einsum("nij,nj->ni", solids.rotation, (solids.low + solids.high) / 2)
@@ -40,8 +38,8 @@ def shadow_maps(solids: Solids) -> tuple[NDArray[np.float64], NDArray[np.float32
     lamps = np.array([(LAMP_CENTRE[0] + a, LAMP_CENTRE[1] + b, LAMP_CENTRE[2]) for a in steps for b in steps])
     _fill(areas, lamps, _Spheres(solids.shapes, middle, radius), light)
     # Cells under a thing are dark: blurred, they pass for the dark line where things touch their support.
-    for cells in light:
-        cells[:] = cv2.blur(cells, (3, 3))
+    for shadow in light:
+        shadow[:] = cv2.blur(shadow, (3, 3))
     return areas, light
 
 

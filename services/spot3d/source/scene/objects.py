@@ -1,10 +1,11 @@
-"""What stands about in the built-in scene: everyday things of 4 to 35 cm, made of primitives."""
+"""What stands about in the built-in scenes: everyday things, made of primitives."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spot3d.source.scene.office import OFFICE
+from spot3d.source.scene.recipes import Recipe, block, turned
 from spot3d.source.scene.shapes import (
     BOX,
     CHECKS,
@@ -60,22 +61,6 @@ def make(name: str, rng: np.random.Generator) -> Thing:
         moved.append(replace(part, centre=(x, y, z)))
     width, depth, height = (float(value) for value in high - low)
     return Thing(name, tuple(moved), (width, depth, height), name in ROUND)
-
-
-def _block(width: float, depth: float, height: float, pattern: int, period: float) -> "Recipe":
-    def parts(scale: float, first: Colour, second: Colour) -> list[Primitive]:
-        half = (width * scale / 2, depth * scale / 2, height * scale / 2)
-        return [Primitive(BOX, half, Texture(pattern, first, second, period))]
-
-    return parts
-
-
-def _round(height: float, bottom: float, top: float, opened: bool, pattern: int, period: float) -> "Recipe":
-    def parts(scale: float, first: Colour, second: Colour) -> list[Primitive]:
-        form = (height * scale / 2, bottom * scale, top * scale, float(opened))
-        return [Primitive(CONE, form, Texture(pattern, first, second, period))]
-
-    return parts
 
 
 def _mug(scale: float, first: Colour, second: Colour) -> list[Primitive]:
@@ -135,23 +120,21 @@ def _roll(scale: float, _first: Colour, second: Colour) -> list[Primitive]:
     return [Primitive(CONE, form, Texture(SPECKLE, (0.85, 0.84, 0.80), second, 0.03), (0, 0, 0), LYING)]
 
 
-Recipe = Callable[[float, Colour, Colour], list[Primitive]]
-
 CATALOGUE: dict[str, Recipe] = {
-    "cereal box": _block(0.19, 0.07, 0.28, LABEL, 0.05),
-    "shoe box": _block(0.29, 0.18, 0.11, PLAIN, 0.05),
-    "book": _block(0.16, 0.22, 0.028, COVER, 0.05),
-    "dictionary": _block(0.15, 0.21, 0.055, COVER, 0.05),
-    "milk carton": _block(0.072, 0.072, 0.20, LABEL, 0.05),
-    "tea box": _block(0.13, 0.08, 0.075, LABEL, 0.03),
-    "sugar pack": _block(0.10, 0.065, 0.15, LABEL, 0.04),
-    "puzzle cube": _block(0.06, 0.06, 0.06, CHECKS, 0.02),
-    "speaker": _block(0.13, 0.14, 0.21, SPECKLE, 0.02),
-    "tin can": _round(0.11, 0.038, 0.038, False, LABEL, 0.04),
-    "jar": _round(0.10, 0.05, 0.05, False, LABEL, 0.04),
-    "biscuit tin": _round(0.07, 0.09, 0.09, False, CHECKS, 0.04),
-    "flower pot": _round(0.12, 0.045, 0.065, True, PLAIN, 0.04),
-    "cone": _round(0.15, 0.06, 0.012, False, STRIPES, 0.05),
+    "cereal box": block(0.19, 0.07, 0.28, LABEL, 0.05),
+    "shoe box": block(0.29, 0.18, 0.11, PLAIN, 0.05),
+    "book": block(0.16, 0.22, 0.028, COVER, 0.05),
+    "dictionary": block(0.15, 0.21, 0.055, COVER, 0.05),
+    "milk carton": block(0.072, 0.072, 0.20, LABEL, 0.05),
+    "tea box": block(0.13, 0.08, 0.075, LABEL, 0.03),
+    "sugar pack": block(0.10, 0.065, 0.15, LABEL, 0.04),
+    "puzzle cube": block(0.06, 0.06, 0.06, CHECKS, 0.02),
+    "speaker": block(0.13, 0.14, 0.21, SPECKLE, 0.02),
+    "tin can": turned(0.11, 0.038, 0.038, False, LABEL, 0.04),
+    "jar": turned(0.10, 0.05, 0.05, False, LABEL, 0.04),
+    "biscuit tin": turned(0.07, 0.09, 0.09, False, CHECKS, 0.04),
+    "flower pot": turned(0.12, 0.045, 0.065, True, PLAIN, 0.04),
+    "cone": turned(0.15, 0.06, 0.012, False, STRIPES, 0.05),
     "mug": _mug,
     "pot": _pot,
     "bottle": _bottle,
@@ -160,5 +143,6 @@ CATALOGUE: dict[str, Recipe] = {
     "melon": _melon,
     "vase": _vase,
     "paper roll": _roll,
+    **OFFICE,
 }
 ROUND = frozenset(("tin can", "jar", "biscuit tin", "flower pot", "cone", "bottle", "bowl", "ball", "vase"))

@@ -1,7 +1,9 @@
-"""The hand-held camera's path in the built-in scene."""
+"""The hand-held camera's paths in the built-in scenes."""
 
 import numpy as np
 from numpy.typing import NDArray
+
+from spot3d.source.scene.name import SceneKind
 
 RATE_HZ = 30
 # Half the arc around the table, its horizontal radii across and along the table, and the point looked at;
@@ -11,17 +13,32 @@ RADIUS_ACROSS, RADIUS_ALONG = 1.0, 1.05
 TARGET = np.array([-0.06, 0.0, 0.80])
 HEIGHT = 1.48
 FRAMES_PER_SWEEP = 300
+# Around the desk: as far away as people go who walk around one, and at their pace, 13 mm a frame.
+ORBIT_RADIUS, ORBIT_SWELL = 1.9, 0.2
+FRAMES_PER_ORBIT = 900
 
 
-def camera_pose(index: int, seed: int) -> NDArray[np.float64]:
+def camera_pose(index: int, seed: int, kind: SceneKind) -> NDArray[np.float64]:
     """T_world_camera (4, 4) float64 of frame `index` >= 0 at 30 Hz, for any length of sequence.
 
-    The camera sweeps to and fro on an arc in front of the table, one way in 300 frames, at about 7 mm and
-    0.45 degrees a frame; its height and distance change slowly, so that no two sweeps are alike, and a
-    hand's tremor (phases by the seed) is added.
+    The camera's height and distance change slowly, so that no two sweeps are alike, and a hand's tremor (phases by
+    the seed) is added.
     """
     phase = np.random.default_rng((seed, 11)).uniform(0, 2 * np.pi, 12)
     seconds = index / RATE_HZ
+    eye, target = (_around_desk if kind == "desk" else _before_table)(index, phase)
+    wave = np.sin(2 * np.pi * seconds * np.array([0.6, 0.7, 0.8, 0.9, 0.75, 0.65]) + phase[3:9])
+    shake = np.sin(2 * np.pi * seconds * np.array([4.3, 5.1, 3.7]) + phase[9:])
+    T_world_camera = look_at(eye + 0.004 * wave[:3], target)
+    T_world_camera[:3, :3] @= small_rotation(np.radians(0.7) * wave[3:] + np.radians(0.08) * shake)
+    return T_world_camera
+
+
+def _before_table(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Eye and target (3,) of a camera that sweeps to and fro before the table, one way in 300 frames.
+
+    It moves by about 7 mm and 0.45 degrees a frame.
+    """
     # A triangle wave with rounded turns: nearly constant speed.
     sweep = np.arcsin(0.92 * np.sin(np.pi * index / FRAMES_PER_SWEEP - np.pi / 2)) / np.arcsin(0.92)
     angle = HALF_ARC * sweep
@@ -33,12 +50,16 @@ def camera_pose(index: int, seed: int) -> NDArray[np.float64]:
             HEIGHT + 0.09 * np.sin(2 * np.pi * index / 370 + phase[1]),
         ]
     )
-    target = TARGET + np.array([0.0, 0.10 * np.sin(2 * np.pi * index / 260 + phase[2]), 0.0])
-    wave = np.sin(2 * np.pi * seconds * np.array([0.6, 0.7, 0.8, 0.9, 0.75, 0.65]) + phase[3:9])
-    shake = np.sin(2 * np.pi * seconds * np.array([4.3, 5.1, 3.7]) + phase[9:])
-    T_world_camera = look_at(eye + 0.004 * wave[:3], target)
-    T_world_camera[:3, :3] @= small_rotation(np.radians(0.7) * wave[3:] + np.radians(0.08) * shake)
-    return T_world_camera
+    return eye, TARGET + np.array([0.0, 0.10 * np.sin(2 * np.pi * index / 260 + phase[2]), 0.0])
+
+
+def _around_desk(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Eye and target (3,) of a camera that walks around the desk, once in 900 frames, 1.5 to 2.3 m from its middle."""
+    angle = phase[0] + 2 * np.pi * index / FRAMES_PER_ORBIT
+    radius = ORBIT_RADIUS * (1 + ORBIT_SWELL * np.sin(2 * np.pi * index / 430 + phase[1]))
+    height = HEIGHT + 0.09 * np.sin(2 * np.pi * index / 370 + phase[2])
+    eye = np.array([radius * np.cos(angle), radius * np.sin(angle), height])
+    return eye, TARGET + 0.10 * np.array([0.0, np.sin(2 * np.pi * index / 260 + phase[2]), 0.0])
 
 
 def look_at(eye: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:

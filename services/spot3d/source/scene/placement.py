@@ -1,5 +1,6 @@
-"""Where the things stand: seeded, without interpenetration, some touching, hidden or stacked on purpose."""
+"""Places things on supports: seeded, without interpenetration, some touching, hidden or stacked on purpose."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,21 +8,13 @@ from numpy.typing import NDArray
 
 from spot3d.source.scene.objects import Thing, make
 
-# Regions (x from, x to, y from, y to) and height of the two supports' upper sides, in metres, world frame.
-TABLE_HEIGHT, SHELF_HEIGHT = 0.75, 0.98
-TABLE_REGION = (-0.20, 0.37, -0.66, 0.66)
-FRONT_REGION = (0.0, 0.37, -0.66, 0.66)
-SHELF_REGION = (-0.46, -0.22, -0.56, 0.56)
+Region = tuple[float, float, float, float]
+"""A rectangle of a support's upper side in the world, metres: x from, x to, y from, y to."""
+TABLE_HEIGHT = 0.75
 TOUCHING_GAP = 0.001
+ANY_YAW = (-np.pi, np.pi)
 # A round thing is outlined by a 16-gon around it.
 CORNERS = 1 / np.cos(np.pi / 16)
-CURVED = ("bowl", "ball", "melon")
-TURNED = ("jar", "flower pot", "cone", "paper roll")
-FREE = ("pot", "dictionary", "biscuit tin", "tea box", "paper roll", "ball", "jar")
-SMALL = ("puzzle cube", "tin can", "tea box", "mug")
-SQUARE = ("milk carton", "tea box", "sugar pack", "tin can", "speaker")
-TALL = ("cereal box", "bottle", "speaker")
-ON_SHELF = ("jar", "vase", "tin can", "sugar pack", "mug", "puzzle cube")
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,56 +32,39 @@ class NoRoomError(Exception):
     """A thing found no free place; the arrangement is drawn anew."""
 
 
-def arrange(seed: int, cluttered: bool) -> list[Placed]:
-    """Places 12 things, or 18 to 24 cluttered, by the seed alone, two or three of them on the shelf.
-
-    Always: one flat, one stacked, two touching, one hidden behind a tall one.
-    """
+def arrange(stream: tuple[int, ...], gap: float, region: Region, fill: Callable[["Arrangement"], None]) -> list[Placed]:
+    """What `fill` stands about, by the random `stream` alone; drawn anew until everything finds its place."""
     for attempt in range(1000):
-        rng = np.random.default_rng((seed, int(cluttered), attempt))
+        arrangement = Arrangement(np.random.default_rng((*stream, attempt)), gap, region)
         try:
-            return _Arrangement(rng, gap=0.012 if cluttered else 0.03).fill(cluttered)
+            fill(arrangement)
         except NoRoomError:
             continue
-    raise RuntimeError(f"seed {seed}: no arrangement found in 1000 attempts")
+        return arrangement.done
+    raise RuntimeError(f"scene {stream}: no arrangement found in 1000 attempts")
 
 
-class _Arrangement:
-    def __init__(self, rng: np.random.Generator, gap: float) -> None:
+class Arrangement:
+    """Things on a table top, whose free `region` this is, with `gap` metres between those that do not touch."""
+
+    def __init__(self, rng: np.random.Generator, gap: float, region: Region) -> None:
         self.rng = rng
         self.gap = gap
+        self.region = region
         self.done: list[Placed] = []
-
-    def fill(self, cluttered: bool) -> list[Placed]:
-        rng = self.rng
-        for tall in rng.choice(TALL, 2 if cluttered else 1, replace=False):
-            self.hide("mug", self.stand(str(tall), FRONT_REGION))
-        for name in ("shoe box", "biscuit tin") if cluttered else ("shoe box",):
-            base = self.stand(name)
-            top = self.stack(str(rng.choice(SMALL[:3])), base)
-            if cluttered and top.thing.name == "tea box":
-                self.stack("puzzle cube", top)
-        for first, second in rng.permutation(SQUARE)[: 4 if cluttered else 2].reshape(-1, 2):
-            self.touch(str(second), self.stand(str(first)))
-        self.stand("book")
-        self.stand(str(rng.choice(CURVED)))
-        self.stand(str(rng.choice(TURNED)))
-        for name in rng.choice(FREE, int(rng.integers(2, 5)) if cluttered else 1, replace=False):
-            self.stand(str(name))
-        for name in rng.choice(ON_SHELF, 3 if cluttered else 2, replace=False):
-            self.stand(str(name), SHELF_REGION, SHELF_HEIGHT)
-        return self.done
 
     def stand(
         self,
         name: str,
-        region: tuple[float, float, float, float] = TABLE_REGION,
+        region: Region | None = None,
         height: float = TABLE_HEIGHT,
+        yaw: tuple[float, float] = ANY_YAW,
     ) -> Placed:
-        thing = make(name, self.rng)
+        """Stands a thing somewhere in a region (the table's), turned by a yaw from a range (radians)."""
+        region, thing = region or self.region, make(name, self.rng)
         for _ in range(150):
             x, y = self.rng.uniform(region[0], region[1]), self.rng.uniform(region[2], region[3])
-            candidate = Placed(thing, float(x), float(y), height, float(self.rng.uniform(-np.pi, np.pi)))
+            candidate = Placed(thing, float(x), float(y), height, float(self.rng.uniform(*yaw)))
             if self.free(candidate, region):
                 self.done.append(candidate)
                 return candidate
@@ -125,7 +101,7 @@ class _Arrangement:
             x = other.x + float(np.cos(direction)) * reach
             y = other.y + float(np.sin(direction)) * reach
             candidate = Placed(thing, x, y, other.z, other.yaw)
-            if self.free(candidate, TABLE_REGION, touching=other):
+            if self.free(candidate, self.region, touching=other):
                 self.done.append(candidate)
                 return candidate
         raise NoRoomError(name)
@@ -137,8 +113,8 @@ class _Arrangement:
         for _ in range(60):
             x = tall.x - reach - float(self.rng.uniform(-0.03, 0.05))
             y = tall.y + float(self.rng.uniform(-0.04, 0.04))
-            candidate = Placed(thing, x, y, tall.z, float(self.rng.uniform(-np.pi, np.pi)))
-            if self.free(candidate, TABLE_REGION):
+            candidate = Placed(thing, x, y, tall.z, float(self.rng.uniform(*ANY_YAW)))
+            if self.free(candidate, self.region):
                 self.done.append(candidate)
                 return candidate
         raise NoRoomError(name)
@@ -146,7 +122,7 @@ class _Arrangement:
     def free(
         self,
         candidate: Placed,
-        region: tuple[float, float, float, float],
+        region: Region,
         touching: Placed | None = None,
     ) -> bool:
         outline = footprint(candidate)

@@ -50,7 +50,7 @@ class Renderer:
     def __init__(self, model: SceneModel, intrinsics: Intrinsics, seed: int) -> None:
         self.model = model
         self.intrinsics = intrinsics
-        self._light = LampLight(*shadow_maps(model.solids))
+        self._light = LampLight(*shadow_maps(model.solids, model.shaded))
         self._table = noise_table(seed)
         # Kept, as views are: fresh pages at every frame would cost a tenth of its time.
         self._which = np.empty(intrinsics.shape, np.int32)

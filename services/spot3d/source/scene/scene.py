@@ -1,4 +1,4 @@
-"""The built-in scene as a sequence of frames, with everything that is true about it."""
+"""A built-in scene as a sequence of frames, with everything that is true about it."""
 
 from collections.abc import Iterator
 
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from spot3d.camera import Intrinsics
 from spot3d.frame import RgbdFrame
 from spot3d.source.scene.model import UP, TrueBox, build_scene
+from spot3d.source.scene.name import DEFAULT_KIND, SceneKind
 from spot3d.source.scene.noise import measured_depth, noisy_colour
 from spot3d.source.scene.path import RATE_HZ, camera_pose
 from spot3d.source.scene.render import RenderedView, Renderer, empty_rendered_view
@@ -17,9 +18,9 @@ METRES_PER_UNIT = 0.001
 
 
 class Scene:
-    """The built-in scene: `frames` RgbdFrame at 30 Hz, as a hand-held Kinect sees them; made when asked for.
+    """A built-in scene: `frames` RgbdFrame at 30 Hz, as a hand-held Kinect sees them; made when asked for.
 
-    A frame depends on seed, `cluttered` and its index alone. `noisy=False` gives exact depth (float32
+    A frame depends on seed, kind and its index alone. `noisy=False` gives exact depth (float32
     metres) and colour. True poses are in every frame; `boxes`, `up` and `truth` hold the rest. World frame:
     z up, metres.
     """
@@ -30,17 +31,17 @@ class Scene:
     def __init__(
         self,
         seed: int = 0,
-        cluttered: bool = False,
+        kind: SceneKind = DEFAULT_KIND,
         frames: int = 300,
         intrinsics: Intrinsics = KINECT,
         noisy: bool = True,
     ) -> None:
         self.seed = seed
-        self.cluttered = cluttered
+        self.kind: SceneKind = kind
         self.frames = frames
         self.intrinsics = intrinsics
         self.noisy = noisy
-        self._renderer = Renderer(build_scene(seed, cluttered), intrinsics, seed)
+        self._renderer = Renderer(build_scene(seed, kind), intrinsics, seed)
         self._exact = empty_rendered_view(intrinsics.shape)
 
     @property
@@ -66,7 +67,7 @@ class Scene:
 
     def true_pose(self, index: int) -> NDArray[np.float64]:
         """T_world_camera (4, 4) float64 of a frame."""
-        return camera_pose(self._index(index), self.seed)
+        return camera_pose(self._index(index), self.seed, self.kind)
 
     def truth(self, index: int) -> RenderedView:
         """Exact depth, instance mask (0 = no object, else the box's id) and colour of a frame."""

@@ -1,0 +1,40 @@
+"""Names of the built-in scenes: which seed, and which kind of scene."""
+
+import re
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+SceneKind = Literal["table", "cluttered", "desk"]
+DEFAULT_KIND: SceneKind = "table"
+_SUFFIXES: dict[str, SceneKind] = {kind: kind for kind in get_args(SceneKind) if kind != DEFAULT_KIND}
+_KIND = rf"(?::(?P<kind>{'|'.join(_SUFFIXES)}))?"
+_ONE = re.compile(rf"scene(?::(?P<seed>\d+))?{_KIND}")
+_MANY = re.compile(rf"scenes:(?P<count>[1-9]\d?){_KIND}")
+SPELLINGS = "scene, scene:SEED, and each with :cluttered or :desk (SEED: 0, 1, ...)"
+SPELLINGS_OF_MANY = "scenes:COUNT, scenes:COUNT:cluttered and scenes:COUNT:desk (COUNT: 1 to 99)"
+
+
+@dataclass(frozen=True, slots=True)
+class SceneName:
+    """A built-in scene as its name states it; None: not stated."""
+
+    seed: int | None = None
+    kind: SceneKind | None = None
+
+    def __str__(self) -> str:
+        seed = "" if self.seed is None else f":{self.seed}"
+        return f"scene{seed}{'' if self.kind in (None, DEFAULT_KIND) else f':{self.kind}'}"
+
+
+def parse_scene_name(name: str) -> SceneName | None:
+    """What a name says of a built-in scene; None if it names none."""
+    if (match := _ONE.fullmatch(name)) is None:
+        return None
+    return SceneName(None if match["seed"] is None else int(match["seed"]), _SUFFIXES.get(match["kind"]))
+
+
+def scene_names(name: str) -> list[str] | None:
+    """Scenes that a name stands for: `scenes:5` is `scene:0` .. `scene:4`; None if it names no scene."""
+    if (match := _MANY.fullmatch(name)) is not None:
+        return [str(SceneName(seed, _SUFFIXES.get(match["kind"]))) for seed in range(int(match["count"]))]
+    return None if parse_scene_name(name) is None else [name]
