@@ -134,10 +134,30 @@ def test_a_single_point_is_a_box_without_a_hole() -> None:
     assert (box.size > 0).all()
 
 
-def test_a_segment_ends_where_two_places_lie_beyond() -> None:
-    along = np.random.default_rng(0).normal(size=(20, SAMPLE, 3)).round(1).astype(np.float32)
-    lows, highs = np.empty((2, 20, 3))
-    found._ends(along, lows, highs)
-    ordered = np.sort(along, axis=1)
-    np.testing.assert_array_equal(lows, ordered[:, 2])
-    np.testing.assert_array_equal(highs, ordered[:, -3])
+@pytest.mark.parametrize("yaw", [0.0, 0.4, 1.2])
+def test_a_view_that_spills_turns_no_box(yaw: float) -> None:
+    """Over two opposite corners: the smallest rectangle around all points lies along that diagonal."""
+    rng = np.random.default_rng(0)
+    places = [segment(rng, yaw=yaw) for _ in range(30)]
+    spilled = rng.uniform((0.10, 0.08, 0.0), (0.16, 0.12, 0.03), (40, 3))
+    spilled[::2, :2] *= -1
+    places[11][::5] = spilled @ rotation_z(yaw).T
+    assert overlap(box_of(seen(places), UP, 0.005), yaw) > 0.85
+
+
+def test_views_that_take_in_what_is_behind_make_nothing_thicker() -> None:
+    """As three of thirty views do of a book, by five points that lie 3 cm above it."""
+    rng = np.random.default_rng(0)
+    places = [segment(rng, high=0.03) for _ in range(30)]
+    for number in (3, 14, 25):
+        places[number][:5, 2] = 0.06
+    assert box_of(seen(places), UP, 0.005).size[2] == pytest.approx(0.03, abs=0.003)
+
+
+def test_a_view_ends_where_two_places_of_each_segment_lie_beyond() -> None:
+    rng = np.random.default_rng(0)
+    along = rng.normal(size=(20, SAMPLE, 3)).round(1).astype(np.float32)
+    lows, highs = found._ends(seen(list(along), frame=[k // 2 for k in range(20)], blur=(0.25, 0, 0)), np.eye(3))
+    ordered, scatter = np.sort(along, axis=1), np.array((0.25, 0, 0))
+    np.testing.assert_array_equal(lows.T, ordered[:, 2].reshape(10, 2, 3).min(axis=1) + scatter)
+    np.testing.assert_array_equal(highs.T, ordered[:, -3].reshape(10, 2, 3).max(axis=1) - scatter)
