@@ -181,7 +181,8 @@ def demo(
         endpoints = () if page is None else (page.endpoint,)
         chosen = selection(f"scene:{seed}", frames, 1, None)
         done = run_input(chosen, resolved, out, console, in_process, listen=endpoints)
-        true = [(item.name, Box3D(item.centre, item.size, item.rotation)) for item in build_scene(seed).boxes]
+        model = build_scene(seed, resolved.source.scene_kind)
+        true = [(item.name, Box3D(item.centre, item.size, item.rotation)) for item in model.boxes]
         console.print(demo_table(*match_objects(true, done.result.objects)))
         _conclude(done, resolved)
         if page is None:

@@ -24,7 +24,6 @@ what they take in behind it, and a thin thing is soon twice as thick. With 0.97,
 KISS-ICP's poses 0.65, 0.65, 0.64, 0.63, 0.63: its boxes were drawn by hand around all points."""
 _TRIM = 2
 """Of a view's points so many may lie beyond a face: 1 % of them, where depth flies off edges."""
-_TOP = 0.9
 _TURNS = ((15.0, 6), (5.0, 3), (5 / 3, 3), (5 / 9, 3))
 """So many yaws, so many degrees apart, are tried, then others around the best: the area of a rectangle has one minimum
 within a few degrees, and a degree moves a keyboard's corner by 4 mm."""
