@@ -7,7 +7,7 @@ import pytest
 from test_pose_correction import CAMERA, FRAME_NS, recording, shaken, tracked
 
 from spot3d.camera import invert
-from spot3d.pose.depth_scale import DepthScale
+from spot3d.pose.depth_scale import UNKNOWN, DepthScale
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
@@ -79,9 +79,9 @@ def test_chance_changes_nothing() -> None:
     scale = DepthScale(0.02)
     H, pose_information = np.diag(np.full(7, 1e3)), 1e8 * np.eye(6)
     g = np.append(np.zeros(6), 1e3 * 0.03)
-    assert scale.learn(H, g, pose_information, np.zeros(6), 1.0) == 1
+    assert scale.learn(H, g, pose_information, np.zeros(6), 1.0, UNKNOWN) == 1
     for _ in range(200):
-        scale.learn(H, g * (0.03 - np.log(scale.factor)) / 0.03, pose_information, np.zeros(6), 1.0)
+        scale.learn(H, g * (0.03 - np.log(scale.factor)) / 0.03, pose_information, np.zeros(6), 1.0, UNKNOWN)
     assert scale.factor == pytest.approx(1.03, abs=0.005)
 
 
@@ -97,8 +97,20 @@ def test_what_is_off_across_the_way_as_much_as_along_it_is_no_scale(along: float
     for _ in range(200):
         left = np.log(1 + along) - np.log(scale.factor)
         off = np.array([0.1 * left, 0.1 * across, 0.0])
-        scale.learn(H, np.append(1e6 * off, [0.0, 0.0, 0.0, 1e6 * apart @ off]), pose_information, np.zeros(6), 1.0)
+        g = np.append(1e6 * off, [0.0, 0.0, 0.0, 1e6 * apart @ off])
+        scale.learn(H, g, pose_information, np.zeros(6), 1.0, UNKNOWN)
     assert scale.factor == pytest.approx(found, abs=0.004)
+
+
+@pytest.mark.parametrize(("deviation", "found"), [(0.002, 1.028), (0.01, 1.009), (0.02, 1.0), (np.inf, 1.0)])
+def test_how_far_odometry_goes_tells_the_scale_as_far_as_it_is_sure(deviation: float, found: float) -> None:
+    """Of three per cent, beside views that tell nothing."""
+    scale, nothing = DepthScale(0.02), np.zeros((7, 7))
+    nothing[:6, :6] = np.eye(6)
+    for _ in range(2):
+        path = (np.log(1.03 / scale.factor), deviation**2) if np.isfinite(deviation) else UNKNOWN
+        scale.learn(nothing, np.zeros(7), np.eye(6), np.zeros(6), 1.0, path)
+    assert scale.factor == pytest.approx(found, abs=0.002)
 
 
 def test_a_map_of_corrected_poses_is_known_as_the_given_ones_have_it() -> None:

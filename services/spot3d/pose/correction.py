@@ -3,7 +3,8 @@
 Motion capture, a drone's own odometry or poses with a wrong stamp disagree with depth by a centimetre or two: what is
 fused from them is that thick. Each frame is registered to a local map, and its pose is the most probable one between
 the registration and the given pose (maximum a posteriori, both Gaussian). The given pose is the prior of every frame,
-so that the world stays theirs; where depth tells nothing, as along a bare plane, the prior alone decides.
+so that the world stays theirs; where depth tells nothing, as along a bare plane, the prior alone decides. How wrong
+given poses are, and how steadily odometry goes beside them, is measured along the way.
 """
 
 from dataclasses import replace
@@ -14,7 +15,8 @@ from numpy.typing import NDArray
 from spot3d.calibration import Calibration
 from spot3d.camera import Intrinsics, invert
 from spot3d.pose.delay import PoseDelay
-from spot3d.pose.depth_scale import DepthScale
+from spot3d.pose.depth_scale import UNKNOWN, DepthScale
+from spot3d.pose.error_model import ErrorModel
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.given import GivenPoses
 from spot3d.pose.motion import moved, twist
@@ -35,6 +37,14 @@ from spot3d.trajectory import nearest_rotation, rotation_angle
 # the world of the true poses with 1, 2, 3: redkitchen (three seeds) at 10 mm 0.69, 0.68, 0.68, at 20 mm 0.69, 0.65,
 # 0.62; rendered desks at 10 mm 0.42, 0.44, 0.44; built-in clutter at 10 mm 0.59, 0.60, 0.61. Less than 1 is worse.
 _INDEPENDENT = 1.0
+# So much odometry drifts whose surfaces are worth that; where it drifts less a surface is worth the more, up to so many
+# times. Drifts, with poses shaken by 10 mm: redkitchen 0.015 to 0.02, TUM fr3/cabinet 0.14, rendered clutter 0.006,
+# rendered desks 0.002.
+_BENT, _STEADIEST = 0.03, 100.0
+# A direction that is known less than this, over the best known one, is not held by depth but by noise of the normals:
+# a bare wall's are, after some frames, less than 1e-4; the least of rendered desks 5e-4, of redkitchen 1e-3, of TUM
+# fr3/cabinet 2e-4.
+_HELD = 1e-4
 # A registration so many standard deviations away from the given pose is none of their noise, but a jump.
 _JUMP = 6.0
 # So many frames in a row that do not meet the map: the map is of another place.
@@ -63,6 +73,7 @@ class CorrectedPoses:
         self._planes = SurfelMap(settings.surfel_voxel, settings.surfel_limit)
         self._sigma = np.repeat((settings.given_sigma, settings.given_turn_sigma), 3)
         self._noise = MeasuredNoise(0.0)
+        self._errors = ErrorModel(self._sigma)
         self._scale = DepthScale(settings.depth_scale_sigma)
         self._orientation = Orientation(settings.mount_turn_sigma, settings.centre_sigma)
         self._delay = PoseDelay(settings)
@@ -114,9 +125,11 @@ class CorrectedPoses:
             return self._begin_anew(surface, given)
         if len(surface) < self._settings.points_min:
             return given
-        return self._corrected(surface, given, 1e-9 * (stamp_ns - last[0]))
+        return self._corrected(surface, given, 1e-9 * last[0], 1e-9 * stamp_ns)
 
-    def _corrected(self, surface: Surface, given: PoseEstimate, elapsed: float) -> PoseEstimate:
+    def _corrected(self, surface: Surface, given: PoseEstimate, last_s: float, time_s: float) -> PoseEstimate:
+        """last_s, time_s: when the last frame and this one were taken, seconds."""
+        elapsed = time_s - last_s
         settings, prior = self._settings, invert(self._T_world_map) @ given.T_world_camera
         # What was wrong with the last pose is nearly what is wrong with this one.
         registered = refined(self._planes, surface, moved(prior, self._correction), settings)
@@ -139,18 +152,23 @@ class CorrectedPoses:
         # The map has as much noise of the given poses, of its own views.
         known = np.diag(1 / (self._sigma**2 * (2 * variance + self._noise.negligible)))
         off = twist(registered, as_given)
-        grown = self._scale.learn(worth / tried * H, worth / tried * g, known, off, elapsed)
+        drift = self._errors.learn(time_s, registered, as_given, _spread(information / worth))
+        # Exact poses hold the map: how far odometry would go beside them nobody knows.
+        path = self._errors.log_scale() if variance else UNKNOWN
+        grown = self._scale.learn(worth / tried * H, worth / tried * g, known, off, elapsed, path)
         # A turn looks like noise of the poses, of which as much may be there as the registrations' own hides.
         most = variance + self._noise.hidden
         known = np.diag(1 / (self._sigma**2 * (2 * most + self._noise.negligible)))
         blurred = _sharpness(surface, most * self._sigma**2) * worth / tried
         turned = self._orientation.learn(blurred * H, blurred * g, known, off, elapsed)
-        self._correction = self._sigma * _most_probable(offset / self._sigma, information, variance)
+        steady = float(np.clip(_BENT / drift, 1.0, _STEADIEST)) if drift else 1.0
+        self._correction = self._sigma * _most_probable(offset / self._sigma, steady * _held(information), variance)
         pose = moved(prior, self._correction)
         pose[:3, :3] = nearest_rotation(pose[:3, :3])
         forgotten = self._insert(surface, pose, as_given)
         if grown != 1:
             self._planes.rescale(grown)
+            self._errors.rescaled(grown)
             self._delay.rescaled()
         if turned.any():
             self._planes.look_elsewhere(turned)
@@ -193,6 +211,7 @@ class CorrectedPoses:
         self._planes = SurfelMap(self._settings.surfel_voxel, self._settings.surfel_limit)
         self._correction = np.zeros(6)
         self._T_map_given = invert(self._T_world_map)
+        self._errors.interrupt()
         self._strangers, self._age, self._map_delay_s = 0, 0.0, self._delay.delay_s
 
     def _insert(self, surface: Surface, pose: NDArray[np.float64], given: NDArray[np.float64] | None = None) -> int:
@@ -247,6 +266,18 @@ def _worth(surface: Surface, residual: float, tried: float) -> float:
     """
     expected = float(np.mean(np.square(surface.sigma, dtype=np.float64)))
     return float(min(_INDEPENDENT * expected / max(residual**2, 1e-12), tried))
+
+
+def _held(information: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The information (6, 6) along what depth holds."""
+    known, axes = np.linalg.eigh(information)
+    return np.asarray((axes * np.where(known < _HELD * known[-1], 0.0, known)) @ axes.T)
+
+
+def _spread(information: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Covariance (6, 6) of a registration of this information, nearly all of it along what depth does not hold."""
+    known, axes = np.linalg.eigh(information)
+    return np.asarray((axes / np.maximum(known, _UNKNOWN * known[-1])) @ axes.T)
 
 
 def _sharpness(surface: Surface, variances: NDArray[np.float64]) -> float:

@@ -6,7 +6,8 @@ metres and does not notice; with given poses it can be told: of what the map and
 scale that makes both meet is estimated along with the frame's pose, and sharpened from frame to frame (a Kalman
 filter of one state). Both lie where the given poses have them, for it: corrected ones follow what depth says, wrong
 scale and all. What is off across the way between the views no scale explains; it shows what the poses' noise and drift
-may look like along it.
+may look like along it. Where given poses are noisy, views tell little, and how far odometry goes beside them tells the
+scale (`ErrorModel`), as far as odometry does not drift. The more certain of both counts the more.
 """
 
 import numpy as np
@@ -35,6 +36,8 @@ _RIDGE = 1e-6
 _LEAST = 1e-9
 # Further off than so many standard deviations no camera is, and no message says so: it is the poses that are wrong.
 _MOST = 5.0
+UNKNOWN = 0.0, np.inf
+"""The scale by a path that tells nothing."""
 TOLD = 0.01
 """A scale that is off by less is not spoken of: data sheets promise no more."""
 
@@ -72,13 +75,15 @@ class DepthScale:
         pose_information: NDArray[np.float64],
         given: NDArray[np.float64],
         elapsed: float,
+        path: tuple[float, float],
     ) -> float:
         """Take a registered frame into account; returns by what `factor` has changed.
 
         H (7, 7), g (7,): its normal equations for twist and scale, to the map as the given poses have it (see
         `SurfelMap.normal_equations`), with depth already multiplied by `factor`, in units of independent information.
         given: (6,) twist from there to the given pose, which is known with pose_information (6, 6) against the map.
-        elapsed: seconds since the last frame.
+        elapsed: seconds since the last frame. path: mean and variance of the logarithm of what depth would have to be
+        multiplied by beside that for odometry to go as far as the given poses (see `ErrorModel.log_scale`).
         """
         if not self._sigma:
             return 1.0
@@ -90,20 +95,22 @@ class DepthScale:
         self._log = float(np.clip(self._log, -_MOST * self._sigma, _MOST * self._sigma))
         self._information = min(total, _KNOWN**-2)
         self._see_across(H, g, pose_information, given, min(1.0, elapsed / NEWS_S))
-        mean, variance = self._believed()
+        mean, variance = self._believed(applied + path[0], path[1] + _KNOWN**2)
         sure = max(0.0, 1.0 - variance * (_SURE / mean) ** 2) if mean else 0.0
         if abs(sure * mean - applied) < _STEP:
             return 1.0
         before, self.factor = self.factor, float(np.exp(sure * mean))
         return self.factor / before
 
-    def _believed(self) -> tuple[float, float]:
-        """Mean and variance of the scale's logarithm, where what was seen is as uncertain as what was seen across."""
+    def _believed(self, by_path: float, path_variance: float) -> tuple[float, float]:
+        """Mean and variance of the scale's logarithm, by what was seen, which is as uncertain as what was seen across,
+        and by how far odometry has gone."""
         prior = self._sigma**-2
         seen = max(self._information - prior, _LEAST)
         chance = max(1 / seen, float(self._across @ self._across) / 3)
-        trust = 1 / (1 + chance * prior)
-        return trust * self._log * self._information / seen, trust * chance
+        by_views = self._log * self._information / seen
+        variance = 1 / (prior + 1 / chance + 1 / path_variance)
+        return variance * (by_views / chance + by_path / path_variance), variance
 
     def _see_across(
         self,

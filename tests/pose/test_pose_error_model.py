@@ -1,0 +1,116 @@
+"""How wrong given poses and odometry are, told apart on ways of a camera whose errors are known."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from spot3d.pose.error_model import ErrorModel
+from spot3d.pose.motion import moved
+from spot3d.trajectory import rotation_from_vector
+
+SIGMA = np.repeat((0.02, 0.014), 3)
+STEP_S, SECONDS, ALIKE_S = 0.1, 25.0, 1 / 3
+# A registration whose surface is worth one point: half of the stated uncertainty in each direction.
+SPREAD = 0.25 * np.eye(6)
+
+
+def ways(
+    noise: float, drift: float, scale: float = 1.0, seed: int = 0
+) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
+    """Poses (4, 4) of a camera that walks around a table, ten a second: by odometry, and as given.
+
+    noise: of the given poses, in stated standard deviations; drift: of odometry, variance a second in units of that of
+    a registration; scale: by how much longer odometry's way is.
+    """
+    rng, keep, error = np.random.default_rng(seed), np.exp(-STEP_S / ALIKE_S), np.zeros(6)
+    odometry, given, drifted = [], [], np.zeros(6)
+    error = noise * rng.normal(size=6)
+    for k in range(int(SECONDS / STEP_S)):
+        angle = 0.4 * k * STEP_S
+        true = np.eye(4)
+        true[:3, :3] = rotation_from_vector(np.array((0.0, 0.0, angle)))
+        true[:3, 3] = 1.5 * np.cos(angle), 1.5 * np.sin(angle), 1.0 + 0.3 * np.sin(3 * angle)
+        error = keep * error + np.sqrt(1 - keep**2) * noise * rng.normal(size=6)
+        drifted += np.sqrt(drift * STEP_S * SPREAD[0, 0]) * rng.normal(size=6)
+        given.append(moved(true, SIGMA * error))
+        path = true.copy()
+        path[:3, 3] = true[:3, 3] * scale
+        # A drift that turns also turns the way from there on, as no table is wide enough to tell: it is left out.
+        odometry.append(moved(path, SIGMA * drifted * (1, 1, 1, 0, 0, 0)))
+    return odometry, given
+
+
+def learnt(noise: float, drift: float, scale: float = 1.0, seed: int = 0) -> ErrorModel:
+    model = ErrorModel(SIGMA)
+    for k, (odometry, given) in enumerate(zip(*ways(noise, drift, scale, seed), strict=True)):
+        model.learn(STEP_S * k, odometry, given, SPREAD)
+    return model
+
+
+@pytest.mark.parametrize("noise", [0.25, 0.5, 1.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_noise_of_the_given_poses_is_measured(noise: float, seed: int) -> None:
+    assert learnt(noise, 0.001, seed=seed).given ** 0.5 == pytest.approx(noise, rel=0.25)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_odometry_that_drifts_is_told_from_given_poses_that_are_noisy(seed: int) -> None:
+    steady, drifting = (learnt(0.5, drift, seed=seed) for drift in (0.001, 2.0))
+    assert steady.drift < 0.05
+    assert drifting.drift > 0.3
+    assert drifting.given**0.5 == pytest.approx(0.5, rel=0.5)
+
+
+def test_exact_poses_are_exact() -> None:
+    assert learnt(0.0, 1e-6).given < 1e-4
+
+
+@pytest.mark.parametrize("scale", [0.97, 1.0, 1.03])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_scale_is_what_odometry_goes_too_far(scale: float, seed: int) -> None:
+    log_scale, variance = learnt(0.5, 0.001, scale, seed).log_scale()
+    assert variance**0.5 < 0.006
+    assert abs(log_scale + np.log(scale)) < 3 * variance**0.5
+
+
+def test_odometry_that_drifts_tells_less_of_the_scale() -> None:
+    assert learnt(0.5, 2.0).log_scale()[1] > 4 * learnt(0.5, 0.001).log_scale()[1]
+
+
+def test_before_it_goes_anywhere_odometry_tells_nothing_of_the_scale() -> None:
+    model = ErrorModel(SIGMA)
+    assert model.log_scale() == (0.0, np.inf)
+    for k in range(15):
+        model.learn(STEP_S * k, np.eye(4), np.eye(4), SPREAD)
+    assert model.log_scale()[1] > 1
+
+
+def test_a_scale_that_is_mended_is_gone() -> None:
+    model = learnt(0.5, 0.001, 1.03)
+    before, variance = model.log_scale()
+    model.rescaled(1 / 1.03)
+    after, same = model.log_scale()
+    assert after == pytest.approx(before + np.log(1.03))
+    assert same == pytest.approx(variance)
+
+
+def test_a_jump_is_no_noise() -> None:
+    """As where motion capture takes another marker: half a metre, all at once, and both begin anew."""
+    model = ErrorModel(SIGMA)
+    for k, (odometry, given) in enumerate(zip(*ways(0.5, 0.001), strict=True)):
+        if k == 125:
+            model.interrupt()
+        elsewhere = given.copy()
+        elsewhere[0, 3] += 0.5 * (k >= 125)
+        model.learn(STEP_S * k, odometry, elsewhere, SPREAD)
+    assert model.given**0.5 == pytest.approx(0.5, rel=0.25)
+    assert model.drift < 0.05
+
+
+def test_one_pose_that_is_far_off_counts_little() -> None:
+    model = ErrorModel(SIGMA)
+    for k, (odometry, given) in enumerate(zip(*ways(0.5, 0.001), strict=True)):
+        pose = given.copy()
+        pose[0, 3] += 0.5 * (k == 120)
+        model.learn(STEP_S * k, odometry, pose, SPREAD)
+    assert model.given**0.5 == pytest.approx(0.5, rel=0.5)
