@@ -16,8 +16,11 @@ from spot3d.pose.depth_scale import UNKNOWN
 from spot3d.pose.evidence import NEWS_S
 from spot3d.pose.motion import twist
 
+# `_MEMORY_S` and `_BIAS` with half of their value, `_MEMORY_S` and `_OUTLIER` with twice it: of a desk, clutter and
+# redkitchen with poses shaken by 10 mm and depth 3 % too short the scale ends within 0.3 % of the same, and what is
+# seen lies within 0.4 mm as far apart.
 # Given poses are compared so far apart, seconds: then what is wrong with them is another thing each time (correlated by
-# a twentieth).
+# a twentieth). With half a second and two redkitchen lies 17 and 18 mm apart in the place of 15.5, the others as far.
 _APART_S = 3 * NEWS_S
 # What was seen counts for about so long, seconds.
 _MEMORY_S = 30.0
