@@ -154,7 +154,7 @@ class CorrectedPoses:
         # The map has as much noise of the given poses, of its own views.
         known = np.diag(1 / (self._sigma**2 * (2 * variance + self._noise.negligible)))
         off = twist(registered, as_given)
-        drift = self._errors.learn(time_s, registered, as_given, _spread(information / worth))
+        drift = self._errors.learn(time_s, registered, as_given, information / worth)
         # Exact poses hold the map: how far odometry would go beside them nobody knows.
         path = self._errors.log_scale() if variance else UNKNOWN
         grown = self._scale.learn(worth / tried * H, worth / tried * g, known, off, elapsed, path)
@@ -274,12 +274,6 @@ def _held(information: NDArray[np.float64]) -> NDArray[np.float64]:
     """The information (6, 6) along what depth holds."""
     known, axes = np.linalg.eigh(information)
     return np.asarray((axes * np.where(known < _HELD * known[-1], 0.0, known)) @ axes.T)
-
-
-def _spread(information: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Covariance (6, 6) of a registration of this information, nearly all of it along what depth does not hold."""
-    known, axes = np.linalg.eigh(information)
-    return np.asarray((axes / np.maximum(known, _UNKNOWN * known[-1])) @ axes.T)
 
 
 def _sharpness(surface: Surface, variances: NDArray[np.float64]) -> float:

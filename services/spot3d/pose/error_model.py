@@ -36,6 +36,8 @@ _BIAS = 2e-3
 _OUTLIER = 3.0
 # Variance of what is not known at first, in units of the given poses'; and their least.
 _ANY, _LEAST = 1e4, 1e-6
+# What is known less than this, over the best known, is no better known than that.
+_UNKNOWN = 1e-6
 _SHIFT, _TURN, _SCALE = slice(0, 3), slice(3, 6), 6
 
 
@@ -70,17 +72,17 @@ class ErrorModel:
         time_s: float,
         T_map_odometry: NDArray[np.float64],
         T_map_given: NDArray[np.float64],
-        spread: NDArray[np.float64],
+        information: NDArray[np.float64],
     ) -> float:
         """Take a frame into account, (4, 4) in odometry's map and as it was given; returns `drift`.
 
-        spread: covariance (6, 6) of its registration, map axes, in units of the stated uncertainty, if its surface were
-        worth one point of independent noise.
+        information: (6, 6) of its registration, map axes, in units of the stated uncertainty, if its surface were worth
+        one point of independent noise.
         """
         now = _Posed(time_s, T_map_odometry)
         offset = twist(T_map_odometry, T_map_given) / self._sigma
         if self._last is None or time_s - self._last.time_s >= _APART_S:
-            self._foretell(now, offset, spread)
+            self._foretell(now, offset, _spread(information))
         return self.drift
 
     def log_scale(self) -> tuple[float, float]:
@@ -154,3 +156,9 @@ class ErrorModel:
         lever = np.eye(6)
         lever[_SHIFT, _TURN] = np.array(((0, z, -y), (-z, 0, x), (y, -x, 0)))
         return lever
+
+
+def _spread(information: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Covariance (6, 6) of a registration of this information, nearly all of it along what depth does not hold."""
+    known, axes = np.linalg.eigh(information)
+    return np.asarray((axes / np.maximum(known, _UNKNOWN * known[-1])) @ axes.T)
