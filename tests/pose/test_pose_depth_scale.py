@@ -75,7 +75,7 @@ def test_odometry_has_the_scale_of_its_depth() -> None:
 
 
 def test_chance_changes_nothing() -> None:
-    """What lies within two standard deviations of one may be chance."""
+    """What lies within a standard deviation of one may be chance."""
     scale = DepthScale(0.02)
     H, pose_information = np.diag(np.full(7, 1e3)), 1e8 * np.eye(6)
     g = np.append(np.zeros(6), 1e3 * 0.03)
@@ -86,7 +86,7 @@ def test_chance_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("along", "across", "found"), [(0.03, 0.0, 1.03), (0.03, 0.03, 1.0), (0.1, 0.03, 1.043), (0.1, 0.06, 1.0)]
+    ("along", "across", "found"), [(0.03, 0.0, 1.03), (0.03, 0.03, 1.0), (0.1, 0.03, 1.056), (0.1, 0.06, 1.010)]
 )
 def test_what_is_off_across_the_way_as_much_as_along_it_is_no_scale(along: float, across: float, found: float) -> None:
     """Views a decimetre apart: poses off by 3 mm along that look like depth that is off by three per cent. Of ten per
@@ -102,7 +102,7 @@ def test_what_is_off_across_the_way_as_much_as_along_it_is_no_scale(along: float
     assert scale.factor == pytest.approx(found, abs=0.004)
 
 
-@pytest.mark.parametrize(("deviation", "found"), [(0.002, 1.028), (0.01, 1.009), (0.02, 1.0), (np.inf, 1.0)])
+@pytest.mark.parametrize(("deviation", "found"), [(0.002, 1.029), (0.01, 1.018), (0.02, 1.004), (np.inf, 1.0)])
 def test_how_far_odometry_goes_tells_the_scale_as_far_as_it_is_sure(deviation: float, found: float) -> None:
     """Of three per cent, beside views that tell nothing."""
     scale, nothing = DepthScale(0.02), np.zeros((7, 7))
