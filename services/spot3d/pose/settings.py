@@ -53,7 +53,7 @@ class PoseSettings(BaseModel):
         ge=0,
         le=0.1,
         description="given: how true the camera's depth is, standard deviation of its scale: it is estimated against "
-        "the given poses, and depth is corrected by what is sure; 0: it is taken as it is",
+        "the given poses, and depth is corrected by what is probable; 0: it is taken as it is",
     )
 
     lattice_width: int = Field(
