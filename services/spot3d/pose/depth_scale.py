@@ -17,7 +17,7 @@ from spot3d.pose.evidence import NEWS_S, evidence
 
 # `NEWS_S`, `_STEP`, `_KNOWN` and `_MOST` with half and with twice their value: of 3 % on redkitchen and clutter, whose
 # poses are exact, 0.1 to 1.2 % are left in the end by `NEWS_S`, 0.2 to 0.8 % by `_STEP`, the same by `_KNOWN` and
-# `_MOST`; true depth stays.
+# `_MOST`; true depth stays (all of it from when only what is beyond two standard deviations was applied).
 # A scale is never better known than this: depth is distorted over the image, and drifts with the camera's warmth.
 _KNOWN = 0.003
 # Odds that a camera's depth is of another scale than it says, before it was seen: what is applied is the scale times
@@ -36,7 +36,7 @@ _RIDGE = 1e-6
 _LEAST = 1e-9
 # Further off than so many standard deviations no camera is, and no message says so: it is the poses that are wrong.
 _MOST = 5.0
-# The logarithm of odds that leave no doubt.
+# The logarithm of odds that leave no doubt; any more would only overflow.
 _CERTAIN = 50.0
 UNKNOWN = 0.0, np.inf
 """The scale by a path that tells nothing."""

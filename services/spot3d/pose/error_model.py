@@ -36,7 +36,8 @@ _BIAS = 2e-3
 _OUTLIER = 3.0
 # Variance of what is not known at first, in units of the given poses'; and their least.
 _ANY, _LEAST = 1e4, 1e-6
-# What is known less than this, over the best known, is no better known than that.
+# A direction that is known less than this, over the best known one, counts as known by so much: keeps the inverse
+# finite along a bare plane, and lies under the 2e-4 that real and rendered scenes have at least (`correction._HELD`).
 _UNKNOWN = 1e-6
 _SHIFT, _TURN, _SCALE = slice(0, 3), slice(3, 6), 6
 
