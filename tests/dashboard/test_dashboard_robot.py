@@ -55,6 +55,19 @@ def test_a_preview_waits_for_its_pose() -> None:
     assert robot.shown[1] is None, "its pose has not come in a second"
 
 
+@pytest.mark.parametrize("late", [None, 1, 3])
+def test_pictures_go_on_while_poses_come_late_or_not_at_all(late: int | None) -> None:
+    robot, shown = robot_with(), []
+    for count in range(25):  # five a second, as the source sends them
+        robot.hear("source/preview", seen(count), 0.2 * count)
+        if late is not None and count >= late:
+            robot.hear("pose/pose", at(POSE, count - late), 0.2 * count + 0.1)
+        if robot.shown is not None:
+            shown.append((robot.shown[0].header.stamp_ns, robot.shown[1] is not None))
+    assert len({stamp_ns for stamp_ns, _ in shown}) >= 15
+    assert all(has_pose == (late is not None) for _, has_pose in shown)
+
+
 def test_a_lost_pose_is_told_and_not_drawn() -> None:
     robot = robot_with("pose/pose")
     lost = Pose(**{**dict(POSE), "status": "lost", "reason": "too fast", "T_world_camera": np.eye(4)})

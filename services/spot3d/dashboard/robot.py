@@ -19,6 +19,8 @@ _POSES = 120
 """Poses that are kept for previews that come later: four seconds of a camera."""
 _WITHOUT_POSE_S = 1.0
 """A preview whose pose has not come by then is shown without boxes."""
+_COMING = 8
+"""At most so many previews wait for their poses: what comes in that time, five a second."""
 _HOPS, _TIMES = 16, 300
 
 
@@ -41,7 +43,7 @@ class Robot:
         self.heat: Preview | None = None
         self.shown: tuple[Preview, NDArray[np.float64] | None] | None = None
         self.frame_s: float | None = None
-        self._coming: tuple[Preview, float] | None = None
+        self._coming: deque[tuple[Preview, float]] = deque()
         self._poses: OrderedDict[int, Pose] = OrderedDict()
         self._hops: dict[str, deque[float]] = {}
 
@@ -69,7 +71,7 @@ class Robot:
                 self.heat = message
             else:
                 self.frame_s = now_s
-                self._coming = (message, now_s)
+                self._coming.append((message, now_s))
         elif isinstance(message, Progress):
             self.progress = message
             self._timed(message)
@@ -104,15 +106,19 @@ class Robot:
             self._poses.popitem(last=False)
 
     def _pair(self, now_s: float) -> None:
-        """Show the preview that waits as soon as its pose is known, or when that has not come for too long."""
-        if self._coming is None:
+        """Show the newest of the previews that wait whose pose is known, or has not come for too long."""
+        for later in range(len(self._coming)):
+            preview, came_s = self._coming[-1 - later]
+            pose = self._poses.get(preview.header.stamp_ns)
+            if pose is not None:
+                self.shown = _calibrated(preview, pose), pose.T_world_camera
+            elif now_s - came_s > _WITHOUT_POSE_S or later >= _COMING or self.lost:
+                self.shown = preview, None
+            else:
+                continue
+            while len(self._coming) > later:
+                self._coming.popleft()
             return
-        preview, came_s = self._coming
-        pose = self._poses.get(preview.header.stamp_ns)
-        if pose is not None:
-            self.shown, self._coming = (_calibrated(preview, pose), pose.T_world_camera), None
-        elif now_s - came_s > _WITHOUT_POSE_S or self.lost:
-            self.shown, self._coming = (preview, None), None
 
     def _timed(self, progress: Progress) -> None:
         trace = progress.header.trace
