@@ -14,8 +14,9 @@ from dataflow_stages import Recording, frame_message
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.run import stream_folder
 from spot3d.run.keep_results import keep_results
-from spot3d.run.results import read_ply
+from spot3d.run.results import RunResult, read_ply
 from spot3d.run.stream_folder import StreamFolder, drop_oldest
 from spot3d.trajectory import read_tum
 from spot3d_schemas import Header, MapPoints, Message, Objects, Pose, Progress, encode, encoding, key
@@ -97,7 +98,7 @@ def test_every_stream_is_kept(router: zenoh.Session, tmp_path: Path) -> None:
     progress = Progress(header=header("first", 0), fused=2, skipped={}, last_stamp_ns=50_000_000, complete=True)
     put(router, "fusion/progress", progress)
     put(router, "fusion/objects", objects("first", complete=True))
-    wait(lambda: any(out.glob("*-first/overview.png")))
+    wait(lambda: any(out.glob("*-first/stream.json")))
     (folder,) = out.iterdir()
     assert read_tum(folder / "trajectory.txt")[0] == [0, 50_000_000]
     assert asked.qsize() == 1
@@ -111,9 +112,24 @@ def test_every_stream_is_kept(router: zenoh.Session, tmp_path: Path) -> None:
     for stream in ("second", "third"):
         put(router, "fusion/objects", objects(stream, complete=False))
         wait(lambda stream=stream: any(out.glob(f"*-{stream}/objects.jsonl")))
-    wait(lambda: any(out.glob("*-second/overview.png")))
+    wait(lambda: any(out.glob("*-second/stream.json")))
     wait(lambda: len(list(out.iterdir())) == 2)
     assert json.loads(next(out.glob("*-second/stream.json")).read_text())["complete"] is False
+
+
+def test_a_stream_is_told_complete_when_all_of_it_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told_before = []
+
+    def draw(path: Path, *_: object) -> None:
+        told_before.append((path.parent / "stream.json").exists())
+
+    monkeypatch.setattr(stream_folder, "write_overview", draw)
+    folder = StreamFolder(tmp_path, ROBOT, "first", 1e9)
+    folder.update(1, RunResult(), True)
+    folder.write(None, [])
+    folder.close()
+    assert told_before == [False]
+    assert json.loads((folder.path / "stream.json").read_text())["complete"] is True
 
 
 def test_only_folders_of_streams_are_deleted(tmp_path: Path) -> None:

@@ -76,13 +76,14 @@ class StreamFolder:
             "left_out": self.result.left_out,
             "events": told,
         }
-        write_json(self.path / "stream.json", document)
         if points is not None:
             write_ply(self.path / "heatmap.ply", points)
         if views is not None:
             drawn = self.result if points is None else replace(self.result, points=points)
             places = np.array(self._places).reshape(-1, 3)
             write_overview(self.path / "overview.png", self.path.name, views, drawn, places)
+        # Last: whoever reads there that a stream is complete finds all of its files.
+        write_json(self.path / "stream.json", document)
 
     def close(self) -> None:
         """Nothing is added any more."""
