@@ -102,6 +102,17 @@ def test_a_part_of_it_under_another_name(contents: McapContents, link: LinkSetti
     assert (end.frames_sent, end.header.stamp_ns) == (4, 5 * PERIOD_NS)
 
 
+def test_the_end_is_told_of_frames_that_were_recorded_alone(
+    tmp_path: Path, link: LinkSettings, session: zenoh.Session
+) -> None:
+    path = tmp_path / "frames.mcap"
+    write_recording(path, [[("source/frame", 0.01 * seq, frame(seq, PERIOD_NS * seq)) for seq in range(3)]])
+    ear = Ear(session, ROBOT)
+    play(open_mcap(path), Playing(("source/frame",), rate=10.0), link)
+    ear.wait(4)
+    assert [decode(data, End).frames_sent for _, where, _, data in ear.heard if where.endswith("end")] == [3]
+
+
 def test_what_is_damaged_is_left_out(
     contents: McapContents, link: LinkSettings, session: zenoh.Session, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -71,7 +71,9 @@ class _Player:
         # No bridge: what is played crosses no link.
         stages = {TOPICS[topic].producer for topic in playing.topics} & set(STAGES)
         _refuse_alive(session, link.robot, stages)
-        self._publishers = {topic: declare_publisher(session, topic, link) for topic in playing.topics}
+        # The end of what is played is told with the frames, whether or not one was recorded.
+        topics = {*playing.topics, _END} if _FRAME in playing.topics else playing.topics
+        self._publishers = {topic: declare_publisher(session, topic, link) for topic in topics}
         for publisher in self._publishers.values():
             stack.callback(publisher.undeclare)
         self._sender = uuid.uuid4().hex[:12]
@@ -104,7 +106,7 @@ class _Player:
             self.sent[topic] += 1
             if topic == _FRAME:
                 frames, last_frame = frames + 1, data
-        if frames and _END in self._publishers:
+        if frames:
             # Of the same robot, stream and sender as the frames.
             header = Header(**peek_header(last_frame).model_dump(exclude={"schema_name", "version", "trace"}))
             self._publishers[_END].put(encode(End(header=header, frames_sent=frames)))
