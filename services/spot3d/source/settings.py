@@ -40,7 +40,7 @@ class SourceSettings(BaseModel):
     scene_kind: SceneKind = Field(
         DEFAULT_KIND,
         description="kind of the built-in scene, where the name gives none: table (12 things), cluttered (18 to 24), "
-        "desk (14 on a free-standing one, which the camera walks around)",
+        "desk (14 on a free-standing one, which the camera walks around), near (the same, from where one sits)",
     )
 
     @field_validator("depth_noise")

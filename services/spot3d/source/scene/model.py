@@ -43,7 +43,7 @@ def build_scene(seed: int = 0, kind: SceneKind = DEFAULT_KIND) -> SceneModel:
     Objects are the things on table, shelf or desk, 4 to 60 cm large. All else is furniture (each piece a metre
     long or more) and no object: its instance is 0, as the room's.
     """
-    if kind == "desk":
+    if kind in ("desk", "near"):
         primitives, things, shaded = desk_room(), things_on_desk(seed), DESK_SHADED
     else:
         primitives, things, shaded = table_room(seed), things_on_table(seed, kind == "cluttered"), TABLE_SHADED

@@ -16,6 +16,10 @@ FRAMES_PER_SWEEP = 300
 # Around the desk: as far away as people go who walk around one, and at their pace, 13 mm a frame.
 ORBIT_RADIUS, ORBIT_SWELL = 1.9, 0.2
 FRAMES_PER_ORBIT = 900
+# Before the desk, where a head is that works there: half of how far it goes, and how many seconds it takes to come
+# back, to and from the desk, along it and up.
+HEAD = np.array([0.75, 0.0, 1.28])
+HEAD_MOVES, HEAD_TAKES_S = np.array([0.18, 0.75, 0.12]), np.array([5.3, 9.0, 4.1])
 
 
 def camera_pose(index: int, seed: int, kind: SceneKind) -> NDArray[np.float64]:
@@ -26,7 +30,7 @@ def camera_pose(index: int, seed: int, kind: SceneKind) -> NDArray[np.float64]:
     """
     phase = np.random.default_rng((seed, 11)).uniform(0, 2 * np.pi, 12)
     seconds = index / RATE_HZ
-    eye, target = (_around_desk if kind == "desk" else _before_table)(index, phase)
+    eye, target = _PATHS[kind](index, phase)
     wave = np.sin(2 * np.pi * seconds * np.array([0.6, 0.7, 0.8, 0.9, 0.75, 0.65]) + phase[3:9])
     shake = np.sin(2 * np.pi * seconds * np.array([4.3, 5.1, 3.7]) + phase[9:])
     T_world_camera = look_at(eye + 0.004 * wave[:3], target)
@@ -60,6 +64,21 @@ def _around_desk(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.flo
     height = HEIGHT + 0.09 * np.sin(2 * np.pi * index / 370 + phase[2])
     eye = np.array([radius * np.cos(angle), radius * np.sin(angle), height])
     return eye, TARGET + 0.10 * np.array([0.0, np.sin(2 * np.pi * index / 260 + phase[2]), 0.0])
+
+
+def _near_desk(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Eye and target (3,) of a camera that is swept before the desk, 0.6 to 1.5 m from what it looks at.
+
+    It moves by about 13 mm and 0.9 degrees a frame, and things are cut off by the image's border most of the time.
+    """
+    seconds = index / RATE_HZ
+    eye = HEAD + HEAD_MOVES * np.sin(2 * np.pi * seconds / HEAD_TAKES_S + phase[[1, 0, 2]])
+    to_desk = 0.2 * np.sin(2 * np.pi * seconds / 3.7 + phase[2])
+    along = 0.35 * np.sin(2 * np.pi * seconds / 4.7 + phase[1] + 1)
+    return eye, np.array([to_desk - 0.02, 0.6 * eye[1] + along, 0.78])
+
+
+_PATHS = {"table": _before_table, "cluttered": _before_table, "desk": _around_desk, "near": _near_desk}
 
 
 def look_at(eye: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
