@@ -12,8 +12,9 @@ from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.found_object import FoundObject
 from spot3d.frame_segments import KEYFRAME_REASONS
 from spot3d.fusion.objects.agreement import Statements, clusters_of
+from spot3d.fusion.objects.balance import Piece, put_together
 from spot3d.fusion.objects.disputed import without_disputed
-from spot3d.fusion.objects.found import Seen, box_of
+from spot3d.fusion.objects.found import Seen, box_of, ground_below
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.numbering import number_clusters, number_objects
 from spot3d.fusion.objects.reasons import MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
@@ -114,7 +115,7 @@ class ViewConsensus:
             graph.hang_together()
             self._describe(self._cluster(), up)
             graph.segments.touched.rows[:] = False
-        objects = [found for found, _ in self._found.values() if found is not None]
+        objects = self._whole_objects(up)
         left_out = Counter(reason for _, reason in self._found.values() if reason) + self._in_keyframes
         return Consensus(sorted(objects, key=lambda item: item.id), up, left_out, self.dropped)
 
@@ -218,6 +219,21 @@ class ViewConsensus:
                 self._found[number] = (None, TOO_COLD)
         return cold
 
+    def _whole_objects(self, up: NDArray[np.float64]) -> list[FoundObject]:
+        """The objects, with what cannot stand by itself put together with what it stands on."""
+        settings, segments = self._settings, self._graph.segments
+        found = {number: item for number, (item, _) in self._found.items() if item is not None}
+        if "balance" in settings.skipped:
+            return list(found.values())
+        order = np.argsort(segments.cluster.rows, kind="stable")
+        cluster = segments.cluster.rows[order]
+        pieces = {}
+        for number, item in found.items():
+            members = order[np.searchsorted(cluster, number) : np.searchsorted(cluster, number, "right")]
+            pieces[number] = Piece(item.box, ground_below(item.box, segments.support.rows[members], up))
+        things = put_together(pieces, up, settings.size_max)
+        return [_one_of([found[number] for number in numbers], box) for numbers, box in things.items()]
+
     def _judged(
         self, members: NDArray[np.int64], said: NDArray[np.int32], up: NDArray[np.float64]
     ) -> tuple[Box3D | None, float, str]:
@@ -271,6 +287,21 @@ class ViewConsensus:
         }
         places, kept = without_disputed(views.places, views.frame, own)
         return Seen(places[kept], views.outline[kept], views.blur[kept], views.support[kept], views.frame[kept])
+
+
+def _one_of(parts: list[FoundObject], box: Box3D) -> FoundObject:
+    """The object that these are together: it has the number of the first one found, and the heat of the hottest."""
+    if len(parts) == 1:
+        return parts[0]
+    points = [part.points for part in parts]
+    return FoundObject(
+        id=min(part.id for part in parts),
+        box=box,
+        confidence=max(part.confidence for part in parts),
+        views=max(part.views for part in parts),
+        points=sum(points),
+        colour=np.average([part.colour for part in parts], axis=0, weights=points),
+    )
 
 
 def _grouped(group: NDArray[np.int64], first: int, end: int) -> list[NDArray[np.int64]]:

@@ -1,0 +1,109 @@
+"""What cannot stand by itself belongs to what it stands on, and what stands does not."""
+
+import numpy as np
+import pytest
+from fusion_room import rotation_z
+
+from spot3d.boxes import Box3D
+from spot3d.fusion.objects.balance import Numbers, Piece, put_together
+
+UP = np.array([0.0, 0.0, 1.0])
+GROUND = 0.0
+
+
+def piece(
+    size: tuple[float, float, float],
+    low: float = 0.0,
+    at: tuple[float, float] = (0.0, 0.0),
+    yaw: float = 0.0,
+    ground: float = GROUND,
+) -> Piece:
+    """An upright box of this size, its bottom at a height."""
+    centre = np.array((*at, low + size[2] / 2))
+    return Piece(Box3D(centre, np.array(size), rotation_z(yaw)), ground)
+
+
+def groups(*pieces: Piece, size_max: float = 1.0) -> set[Numbers]:
+    return set(put_together(dict(enumerate(pieces)), UP, size_max))
+
+
+SCREEN = piece((0.05, 0.55, 0.32), low=0.15, at=(0.03, 0.0))
+NECK = piece((0.03, 0.06, 0.14), low=0.02)
+FOOT = piece((0.24, 0.26, 0.13))
+BOOK = piece((0.2, 0.15, 0.05))
+
+
+def test_a_screen_belongs_to_its_foot() -> None:
+    assert groups(SCREEN, FOOT) == {(0, 1)}
+
+
+def test_what_is_put_together_is_around_all_of_it() -> None:
+    ((numbers, box),) = put_together({3: SCREEN, 7: FOOT}, UP, 1.0).items()
+    assert numbers == (3, 7)
+    np.testing.assert_allclose(np.sort(box.size), [0.24, 0.47, 0.55], atol=1e-6)
+    np.testing.assert_allclose(box.centre, [0.0, 0.0, 0.235], atol=1e-6)
+
+
+def test_a_screen_belongs_to_the_neck_before_which_it_hangs() -> None:
+    assert groups(SCREEN, NECK) == {(0, 1)}
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.5, 1.2])
+@pytest.mark.parametrize("at", [(0.0, 0.0), (0.04, 0.02)])
+def test_a_cube_on_a_book_is_a_thing_of_its_own(yaw: float, at: tuple[float, float]) -> None:
+    assert groups(piece((0.06, 0.06, 0.06), low=0.05, at=at, yaw=yaw), BOOK) == {(0,), (1,)}
+
+
+def test_what_sticks_out_is_its_own() -> None:
+    """What carries it is hidden by it, in part: a thing on it must not look fixed because of that."""
+    assert groups(piece((0.13, 0.19, 0.045), low=0.05, at=(0.08, 0.05)), piece((0.08, 0.08, 0.05))) == {(0,), (1,)}
+
+
+@pytest.mark.parametrize(("height", "together"), [(0.2, False), (0.26, True)])
+def test_what_tips_at_ten_degrees_is_fixed(height: float, together: bool) -> None:
+    pole = piece((0.04, 0.06, height), low=0.05)  # the tangent of 11 degrees, and of 9
+    assert groups(pole, BOOK) == ({(0, 1)} if together else {(0,), (1,)})
+
+
+def test_a_pole_that_seems_to_reach_the_ground_through_its_base_is_fixed_to_it() -> None:
+    base = piece((0.17, 0.17, 0.025))
+    assert groups(piece((0.04, 0.06, 0.4)), base) == {(0, 1)}
+
+
+def test_what_stands_on_the_ground_beside_another_thing_is_its_own() -> None:
+    bottle = piece((0.06, 0.06, 0.4), at=(0.11, 0.0))
+    assert groups(bottle, BOOK) == {(0,), (1,)}
+
+
+def test_what_floats_beside_another_thing_is_not_fixed_to_it() -> None:
+    hidden_below = piece((0.03, 0.06, 0.2), low=0.06, at=(0.14, 0.0))
+    assert groups(hidden_below, BOOK) == {(0,), (1,)}
+
+
+def test_what_hangs_far_above_is_not_fixed() -> None:
+    assert groups(piece((0.05, 0.55, 0.32), low=0.25), BOOK) == {(0,), (1,)}
+
+
+def test_a_lamp_is_put_together_from_above() -> None:
+    tube = piece((0.02, 0.3, 0.12), low=0.4)
+    pole, base = piece((0.03, 0.03, 0.38), low=0.02), piece((0.16, 0.16, 0.025))
+    assert groups(base, tube, pole) == {(0, 1, 2)}
+
+
+def test_nothing_becomes_larger_than_an_object_can_be() -> None:
+    assert groups(SCREEN, FOOT, size_max=0.5) == {(0,), (1,)}
+
+
+def test_where_no_ground_is_known_a_thing_floats() -> None:
+    unknown = piece((0.05, 0.55, 0.32), low=0.02, at=(0.03, 0.0), ground=np.nan)
+    assert groups(unknown, piece((0.03, 0.06, 0.02))) == {(0, 1)}
+
+
+def test_no_and_one_piece() -> None:
+    assert groups() == set()
+    assert groups(SCREEN) == {(0,)}
+
+
+def test_the_order_of_the_pieces_does_not_matter() -> None:
+    pieces = (SCREEN, FOOT, BOOK._replace(box=piece((0.2, 0.15, 0.05), at=(0.6, 0.0)).box))
+    assert {len(group) for group in groups(*pieces)} == {len(group) for group in groups(*pieces[::-1])} == {1, 2}
