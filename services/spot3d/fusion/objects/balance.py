@@ -17,12 +17,9 @@ from spot3d.geometry.upright import upright_box
 
 _TILT = np.tan(np.radians(10))
 """No product may tip where it is tilted by 10 degrees (IEC 62368-1, stability of equipment): what would is none of its
-own."""
-_TOUCHES = 0.01
-"""Boxes that are no further apart sideways touch, metres: as much as a face is off."""
-_MOSTLY = 0.5
-"""What seems to stand where another thing lies stands on that one, if so much of it is above it."""
-
+own. With 7, 10, 15 and 20 degrees near desks, half of them with poses shaken by 10 mm, have 35, 17, 13, 13 boxes of no
+object in eight runs and a success rate of 0.51, 0.58, 0.61, 0.61; single frames of OSD 0.939, 0.939, 0.930, 0.920; on
+redkitchen, clutter, far desks nothing is put together with any."""
 Numbers = tuple[int, ...]
 """Of the pieces that are one thing, in ascending order."""
 
@@ -59,35 +56,29 @@ def put_together(pieces: Mapping[int, Piece], up: NDArray[np.float64], size_max:
     return {numbers: thing.box for numbers, thing in things.items()}
 
 
+def cannot_stand(box: Box3D) -> bool:
+    """Whether an upright box is so thin for its height that it would fall over."""
+    return bool(box.size[:2].min() < _TILT * box.size[2])
+
+
 def _carrier_of(part: Numbers, things: Mapping[Numbers, Piece], up: NDArray[np.float64]) -> Numbers:
     """The thing that a part is fixed to, as it cannot stand on it by itself; () where there is none."""
     (box, ground), axes = things[part], things[part].box.rotation
-    if box.size[:2].min() >= _TILT * box.size[2]:
+    if not cannot_stand(box):
         return ()
-    floats = not abs(_ends(box, up)[0] - ground) < STANDS
+    low, _ = _ends(box, up)
+    floats = not abs(low - ground) < STANDS
     foot, carriers = _outline(box, axes), []
-    for numbers in _beneath(part, things, up):
-        below = things[numbers].box
-        shared, _ = cv2.intersectConvexConvex(foot, _outline(below, axes))
-        touched = floats and cv2.intersectConvexConvex(foot, _outline(below, axes, _TOUCHES))[0] > 0
-        if touched or shared >= _MOSTLY * box.size[0] * box.size[1]:
+    x, y = (box.centre @ axes)[:2].tolist()
+    for numbers, (other, _) in things.items():
+        if numbers == part or abs(low - _ends(other, up)[1]) >= STANDS:
+            continue
+        below = _outline(other, axes)
+        shared, _ = cv2.intersectConvexConvex(foot, below)
+        # What is above a plane alone stands on that beside other things, whose boxes may reach beneath its own.
+        if shared > 0 and (floats or cv2.pointPolygonTest(below, (x, y), False) >= 0):
             carriers.append((-shared, numbers))
     return min(carriers)[1] if carriers else ()
-
-
-def _beneath(part: Numbers, things: Mapping[Numbers, Piece], up: NDArray[np.float64]) -> list[Numbers]:
-    """The other things that end where a part begins, and lie no further from it sideways than they reach."""
-    others = [numbers for numbers in things if numbers != part]
-    if not others:
-        return []
-    centres, sizes = (np.array([getattr(things[n].box, name) for n in others]) for name in ("centre", "size"))
-    box, heights = things[part].box, centres @ up
-    lows, highs, low = heights - sizes[:, 2] / 2, heights + sizes[:, 2] / 2, _ends(box, up)[0]
-    away = centres - box.centre
-    away = np.linalg.norm(away - np.outer(away @ up, up), axis=1)
-    reach = (np.linalg.norm(sizes[:, :2], axis=1) + np.linalg.norm(box.size[:2])) / 2 + 2 * _TOUCHES
-    near = (np.abs(low - highs) < STANDS) & (lows < low + _TOUCHES) & (away < reach)
-    return [numbers for numbers, is_near in zip(others, near.tolist(), strict=True) if is_near]
 
 
 def _ends(box: Box3D, up: NDArray[np.float64]) -> tuple[float, float]:
@@ -96,11 +87,8 @@ def _ends(box: Box3D, up: NDArray[np.float64]) -> tuple[float, float]:
     return height - float(box.size[2]) / 2, height + float(box.size[2]) / 2
 
 
-def _outline(box: Box3D, axes: NDArray[np.float64], wider: float = 0.0) -> NDArray[np.float32]:
-    """The (4, 2) corners of an upright box seen from above, along the first two of upright axes, the columns of (3, 3).
-
-    wider: by so much to each side, metres.
-    """
-    x, y = box.size[:2] / 2 + wider
+def _outline(box: Box3D, axes: NDArray[np.float64]) -> NDArray[np.float32]:
+    """The (4, 2) corners of an upright box seen from above, along the first two columns of upright axes (3, 3)."""
+    x, y = box.size[:2] / 2
     level = np.array(((-x, -y), (x, -y), (x, y), (-x, y)))
     return ((box.centre + level @ box.rotation[:, :2].T) @ axes[:, :2]).astype(np.float32)

@@ -12,7 +12,7 @@ from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.found_object import FoundObject
 from spot3d.frame_segments import KEYFRAME_REASONS
 from spot3d.fusion.objects.agreement import Statements, clusters_of
-from spot3d.fusion.objects.balance import Piece, put_together
+from spot3d.fusion.objects.balance import Piece, cannot_stand, put_together
 from spot3d.fusion.objects.disputed import without_disputed
 from spot3d.fusion.objects.found import Seen, box_of, ground_below
 from spot3d.fusion.objects.keyframes import Keyframe
@@ -223,7 +223,7 @@ class ViewConsensus:
         """The objects, with what cannot stand by itself put together with what it stands on."""
         settings, segments = self._settings, self._graph.segments
         found = {number: item for number, (item, _) in self._found.items() if item is not None}
-        if "balance" in settings.skipped:
+        if "balance" in settings.skipped or not any(cannot_stand(item.box) for item in found.values()):
             return list(found.values())
         order = np.argsort(segments.cluster.rows, kind="stable")
         cluster = segments.cluster.rows[order]
