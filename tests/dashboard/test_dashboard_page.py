@@ -1,6 +1,7 @@
 """Which robots the page knows: those that are alive, and of those that are gone as many as there is room for."""
 
 from collections.abc import Iterator
+from concurrent.futures import Future
 
 import pytest
 
@@ -8,7 +9,7 @@ pytest.importorskip("viser", reason="the dashboard's packages are not installed"
 
 import numpy as np
 import viser
-from schemas_samples import SAMPLES
+from schemas_samples import BOX, SAMPLES
 
 from spot3d.dashboard.link import ROBOTS_MAX, Heard, Link
 from spot3d.dashboard.page import Page
@@ -74,3 +75,49 @@ def test_a_robot_too_many_takes_the_place_of_the_one_that_is_gone_the_longest(se
         assert "17 robots are alive; the first 16 are listened to" in page._panel.waiting._said
     finally:
         page.close()
+
+
+def test_the_object_that_is_clicked_is_marked_though_the_page_stands_still(server: viser.ViserServer) -> None:
+    fleet = Fleet()
+    page = Page(server, fleet, DashboardSettings(points_max=1000), "tcp/a:1", always=False)
+    try:
+        first, second = BOX, BOX.model_copy(update={"id": BOX.id + 1})
+        fleet.has("drone")
+        fleet.heard = [
+            ("drone", "pose/pose", POSE),
+            ("drone", "fusion/objects", SAMPLES["Objects"].model_copy(update={"objects": (first, second)})),
+        ]
+        page.step()
+        page._choose(None, "drone", first.id)
+        page._quick_s = 0.0
+        page.step()
+        page._panel._paused.value = True
+        page._choose(None, "drone", second.id)
+        page.step()
+        assert [said.startswith("> ") for _, said in page._panel._rows] == [False, True]
+        boxes = page._scenes["drone"]._boxes
+        assert boxes[second.id]._edges.thickness > boxes[first.id]._edges.thickness
+    finally:
+        page.close()
+
+
+def test_views_are_moved_anew_where_the_first_objects_turn_the_world(
+    server: viser.ViserServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fleet, ups = Fleet(), []
+    page = Page(server, fleet, DashboardSettings(points_max=1000), "tcp/a:1", always=False)
+    monkeypatch.setattr(server, "get_clients", lambda: {0: None})
+
+    def looked(_look: object, _client: None) -> Future[None]:
+        ups.append(page._scenes["drone"].R_view_world[2])
+        return Future()
+
+    monkeypatch.setattr(page._flights, "submit", looked)
+    objects = SAMPLES["Objects"].model_copy(update={"up": np.array((0.0, 0.0, -1.0))})
+    fleet.has("drone")
+    for heard in (("pose/pose", POSE), ("fusion/objects", objects), ("fusion/objects", objects)):
+        fleet.heard = [("drone", *heard)]
+        page._quick_s = 0.0
+        page.step()
+    page.close()
+    assert np.array_equal(ups, [(0.0, -1.0, 0.0), (0.0, 0.0, -1.0)]), "once by the camera, once by the objects"

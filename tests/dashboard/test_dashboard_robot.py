@@ -93,8 +93,19 @@ def test_up_is_the_cameras_until_objects_say_better() -> None:
     assert robot.up() is None
     robot.hear("pose/pose", POSE, 1.0)
     np.testing.assert_array_equal(robot.up(), -POSE.T_world_camera[:3, 1])
+    none = SAMPLES["Objects"].model_copy(update={"objects": (), "up": np.array((0.0, 0.0, 1.0))})
+    robot.hear("fusion/objects", none, 1.0)
+    np.testing.assert_array_equal(robot.up(), -POSE.T_world_camera[:3, 1], "without objects nobody knows better")
     robot.hear("fusion/objects", SAMPLES["Objects"], 1.0)
     np.testing.assert_array_equal(robot.up(), SAMPLES["Objects"].up)
+
+
+def test_heat_is_not_laid_over_the_picture_of_another_moment() -> None:
+    robot = robot_with()
+    assert robot.heat_of(seen(0)) is None
+    robot.hear("heatmap/preview", seen(3_000_000_000), 1.0)
+    assert robot.heat_of(seen(3_200_000_000)) is robot.heat is not None
+    assert robot.heat_of(seen(9_000_000_000)) is None
 
 
 def test_the_picture_has_the_boxes_where_they_project() -> None:

@@ -44,6 +44,7 @@ class Page:
         self._robots: dict[str, Robot] = {}
         self._scenes: dict[str, RobotScene] = {}
         self._shown: list[Robot] = []
+        self._upright: dict[str, bool] = {}
         self._pictured: list[object] = []
         self._quick_s = self._slow_s = 0.0
         self._flights = ThreadPoolExecutor(_FLIGHTS, "flight")
@@ -79,6 +80,7 @@ class Page:
             self._slow_s = now_s
             self._tell(now_s)
         if self._panel.paused:
+            self._mark()
             return
         if slow or now_s - self._quick_s >= _QUICK_S:
             self._quick_s = now_s
@@ -97,6 +99,7 @@ class Page:
         longest = min(gone, key=lambda robot: robot.alive_s).name
         del self._robots[longest]
         self._link.forget(longest)
+        self._upright.pop(longest, None)
         scene = self._scenes.pop(longest, None)
         if scene is not None:
             scene.remove()
@@ -120,14 +123,10 @@ class Page:
     def _show(self, slow: bool) -> None:
         """The scene, the picture and the table; slow: what grows, too."""
         wanted, shown = self._panel.shown, self._shown
-        known = len(self._scenes)
         for robot in shown:
             if robot.name not in self._scenes and robot.up() is not None:
                 self._scenes[robot.name] = RobotScene(self._server.scene, robot, self._choose)
                 self._scenes[robot.name].turn(robot.up())
-        if len(self._scenes) > known:
-            for client in self._server.get_clients().values():
-                self._flights.submit(self._look, client).add_done_callback(_tell_failure)
         names = {robot.name for robot in shown}
         for name, scene in self._scenes.items():
             scene.visible(name in names)
@@ -137,10 +136,28 @@ class Page:
                 scene.show_quick(wanted)
                 if slow:
                     scene.show_slow(wanted)
+        self._look_at_new(shown)
         found = [(robot.name, item) for robot in shown for item in robot.objects_from(wanted.confidence)]
         of = sum(0 if robot.objects is None else len(robot.objects.objects) for robot in shown)
         self._panel.list_objects(found, of, several=len(shown) > 1)
         self._show_picture(shown)
+
+    def _look_at_new(self, shown: Sequence[Robot]) -> None:
+        """Show everything in all browsers where there is a robot more, or its first objects have turned its world."""
+        looks = False
+        for robot in shown:
+            upright = robot.objects is not None and bool(robot.objects.objects)
+            if robot.name in self._scenes and (robot.name not in self._upright or upright > self._upright[robot.name]):
+                self._upright[robot.name], looks = upright, True
+        if looks:
+            for client in self._server.get_clients().values():
+                self._flights.submit(self._look, client).add_done_callback(_tell_failure)
+
+    def _mark(self) -> None:
+        """Mark the object that was chosen, and nothing else: the page stands still."""
+        for scene in self._scenes.values():
+            scene.mark(self._panel.shown.chosen)
+        self._panel.mark()
 
     def _show_picture(self, shown: Sequence[Robot]) -> None:
         seen = [(robot, *robot.shown) for robot in shown if robot.shown is not None][:_PICTURES]
@@ -154,7 +171,7 @@ class Page:
         pictures = [
             live_picture(
                 preview,
-                robot.heat if heat else None,
+                robot.heat_of(preview) if heat else None,
                 pose,
                 robot.objects_from(wanted.confidence) if wanted.boxes else (),
             )

@@ -52,6 +52,7 @@ class Panel:
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         self._actions = actions
         self._chosen: tuple[str, int] | None = None
+        self._listed: tuple[Sequence[tuple[str, Object3D]], int, bool] = (), 0, False
         self._rows: list[tuple[viser.GuiButtonHandle, str]] = []
         self._places: list[tuple[str, int]] = []
         gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False, control_width="large")
@@ -112,8 +113,12 @@ class Panel:
         )
 
     def choose(self, robot: str, number: int) -> None:
-        """Mark this object."""
+        """Mark this object when the table is shown next."""
         self._chosen = (robot, number)
+
+    def mark(self) -> None:
+        """Show the table as it stands, with the object that is chosen by now."""
+        self.list_objects(*self._listed)
 
     def robots(self, names: Sequence[str], first: str | None = None) -> list[str]:
         """Offer these robots; returns those that are chosen. first: the one to begin with, where it is there."""
@@ -138,6 +143,7 @@ class Panel:
 
     def list_objects(self, found: Sequence[tuple[str, Object3D]], of: int, several: bool) -> None:
         """The table: robot and object of each row; of: how many objects there are; several: name the robots."""
+        self._listed = found, of, several
         shown = found[:_ROWS]
         more = f"; the first {_ROWS} are listed" if len(found) > _ROWS else ""
         self.objects.say(f"{len(found)} of {of}{more}. A click flies to the object." if of else "none yet")

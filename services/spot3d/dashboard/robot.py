@@ -21,6 +21,8 @@ _WITHOUT_POSE_S = 1.0
 """A preview whose pose has not come by then is shown without boxes."""
 _COMING = 8
 """At most so many previews wait for their poses: what comes in that time, five a second."""
+_HEAT_APART_NS = 1_000_000_000
+"""Heat of a frame that is further away than this is of another picture."""
 _HOPS, _TIMES = 16, 300
 
 
@@ -85,9 +87,15 @@ class Robot:
         chosen = [item for item in known if item.confidence >= confidence]
         return sorted(chosen, key=lambda item: (-item.confidence, item.id))
 
+    def heat_of(self, preview: Preview) -> Preview | None:
+        """Heat to be laid over this preview: that of its frame, or of one just before or after it."""
+        if self.heat is None or abs(self.heat.header.stamp_ns - preview.header.stamp_ns) > _HEAT_APART_NS:
+            return None
+        return self.heat
+
     def up(self) -> NDArray[np.float64] | None:
         """(3,) what is up in this robot's world; before any object is known, what is up in the camera's picture."""
-        if self.objects is not None and self.objects.frame_count:
+        if self.objects is not None and self.objects.objects:
             return self.objects.up
         return None if self.pose is None else -self.pose.T_world_camera[:3, 1]
 

@@ -85,6 +85,12 @@ class _BoxNodes:
         self._label.position = (np.abs(upwards) @ size / 2 + _LABEL_M) * upwards
         self._label.visible = label
 
+    def mark(self, chosen: bool, up: NDArray[np.float64]) -> None:
+        """Mark the object as it stands, or no longer."""
+        if self._item is not None:
+            item, label, _ = self._item
+            self.show(item, label, chosen, up)
+
     def remove(self) -> None:
         """Take the object from the page."""
         self._root.remove()
@@ -133,6 +139,11 @@ class RobotScene:
         """What moves with each frame: the camera, and the boxes."""
         self._show_camera(shown)
         self._show_boxes(self._robot.objects_from(shown.confidence) if shown.boxes else (), shown)
+
+    def mark(self, chosen: tuple[str, int] | None) -> None:
+        """Mark this robot's object and number among the boxes as they stand."""
+        for number, box in self._boxes.items():
+            box.mark(chosen == (self._robot.name, number), self.R_view_world[2])
 
     def show_slow(self, shown: Shown) -> None:
         """What grows: points, path and planes."""
