@@ -21,11 +21,11 @@ from spot3d.evaluate.degraded import (
     with_shaken_poses,
     with_torn_depth,
 )
-from spot3d.evaluate.depth_errors import mixed, noisier, torn
+from spot3d.evaluate.depth_errors import bent, mixed, noisier, torn
 from spot3d.evaluate.object_tables import OURS
 from spot3d.evaluate.peer import PEER
 from spot3d.evaluate.pose_errors import Pose, late, misplaced, shaken
-from spot3d.evaluate.robustness import GROUPS, MIXED, MOUNTS, SCALES, SHAKES, Degradation, groups
+from spot3d.evaluate.robustness import BENT, GROUPS, MIXED, MOUNTS, SCALES, SEED, SHAKES, Degradation, groups
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import Halved
 from spot3d.source.scene.scene import Scene
@@ -109,6 +109,22 @@ def test_torn_depth_loses_its_share_in_blobs(camera: Intrinsics, share: float) -
     assert not torn(np.zeros_like(depth), camera, share, (1, 7)).any()
 
 
+def test_bent_depth_is_as_long_on_the_whole_and_bent_alike_in_every_frame() -> None:
+    depth = np.full(HALF.shape, 2.0, np.float32)
+    depth[:10] = 0
+    worse = bent(depth, 0.01, 1)
+    assert not worse[:10].any(), "what is invalid stays so"
+    share = bent(np.ones_like(depth), 0.01, 1) - 1
+    assert share.mean() == pytest.approx(0, abs=1e-6)
+    assert share.std() == pytest.approx(0.01, rel=1e-3)
+    assert np.abs(np.diff(share, axis=1)).max() < 0.001, "it is smooth"
+    np.testing.assert_allclose(worse[10:], 2 * (1 + share[10:]), rtol=1e-6)
+    assert not np.allclose(worse, bent(depth, 0.01, 2)), "another camera is bent otherwise"
+    scene = Scene(1, frames=1)
+    frame = Degradation(bent=0.01).of(scene)[0]
+    np.testing.assert_array_equal(frame.depth, bent(scene[0].depth_metres(), 0.01, SEED))
+
+
 def test_mixed_depth_is_a_mean_of_what_is_valid() -> None:
     depth = np.full(HALF.shape, 1.0, np.float32)
     depth[:, 100:], depth[:, 200:] = 2.0, 0
@@ -181,6 +197,7 @@ def test_levels() -> None:
         "mount",
         "centre",
         "scale",
+        "bent",
         "depth",
         "edges",
         "holes",
@@ -193,6 +210,7 @@ def test_levels() -> None:
     assert [level.late for _, level in kinds["delay"]] == [0, 1, 2]
     assert [level.mount for _, level in kinds["mount"]] == [(0, 0), *MOUNTS]
     assert [level.scale for _, level in kinds["scale"]] == [1, *SCALES]
+    assert [level.bent for _, level in kinds["bent"]] == [0, *BENT]
     assert [level.noise for _, level in kinds["depth"]] == [1, 2]
     assert [level.mixed for _, level in kinds["edges"]] == [0, *MIXED]
     assert [level.missing for _, level in kinds["holes"]] == [0, 0.1, 0.3]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
-from spot3d.evaluate.depth_errors import mixed, noisier, torn
+from spot3d.evaluate.depth_errors import bent, mixed, noisier, torn
 from spot3d.evaluate.pose_errors import Pose, late, misplaced, shaken
 from spot3d.frame import RgbdFrame
 from spot3d.source.sequence import FrameSequence
@@ -123,6 +123,11 @@ def with_scaled_depth(sequence: FrameSequence, factor: float) -> Degraded:
 def with_mixed_depth(sequence: FrameSequence, reach: int) -> Degraded:
     """The sequence with depth that is mixed at edges; see `depth_errors.mixed`."""
     return Degraded(sequence, change_depth=lambda depth, camera, k: mixed(depth, reach))
+
+
+def with_bent_depth(sequence: FrameSequence, deviation: float, seed: int = 1) -> Degraded:
+    """The sequence with depth that its camera distorts; see `depth_errors.bent`."""
+    return Degraded(sequence, change_depth=lambda depth, camera, k: bent(depth, deviation, seed))
 
 
 def with_torn_depth(sequence: FrameSequence, share: float, seed: int = 1) -> Degraded:

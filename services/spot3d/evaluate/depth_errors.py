@@ -1,4 +1,4 @@
-"""Depth that is worse than the sensor's: noisier, mixed at edges, or torn by holes."""
+"""Depth that is worse than the sensor's: noisier, mixed at edges, bent, or torn by holes."""
 
 import cv2
 import numpy as np
@@ -9,6 +9,9 @@ from spot3d.source.scene.noise import FOCAL_PX, block_noise
 
 HOLE_M = 0.03
 """Holes are made of patches about this wide at 1 m, so 3 to 10 cm across: glare on a can, a dark label, a wet spot."""
+
+BENDS = 4
+"""Depth is bent alike over a part of the image about so many times smaller than its width."""
 
 
 def noisier(
@@ -39,6 +42,17 @@ def mixed(depth: NDArray[np.float32], reach: int) -> NDArray[np.float32]:
     return np.where(depth > 0, cv2.blur(depth, (side, side)) / np.maximum(share, 1e-6), 0).astype(np.float32)
 
 
+def bent(depth: NDArray[np.float32], deviation: float, seed: int) -> NDArray[np.float32]:
+    """Depth with a distortion of the camera's own: too long in parts of the image, too short in others, by a share.
+
+    depth: (h, w) float32 metres, 0 = invalid and stays so. deviation: of the share over the image, whose mean is none:
+    what is alike in all of it is a scale. seed: of the camera; the same in each of its frames.
+    """
+    field = _smooth(depth.shape, depth.shape[1] // BENDS, np.random.default_rng((seed, 5)))
+    share = deviation * (field - field.mean()) / field.std()
+    return np.asarray(depth * (1 + share), np.float32)
+
+
 def torn(depth: NDArray[np.float32], camera: Intrinsics, share: float, seed: tuple[int, int]) -> NDArray[np.float32]:
     """Depth without `share` of its valid pixels, which are lost in blobs.
 
@@ -50,9 +64,14 @@ def torn(depth: NDArray[np.float32], camera: Intrinsics, share: float, seed: tup
     if not lost:
         return depth
     cell = max(1, round(HOLE_M * camera.fx))
-    height, width = depth.shape
-    coarse = np.random.default_rng((*seed, 4)).normal(size=(height // cell + 2, width // cell + 2))
-    field = np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC), np.float64)
+    field = _smooth(depth.shape, cell, np.random.default_rng((*seed, 4)))
     out = depth.copy()
     out.ravel()[valid[np.argpartition(-field.ravel()[valid], lost - 1)[:lost]]] = 0
     return out
+
+
+def _smooth(shape: tuple[int, ...], cell: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Smooth random noise (h, w), alike over about `cell` pixels."""
+    height, width = shape
+    coarse = rng.normal(size=(height // cell + 2, width // cell + 2))
+    return np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC), np.float64)
