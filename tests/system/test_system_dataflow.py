@@ -267,7 +267,7 @@ def test_reset_is_idempotent(lossless: tuple[zenoh.Session, Stages, Ear]) -> Non
 
 def test_a_fusion_that_says_that_it_is_busy_is_waited_for(router: tuple[zenoh.Session, str]) -> None:
     session, endpoint = router
-    link = LinkSettings(robot="busy", connect=(endpoint,), delivery="lossless", in_flight=1, credit_timeout_s=1.0)
+    link = LinkSettings(robot="busy", connect=(endpoint,), delivery="lossless", in_flight=1, credit_timeout_s=2.0)
     recording, answer = Recording(2, HOUR_NS), key("busy", "fusion/progress")
 
     def say(fused: int, last_stamp_ns: int, complete: bool = False) -> None:
@@ -279,7 +279,7 @@ def test_a_fusion_that_says_that_it_is_busy_is_waited_for(router: tuple[zenoh.Se
         with playing(link, recording, wait_for=()) as source:
             for number, stamp_ns in enumerate(recording.stamps_ns):
                 ear.wait(lambda number=number: len(ear.heard["source/frame"]) > number)
-                for _ in range(8):  # 2.4 s, more than twice the patience
+                for _ in range(14):  # 4.2 s, more than twice the patience
                     say(number, 0 if number == 0 else recording.stamps_ns[number - 1])
                     time.sleep(0.3)
                 assert len(ear.heard["source/frame"]) == number + 1
