@@ -98,6 +98,8 @@ def test_up_is_the_cameras_until_objects_say_better() -> None:
     np.testing.assert_array_equal(robot.up(), -POSE.T_world_camera[:3, 1], "without objects nobody knows better")
     robot.hear("fusion/objects", SAMPLES["Objects"], 1.0)
     np.testing.assert_array_equal(robot.up(), SAMPLES["Objects"].up)
+    robot.hear("fusion/objects", none, 2.0)
+    np.testing.assert_array_equal(robot.up(), SAMPLES["Objects"].up, "what is known stays")
 
 
 def test_heat_is_not_laid_over_the_picture_of_another_moment() -> None:

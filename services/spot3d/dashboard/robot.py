@@ -37,6 +37,7 @@ class Robot:
         self.records = StageRecords()
         self.map = MapCopy(points_max)
         self.objects: Objects | None = None
+        self._up: NDArray[np.float64] | None = None
         self.pose: Pose | None = None
         self.lost = ""
         self.trail = Trail()
@@ -95,8 +96,8 @@ class Robot:
 
     def up(self) -> NDArray[np.float64] | None:
         """(3,) what is up in this robot's world; before any object is known, what is up in the camera's picture."""
-        if self.objects is not None and self.objects.objects:
-            return self.objects.up
+        if self._up is not None:
+            return self._up
         return None if self.pose is None else -self.pose.T_world_camera[:3, 1]
 
     def hop_times(self) -> dict[str, dict[str, float]]:
@@ -145,6 +146,8 @@ class Robot:
         if self.objects is not None and objects.epoch != self.objects.epoch:
             self.trail = Trail()
         self.objects = objects
+        if objects.objects:
+            self._up = objects.up
 
     def _changed(self, changes: MapChanges) -> None:
         """Another map may be of the objects' epoch all the same: they come before it, and outlive a restart."""

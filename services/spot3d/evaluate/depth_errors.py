@@ -11,7 +11,8 @@ HOLE_M = 0.03
 """Holes are made of patches about this wide at 1 m, so 3 to 10 cm across: glare on a can, a dark label, a wet spot."""
 
 BENDS = 4
-"""Depth is bent alike over a part of the image about so many times smaller than its width."""
+"""Depth is bent alike over a part of the image about so many times smaller than its width: as by a lens, whose
+distortion is a polynomial of a few terms over the image."""
 
 
 def noisier(
