@@ -9,6 +9,7 @@ from test_pose_correction import CAMERA, FRAME_NS, recording, shaken, tracked
 from spot3d.camera import invert
 from spot3d.pose.depth_scale import UNKNOWN, DepthScale
 from spot3d.pose.estimate import PoseEstimate
+from spot3d.pose.evidence import Registered
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import sample_surface
@@ -16,6 +17,20 @@ from spot3d.pose.surfel_map import SurfelMap
 from spot3d.source.scene.scene import Scene
 
 GIVEN = PoseSettings(provider="given")
+ALONE = np.array((0.02, *np.zeros(5)))
+"""Nothing but the scale may be wrong, by two per cent."""
+
+
+def registered(H: np.ndarray, g: np.ndarray, pose_information: np.ndarray, elapsed: float = 1.0) -> Registered:
+    """A frame of these equations, whose given pose lies where it was registered, and which tells of pose and scale."""
+    whole = np.eye(12)
+    whole[:7, :7] = H
+    return Registered(whole, np.append(g, np.zeros(5)), pose_information, np.zeros(6), elapsed)
+
+
+def learn(scale: DepthScale, frame: Registered, path: tuple[float, float] = UNKNOWN) -> float:
+    """By what it has changed."""
+    return scale.learn(frame, np.zeros(5), path)
 
 
 def followed(seed: int, factor: float, metres: float = 0.0, sigma: float = 0.02) -> list[PoseEstimate]:
@@ -76,12 +91,12 @@ def test_odometry_has_the_scale_of_its_depth() -> None:
 
 def test_chance_changes_nothing() -> None:
     """What lies within a standard deviation of one may be chance."""
-    scale = DepthScale(0.02)
+    scale = DepthScale(ALONE)
     H, pose_information = np.diag(np.full(7, 1e3)), 1e8 * np.eye(6)
     g = np.append(np.zeros(6), 1e3 * 0.03)
-    assert scale.learn(H, g, pose_information, np.zeros(6), 1.0, UNKNOWN) == 1
+    assert learn(scale, registered(H, g, pose_information)) == 1
     for _ in range(200):
-        scale.learn(H, g * (0.03 - np.log(scale.factor)) / 0.03, pose_information, np.zeros(6), 1.0, UNKNOWN)
+        learn(scale, registered(H, g * (0.03 - np.log(scale.factor)) / 0.03, pose_information))
     assert scale.factor == pytest.approx(1.03, abs=0.005)
 
 
@@ -91,26 +106,41 @@ def test_chance_changes_nothing() -> None:
 def test_what_is_off_across_the_way_as_much_as_along_it_is_no_scale(along: float, across: float, found: float) -> None:
     """Views a decimetre apart: poses off by 3 mm along that look like depth that is off by three per cent. Of ten per
     cent, which no camera is likely to be off by, less is believed the more is off across."""
-    scale, apart = DepthScale(0.02), np.array([0.1, 0.0, 0.0])
+    scale, apart = DepthScale(ALONE), np.array([0.1, 0.0, 0.0])
     H, pose_information = np.diag([*np.full(6, 1e6), 1e6 * apart @ apart]), 1e5 * np.eye(6)
     H[:3, 6] = H[6, :3] = 1e6 * apart
     for _ in range(200):
         left = np.log(1 + along) - np.log(scale.factor)
         off = np.array([0.1 * left, 0.1 * across, 0.0])
         g = np.append(1e6 * off, [0.0, 0.0, 0.0, 1e6 * apart @ off])
-        scale.learn(H, g, pose_information, np.zeros(6), 1.0, UNKNOWN)
+        learn(scale, registered(H, g, pose_information))
     assert scale.factor == pytest.approx(found, abs=0.004)
 
 
 @pytest.mark.parametrize(("deviation", "found"), [(0.002, 1.029), (0.01, 1.018), (0.02, 1.004), (np.inf, 1.0)])
 def test_how_far_odometry_goes_tells_the_scale_as_far_as_it_is_sure(deviation: float, found: float) -> None:
     """Of three per cent, beside views that tell nothing."""
-    scale, nothing = DepthScale(0.02), np.zeros((7, 7))
+    scale, nothing = DepthScale(ALONE), np.zeros((7, 7))
     nothing[:6, :6] = np.eye(6)
     for _ in range(2):
         path = (np.log(1.03 / scale.factor), deviation**2) if np.isfinite(deviation) else UNKNOWN
-        scale.learn(nothing, np.zeros(7), np.eye(6), np.zeros(6), 1.0, path)
+        learn(scale, registered(nothing, np.zeros(7), np.eye(6)), path)
     assert scale.factor == pytest.approx(found, abs=0.002)
+
+
+def test_what_another_error_may_have_made_is_no_scale() -> None:
+    """Views that are as a scale of 3 % makes them, and as a turn of 0.03 does: either is believed by half, at most."""
+    H, pose_information, both = np.zeros((12, 12)), 1e8 * np.eye(6), np.eye(12)[6] + np.eye(12)[7]
+    H[:6, :6] = np.eye(6)
+    H += 1e6 * np.outer(both, both)
+    frame = Registered(H, 1e6 * 0.03 * both, pose_information, np.zeros(6), 1.0)
+    found = {}
+    for turn_sigma in (0.0, 0.02):
+        scale = DepthScale(np.array((0.02, turn_sigma, 0, 0, 0, 0)))
+        learn(scale, frame)
+        found[turn_sigma] = np.log(scale.factor)
+    assert found[0.0] == pytest.approx(0.03, abs=0.003)
+    assert abs(found[0.02]) <= 0.015
 
 
 def test_a_map_of_corrected_poses_is_known_as_the_given_ones_have_it() -> None:

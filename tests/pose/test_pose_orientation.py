@@ -5,6 +5,7 @@ import pytest
 from test_pose_correction import CAMERA, FRAME_NS, recording, shaken, tracked
 
 from spot3d.calibration import Calibration
+from spot3d.pose.evidence import Registered
 from spot3d.pose.orientation import Orientation, told
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
@@ -14,6 +15,15 @@ from spot3d.source.scene.scene import Scene
 from spot3d.trajectory import rotation_angle, rotation_from_vector
 
 GIVEN = PoseSettings(provider="given")
+TRUE_DEPTH = np.array((0.0, *np.full(5, 0.014)))
+"""Depth is of the scale that it says; what else may be wrong is so to 0.014."""
+
+
+def registered(H: np.ndarray, looks: np.ndarray, elapsed: float = 1.0) -> Registered:
+    """A frame of these equations (12, 12) whose gradient is (5,) of turn and centre, and whose pose is exact."""
+    return Registered(H, np.append(np.zeros(7), looks), 1e8 * np.eye(6), np.zeros(6), elapsed)
+
+
 TURN = np.radians((1.5, -0.5, 0.5))
 
 
@@ -105,31 +115,44 @@ def test_the_last_equations_are_the_principal_point_of_all_cameras() -> None:
     assert g[10:] @ np.linalg.pinv(H[10:, 10:]) @ g[10:] < 0.1 * before
 
 
+def test_noise_of_depth_alone_is_no_turn_and_no_scale() -> None:
+    """A map of one view, seen again from there with other noise: nothing about the camera can be told by it."""
+    depths, true = recording(0)
+    settings, rng = PoseSettings(), np.random.default_rng(0)
+    noise = 1 + 0.004 * rng.normal(size=depths[0].shape).astype(np.float32)
+    planes = SurfelMap(0.05, 20_000)
+    planes.insert(sample_surface(depths[0], CAMERA, settings), true[0])
+    again = sample_surface(depths[0] * noise, CAMERA, settings)
+    H, g, _ = planes.normal_equations(again, true[0], 0.05, 4.5, as_given=True)
+    assert abs(g[6]) < 1e-6
+    known = H[7:10, 7:10] + 0.01**-2 * np.eye(3)
+    assert np.degrees(np.linalg.norm(np.linalg.solve(known, g[7:10]))) < 0.05
+
+
 def test_chance_turns_nothing() -> None:
     """What is no further from none than chance makes it may be chance; what is sure is found."""
-    mount, pose_information = Orientation(0.014, 0.014), 1e8 * np.eye(6)
+    mount = Orientation(TRUE_DEPTH)
     H, looks = np.diag([*np.full(7, 1e3), *np.full(5, 4e3)]), np.append(TURN, (0.0, 0.03))
-    assert not mount.learn(H, np.append(np.zeros(7), 4e3 * looks), pose_information, np.zeros(6), 0.1).any()
+    assert not mount.learn(registered(H, 4e3 * looks, 0.1), 0.0).any()
     for _ in range(300):
-        left = looks - mount.vector
-        mount.learn(H, np.append(np.zeros(7), 4e3 * left), pose_information, np.zeros(6), 1.0)
+        mount.learn(registered(H, 4e3 * (looks - mount.vector)), 0.0)
     np.testing.assert_allclose(mount.vector, looks, atol=0.004)
 
 
 @pytest.mark.parametrize(("deviations", "found"), [(0.9, False), (1.8, True)])
 def test_all_directions_together_tell_what_is_chance(deviations: float, found: bool) -> None:
     """Each of five unknowns lies so many standard deviations from none."""
-    looks, known = Orientation(0.014, 0.014), 1.0 / 0.005**2
+    looks, known = Orientation(TRUE_DEPTH), 1.0 / 0.005**2
     gradient = deviations * np.sqrt(known + 0.014**-2) * np.ones(5)
-    H = np.diag([*np.full(7, 1e3), *np.full(5, known)])
-    looks.learn(H, np.append(np.zeros(7), gradient), 1e8 * np.eye(6), np.zeros(6), 1.0)
+    looks.learn(registered(np.diag([*np.full(7, 1e3), *np.full(5, known)]), gradient), 0.0)
     assert looks.vector.any() == found
 
 
 @pytest.mark.parametrize(("sigmas", "free"), [((0.014, 0.0), slice(0, 3)), ((0.0, 0.02), slice(3, 5))])
 def test_what_counts_as_exact_stays(sigmas: tuple[float, float], free: slice) -> None:
-    looks, H = Orientation(*sigmas), np.diag([*np.full(7, 1e3), *np.full(5, 4e5)])
-    looks.learn(H, np.append(np.zeros(7), np.full(5, 8e3)), 1e8 * np.eye(6), np.zeros(6), 1.0)
+    turn, centre = sigmas
+    looks = Orientation(np.array((0.02, turn, turn, turn, centre, centre)))
+    looks.learn(registered(np.diag([*np.full(7, 1e3), *np.full(5, 4e5)]), np.full(5, 8e3)), 0.0)
     assert looks.vector[free] == pytest.approx(0.02, abs=0.002)
     assert np.count_nonzero(looks.vector) == len(looks.vector[free])
 
@@ -147,6 +170,19 @@ def test_a_principal_point_that_is_off_smears_half_as_much_at_most(rows: float) 
     known = estimates[-1].calibration
     left = offset - known.centre[1] + known.turn[0]
     assert abs(left) < 0.5 * abs(offset)
+
+
+@pytest.mark.parametrize(("factor", "rows"), [(0.97, 16), (1.03, -16)])
+def test_depths_scale_and_the_principal_point_are_told_apart(factor: float, rows: float) -> None:
+    """A principal point that is too low makes depth that is too short look true."""
+    offset = rows / 640 * CAMERA.width / CAMERA.fy
+    told_camera = Calibration(centre=(0.0, -offset)).camera(CAMERA)
+    scene, tracker = Scene(0, frames=600, intrinsics=CAMERA), make_tracker(GIVEN)
+    for k in range(0, 600, 6):
+        depth = scene[k].depth_metres() * np.float32(factor)
+        known = tracker.track(1 + k * FRAME_NS // 3, depth, told_camera, scene.true_pose(k)).calibration
+    assert abs(offset - known.centre[1] + known.turn[0]) < 0.5 * abs(offset)
+    assert factor * known.depth_factor == pytest.approx(1, abs=0.011)
 
 
 def test_a_turn_is_told_in_degrees_about_the_cameras_axes() -> None:

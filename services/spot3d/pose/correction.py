@@ -18,6 +18,7 @@ from spot3d.pose.delay import PoseDelay
 from spot3d.pose.depth_scale import UNKNOWN, DepthScale
 from spot3d.pose.error_model import ErrorModel
 from spot3d.pose.estimate import PoseEstimate
+from spot3d.pose.evidence import Registered
 from spot3d.pose.given import GivenPoses
 from spot3d.pose.motion import moved, twist
 from spot3d.pose.orientation import Orientation
@@ -76,8 +77,9 @@ class CorrectedPoses:
         self._sigma = np.repeat((settings.given_sigma, settings.given_turn_sigma), 3)
         self._noise = MeasuredNoise(0.0)
         self._errors = ErrorModel(self._sigma)
-        self._scale = DepthScale(settings.depth_scale_sigma)
-        self._orientation = Orientation(settings.mount_turn_sigma, settings.centre_sigma)
+        turn, centre = settings.mount_turn_sigma, settings.centre_sigma
+        camera = np.array((settings.depth_scale_sigma, turn, turn, turn, centre, centre))
+        self._scale, self._orientation = DepthScale(camera), Orientation(camera)
         self._delay = PoseDelay(settings)
         self._correction = np.zeros(6)
         self._T_world_map = np.eye(4)
@@ -151,18 +153,16 @@ class CorrectedPoses:
         if _distance(offset / self._sigma, information) > _JUMP:
             return self._begin_anew(surface, given)
         variance = self._noise.measured(offset / self._sigma, information, elapsed)
-        # The map has as much noise of the given poses, of its own views.
-        known = np.diag(1 / (self._sigma**2 * (2 * variance + self._noise.negligible)))
-        off = twist(registered, as_given)
+        off, seen_with = twist(registered, as_given), np.log(self._scale.factor)
         drift = self._errors.learn(time_s, registered, as_given, information / worth)
         # Exact poses hold the map: how far odometry would go beside them nobody knows.
         path = self._errors.log_scale() if variance else UNKNOWN
-        grown = self._scale.learn(worth / tried * H, worth / tried * g, known, off, elapsed, path)
+        seen = Registered(worth / tried * H, worth / tried * g, self._known(variance), off, elapsed)
+        grown = self._scale.learn(seen, self._orientation.vector, path)
         # A turn looks like noise of the poses, of which as much may be there as the registrations' own hides.
         most = variance + self._noise.hidden
-        known = np.diag(1 / (self._sigma**2 * (2 * most + self._noise.negligible)))
-        blurred = _sharpness(surface, most * self._sigma**2) * worth / tried
-        turned = self._orientation.learn(blurred * H, blurred * g, known, off, elapsed)
+        blurred = seen.worth(_sharpness(surface, most * self._sigma**2))._replace(pose_information=self._known(most))
+        turned = self._orientation.learn(blurred, seen_with)
         steady = float(np.clip(_BENT / drift, 1.0, _STEADIEST)) if drift else 1.0
         self._correction = self._sigma * _most_probable(offset / self._sigma, steady * _held(information), variance)
         pose = moved(prior, self._correction)
@@ -176,6 +176,10 @@ class CorrectedPoses:
             self._planes.look_elsewhere(turned)
         pose = self._settled(pose, given.T_world_camera, elapsed)
         return replace(given, T_world_camera=pose, forgotten=forgotten)
+
+    def _known(self, variance: float) -> NDArray[np.float64]:
+        """Information (6, 6) of a given pose of this variance against the map, which has as much of its own views."""
+        return np.diag(1 / (self._sigma**2 * (2 * variance + self._noise.negligible)))
 
     def _settled(
         self, T_map_camera: NDArray[np.float64], T_world_given: NDArray[np.float64], elapsed: float

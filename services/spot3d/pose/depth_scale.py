@@ -3,21 +3,21 @@
 Depth cameras are true to a few per cent: what is two metres away is seen some centimetres too near or too far, wherever
 one looks from, and views from two sides never meet, however good the poses are. Odometry on depth has the same wrong
 metres and does not notice; with given poses it can be told: of what the map and a frame see from different places, the
-scale that makes both meet is estimated along with the frame's pose, and sharpened from frame to frame (a Kalman
-filter of one state). Both lie where the given poses have them, for it: corrected ones follow what depth says, wrong
-scale and all. What is off across the way between the views no scale explains; it shows what the poses' noise and drift
-may look like along it. Where given poses are noisy, views tell little, and how far odometry goes beside them tells the
-scale (`ErrorModel`), as far as odometry does not drift. The more certain of both counts the more.
+scale that makes both meet is estimated along with the frame's pose and where the camera looks, and sharpened from frame
+to frame (`CommonErrors`). Both lie where the given poses have them, for it: corrected ones follow what depth says,
+wrong scale and all. What is off across the way between the views no scale explains; it shows what the poses' noise and
+drift may look like along it. Where given poses are noisy, views tell little, and how far odometry goes beside them
+tells the scale (`ErrorModel`), as far as odometry does not drift. The more certain of both counts the more.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.pose.evidence import NEWS_S, evidence
+from spot3d.pose.evidence import CommonErrors, Registered
 
-# `NEWS_S`, `_STEP`, `_KNOWN` and `_MOST` with half and with twice their value: of 3 % on redkitchen and clutter, whose
-# poses are exact, 0.1 to 1.2 % are left in the end by `NEWS_S`, 0.2 to 0.8 % by `_STEP`, the same by `_KNOWN` and
-# `_MOST`; true depth stays (all of it from when only what is beyond two standard deviations was applied).
+# `NEWS_S` (`evidence`), `_STEP`, `_KNOWN` and `_MOST` with half and with twice their value: of 3 % on redkitchen and
+# clutter, whose poses are exact, 0.1 to 1.2 % are left in the end by `NEWS_S`, 0.2 to 0.8 % by `_STEP`, the same by
+# `_KNOWN` and `_MOST`; true depth stays (all of it from when only what is beyond two standard deviations was applied).
 # A scale is never better known than this: depth is distorted over the image, and drifts with the camera's warmth.
 _KNOWN = 0.003
 # Odds that a camera's depth is of another scale than it says, before it was seen: what is applied is the scale times
@@ -26,8 +26,6 @@ _KNOWN = 0.003
 # 1.8, 1.6, rendered desks 0.5, 0.5, 0.4, clutter 1.1, 1.0, 1.0 (where only what is beyond two standard deviations is
 # applied: 1.9, 2.0, 0.7, 1.2); and of true depth alone 0.2, 0.3, 0.5; 0.1, 0.2, 0.5; 0.0, 0.1, 0.1; 0.5, 0.6, 0.7.
 _ODDS = 0.3
-# Of the normal equations.
-_ROW = np.array((6,))
 # Steps smaller than this move what is a metre away by less than the noise of a pixel.
 _STEP = 0.003
 # Keeps directions that no depth holds, as along a bare plane, out of what is seen across.
@@ -58,45 +56,30 @@ def told(factor: float) -> str:
 class DepthScale:
     """What depth has to be multiplied by to agree with the given poses.
 
-    sigma: how true the sensor's depth is, standard deviation of its scale; 0: it is taken as it is.
+    sigmas: (6,) how true the sensor is, see `CommonErrors`; the first is that of its depth's scale; 0: it is taken as
+    it is.
     """
 
-    def __init__(self, sigma: float) -> None:
+    def __init__(self, sigmas: NDArray[np.float64]) -> None:
         self.factor = 1.0
-        self._sigma = sigma
-        self._information = sigma**-2 if sigma else np.inf
-        self._log = 0.0
+        self._sigma = float(sigmas[0])
+        self._seen = CommonErrors(sigmas, _KNOWN)
         # A vector: each of its parts is about as large as the scale that the same noise makes.
         self._across = np.zeros(3)
         self._across_information = _LEAST
 
-    def learn(
-        self,
-        H: NDArray[np.float64],
-        g: NDArray[np.float64],
-        pose_information: NDArray[np.float64],
-        given: NDArray[np.float64],
-        elapsed: float,
-        path: tuple[float, float],
-    ) -> float:
+    def learn(self, frame: Registered, orientation: NDArray[np.float64], path: tuple[float, float]) -> float:
         """Take a registered frame into account; returns by what `factor` has changed.
 
-        H (7, 7), g (7,): its normal equations for twist and scale, to the map as the given poses have it (see
-        `SurfelMap.normal_equations`), with depth already multiplied by `factor`, in units of independent information.
-        given: (6,) twist from there to the given pose, which is known with pose_information (6, 6) against the map.
-        elapsed: seconds since the last frame. path: mean and variance of the logarithm of what depth would have to be
-        multiplied by beside that for odometry to go as far as the given poses (see `ErrorModel.log_scale`).
+        frame: seen with depth multiplied by `factor`, and with this `Orientation.vector` (5,). path: mean and variance
+        of the logarithm of what depth would have to be multiplied by beside that for odometry to go as far as the given
+        poses (see `ErrorModel.log_scale`).
         """
         if not self._sigma:
             return 1.0
-        told_information, told_gradient = evidence(H, g, _ROW, pose_information, given, elapsed)
-        information, gradient = float(told_information[0, 0]), float(told_gradient[0])
         applied = np.log(self.factor)
-        total = self._information + information
-        self._log += (gradient + information * (applied - self._log)) / total
-        self._log = float(np.clip(self._log, -_MOST * self._sigma, _MOST * self._sigma))
-        self._information = min(total, _KNOWN**-2)
-        self._see_across(H, g, pose_information, given, min(1.0, elapsed / NEWS_S))
+        self._seen.learn(frame, np.append(applied, orientation))
+        self._see_across(frame)
         mean, variance = self._believed(applied + path[0], path[1] + _KNOWN**2)
         sure = self._probability(mean, variance)
         if abs(sure * mean - applied) < _STEP:
@@ -107,10 +90,10 @@ class DepthScale:
     def _believed(self, by_path: float, path_variance: float) -> tuple[float, float]:
         """Mean and variance of the scale's logarithm, by what was seen, which is as uncertain as what was seen across,
         and by how far odometry has gone."""
-        prior = self._sigma**-2
-        seen = max(self._information - prior, _LEAST)
+        prior, (mean, variance) = self._sigma**-2, self._seen.scale()
+        seen = max(1 / variance - prior, _LEAST)
         chance = max(1 / seen, float(self._across @ self._across) / 3)
-        by_views = self._log * self._information / seen
+        by_views = float(np.clip(mean, -_MOST * self._sigma, _MOST * self._sigma)) / variance / seen
         variance = 1 / (prior + 1 / chance + 1 / path_variance)
         return variance * (by_views / chance + by_path / path_variance), variance
 
@@ -120,22 +103,15 @@ class DepthScale:
         odds = _ODDS * np.sqrt(variance) / self._sigma * np.exp(min(0.5 * mean**2 / variance, _CERTAIN))
         return float(odds / (1 + odds))
 
-    def _see_across(
-        self,
-        H: NDArray[np.float64],
-        g: NDArray[np.float64],
-        pose_information: NDArray[np.float64],
-        given: NDArray[np.float64],
-        share: float,
-    ) -> None:
+    def _see_across(self, frame: Registered) -> None:
         """What a scale would be, and is none: how far given poses are off across the distance of the views, as a share
         of it. As `learn`, of the shift alone, in units of its standard deviations."""
-        held = H[:6, :6] + _RIDGE * np.trace(H[:6, :6]) * np.eye(6)
-        covariance = np.linalg.inv(held) + np.linalg.inv(pose_information)
+        held = frame.H[:6, :6] + _RIDGE * np.trace(frame.H[:6, :6]) * np.eye(6)
+        covariance = np.linalg.inv(held) + np.linalg.inv(frame.pose_information)
         weight = np.linalg.cholesky(np.linalg.inv(covariance[:3, :3])).T
-        apart = weight @ np.linalg.solve(held, H[:6, 6])[:3]
-        off = weight @ (np.linalg.solve(held, g[:6]) - given)[:3]
-        information = share * float(apart @ apart)
+        apart = weight @ np.linalg.solve(held, frame.H[:6, 6])[:3]
+        off = weight @ (np.linalg.solve(held, frame.g[:6]) - frame.given)[:3]
+        information = frame.news * float(apart @ apart)
         total = self._across_information + information
-        self._across += (share * np.cross(apart, off) - information * self._across) / total
+        self._across += (frame.news * np.cross(apart, off) - information * self._across) / total
         self._across_information = min(total, _KNOWN**-2)

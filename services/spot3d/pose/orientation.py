@@ -4,7 +4,7 @@ A tracker is mounted by eye: what is a metre away then lies centimetres off, to 
 A principal point that is some pixels off, as a driver's is from a calibrated one, does the same, and shears what is
 seen as well. Odometry on depth turns with its camera and does not notice; with given poses it can be told: of what the
 map and a frame see from cameras that stand at a slant to each other, the turn and the principal point that make both
-meet are estimated along with the frame's pose, and sharpened from frame to frame (a Kalman filter of five states). A
+meet are estimated along with the frame's pose and depth's scale, and sharpened from frame to frame (`CommonErrors`). A
 table alone does not tell the one from the other; what stands on it does. About an axis around which the camera never
 turns it stays as it is: there it smears nothing.
 """
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.calibration import Calibration
-from spot3d.pose.evidence import evidence
+from spot3d.pose.evidence import CommonErrors, Registered
 from spot3d.trajectory import rotation_from_vector
 
 # Of the turn alone, with `_KNOWN` and `_STEP` half and twice as large, as much is found to 0.15 deg on clutter,
@@ -53,16 +53,14 @@ def told(known: Calibration) -> str:
 class Orientation:
     """The rotation from the frame that the given poses are of to the camera's, and its principal point's offset.
 
-    turn_sigma: how true the given poses' axes are, radians, standard deviation about each; centre_sigma: how true the
-    principal point is, focal lengths; 0: they are taken as they are.
+    sigmas: (6,) how true depth's scale, the given poses' axes and the principal point are, see `CommonErrors`; of the
+    last five, 0: it is taken as it is.
     """
 
-    def __init__(self, turn_sigma: float, centre_sigma: float) -> None:
+    def __init__(self, sigmas: NDArray[np.float64]) -> None:
         self.vector = np.zeros(5)
-        sigma = np.array((turn_sigma, turn_sigma, turn_sigma, centre_sigma, centre_sigma))
-        self._free = np.flatnonzero(sigma)
-        self._information = np.diag(sigma[self._free] ** -2)
-        self._estimate = np.zeros(len(self._free))
+        self._free = np.flatnonzero(sigmas[1:])
+        self._seen = CommonErrors(sigmas, _KNOWN)
 
     @property
     def turn(self) -> tuple[float, float, float]:
@@ -84,38 +82,23 @@ class Orientation:
         pose[:3, :3] = T_world_given[:3, :3] @ rotation_from_vector(self.vector[:3])
         return pose
 
-    def learn(
-        self,
-        H: NDArray[np.float64],
-        g: NDArray[np.float64],
-        pose_information: NDArray[np.float64],
-        given: NDArray[np.float64],
-        elapsed: float,
-    ) -> NDArray[np.float64]:
+    def learn(self, frame: Registered, log_scale: float) -> NDArray[np.float64]:
         """Take a registered frame into account; returns by what (5,) `vector` has changed.
 
-        H (12, 12), g (12,): its normal equations for twist, scale, turn and centre (see
-        `SurfelMap.normal_equations`), with `vector` applied already, in units of independent information. given: (6,)
-        twist from there to the given pose, which is known with pose_information (6, 6) against the map. elapsed:
-        seconds since the last frame.
+        frame: seen with `vector` applied, and with depth multiplied by the exponential of log_scale.
         """
         change = np.zeros(5)
         if not len(self._free):
             return change
-        information, gradient = evidence(H, g, 7 + self._free, pose_information, given, elapsed)
-        total = self._information + information
-        self._estimate = self._estimate + np.linalg.solve(
-            total, gradient + information @ (self.vector[self._free] - self._estimate)
-        )
-        known, axes = np.linalg.eigh(total)
-        self._information = (axes * np.minimum(known, _KNOWN**-2)) @ axes.T
+        self._seen.learn(frame, np.append(log_scale, self.vector))
+        estimate, information = self._seen.orientation(log_scale)
         # Chance alone makes of it as much as there are unknowns, on average. With 4, 5 (their number), 6 and 8 clutter
         # whose principal point is 16 pixels too high ends at a mean IoU of 0.69, 0.65, 0.64, 0.61; 16 too low: 0.60,
         # 0.57, 0.56, 0.50; 8 too low: 0.66, 0.63, 0.62, 0.60 (where each direction has to be sure by itself 0.56, 0.50,
         # 0.64); with 4 redkitchen is turned by 0.1 deg with its own poses.
-        square = float(self._estimate @ self._information @ self._estimate)
+        square = float(estimate @ information @ estimate)
         sure = max(0.0, 1.0 - len(self._free) / square) if square else 0.0
-        change[self._free] = sure * self._estimate - self.vector[self._free]
+        change[self._free] = sure * estimate - self.vector[self._free]
         if np.linalg.norm(change) < _STEP:
             return np.zeros(5)
         self.vector = self.vector + change

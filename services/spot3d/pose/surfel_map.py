@@ -282,18 +282,23 @@ def _normal_equations(
         weight = robust * robust / (sigma[i] * sigma[i])
         J[0], J[1], J[2] = mx, my, mz
         J[3], J[4], J[5] = ly * mz - lz * my, lz * mx - lx * mz, lx * my - ly * mx
-        J[6] = mx * (lx - s[0] + s[8]) + my * (ly - s[1] + s[9]) + mz * (lz - s[2] + s[10])
+        # By the surfel's place, not the point's: its noise is in r as well, and would look like depth that is too long.
+        J[6] = mx * (s[8] - T[0, 3]) + my * (s[9] - T[1, 3]) + mz * (s[10] - T[2, 3])
         off = r
         if size > 7:
             off += mx * s[11] + my * s[12] + mz * s[13]
             cx = T[0, 0] * mx + T[1, 0] * my + T[2, 0] * mz
             cy = T[0, 1] * mx + T[1, 1] * my + T[2, 1] * mz
             cz = T[0, 2] * mx + T[1, 2] * my + T[2, 2] * mz
-            J[7] = p[1] * cz - p[2] * cy - s[14]
-            J[8] = p[2] * cx - p[0] * cz - s[15]
-            J[9] = p[0] * cy - p[1] * cx - s[16]
-            J[10] = p[2] * cx - s[17]
-            J[11] = p[2] * cy - s[18]
+            ax, ay, az = s[0] - T[0, 3], s[1] - T[1, 3], s[2] - T[2, 3]
+            px = T[0, 0] * ax + T[1, 0] * ay + T[2, 0] * az
+            py = T[0, 1] * ax + T[1, 1] * ay + T[2, 1] * az
+            pz = T[0, 2] * ax + T[1, 2] * ay + T[2, 2] * az
+            J[7] = py * cz - pz * cy - s[14]
+            J[8] = pz * cx - px * cz - s[15]
+            J[9] = px * cy - py * cx - s[16]
+            J[10] = pz * cx - s[17]
+            J[11] = pz * cy - s[18]
         for a in range(size):
             wj = weight * J[a]
             g[a] -= wj * off
