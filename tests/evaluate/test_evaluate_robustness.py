@@ -215,12 +215,15 @@ def test_levels() -> None:
     assert [level.mixed for _, level in kinds["edges"]] == [0, *MIXED]
     assert [level.missing for _, level in kinds["holes"]] == [0, 0.1, 0.3]
     assert [level.every for _, level in kinds["every"]] == [1, 2, 3, 4, 5, 10, 20, 30]
-    assert [(level.metres, level.scale, level.late, level.noise) for _, level in kinds["together"]] == [
-        (0, 1, 0, 1),
-        (0.01, 0.97, 0, 1),
-        (0.01, 1.03, 0, 1),
-        (0.01, 0.97, 1, 2),
+    together = [level for _, level in kinds["together"]]
+    assert [(level.metres, level.scale, level.late, level.noise, level.centre) for level in together] == [
+        (0, 1, 0, 1, 0),
+        (0.01, 0.97, 0, 1, 0),
+        (0.01, 1.03, 0, 1, 0),
+        (0.01, 0.97, 1, 2, 0),
+        (0, 0.97, 0, 1, 0.025),
     ]
+    assert kinds["together"][-1][0] == "x 0.97, +16 of 640 px"
 
 
 def test_table_and_curves(tmp_path: Path) -> None:

@@ -125,6 +125,8 @@ def groups(base: Degradation) -> dict[str, Levels]:
     """The levels of each kind of degradation by the kind's name, each with a name, the undegraded `base` among them."""
     together = replace(base, metres=TOGETHER[0], degrees=TOGETHER[1])
     worst = replace(together, scale=SCALES[2], late=DELAYS[0], noise=NOISES[0])
+    # Of these two each makes the other look true.
+    masked = replace(base, scale=SCALES[2], centre=-CENTRES[1])
     shakes = [(f"{1e3 * m:g} mm {d:g} deg", replace(base, metres=m, degrees=d)) for m, d in SHAKES]
     return {
         "poses": [("0 mm", base), *shakes],
@@ -141,6 +143,7 @@ def groups(base: Degradation) -> dict[str, Levels]:
             ("nothing", base),
             *((f"10 mm 0.4 deg, x {k:g}", replace(together, scale=k)) for k in SCALES[2:]),
             ("10 mm 0.4 deg, x 0.97, 1 frame late, sigma x2", worst),
+            (f"x {masked.scale:g}, {640 * masked.centre:+g} of 640 px", masked),
         ],
         "half": [("as it is", base), ("half size", replace(base, half=True))],
     }
