@@ -153,7 +153,7 @@ class CorrectedPoses:
         if _distance(offset / self._sigma, information) > _JUMP:
             return self._begin_anew(surface, given)
         variance = self._noise.measured(offset / self._sigma, information, elapsed)
-        off, seen_with = twist(registered, as_given), np.log(self._scale.factor)
+        off, log_scale = twist(registered, as_given), float(np.log(self._scale.factor))
         drift = self._errors.learn(time_s, registered, as_given, information / worth)
         # Exact poses hold the map: how far odometry would go beside them nobody knows.
         path = self._errors.log_scale() if variance else UNKNOWN
@@ -162,7 +162,7 @@ class CorrectedPoses:
         # A turn looks like noise of the poses, of which as much may be there as the registrations' own hides.
         most = variance + self._noise.hidden
         blurred = seen.worth(_sharpness(surface, most * self._sigma**2))._replace(pose_information=self._known(most))
-        turned = self._orientation.learn(blurred, seen_with)
+        turned = self._orientation.learn(blurred, log_scale)
         steady = float(np.clip(_BENT / drift, 1.0, _STEADIEST)) if drift else 1.0
         self._correction = self._sigma * _most_probable(offset / self._sigma, steady * _held(information), variance)
         pose = moved(prior, self._correction)

@@ -10,10 +10,12 @@ drift may look like along it. Where given poses are noisy, views tell little, an
 tells the scale (`ErrorModel`), as far as odometry does not drift. The more certain of both counts the more.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.pose.evidence import CommonErrors, Registered
+from spot3d.pose.evidence import CommonErrors, Registered, probability
 
 # `NEWS_S` (`evidence`), `_STEP`, `_KNOWN` and `_MOST` with half and with twice their value: of 3 % on redkitchen and
 # clutter, whose poses are exact, 0.1 to 1.2 % are left in the end by `NEWS_S`, 0.2 to 0.8 % by `_STEP`, the same by
@@ -34,8 +36,6 @@ _RIDGE = 1e-6
 _LEAST = 1e-9
 # Further off than so many standard deviations no camera is, and no message says so: it is the poses that are wrong.
 _MOST = 5.0
-# The logarithm of odds that leave no doubt; any more would only overflow.
-_CERTAIN = 50.0
 UNKNOWN = 0.0, np.inf
 """The scale by a path that tells nothing."""
 TOLD = 0.01
@@ -100,8 +100,7 @@ class DepthScale:
     def _probability(self, mean: float, variance: float) -> float:
         """That the scale is another than 1, if its logarithm is of this mean and variance where it is: either is as
         probable as what was seen is by it (Bayes factor of a spike and a slab: Mitchell and Beauchamp 1988)."""
-        odds = _ODDS * np.sqrt(variance) / self._sigma * np.exp(min(0.5 * mean**2 / variance, _CERTAIN))
-        return float(odds / (1 + odds))
+        return probability(0.5 * mean**2 / variance + math.log(_ODDS * math.sqrt(variance) / self._sigma))
 
     def _see_across(self, frame: Registered) -> None:
         """What a scale would be, and is none: how far given poses are off across the distance of the views, as a share

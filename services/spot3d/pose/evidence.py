@@ -13,9 +13,13 @@ from numpy.typing import NDArray
 
 NEWS_S = 1 / 3
 """Given poses are wrong alike over a third of a second: no sooner does a frame tell something new."""
+# Of so many numbers is a pose's twist, which comes first in the normal equations.
 _POSE = 6
-# The logarithm of odds that leave no doubt; any more would only overflow.
-_CERTAIN = 50.0
+
+
+def probability(log_odds: float) -> float:
+    """0..1; of any odds, without overflow."""
+    return float(0.5 * (1 + np.tanh(0.5 * log_odds)))
 
 
 class Registered(NamedTuple):
@@ -76,8 +80,8 @@ class CommonErrors:
         variance = np.array((covariance[0, 0], told))
         square = others @ np.linalg.solve(covariance[1:, 1:], others)
         narrower = np.linalg.slogdet(covariance[1:, 1:])[1] - 2 * np.log(self._sigmas[self._free[1:]]).sum()
-        as_told = 1 / (1 + np.exp(min(0.5 * (square + narrower), _CERTAIN)))
-        share = np.array((1 - as_told, as_told))
+        free = probability(0.5 * float(square + narrower))
+        share = np.array((free, 1 - free))
         middle = share @ mean
         return float(middle), float(share @ (variance + (mean - middle) ** 2))
 
