@@ -25,7 +25,7 @@ from spot3d.evaluate.depth_errors import bent, mixed, noisier, torn
 from spot3d.evaluate.object_tables import OURS
 from spot3d.evaluate.peer import PEER
 from spot3d.evaluate.pose_errors import Pose, late, misplaced, shaken
-from spot3d.evaluate.robustness import BENT, GROUPS, MIXED, MOUNTS, SCALES, SEED, SHAKES, Degradation, groups
+from spot3d.evaluate.robustness import BENT, FOCALS, GROUPS, MIXED, MOUNTS, SCALES, SEED, SHAKES, Degradation, groups
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import Halved
 from spot3d.source.scene.scene import Scene
@@ -187,6 +187,16 @@ def test_scaled_depth() -> None:
     np.testing.assert_array_equal(worse[1].T_world_camera, scene[1].T_world_camera)
 
 
+def test_wrong_focal_length() -> None:
+    scene = Scene(1, frames=2)
+    worse = Degradation(focal=1.03, centre=0.0125).of(scene)
+    true, told = scene[1].intrinsics, worse[1].intrinsics
+    assert (told.fx, told.fy) == pytest.approx((1.03 * true.fx, 1.03 * true.fy))
+    assert (told.cx, told.cy) == (true.cx, true.cy + 0.0125 * true.width)
+    assert worse.intrinsics == told
+    np.testing.assert_array_equal(worse[1].depth, scene[1].depth)
+
+
 def test_levels() -> None:
     base = Degradation(every=3)
     kinds = groups(base)
@@ -196,6 +206,7 @@ def test_levels() -> None:
         "delay",
         "mount",
         "centre",
+        "focal",
         "scale",
         "bent",
         "depth",
@@ -209,6 +220,7 @@ def test_levels() -> None:
     assert [(level.metres, level.degrees) for _, level in kinds["poses"]] == [(0, 0), *SHAKES]
     assert [level.late for _, level in kinds["delay"]] == [0, 1, 2]
     assert [level.mount for _, level in kinds["mount"]] == [(0, 0), *MOUNTS]
+    assert [level.focal for _, level in kinds["focal"]] == [1, *FOCALS]
     assert [level.scale for _, level in kinds["scale"]] == [1, *SCALES]
     assert [level.bent for _, level in kinds["bent"]] == [0, *BENT]
     assert [level.noise for _, level in kinds["depth"]] == [1, 2]

@@ -47,8 +47,8 @@ def evaluate(
         str | None,
         typer.Option(
             metavar="KIND,..",
-            help="for robustness: poses, delay, mount, centre, scale, bent, depth, edges, holes, every, together, "
-            "half; default: all",
+            help="for robustness: poses, delay, mount, centre, focal, scale, bent, depth, edges, holes, every, "
+            "together, half; default: all",
         ),
     ] = None,
     every: EveryOption = 1,

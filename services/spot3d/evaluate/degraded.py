@@ -14,6 +14,8 @@ from spot3d.source.sequence import FrameSequence
 
 ChangeDepth = Callable[[NDArray[np.float32], Intrinsics, int], NDArray[np.float32]]
 """Depth (h, w) float32 metres of the frame of this number, 0 = invalid, made worse."""
+ChangeCamera = Callable[[Intrinsics], Intrinsics]
+"""What is told of a camera in the place of what is true."""
 
 
 class Degraded:
@@ -28,11 +30,11 @@ class Degraded:
         sequence: FrameSequence,
         told: Sequence[Pose] | None = None,
         change_depth: ChangeDepth | None = None,
-        centre_off: float = 0.0,
+        told_camera: ChangeCamera | None = None,
     ) -> None:
-        """told: T_world_camera of each frame, None where it has none; centre_off: of the principal point, pixels."""
+        """told: T_world_camera of each frame, None where it has none; told_camera: the intrinsics told for the true."""
         self._sequence = sequence
-        self._centre_off = centre_off
+        self._camera = told_camera
         self._told = told
         self._change_depth = change_depth
 
@@ -50,7 +52,7 @@ class Degraded:
         if self._change_depth is not None:
             depth = self._change_depth(frame.depth_metres(), frame.intrinsics, number)
             frame = replace(frame, depth=depth, depth_scale=1.0)
-        return replace(frame, intrinsics=self._told_camera(frame.intrinsics)) if self._centre_off else frame
+        return replace(frame, intrinsics=self._told_camera(frame.intrinsics))
 
     def __iter__(self) -> Iterator[RgbdFrame]:
         return (self[index] for index in range(len(self)))
@@ -61,7 +63,7 @@ class Degraded:
         return self._told_camera(self._sequence.intrinsics)
 
     def _told_camera(self, camera: Intrinsics) -> Intrinsics:
-        return replace(camera, cy=camera.cy + self._centre_off)
+        return camera if self._camera is None else self._camera(camera)
 
     @property
     def stamps_ns(self) -> list[int]:
@@ -107,7 +109,12 @@ def with_misplaced_poses(sequence: FrameSequence, metres: float, degrees: float,
 
 def with_wrong_centre(sequence: FrameSequence, share: float) -> Degraded:
     """The sequence with a principal point that is too low by this share of the image's width."""
-    return Degraded(sequence, centre_off=share * sequence.intrinsics.width)
+    return Degraded(sequence, told_camera=lambda camera: replace(camera, cy=camera.cy + share * camera.width))
+
+
+def with_wrong_focal_length(sequence: FrameSequence, factor: float) -> Degraded:
+    """The sequence with focal lengths that are told `factor` times as long as they are."""
+    return Degraded(sequence, told_camera=lambda camera: replace(camera, fx=camera.fx * factor, fy=camera.fy * factor))
 
 
 def with_noisier_depth(sequence: FrameSequence, factor: float, seed: int = 1) -> Degraded:

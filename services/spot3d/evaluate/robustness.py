@@ -16,6 +16,7 @@ from spot3d.evaluate.degraded import (
     with_shaken_poses,
     with_torn_depth,
     with_wrong_centre,
+    with_wrong_focal_length,
 )
 from spot3d.evaluate.labelled import DataSet, LabelledSequence
 from spot3d.evaluate.measured_run import Measured, MeasuredRun, measure
@@ -44,6 +45,8 @@ MOUNTS = ((0.010, 0.5), (0.020, 1.0))
 CENTRES = (0.0125, -0.025)
 """Shares of the width by which the principal point is told too low: 16 pixels at VGA lie between the driver's and a
 calibrated one of the Kinect of TUM's freiburg1."""
+FOCALS = (1.015, 1.03)
+"""Focal length times this: the driver's 525 pixels lie 1.5 % off the 517 of TUM's freiburg1 as it was calibrated."""
 NOISES = (2.0,)
 SCALES = (0.985, 1.015, 0.97, 1.03)
 """Depth times this: data sheets promise 2 % at two metres; ORB-SLAM2's authors (IEEE Trans. Robotics, 2017)
@@ -74,9 +77,10 @@ class Degradation:
     """What is worse than as recorded: several at once, if need be.
 
     metres, degrees: of the poses' smooth error; late: frames by which poses lag; mount: metres and degrees between the
-    camera and what the poses are of; centre: share of the width by which the principal point is off; scale: of depth;
-    bent: deviation of the camera's own distortion, as a share of depth; noise: times the sensor's; mixed: pixels over
-    which depth is a mean; missing: share of depth; every: only each so-manieth frame; half: half size.
+    camera and what the poses are of; centre: share of the width by which the principal point is off; focal: how many
+    times as long focal lengths are told; scale: of depth; bent: deviation of the camera's own distortion, as a share of
+    depth; noise: times the sensor's; mixed: pixels over which depth is a mean; missing: share of depth; every: only
+    each so-manieth frame; half: half size.
     """
 
     metres: float = 0.0
@@ -84,6 +88,7 @@ class Degradation:
     late: int = 0
     mount: tuple[float, float] = (0.0, 0.0)
     centre: float = 0.0
+    focal: float = 1.0
     scale: float = 1.0
     bent: float = 0.0
     noise: float = 1.0
@@ -113,6 +118,8 @@ class Degradation:
             worse = with_torn_depth(worse, self.missing, SEED)
         if self.centre:
             worse = with_wrong_centre(worse, self.centre)
+        if self.focal != 1:
+            worse = with_wrong_focal_length(worse, self.focal)
         return worse if self.every == 1 else Selected(worse, range(0, len(worse), self.every))
 
 
@@ -133,6 +140,7 @@ def groups(base: Degradation) -> dict[str, Levels]:
         "delay": [("0 frames", base), *((f"{k} frames", replace(base, late=k)) for k in DELAYS)],
         "mount": [("0 mm", base), *((f"{1e3 * m:g} mm {d:g} deg", replace(base, mount=(m, d))) for m, d in MOUNTS)],
         "centre": [("0 px", base), *((f"{640 * k:+g} of 640 px", replace(base, centre=k)) for k in CENTRES)],
+        "focal": [("x 1", base), *((f"x {k:g}", replace(base, focal=k)) for k in FOCALS)],
         "scale": [("x 1", base), *((f"x {k:g}", replace(base, scale=k)) for k in SCALES)],
         "bent": [("straight", base), *((f"{100 * k:g} %", replace(base, bent=k)) for k in BENT)],
         "depth": [("sigma x1", base), *((f"sigma x{k:g}", replace(base, noise=k)) for k in NOISES)],
@@ -194,9 +202,9 @@ def robustness_table(
         "Poses: each axis off by a smooth random error of this deviation, correlated over 10 frames. Delay: of poses "
         "against images, in recorded frames. Mount: poses of what is fixed to the camera, so far away and turned by so "
         "much. Centre: the principal point is told that much lower in the image (true poses, by which things are "
-        "carried, are then not those of such a camera). Scale: depth times a factor, as of a camera out of "
-        "calibration. Bent: depth is too long in parts of the image and too short in others, by this deviation, alike "
-        "in all frames. Depth: "
+        "carried, are then not those of such a camera). Focal: the focal length is told so many times as long. Scale: "
+        "depth times a factor, as of a camera out of calibration. Bent: depth is too long in parts of the image and "
+        "too short in others, by this deviation, alike in all frames. Depth: "
         "noise added until its deviation is so many times that of a Kinect, 1.2 mm + 1.9 mm/m2 (z - 0.4 m)^2. Edges: "
         "depth is the mean of the pixels within so many. Together: several of these at once. Holes: "
         "share of the measured pixels lost in blobs, others in each frame. "
