@@ -46,7 +46,8 @@ CENTRES = (0.0125, -0.025)
 """Shares of the width by which the principal point is told too low: 16 pixels at VGA lie between the driver's and a
 calibrated one of the Kinect of TUM's freiburg1."""
 FOCALS = (1.015, 1.03)
-"""Focal length times this: the driver's 525 pixels lie 1.5 % off the 517 of TUM's freiburg1 as it was calibrated."""
+"""Focal length times this: the driver's 525 pixels lie 1.5 % off the 517 of TUM's freiburg1 as it was calibrated;
+and twice that."""
 NOISES = (2.0,)
 SCALES = (0.985, 1.015, 0.97, 1.03)
 """Depth times this: data sheets promise 2 % at two metres; ORB-SLAM2's authors (IEEE Trans. Robotics, 2017)
