@@ -9,6 +9,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
 from spot3d_schemas.arrays import DELTA_ZLIB, JPEG, PALETTE, PALETTE_2D, ArraySpec
 from spot3d_schemas.limits import (
     MAX_BOXES,
+    MAX_CORRECTIONS,
     MAX_COUNT,
     MAX_IMAGE_PIXELS,
     MAX_MAP_CHANGES,
@@ -59,6 +60,7 @@ SegmentHeat = Annotated[NDArray[np.float32], ArraySpec(("float32",), ("n",), MAX
 SegmentPlanes = Annotated[NDArray[np.float64], ArraySpec(("float64",), ("p", 4), MAX_PLANES, finite=True)]
 SegmentSupports = Annotated[NDArray[np.int8], ArraySpec(("int8",), ("n",), MAX_SEGMENTS)]
 Boxes = Annotated[NDArray[np.float32], ArraySpec(("float32",), ("M", 5), MAX_BOXES, finite=True)]
+PoseTwists = Annotated[NDArray[np.float64], ArraySpec(("float64",), ("k", 6), MAX_CORRECTIONS, finite=True)]
 Points = Annotated[NDArray[np.float32], ArraySpec(("float32",), ("N", 3), MAX_MAP_POINTS)]
 PointColours = Annotated[NDArray[np.uint8], ArraySpec(("uint8",), ("N", 3), MAX_MAP_POINTS)]
 PointHeat = Annotated[NDArray[np.float32], ArraySpec(("float32",), ("N",), MAX_MAP_POINTS)]

@@ -27,6 +27,9 @@ MAX_MAP_POINTS = 2_000_000
 MAX_MAP_CHANGES = 40_000
 """Most points of one answer that says what changed in the map; 24 bytes each, just below 1 MB."""
 
+MAX_CORRECTIONS = 1024
+"""Most earlier poses that one pose corrects."""
+
 MAX_PREVIEW_PIXELS = 320 * 320
 """Largest preview: dashboards over thin links get no more of a frame than this."""
 MAX_COUNT = 2**63 - 1

@@ -11,6 +11,7 @@ would mislead an old reader takes a new major version. Since a misspelt field is
 since older senders do not know it: 1.1 added the header's stream and sender.
 """
 
+from itertools import pairwise
 from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
@@ -38,6 +39,7 @@ from spot3d_schemas.fields import (
     PointHeat,
     PointNumbers,
     Points,
+    PoseTwists,
     Positive,
     PreviewColour,
     Reasons,
@@ -51,6 +53,7 @@ from spot3d_schemas.fields import (
 )
 from spot3d_schemas.header import Header, Record
 from spot3d_schemas.limits import (
+    MAX_CORRECTIONS,
     MAX_FIELD_BYTES,
     MAX_IMAGE_PIXELS,
     MAX_IMAGE_SIDE,
@@ -271,10 +274,14 @@ class Pose(Message):
     the given pose is of, as far as was known by then: it is part of the pose; None: the pose is as it was given.
     Since 1.6, centre: (2,) by how much further to the right and down a thing at unit distance lies than the capture's
     intrinsics say: cx and cy are to be less by so many focal lengths; None: nobody knows.
+    Since 1.7, corrected_ns: (k,) captures from before, rising, and corrections: (k, 6) float64, by how much the pose
+    of each, as it was published and then moved with the map, turns out to be off: shift, metres, and rotation about the
+    camera, radians, in world axes; `turn` is not part of it. What lies between is off in line with both, what is later
+    than the last as that is, and of what is earlier than the first nothing is said: what was said before holds.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Pose"
-    VERSION: ClassVar[str] = "1.6"
+    VERSION: ClassVar[str] = "1.7"
 
     T_world_camera: Transform
     status: Literal["ok", "lost"]
@@ -287,6 +294,23 @@ class Pose(Message):
     delay_s: Finite = 0.0
     turn: Vector | None = None
     centre: Point2 | None = None
+    corrected_ns: Annotated[tuple[Nanoseconds, ...], FailFast(), Field(strict=False, max_length=MAX_CORRECTIONS)] = ()
+    corrections: PoseTwists = Field(default_factory=lambda: np.zeros((0, 6)))
+
+    @field_validator("corrected_ns")
+    @classmethod
+    def _stamps_rise(cls, stamps: tuple[int, ...]) -> tuple[int, ...]:
+        if any(later <= earlier for earlier, later in pairwise(stamps)):
+            raise ValueError("each stamp must be later than the one before it")
+        return stamps
+
+    @model_validator(mode="after")
+    def _one_for_each_stamp(self) -> Self:
+        if len(self.corrections) != len(self.corrected_ns):
+            raise ValueError(
+                f"has {len(self.corrections)} corrections, but {len(self.corrected_ns)} stamps in corrected_ns"
+            )
+        return self
 
 
 class Proposals(Message):

@@ -124,6 +124,7 @@ def run_pipeline(
                     frame.stamp_ns,
                     pose.T_world_map,
                     calibration=pose.calibration,
+                    corrections=pose.corrections,
                 )
                 if segments is not None:
                     fusion.observe(segments, frame.stamp_ns)

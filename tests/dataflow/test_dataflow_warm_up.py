@@ -48,6 +48,7 @@ from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.settings import FusionSettings
 print(json.dumps({
     "pose": missing("pose", lambda frames: _track_all(make_tracker(PoseSettings()), frames)),
+    "given poses": missing("pose", lambda frames: _track_all(make_tracker(PoseSettings(provider="given")), frames)),
     "proposals": missing("proposals", lambda frames: _propose_first(ProposalSettings(), frames)),
     "heatmap": missing("heatmap", lambda frames: _heat_first(HeatmapSettings(), frames)),
     "segments": missing("segments", lambda frames: _find_first(SegmentsSettings(), frames)),
@@ -66,7 +67,7 @@ def test_real_frames_find_every_kernel_loaded():
     missing = json.loads(done.stdout)
     assert missing.pop("objects") > 30, "the kernels are found at all"
     assert missing.pop("never") == [], "what not every frame calls has a signature"
-    assert missing == {"pose": [], "proposals": [], "heatmap": [], "segments": [], "fusion": []}
+    assert missing == {"pose": [], "given poses": [], "proposals": [], "heatmap": [], "segments": [], "fusion": []}
 
 
 def test_a_core_that_fails_does_not_keep_its_stage_from_starting(caplog: pytest.LogCaptureFixture):

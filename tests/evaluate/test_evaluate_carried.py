@@ -9,6 +9,7 @@ from spot3d.evaluate.carried import Sightings
 from spot3d.evaluate.judgement import Found, judge, that_count
 from spot3d.evaluate.points import IGNORED
 from spot3d.evaluate.truth import LabelledScene
+from spot3d.pose_corrections import PoseCorrections
 
 APART = 2.0
 BLOCK: Block = ((-0.10, -0.05, 0.0), (0.10, 0.05, 0.12))
@@ -92,6 +93,20 @@ def test_objects_are_carried_to_where_the_map_of_poses_is_known_to_lie_in_the_en
         slid = shifted(y=0.01 * step)
         sightings.add(depth, CAMERA, T_WORLD_CAMERA, slid @ T_WORLD_CAMERA, slid)
     np.testing.assert_allclose(sightings.transforms(shifted(x=9))[0], shifted(y=0.03), atol=1e-9)
+
+
+def test_objects_are_carried_by_what_is_known_in_the_end_of_the_poses() -> None:
+    """Poses are 1 cm off each, further with each frame; the last two of four come to be known, and then all but one."""
+    sightings, depth = Sightings(scene(BLOCKS[:1])), table_depth(BLOCKS)[0]
+    off = 0.01 * np.arange(4)
+    for step, wrong in enumerate(off):
+        sightings.add(depth, CAMERA, T_WORLD_CAMERA, shifted(y=wrong) @ T_WORLD_CAMERA, stamp_ns=step)
+    twists = np.zeros((4, 6))
+    twists[:, 1] = -off
+    for known in (twists[1:] * 0.5, twists[1:]):
+        sightings.correct(PoseCorrections(np.arange(1, 4), known))
+    sightings.correct(PoseCorrections(np.arange(2, 4), twists[2:] + np.eye(6)[1] * 0.02))
+    np.testing.assert_allclose(sightings.transforms(shifted(x=9))[0], shifted(y=0.01), atol=1e-9)
 
 
 def test_what_no_frame_sees_goes_with_the_whole() -> None:

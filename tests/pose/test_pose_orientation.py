@@ -5,9 +5,10 @@ import pytest
 from test_pose_correction import CAMERA, FRAME_NS, recording, shaken, tracked
 
 from spot3d.calibration import Calibration
-from spot3d.pose.evidence import Registered
+from spot3d.pose.common_errors import CommonErrors
 from spot3d.pose.orientation import Orientation, told
 from spot3d.pose.providers import make_tracker
+from spot3d.pose.registration import judged
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import sample_surface
 from spot3d.pose.surfel_map import SurfelMap
@@ -15,15 +16,6 @@ from spot3d.source.scene.scene import Scene
 from spot3d.trajectory import rotation_angle, rotation_from_vector
 
 GIVEN = PoseSettings(provider="given")
-TRUE_DEPTH = np.array((0.0, *np.full(5, 0.014)))
-"""Depth is of the scale that it says; what else may be wrong is so to 0.014."""
-
-
-def registered(H: np.ndarray, looks: np.ndarray, elapsed: float = 1.0) -> Registered:
-    """A frame of these equations (12, 12) whose gradient is (5,) of turn and centre, and whose pose is exact."""
-    return Registered(H, np.append(np.zeros(7), looks), 1e8 * np.eye(6), np.zeros(6), elapsed)
-
-
 TURN = np.radians((1.5, -0.5, 0.5))
 
 
@@ -79,82 +71,65 @@ def test_depth_of_another_scale_is_no_turn() -> None:
     assert np.degrees(np.linalg.norm(last.calibration.turn)) < 0.3
 
 
-def test_the_last_equations_are_the_turn_of_all_cameras() -> None:
-    """Two views of one surface by cameras that are turned: they meet where both are turned back."""
+@pytest.mark.parametrize(
+    "vector", [np.append(np.radians((0.6, -0.4, 0.2)), (0.0, 0.0)), np.array((0, 0, 0, 0.01, -0.015))]
+)
+def test_a_map_follows_where_the_camera_looks(vector: np.ndarray) -> None:
+    """What a turned camera, or one of wrong intrinsics, has seen lies where the next view by right ones sees it."""
     depths, true = recording(0)
-    settings, first, second = PoseSettings(), 0, 20
-    seen = [sample_surface(depths[k], CAMERA, settings) for k in (first, second)]
-    small = np.radians((0.3, -0.2, 0.1))
-    given = turned(true, small)
-    planes = SurfelMap(0.05, 20_000)
-    planes.insert(seen[0], given[first])
-    H, g, _ = planes.normal_equations(seen[1], given[second], 0.05, 4.5, as_given=True)
-    assert H.shape == (12, 12)
-    before = g[7:10] @ np.linalg.pinv(H[7:10, 7:10]) @ g[7:10]
-    along = H[7:10, 7:10] @ small
-    assert g[7:10] @ along / (along @ along) == pytest.approx(1, abs=0.25)
-    planes.look_elsewhere(np.append(small, (0.0, 0.0)))
-    H, g, _ = planes.normal_equations(seen[1], true[second], 0.05, 4.5, as_given=True)
-    assert g[7:10] @ np.linalg.pinv(H[7:10, 7:10]) @ g[7:10] < 0.1 * before
+    settings, planes = PoseSettings(), SurfelMap(0.05, 20_000)
+    told_camera = Calibration(centre=(-vector[3], -vector[4])).camera(CAMERA)
+    planes.insert(sample_surface(depths[0], told_camera, settings), turned(true, vector[:3])[0])
+    right, away = sample_surface(depths[20], CAMERA, settings), []
+    for change in (np.zeros(5), vector):
+        planes.look_elsewhere(change)
+        away.append(judged(planes, right, true[20], 0.05).residual)
+    assert away[1] < 0.6 * away[0]
 
 
-def test_the_last_equations_are_the_principal_point_of_all_cameras() -> None:
-    """Two views of one surface by wrong intrinsics: they meet where both are mended."""
-    depths, true = recording(0)
-    settings, views, offset = PoseSettings(), (0, 20), np.array((0.002, -0.003))
-    told_camera, planes = Calibration(centre=(-0.002, 0.003)).camera(CAMERA), SurfelMap(0.05, 20_000)
-    seen = [sample_surface(depths[k], told_camera, settings) for k in views]
-    planes.insert(seen[0], true[views[0]])
-    H, g, _ = planes.normal_equations(seen[1], true[views[1]], 0.05, 4.5, as_given=True)
-    before = g[10:] @ np.linalg.pinv(H[10:, 10:]) @ g[10:]
-    along = H[10:, 10:] @ offset
-    assert g[10:] @ along / (along @ along) == pytest.approx(1, abs=0.3)
-    planes.look_elsewhere(np.array((0.0, 0.0, 0.0, *offset)))
-    right = sample_surface(depths[views[1]], CAMERA, settings)
-    H, g, _ = planes.normal_equations(right, true[views[1]], 0.05, 4.5, as_given=True)
-    assert g[10:] @ np.linalg.pinv(H[10:, 10:]) @ g[10:] < 0.1 * before
-
-
-def test_noise_of_depth_alone_is_no_turn_and_no_scale() -> None:
-    """A map of one view, seen again from there with other noise: nothing about the camera can be told by it."""
-    depths, true = recording(0)
-    settings, rng = PoseSettings(), np.random.default_rng(0)
-    noise = 1 + 0.004 * rng.normal(size=depths[0].shape).astype(np.float32)
-    planes = SurfelMap(0.05, 20_000)
-    planes.insert(sample_surface(depths[0], CAMERA, settings), true[0])
-    again = sample_surface(depths[0] * noise, CAMERA, settings)
-    H, g, _ = planes.normal_equations(again, true[0], 0.05, 4.5, as_given=True)
-    assert abs(g[6]) < 1e-6
-    known = H[7:10, 7:10] + 0.01**-2 * np.eye(3)
-    assert np.degrees(np.linalg.norm(np.linalg.solve(known, g[7:10]))) < 0.05
+def errors(looks: np.ndarray, known: float, sigmas: tuple[float, float] = (0.014, 0.014)) -> CommonErrors:
+    """Depth is of the scale that it says; turn and centre are these (5,), each known to so much; sigmas: as was told of
+    the turn and the centre, 0 = exact."""
+    told_sigmas = np.repeat(sigmas, (3, 2))
+    free = np.flatnonzero(told_sigmas)
+    information = known**-2.0 * np.eye(len(free))
+    return CommonErrors(np.append(0.0, looks), 1 + free, information, told_sigmas[free])
 
 
 def test_chance_turns_nothing() -> None:
     """What is no further from none than chance makes it may be chance; what is sure is found."""
-    mount = Orientation(TRUE_DEPTH)
-    H, looks = np.diag([*np.full(7, 1e3), *np.full(5, 4e3)]), np.append(TURN, (0.0, 0.03))
-    assert not mount.learn(registered(H, 4e3 * looks, 0.1), 0.0).any()
-    for _ in range(300):
-        mount.learn(registered(H, 4e3 * (looks - mount.vector)), 0.0)
-    np.testing.assert_allclose(mount.vector, looks, atol=0.004)
+    mount, looks = Orientation(), np.append(TURN, (0.0, 0.03))
+    assert not mount.decide(errors(0.1 * looks, 0.01), 0.0).any()
+    np.testing.assert_allclose(mount.decide(errors(looks, 0.0005), 0.0), looks, atol=1e-4)
+    assert not mount.decide(errors(1.01 * looks, 0.0005), 0.0).any()
+    np.testing.assert_allclose(mount.vector, looks, atol=1e-4)
 
 
-@pytest.mark.parametrize(("deviations", "found"), [(0.9, False), (1.8, True)])
+@pytest.mark.parametrize(("deviations", "found"), [(1.0, False), (3.5, True)])
 def test_all_directions_together_tell_what_is_chance(deviations: float, found: bool) -> None:
     """Each of five unknowns lies so many standard deviations from none."""
-    looks, known = Orientation(TRUE_DEPTH), 1.0 / 0.005**2
-    gradient = deviations * np.sqrt(known + 0.014**-2) * np.ones(5)
-    looks.learn(registered(np.diag([*np.full(7, 1e3), *np.full(5, known)]), gradient), 0.0)
-    assert looks.vector.any() == found
+    looks = Orientation()
+    looks.decide(errors(np.full(5, deviations * 0.005), 0.005), 0.0)
+    assert (np.linalg.norm(looks.vector) > 0.8 * deviations * 0.005 * 5**0.5) == found
 
 
 @pytest.mark.parametrize(("sigmas", "free"), [((0.014, 0.0), slice(0, 3)), ((0.0, 0.02), slice(3, 5))])
 def test_what_counts_as_exact_stays(sigmas: tuple[float, float], free: slice) -> None:
-    turn, centre = sigmas
-    looks = Orientation(np.array((0.02, turn, turn, turn, centre, centre)))
-    looks.learn(registered(np.diag([*np.full(7, 1e3), *np.full(5, 4e5)]), np.full(5, 8e3)), 0.0)
+    looks = Orientation()
+    looks.decide(errors(np.full(5, 0.02), 0.002, sigmas), 0.0)
     assert looks.vector[free] == pytest.approx(0.02, abs=0.002)
     assert np.count_nonzero(looks.vector) == len(looks.vector[free])
+
+
+def test_where_the_scale_is_another_one_so_is_the_turn() -> None:
+    """Scale and turn that look alike: where the scale is not applied, the turn explains it all."""
+    known = 0.002**-2.0 * (np.eye(6) + 0.9 * (np.eye(6)[[0]].T @ np.eye(6)[[1]] + np.eye(6)[[1]].T @ np.eye(6)[[0]]))
+    seen = CommonErrors(np.array((0.02, *np.zeros(5))), np.arange(6), known, np.full(6, 0.02))
+    kept, dropped = Orientation(), Orientation()
+    kept.decide(seen, 0.02)
+    dropped.decide(seen, 0.0)
+    assert not kept.vector.any()
+    assert dropped.vector[0] == pytest.approx(0.018, abs=0.001)
 
 
 @pytest.mark.parametrize("rows", [16, -16])

@@ -79,6 +79,8 @@ SAMPLES: dict[str, Message] = {
         delay_s=0.033,
         turn=np.array([0.01, -0.02, 0.0]),
         centre=np.array([0.0, 0.03]),
+        corrected_ns=(1_699_999_998_000_000_000, 1_699_999_999_000_000_000),
+        corrections=np.array([[0.01, -0.02, 0.0, 0.001, 0.0, -0.002], [0.0, 0.01, 0.0, 0.0, 0.003, 0.0]]),
     ),
     "Proposals": Proposals(header=HEADER, boxes=np.arange(15, dtype=np.float32).reshape(3, 5)),
     "Heat": Heat(**rgbd(), heat=np.full((4, 6), 255, np.uint8), accepted=1, masked=2, rejected=3),
@@ -329,12 +331,13 @@ _objects = st.builds(
     colour=st.tuples(*[st.integers(0, 255)] * 3),
 )
 
-MESSAGES_OF: dict[str, st.SearchStrategy[Message]] = {
-    "Frame": _frames(),
-    "Preview": _previews(),
-    "End": st.builds(End, header=_headers, frames_sent=_counts),
-    "Pose": st.builds(
-        Pose,
+
+@st.composite
+def _poses(draw: st.DrawFn) -> Pose:
+    stamps = draw(st.sets(_counts, max_size=3).map(sorted))
+    twists = hnp.arrays(np.float64, (len(stamps), 6), elements=_finite)
+    fields = st.builds(
+        dict,
         header=_headers,
         T_world_camera=_transforms(),
         status=st.sampled_from(["ok", "lost"]),
@@ -347,7 +350,15 @@ MESSAGES_OF: dict[str, st.SearchStrategy[Message]] = {
         delay_s=_finite,
         turn=st.none() | hnp.arrays(np.float64, 3, elements=_finite),
         centre=st.none() | hnp.arrays(np.float64, 2, elements=_finite),
-    ),
+    )
+    return Pose(**draw(fields), corrected_ns=tuple(stamps), corrections=draw(twists))
+
+
+MESSAGES_OF: dict[str, st.SearchStrategy[Message]] = {
+    "Frame": _frames(),
+    "Preview": _previews(),
+    "End": st.builds(End, header=_headers, frames_sent=_counts),
+    "Pose": _poses(),
     "Proposals": st.builds(Proposals, header=_headers, boxes=_boxes),
     "Heat": _heats(),
     "Segments": _segments(),

@@ -48,10 +48,11 @@ def test_all_names_exist() -> None:
     assert all(hasattr(spot3d_schemas, name) for name in spot3d_schemas.__all__)
 
 
+CORRECTIONS = {"corrected_ns", "corrections"}
 ADDED = {
     "Segments": {"left_out"},
     "Objects": {"left_out", "keyframes_dropped", "epoch"},
-    "Pose": {"epoch", "lost_since_ns", "T_world_map", "depth_factor", "delay_s", "turn", "centre"},
+    "Pose": {"epoch", "lost_since_ns", "T_world_map", "depth_factor", "delay_s", "turn", "centre", *CORRECTIONS},
     "MapPoints": {"epoch"},
     "MapChanges": {"epoch"},
     "Frame": {"depth_noise"},

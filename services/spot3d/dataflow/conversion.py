@@ -1,5 +1,7 @@
 """Messages as the cores see them."""
 
+from typing import Any
+
 import numpy as np
 
 from spot3d.calibration import Calibration
@@ -7,6 +9,7 @@ from spot3d.camera import Intrinsics
 from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
+from spot3d.pose_corrections import PoseCorrections
 from spot3d_schemas import CameraIntrinsics, Frame, Header, Heat, Pose, Segments
 from spot3d_schemas import DepthNoise as NoiseMessage
 
@@ -38,6 +41,21 @@ def calibration_of(pose: Pose) -> Calibration:
     turn = (0.0, 0.0, 0.0) if pose.turn is None else (float(pose.turn[0]), float(pose.turn[1]), float(pose.turn[2]))
     centre = (0.0, 0.0) if pose.centre is None else (float(pose.centre[0]), float(pose.centre[1]))
     return Calibration(pose.depth_factor, turn, centre)
+
+
+def corrections_of(pose: Pose) -> PoseCorrections | None:
+    """What a pose says of how far off those of earlier frames were."""
+    if not pose.corrected_ns:
+        return None
+    return PoseCorrections(np.array(pose.corrected_ns, np.int64), pose.corrections.copy())
+
+
+def corrections_message(corrections: PoseCorrections | None) -> dict[str, Any]:
+    """The fields of a `Pose` that say it."""
+    if corrections is None:
+        return {}
+    stamps_ns: list[int] = corrections.stamps_ns.tolist()
+    return {"corrected_ns": tuple(stamps_ns), "corrections": corrections.twists}
 
 
 def _noise(stated: NoiseMessage | None) -> DepthNoise:

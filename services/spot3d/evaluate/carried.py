@@ -4,6 +4,8 @@ Odometry bends the world by centimetres over metres, and so do recorded poses th
 transform for all then charges a good box for the path that led to it. Where the camera was, the box can be right.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +13,8 @@ from spot3d.boxes import moved
 from spot3d.camera import Intrinsics, invert
 from spot3d.evaluate.projection import NEAR, box_surface
 from spot3d.evaluate.truth import LabelledScene
+from spot3d.pose.motion import moved as corrected
+from spot3d.pose_corrections import PoseCorrections
 
 _POINTS = 300
 """So many points of an object tell whether a frame sees it."""
@@ -20,6 +24,14 @@ _SEEN = 0.2
 On redkitchen with KISS-ICP 0.1 to 0.3, and 1 to 3 cm below, carry the objects alike (F within 0.3), 0.5 does not."""
 _AGREES = 0.02
 """Depth agrees with a point within this and three sigma of its noise, metres: labels and poses are no better."""
+
+
+class _Carrier(NamedTuple):
+    """A frame that sees an object: when, and where it is (4, 4), in the map of the run's poses and truly."""
+
+    stamp_ns: int
+    T_map_camera: NDArray[np.float64]
+    T_camera_true: NDArray[np.float64]
 
 
 class Sightings:
@@ -35,7 +47,9 @@ class Sightings:
             _some(points) if len(points := truth.xyz[truth.label == label]) else box_surface(box)
             for label, box in zip(truth.labels, truth.boxes, strict=True)
         ]
-        self._carriers: list[list[NDArray[np.float64]]] = [[] for _ in truth.boxes]
+        self._carriers: list[list[_Carrier]] = [[] for _ in truth.boxes]
+        # By the stamp that they reach back to, which rises from one to the next.
+        self._corrections: dict[int, PoseCorrections] = {}
 
     def add(
         self,
@@ -44,24 +58,39 @@ class Sightings:
         T_true_camera: NDArray[np.float64],
         T_run_camera: NDArray[np.float64],
         T_world_map: NDArray[np.float64] | None = None,
+        stamp_ns: int = 0,
     ) -> None:
         """Look for the objects in a frame. depth: (h, w) float32 metres, 0 = invalid; poses (4, 4) float64.
 
-        T_world_map: where the map of the run's poses lay by then; None: the map stays.
+        T_world_map: where the map of the run's poses lay by then; None: the map stays. stamp_ns: of the frame, for
+        `correct`.
         """
         self.T_world_map = np.eye(4) if T_world_map is None else T_world_map
-        T_map_true = invert(self.T_world_map) @ T_run_camera @ invert(T_true_camera)
+        carrier = _Carrier(stamp_ns, invert(self.T_world_map) @ T_run_camera, invert(T_true_camera))
         for sample, carriers in zip(self._samples, self._carriers, strict=True):
-            if _share_seen(sample, depth, camera, invert(T_true_camera)) >= _SEEN:
-                carriers.append(T_map_true)
+            if _share_seen(sample, depth, camera, carrier.T_camera_true) >= _SEEN:
+                carriers.append(carrier)
+
+    def correct(self, corrections: PoseCorrections) -> None:
+        """Take in what the run knows by now that its poses lack."""
+        self._corrections[int(corrections.stamps_ns[0])] = corrections
 
     def transforms(self, T_run_true: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         """T_run_true (4, 4) of each object: the median of the frames that see it; the given one where none does."""
         pairs = zip(self._truth.boxes, self._carriers, strict=True)
         return [
-            self.T_world_map @ _median(np.array(carriers), box.centre) if carriers else T_run_true
+            _median(np.array([self._carried(carrier) for carrier in carriers]), box.centre) if carriers else T_run_true
             for box, carriers in pairs
         ]
+
+    def _carried(self, carrier: _Carrier) -> NDArray[np.float64]:
+        """T_run_true (4, 4) by a frame, as its pose is known in the end."""
+        T_run_camera = self.T_world_map @ carrier.T_map_camera
+        for corrections in reversed(self._corrections.values()):
+            if (twist := corrections.at(carrier.stamp_ns)) is not None:
+                T_run_camera = corrected(T_run_camera, twist)
+                break
+        return T_run_camera @ carrier.T_camera_true
 
     def carried(self, T_run_true: NDArray[np.float64]) -> LabelledScene:
         """The truth in the run's world: each object's box and points by its own transform.

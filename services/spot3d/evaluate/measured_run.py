@@ -97,6 +97,8 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
     def follow(step: PipelineStep) -> None:
         if step.objects is not None:
             updates.append([(found.id, found.box) for found in step.objects.objects])
+        if step.pose is not None and step.pose.corrections is not None:
+            sightings.correct(step.pose.corrections)
         if step.refused or not truth.boxes:
             return
         pose, known = step.pose, step.pose.calibration
@@ -105,7 +107,7 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
         peer.add(depth, camera, T_map_world @ pose.T_world_camera, settings.fusion.range_max)
         T_true_camera = true_of[step.frame.stamp_ns]
         if T_true_camera is not None:
-            sightings.add(depth, camera, T_true_camera, pose.T_world_camera, pose.T_world_map)
+            sightings.add(depth, camera, T_true_camera, pose.T_world_camera, pose.T_world_map, step.frame.stamp_ns)
 
     result = run_pipeline(sequence, settings, follow)
     tracked = [(stamp, pose.T_world_camera) for stamp, pose in result.trajectory if pose.status == "ok"]

@@ -26,6 +26,7 @@ from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.supports import RecentSupports
 from spot3d.geometry.downsampling import to_lattice
 from spot3d.geometry.planes import dominant_planes, on_plane, supporting_plane, transform_plane
+from spot3d.pose_corrections import PoseCorrections
 
 _AWAITING_SEGMENTS = 60
 """Fused frames that segments may still come for: a learned segmenter may take two seconds of a camera; 0.5 MB each."""
@@ -89,10 +90,13 @@ class _ConsensusTask:
     keyframes: list[Keyframe]
     T_world_map: NDArray[np.float64]
     calibration: Calibration
+    corrections: PoseCorrections | None
     frame_count: int
 
     def run(self) -> FoundObjects:
-        agreed, T = self.consensus.update(self.keyframes, self.calibration), self.T_world_map
+        T, known = self.T_world_map, self.corrections
+        in_map = None if known is None else known.seen_from(T[:3, :3])
+        agreed = self.consensus.update(self.keyframes, self.calibration, in_map)
         objects = [replace(item, box=moved(item.box, T)) for item in agreed.objects]
         return FoundObjects(objects, T[:3, :3] @ agreed.up, self.frame_count, agreed.left_out, agreed.dropped)
 
@@ -132,6 +136,7 @@ class Fusion:
         self._poses_of: str | None = None
         self._calibration = AS_TOLD
         self._calibrated_by: str | None = None
+        self._corrections: PoseCorrections | None = None
 
     def reset(self) -> None:
         """Forget everything; object numbers start anew."""
@@ -146,7 +151,7 @@ class Fusion:
         self._candidates, self._supporting, self.frame_count = np.zeros((0, 4)), None, 0
         self._T_world_map = self._T_theirs_map = np.eye(4)
         self._poses_of = None
-        self._calibration, self._calibrated_by = AS_TOLD, None
+        self._calibration, self._calibrated_by, self._corrections = AS_TOLD, None, None
 
     def map_state(self) -> MapState:
         """The map as it is now, copied, without its objects."""
@@ -188,6 +193,7 @@ class Fusion:
         T_world_map: NDArray[np.float64] | None = None,
         poses_of: str | None = None,
         calibration: Calibration = AS_TOLD,
+        corrections: PoseCorrections | None = None,
     ) -> MatchCounts:
         """Take in one frame: supporting plane, its removal from the heat, registration with the map.
 
@@ -196,11 +202,14 @@ class Fusion:
         T_world_map: (4, 4) float64, where the map of poses lies by now (see `PoseEstimate`), and the objects with it;
         None: it stays. poses_of: who gives the poses: another one's map begins where that of before lay. calibration:
         by which this frame and the keyframes before are to be seen, as far as is known by now; the pose is turned by it
-        already. As told: nothing is known but what somebody else said before.
+        already. As told: nothing is known but what somebody else said before. corrections: of the poses of frames
+        before; None: as they were with the frame before.
         """
         if calibration != AS_TOLD or poses_of == self._calibrated_by:
             # Who gives poses anew does not know it at first; who gave it may take it back.
             self._calibration, self._calibrated_by = calibration, poses_of
+        if corrections is not None:
+            self._corrections = corrections
         known = replace(self._calibration, turn=calibration.turn)
         depth = known.metres(depth)
         frame = to_lattice(colour, depth, heat, camera, self.settings.lattice_width, self.settings.grazing_cos)
@@ -267,6 +276,7 @@ class Fusion:
             self.consensus.take_waiting(),
             self._T_world_map,
             self._calibration,
+            self._corrections,
             self.frame_count,
         )
 

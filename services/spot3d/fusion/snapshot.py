@@ -20,6 +20,7 @@ from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.growing import Growing
 from spot3d.fusion.objects.identity import Identities
 from spot3d.fusion.objects.keyframes import Keyframe
+from spot3d.fusion.objects.recalibration import Placement
 from spot3d.fusion.objects.segment_graph import SegmentGraph
 from spot3d.fusion.objects.segment_table import SegmentTable
 from spot3d.fusion.objects.views import View
@@ -36,6 +37,7 @@ _CLASSES = {
         Identities,
         Intrinsics,
         Keyframe,
+        Placement,
         SegmentGraph,
         SegmentTable,
         View,

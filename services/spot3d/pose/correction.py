@@ -4,7 +4,8 @@ Motion capture, a drone's own odometry or poses with a wrong stamp disagree with
 fused from them is that thick. Each frame is registered to a local map, and its pose is the most probable one between
 the registration and the given pose (maximum a posteriori, both Gaussian). The given pose is the prior of every frame,
 so that the world stays theirs; where depth tells nothing, as along a bare plane, the prior alone decides. How wrong
-given poses are, and how steadily odometry goes beside them, is measured along the way.
+given poses are, and how steadily odometry goes beside them, is measured along the way. What only later frames tell, of
+earlier poses and of the camera, is sent after them (see `Hindsight`).
 """
 
 from dataclasses import replace
@@ -12,16 +13,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.calibration import Calibration
 from spot3d.camera import Intrinsics, invert
+from spot3d.pose.adjustment import Seen
 from spot3d.pose.delay import PoseDelay
-from spot3d.pose.depth_scale import UNKNOWN, DepthScale
 from spot3d.pose.error_model import ErrorModel
 from spot3d.pose.estimate import PoseEstimate
-from spot3d.pose.evidence import Registered
 from spot3d.pose.given import GivenPoses
+from spot3d.pose.hindsight import Hindsight
 from spot3d.pose.motion import moved, twist
-from spot3d.pose.orientation import Orientation
 from spot3d.pose.registration import judged, refined
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface, sample_surface
@@ -77,9 +76,7 @@ class CorrectedPoses:
         self._sigma = np.repeat((settings.given_sigma, settings.given_turn_sigma), 3)
         self._noise = MeasuredNoise(0.0)
         self._errors = ErrorModel(self._sigma)
-        turn, centre = settings.mount_turn_sigma, settings.centre_sigma
-        camera = np.array((settings.depth_scale_sigma, turn, turn, turn, centre, centre))
-        self._scale, self._orientation = DepthScale(camera), Orientation(camera)
+        self._hindsight = Hindsight(settings)
         self._delay = PoseDelay(settings)
         self._correction = np.zeros(6)
         self._T_world_map = np.eye(4)
@@ -104,9 +101,10 @@ class CorrectedPoses:
         given = self._given.track(stamp_ns, depth_m, intrinsics, given_T_world_camera, colour)
         if given.status == "lost":
             return given
-        known = Calibration(self._scale.factor, self._orientation.turn, self._orientation.centre)
+        known, news = self._hindsight.calibration, self._hindsight.news()
         followed = self._followed(given, stamp_ns, known.metres(depth_m), known.camera(intrinsics))
-        return replace(followed, T_world_map=self._T_world_map, calibration=known)
+        corrections = None if news is None else news.corrections(self._T_world_map)
+        return replace(followed, T_world_map=self._T_world_map, calibration=known, corrections=corrections)
 
     def _followed(
         self, given: PoseEstimate, stamp_ns: int, depth_m: NDArray[np.float32], intrinsics: Intrinsics
@@ -116,7 +114,7 @@ class CorrectedPoses:
         if leaps:
             self._delay.interrupt()
         surface = sample_surface(depth_m, intrinsics, self._settings)
-        pose = self._orientation.applied(self._delay.compensated(stamp_ns, given.T_world_camera, surface))
+        pose = self._hindsight.turned(self._delay.compensated(stamp_ns, given.T_world_camera, surface))
         if abs(self._delay.delay_s - self._map_delay_s) >= _OUTDATED_S:
             self._replace_map(surface, pose)
         given = replace(given, T_world_camera=pose, delay_s=self._delay.delay_s)
@@ -129,11 +127,13 @@ class CorrectedPoses:
             return self._begin_anew(surface, given)
         if len(surface) < self._settings.points_min:
             return given
-        return self._corrected(surface, given, 1e-9 * last[0], 1e-9 * stamp_ns)
+        return self._corrected(surface, intrinsics, given, last[0], stamp_ns)
 
-    def _corrected(self, surface: Surface, given: PoseEstimate, last_s: float, time_s: float) -> PoseEstimate:
-        """last_s, time_s: when the last frame and this one were taken, seconds."""
-        elapsed = time_s - last_s
+    def _corrected(
+        self, surface: Surface, camera: Intrinsics, given: PoseEstimate, last_ns: int, stamp_ns: int
+    ) -> PoseEstimate:
+        """camera: as it is known to be; last_ns, stamp_ns: when the last frame and this one were taken."""
+        elapsed = 1e-9 * (stamp_ns - last_ns)
         settings, prior = self._settings, invert(self._T_world_map) @ given.T_world_camera
         # What was wrong with the last pose is nearly what is wrong with this one.
         registered = refined(self._planes, surface, moved(prior, self._correction), settings)
@@ -143,43 +143,37 @@ class CorrectedPoses:
             return self._begin_anew(surface, given) if self._strangers >= _PATIENCE else given
         self._strangers = 0
         offset = twist(prior, registered)
-        H, g, (tried, _, _) = self._planes.normal_equations(
-            surface, registered, settings.refine_distance, settings.refine_kernel, _STRIDE, as_given=True
+        H, _, (tried, _, _) = self._planes.normal_equations(
+            surface, registered, settings.refine_distance, settings.refine_kernel, _STRIDE
         )
         as_given = self._T_map_given @ given.T_world_camera
         # In units of the stated uncertainty, in which the prior is the same in every direction.
         worth = _worth(surface, fit.residual, tried)
-        information = worth / tried * self._sigma[:, None] * H[:6, :6] * self._sigma
+        information = worth / tried * self._sigma[:, None] * H * self._sigma
         if _distance(offset / self._sigma, information) > _JUMP:
             return self._begin_anew(surface, given)
         variance = self._noise.measured(offset / self._sigma, information, elapsed)
-        off, log_scale = twist(registered, as_given), float(np.log(self._scale.factor))
-        drift = self._errors.learn(time_s, registered, as_given, information / worth)
-        # Exact poses hold the map: how far odometry would go beside them nobody knows.
-        path = self._errors.log_scale() if variance else UNKNOWN
-        seen = Registered(worth / tried * H, worth / tried * g, self._known(variance), off, elapsed)
-        grown = self._scale.learn(seen, self._orientation.vector, path)
-        # A turn looks like noise of the poses, of which as much may be there as the registrations' own hides.
-        most = variance + self._noise.hidden
-        blurred = seen.worth(_sharpness(surface, most * self._sigma**2))._replace(pose_information=self._known(most))
-        turned = self._orientation.learn(blurred, log_scale)
+        drift = self._errors.learn(1e-9 * stamp_ns, registered, as_given, information / worth)
         steady = float(np.clip(_BENT / drift, 1.0, _STEADIEST)) if drift else 1.0
         self._correction = self._sigma * _most_probable(offset / self._sigma, steady * _held(information), variance)
         pose = moved(prior, self._correction)
         pose[:3, :3] = nearest_rotation(pose[:3, :3])
-        forgotten = self._insert(surface, pose, as_given)
+        forgotten = self._insert(surface, pose)
+        if self._hindsight.due(stamp_ns):
+            known = self._hindsight.calibration
+            self._learn(Seen(stamp_ns, surface, camera, known, given.T_world_camera, registered), pose)
+        pose = self._settled(pose, given.T_world_camera, elapsed)
+        return replace(given, T_world_camera=pose, forgotten=forgotten)
+
+    def _learn(self, seen: Seen, T_map_camera: NDArray[np.float64]) -> None:
+        """Take in a keyframe; the map follows what it tells of the camera."""
+        grown, looks = self._hindsight.learn(seen, T_map_camera)
         if grown != 1:
             self._planes.rescale(grown)
             self._errors.rescaled(grown)
             self._delay.rescaled()
-        if turned.any():
-            self._planes.look_elsewhere(turned)
-        pose = self._settled(pose, given.T_world_camera, elapsed)
-        return replace(given, T_world_camera=pose, forgotten=forgotten)
-
-    def _known(self, variance: float) -> NDArray[np.float64]:
-        """Information (6, 6) of a given pose of this variance against the map, which has as much of its own views."""
-        return np.diag(1 / (self._sigma**2 * (2 * variance + self._noise.negligible)))
+        if looks.any():
+            self._planes.look_elsewhere(looks)
 
     def _settled(
         self, T_map_camera: NDArray[np.float64], T_world_given: NDArray[np.float64], elapsed: float
@@ -218,12 +212,13 @@ class CorrectedPoses:
         self._correction = np.zeros(6)
         self._T_map_given = invert(self._T_world_map)
         self._errors.interrupt()
+        self._hindsight.begin_anew()
         self._strangers, self._age, self._map_delay_s = 0, 0.0, self._delay.delay_s
 
-    def _insert(self, surface: Surface, pose: NDArray[np.float64], given: NDArray[np.float64] | None = None) -> int:
+    def _insert(self, surface: Surface, pose: NDArray[np.float64]) -> int:
         """Add a frame to the map; returns how many surfels had to make room."""
         before = self._planes.forgotten
-        self._planes.insert(surface, pose, given)
+        self._planes.insert(surface, pose)
         return self._planes.forgotten - before
 
 
@@ -233,12 +228,11 @@ class MeasuredNoise:
     Registrations scatter about the given poses by the noise of both (covariance matching, Mehra 1970). What they have
     in common for long counts as well: poses that drift disagree with the map more and more.
 
-    negligible: variance, in units of the stated one, below which the given poses count as exact; hidden: that of the
-    registrations themselves, by which the given poses could be wrong unseen.
+    negligible: variance, in units of the stated one, below which the given poses count as exact.
     """
 
     def __init__(self, negligible: float) -> None:
-        self.negligible, self.hidden = negligible, 1.0
+        self.negligible = negligible
         self._count = 0
         # Poses count as exact until they are seen not to be.
         self._variance = 0.0
@@ -258,8 +252,7 @@ class MeasuredNoise:
         expected = spread + max(self._variance, self.negligible)
         weight = 1 / expected**2
         square = np.minimum((axes.T @ offset) ** 2, _OUTLIER**2 * expected)
-        self.hidden = float(weight @ spread / weight.sum())
-        excess = weight @ square / weight.sum() - self.hidden
+        excess = float(weight @ (square - spread) / weight.sum())
         self._variance += gain * (excess - self._variance)
         return float(np.clip(self._variance - self.negligible, 0.0, 1.0))
 
@@ -278,17 +271,6 @@ def _held(information: NDArray[np.float64]) -> NDArray[np.float64]:
     """The information (6, 6) along what depth holds."""
     known, axes = np.linalg.eigh(information)
     return np.asarray((axes * np.where(known < _HELD * known[-1], 0.0, known)) @ axes.T)
-
-
-def _sharpness(surface: Surface, variances: NDArray[np.float64]) -> float:
-    """Share of the noise in a map of given poses, 0..1, that is the sensor's.
-
-    variances: (6,) of the given poses. What was seen a while ago lies apart from what was seen just now by that much,
-    and no pose of this frame mends it.
-    """
-    sensor = float(np.mean(np.square(surface.sigma, dtype=np.float64)))
-    away = float(np.square(surface.points, dtype=np.float64).sum(axis=1).mean())
-    return sensor / (sensor + float(variances[0] + variances[3] * away))
 
 
 def _most_probable(

@@ -12,26 +12,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.pose.depth_scale import UNKNOWN
-from spot3d.pose.evidence import NEWS_S
 from spot3d.pose.motion import twist
 
-# `_MEMORY_S` and `_BIAS` with half of their value, `_MEMORY_S` and `_OUTLIER` with twice it: of a desk, clutter and
-# redkitchen with poses shaken by 10 mm and depth 3 % too short the scale ends within 0.3 % of the same, and what is
-# seen lies within 0.4 mm as far apart.
+# `_MEMORY_S` with half of its value, and with `_OUTLIER` with twice it: of a desk, clutter and redkitchen with poses
+# shaken by 10 mm and depth 3 % too short what is seen lies within 0.4 mm as far apart.
 # Given poses are compared so far apart, seconds: then what is wrong with them is another thing each time (correlated by
 # a twentieth). With half a second and two redkitchen lies 17 and 18 mm apart in the place of 15.5, the others as far.
-_APART_S = 3 * NEWS_S
+_APART_S = 1.0
 # What was seen counts for about so long, seconds.
 _MEMORY_S = 30.0
 # Drifts that are tried: variance a second, in units of that of a registration whose surface is worth one point of
 # independent noise, over the given poses', in units of the stated one. Rendered desks whose poses are off by 10 mm have
 # the least, redkitchen and TUM fr3/cabinet 0.1 to 1, redkitchen with its own poses the most.
 _DRIFTS = 10.0 ** np.arange(-2, 3)
-# What makes odometry drift makes all its steps long or short alike: variance of that, as a share, for a drift of 1. By
-# odometry left to itself depth of redkitchen is 0.7 to 2.4 % too short, with drifts of 0.1 to 0.5, of TUM fr3/cabinet
-# 1.6 to 2.6 % with 0.2, of rendered desks and clutter 0.1 to 0.6 % with less than a hundredth.
-_BIAS = 2e-3
 # A difference counts up to so many standard deviations: a given pose that jumps tells nothing of the others.
 _OUTLIER = 3.0
 # Variance of what is not known at first, in units of the given poses'; and their least.
@@ -85,17 +78,6 @@ class ErrorModel:
         if self._last is None or time_s - self._last.time_s >= _APART_S:
             self._foretell(now, offset, _spread(information))
         return self.drift
-
-    def log_scale(self) -> tuple[float, float]:
-        """Mean and variance of the logarithm of what depth has to be multiplied by, for odometry to go as far as the
-        given poses; infinite before it is known."""
-        learnt = 1 / self._covariance[:, _SCALE, _SCALE] - 1 / _ANY
-        if not self._seen or learnt.min() <= 1 / _ANY:
-            return UNKNOWN
-        probable, means = self._probable(), self._mean[:, _SCALE]
-        mean = float(probable @ means)
-        variance = float(probable @ (self._variances() / learnt + (means - mean) ** 2))
-        return self._sigma[0] * mean, self._sigma[0] ** 2 * variance + _BIAS * self.drift
 
     def rescaled(self, factor: float) -> None:
         """Depth is `factor` times as large from here on."""

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.camera import Intrinsics
+from spot3d.pose_corrections import PoseCorrections
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +23,7 @@ class PoseEstimate:
     now: it moves, and what earlier frames saw moves with it; None: the map stays.
     delay_s: how much older than the image the given pose was taken to be; the pose is where the camera is by then.
     calibration: by which the frame is to be seen to agree with the given poses; the pose is turned by it.
+    corrections: of the poses of frames before, where they are known anew; None: as they were.
     """
 
     T_world_camera: NDArray[np.float64]
@@ -32,6 +34,7 @@ class PoseEstimate:
     T_world_map: NDArray[np.float64] | None = None
     delay_s: float = 0.0
     calibration: Calibration = AS_TOLD
+    corrections: PoseCorrections | None = None
 
 
 class PoseTracker(Protocol):

@@ -21,6 +21,13 @@ def moved(T_world_camera: NDArray[np.float64], twist: NDArray[np.float64]) -> ND
     return result
 
 
+def turned(T_world_camera: NDArray[np.float64], turn: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Pose of a camera turned by a rotation vector (3,) about its own axes."""
+    result = T_world_camera.copy()
+    result[:3, :3] = T_world_camera[:3, :3] @ rotation_from_vector(turn)
+    return result
+
+
 def twist(T_world_from: NDArray[np.float64], T_world_to: NDArray[np.float64]) -> NDArray[np.float64]:
     """Motion (6,) between two poses in world axes, as `moved` takes it."""
     turn = vector_from_rotation(T_world_to[:3, :3] @ T_world_from[:3, :3].T)

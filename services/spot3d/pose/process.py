@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from spot3d.dataflow.conversion import rgbd_frame
+from spot3d.dataflow.conversion import corrections_message, rgbd_frame
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.serving import On, serve
 from spot3d.dataflow.session import StoppedError
@@ -20,6 +20,7 @@ from spot3d.dataflow.streams import new_stream
 from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
 from spot3d.pose import delay, depth_scale, orientation
+from spot3d.pose.correction import CorrectedPoses
 from spot3d.pose.estimate import PoseEstimate, PoseTracker
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
@@ -34,6 +35,8 @@ _FORGOTTEN = "surfels and landmarks forgotten: the map's limit is reached"
 _RESTARTED = "given poses jumped: the map that corrects them began anew"
 _SNAPSHOT_S = 2.0
 """Time between two snapshots of the tracker's map, if any are kept: what is new since is little to be found in."""
+_SPREAD = 20
+"""The frames of the warm-up, which are as far apart as a camera's, are so many times as far."""
 _TOLD_NS = 1_000_000_000
 """Tracking that is lost for this long is told."""
 
@@ -57,8 +60,11 @@ def run(link: LinkSettings, settings: PoseSettings, stop: threading.Event | None
 
 
 def _track_all(tracker: PoseTracker, frames: Sequence[RgbdFrame]) -> None:
+    # Of given poses some are to be keyframes, which are far apart.
+    times = _SPREAD if isinstance(tracker, CorrectedPoses) else 1
     for frame in frames:
-        tracker.track(frame.stamp_ns, frame.depth_metres(), frame.intrinsics, frame.T_world_camera, frame.colour)
+        stamp_ns = times * frame.stamp_ns
+        tracker.track(stamp_ns, frame.depth_metres(), frame.intrinsics, frame.T_world_camera, frame.colour)
     # What a full map and a snapshot need, which few frames do.
     if isinstance(tracker, MapTracker) and (state := tracker.state()) is not None:
         tracker.resume(state)
@@ -110,6 +116,7 @@ class _Stage:
             delay_s=self.last.delay_s,
             turn=np.array(self.last.calibration.turn),
             centre=np.array(self.last.calibration.centre),
+            **corrections_message(self.last.corrections),
         )
         if self.node.publish(_OUT, pose):
             self.node.measure_latency(pose.header)

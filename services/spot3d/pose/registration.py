@@ -78,8 +78,7 @@ def refined(
         if matched < _POINTS_MIN:
             break
         # The ridge only keeps an unconstrained direction where it is.
-        H = H[:6, :6]
-        step = np.linalg.solve(H + _RIDGE * np.trace(H) * np.eye(6), g[:6])
+        step = np.linalg.solve(H + _RIDGE * np.trace(H) * np.eye(6), g)
         pose = moved(pose, step)
         size = np.abs(step).max()
         if stride > _FINE_STRIDE and size < _COARSE_STEP:

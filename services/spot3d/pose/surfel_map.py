@@ -10,11 +10,10 @@ from spot3d.pose.surface import Surface
 from spot3d.voxel_hash import EMPTY, empty_table, find_slot, voxel_key
 
 # Mean position (3), mean normal (3), weight, frame that saw it last, mean position of the cameras that saw it (3): so
-# many are held; how far it lies from where the cameras would have it by the poses that were given (3); and how it moves
-# along its normal where each of them is turned about its own axes (3), metres a radian, and where what they see is
-# sheared along their x and y with the distance (2), metres.
-HELD, _COLUMNS = 11, 19
-_POSE_AND_SCALE, _ALL = 7, 12
+# many are held; and how it moves along its normal where each of them is turned about its own axes (3), metres a radian,
+# and where what they see is sheared along their x and y with the distance (2), metres.
+HELD, _COLUMNS = 11, 16
+_POSE = 6
 # Variance that counts as weight one; it only keeps the weights near one.
 _UNIT_VARIANCE = 1e-5
 # Beyond this weight (about 300 views at 1 m) a surfel stays open to change.
@@ -38,7 +37,7 @@ class _Points(NamedTuple):
 
 
 class _Sums(NamedTuple):
-    """What is summed up (see `SurfelMap.normal_equations`), and J (12,), room for the row of one point."""
+    """What is summed up (see `SurfelMap.normal_equations`), and J (6,), room for the row of one point."""
 
     H: NDArray[np.float64]
     g: NDArray[np.float64]
@@ -49,7 +48,7 @@ class _Sums(NamedTuple):
 class SurfelMap:
     """Bounded map of planes in the world frame.
 
-    keys: (slots,) int64, voxel coordinates and direction, -1 = free; surfels: (slots, 19) float64; forgotten: how many
+    keys: (slots,) int64, voxel coordinates and direction, -1 = free; surfels: (slots, 16) float64; forgotten: how many
     have had to make room.
     """
 
@@ -63,20 +62,14 @@ class SurfelMap:
         self.frames = 0
         self.forgotten = 0
 
-    def insert(
-        self, surface: Surface, T_world_camera: NDArray[np.float64], given: NDArray[np.float64] | None = None
-    ) -> None:
-        """Average the surface points into their surfels, weighted by their noise.
-
-        given: (4, 4), the pose before it was corrected; None: the same.
-        """
+    def insert(self, surface: Surface, T_world_camera: NDArray[np.float64]) -> None:
+        """Average the surface points into their surfels, weighted by their noise."""
         self.frames += 1
         if self.count + len(surface) > self.limit:
             self._forget()
         pose = np.ascontiguousarray(T_world_camera, np.float64)
-        correction = np.zeros((4, 4)) if given is None else pose - given
         room = self.limit - self.count
-        self.count += _insert(self._arrays, _points_of(surface), pose, correction, self.frames, room)
+        self.count += _insert(self._arrays, _points_of(surface), pose, self.frames, room)
 
     def held(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Keys (n,) and surfels (n, 11) of the map, copied."""
@@ -96,18 +89,13 @@ class SurfelMap:
         distance: float,
         kernel: float,
         stride: int = 1,
-        as_given: bool = False,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Point-to-plane normal equations of every `stride`-th point at a pose.
 
-        Returns H (7, 7) and g (7,) of H x = g for the twist x (metres, radians; world axes, about the camera) and the
-        growth of depth, the frame's and the map's, from where each was seen; and (points tried, points matched, sum of
-        squared distances in m2). as_given: g is to the surfels where they would lie by the given poses, and both have
-        five more rows, of all cameras, the frame's and the map's: a turn of each about its own axes, and an offset of
-        its principal point (see `Calibration`).
+        Returns H (6, 6) and g (6,) of H x = g for the twist x (metres, radians; world axes, about the camera), and
+        (points tried, points matched, sum of squared distances in m2).
         """
-        size = _ALL if as_given else _POSE_AND_SCALE
-        sums = _Sums(np.zeros((size, size)), np.zeros(size), np.zeros(3), np.empty(size))
+        sums = _Sums(np.zeros((_POSE, _POSE)), np.zeros(_POSE), np.zeros(3), np.empty(_POSE))
         pose = np.ascontiguousarray(T_world_camera, np.float64)
         _normal_equations(self._arrays, _points_of(surface), pose, distance, kernel, stride, sums)
         return sums.H, sums.g, sums.totals
@@ -123,13 +111,13 @@ class SurfelMap:
         principal point been off: (5,)."""
         surfels = self.surfels[self.keys != EMPTY]
         normals = surfels[:, 3:6] / np.maximum(np.linalg.norm(surfels[:, 3:6], axis=1), 1e-9)[:, None]
-        surfels[:, :3] += normals * (surfels[:, 14:] @ vector)[:, None]
+        surfels[:, :3] += normals * (surfels[:, 11:] @ vector)[:, None]
         self._hold_moved(surfels)
 
     def _hold_moved(self, surfels: NDArray[np.float64]) -> None:
         """Hold these surfels alone, each in the voxel where it now is."""
         keys = np.empty(len(surfels), np.int64)
-        _keys_of(surfels, self.voxel, keys)
+        plane_keys(surfels, self.voxel, keys)
         # Of two that come to lie in one voxel, the better known stays.
         order = np.argsort(-surfels[:, 6], kind="stable")
         _, first = np.unique(keys[order], return_index=True)
@@ -170,8 +158,8 @@ def _key(x: float, y: float, z: float, nx: float, ny: float, nz: float, voxel: f
 
 
 @kernel("void(f8[:,::1], f8, i8[::1])")
-def _keys_of(surfels: NDArray[np.float64], voxel: float, keys: NDArray[np.int64]) -> None:
-    """The key of each of (n, 14) surfels."""
+def plane_keys(surfels: NDArray[np.float64], voxel: float, keys: NDArray[np.int64]) -> None:
+    """The key (n,) of each place with a normal, (n, 6 or more): that of its voxel and of the side it faces."""
     for i in range(surfels.shape[0]):
         s = surfels[i]
         keys[i] = _key(s[0], s[1], s[2], s[3], s[4], s[5], voxel)
@@ -187,13 +175,8 @@ def _restore(known: _Surfels, kept_keys: NDArray[np.int64], kept: NDArray[np.flo
 
 
 @kernel()
-def _insert(
-    known: _Surfels, surface: _Points, T: NDArray[np.float64], C: NDArray[np.float64], frame: int, room: int
-) -> int:
-    """Running means of position and normal; returns the number of new surfels, at most `room`.
-
-    T: the pose (4, 4); C: by how much it was corrected, each of its numbers.
-    """
+def _insert(known: _Surfels, surface: _Points, T: NDArray[np.float64], frame: int, room: int) -> int:
+    """Running means of position and normal; returns the number of new surfels, at most `room`. T: the pose (4, 4)."""
     keys, surfels, voxel = known
     points, normals, sigma = surface
     new = 0
@@ -226,14 +209,11 @@ def _insert(
         s[8] += share * (T[0, 3] - s[8])
         s[9] += share * (T[1, 3] - s[9])
         s[10] += share * (T[2, 3] - s[10])
-        s[11] += share * (C[0, 0] * p[0] + C[0, 1] * p[1] + C[0, 2] * p[2] + C[0, 3] - s[11])
-        s[12] += share * (C[1, 0] * p[0] + C[1, 1] * p[1] + C[1, 2] * p[2] + C[1, 3] - s[12])
-        s[13] += share * (C[2, 0] * p[0] + C[2, 1] * p[1] + C[2, 2] * p[2] + C[2, 3] - s[13])
-        s[14] += share * (p[1] * n[2] - p[2] * n[1] - s[14])
-        s[15] += share * (p[2] * n[0] - p[0] * n[2] - s[15])
-        s[16] += share * (p[0] * n[1] - p[1] * n[0] - s[16])
-        s[17] += share * (p[2] * n[0] - s[17])
-        s[18] += share * (p[2] * n[1] - s[18])
+        s[11] += share * (p[1] * n[2] - p[2] * n[1] - s[11])
+        s[12] += share * (p[2] * n[0] - p[0] * n[2] - s[12])
+        s[13] += share * (p[0] * n[1] - p[1] * n[0] - s[13])
+        s[14] += share * (p[2] * n[0] - s[14])
+        s[15] += share * (p[2] * n[1] - s[15])
     return new
 
 
@@ -251,7 +231,6 @@ def _normal_equations(
     keys, surfels, voxel = known
     points, normals, sigma = surface
     H, g, totals, J = sums
-    size = g.shape[0]
     for i in range(0, points.shape[0], stride):
         totals[0] += 1
         p, n = points[i], normals[i]
@@ -282,30 +261,13 @@ def _normal_equations(
         weight = robust * robust / (sigma[i] * sigma[i])
         J[0], J[1], J[2] = mx, my, mz
         J[3], J[4], J[5] = ly * mz - lz * my, lz * mx - lx * mz, lx * my - ly * mx
-        # By the surfel's place, not the point's: its noise is in r as well, and would look like depth that is too long.
-        J[6] = mx * (s[8] - T[0, 3]) + my * (s[9] - T[1, 3]) + mz * (s[10] - T[2, 3])
-        off = r
-        if size > 7:
-            off += mx * s[11] + my * s[12] + mz * s[13]
-            cx = T[0, 0] * mx + T[1, 0] * my + T[2, 0] * mz
-            cy = T[0, 1] * mx + T[1, 1] * my + T[2, 1] * mz
-            cz = T[0, 2] * mx + T[1, 2] * my + T[2, 2] * mz
-            ax, ay, az = s[0] - T[0, 3], s[1] - T[1, 3], s[2] - T[2, 3]
-            px = T[0, 0] * ax + T[1, 0] * ay + T[2, 0] * az
-            py = T[0, 1] * ax + T[1, 1] * ay + T[2, 1] * az
-            pz = T[0, 2] * ax + T[1, 2] * ay + T[2, 2] * az
-            J[7] = py * cz - pz * cy - s[14]
-            J[8] = pz * cx - px * cz - s[15]
-            J[9] = px * cy - py * cx - s[16]
-            J[10] = pz * cx - s[17]
-            J[11] = pz * cy - s[18]
-        for a in range(size):
+        for a in range(_POSE):
             wj = weight * J[a]
-            g[a] -= wj * off
-            for b in range(a, size):
+            g[a] -= wj * r
+            for b in range(a, _POSE):
                 H[a, b] += wj * J[b]
         totals[1] += 1
         totals[2] += r * r
-    for a in range(size):
+    for a in range(_POSE):
         for b in range(a):
             H[a, b] = H[b, a]

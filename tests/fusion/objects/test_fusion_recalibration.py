@@ -6,9 +6,10 @@ import numpy as np
 from voting_room import keyframes
 
 from spot3d.calibration import AS_TOLD, Calibration, moved_planes, sheared
-from spot3d.fusion.objects.recalibration import Change, change_segments, changed_view
+from spot3d.fusion.objects.recalibration import Change, Placement, change_segments, changed_view
 from spot3d.fusion.objects.segment_table import SegmentTable
 from spot3d.fusion.objects.views import view_of
+from spot3d.pose_corrections import PoseCorrections
 from spot3d.trajectory import rotation_from_vector
 
 
@@ -28,7 +29,7 @@ def test_a_changed_keyframe_is_one_that_was_seen_like_that() -> None:
     changed, seen = SegmentTable(), SegmentTable()
     changed.extend(first, 0)
     seen.extend(then, 0)
-    change = Change.of(view_of(first), before, now)
+    change = Change.of(view_of(first), Placement(0, before), Placement(0, now))
     change_segments(changed, np.arange(len(changed)), change)
     for name, within in (("places", 1e-4), ("support", 2e-3), ("blur", 1e-3)):
         np.testing.assert_allclose(getattr(changed, name).rows, getattr(seen, name).rows, atol=within, err_msg=name)
@@ -40,13 +41,51 @@ def test_a_changed_keyframe_is_one_that_was_seen_like_that() -> None:
     np.testing.assert_allclose(view.depth, other.depth, atol=2)
 
 
+def test_a_keyframe_whose_pose_is_corrected_is_one_that_was_posed_like_that() -> None:
+    """From one correction to the next, along with the camera's calibration."""
+    first, twist = keyframes()[0], np.array((0.02, -0.03, 0.01, 0.02, -0.01, 0.03))
+    known = Calibration(1.02, (-0.01, 0.03, 0.02))
+    before = np.array((0.01, 0.0, -0.02, 0.0, 0.02, 0.01))
+    placed, truly = first.T_map_camera.copy(), first.T_map_camera.copy()
+    for pose, by in ((placed, before), (truly, twist)):
+        pose[:3, :3] = rotation_from_vector(by[3:]) @ pose[:3, :3]
+        pose[:3, 3] += by[:3]
+    truly[:3, :3] = truly[:3, :3] @ rotation_from_vector(np.array(known.turn))
+    step = Calibration(known.depth_factor)
+    planes = moved_planes(first.planes, known.depth_factor * np.eye(3), np.zeros(3))
+    then = replace(first, T_map_camera=truly, depth=step.metres(first.depth), planes=planes)
+    changed, seen = SegmentTable(), SegmentTable()
+    first = replace(first, T_map_camera=placed)
+    changed.extend(first, 0)
+    seen.extend(then, 0)
+    by_then, by_now = Placement(0, AS_TOLD, tuple(before)), Placement(0, known, tuple(twist))
+    change = Change.of(view_of(first), by_then, by_now)
+    change_segments(changed, np.arange(len(changed)), change)
+    for name, within in (("places", 1e-4), ("support", 2e-3), ("blur", 1e-3)):
+        np.testing.assert_allclose(getattr(changed, name).rows, getattr(seen, name).rows, atol=within, err_msg=name)
+    view, other = changed_view(view_of(first), change), view_of(then)
+    np.testing.assert_allclose(view.pose, other.pose, atol=1e-5)
+    np.testing.assert_allclose(view.centre, other.centre, atol=1e-2)
+
+
+def test_a_pose_is_corrected_by_more_than_the_noise_of_a_pixel_alone() -> None:
+    placed = Placement(5, AS_TOLD, (0.01, 0.0, 0.0, 0.0, 0.0, 0.0))
+    for shift, follows in ((0.0115, False), (0.0125, True), (-0.01, True)):
+        told = PoseCorrections(np.array([0]), np.array([[shift, 0, 0, 0, 0, 0]]))
+        assert (placed.by_now(AS_TOLD, told) != placed) == follows
+    later = PoseCorrections(np.array([6]), np.ones((1, 6)))
+    assert placed.by_now(AS_TOLD, later) == placed.by_now(AS_TOLD, None) == placed
+    assert placed.by_now(Calibration(1.1), later) == Placement(5, Calibration(1.1), placed.twist)
+
+
 def test_changes_back_and_forth_end_where_they_began() -> None:
     first = keyframes()[0]
     segments, known = SegmentTable(), Calibration(1.02, (0.02, -0.01, 0.01), (0.01, -0.02))
     segments.extend(first, 0)
     tables = {name: getattr(segments, name).rows.copy() for name in ("places", "support", "blur")}
     view = view_of(first)
-    for before, now in [(AS_TOLD, known), (known, AS_TOLD)] * 20:
+    told, placed = Placement(0, AS_TOLD), Placement(0, known, (0.02, -0.01, 0.03, 0.01, 0.02, -0.01))
+    for before, now in [(told, placed), (placed, told)] * 20:
         change = Change.of(view, before, now)
         change_segments(segments, np.arange(len(segments)), change)
         view = changed_view(view, change)

@@ -21,6 +21,7 @@ from spot3d.fusion.objects.reasons import MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE
 from spot3d.fusion.objects.segment_graph import SegmentGraph
 from spot3d.fusion.objects.views import BACKGROUND, DIVIDED, OBJECT
 from spot3d.fusion.settings import FusionSettings
+from spot3d.pose_corrections import PoseCorrections
 
 _TURNED = np.cos(np.deg2rad(0.5))
 """Boxes that were made with another up are made anew: half a degree moves the corner of a mug by a millimetre."""
@@ -95,17 +96,23 @@ class ViewConsensus:
         waiting, self._waiting = self._waiting, deque()
         return list(waiting)
 
-    def update(self, keyframes: list[Keyframe], calibration: Calibration = AS_TOLD) -> Consensus:
+    def update(
+        self,
+        keyframes: list[Keyframe],
+        calibration: Calibration = AS_TOLD,
+        corrections: PoseCorrections | None = None,
+    ) -> Consensus:
         """Take in keyframes, in their order, and find the objects. Updates run one at a time.
 
-        calibration: by which they all are to be seen, as far as is known by now.
+        calibration: by which they all are to be seen, as far as is known by now; corrections: of their poses, in the
+        axes of the map of poses.
         Where one cannot be taken in, that is raised, and those after it are the next update's.
         """
         graph = self._graph
         self._taken.extend(keyframes)
         while self._taken:
             self._take_in(self._taken.popleft())
-        graph.see_anew(calibration)
+        graph.see_anew(calibration, corrections)
         up = graph.up()
         # Before the first keyframe nothing is known to be up, and nothing described.
         if graph.views and up @ self._described_up < _TURNED:

@@ -1,4 +1,4 @@
-"""What keyframes saw, had their camera been calibrated otherwise: it is known better as a run goes on."""
+"""What keyframes saw, had their camera been calibrated or posed otherwise: both are known better as a run goes on."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -9,34 +9,58 @@ from numpy.typing import NDArray
 from spot3d.calibration import Calibration, moved_planes, sheared
 from spot3d.fusion.objects.segment_table import SegmentTable
 from spot3d.fusion.objects.views import View, within_reach
+from spot3d.pose_corrections import PoseCorrections
 from spot3d.trajectory import rotation_from_vector
+
+_STEP = 0.002
+"""Poses that are better known by less than this, metres and radians, stay: that is the noise of a pixel at a metre."""
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """When a keyframe was seen, by which calibration, and what its pose has been corrected by since (6,)."""
+
+    stamp_ns: int
+    calibration: Calibration
+    twist: tuple[float, ...] = (0.0,) * 6
+
+    def by_now(self, calibration: Calibration, corrections: PoseCorrections | None) -> Self:
+        """The same by all that is known now; corrections: in the axes of the views' world."""
+        twist = None if corrections is None else corrections.at(self.stamp_ns)
+        if twist is None or np.abs(twist - self.twist).max() < _STEP:
+            return replace(self, calibration=calibration)
+        return replace(self, calibration=calibration, twist=tuple(twist.tolist()))
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
     """How what one camera saw moves.
 
-    camera: (3,) where it is, and linear: (3, 3) how what it saw moves about it, in the views' world; turn: (3, 3) how
-    it turns, in its own axes; factor: of depth; shift: (2,) of the principal point, focal lengths.
+    camera: (3,) where it is, step: (3,) how far it moves, and linear: (3, 3) how what it saw moves about it, in the
+    views' world; axes: (3, 3) the camera's, after it; factor: of depth; shift: (2,) of the principal point, focal
+    lengths.
     """
 
     camera: NDArray[np.float64]
+    step: NDArray[np.float64]
     linear: NDArray[np.float64]
-    turn: NDArray[np.float64]
+    axes: NDArray[np.float64]
     factor: float
     shift: NDArray[np.float64]
 
     @classmethod
-    def of(cls, view: View, before: Calibration, now: Calibration) -> Self:
-        """Of a view that was seen by one calibration, and is to be by another."""
+    def of(cls, view: View, before: Placement, now: Placement) -> Self:
+        """Of a view that was seen by one calibration and pose, and is to be by another."""
         axes, origin = np.split(view.pose.astype(np.float64), [3], axis=1)
-        turn = rotation_from_vector(np.array(before.turn)).T @ rotation_from_vector(np.array(now.turn))
-        factor = now.depth_factor / before.depth_factor
-        x, y = now.centre[0] - before.centre[0], now.centre[1] - before.centre[1]
+        turn = _rotation(before.calibration.turn).T @ _rotation(now.calibration.turn)
+        factor = now.calibration.depth_factor / before.calibration.depth_factor
+        shift = np.subtract(now.calibration.centre, before.calibration.centre)
         # The inverse, not the transpose: what single precision lacks of a rotation must not add up over many changes.
         inverse = np.linalg.inv(axes)
-        linear = factor * inverse @ turn @ sheared((x, y)) @ axes
-        return cls(-(inverse @ origin)[:, 0], linear, turn, factor, np.array((x, y)))
+        turned = _rotation(now.twist[3:]) @ _rotation(before.twist[3:]).T
+        linear = factor * turned @ inverse @ turn @ sheared((shift[0], shift[1])) @ axes
+        step = np.subtract(now.twist[:3], before.twist[:3])
+        return cls(-(inverse @ origin)[:, 0], step, linear, turn.T @ axes @ turned.T, factor, shift)
 
     @property
     def growth(self) -> float:
@@ -45,14 +69,15 @@ class Change:
 
     def moved(self, points: NDArray[np.float32]) -> NDArray[np.float64]:
         """Where (..., 3) points come to lie."""
-        return self.camera + (points - self.camera) @ self.linear.T
+        return self.camera + self.step + (points - self.camera) @ self.linear.T
 
 
 def changed_view(view: View, change: Change) -> View:
     """The view after the change."""
     millimetres = np.rint(view.depth * change.factor)
     depth = np.where(millimetres < 65536, millimetres, 0).astype(np.uint16)
-    pose = (change.turn.T @ view.pose).astype(np.float32)
+    origin = -change.axes @ (change.camera + change.step)
+    pose = np.column_stack((change.axes, origin)).astype(np.float32)
     focal = view.focal.copy()
     focal[2:] -= (change.shift * view.focal[:2]).astype(np.float32)
     centre, reach = within_reach(depth, pose, focal)
@@ -68,3 +93,8 @@ def change_segments(segments: SegmentTable, rows: NDArray[np.int64], change: Cha
     spheres[rows, 3] *= change.growth
     blur[rows] = blur[rows] @ change.linear.T
     support[rows] = moved_planes(support[rows], change.linear, change.camera)
+    support[rows, 3] -= support[rows, :3] @ change.step
+
+
+def _rotation(vector: tuple[float, ...]) -> NDArray[np.float64]:
+    return rotation_from_vector(np.array(vector))

@@ -8,9 +8,10 @@ from scipy.sparse.csgraph import connected_components
 from spot3d.calibration import Calibration, moved_planes
 from spot3d.fusion.objects.growing import Growing
 from spot3d.fusion.objects.keyframes import Keyframe
-from spot3d.fusion.objects.recalibration import Change, change_segments, changed_view
+from spot3d.fusion.objects.recalibration import Change, Placement, change_segments, changed_view
 from spot3d.fusion.objects.segment_table import SegmentTable
 from spot3d.fusion.objects.views import NOTHING, WHOLE, View, ask, view_of
+from spot3d.pose_corrections import PoseCorrections
 
 _LEVEL = 0.985
 """Supports whose normals are within 10 degrees have the same up."""
@@ -33,7 +34,7 @@ class SegmentGraph:
         self.rows_of: dict[int, NDArray[np.int32]] = {}
         self._said = Growing[np.int32](np.int32, 4)
         self._linked = 0  # of what is said so many rows are in the segments' `part`
-        self._seen_by: dict[int, Calibration] = {}  # of the camera of each view
+        self._placed: dict[int, Placement] = {}  # by what each view was seen
         self._reaches = Growing[np.float32](np.float32, 4)  # centre and reach of each view
         self._normals: dict[int, NDArray[np.float64]] = {}
         self._next_keyframe = 0
@@ -52,12 +53,12 @@ class SegmentGraph:
         said, label = np.empty((2, max(old, count)), np.uint8)
         places, spheres = segments.places.rows, segments.spheres.rows
         ask(view, places[:old], spheres[:old], said[:old], label[:old])
-        self._enter(0, number, said[:old], row_of[label[:old]])
+        self._enter(np.arange(old), number, said[:old], row_of[label[:old]])
         for other in self._views_of(spheres[old:]):
             ask(self.views[other], places[old:], spheres[old:], said[:count], label[:count])
-            self._enter(old, other, said[:count], self.rows_of[other][label[:count]])
+            self._enter(np.arange(old, old + count), other, said[:count], self.rows_of[other][label[:count]])
         self.views[number], self.rows_of[number] = view, row_of
-        self._seen_by[number] = keyframe.calibration
+        self._placed[number] = Placement(keyframe.stamp_ns, keyframe.calibration)
         self._reaches.extend(np.append(view.centre, np.float32(view.reach))[None])
         if len(keyframe.planes):
             self._normals[number] = keyframe.T_map_camera[:3, :3] @ keyframe.planes[0, :3]
@@ -69,12 +70,14 @@ class SegmentGraph:
         near = (away <= reaches[:, None, 3] + spheres[None, :, 3]).any(axis=1)
         return [number for number, is_near in zip(self.views, near.tolist(), strict=True) if is_near]
 
-    def _enter(self, first: int, keyframe: int, said: NDArray[np.uint8], holder: NDArray[np.int32]) -> None:
-        """Keep what a keyframe says of the segments from row `first` on."""
-        rows = np.flatnonzero(said != NOTHING)
-        whole = np.where(said[rows] == WHOLE, holder[rows], -1)
-        self._said.extend(np.column_stack((first + rows, np.full(len(rows), keyframe), said[rows], whole)))
-        self.segments.touched.rows[first + rows] = True
+    def _enter(
+        self, asked: NDArray[np.int64], keyframe: int, said: NDArray[np.uint8], holder: NDArray[np.int32]
+    ) -> None:
+        """Keep what a keyframe says of the segments in these rows."""
+        some = np.flatnonzero(said != NOTHING)
+        whole = np.where(said[some] == WHOLE, holder[some], -1)
+        self._said.extend(np.column_stack((asked[some], np.full(len(some), keyframe), said[some], whole)))
+        self.segments.touched.rows[asked[some]] = True
 
     def outdated(self) -> list[int]:
         """The keyframe that the latest one takes the place of: the oldest where there are enough of the same view."""
@@ -91,7 +94,7 @@ class SegmentGraph:
         segments, said = self.segments, self._said.rows
         numbers = np.fromiter(self.views, np.int64, len(self.views))
         for number in gone:
-            del self.views[number], self.rows_of[number], self._seen_by[number]
+            del self.views[number], self.rows_of[number], self._placed[number]
             self._normals.pop(number, None)
         self._reaches.keep(~np.isin(numbers, gone))
         kept = ~np.isin(segments.frame.rows, gone)
@@ -111,31 +114,48 @@ class SegmentGraph:
         none_left: list[int] = np.setdiff1d(lost, segments.cluster.rows).tolist()
         return none_left
 
-    def see_anew(self, calibration: Calibration) -> None:
-        """See all keyframes by this calibration of the camera, and ask them anew."""
-        segments = self.segments
-        wrong = [number for number, seen_by in self._seen_by.items() if seen_by != calibration]
-        if not wrong:
+    def see_anew(self, calibration: Calibration, corrections: PoseCorrections | None = None) -> None:
+        """See keyframes by this calibration of the camera and by these poses; those of which that changes something
+        are asked anew, and so is what they saw."""
+        segments, views = self.segments, self.views
+        by_now = {number: placed.by_now(calibration, corrections) for number, placed in self._placed.items()}
+        anew = [number for number, placed in by_now.items() if placed != self._placed[number]]
+        if not anew:
             return
-        for number in wrong:
-            view = self.views[number]
-            change = Change.of(view, self._seen_by[number], calibration)
+        for number in anew:
+            view = views[number]
+            change = Change.of(view, self._placed[number], by_now[number])
             change_segments(segments, np.flatnonzero(segments.frame.rows == number), change)
-            self.views[number] = changed_view(view, change)
-            self._seen_by[number] = calibration
+            views[number] = changed_view(view, change)
             if number in self._normals:
                 plane = np.append(self._normals[number], 0.0)[None]
                 self._normals[number] = moved_planes(plane, change.linear, change.camera)[0, :3]
-        views = self.views.values()
-        self._reaches.rows[:] = [(*view.centre, view.reach) for view in views]
-        self._said.keep(np.zeros(len(self._said), np.bool_))
+        self._placed = by_now
+        self._reaches.rows[:] = [(*view.centre, view.reach) for view in views.values()]
+        self._ask_anew(anew)
+
+    def _ask_anew(self, moved: list[int]) -> None:
+        """Ask these keyframes about all segments, and all others about theirs."""
+        segments, said = self.segments, self._said.rows
+        has_moved = np.isin(segments.frame.rows, moved)
+        outdated = has_moved[said[:, 0]] | np.isin(said[:, 1], moved)
+        segments.touched.rows[said[outdated, 0]] = True
+        self._said.keep(~outdated)
         self._link_anew()
-        said, label = np.empty((2, len(segments)), np.uint8)
-        for number, view in self.views.items():
-            ask(view, segments.places.rows, segments.spheres.rows, said, label)
-            said[segments.frame.rows == number] = NOTHING
-            self._enter(0, number, said, self.rows_of[number][label])
-        segments.touched.rows[:] = True
+        every, theirs = np.arange(len(segments)), np.flatnonzero(has_moved)
+        segments.touched.rows[theirs] = True
+        places, spheres = segments.places.rows, segments.spheres.rows
+        their_places, their_spheres = places[theirs], spheres[theirs]
+        answers, labels = np.empty((2, len(segments)), np.uint8)
+        near = set(self._views_of(their_spheres)).union(moved)
+        for number in [number for number in self.views if number in near]:
+            whole = number in moved
+            rows = every if whole else theirs
+            answer, label = answers[: len(rows)], labels[: len(rows)]
+            asked = (places, spheres) if whole else (their_places, their_spheres)
+            ask(self.views[number], *asked, answer, label)
+            answer[segments.frame.rows[rows] == number] = NOTHING
+            self._enter(rows, number, answer, self.rows_of[number][label])
 
     def up(self) -> NDArray[np.float64]:
         """The direction that most keyframes' supporting planes have for their normal."""
