@@ -107,11 +107,9 @@ class Hindsight:
         running, self._running = self._running, None
         if running is None:
             return False
-        try:
-            running.result()
-        except Exception:
+        if (failed := running.exception()) is not None:
             self.begin_anew()
-            raise
+            raise failed
         return True
 
     def _take_over(self) -> Learnt:
