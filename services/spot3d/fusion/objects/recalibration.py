@@ -12,8 +12,12 @@ from spot3d.fusion.objects.views import View, within_reach
 from spot3d.pose_corrections import PoseCorrections
 from spot3d.trajectory import rotation_from_vector
 
-_STEP = 0.002
-"""Poses that are better known by less than this, metres and radians, stay: that is the noise of a pixel at a metre."""
+_STEP = 0.0005
+"""Poses that are better known by less than this, metres and radians, stay: a quarter of a pixel's noise at a metre.
+
+With the whole of it what stays lies apart from what moves: clutter and a desk seen from near, with poses shaken by
+10 mm, have an IoU that is 0.02 less. An update of the objects takes as long.
+"""
 
 
 @dataclass(frozen=True, slots=True)
