@@ -120,6 +120,24 @@ def test_poses_that_are_known_better_later() -> None:
     assert unknown < known - 0.1
 
 
+def test_what_one_corrects_is_not_what_another_gives() -> None:
+    """Corrections hold for what comes after the last of them, but not where somebody else gives the poses."""
+    placed = {}
+    for by in ("first", "another"):
+        fusion = Fusion(COARSE)
+        for stamp, pose in enumerate(orbit(4)):
+            seen, true = view(pose, ROOM + THREE), keyframe(pose, THREE)
+            given_by, known = ("first" if stamp < 2 else by), PoseCorrections(np.arange(1), np.full((1, 6), 0.01))
+            last = known if stamp == 1 else None
+            fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, pose, stamp, np.eye(4), given_by, corrections=last)
+            fusion.observe(FrameSegments(true.labels, true.heat, true.planes, true.stands_on, CAMERA), stamp)
+            if stamp == 1:
+                fusion.objects()
+        fusion.objects()
+        placed[by] = [sum(seen.twist) > 0 for seen in fusion.consensus._graph._placed.values()]
+    assert placed == {"first": [True] * 4, "another": [True, True, False, False]}
+
+
 @pytest.mark.parametrize(("then", "expected"), [("first", 1.0), ("another", 1.04)])
 def test_a_correction_is_taken_back_by_who_gave_it(then: str, expected: float) -> None:
     """Also after a restart of fusion; another process that gives poses has only not found it yet."""

@@ -203,12 +203,13 @@ class Fusion:
         None: it stays. poses_of: who gives the poses: another one's map begins where that of before lay. calibration:
         by which this frame and the keyframes before are to be seen, as far as is known by now; the pose is turned by it
         already. As told: nothing is known but what somebody else said before. corrections: of the poses of frames
-        before; None: as they were with the frame before.
+        before; None: as they were with the frame before, if the same one gives the poses.
         """
         if calibration != AS_TOLD or poses_of == self._calibrated_by:
             # Who gives poses anew does not know it at first; who gave it may take it back.
             self._calibration, self._calibrated_by = calibration, poses_of
-        if corrections is not None:
+        if corrections is not None or poses_of != self._poses_of:
+            # What one knew of its poses says nothing of another's, whose frames come after them.
             self._corrections = corrections
         known = replace(self._calibration, turn=calibration.turn)
         depth = known.metres(depth)
