@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 COMMON = 6
 """Logarithm of depth's scale, turn (3,) and centre (2,): so many numbers."""
 _ODDS = 0.5
-"""Odds that a camera is not as it says, before anything was seen."""
+"""Odds that a camera is not as it says, before anything was seen: of three one is not."""
 
 
 class CommonErrors(NamedTuple):

@@ -10,7 +10,7 @@ from spot3d.kernel import kernel, part
 POSE = 6
 """Unknowns of each frame: shift, and rotation about its camera, world axes."""
 CELLS = 6, 4
-"""Columns and rows of the image's cells."""
+"""Columns and rows of the image's cells; with 12 and 8 redkitchen tells the same scale within 0.2 %."""
 OPTICS = 4 + CELLS[0] * CELLS[1]
 """Unknowns of all frames: logarithm of depth's scale, the principal point's offset along x and y (see `Calibration`),
 logarithm of how much wider the camera sees than told, and logarithm of the scale of depth about the middle of each of
@@ -97,6 +97,20 @@ def plane_equations(
 
 
 @part()
+def _add(M: NDArray[np.float64], v: NDArray[np.float64], weight: float, away: float, u: float, w: float) -> None:
+    """Add a point to the equations M (3, 3), upper triangle, and v (3,) of its plane, from which it is so far away."""
+    M[0, 0] += weight
+    M[0, 1] += weight * u
+    M[0, 2] += weight * w
+    M[1, 1] += weight * u * u
+    M[1, 2] += weight * u * w
+    M[2, 2] += weight * w * w
+    v[0] += weight * away
+    v[1] += weight * away * u
+    v[2] += weight * away * w
+
+
+@part()
 def _solved(M: NDArray[np.float64], inverse: NDArray[np.float64]) -> None:
     """Inverse of a symmetric (3, 3)."""
     a, b, c, d, e, f = M[0, 0], M[0, 1], M[0, 2], M[1, 1], M[1, 2], M[2, 2]
@@ -149,15 +163,7 @@ def _fit(seen: SeenPoints, distance: float, scale: float, fitted: _Fitted, own: 
             away, u, w = mx * dx + my * dy + mz * dz, ax * dx + ay * dy + az * dz, bx * dx + by * dy + bz * dz
             points[i, 0], points[i, 1], points[i, 2] = away, u, w
             weight = 1 / (sigma[i] * sigma[i])
-            M[0, 0] += weight
-            M[0, 1] += weight * u
-            M[0, 2] += weight * w
-            M[1, 1] += weight * u * u
-            M[1, 2] += weight * u * w
-            M[2, 2] += weight * w * w
-            v[0] += weight * away
-            v[1] += weight * away * u
-            v[2] += weight * away * w
+            _add(M, v, weight, away, u, w)
         _solved(M, inverse)
         f0 = inverse[0, 0] * v[0] + inverse[0, 1] * v[1] + inverse[0, 2] * v[2]
         f1 = inverse[1, 0] * v[0] + inverse[1, 1] * v[1] + inverse[1, 2] * v[2]
@@ -228,15 +234,7 @@ def _sum_up(seen: SeenPoints, fitted: _Fitted, room: _Room) -> None:
                     H[row, shared + b - POSE] += by * J[b]
                 for b in range(max(near, 0), _AROUND):
                     H[row, shared + _LENS + cells[i, b]] += by * J[6] * shares[i, b]
-            M[0, 0] += weight
-            M[0, 1] += weight * u
-            M[0, 2] += weight * w
-            M[1, 1] += weight * u * u
-            M[1, 2] += weight * u * w
-            M[2, 2] += weight * w * w
-            v[0] += weight * off
-            v[1] += weight * off * u
-            v[2] += weight * off * w
+            _add(M, v, weight, off, u, w)
         _solved(M, inverse)
         width = OPTICS + POSE * count
         for a in range(width):
