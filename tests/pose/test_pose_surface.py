@@ -116,6 +116,23 @@ def test_normal_equations_point_to_the_plane() -> None:
     assert (tried, matched) == (len(surface), 0)
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_surface_finds_its_plane_from_the_voxel_beside(side: float) -> None:
+    """A wall a millimetre from the border between two voxels is met from either side of it, from half a voxel away."""
+    voxel = 0.05
+    wall = plane_depth(np.array([0.0, 0.0, 1.0]), 1.5 + 0.001 * side)
+    surface = sample_surface(wall, CAMERA, SETTINGS)
+    planes = SurfelMap(voxel, 20_000)
+    planes.insert(surface, np.eye(4))
+    for away, meets in ((-0.4, True), (0.4, True), (-0.6 * side, False)):
+        pose = np.eye(4)
+        pose[2, 3] = away * voxel
+        H, g, (tried, matched, _) = planes.normal_equations(surface, pose, 0.05, 100.0)
+        assert matched == (tried if meets else 0)
+        if meets:
+            assert g[2] / H[2, 2] == pytest.approx(-away * voxel, rel=0.01)
+
+
 def test_a_full_map_forgets_what_it_has_not_seen_for_longest() -> None:
     surface = sample_surface(plane_depth(np.array([0.0, 0.0, 1.0]), 1.5), CAMERA, SETTINGS)
     planes = SurfelMap(0.05, 3000)

@@ -144,17 +144,35 @@ def _points_of(surface: Surface) -> _Points:
 
 
 @part()
-def _key(x: float, y: float, z: float, nx: float, ny: float, nz: float, voxel: float) -> np.int64:
-    """Voxel of a point and the axis that its normal is nearest to: the two sides of a board never mix."""
+def _side(nx: float, ny: float, nz: float) -> int:
+    """Which side of an axis a normal is nearest to, 0..5."""
     ax, ay, az = abs(nx), abs(ny), abs(nz)
     if ax >= ay and ax >= az:
-        face = 0 if nx > 0 else 1
-    elif ay >= az:
-        face = 2 if ny > 0 else 3
-    else:
-        face = 4 if nz > 0 else 5
+        return 0 if nx > 0 else 1
+    if ay >= az:
+        return 2 if ny > 0 else 3
+    return 4 if nz > 0 else 5
+
+
+@part()
+def _key(x: float, y: float, z: float, side: int, voxel: float) -> np.int64:
+    """Voxel of a point and the side that its normal is nearest to: the two sides of a board never mix."""
     i, j, k = np.floor(x / voxel), np.floor(y / voxel), np.floor(z / voxel)
-    return voxel_key(np.int64(i), np.int64(j), np.int64(k), face)
+    return voxel_key(np.int64(i), np.int64(j), np.int64(k), side)
+
+
+@part()
+def _beside(x: float, y: float, z: float, side: int, voxel: float) -> np.int64:
+    """The key of the voxel beside a point's own that it is nearest to, along the axis of its side."""
+    along = (x if side < 2 else y if side < 4 else z) / voxel
+    step = 0.5 * voxel if along - np.floor(along) >= 0.5 else -0.5 * voxel
+    if side < 2:
+        x += step
+    elif side < 4:
+        y += step
+    else:
+        z += step
+    return _key(x, y, z, side, voxel)
 
 
 @kernel("void(f8[:,::1], f8, i8[::1])")
@@ -162,7 +180,7 @@ def plane_keys(surfels: NDArray[np.float64], voxel: float, keys: NDArray[np.int6
     """The key (n,) of each place with a normal, (n, 6 or more): that of its voxel and of the side it faces."""
     for i in range(surfels.shape[0]):
         s = surfels[i]
-        keys[i] = _key(s[0], s[1], s[2], s[3], s[4], s[5], voxel)
+        keys[i] = _key(s[0], s[1], s[2], _side(s[3], s[4], s[5]), voxel)
 
 
 @kernel()
@@ -188,7 +206,7 @@ def _insert(known: _Surfels, surface: _Points, T: NDArray[np.float64], frame: in
         nx = T[0, 0] * n[0] + T[0, 1] * n[1] + T[0, 2] * n[2]
         ny = T[1, 0] * n[0] + T[1, 1] * n[1] + T[1, 2] * n[2]
         nz = T[2, 0] * n[0] + T[2, 1] * n[1] + T[2, 2] * n[2]
-        key = _key(x, y, z, nx, ny, nz, voxel)
+        key = _key(x, y, z, _side(nx, ny, nz), voxel)
         h = find_slot(keys, key)
         if keys[h] == -1:
             if new >= room:
@@ -242,9 +260,13 @@ def _normal_equations(
         nx = T[0, 0] * n[0] + T[0, 1] * n[1] + T[0, 2] * n[2]
         ny = T[1, 0] * n[0] + T[1, 1] * n[1] + T[1, 2] * n[2]
         nz = T[2, 0] * n[0] + T[2, 1] * n[1] + T[2, 2] * n[2]
-        h = find_slot(keys, _key(x, y, z, nx, ny, nz, voxel))
+        side, near = _side(nx, ny, nz), distance
+        h = find_slot(keys, _key(x, y, z, side, voxel))
         if keys[h] == -1:
-            continue
+            # A pose that is a little off puts a plane near the border between two voxels into the other one.
+            h, near = find_slot(keys, _beside(x, y, z, side, voxel)), min(distance, 0.5 * voxel)
+            if keys[h] == -1:
+                continue
         s = surfels[h]
         length = np.sqrt(s[3] * s[3] + s[4] * s[4] + s[5] * s[5])
         # A short mean normal means a crease: there is no one plane to measure against.
@@ -254,7 +276,7 @@ def _normal_equations(
         if mx * nx + my * ny + mz * nz < 0.7:
             continue
         r = mx * (x - s[0]) + my * (y - s[1]) + mz * (z - s[2])
-        if abs(r) > distance:
+        if abs(r) > near:
             continue
         scaled = r / (kernel * sigma[i])
         robust = 1.0 / (1.0 + scaled * scaled)
