@@ -11,7 +11,9 @@ from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.camera import invert
 from spot3d.pose import adjustment
 from spot3d.pose.adjustment import Adjustment, Seen
+from spot3d.pose.common_errors import COMMON, CommonErrors, most_probable
 from spot3d.pose.correction import CorrectedPoses
+from spot3d.pose.hindsight import Hindsight, Learnt
 from spot3d.pose.motion import moved, turned, twist
 from spot3d.pose.plane_equations import CELLS, SeenPoints, plane_equations
 from spot3d.pose.settings import PoseSettings
@@ -55,6 +57,13 @@ def adjusted(
     return made
 
 
+def estimated(errors: CommonErrors) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What is wrong alike in all (6,), if nothing of it is zero, and the information on it (6, 6)."""
+    at = most_probable(errors)
+    information = errors.information[at] + np.diag(errors.sigmas**-2.0)
+    return np.linalg.solve(information, errors.pull[at]), information
+
+
 def apart(poses: list[NDArray[np.float64]]) -> float:
     """How far poses lie from the true ones, rms, metres, but for what is alike in all of them."""
     _, true = scene()
@@ -89,11 +98,11 @@ def test_what_is_wrong_alike_in_all_is_found_with_the_poses(
 ) -> None:
     given = np.array([turned(pose, -turn) for pose in noisy(0, metres)])
     made = adjusted(given, UNSURE, told)
-    errors = made.common_errors()
+    estimate, information = estimated(made.common_errors())
     truth = np.array((np.log(told.depth_factor), *turn, *told.centre))
-    off = errors.estimate - truth
+    off = estimate - truth
     # Within what is said to be uncertain, though not by five standard deviations and more where poses are noisy.
-    assert off @ errors.information @ off < 5**2
+    assert off @ information @ off < 5**2
     assert np.abs(off[0]) < 0.005 + 0.5 * metres
     if not metres:
         np.testing.assert_allclose(off[1:], 0.0, atol=0.005)
@@ -103,14 +112,14 @@ def test_what_is_wrong_alike_in_all_is_found_with_the_poses(
 def test_poses_are_those_that_go_with_what_is_applied() -> None:
     """Where depth's scale is not corrected poses go another way than where it is."""
     made = adjusted(noisy(0), UNSURE, Calibration(0.97))
-    errors = made.common_errors()
-    assert apart(made.poses_by(errors.estimate)) < 0.7 * apart(made.poses_by(EXACT))
+    estimate, _ = estimated(made.common_errors())
+    assert apart(made.poses_by(estimate)) < 0.7 * apart(made.poses_by(EXACT))
 
 
 def test_depth_that_is_bent_is_no_common_error() -> None:
     """By half a per cent, exact poses: nothing that counts is made of it."""
-    errors = adjusted(scene()[1], UNSURE, bend=0.005).common_errors()
-    assert np.abs(errors.estimate).max() < 0.005
+    estimate, _ = estimated(adjusted(scene()[1], UNSURE, bend=0.005).common_errors())
+    assert np.abs(estimate).max() < 0.005
 
 
 def test_the_common_errors_stay_when_keyframes_go(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,13 +129,18 @@ def test_the_common_errors_stay_when_keyframes_go(monkeypatch: pytest.MonkeyPatc
     made = adjusted(given, UNSURE, Calibration(0.97))
     assert len(made.stamps_ns) <= 8
     assert made.stamps_ns[-1] == (FRAMES - 1) * STEP_NS
-    estimate, information = made.common_errors().estimate, made.common_errors().information
+    estimate, information = estimated(made.common_errors())
     assert estimate[0] == pytest.approx(np.log(0.97), abs=0.012)
     made.begin_anew()
     assert made.stamps_ns == []
-    kept = made.common_errors()
-    np.testing.assert_allclose(kept.estimate, estimate)
-    assert 0.3 * information[0, 0] < kept.information[0, 0] < 1.5 * information[0, 0]
+    depths, true = scene()
+    for number in range(2):
+        # Of two keyframes at one place nothing is learnt.
+        surface = sample_surface(depths[0], CAMERA, SETTINGS)
+        made.add(Seen((FRAMES + number) * STEP_NS, surface, CAMERA, AS_TOLD, true[0], true[0]))
+    kept, kept_information = estimated(made.common_errors())
+    np.testing.assert_allclose(kept, estimate, atol=0.005)
+    assert 0.3 * information[0, 0] < kept_information[0, 0] < 1.5 * information[0, 0]
 
 
 def test_a_first_keyframe_stays_where_it_was_given() -> None:
@@ -134,7 +148,9 @@ def test_a_first_keyframe_stays_where_it_was_given() -> None:
     made = Adjustment(SETTINGS, UNSURE)
     made.add(Seen(0, sample_surface(depths[0], CAMERA, SETTINGS), CAMERA, AS_TOLD, true[0], np.eye(4)))
     np.testing.assert_allclose(made.poses_by(EXACT), true[:1])
-    np.testing.assert_allclose(made.common_errors().information, np.diag(UNSURE**-2.0))
+    estimate, information = estimated(made.common_errors())
+    np.testing.assert_allclose(estimate, np.zeros(COMMON))
+    np.testing.assert_allclose(information, np.diag(UNSURE**-2.0))
 
 
 def test_each_point_lies_in_cells_whose_shares_are_one() -> None:
@@ -192,6 +208,30 @@ def before_and_after(seed: int) -> tuple[float, float]:
             off.append([(place @ invert(pose))[:3, 3] for place in (then, moved(then, by))])
     before, after = (np.linalg.norm(part - part.mean(axis=0), axis=1).mean() for part in np.array(off).swapaxes(0, 1))
     return float(before), float(after)
+
+
+def test_keyframes_are_told_where_given_poses_are_on_average(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Between two of them odometry is as good as exact: what each given pose has of its own is averaged out."""
+    frames, told = range(0, 300, 3), dict[int, NDArray[np.float64]]()
+    learn = Hindsight.learn
+
+    def remembered(hindsight: Hindsight, seen: Seen, pose: NDArray[np.float64]) -> Learnt:
+        told[seen.stamp_ns] = seen.given
+        return learn(hindsight, seen, pose)
+
+    monkeypatch.setattr(Hindsight, "learn", remembered)
+    made, tracker = Scene(0, frames=300, intrinsics=CAMERA), CorrectedPoses(SETTINGS)
+    noise = 0.01 * np.random.default_rng(0).normal(size=(len(frames), 3))
+    off = []
+    for frame, wrong in zip(frames, noise, strict=True):
+        stamp_ns, true = 1 + frame * 100_000_000 // 3, made.true_pose(frame)
+        given = moved(true, np.append(wrong, np.zeros(3)))
+        tracker.track(stamp_ns, made[frame].depth_metres(), CAMERA, given)
+        if frame > 100 and stamp_ns in told:
+            off.append((np.linalg.norm(told[stamp_ns][:3, 3] - true[:3, 3]), np.linalg.norm(wrong)))
+    averaged, own = np.mean(off, axis=0)
+    assert len(off) > 8
+    assert averaged < 0.6 * own
 
 
 def test_corrections_after_a_jump_are_of_the_frames_after_it() -> None:

@@ -77,7 +77,8 @@ def test_odometry_has_the_scale_of_its_depth() -> None:
 
 def errors(log_scale: float, information: float) -> CommonErrors:
     """Nothing but the scale is unknown; information: with that of what is told, two per cent."""
-    return CommonErrors(np.array((log_scale, *np.zeros(5))), np.array([0]), np.array([[information]]), np.array([0.02]))
+    pull, seen = np.array([[information * log_scale]]), np.array([[[information - 0.02**-2]]])
+    return CommonErrors(np.array([0]), np.array([0.02]), np.zeros(1), pull, seen)
 
 
 def test_chance_changes_nothing() -> None:

@@ -92,8 +92,9 @@ def errors(looks: np.ndarray, known: float, sigmas: tuple[float, float] = (0.014
     the turn and the centre, 0 = exact."""
     told_sigmas = np.repeat(sigmas, (3, 2))
     free = np.flatnonzero(told_sigmas)
-    information = known**-2.0 * np.eye(len(free))
-    return CommonErrors(np.append(0.0, looks), 1 + free, information, told_sigmas[free])
+    seen = known**-2.0 * np.eye(len(free)) - np.diag(told_sigmas[free] ** -2.0)
+    pull = known**-2.0 * looks[free]
+    return CommonErrors(1 + free, told_sigmas[free], np.zeros(1), pull[None], seen[None])
 
 
 def test_chance_turns_nothing() -> None:
@@ -124,7 +125,8 @@ def test_what_counts_as_exact_stays(sigmas: tuple[float, float], free: slice) ->
 def test_where_the_scale_is_another_one_so_is_the_turn() -> None:
     """Scale and turn that look alike: where the scale is not applied, the turn explains it all."""
     known = 0.002**-2.0 * (np.eye(6) + 0.9 * (np.eye(6)[[0]].T @ np.eye(6)[[1]] + np.eye(6)[[1]].T @ np.eye(6)[[0]]))
-    seen = CommonErrors(np.array((0.02, *np.zeros(5))), np.arange(6), known, np.full(6, 0.02))
+    pull, sigmas = known @ np.array((0.02, *np.zeros(5))), np.full(6, 0.02)
+    seen = CommonErrors(np.arange(6), sigmas, np.zeros(1), pull[None], (known - np.diag(sigmas**-2.0))[None])
     kept, dropped = Orientation(), Orientation()
     kept.decide(seen, 0.02)
     dropped.decide(seen, 0.0)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from spot3d.calibration import Calibration, sheared
 from spot3d.camera import Intrinsics, invert
-from spot3d.pose.common_errors import COMMON, CommonErrors
+from spot3d.pose.common_errors import COMMON, CommonErrors, Equations, marginal, most_probable
 from spot3d.pose.motion import moved, turned, twist
 from spot3d.pose.plane_equations import CELLS, POSE, SeenPoints, plane_equations
 from spot3d.pose.settings import PoseSettings
@@ -31,21 +31,18 @@ _POINTS = 800
 # redkitchen lie 14.6 and 22.7 mm off where poses are shaken by 10 and 20 mm, not 13.2 and 20.8.
 _KERNEL = 1.5
 # An image tells of its pose as much as so many points of independent noise would: a camera's distortion is alike over
-# large parts of it. Keyframes of redkitchen shaken by 20 mm, if that is known and the camera is as told, lie 28, 19, 25
-# and 31 mm off with 3, 10, 30 and 100.
-_INDEPENDENT = 10.0
+# large parts of it. Keyframes of redkitchen shaken by 20 mm lie 42, 21, 27 and 34 mm off with 2, 7, 20 and 70.
+_INDEPENDENT = 7.0
 # And it is alike in all images: of what is wrong alike in all, all together tell no more than so many would whose
-# distortions are independent. Of depth that is 3 % too short, with poses shaken by 10 mm, 3.8 % are then applied on
-# redkitchen and 2.3 on a desk seen from near, and nothing where redkitchen's is true, with 10 and with 20 mm. With 6:
-# 3.4 and 2.0; a cabinet's IoU (TUM, shaken by 10 mm) is 0.72 then, and 0.82 with this. Without the limit: 4.2 and 2.7.
+# distortions are independent. Of depth that is 3 % too short, with poses shaken by 10 mm, 2.6, 3.2 and 4.0 % are
+# applied on redkitchen with 6, 10 and 20, on a desk seen from near 1.7, 2.3 and 2.6; where depth is true nothing on
+# redkitchen, and 0.9 % of a cabinet's (TUM) with 20.
 _ALIKE = 10.0
 # How well a camera's focal length is known, and the scale of its depth in each part of the image beside that of all: to
 # a per cent. Without these, which nobody asks for, redkitchen's has a focal length that is 4 % off, give or take 0.03.
 _WIDTH_SIGMA = _BENT_SIGMA = 0.01
 # Variances of given poses that are tried, of the stated one.
 _SHARES = np.geomspace(1e-4, 1.0, 33)
-# Directions that are told less than this, over the best told one, are not told by depth but by rounding.
-_UNTOLD = 1e-9
 # What is the same in all keyframes: `CommonErrors`, the focal length, and the scale of each cell.
 _SHARED = COMMON + 1 + CELLS[0] * CELLS[1]
 _TURN, _CENTRE, _WIDTH, _FIELD = slice(1, 4), slice(4, 6), 6, slice(7, None)
@@ -56,13 +53,17 @@ EVERY_NS = 600_000_000
 that twice (what is seen of redkitchen with poses shaken by 10 mm then lies 16.4 mm apart, not 14.7); with 0.9 and 1.2 s
 it is hardly more.
 """
+_WRONG_ALIKE_S = 1 / 3
+# So much of what keyframes' given poses tell is independent, if they are averaged from one keyframe to the next: the
+# variance of such an average beside what that would be of which the mean over a long time is as uncertain.
+_APART = 1 - (1 - float(np.exp(-1e-9 * EVERY_NS / _WRONG_ALIKE_S))) * _WRONG_ALIKE_S / (1e-9 * EVERY_NS)
 
 
 class Seen(NamedTuple):
     """What one frame saw, and where.
 
-    surface, camera: as they are by this calibration; given: (4, 4) the camera's pose by the given one and the
-    calibration; tracked: (4, 4) pose by odometry, in a world that the last one was in, too.
+    surface, camera: as they are by this calibration; given: (4, 4) the camera's pose by the calibration and the given
+    poses since the last one, on average; tracked: (4, 4) pose by odometry, in a world that the last one was in, too.
     """
 
     stamp_ns: int
@@ -105,14 +106,17 @@ class Adjustment:
         # Variance of the given poses, of the stated one.
         self._share = 1.0
         self._shared = np.zeros(_SHARED)
-        # What is shared, as it was told: information; and as it was before these keyframes were seen: mean,
-        # information, and how many keyframes that stands for.
+        # What is shared: information of what was told; and of what keyframes told that are forgotten: information,
+        # that times the mean, and how many keyframes that stands for.
         self._told = np.diag(self._sigmas[self._free] ** -2.0)
-        self._prior, self._earlier = (np.zeros(_SHARED), self._told), 0
+        self._prior, self._earlier = (np.zeros_like(self._told), np.zeros(len(self._free))), 0
         self._keyframes: list[_Keyframe] = []
         self._poses: list[NDArray[np.float64]] = []
         # Of all that is unknown, poses first.
         self._covariance = np.linalg.inv(self._told)
+        free = self._free[self._free < COMMON]
+        untold = np.zeros(1), np.zeros((1, len(free))), np.zeros((1, len(free), len(free)))
+        self._common = CommonErrors(free, self._sigmas[free], *untold)
 
     @property
     def stamps_ns(self) -> list[int]:
@@ -140,12 +144,7 @@ class Adjustment:
 
     def common_errors(self) -> CommonErrors:
         """What is wrong alike in all keyframes, as far as they tell."""
-        free = self._free[self._free < COMMON]
-        of_poses = len(self._covariance) - len(self._free)
-        own = np.s_[of_poses : of_poses + len(free)]
-        information = np.linalg.inv(self._covariance[own, own])
-        share = _ALIKE / max(_ALIKE, self._earlier + len(self._keyframes))
-        return CommonErrors(self._shared[:COMMON].copy(), free, information, self._sigmas[free], share)
+        return self._common
 
     def poses_by(self, applied: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         """The keyframes' poses (4, 4) if this (6,) is what is wrong in all of them, and not what is estimated."""
@@ -163,7 +162,9 @@ class Adjustment:
             of_poses, seen = len(self._covariance) - len(self._free), self._earlier + len(self._keyframes)
             known = np.linalg.inv(self._covariance[of_poses:, of_poses:])
             self._earlier = min(self._earlier + count, _KEYFRAMES)
-            self._prior = self._shared.copy(), self._told + self._earlier / seen * (known - self._told)
+            # As `CommonErrors` have it, of which no more is trusted than is independent.
+            kept = self._earlier / seen / _APART
+            self._prior = kept * (known - self._told), kept * known @ self._shared[self._free]
         self._keyframes, self._poses = self._keyframes[count:], self._poses[count:]
 
     def _turned(self, given: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -182,11 +183,14 @@ class Adjustment:
         # The turn does not move what is seen: it says where the given poses have the camera.
         seen = np.r_[0 : size + 1, size + _CENTRE.start : size + _SHARED]
         H[np.ix_(seen, seen)], g[seen] = self._by_planes()
-        mean, information = self._prior
+        known, pull = self._prior
         free = size + self._free
-        H[np.ix_(free, free)] += information
-        g[free] += information @ (mean - self._shared)[self._free]
-        self._share = self._probable_share(H, g)
+        H[np.ix_(free, free)] += known
+        g[free] += pull - known @ self._shared[self._free]
+        self._common = self._seen_in_common(H, g)
+        self._share = _SHARES[most_probable(self._common)]
+        H[np.ix_(free, free)] += self._told
+        g[free] -= self._told @ self._shared[self._free]
         self._add_given(H, g)
         unknown = np.append(np.arange(size), free)
         covariance = np.linalg.inv(H[np.ix_(unknown, unknown)])
@@ -195,28 +199,36 @@ class Adjustment:
         self._shared[self._free] += step[size:]
         self._covariance = covariance
 
-    def _probable_share(self, H: NDArray[np.float64], g: NDArray[np.float64]) -> float:
-        """The variance of given poses that makes most probable how far off they lie from where depth has them.
+    def _seen_in_common(self, H: NDArray[np.float64], g: NDArray[np.float64]) -> CommonErrors:
+        """What keyframes tell of the common errors.
 
-        H, g: of poses and what is shared, without the given poses.
+        H, g: of poses and what is shared, without the given poses and what was told.
         """
-        size = POSE * len(self._poses)
-        free = size + self._free[(self._free < _TURN.start) | (self._free >= _TURN.stop)]
-        across = H[:size, free]
-        explained = np.linalg.solve(H[np.ix_(free, free)], np.column_stack((across.T, g[free])))
-        held, pull = H[:size, :size] - across @ explained[:, :-1], g[:size] - across @ explained[:, -1]
+        size, count = POSE * len(self._poses), len(self._free)
+        sigmas, kept = self._sigmas[self._free], int(np.count_nonzero(self._free < COMMON))
+        at, columns = self._shared[self._free], size + self._free
+        held, across, shared = H[:size, :size], H[:size, columns], H[np.ix_(columns, columns)]
+        # A pose is where the given one has it, offset; turned by what is alike in all; and wrong by what is left.
+        offset, turning = self._offsets().ravel(), np.zeros((size, count))
+        for number in np.flatnonzero((self._free >= _TURN.start) & (self._free < _TURN.stop)):
+            axis = self._free[number] - _TURN.start
+            turning.reshape(-1, POSE, count)[:, 3:, number] = [pose[:3, axis] for pose in self._poses]
+        pull, drawn = g[:size] - held @ offset, g[columns] - across.T @ offset
+        drawn += turning.T @ pull
+        shared = shared + turning.T @ across + across.T @ turning + turning.T @ held @ turning
+        across = across + held @ turning
+        # From here on not as steps from what is known by now, but as they are.
+        pull, drawn = pull + across @ at, drawn + shared @ at
+        shared[range(kept, count), range(kept, count)] += sigmas[kept:] ** -2.0
         stated = np.sqrt(np.tile(self._stated, len(self._poses)))
-        known, axes = np.linalg.eigh(stated[:, None] * held * stated)
-        pulled = axes.T @ (stated * (pull - held @ self._offsets().ravel()))
-        told = known > _UNTOLD * known[-1]
-        known, square = known[told], pulled[told] ** 2 / known[told]
-        wider = 1 + _SHARES[:, None] * known
-        return float(_SHARES[np.argmin((np.log(wider) + square / wider).sum(axis=1))])
+        seen = Equations(stated[:, None] * held * stated, stated[:, None] * across, stated * pull, shared, drawn)
+        share = _APART * _ALIKE / max(_ALIKE, self._earlier + len(self._poses))
+        return CommonErrors(self._free[:kept], sigmas[:kept], *marginal(seen, kept, _SHARES), _APART, share)
 
     def _add_given(self, H: NDArray[np.float64], g: NDArray[np.float64]) -> None:
         """Add what the given poses say of the poses, and of the turn."""
         size = POSE * len(self._poses)
-        held = 1 / (self._share * self._stated)
+        held = _APART / (self._share * self._stated)
         turn, sure = slice(size + _TURN.start, size + _TURN.stop), held[3:]
         for k, (offset, pose) in enumerate(zip(self._offsets(), self._poses, strict=True)):
             own, own_turn = slice(POSE * k, POSE * k + POSE), slice(POSE * k + 3, POSE * k + POSE)

@@ -1,5 +1,6 @@
 """What is wrong alike in all frames, as far as they tell: depth's scale, where the camera looks."""
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -9,33 +10,121 @@ COMMON = 6
 """Logarithm of depth's scale, turn (3,) and centre (2,): so many numbers."""
 _ODDS = 0.5
 """Odds that a camera is not as it says, before anything was seen: of three one is not."""
+# Directions that are told less than this, over the best told one, are not told by depth but by rounding.
+_UNTOLD = 1e-9
+# What nothing was seen of is as far from what is most probable as it is uncertain: it needs an end.
+_RIDGE = 1e-6
+
+
+class Equations(NamedTuple):
+    """How probable what was seen is if given poses are wrong by w (n,), and z (m,) is alike in all frames: the
+    logarithm of that is pull @ w + drawn @ z - w @ held @ w / 2 - w @ across @ z - z @ shared @ z / 2.
+
+    held: (n, n), across: (n, m), pull: (n,), w in units of the stated uncertainty; shared: (m, m), drawn: (m,).
+    """
+
+    held: NDArray[np.float64]
+    across: NDArray[np.float64]
+    pull: NDArray[np.float64]
+    shared: NDArray[np.float64]
+    drawn: NDArray[np.float64]
 
 
 class CommonErrors(NamedTuple):
-    """Estimate (6,); which of them are free: (k,), the others are as was told; of these the information (k, k), with
-    that of how uncertain each was before anything was seen, sigmas: (k,). share: of what was seen so much is trusted.
+    """What was seen says of the common errors c that are free, for each of s variances that given poses may have:
+    evidence + pull @ c - c @ information @ c / 2 is the logarithm of how probable it is by them.
+
+    free: (k,) which of all, the others are as was told; sigmas: (k,) how uncertain each was before anything was seen;
+    evidence: (s,); pull: (s, k); information: (s, k, k). apart: how much of this is independent; share: of what is
+    said of the errors so much is trusted.
     """
 
-    estimate: NDArray[np.float64]
     free: NDArray[np.int64]
-    information: NDArray[np.float64]
     sigmas: NDArray[np.float64]
+    evidence: NDArray[np.float64]
+    pull: NDArray[np.float64]
+    information: NDArray[np.float64]
+    apart: float = 1.0
     share: float = 1.0
 
 
-def believed(
-    values: NDArray[np.float64], information: NDArray[np.float64], sigmas: NDArray[np.float64], share: float
-) -> NDArray[np.float64]:
-    """What is to be applied of these (k,): what is most probable where they are not zero, times the probability that
-    they are not, or nothing where that is less than half.
-
-    Either is as probable as what was seen is by it (Bayes factor of a spike and a slab: Mitchell and Beauchamp 1988).
-    information: (k, k); sigmas, share: see `CommonErrors`.
+def marginal(
+    seen: Equations, kept: int, variances: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Evidence (s,), pull (s, kept) and information (s, kept, kept), as `CommonErrors` has them, of the first of what
+    is alike in all frames: for each variance (s,) of the given poses, whatever these and the others are.
     """
-    slab = np.diag(sigmas**-2.0)
-    trusted, pull = slab + share * (information - slab), share * information @ values
-    probable = np.linalg.solve(trusted, pull)
-    narrower = float(np.linalg.slogdet(trusted)[1]) + 2 * float(np.log(sigmas).sum())
-    log_odds = 0.5 * (float(pull @ probable) - narrower) + float(np.log(_ODDS))
-    probability = 0.5 * (1 + np.tanh(0.5 * log_odds)) if log_odds > 0 else 0.0
-    return np.asarray(probability * probable)
+    known, axes = np.linalg.eigh(seen.held)
+    told = known > _UNTOLD * known[-1]
+    known, axes = known[told], axes[:, told]
+    across, pull = axes.T @ seen.across, axes.T @ seen.pull
+    count = len(variances)
+    evidence, pulls, information = np.empty(count), np.empty((count, kept)), np.empty((count, kept, kept))
+    for number, variance in enumerate(variances):
+        explained = variance / (1 + variance * known)
+        H = seen.shared - across.T @ (explained[:, None] * across)
+        g = seen.drawn - across.T @ (explained * pull)
+        own, aside = H[:kept, kept:], H[kept:, kept:]
+        solved = np.linalg.solve(aside, np.column_stack((own.T, g[kept:])))
+        evidence[number] = explained @ pull**2 - np.log1p(variance * known).sum()
+        evidence[number] += g[kept:] @ solved[:, -1] - np.linalg.slogdet(aside)[1]
+        pulls[number] = g[:kept] - own @ solved[:, -1]
+        information[number] = H[:kept, :kept] - own @ solved[:, :-1]
+    return 0.5 * evidence, pulls, information
+
+
+def most_probable(errors: CommonErrors) -> int:
+    """Which of the variances of given poses is most probable, whether all of the errors are there or none."""
+    every, nothing = np.arange(len(errors.free)), np.zeros(len(errors.free))
+    models = (_model(errors, there, nothing, errors.share)[0] for there in (every[:0], every))
+    return int(np.argmax(np.logaddexp(*models)))
+
+
+def believed(
+    errors: CommonErrors, asked: NDArray[np.int64], known: NDArray[np.float64], share: float = 1.0
+) -> NDArray[np.float64]:
+    """What is to be applied of some of the free errors, those asked for (n,): what they are on average where they are
+    not zero, times the probability that they are not, or nothing where that is less than half.
+
+    That they are there, that the others are, and each variance of the given poses are as probable as what was seen is
+    by them (Bayes factors of spikes and slabs: Mitchell and Beauchamp 1988). known: (6,) what others are, nan where
+    that is open; share: of what is trusted so much.
+    """
+    wanted, unknown = np.isin(errors.free, asked), np.isnan(known[errors.free])
+    own, others = np.flatnonzero(wanted), np.flatnonzero(unknown & ~wanted)
+    fixed = np.where(unknown, 0.0, known[errors.free])
+    weights, means = list[NDArray[np.float64]](), list[NDArray[np.float64]]()
+    for there, with_others in product((False, True), (False, True) if len(others) else (False,)):
+        chosen = np.concatenate((own if there else own[:0], others if with_others else others[:0]))
+        evidence, mean = _model(errors, chosen, fixed, share * errors.share)
+        weights.append(evidence + (there + with_others) * np.log(_ODDS))
+        means.append(mean[:, : len(own)] if there else np.zeros((len(evidence), len(own))))
+    probable = np.exp(np.array(weights) - np.max(weights))
+    probable /= probable.sum()
+    if probable[len(probable) // 2 :].sum() <= 0.5:
+        return np.zeros(len(own))
+    return np.asarray(np.einsum("ms,msn->n", probable, np.array(means)))
+
+
+def _model(
+    errors: CommonErrors, there: NDArray[np.int64], fixed: NDArray[np.float64], share: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where some (n,) of the free errors are there and the others are what is fixed (k,): for each variance the
+    logarithm of how probable what was seen is (s,), and what the errors are on average (s, n).
+    """
+    others = fixed.copy()
+    others[there] = 0.0
+    slab = np.diag(errors.sigmas**-2.0)
+    narrow = float(np.log(errors.sigmas[there]).sum())
+    evidence, means = np.empty(len(errors.evidence)), np.empty((len(errors.evidence), len(there)))
+    for number, (base, pull, information) in enumerate(
+        zip(errors.evidence, errors.pull, errors.information, strict=True)
+    ):
+        best = 0.5 * pull @ np.linalg.solve(information + _RIDGE * slab, pull)
+        trusted = (share * information + slab)[np.ix_(there, there)]
+        drawn = share * (pull - information @ others)[there]
+        means[number] = np.linalg.solve(trusted, drawn)
+        evidence[number] = errors.apart * (base + best)
+        evidence[number] += share * (pull @ others - 0.5 * others @ information @ others - best)
+        evidence[number] += 0.5 * (drawn @ means[number] - np.linalg.slogdet(trusted)[1]) - narrow
+    return evidence, means

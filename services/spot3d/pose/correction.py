@@ -79,6 +79,8 @@ class CorrectedPoses:
         self._hindsight = Hindsight(settings)
         self._delay = PoseDelay(settings)
         self._correction = np.zeros(6)
+        # From where frames lie in the map to where the given poses have them, since the last keyframe.
+        self._offsets: list[NDArray[np.float64]] = []
         self._T_world_map = np.eye(4)
         # Given poses in the map: where the world was when it began, for what slides later are corrected poses alone.
         self._T_map_given = np.eye(4)
@@ -159,9 +161,12 @@ class CorrectedPoses:
         pose = moved(prior, self._correction)
         pose[:3, :3] = nearest_rotation(pose[:3, :3])
         forgotten = self._insert(surface, pose)
+        self._offsets.append(twist(pose, as_given))
         if self._hindsight.due(stamp_ns):
             known = self._hindsight.calibration
-            self._learn(Seen(stamp_ns, surface, camera, known, given.T_world_camera, registered), pose)
+            on_average = invert(self._T_map_given) @ moved(pose, np.mean(self._offsets, axis=0))
+            self._learn(Seen(stamp_ns, surface, camera, known, on_average, registered), pose)
+            self._offsets = []
         pose = self._settled(pose, given.T_world_camera, elapsed)
         return replace(given, T_world_camera=pose, forgotten=forgotten)
 
@@ -212,6 +217,7 @@ class CorrectedPoses:
         self._correction = np.zeros(6)
         self._T_map_given = invert(self._T_world_map)
         self._errors.interrupt()
+        self._offsets = []
         self._hindsight.begin_anew()
         self._strangers, self._age, self._map_delay_s = 0, 0.0, self._delay.delay_s
 

@@ -7,7 +7,7 @@ metres and does not notice; with given poses it can be told (see `Adjustment`).
 
 import numpy as np
 
-from spot3d.pose.common_errors import CommonErrors, believed
+from spot3d.pose.common_errors import COMMON, CommonErrors, believed
 
 # Steps smaller than this move what is a metre away by less than the noise of a pixel.
 _STEP = 0.003
@@ -41,10 +41,8 @@ class DepthScale:
         """
         if 0 not in errors.free:
             return 1.0
-        covariance, sigma = np.linalg.inv(errors.information), errors.sigmas[0]
-        most = _MOST * sigma
-        mean = np.clip(errors.estimate[:1], -most, most)
-        log_scale = float(believed(mean, 1 / covariance[:1, :1], errors.sigmas[:1], errors.share)[0])
+        most = _MOST * float(errors.sigmas[0])
+        log_scale = float(np.clip(believed(errors, np.array([0]), np.full(COMMON, np.nan))[0], -most, most))
         if abs(log_scale - np.log(self.factor)) < _STEP:
             return 1.0
         before, self.factor = self.factor, float(np.exp(log_scale))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.calibration import Calibration
-from spot3d.pose.common_errors import CommonErrors, believed
+from spot3d.pose.common_errors import COMMON, CommonErrors, believed
 from spot3d.pose.motion import turned
 
 # Depth that is bent looks more like a turn, or a centre that is off, than like another scale: so much of the share is
@@ -76,16 +76,13 @@ class Orientation:
         log_scale: the logarithm of what depth is multiplied by. What is applied is what is believed (see there) of
         turn and centre as they are if that is right.
         """
-        # Depth's scale comes first, if it is free.
-        first = int(0 in errors.free)
-        free, information = errors.free[first:], errors.information[first:, first:]
+        free = errors.free[errors.free > 0]
         if not len(free):
             return np.zeros(5)
-        values = errors.estimate[free]
-        if first:
-            values = values - np.linalg.solve(information, errors.information[1:, 0]) * (log_scale - errors.estimate[0])
+        known = np.full(COMMON, np.nan)
+        known[0] = log_scale
         vector = np.zeros(5)
-        vector[free - 1] = believed(values, information, errors.sigmas[first:], _ALIKE * errors.share)
+        vector[free - 1] = believed(errors, free, known, _ALIKE)
         change = vector - self.vector
         if np.linalg.norm(change) < _STEP:
             return np.zeros(5)
