@@ -22,6 +22,7 @@ from spot3d.source.scene.scene import Scene
 
 SETTINGS = PoseSettings(provider="given")
 EXACT = np.zeros(6)
+IN_TIME = 0.0, np.zeros(6)
 UNSURE = np.array((0.02, 0.014, 0.014, 0.014, 0.02, 0.02))
 STEP_NS = adjustment.EVERY_NS
 FRAMES, EVERY = 24, 25
@@ -53,7 +54,7 @@ def adjusted(
     wrong = Calibration(centre=(-told.centre[0], -told.centre[1])).camera(CAMERA)
     for number, (depth, pose, tracked) in enumerate(zip(depths, given, true, strict=True)):
         surface = sample_surface(depth * field / np.float32(told.depth_factor), wrong, SETTINGS)
-        made.add(Seen(number * STEP_NS, surface, wrong, AS_TOLD, pose, tracked))
+        made.add(Seen(number * STEP_NS, surface, wrong, AS_TOLD, pose, *IN_TIME, tracked))
     return made
 
 
@@ -137,7 +138,7 @@ def test_the_common_errors_stay_when_keyframes_go(monkeypatch: pytest.MonkeyPatc
     for number in range(2):
         # Of two keyframes at one place nothing is learnt.
         surface = sample_surface(depths[0], CAMERA, SETTINGS)
-        made.add(Seen((FRAMES + number) * STEP_NS, surface, CAMERA, AS_TOLD, true[0], true[0]))
+        made.add(Seen((FRAMES + number) * STEP_NS, surface, CAMERA, AS_TOLD, true[0], *IN_TIME, true[0]))
     kept, kept_information = estimated(made.common_errors())
     np.testing.assert_allclose(kept, estimate, atol=0.005)
     assert 0.3 * information[0, 0] < kept_information[0, 0] < 1.5 * information[0, 0]
@@ -146,16 +147,31 @@ def test_the_common_errors_stay_when_keyframes_go(monkeypatch: pytest.MonkeyPatc
 def test_a_first_keyframe_stays_where_it_was_given() -> None:
     depths, true = scene()
     made = Adjustment(SETTINGS, UNSURE)
-    made.add(Seen(0, sample_surface(depths[0], CAMERA, SETTINGS), CAMERA, AS_TOLD, true[0], np.eye(4)))
+    made.add(Seen(0, sample_surface(depths[0], CAMERA, SETTINGS), CAMERA, AS_TOLD, true[0], *IN_TIME, np.eye(4)))
     np.testing.assert_allclose(made.poses_by(EXACT), true[:1])
     estimate, information = estimated(made.common_errors())
     np.testing.assert_allclose(estimate, np.zeros(COMMON))
     np.testing.assert_allclose(information, np.diag(UNSURE**-2.0))
 
 
+def test_a_delay_that_is_found_later_counts_for_the_keyframes_before() -> None:
+    """All but the last two were taken as in time, and their poses are 50 ms old."""
+    (depths, true), made = scene(), Adjustment(SETTINGS, EXACT)
+    moving = Scene(0, frames=FRAMES * EVERY + 1, intrinsics=CAMERA)
+    late = []
+    for number, (depth, pose) in enumerate(zip(depths, true, strict=True)):
+        velocity, found = 30 * twist(pose, moving.true_pose(EVERY * number + 1)), number >= FRAMES - 2
+        given = pose if found else moved(pose, -0.05 * velocity)
+        late.append(given)
+        surface = sample_surface(depth, CAMERA, SETTINGS)
+        made.add(Seen(number * STEP_NS, surface, CAMERA, AS_TOLD, given, 0.05 * found, velocity, pose))
+    offsets = np.array([twist(*pair) for pair in zip(made.poses_by(EXACT), true, strict=True)])
+    assert np.linalg.norm(offsets[:, :3], axis=1).max() < 0.1 * np.linalg.norm(np.array(late) - true, axis=(1, 2)).max()
+
+
 def test_each_point_lies_in_cells_whose_shares_are_one() -> None:
     surface = sample_surface(scene()[0][0], CAMERA, SETTINGS)
-    keyframe = adjustment._keyframe(Seen(0, surface, CAMERA, AS_TOLD, np.eye(4), np.eye(4)))
+    keyframe = adjustment._keyframe(Seen(0, surface, CAMERA, AS_TOLD, np.eye(4), *IN_TIME, np.eye(4)))
     np.testing.assert_allclose(keyframe.shares.sum(axis=1), 1.0)
     columns, rows = CELLS
     u = (keyframe.shares * (keyframe.cells % columns)).sum(axis=1) / (columns - 1) * CAMERA.width
@@ -169,7 +185,7 @@ def test_what_is_corrected_already_is_taken_back() -> None:
     known = Calibration(1.03, (0.01, -0.02, 0.005), (0.01, -0.02))
     depth, true = scene()[0][0], scene()[1][0]
     told, seen = (
-        adjustment._keyframe(Seen(0, sample_surface(image, camera, SETTINGS), camera, by, pose, np.eye(4)))
+        adjustment._keyframe(Seen(0, sample_surface(image, camera, SETTINGS), camera, by, pose, *IN_TIME, np.eye(4)))
         for image, camera, by, pose in (
             (depth, CAMERA, AS_TOLD, true),
             (known.metres(depth), known.camera(CAMERA), known, turned(true, np.array(known.turn))),

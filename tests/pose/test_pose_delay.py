@@ -61,6 +61,14 @@ def test_a_map_of_late_poses_is_replaced_as_soon_as_that_is_known() -> None:
     assert moves[1] > moves[0] + 0.003
 
 
+def test_what_was_seen_before_the_delay_was_known_is_mended_as_well() -> None:
+    estimates, _, _ = followed(LATE)
+    assert estimates[-1].delay_s > 0.02
+    told = [estimate.corrections for estimate in estimates if estimate.corrections is not None]
+    assert told[-1].stamps_ns[0] == told[0].stamps_ns[0]
+    assert len(told[-1].stamps_ns) > len(told[0].stamps_ns)
+
+
 @pytest.mark.parametrize(("metres", "most_s"), [(0.0, 0.0), (0.01, 0.006), (0.02, 0.006)])
 def test_poses_that_are_in_time_stay_so(metres: float, most_s: float) -> None:
     estimates, _, _ = followed(0, metres)

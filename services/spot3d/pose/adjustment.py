@@ -63,7 +63,9 @@ class Seen(NamedTuple):
     """What one frame saw, and where.
 
     surface, camera: as they are by this calibration; given: (4, 4) the camera's pose by the calibration and the given
-    poses since the last one, on average; tracked: (4, 4) pose by odometry, in a world that the last one was in, too.
+    poses since the last one, on average; delay_s: how late these were taken to be; velocity: (6,), world axes, by how
+    much the camera is elsewhere for each second more; tracked: (4, 4) pose by odometry, in a world that the last one
+    was in, too.
     """
 
     stamp_ns: int
@@ -71,18 +73,23 @@ class Seen(NamedTuple):
     camera: Intrinsics
     calibration: Calibration
     given: NDArray[np.float64]
+    delay_s: float
+    velocity: NDArray[np.float64]
     tracked: NDArray[np.float64]
 
 
 class _Keyframe(NamedTuple):
     """A frame whose pose is adjusted.
 
-    given, tracked: (4, 4), and points, normals: (n, 3), of its surface, as they were told, with nothing corrected;
-    sigma: (n,); cells, shares: (n, 4) those of the image whose middles are around each point, and how much each counts.
+    given, tracked: (4, 4), and points, normals: (n, 3), of its surface, as they were told, with nothing corrected but
+    the delay; delay_s, velocity: see `Seen`; sigma: (n,); cells, shares: (n, 4) those of the image whose middles are
+    around each point, and how much each counts.
     """
 
     stamp_ns: int
     given: NDArray[np.float64]
+    delay_s: float
+    velocity: NDArray[np.float64]
     tracked: NDArray[np.float64]
     points: NDArray[np.float64]
     normals: NDArray[np.float64]
@@ -106,6 +113,8 @@ class Adjustment:
         # Variance of the given poses, of the stated one.
         self._share = 1.0
         self._shared = np.zeros(_SHARED)
+        # How late given poses are, as is known by now.
+        self._delay_s = 0.0
         # What is shared: information of what was told; and of what keyframes told that are forgotten: information,
         # that times the mean, and how many keyframes that stands for.
         self._told = np.diag(self._sigmas[self._free] ** -2.0)
@@ -132,7 +141,8 @@ class Adjustment:
         if len(self._keyframes) == _KEYFRAMES:
             self._forget(_KEYFRAMES // 2)
         keyframe = _keyframe(seen)
-        pose = self._turned(keyframe.given)
+        self._delay_s = seen.delay_s
+        pose = self._by_given(keyframe)
         if self._keyframes:
             # As odometry went on from the last one.
             pose = _rigid(self._poses[-1] @ invert(self._keyframes[-1].tracked) @ seen.tracked)
@@ -167,14 +177,15 @@ class Adjustment:
             self._prior = kept * (known - self._told), kept * known @ self._shared[self._free]
         self._keyframes, self._poses = self._keyframes[count:], self._poses[count:]
 
-    def _turned(self, given: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where the camera is by a given pose, and by how it is turned against that."""
+    def _by_given(self, keyframe: _Keyframe) -> NDArray[np.float64]:
+        """Where a camera is (4, 4) by its given pose, how late that is, and how the camera is turned against it."""
+        given = moved(keyframe.given, (self._delay_s - keyframe.delay_s) * keyframe.velocity)
         return turned(given, self._shared[_TURN])
 
     def _offsets(self) -> NDArray[np.float64]:
         """Twists (k, 6) from the poses to where the given ones have them."""
         pairs = zip(self._poses, self._keyframes, strict=True)
-        return np.array([twist(pose, self._turned(keyframe.given)) for pose, keyframe in pairs])
+        return np.array([twist(pose, self._by_given(keyframe)) for pose, keyframe in pairs])
 
     def _adjust(self) -> None:
         """One Gauss-Newton step of all that is unknown, once it is known how true given poses are."""
@@ -268,7 +279,9 @@ def _keyframe(seen: Seen) -> _Keyframe:
     points, normals = points @ np.linalg.inv(linear).T, normals @ linear
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     given = turned(seen.given, -np.array(known.turn))
-    return _Keyframe(seen.stamp_ns, given, seen.tracked, points, normals, sigma, cells, shares)
+    return _Keyframe(
+        seen.stamp_ns, given, seen.delay_s, seen.velocity, seen.tracked, points, normals, sigma, cells, shares
+    )
 
 
 def _seen_points(

@@ -79,7 +79,8 @@ class CorrectedPoses:
         self._hindsight = Hindsight(settings)
         self._delay = PoseDelay(settings)
         self._correction = np.zeros(6)
-        # From where frames lie in the map to where the given poses have them, since the last keyframe.
+        # Of the frames since the last keyframe: from where they lie in the map to where the given poses have them, and
+        # by how much they lie elsewhere for each second of delay: (2, 6) each.
         self._offsets: list[NDArray[np.float64]] = []
         self._T_world_map = np.eye(4)
         # Given poses in the map: where the world was when it began, for what slides later are corrected poses alone.
@@ -161,11 +162,13 @@ class CorrectedPoses:
         pose = moved(prior, self._correction)
         pose[:3, :3] = nearest_rotation(pose[:3, :3])
         forgotten = self._insert(surface, pose)
-        self._offsets.append(twist(pose, as_given))
+        self._offsets.append(np.array((twist(pose, as_given), self._delay.velocity)))
         if self._hindsight.due(stamp_ns):
             known = self._hindsight.calibration
-            on_average = invert(self._T_map_given) @ moved(pose, np.mean(self._offsets, axis=0))
-            self._learn(Seen(stamp_ns, surface, camera, known, on_average, registered), pose)
+            offset, velocity = np.mean(self._offsets, axis=0)
+            on_average = invert(self._T_map_given) @ moved(pose, offset)
+            delay_s = self._delay.delay_s
+            self._learn(Seen(stamp_ns, surface, camera, known, on_average, delay_s, velocity, registered), pose)
             self._offsets = []
         pose = self._settled(pose, given.T_world_camera, elapsed)
         return replace(given, T_world_camera=pose, forgotten=forgotten)
@@ -194,13 +197,14 @@ class CorrectedPoses:
     def _begin_anew(self, surface: Surface, given: PoseEstimate) -> PoseEstimate:
         """Follow the given pose to where the map is not: the next frames are compared with this one."""
         self._forget()
+        self._hindsight.begin_anew()
         self._delay.interrupt()
         # Where the map before came to lie is as good a guess as any of where the next one will.
         self._insert(surface, invert(self._T_world_map) @ given.T_world_camera)
         return replace(given, restarted=True)
 
     def _replace_map(self, surface: Surface, pose: NDArray[np.float64]) -> None:
-        """Forget a map of poses that were late, each off to another side; this frame begins the next one.
+        """Forget a map of poses that were late, each off to another side; this frame begins the next one, in its place.
 
         What was fused so far comes to lie where this frame sees it, which is where its pose (4, 4) now is.
         """
@@ -218,7 +222,6 @@ class CorrectedPoses:
         self._T_map_given = invert(self._T_world_map)
         self._errors.interrupt()
         self._offsets = []
-        self._hindsight.begin_anew()
         self._strangers, self._age, self._map_delay_s = 0, 0.0, self._delay.delay_s
 
     def _insert(self, surface: Surface, pose: NDArray[np.float64]) -> int:

@@ -104,6 +104,8 @@ class PoseDelay:
 
     def __init__(self, settings: PoseSettings) -> None:
         self.delay_s = 0.0
+        # Of the last given pose: by how much (6,) a camera is elsewhere for each second of delay.
+        self.velocity = np.zeros(6)
         voxel, distance = _REACH * settings.surfel_voxel, _REACH * settings.refine_distance
         self._settings = settings.model_copy(update={"surfel_voxel": voxel, "refine_distance": distance})
         self._sigma = settings.given_delay_sigma
@@ -125,7 +127,11 @@ class PoseDelay:
         self._frames.append(_Given(1e-9 * stamp_ns, T_world_given, surface))
         self._learn()
         elapsed = 0.0 if last is None else 1e-9 * stamp_ns - last.time_s
-        if self.delay_s == 0 or last is None or not 0 < elapsed <= _SMOOTH_S:
+        if last is None or not 0 < elapsed <= _SMOOTH_S:
+            self.velocity = np.zeros(6)
+            return T_world_given
+        self.velocity = twist(last.pose, T_world_given) / elapsed
+        if self.delay_s == 0:
             return T_world_given
         return extrapolated(last.pose, T_world_given, self.delay_s / elapsed)
 
