@@ -132,16 +132,30 @@ def test_the_common_errors_stay_when_keyframes_go(monkeypatch: pytest.MonkeyPatc
     assert made.stamps_ns[-1] == (FRAMES - 1) * STEP_NS
     estimate, information = estimated(made.common_errors())
     assert estimate[0] == pytest.approx(np.log(0.97), abs=0.012)
-    made.begin_anew()
-    assert made.stamps_ns == []
-    depths, true = scene()
-    for number in range(2):
-        # Of two keyframes at one place nothing is learnt.
-        surface = sample_surface(depths[0], CAMERA, SETTINGS)
-        made.add(Seen((FRAMES + number) * STEP_NS, surface, CAMERA, AS_TOLD, true[0], *IN_TIME, true[0]))
+    look_from_one_place(made, times=1)
     kept, kept_information = estimated(made.common_errors())
     np.testing.assert_allclose(kept, estimate, atol=0.005)
     assert 0.3 * information[0, 0] < kept_information[0, 0] < 1.5 * information[0, 0]
+
+
+def look_from_one_place(made: Adjustment, times: int) -> None:
+    """Begin anew so often, and take in two keyframes each time, of which nothing is learnt."""
+    depths, true = scene()
+    surface = sample_surface(depths[0], CAMERA, SETTINGS)
+    for time in range(times):
+        made.begin_anew()
+        assert made.stamps_ns == []
+        for number in range(FRAMES + 2 * time, FRAMES + 2 * time + 2):
+            made.add(Seen(number * STEP_NS, surface, CAMERA, AS_TOLD, true[0], *IN_TIME, true[0]))
+
+
+def test_what_was_learnt_counts_once_however_often_keyframes_begin_anew() -> None:
+    made = adjusted(noisy(0), UNSURE, Calibration(0.97))
+    estimate, information = estimated(made.common_errors())
+    look_from_one_place(made, times=5)
+    kept, kept_information = estimated(made.common_errors())
+    np.testing.assert_allclose(kept, estimate, atol=0.002)
+    assert information[0, 0] < 1.2 * kept_information[0, 0] < 1.5 * information[0, 0]
 
 
 def test_a_first_keyframe_stays_where_it_was_given() -> None:

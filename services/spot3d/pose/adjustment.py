@@ -172,10 +172,12 @@ class Adjustment:
         if len(self._keyframes) > 1:
             of_poses, seen = len(self._covariance) - len(self._free), self._earlier + len(self._keyframes)
             known = np.linalg.inv(self._covariance[of_poses:, of_poses:])
+            pull = known @ self._shared[self._free]
             self._earlier = min(self._earlier + count, _KEYFRAMES)
-            # As `CommonErrors` have it, of which no more is trusted than is independent.
-            kept = self._earlier / seen / _APART
-            self._prior = kept * (known - self._told), kept * known @ self._shared[self._free]
+            # Of what these keyframes tell no more was trusted than is independent, as it will be again.
+            before, pull_before = self._prior
+            known, pull = before + (known - self._told - before) / _APART, pull_before + (pull - pull_before) / _APART
+            self._prior = self._earlier / seen * known, self._earlier / seen * pull
         self._keyframes, self._poses = self._keyframes[count:], self._poses[count:]
 
     def _by_given(self, keyframe: _Keyframe) -> NDArray[np.float64]:
