@@ -114,17 +114,18 @@ def _model(
     """
     others = fixed.copy()
     others[there] = 0.0
+    base, pull, information = errors.evidence, errors.pull, errors.information
     slab = np.diag(errors.sigmas**-2.0)
-    narrow = float(np.log(errors.sigmas[there]).sum())
-    evidence, means = np.empty(len(errors.evidence)), np.empty((len(errors.evidence), len(there)))
-    for number, (base, pull, information) in enumerate(
-        zip(errors.evidence, errors.pull, errors.information, strict=True)
-    ):
-        best = 0.5 * pull @ np.linalg.solve(information + _RIDGE * slab, pull)
-        trusted = (share * information + slab)[np.ix_(there, there)]
-        drawn = share * (pull - information @ others)[there]
-        means[number] = np.linalg.solve(trusted, drawn)
-        evidence[number] = errors.apart * (base + best)
-        evidence[number] += share * (pull @ others - 0.5 * others @ information @ others - best)
-        evidence[number] += 0.5 * (drawn @ means[number] - np.linalg.slogdet(trusted)[1]) - narrow
-    return evidence, means
+    best = 0.5 * (pull * _solved(information + _RIDGE * slab, pull)).sum(axis=1)
+    as_fixed = pull @ others - 0.5 * others @ information @ others
+    trusted = (share * information + slab)[:, there[:, None], there]
+    drawn = share * (pull - information @ others)[:, there]
+    mean = _solved(trusted, drawn)
+    narrower = np.linalg.slogdet(trusted)[1] + 2 * np.log(errors.sigmas[there]).sum()
+    wide = 0.5 * ((drawn * mean).sum(axis=1) - narrower)
+    return np.asarray(errors.apart * (base + best) + share * (as_fixed - best) + wide), mean
+
+
+def _solved(A: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """x (s, n) of A x = b, (s, n, n) and (s, n)."""
+    return np.asarray(np.linalg.solve(A, b[:, :, None])[:, :, 0], np.float64)
