@@ -58,6 +58,11 @@ def stay_single_threaded() -> None:
     cv2 = sys.modules.get("cv2")
     if cv2 is not None:
         cv2.setNumThreads(1)
+    if "numpy" in sys.modules:
+        # Its BLAS has read its environment, and of two threads adds up in another order than one.
+        from threadpoolctl import threadpool_limits
+
+        threadpool_limits(1)
 
 
 def let_frames_go_first() -> None:
