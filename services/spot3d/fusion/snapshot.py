@@ -16,6 +16,7 @@ from spot3d.dataflow.snapshot_file import Snapshot, SnapshotError, read_snapshot
 from spot3d.found_object import FoundObject
 from spot3d.fusion.fusion import Fusion, MapState
 from spot3d.fusion.map.map_arrays import FREQUENCY
+from spot3d.fusion.objects.balance import Piece
 from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.growing import Growing
 from spot3d.fusion.objects.identity import Identities
@@ -37,6 +38,7 @@ _CLASSES = {
         Identities,
         Intrinsics,
         Keyframe,
+        Piece,
         Placement,
         SegmentGraph,
         SegmentTable,

@@ -1,5 +1,7 @@
 """What cannot stand by itself belongs to what it stands on, and what stands does not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fusion_room import rotation_z
@@ -20,7 +22,8 @@ def piece(
 ) -> Piece:
     """An upright box of this size, its bottom at a height."""
     centre = np.array((*at, low + size[2] / 2))
-    return Piece(Box3D(centre, np.array(size), rotation_z(yaw)), ground)
+    box = Box3D(centre, np.array(size), rotation_z(yaw))
+    return Piece(box, ground, box, leans=False)
 
 
 def groups(*pieces: Piece, size_max: float = 1.0) -> set[Numbers]:
@@ -31,6 +34,7 @@ SCREEN = piece((0.05, 0.55, 0.32), low=0.15, at=(0.03, 0.0))
 NECK = piece((0.03, 0.06, 0.14), low=0.02)
 FOOT = piece((0.24, 0.26, 0.13))
 BOOK = piece((0.2, 0.15, 0.05))
+PLATE = piece((0.24, 0.26, 0.02))
 
 
 def test_a_screen_belongs_to_its_foot() -> None:
@@ -46,6 +50,40 @@ def test_what_is_put_together_is_around_all_of_it() -> None:
 
 def test_a_screen_belongs_to_the_neck_before_which_it_hangs() -> None:
     assert groups(SCREEN, NECK) == {(0, 1)}
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7])
+def test_what_stands_on_a_neck_that_is_too_thin_belongs_to_its_foot(yaw: float) -> None:
+    """Before its neck a screen is thicker than it is fixed: all of it together would stand."""
+    place = (0.035 * np.cos(yaw), 0.035 * np.sin(yaw))
+    screen, neck = piece((0.042, 0.45, 0.27), 0.13, place, yaw), piece((0.036, 0.065, 0.11), 0.02, yaw=yaw)
+    ((numbers, box),) = put_together({0: screen, 1: neck, 2: PLATE}, UP, 1.0).items()
+    assert numbers == (0, 1, 2)
+    assert box.size[2] == pytest.approx(0.4)
+
+
+def test_what_stands_on_a_broad_thing_does_not_belong_to_what_is_below_that() -> None:
+    pole, block = piece((0.03, 0.03, 0.2), low=0.12), piece((0.1, 0.1, 0.1), low=0.02)
+    assert groups(pole, block, PLATE) == {(0, 1), (2,)}
+
+
+def lid(at: float = -0.12, ground: float = GROUND) -> Piece:
+    """A sheet that leans back by 20 degrees from a line at this place along x, facing towards +x."""
+    whole = piece((0.09, 0.33, 0.22), at=(at - 0.04, 0.0), ground=ground)
+    edge = Box3D(np.array((at, 0.0, 0.0)), np.array((0.015, 0.33, 0.0)), np.eye(3))
+    return replace(whole, foot=edge, leans=True)
+
+
+def test_a_lid_belongs_to_what_its_lower_edge_is_on() -> None:
+    base = piece((0.24, 0.33, 0.02))
+    ((numbers, box),) = put_together({0: lid(), 1: base}, UP, 1.0).items()
+    assert numbers == (0, 1)
+    np.testing.assert_allclose(np.sort(box.size), [0.22, 0.325, 0.33], atol=1e-3)
+
+
+def test_what_leans_against_what_is_behind_it_is_its_own() -> None:
+    wall, before = piece((0.2, 0.3, 0.3), at=(-0.32, 0.0)), piece((0.1, 0.1, 0.03), at=(0.0, 0.0))
+    assert groups(lid(), wall, before) == {(0,), (1,), (2,)}
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.5, 1.2])
@@ -105,5 +143,5 @@ def test_no_and_one_piece() -> None:
 
 
 def test_the_order_of_the_pieces_does_not_matter() -> None:
-    pieces = (SCREEN, FOOT, BOOK._replace(box=piece((0.2, 0.15, 0.05), at=(0.6, 0.0)).box))
+    pieces = (SCREEN, FOOT, piece((0.2, 0.15, 0.05), at=(0.6, 0.0)))
     assert {len(group) for group in groups(*pieces)} == {len(group) for group in groups(*pieces[::-1])} == {1, 2}

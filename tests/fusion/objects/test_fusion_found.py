@@ -6,8 +6,7 @@ from fusion_room import rotation_z
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D, iou_matrix_3d
-from spot3d.fusion.objects import found
-from spot3d.fusion.objects.found import Seen, box_of
+from spot3d.fusion.objects.found import Seen, box_of, ends_of
 from spot3d.fusion.objects.outline import OUTERMOST
 from spot3d.fusion.objects.views import SAMPLE
 
@@ -157,7 +156,7 @@ def test_views_that_take_in_what_is_behind_make_nothing_thicker() -> None:
 def test_a_view_ends_where_two_places_of_each_segment_lie_beyond() -> None:
     rng = np.random.default_rng(0)
     along = rng.normal(size=(20, SAMPLE, 3)).round(1).astype(np.float32)
-    lows, highs = found._ends(seen(list(along), frame=[k // 2 for k in range(20)], blur=(0.25, 0, 0)), np.eye(3))
+    lows, highs = ends_of(seen(list(along), frame=[k // 2 for k in range(20)], blur=(0.25, 0, 0)), np.eye(3))
     ordered, scatter = np.sort(along, axis=1), np.array((0.25, 0, 0))
     np.testing.assert_array_equal(lows.T, ordered[:, 2].reshape(10, 2, 3).min(axis=1) + scatter)
     np.testing.assert_array_equal(highs.T, ordered[:, -3].reshape(10, 2, 3).max(axis=1) - scatter)

@@ -1,11 +1,11 @@
-"""What is too thin to stand by itself is a part of what it stands on: a screen of its foot, a pole of its base.
+"""What cannot stand by itself is a part of what it stands on: a screen of its foot, a lid of its laptop.
 
 Seen from near, things come apart where they are creased, and all views agree on it. What stands on another thing is as
 creased there, but it can stand. How far it is carried is not asked: what carries it is hidden by it.
 """
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -15,7 +15,7 @@ from spot3d.boxes import Box3D, corners
 from spot3d.fusion.objects.found import STANDS
 from spot3d.geometry.upright import upright_box
 
-_TILT = np.tan(np.radians(10))
+TILT = np.tan(np.radians(10))
 """No product may tip where it is tilted by 10 degrees (IEC 62368-1, stability of equipment): what would is none of its
 own. With 7, 10, 15 and 20 degrees near desks, half of them with poses shaken by 10 mm, have 35, 17, 13, 13 boxes of no
 object in eight runs and a success rate of 0.51, 0.58, 0.61, 0.61; single frames of OSD 0.939, 0.939, 0.930, 0.920; on
@@ -24,11 +24,18 @@ Numbers = tuple[int, ...]
 """Of the pieces that are one thing, in ascending order."""
 
 
-class Piece(NamedTuple):
-    """An upright box, and how high the plane is that it stands above, along up, metres; NaN = not known."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """A thing that may be a part of another one.
+
+    box: upright; ground: how high the plane is that it stands above, along up, metres; NaN = not known; foot: upright
+    box of what it could stand on: of its lowest part, or of the lower edge of that if it leans (see `leaning`).
+    """
 
     box: Box3D
     ground: float
+    foot: Box3D
+    leans: bool
 
 
 def put_together(pieces: Mapping[int, Piece], up: NDArray[np.float64], size_max: float) -> dict[Numbers, Box3D]:
@@ -48,35 +55,38 @@ def put_together(pieces: Mapping[int, Piece], up: NDArray[np.float64], size_max:
         box = upright_box(around.astype(np.float32), up, turn=True)
         if box.size.max() > size_max:
             continue
-        ground = things[carrier].ground
+        whole = replace(things[carrier], box=box)
         del things[part], things[carrier]
         together = tuple(sorted(part + carrier))
-        things[together] = Piece(box, ground)
+        things[together] = whole
         waiting = [together, *(numbers for numbers in waiting if numbers != carrier)]
     return {numbers: thing.box for numbers, thing in things.items()}
 
 
-def cannot_stand(box: Box3D) -> bool:
-    """Whether an upright box is so thin for its height that it would fall over."""
-    return bool(box.size[:2].min() < _TILT * box.size[2])
+def _cannot_stand(piece: Piece) -> bool:
+    """Whether a thing would fall over: its middle is so close to above an edge of its foot, for how high it is."""
+    box, foot = piece.box, piece.foot
+    aside = np.abs((box.centre - foot.centre) @ foot.rotation[:, :2])
+    return bool((foot.size[:2] / 2 - aside).min() < TILT * box.size[2] / 2)
 
 
 def _carrier_of(part: Numbers, things: Mapping[Numbers, Piece], up: NDArray[np.float64]) -> Numbers:
     """The thing that a part is fixed to, as it cannot stand on it by itself; () where there is none."""
-    (box, ground), axes = things[part], things[part].box.rotation
-    if not cannot_stand(box):
+    piece, axes = things[part], things[part].foot.rotation
+    if not _cannot_stand(piece):
         return ()
-    low, _ = _ends(box, up)
-    floats = not abs(low - ground) < STANDS
-    foot, carriers = _outline(box, axes), []
-    x, y = (box.centre @ axes)[:2].tolist()
-    for numbers, (other, _) in things.items():
-        if numbers == part or abs(low - _ends(other, up)[1]) >= STANDS:
+    low, _ = _ends(piece.box, up)
+    # Not on a plane alone.
+    held = piece.leans or not abs(low - piece.ground) < STANDS
+    foot, carriers = _outline(piece.foot, axes), []
+    x, y = (piece.foot.centre @ axes)[:2].tolist()
+    for numbers, other in things.items():
+        if numbers == part or abs(low - _ends(other.box, up)[1]) >= STANDS:
             continue
-        below = _outline(other, axes)
+        below = _outline(other.box, axes)
         shared, _ = cv2.intersectConvexConvex(foot, below)
         # What is above a plane alone stands on that beside other things, whose boxes may reach beneath its own.
-        if shared > 0 and (floats or cv2.pointPolygonTest(below, (x, y), False) >= 0):
+        if shared > 0 and (held or cv2.pointPolygonTest(below, (x, y), False) >= 0):
             carriers.append((-shared, numbers))
     return min(carriers)[1] if carriers else ()
 

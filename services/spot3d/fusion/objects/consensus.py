@@ -12,10 +12,11 @@ from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.found_object import FoundObject
 from spot3d.frame_segments import KEYFRAME_REASONS
 from spot3d.fusion.objects.agreement import Statements, clusters_of
-from spot3d.fusion.objects.balance import Piece, cannot_stand, put_together
+from spot3d.fusion.objects.balance import TILT, Piece, put_together
 from spot3d.fusion.objects.disputed import without_disputed
 from spot3d.fusion.objects.found import Seen, box_of, ground_below
 from spot3d.fusion.objects.keyframes import Keyframe
+from spot3d.fusion.objects.leaning import lower_edge
 from spot3d.fusion.objects.numbering import number_clusters, number_objects
 from spot3d.fusion.objects.reasons import MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
 from spot3d.fusion.objects.segment_graph import SegmentGraph
@@ -61,7 +62,8 @@ class ViewConsensus:
         self._in_keyframes: Counter[str] = Counter()  # what the segments stage left out of keyframes, by reason
         self._taken: deque[Keyframe] = deque()
         self._graph = SegmentGraph()
-        self._found: dict[int, tuple[FoundObject | None, str]] = {}
+        # Of each cluster the object that it is, and how that stands, or why it is none.
+        self._verdicts: dict[int, tuple[FoundObject, Piece] | str] = {}
         self._described_up = np.zeros(3)
         self._hottest = 0.0
         self._next_cluster = 0
@@ -123,7 +125,7 @@ class ViewConsensus:
             self._describe(self._cluster(), up)
             graph.segments.touched.rows[:] = False
         objects = self._whole_objects(up)
-        left_out = Counter(reason for _, reason in self._found.values() if reason) + self._in_keyframes
+        left_out = Counter(reason for reason in self._verdicts.values() if isinstance(reason, str)) + self._in_keyframes
         return Consensus(sorted(objects, key=lambda item: item.id), up, left_out, self.dropped)
 
     def _take_in(self, keyframe: Keyframe) -> None:
@@ -139,7 +141,7 @@ class ViewConsensus:
             outdated = sorted({*outdated, *list(graph.views)[:several]})
             self._dropped += several
         for cluster in graph.drop(outdated) if outdated else ():
-            self._found.pop(cluster, None)
+            self._verdicts.pop(cluster, None)
         if self._rules() != rules:
             graph.segments.touched.rows[:] = True
 
@@ -177,7 +179,7 @@ class ViewConsensus:
         before = segments.cluster.rows[rows]
         number, changed = number_clusters(found, before, touched[rows], self._next_cluster)
         for gone in np.setdiff1d(before, number).tolist():
-            self._found.pop(gone, None)
+            self._verdicts.pop(gone, None)
         segments.cluster.rows[rows] = number
         self._next_cluster += changed
         return self._next_cluster - changed
@@ -190,20 +192,20 @@ class ViewConsensus:
         said_of = _grouped(cluster[said[:, 0]], first, self._next_cluster)
         objects = []
         for number, (members, about) in enumerate(zip(members_of, said_of, strict=True), start=first):
-            box, confidence, reason = self._judged(members, said[about], up)
-            if box is None or reason:
-                self._found[number] = (None, reason)
+            judged = self._judged(members, said[about], up)
+            if isinstance(judged, str):
+                self._verdicts[number] = judged
             else:
-                objects.append((number, members, box, confidence))
+                objects.append((number, members, *judged))
         cold = self._cold(max((confidence for *_, confidence in objects), default=0.0))
-        self._found |= {number: (None, TOO_COLD) for number, *_, confidence in objects if confidence < cold}
+        self._verdicts |= {number: TOO_COLD for number, *_, confidence in objects if confidence < cold}
         objects = [item for item in objects if item[3] >= cold]
         objects.sort(key=lambda item: (-len(item[1]), item[0]))
-        taken = {item.id for item, _ in self._found.values() if item is not None}
+        taken = {found[0].id for found in self._verdicts.values() if not isinstance(found, str)}
         columns = segments.identity.rows, segments.former.rows
         identities = number_objects([members for _, members, _, _ in objects], columns, taken, self._next_identity)
         self._next_identity = max((self._next_identity, *(number + 1 for number in identities)))
-        for (number, members, box, confidence), identity in zip(objects, identities, strict=True):
+        for (number, members, piece, confidence), identity in zip(objects, identities, strict=True):
             before = segments.identity.rows[members]
             other = (before > 0) & (before != identity)
             segments.former.rows[members[other]] = before[other]
@@ -211,7 +213,7 @@ class ViewConsensus:
             colour = np.average(segments.colour.rows[members], axis=0, weights=segments.pixels.rows[members])
             views = len(np.unique(segments.frame.rows[members]))
             points = int(segments.pixels.rows[members].sum())
-            self._found[number] = (FoundObject(identity, box, confidence, views, points, colour), "")
+            self._verdicts[number] = FoundObject(identity, piece.box, confidence, views, points, colour), piece
 
     def _cold(self, hottest: float) -> float:
         """The confidence from which something is an object, eps; what was found before and is colder goes.
@@ -221,34 +223,27 @@ class ViewConsensus:
         """
         self._hottest = max(self._hottest, hottest)
         cold = self._settings.heat_min * min(1.0, self._hottest / _HOT)
-        for number, (item, _) in self._found.items():
-            if item is not None and item.confidence < cold:
-                self._found[number] = (None, TOO_COLD)
+        for number, found in self._verdicts.items():
+            if not isinstance(found, str) and found[0].confidence < cold:
+                self._verdicts[number] = TOO_COLD
         return cold
 
     def _whole_objects(self, up: NDArray[np.float64]) -> list[FoundObject]:
         """The objects, with what cannot stand by itself put together with what it stands on."""
-        settings, segments = self._settings, self._graph.segments
-        found = {number: item for number, (item, _) in self._found.items() if item is not None}
-        if "balance" in settings.skipped or not any(cannot_stand(item.box) for item in found.values()):
-            return list(found.values())
-        order = np.argsort(segments.cluster.rows, kind="stable")
-        cluster = segments.cluster.rows[order]
-        pieces = {}
-        for number, item in found.items():
-            members = order[np.searchsorted(cluster, number) : np.searchsorted(cluster, number, "right")]
-            pieces[number] = Piece(item.box, ground_below(item.box, segments.support.rows[members], up))
-        things = put_together(pieces, up, settings.size_max)
-        return [_one_of([found[number] for number in numbers], box) for numbers, box in things.items()]
+        found = {number: found for number, found in self._verdicts.items() if not isinstance(found, str)}
+        if "balance" in self._settings.skipped:
+            return [item for item, _ in found.values()]
+        things = put_together({number: piece for number, (_, piece) in found.items()}, up, self._settings.size_max)
+        return [_one_of([found[number][0] for number in numbers], box) for numbers, box in things.items()]
 
     def _judged(
         self, members: NDArray[np.int64], said: NDArray[np.int32], up: NDArray[np.float64]
-    ) -> tuple[Box3D | None, float, str]:
-        """The box of a cluster's segments, its confidence, and why it is no object, if so. said: of the members."""
+    ) -> tuple[Piece, float] | str:
+        """The box of a cluster's segments and its confidence, or why it is no object. said: of the members."""
         settings, segments = self._settings, self._graph.segments
         least, tau = self._rules()
         if len(members) < least or len(own := np.unique(segments.frame.rows[members])) < least:
-            return None, 0.0, TOO_SELDOM
+            return TOO_SELDOM
         # A view sees a cluster where it sees half of its segments, and an object where most of these say so.
         frames, frame = np.unique(np.concatenate((own, said[:, 1])), return_inverse=True)
         seen = np.bincount(frame[len(own) :], minlength=len(frames))
@@ -257,7 +252,7 @@ class ViewConsensus:
         sees = mine | (2 * seen > len(members))
         agrees = mine | (sees & (2 * background < seen))
         if agrees.sum() < settings.object_share * sees.sum():
-            return None, 0.0, MOSTLY_BACKGROUND
+            return MOSTLY_BACKGROUND
         # The pseudo-average of Eq. 14, over views.
         confidence = float(segments.heat.rows[members].sum() / (max(len(members), sees.sum()) + tau))
         places, blur, support = segments.places.rows, segments.blur.rows, segments.support.rows
@@ -271,18 +266,20 @@ class ViewConsensus:
         )
         # What is too large as its views have it is not made an object by leaving out what they disagree on.
         low, high = views.places.min(axis=0).min(axis=0), views.places.max(axis=0).max(axis=0)
-        if float(np.linalg.norm(high - low)) > settings.size_max:
-            whole = box_of(views, up, settings.plane_distance)
-            if whole.size.max() > settings.size_max:
-                return whole, confidence, TOO_LARGE
+        if np.linalg.norm(high - low) > settings.size_max < box_of(views, up, settings.plane_distance).size.max():
+            return TOO_LARGE
         if "disputed" not in settings.skipped:
             views = self._undisputed(views, segments.cluster.rows[members[0]])
         box = box_of(views, up, settings.plane_distance)
         shortest, middle, _ = np.sort(box.size)
         # A thing that is measured 2 cm across has a box that is less: its faces are trimmed and drawn in.
         if middle < settings.size_min - settings.plane_distance or box.volume < settings.volume_min:
-            return box, confidence, TOO_SMALL
-        return box, confidence, TOO_THIN if shortest < settings.plane_distance else ""
+            return TOO_SMALL
+        if shortest < settings.plane_distance:
+            return TOO_THIN
+        edge = lower_edge(views, box, TILT)
+        ground = ground_below(box, support[members], up)
+        return Piece(box, ground, box if edge is None else edge, edge is not None), confidence
 
     def _undisputed(self, views: Seen, cluster: np.int64) -> Seen:
         """What was seen of a cluster, without what most of the other views that see the cluster have elsewhere."""

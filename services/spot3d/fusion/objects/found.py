@@ -63,9 +63,9 @@ def box_of(seen: Seen, up: NDArray[np.float64], clearance: float) -> Box3D:
     up: (3,) unit, world. clearance: what is no higher above a support belongs to it, metres.
     """
     rotation = _axes_of(seen, up)
-    lows, highs = _ends(seen, rotation)
-    low, high = _faces(lows, highs, _FACE)
-    high[2] = _faces(lows[2:], highs[2:], _TOP)[1][0]
+    lows, highs = ends_of(seen, rotation)
+    low, high = faces(lows, highs)
+    high[2] = faces(lows[2:], highs[2:], _TOP)[1][0]
     # A guess counts only where nearly all views must guess, and then half of them must guess as much.
     guessed = seen.outline[np.isfinite(seen.outline[:, 0, 0])] @ rotation
     if len(guessed) > _GUESSED * len(seen.outline):
@@ -85,22 +85,22 @@ def _axes_of(seen: Seen, up: NDArray[np.float64]) -> NDArray[np.float64]:
         cosines, sines = np.cos(yaws), np.sin(yaws)
         along = np.outer(first, cosines) + np.outer(second, sines)
         across = np.outer(second, cosines) - np.outer(first, sines)
-        low, high = _faces(*_ends(seen, np.hstack((along, across))), _FACE)
+        low, high = faces(*ends_of(seen, np.hstack((along, across))))
         size = np.maximum(high - low, 1e-3)
         best = int(np.argmin(size[:count] * size[count:]))
         yaw, axes = float(yaws[best]), np.column_stack((along[:, best], across[:, best], up))
     return axes
 
 
-def _faces(
-    lows: NDArray[np.float64], highs: NDArray[np.float64], share: float
+def faces(
+    lows: NDArray[np.float64], highs: NDArray[np.float64], share: float = _FACE
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Between where an object is for this share of its views: (m,) each. lows, highs: (m, views), how far it goes."""
     beyond = max(1 - share, 1 / max(lows.shape[1] - 1, _ONE_OF))
     return quantiles(lows, beyond)[0], quantiles(highs, beyond)[1]
 
 
-def _ends(seen: Seen, axes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def ends_of(seen: Seen, axes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """How far each view has an object along each of (3, m) axes, unit, world: the least and the most, (m, views)."""
     starts = np.flatnonzero(np.diff(seen.frame, prepend=-1, append=np.iinfo(np.int64).max))
     lows, highs = np.empty((2, axes.shape[1], len(starts) - 1))
@@ -139,7 +139,7 @@ def _ends_of_views(
     lows: NDArray[np.float64],
     highs: NDArray[np.float64],
 ) -> None:
-    """As `_ends`. starts: (views + 1,), the first segment of each view, and how many there are."""
+    """As `ends_of`. starts: (views + 1,), the first segment of each view, and how many there are."""
     least, most = np.empty(_TRIM + 1, np.float32), np.empty(_TRIM + 1, np.float32)  # the outermost, farthest first
     for axis in range(axes.shape[1]):
         x, y, z = np.float32(axes[0, axis]), np.float32(axes[1, axis]), np.float32(axes[2, axis])
