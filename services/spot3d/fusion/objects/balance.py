@@ -29,7 +29,7 @@ class Piece:
     """A thing that may be a part of another one.
 
     box: upright; ground: how high the plane is that it stands above, along up, metres; NaN = not known; foot: upright
-    box of what it could stand on: of its lowest part, or of the lower edge of that if it leans (see `leaning`).
+    box of what it could stand on: of its lowest part, or of the lower edge of that if it leans (see `footing`).
     """
 
     box: Box3D

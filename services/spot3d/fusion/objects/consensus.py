@@ -12,15 +12,16 @@ from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.found_object import FoundObject
 from spot3d.frame_segments import KEYFRAME_REASONS
 from spot3d.fusion.objects.agreement import Statements, clusters_of
-from spot3d.fusion.objects.balance import TILT, Piece, put_together
+from spot3d.fusion.objects.balance import TILT, Numbers, Piece, put_together
 from spot3d.fusion.objects.disputed import without_disputed
+from spot3d.fusion.objects.footing import lower_edge, narrow_foot
 from spot3d.fusion.objects.found import Seen, box_of, ground_below
 from spot3d.fusion.objects.keyframes import Keyframe
-from spot3d.fusion.objects.leaning import lower_edge
 from spot3d.fusion.objects.numbering import number_clusters, number_objects
 from spot3d.fusion.objects.reasons import MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
 from spot3d.fusion.objects.segment_graph import SegmentGraph
 from spot3d.fusion.objects.views import BACKGROUND, DIVIDED, OBJECT
+from spot3d.fusion.objects.whole_views import wholes
 from spot3d.fusion.settings import FusionSettings
 from spot3d.pose_corrections import PoseCorrections
 
@@ -234,7 +235,33 @@ class ViewConsensus:
         if "balance" in self._settings.skipped:
             return [item for item, _ in found.values()]
         things = put_together({number: piece for number, (_, piece) in found.items()}, up, self._settings.size_max)
-        return [_one_of([found[number][0] for number in numbers], box) for numbers, box in things.items()]
+        whole = wholes(things, self._graph.said, self._graph.segments.cluster.rows)
+        boxes = things | {pieces: self._box_of_all(things[pieces], pieces, rows, up) for pieces, rows in whole.items()}
+        return [_one_of([found[piece][0] for piece in pieces], box) for pieces, box in boxes.items()]
+
+    def _box_of_all(self, around: Box3D, pieces: Numbers, whole: NDArray[np.int64], up: NDArray[np.float64]) -> Box3D:
+        """The box of a thing in pieces, by all of their segments and by those (rows) that have it whole.
+
+        around: of all pieces; that is the box where hardly a view has them whole, or some see more than an object.
+        """
+        segments = self._graph.segments
+        if len(np.unique(segments.frame.rows[whole])) < self._rules()[0]:
+            return around
+        rows = np.union1d(np.flatnonzero(np.isin(segments.cluster.rows, pieces)), whole)
+        box = box_of(self._undisputed(self._seen(rows), rows), up, self._settings.plane_distance)
+        return box if box.size.max() <= self._settings.size_max else around
+
+    def _seen(self, rows: NDArray[np.int64]) -> Seen:
+        """What was seen of something by these segments, in the order of their frames."""
+        segments = self._graph.segments
+        outline = segments.outline.rows[rows]
+        return Seen(
+            segments.places.rows[rows],
+            outline if "outline" not in self._settings.skipped else np.full_like(outline, np.nan),
+            segments.blur.rows[rows],
+            segments.support.rows[rows],
+            segments.frame.rows[rows],
+        )
 
     def _judged(
         self, members: NDArray[np.int64], said: NDArray[np.int32], up: NDArray[np.float64]
@@ -255,21 +282,12 @@ class ViewConsensus:
             return MOSTLY_BACKGROUND
         # The pseudo-average of Eq. 14, over views.
         confidence = float(segments.heat.rows[members].sum() / (max(len(members), sees.sum()) + tau))
-        places, blur, support = segments.places.rows, segments.blur.rows, segments.support.rows
-        outline = segments.outline.rows[members]
-        views = Seen(
-            places[members],
-            outline if "outline" not in settings.skipped else np.full_like(outline, np.nan),
-            blur[members],
-            support[members],
-            segments.frame.rows[members],
-        )
+        views = self._seen(members)
         # What is too large as its views have it is not made an object by leaving out what they disagree on.
         low, high = views.places.min(axis=0).min(axis=0), views.places.max(axis=0).max(axis=0)
         if np.linalg.norm(high - low) > settings.size_max < box_of(views, up, settings.plane_distance).size.max():
             return TOO_LARGE
-        if "disputed" not in settings.skipped:
-            views = self._undisputed(views, segments.cluster.rows[members[0]])
+        views = self._undisputed(views, members)
         box = box_of(views, up, settings.plane_distance)
         shortest, middle, _ = np.sort(box.size)
         # A thing that is measured 2 cm across has a box that is less: its faces are trimmed and drawn in.
@@ -277,18 +295,30 @@ class ViewConsensus:
             return TOO_SMALL
         if shortest < settings.plane_distance:
             return TOO_THIN
-        edge = lower_edge(views, box, TILT)
-        ground = ground_below(box, support[members], up)
-        return Piece(box, ground, box if edge is None else edge, edge is not None), confidence
+        return self._piece(views, box, segments.support.rows[members], up), confidence
 
-    def _undisputed(self, views: Seen, cluster: np.int64) -> Seen:
-        """What was seen of a cluster, without what most of the other views that see the cluster have elsewhere."""
+    def _piece(self, views: Seen, box: Box3D, support: NDArray[np.float64], up: NDArray[np.float64]) -> Piece:
+        """How something stands. support: of all of its segments, with what is disputed."""
+        ground = ground_below(box, support, up)
+        edge = lower_edge(views, box, TILT)
+        if edge is not None:
+            return Piece(box, ground, edge, leans=True)
+        foot = None
+        # A foot that is narrower than the least thing is not told from noise.
+        if TILT * box.size[2] > self._settings.size_min:
+            poses = np.array([self._graph.views[frame].pose for frame in views.frame.tolist()], np.float64)
+            eyes = -np.einsum("nji,nj->ni", poses[:, :, :3], poses[:, :, 3])
+            foot = narrow_foot(views, eyes, box, TILT)
+        return Piece(box, ground, box if foot is None else foot, leans=False)
+
+    def _undisputed(self, views: Seen, rows: NDArray[np.int64]) -> Seen:
+        """What these segments saw of something, without what most of the other views that see it have elsewhere."""
+        if "disputed" in self._settings.skipped:
+            return views
         graph = self._graph
-        cluster_of = np.append(graph.segments.cluster.rows, -1)  # row -1: of no segment
-        own = {
-            number: (graph.views[number], cluster_of[graph.rows_of[number]] == cluster)
-            for number in np.unique(views.frame).tolist()
-        }
+        mine = np.zeros(len(graph.segments) + 1, np.bool_)  # row -1: of no segment
+        mine[rows] = True
+        own = {number: (graph.views[number], mine[graph.rows_of[number]]) for number in np.unique(views.frame).tolist()}
         places, kept = without_disputed(views.places, views.frame, own)
         return Seen(places[kept], views.outline[kept], views.blur[kept], views.support[kept], views.frame[kept])
 

@@ -1,13 +1,19 @@
-"""A thin sheet that leans, as a laptop's lid: its lower edge is all that it could stand on."""
+"""What a thing could stand on, as far as it was seen: mostly all of its box, but of a lid its lower edge, of a screen
+with its neck the neck."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
-from spot3d.fusion.objects.found import Seen, ends_of, faces
+from spot3d.fusion.objects.found import STANDS, Seen, ends_of, faces
 
 _TILTS = ((15.0, 7), (5.0, 3), (5 / 3, 3))
 """So many tilts, so many degrees apart, are tried, then others around the best: a degree off, a sheet of 25 cm is less
 than half a centimetre thicker."""
+_WIDEST = 0.9
+"""A foot is as wide as the tenth of the views has it that see most of it: others have something before it."""
+_TOLD = 3
+"""So many points, and views, tell how wide a foot is."""
 
 
 def lower_edge(seen: Seen, box: Box3D, thin: float) -> Box3D | None:
@@ -18,6 +24,30 @@ def lower_edge(seen: Seen, box: Box3D, thin: float) -> Box3D | None:
     """
     edges = (_edge_along(seen, box, axis, thin) for axis in (0, 1) if box.size[axis] <= box.size[2])
     return min((edge for edge in edges if edge is not None), key=lambda edge: float(edge.size[:2].min()), default=None)
+
+
+def narrow_foot(seen: Seen, eyes: NDArray[np.float64], box: Box3D, thin: float) -> Box3D | None:
+    """The upright box, without a height, around the foot of what would fall over on it to the left or right; None of
+    what would not, as most of its views do not tell: how deep a foot is it hides itself.
+
+    eyes: (n, 3) from where each of its segments was seen, world. thin: it falls if its middle is less than so much of
+    its height inside the foot's edge.
+    """
+    up, places = box.rotation[:, 2], seen.places.astype(np.float64) - box.centre
+    low = places @ up < STANDS - box.size[2] / 2
+    right = np.cross(places.mean(axis=1) + box.centre - eyes, up)
+    across = np.einsum("nki,ni->nk", places, right / np.linalg.norm(right, axis=1, keepdims=True))
+    middle = (across.min(axis=1) + across.max(axis=1)) / 2
+    left = np.where(low, across, np.inf).min(axis=1)
+    beside = np.minimum(middle - left, np.where(low, across, -np.inf).max(axis=1) - middle)
+    told = low.sum(axis=1) >= _TOLD
+    if told.sum() < _TOLD or np.quantile(beside[told], _WIDEST) >= thin * box.size[2] / 2:
+        return None
+    level, low = places[told] @ box.rotation[:, :2], low[told][:, :, None]
+    least = np.median(np.where(low, level, np.inf).min(axis=1), axis=0)
+    most = np.median(np.where(low, level, -np.inf).max(axis=1), axis=0)
+    centre = box.centre + box.rotation @ np.append((least + most) / 2, -box.size[2] / 2)
+    return Box3D(centre, np.append(most - least, 0.0), box.rotation)
 
 
 def _edge_along(seen: Seen, box: Box3D, axis: int, thin: float) -> Box3D | None:

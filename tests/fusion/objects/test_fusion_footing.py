@@ -1,4 +1,4 @@
-"""Sheets that lean have a lower edge, and nothing else has."""
+"""What leans stands on its lower edge, what is wider above than below on its foot, and all else on all of itself."""
 
 import numpy as np
 import pytest
@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
 from spot3d.fusion.objects.balance import TILT
+from spot3d.fusion.objects.footing import lower_edge, narrow_foot
 from spot3d.fusion.objects.found import Seen, box_of
-from spot3d.fusion.objects.leaning import lower_edge
 from spot3d.fusion.objects.outline import OUTERMOST
 from spot3d.fusion.objects.views import SAMPLE
 
@@ -16,15 +16,20 @@ UP = np.array([0.0, 0.0, 1.0])
 VIEWS = 24
 
 
-def edge_of(points: list[NDArray[np.float64]]) -> tuple[Box3D | None, Box3D]:
-    """The lower edge, and the box, of what was seen of a thing on a table: (SAMPLE, 3) points for each view."""
+def seen(points: list[NDArray[np.float64]]) -> tuple[Seen, Box3D]:
+    """What was seen of a thing on a table, (SAMPLE, 3) points for each view, and its box."""
     count = len(points)
     places = np.array(points, np.float32)
     outline, blur = np.full((count, OUTERMOST, 3), np.nan, np.float32), np.zeros((count, 3), np.float32)
     table = np.broadcast_to(np.array([0.0, 0.0, 1.0, 0.0]), (count, 4))
-    seen = Seen(places, outline, blur, table, np.arange(count))
-    box = box_of(seen, UP, 0.005)
-    return lower_edge(seen, box, TILT), box
+    views = Seen(places, outline, blur, table, np.arange(count))
+    return views, box_of(views, UP, 0.005)
+
+
+def edge_of(points: list[NDArray[np.float64]]) -> tuple[Box3D | None, Box3D]:
+    """The lower edge, and the box, of what was seen."""
+    views, box = seen(points)
+    return lower_edge(views, box, TILT), box
 
 
 def sheet(tilt: float, yaw: float = 0.0, noise: float = 0.002, seed: int = 0) -> list[NDArray[np.float64]]:
@@ -83,3 +88,62 @@ def test_a_ball_does_not_lean() -> None:
         normals *= np.sign(normals @ (0.8, 0.0, 0.6))[:, None]
         views.append(0.06 * normals + np.array((0, 0, 0.06)))
     assert edge_of(views)[0] is None
+
+
+ANGLES = np.linspace(-0.6, 0.6, VIEWS)
+EYES = np.column_stack((np.cos(ANGLES), np.sin(ANGLES), np.full(VIEWS, 0.5)))
+
+
+def facing(points: NDArray[np.float64], normals: NDArray[np.float64], seed: int = 0) -> list[NDArray[np.float64]]:
+    """SAMPLE of the points that face each of the eyes."""
+    rng, views = np.random.default_rng(seed), []
+    for eye in EYES:
+        towards = np.flatnonzero(((eye - points) * normals).sum(axis=1) > 0)
+        views.append(points[rng.choice(towards, SAMPLE)])
+    return views
+
+
+def column(radius: float, low: float, high: float, x: float = 0.0, y: float = 0.0) -> NDArray[np.float64]:
+    """Points of an upright cylinder's side and their normals, (n, 6)."""
+    angle, height = np.meshgrid(np.linspace(0, 2 * np.pi, 60), np.linspace(low, high, 60))
+    level = np.stack((np.cos(angle), np.sin(angle)), axis=-1).reshape(-1, 2)
+    place = np.column_stack((level * radius + (x, y), height.ravel()))
+    return np.column_stack((place, level, np.zeros(len(level))))
+
+
+def foot_of(views: list[NDArray[np.float64]]) -> Box3D | None:
+    what, box = seen(views)
+    return narrow_foot(what, EYES, box, TILT)
+
+
+LAMP = np.concatenate((column(0.013, 0.0, 0.4), column(0.08, 0.4, 0.48, 0.05, 0.07)))
+
+
+def test_a_lamp_stands_on_its_pole() -> None:
+    foot = foot_of(facing(LAMP[:, :3], LAMP[:, 3:]))
+    assert foot is not None
+    assert foot.size[:2].max() < 0.03
+    np.testing.assert_allclose(foot.centre[:2], 0.0, atol=0.015)
+
+
+@pytest.mark.parametrize("radius", [0.035, 0.1])
+def test_a_bottle_stands_on_all_of_itself(radius: float) -> None:
+    bottle = np.concatenate((column(radius, 0.0, 0.2), column(0.4 * radius, 0.2, 0.28)))
+    assert foot_of(facing(bottle[:, :3], bottle[:, 3:])) is None
+
+
+def test_a_foot_that_something_hides_in_most_views_is_as_wide_as_others_have_it() -> None:
+    carton = column(0.1, 0.0, 0.3)
+    views = facing(carton[:, :3], carton[:, 3:])
+    hidden = [view * (1, 1, 1) for view in views]
+    for view in hidden[:18]:
+        covered = (view[:, 2] < 0.06) & (view[:, 1] < 0.09)
+        view[covered, 2] = 0.1
+    assert foot_of(hidden) is None
+
+
+def test_where_no_bottom_is_seen_nothing_is_said_of_a_foot() -> None:
+    views = facing(LAMP[:, :3], LAMP[:, 3:])
+    for view in views[2:]:
+        view[:, 2] = np.maximum(view[:, 2], 0.06)
+    assert foot_of(views) is None
