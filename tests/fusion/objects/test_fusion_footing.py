@@ -111,9 +111,9 @@ def column(radius: float, low: float, high: float, x: float = 0.0, y: float = 0.
     return np.column_stack((place, level, np.zeros(len(level))))
 
 
-def foot_of(views: list[NDArray[np.float64]]) -> Box3D | None:
+def foot_of(views: list[NDArray[np.float64]], eyes: NDArray[np.float64] = EYES) -> Box3D | None:
     what, box = seen(views)
-    return narrow_foot(what, EYES, box, TILT)
+    return narrow_foot(what, eyes, box, TILT)
 
 
 LAMP = np.concatenate((column(0.013, 0.0, 0.4), column(0.08, 0.4, 0.48, 0.05, 0.07)))
@@ -140,6 +140,12 @@ def test_a_foot_that_something_hides_in_most_views_is_as_wide_as_others_have_it(
         covered = (view[:, 2] < 0.06) & (view[:, 1] < 0.09)
         view[covered, 2] = 0.1
     assert foot_of(hidden) is None
+
+
+def test_from_straight_above_nothing_is_said_of_a_foot() -> None:
+    views = facing(LAMP[:, :3], LAMP[:, 3:])
+    above = np.array(views).astype(np.float32).astype(np.float64).mean(axis=1) + np.array((0, 0, 1))
+    assert foot_of(views, above) is None
 
 
 def test_where_no_bottom_is_seen_nothing_is_said_of_a_foot() -> None:

@@ -14,6 +14,8 @@ _WIDEST = 0.9
 """A foot is as wide as the tenth of the views has it that see most of it: others have something before it."""
 _TOLD = 3
 """So many points, and views, tell how wide a foot is."""
+_ASIDE = 1e-3
+"""From less than so far aside, metres, a thing is seen from straight above: nothing is left or right."""
 
 
 def lower_edge(seen: Seen, box: Box3D, thin: float) -> Box3D | None:
@@ -36,11 +38,12 @@ def narrow_foot(seen: Seen, eyes: NDArray[np.float64], box: Box3D, thin: float) 
     up, places = box.rotation[:, 2], seen.places.astype(np.float64) - box.centre
     low = places @ up < STANDS - box.size[2] / 2
     right = np.cross(places.mean(axis=1) + box.centre - eyes, up)
-    across = np.einsum("nki,ni->nk", places, right / np.linalg.norm(right, axis=1, keepdims=True))
+    aside = np.linalg.norm(right, axis=1)
+    across = np.einsum("nki,ni->nk", places, right / np.maximum(aside, _ASIDE)[:, None])
     middle = (across.min(axis=1) + across.max(axis=1)) / 2
     left = np.where(low, across, np.inf).min(axis=1)
     beside = np.minimum(middle - left, np.where(low, across, -np.inf).max(axis=1) - middle)
-    told = low.sum(axis=1) >= _TOLD
+    told = (low.sum(axis=1) >= _TOLD) & (aside > _ASIDE)
     if told.sum() < _TOLD or np.quantile(beside[told], _WIDEST) >= thin * box.size[2] / 2:
         return None
     level, low = places[told] @ box.rotation[:, :2], low[told][:, :, None]

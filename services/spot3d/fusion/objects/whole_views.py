@@ -16,11 +16,18 @@ def wholes(
     things: the pieces of each, which are numbers of clusters; said: see `SegmentGraph`; cluster: (n,) of each segment.
     """
     things = list(things)
+    several = [thing for thing in things if len(thing) > 1]
+    if not several:
+        return {}
+    said = said[said[:, 3] >= 0]
     pieces, holder = cluster[said[:, 0]], said[:, 3]
-    known = (holder >= 0) & np.isin(pieces, [piece for thing in things for piece in thing])
-    held = np.unique(np.column_stack((holder, pieces))[known], axis=0)
+    # Of all that is said, first what is about those that hold any of these: sorting the rest takes long.
+    asked = np.zeros(len(cluster), np.bool_)
+    asked[holder[np.isin(pieces, np.concatenate(several))]] = True
+    about = asked[holder] & np.isin(pieces, np.concatenate(things))
+    held = np.unique(np.column_stack((holder[about], pieces[about])), axis=0)
     found = {}
-    for thing in (thing for thing in things if len(thing) > 1):
+    for thing in several:
         own = np.isin(held[:, 1], thing)
         count, others = (np.bincount(held[which, 0], minlength=len(cluster)) for which in (own, ~own))
         found[thing] = np.flatnonzero((count > 1) & (others == 0))
