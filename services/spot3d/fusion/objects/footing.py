@@ -10,10 +10,8 @@ from spot3d.fusion.objects.found import STANDS, Seen, ends_of, faces
 _TILTS = ((15.0, 7), (5.0, 3), (5 / 3, 3))
 """So many tilts, so many degrees apart, are tried, then others around the best: a degree off, a sheet of 25 cm is less
 than half a centimetre thicker."""
-_WIDEST = 0.9
-"""A foot is as wide as the tenth of the views has it that see most of it: others have something before it."""
 _TOLD = 3
-"""So many points, and views, tell how wide a foot is."""
+"""So many points, and views, tell how wide a foot is: two are its edges, and one more is no accident."""
 _ASIDE = 1e-3
 """From less than so far aside, metres, a thing is seen from straight above: nothing is left or right."""
 
@@ -30,7 +28,8 @@ def lower_edge(seen: Seen, box: Box3D, thin: float) -> Box3D | None:
 
 def narrow_foot(seen: Seen, eyes: NDArray[np.float64], box: Box3D, thin: float) -> Box3D | None:
     """The upright box, without a height, around the foot of what would fall over on it to the left or right; None of
-    what would not, as most of its views do not tell: how deep a foot is it hides itself.
+    what would not, or of which too few views see the bottom. How deep a foot is, it hides itself, and what stands
+    before it hides its width: it is as wide as the view has it that sees most of it.
 
     eyes: (n, 3) from where each of its segments was seen, world. thin: it falls if its middle is less than so much of
     its height inside the foot's edge.
@@ -44,7 +43,7 @@ def narrow_foot(seen: Seen, eyes: NDArray[np.float64], box: Box3D, thin: float) 
     left = np.where(low, across, np.inf).min(axis=1)
     beside = np.minimum(middle - left, np.where(low, across, -np.inf).max(axis=1) - middle)
     told = (low.sum(axis=1) >= _TOLD) & (aside > _ASIDE)
-    if told.sum() < _TOLD or np.quantile(beside[told], _WIDEST) >= thin * box.size[2] / 2:
+    if told.sum() < _TOLD or beside[told].max() >= thin * box.size[2] / 2:
         return None
     level, low = places[told] @ box.rotation[:, :2], low[told][:, :, None]
     least = np.median(np.where(low, level, np.inf).min(axis=1), axis=0)

@@ -11,7 +11,7 @@ from spot3d.fusion.objects.balance import Numbers
 def wholes(
     things: Iterable[Numbers], said: NDArray[np.int32], cluster: NDArray[np.int64]
 ) -> dict[Numbers, NDArray[np.int64]]:
-    """For each thing of several pieces, the rows of the segments that hold some of these and nothing of other things.
+    """For each thing of several pieces, the rows of the segments that hold several of these and nothing of others.
 
     things: the pieces of each, which are numbers of clusters; said: see `SegmentGraph`; cluster: (n,) of each segment.
     """
