@@ -1,5 +1,6 @@
 """What cannot stand by itself belongs to what it stands on, and what stands does not."""
 
+from collections.abc import Set
 from dataclasses import replace
 
 import numpy as np
@@ -26,8 +27,13 @@ def piece(
     return Piece(box, ground, box, leans=False)
 
 
-def groups(*pieces: Piece, size_max: float = 1.0) -> set[Numbers]:
-    return set(put_together(dict(enumerate(pieces)), UP, size_max))
+def together(*pieces: Piece, cold: Set[int] = frozenset(), size_max: float = 1.0) -> dict[Numbers, Box3D]:
+    """What these are, where all but some are hot."""
+    return put_together(dict(enumerate(pieces)), set(range(len(pieces))) - cold, UP, size_max)
+
+
+def groups(*pieces: Piece, cold: Set[int] = frozenset(), size_max: float = 1.0) -> set[Numbers]:
+    return set(together(*pieces, cold=cold, size_max=size_max))
 
 
 SCREEN = piece((0.05, 0.55, 0.32), low=0.15, at=(0.03, 0.0))
@@ -42,7 +48,7 @@ def test_a_screen_belongs_to_its_foot() -> None:
 
 
 def test_what_is_put_together_is_around_all_of_it() -> None:
-    ((numbers, box),) = put_together({3: SCREEN, 7: FOOT}, UP, 1.0).items()
+    ((numbers, box),) = put_together({3: SCREEN, 7: FOOT}, {3, 7}, UP, 1.0).items()
     assert numbers == (3, 7)
     np.testing.assert_allclose(np.sort(box.size), [0.24, 0.47, 0.55], atol=1e-6)
     np.testing.assert_allclose(box.centre, [0.0, 0.0, 0.235], atol=1e-6)
@@ -57,7 +63,7 @@ def test_what_stands_on_a_neck_that_is_too_thin_belongs_to_its_foot(yaw: float) 
     """Before its neck a screen is thicker than it is fixed: all of it together would stand."""
     place = (0.035 * np.cos(yaw), 0.035 * np.sin(yaw))
     screen, neck = piece((0.042, 0.45, 0.27), 0.13, place, yaw), piece((0.036, 0.065, 0.11), 0.02, yaw=yaw)
-    ((numbers, box),) = put_together({0: screen, 1: neck, 2: PLATE}, UP, 1.0).items()
+    ((numbers, box),) = together(screen, neck, PLATE).items()
     assert numbers == (0, 1, 2)
     assert box.size[2] == pytest.approx(0.4)
 
@@ -76,9 +82,26 @@ def lid(at: float = -0.12, ground: float = GROUND) -> Piece:
 
 def test_a_lid_belongs_to_what_its_lower_edge_is_on() -> None:
     base = piece((0.24, 0.33, 0.02))
-    ((numbers, box),) = put_together({0: lid(), 1: base}, UP, 1.0).items()
+    ((numbers, box),) = together(lid(), base).items()
     assert numbers == (0, 1)
     np.testing.assert_allclose(np.sort(box.size), [0.22, 0.325, 0.33], atol=1e-3)
+
+
+def test_how_hot_it_is_what_something_is_fixed_to_is_not_asked() -> None:
+    ((numbers, box),) = together(SCREEN, FOOT, cold={1}).items()
+    assert numbers == (0, 1)
+    assert box.size[2] == pytest.approx(0.47)
+
+
+def test_what_is_cold_is_nothing_unless_what_is_hot_is_fixed_to_it() -> None:
+    assert groups(SCREEN, FOOT, cold={0}) == {(1,)}
+    assert groups(SCREEN, FOOT, cold={0, 1}) == set()
+    assert groups(piece((0.06, 0.06, 0.06), low=0.05), BOOK, cold={1}) == {(0,)}
+
+
+def test_what_is_hot_is_fixed_to_all_that_carries_it_however_cold() -> None:
+    screen, neck = piece((0.042, 0.45, 0.27), 0.13, (0.035, 0.0)), piece((0.036, 0.065, 0.11), 0.02)
+    assert groups(screen, neck, PLATE, cold={1, 2}) == {(0, 1, 2)}
 
 
 def test_what_leans_against_what_is_behind_it_is_its_own() -> None:

@@ -225,6 +225,22 @@ def test_what_is_cold_beside_what_is_hot_is_no_object() -> None:
     assert found.left_out == {"too cold": 1}
 
 
+def test_a_cold_foot_is_a_part_of_what_would_fall_without_it() -> None:
+    foot = standing(0.0, 0.0, (0.2, 0.2, 0.06), colour=(40, 160, 60))
+    sign = replace(standing(0.0, 0.0, (0.03, 0.16, 0.3)), centre=(0.0, 0.0, 0.21))
+    cube = replace(standing(0.0, 0.0, (0.12, 0.12, 0.12)), centre=(0.0, 0.0, 0.12))
+    of_both = standing(0.0, 0.0, (0.2, 0.2, 0.36))
+
+    def found(*things: Cuboid) -> Consensus:
+        return agreed([warm(keyframe(pose, things=things, shown=things), 0.1, 0.8) for pose in POSES])
+
+    whole, alone = found(foot, sign), found(foot, cube)
+    assert_found(whole, (of_both,))
+    assert (whole.objects[0].id, whole.left_out) == (1, {})
+    assert_found(alone, (cube,))
+    assert alone.left_out == {"too cold": 1}
+
+
 def test_where_all_is_cold_the_hottest_are_objects() -> None:
     """A frame's heat is a share of its maximum, which something that is no object may have."""
     assert_found(agreed([warm(frame, 0.16, 0.14, 0.15) for frame in keyframes()]))

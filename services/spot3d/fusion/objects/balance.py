@@ -1,10 +1,11 @@
 """What cannot stand by itself is a part of what it stands on: a screen of its foot, a lid of its laptop.
 
 Seen from near, things come apart where they are creased, and all views agree on it. What stands on another thing is as
-creased there, but it can stand. How far it is carried is not asked: what carries it is hidden by it.
+creased there, but it can stand. How far it is carried is not asked: what carries it is hidden by it. Nor is how hot
+that is: a laptop's base is a flat thing without edges, which alone would be too cold for an object.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, replace
 
 import cv2
@@ -38,14 +39,18 @@ class Piece:
     leans: bool
 
 
-def put_together(pieces: Mapping[int, Piece], up: NDArray[np.float64], size_max: float) -> dict[Numbers, Box3D]:
-    """The things that pieces are, by the numbers of these: each piece is in one thing.
+def put_together(
+    pieces: Mapping[int, Piece], hot: Set[int], up: NDArray[np.float64], size_max: float
+) -> dict[Numbers, Box3D]:
+    """The things that pieces are, by the numbers of these: each piece is in one thing, or in none if it is too cold.
 
-    up: (3,) unit, world. size_max: no thing that is put together has a longer edge, metres.
+    hot: the pieces that are objects; the others are things only as far as they carry one of these. up: (3,) unit,
+    world. size_max: no thing that is put together has a longer edge, metres.
     """
     things: dict[Numbers, Piece] = {(number,): piece for number, piece in pieces.items()}
     # From above: what a part carries stands on the whole of which it is one.
-    waiting = sorted(things, key=lambda numbers: (-_ends(things[numbers].box, up)[0], numbers))
+    parts: list[Numbers] = [(number,) for number in hot]
+    waiting = sorted(parts, key=lambda numbers: (-_ends(things[numbers].box, up)[0], numbers))
     while waiting:
         part = waiting.pop(0)
         carrier = _carrier_of(part, things, up)
@@ -60,7 +65,7 @@ def put_together(pieces: Mapping[int, Piece], up: NDArray[np.float64], size_max:
         together = tuple(sorted(part + carrier))
         things[together] = whole
         waiting = [together, *(numbers for numbers in waiting if numbers != carrier)]
-    return {numbers: thing.box for numbers, thing in things.items()}
+    return {numbers: thing.box for numbers, thing in things.items() if not hot.isdisjoint(numbers)}
 
 
 def _cannot_stand(piece: Piece) -> bool:

@@ -2,7 +2,7 @@
 
 from collections import Counter, deque
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +63,7 @@ class ViewConsensus:
         self._in_keyframes: Counter[str] = Counter()  # what the segments stage left out of keyframes, by reason
         self._taken: deque[Keyframe] = deque()
         self._graph = SegmentGraph()
-        # Of each cluster the object that it is, and how that stands, or why it is none.
+        # Of each cluster the object that it is, and how that stands, or why it is none; what is too cold has no number.
         self._verdicts: dict[int, tuple[FoundObject, Piece] | str] = {}
         self._described_up = np.zeros(3)
         self._hottest = 0.0
@@ -125,8 +125,9 @@ class ViewConsensus:
             graph.hang_together()
             self._describe(self._cluster(), up)
             graph.segments.touched.rows[:] = False
-        objects = self._whole_objects(up)
+        objects, too_cold = self._whole_objects(up)
         left_out = Counter(reason for reason in self._verdicts.values() if isinstance(reason, str)) + self._in_keyframes
+        left_out += Counter({TOO_COLD: too_cold})
         return Consensus(sorted(objects, key=lambda item: item.id), up, left_out, self.dropped)
 
     def _take_in(self, keyframe: Keyframe) -> None:
@@ -199,22 +200,24 @@ class ViewConsensus:
             else:
                 objects.append((number, members, *judged))
         cold = self._cold(max((confidence for *_, confidence in objects), default=0.0))
-        self._verdicts |= {number: TOO_COLD for number, *_, confidence in objects if confidence < cold}
-        objects = [item for item in objects if item[3] >= cold]
-        objects.sort(key=lambda item: (-len(item[1]), item[0]))
+        warm = [item for item in objects if item[3] >= cold]
+        warm.sort(key=lambda item: (-len(item[1]), item[0]))
         taken = {found[0].id for found in self._verdicts.values() if not isinstance(found, str)}
         columns = segments.identity.rows, segments.former.rows
-        identities = number_objects([members for _, members, _, _ in objects], columns, taken, self._next_identity)
+        identities = number_objects([members for _, members, _, _ in warm], columns, taken, self._next_identity)
         self._next_identity = max((self._next_identity, *(number + 1 for number in identities)))
-        for (number, members, piece, confidence), identity in zip(objects, identities, strict=True):
+        for (_, members, _, _), identity in zip(warm, identities, strict=True):
             before = segments.identity.rows[members]
             other = (before > 0) & (before != identity)
             segments.former.rows[members[other]] = before[other]
             segments.identity.rows[members] = identity
+        numbers = {item[0]: identity for item, identity in zip(warm, identities, strict=True)}
+        for number, members, piece, confidence in objects:
             colour = np.average(segments.colour.rows[members], axis=0, weights=segments.pixels.rows[members])
             views = len(np.unique(segments.frame.rows[members]))
             points = int(segments.pixels.rows[members].sum())
-            self._verdicts[number] = FoundObject(identity, piece.box, confidence, views, points, colour), piece
+            item = FoundObject(numbers.get(number, 0), piece.box, confidence, views, points, colour)
+            self._verdicts[number] = item, piece
 
     def _cold(self, hottest: float) -> float:
         """The confidence from which something is an object, eps; what was found before and is colder goes.
@@ -226,18 +229,23 @@ class ViewConsensus:
         cold = self._settings.heat_min * min(1.0, self._hottest / _HOT)
         for number, found in self._verdicts.items():
             if not isinstance(found, str) and found[0].confidence < cold:
-                self._verdicts[number] = TOO_COLD
+                self._verdicts[number] = replace(found[0], id=0), found[1]
         return cold
 
-    def _whole_objects(self, up: NDArray[np.float64]) -> list[FoundObject]:
-        """The objects, with what cannot stand by itself put together with what it stands on."""
+    def _whole_objects(self, up: NDArray[np.float64]) -> tuple[list[FoundObject], int]:
+        """The objects, with what cannot stand by itself put together with what it stands on.
+
+        And how many clusters are too cold, and not a part of these.
+        """
         found = {number: found for number, found in self._verdicts.items() if not isinstance(found, str)}
+        hot = {number for number, (item, _) in found.items() if item.id}
         if "balance" in self._settings.skipped:
-            return [item for item, _ in found.values()]
-        things = put_together({number: piece for number, (_, piece) in found.items()}, up, self._settings.size_max)
+            return [found[number][0] for number in hot], len(found) - len(hot)
+        things = put_together({number: piece for number, (_, piece) in found.items()}, hot, up, self._settings.size_max)
         whole = wholes(things, self._graph.said, self._graph.segments.cluster.rows)
         boxes = things | {pieces: self._box_of_all(things[pieces], pieces, rows, up) for pieces, rows in whole.items()}
-        return [_one_of([found[piece][0] for piece in pieces], box) for pieces, box in boxes.items()]
+        objects = [_one_of([found[piece][0] for piece in pieces], box) for pieces, box in boxes.items()]
+        return objects, len(found) - sum(map(len, boxes))
 
     def _box_of_all(self, around: Box3D, pieces: Numbers, whole: NDArray[np.int64], up: NDArray[np.float64]) -> Box3D:
         """The box of a thing in pieces, by all of their segments and by those (rows) that have it whole.
@@ -329,7 +337,7 @@ def _one_of(parts: list[FoundObject], box: Box3D) -> FoundObject:
         return parts[0]
     points = [part.points for part in parts]
     return FoundObject(
-        id=min(part.id for part in parts),
+        id=min(part.id for part in parts if part.id),
         box=box,
         confidence=max(part.confidence for part in parts),
         views=max(part.views for part in parts),
