@@ -133,6 +133,16 @@ def test_a_surface_finds_its_plane_from_the_voxel_beside(side: float) -> None:
             assert g[2] / H[2, 2] == pytest.approx(-away * voxel, rel=0.01)
 
 
+def test_a_map_may_do_without_the_voxel_beside() -> None:
+    surface = sample_surface(plane_depth(np.array([0.0, 0.0, 1.0]), 1.501), CAMERA, SETTINGS)
+    planes, pose = SurfelMap(0.05, 20_000, beside=False), np.eye(4)
+    planes.insert(surface, pose)
+    for away, share in ((0.02, 1.0), (-0.02, 0.0)):
+        pose[2, 3] = away
+        _, _, (tried, matched, _) = planes.normal_equations(surface, pose, 0.05, 100.0)
+        assert matched == share * tried
+
+
 def test_a_full_map_forgets_what_it_has_not_seen_for_longest() -> None:
     surface = sample_surface(plane_depth(np.array([0.0, 0.0, 1.0]), 1.5), CAMERA, SETTINGS)
     planes = SurfelMap(0.05, 3000)

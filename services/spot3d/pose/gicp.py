@@ -29,7 +29,7 @@ class SmallGicp:
         self._settings = settings
         self._empty_maps()
         # Judges what was registered, by the same measure as the other provider's.
-        self.planes = SurfelMap(settings.surfel_voxel, settings.surfel_limit)
+        self.planes = SurfelMap(settings.surfel_voxel, settings.surfel_limit, beside=False)
         # The cloud of the surface at hand: a frame is registered, perhaps several times, and then inserted.
         self._prepared: tuple[Surface, small_gicp.PointCloud] | None = None
 

@@ -41,7 +41,7 @@ class KissIcp:
         )
         self._wide_registration = get_registration(wide_config)
         self._wide_map = get_voxel_hash_map(wide_config)
-        self.planes = SurfelMap(settings.surfel_voxel, settings.surfel_limit)
+        self.planes = SurfelMap(settings.surfel_voxel, settings.surfel_limit, beside=False)
         self._deviation: NDArray[np.float64] | None = None
 
     def register(self, surface: Surface, T_world_guess: NDArray[np.float64], wide: bool) -> Registration:

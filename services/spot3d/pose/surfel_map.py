@@ -26,6 +26,7 @@ class _Surfels(NamedTuple):
     keys: NDArray[np.int64]
     surfels: NDArray[np.float64]
     voxel: float
+    beside: bool
 
 
 class _Points(NamedTuple):
@@ -49,15 +50,17 @@ class SurfelMap:
     """Bounded map of planes in the world frame.
 
     keys: (slots,) int64, voxel coordinates and direction, -1 = free; surfels: (slots, 16) float64; forgotten: how many
-    have had to make room.
+    have had to make room. beside: whether a plane is met from half a voxel beside its own, too: given poses come off it
+    to either side. Odometry goes on from where it is, and depth that its camera bends then makes it slide: with planes
+    met from beside KISS-ICP finds 0.82 of four near desks' things bent by 0.3 %, without 0.93, and TUM's cabinet not.
     """
 
-    def __init__(self, voxel: float, limit: int) -> None:
+    def __init__(self, voxel: float, limit: int, beside: bool = True) -> None:
         self.voxel = voxel
         self.limit = limit
         self.keys = empty_table(limit)
         self.surfels = np.zeros((len(self.keys), _COLUMNS))
-        self._arrays = _Surfels(self.keys, self.surfels, voxel)
+        self._arrays = _Surfels(self.keys, self.surfels, voxel, beside)
         self.count = 0
         self.frames = 0
         self.forgotten = 0
@@ -195,7 +198,7 @@ def _restore(known: _Surfels, kept_keys: NDArray[np.int64], kept: NDArray[np.flo
 @kernel()
 def _insert(known: _Surfels, surface: _Points, T: NDArray[np.float64], frame: int, room: int) -> int:
     """Running means of position and normal; returns the number of new surfels, at most `room`. T: the pose (4, 4)."""
-    keys, surfels, voxel = known
+    keys, surfels, voxel, _ = known
     points, normals, sigma = surface
     new = 0
     for i in range(points.shape[0]):
@@ -246,7 +249,7 @@ def _normal_equations(
     sums: _Sums,
 ) -> None:
     """Sum H, g and the totals over every stride-th point; Geman-McClure weights, inverse noise variance."""
-    keys, surfels, voxel = known
+    keys, surfels, voxel, beside = known
     points, normals, sigma = surface
     H, g, totals, J = sums
     for i in range(0, points.shape[0], stride):
@@ -262,11 +265,11 @@ def _normal_equations(
         nz = T[2, 0] * n[0] + T[2, 1] * n[1] + T[2, 2] * n[2]
         side, near = _side(nx, ny, nz), distance
         h = find_slot(keys, _key(x, y, z, side, voxel))
-        if keys[h] == -1:
+        if keys[h] == -1 and beside:
             # A pose that is a little off puts a plane near the border between two voxels into the other one.
             h, near = find_slot(keys, _beside(x, y, z, side, voxel)), min(distance, 0.5 * voxel)
-            if keys[h] == -1:
-                continue
+        if keys[h] == -1:
+            continue
         s = surfels[h]
         length = np.sqrt(s[3] * s[3] + s[4] * s[4] + s[5] * s[5])
         # A short mean normal means a crease: there is no one plane to measure against.
