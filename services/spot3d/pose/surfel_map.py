@@ -52,7 +52,8 @@ class SurfelMap:
     keys: (slots,) int64, voxel coordinates and direction, -1 = free; surfels: (slots, 16) float64; forgotten: how many
     have had to make room. beside: whether a plane is met from half a voxel beside its own, too: given poses come off it
     to either side. Odometry goes on from where it is, and depth that its camera bends then makes it slide: with planes
-    met from beside KISS-ICP finds 0.82 of four near desks' things bent by 0.3 %, without 0.93, and TUM's cabinet not.
+    met from beside KISS-ICP finds 0.82 of four near desks' things bent by 0.3 %, and TUM's cabinet not; without 0.93,
+    and that.
     """
 
     def __init__(self, voxel: float, limit: int, beside: bool = True) -> None:
