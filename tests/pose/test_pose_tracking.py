@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
 from spot3d.depth_noise import KINECT_V1
+from spot3d.evaluate.depth_errors import bent
 from spot3d.pose.estimate import PoseEstimate, PoseTracker
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.registration import Registration
@@ -51,6 +52,17 @@ PILLARS = np.array(
     [
         [(-4.0, -2.0, 0.0), (4.0, 1.0, 3.0)],
         *([(x, 0.8, 0.0), (x + 0.2, 1.0, 3.0)] for x in np.arange(-3.8, 3.8, 0.4)),
+    ]
+)
+
+# A table with three small things, in a room.
+TABLE = np.array(
+    [
+        [(-3.0, -3.0, 0.0), (3.0, 3.0, 2.5)],
+        [(-1.2, -0.6, 0.0), (1.2, 0.6, 0.7)],
+        [(-0.3, 0.0, 0.7), (-0.2, 0.1, 0.8)],
+        [(0.2, 0.2, 0.7), (0.35, 0.3, 0.75)],
+        [(0.6, -0.1, 0.7), (0.7, 0.05, 0.82)],
     ]
 )
 
@@ -259,6 +271,21 @@ def test_what_is_painted_tells_one_pillar_from_another(landmarks: bool, features
         estimate = tracker.track(1 + 20 * index * FRAME_NS, depth, LARGER, pose, painted(pose, depth))
         assert estimate.status == "ok"
         assert (error(estimate, pose)[0] < 0.02) == (landmarks or index == 0)
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.006, 0.01])
+def test_what_bends_depth_does_not_hold_a_camera_where_it_was(bend: float) -> None:
+    """Over a table at half a metre a second, ten frames a second: what is bent is where it was in each image."""
+    tracker = make_tracker(PoseSettings())
+    for index in range(14):
+        along = 0.05 * index - 0.5
+        pose = looking(np.array([along, -0.75, 1.45]), np.array([along + 0.1, 0.1, 0.7]))
+        depth = render(pose, index, TABLE, LARGER)
+        colour = painted(pose, depth)
+        seen = bent(depth, bend, 1) if bend else depth
+        estimate = tracker.track(1 + 3 * index * FRAME_NS, seen, LARGER, pose, colour)
+        assert estimate.status == "ok"
+        assert error(estimate, pose)[0] < 0.015 + 4 * bend
 
 
 def test_a_bare_wall_holds_no_pose() -> None:
