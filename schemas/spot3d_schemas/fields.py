@@ -8,6 +8,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
 
 from spot3d_schemas.arrays import DELTA_ZLIB, JPEG, PALETTE, PALETTE_2D, ArraySpec
 from spot3d_schemas.limits import (
+    BEND_SHAPE,
     MAX_BOXES,
     MAX_CORRECTIONS,
     MAX_COUNT,
@@ -44,6 +45,7 @@ Reasons = Annotated[dict[Annotated[str, Field(max_length=MAX_NAME)], Count], Fie
 Point2 = Annotated[NDArray[np.float64], NumbersSpec((2,))]
 Vector = Annotated[NDArray[np.float64], NumbersSpec((3,))]
 Rotation = Annotated[NDArray[np.float64], NumbersSpec((3, 3), "rotation")]
+Lattice = Annotated[NDArray[np.float64], NumbersSpec(BEND_SHAPE)]
 Transform = Annotated[NDArray[np.float64], NumbersSpec((4, 4), "rigid")]
 
 _IMAGE = ("h", "w")

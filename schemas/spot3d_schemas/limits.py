@@ -30,6 +30,12 @@ MAX_MAP_CHANGES = 40_000
 MAX_CORRECTIONS = 1024
 """Most earlier poses that one pose corrects."""
 
+BEND_SHAPE = 4, 6
+"""Rows and columns of the image's lattice on which a pose says what bends depth."""
+
+MAX_BEND = 0.1
+"""Most that depth may be bent by, logarithm: a camera that is off by a tenth shows nothing."""
+
 MAX_PREVIEW_PIXELS = 320 * 320
 """Largest preview: dashboards over thin links get no more of a frame than this."""
 MAX_COUNT = 2**63 - 1

@@ -30,6 +30,7 @@ from spot3d_schemas.fields import (
     Finite,
     HeatImage,
     LabelImage,
+    Lattice,
     Name,
     Nanoseconds,
     NonNegative,
@@ -53,6 +54,7 @@ from spot3d_schemas.fields import (
 )
 from spot3d_schemas.header import Header, Record
 from spot3d_schemas.limits import (
+    MAX_BEND,
     MAX_CORRECTIONS,
     MAX_FIELD_BYTES,
     MAX_IMAGE_PIXELS,
@@ -203,7 +205,8 @@ class Segments(Message):
     keyframe: whether the frame was looked at. If not, `intrinsics` is None and the arrays are empty (labels 0x0).
     intrinsics: of `labels`, which may be smaller than the frame. labels: (h, w) uint8, 0 = no object, k = segment
     k - 1. heat: (n,) float32 mean confidence of each segment in [0, 1]. planes: (p, 4) float64 [n_x, n_y, n_z, b],
-    camera frame, metres, n.x + b = 0: the surfaces on which things stand, the main one first, unit normals up.
+    camera frame, metres, n.x + b = 0: the surfaces on which things stand, the main one first, unit normals up, in depth
+    as it was measured but for the pose's `bend`.
     stands_on: (n,) int8 row of `planes`, -1 = none is known. Since 1.2, left_out: what was taken for an object of this
     frame and is no segment, counted by reason.
     """
@@ -278,10 +281,13 @@ class Pose(Message):
     of each, as it was published and then moved with the map, turns out to be off: shift, metres, and rotation about the
     camera, radians, in world axes; `turn` is not part of it. What lies between is off in line with both, what is later
     than the last as that is, and of what is earlier than the first nothing is said: what was said before holds.
+    Since 1.8, bend: (4, 6) the logarithm of what the capture's depth is to be multiplied by beside depth_factor, on a
+    lattice of rows and columns from the image's left upper to its right lower corner, in between in line with both: a
+    camera bends what it sees alike in all images; None: nobody knows.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Pose"
-    VERSION: ClassVar[str] = "1.7"
+    VERSION: ClassVar[str] = "1.8"
 
     T_world_camera: Transform
     status: Literal["ok", "lost"]
@@ -294,8 +300,16 @@ class Pose(Message):
     delay_s: Finite = 0.0
     turn: Vector | None = None
     centre: Point2 | None = None
+    bend: Lattice | None = None
     corrected_ns: Annotated[tuple[Nanoseconds, ...], FailFast(), Field(strict=False, max_length=MAX_CORRECTIONS)] = ()
     corrections: PoseTwists = Field(default_factory=lambda: np.zeros((0, 6)))
+
+    @field_validator("bend")
+    @classmethod
+    def _is_hardly_bent(cls, bend: Array | None) -> Array | None:
+        if bend is not None and np.abs(bend).max() > MAX_BEND:
+            raise ValueError(f"reaches {np.abs(bend).max():.3g}; the logarithm of a factor, it may reach {MAX_BEND}")
+        return bend
 
     @field_validator("corrected_ns")
     @classmethod

@@ -1,11 +1,18 @@
-"""What is corrected of a camera that does not agree with the poses that are given for it."""
+"""What is corrected of a camera that does not agree with the poses that are given for it, or with itself."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
+from spot3d_schemas.limits import BEND_SHAPE
+
+Bend = tuple[tuple[float, ...], ...]
+"""Logarithm of what depth is multiplied by in each part of the image, beside the factor of all: the rows of a lattice
+(`BEND_SHAPE`) from the image's left upper corner to its right lower one; in between it changes in line with both.
+Empty: by nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,12 +21,13 @@ class Calibration:
 
     depth_factor: what depth is multiplied by; turn: rotation vector about the camera's axes, radians, by which it is
     turned against what the poses are of; centre: by how much further to the right and down a thing at unit distance
-    lies than the intrinsics say: the principal point is off by so many focal lengths.
+    lies than the intrinsics say: the principal point is off by so many focal lengths; bend: see `Bend`.
     """
 
     depth_factor: float = 1.0
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
     centre: tuple[float, float] = (0.0, 0.0)
+    bend: Bend = ()
 
     def camera(self, told: Intrinsics) -> Intrinsics:
         """The intrinsics that are right where these were told."""
@@ -28,11 +36,49 @@ class Calibration:
 
     def metres(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
         """The depth that is right where this, (h, w) metres, was measured."""
-        return depth if self.depth_factor == 1 else depth * np.float32(self.depth_factor)
+        straight = self.straightened(depth)
+        return straight if self.depth_factor == 1 else straight * np.float32(self.depth_factor)
+
+    def straightened(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The depth (h, w) without its bend, in the unit as it was measured."""
+        return depth * _factors(self.bend, depth.shape) if self.bend else depth
+
+    def straighter(self, now: "Calibration") -> NDArray[np.float64] | None:
+        """What `now` bends otherwise, (rows, columns) as `Bend` has it; None: nothing."""
+        if now.bend == self.bend:
+            return None
+        straight = np.zeros(BEND_SHAPE)
+        return np.subtract(now.bend or straight, self.bend or straight)
 
 
 AS_TOLD = Calibration()
 """Nothing is corrected."""
+
+
+def bend_of_image(bend: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:
+    """The logarithm (h, w) of what each pixel's depth is multiplied by; bend: (rows, columns), see `Bend`."""
+    down, across = (
+        _shares((np.arange(size) + 0.5) / size, count) for size, count in zip(shape, bend.shape, strict=True)
+    )
+    return np.asarray(down @ bend @ across.T)
+
+
+def bend_at(bend: NDArray[np.float64], across: NDArray[np.float64], down: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same (...) of places in the image, each 0..1 of its width and of its height."""
+    rows, columns = bend.shape
+    return np.asarray(((_shares(down, rows) @ bend) * _shares(across, columns)).sum(axis=-1))
+
+
+def _shares(places: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """How much each of the lattice's lines has of places 0..1, (..., count); what is beyond has the outermost's."""
+    steps = np.clip(places, 0, 1)[..., None] * (count - 1)
+    return np.maximum(0.0, 1.0 - np.abs(steps - np.arange(count)))
+
+
+@lru_cache(maxsize=4)  # each frame's is that of the frame before, at one size in each stage
+def _factors(bend: Bend, shape: tuple[int, int]) -> NDArray[np.float32]:
+    """What depth of this shape (h, w) is multiplied by."""
+    return np.exp(bend_of_image(np.array(bend), shape)).astype(np.float32)
 
 
 def sheared(centre: tuple[float, float]) -> NDArray[np.float64]:

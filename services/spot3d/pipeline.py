@@ -106,7 +106,7 @@ def run_pipeline(
         if pose.status == "ok":
             if keyframes.wants(frame.stamp_ns, pose.T_world_camera):
                 with _timed(result.step_s, "segments", clock):
-                    segments = keyframes.find(frame, heat.heat, pose.T_world_camera, pose.calibration.depth_factor)
+                    segments = keyframes.find(frame, heat.heat, pose.T_world_camera, pose.calibration)
                 if segments is None:
                     _join_last_two(result.step_s["segments"])
             verdict = world.judge(None, pose.T_world_camera, frame.stamp_ns)

@@ -78,7 +78,7 @@ PRESETS: dict[str, Layer] = {
     "default": {},
     "paper": {
         "preset": "paper",
-        "pose": {"given_sigma": 0.0},
+        "pose": {"given_sigma": 0.0, "depth_bend_sigma": 0.0},
         "proposals": ProposalSettings.PAPER.model_dump(exclude_unset=True),
         "segments": PAPER_SEGMENTS.model_dump(exclude_unset=True),
         "heatmap": PAPER_HEATMAP.model_dump(exclude_unset=True),

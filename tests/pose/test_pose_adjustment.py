@@ -1,5 +1,6 @@
 """Keyframes adjusted as one: on the built-in scene, whose poses and camera are wrong in known ways."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from test_pose_correction import CAMERA, shaken
 
-from spot3d.calibration import AS_TOLD, Calibration
+from spot3d.calibration import AS_TOLD, Calibration, bend_at, bend_of_image
 from spot3d.camera import invert
 from spot3d.pose import adjustment
 from spot3d.pose.adjustment import Adjustment, Seen
@@ -43,14 +44,25 @@ def noisy(seed: int, metres: float = 0.01) -> NDArray[np.float64]:
     return np.array([moved(pose, off) for pose, off in zip(scene()[1], wrong, strict=True)])
 
 
+def bent(by: float) -> NDArray[np.float32]:
+    """What a camera multiplies each pixel's depth by."""
+    k = np.indices(CAMERA.shape, np.float32)
+    waves = np.sin(k[1] / CAMERA.width * 2 * np.pi) * np.cos(k[0] / CAMERA.height * np.pi)
+    return np.asarray(1 + by * waves, np.float32)
+
+
+def fresh(sigmas: NDArray[np.float64]) -> Adjustment:
+    held = SETTINGS.given_sigma, SETTINGS.given_turn_sigma
+    return Adjustment(SETTINGS, np.append(sigmas, 0.01), held, np.geomspace(1e-4, 1.0, 33))
+
+
 def adjusted(
     given: NDArray[np.float64], sigmas: NDArray[np.float64] = EXACT, told: Calibration = AS_TOLD, bend: float = 0.0
 ) -> Adjustment:
     """Of keyframes with these poses, as a camera tells them that is in truth so calibrated, and whose depth is bent."""
     depths, true = scene()
-    k = np.indices(CAMERA.shape, np.float32)
-    field = np.float32(1 + bend * np.sin(k[1] / CAMERA.width * 2 * np.pi) * np.cos(k[0] / CAMERA.height * np.pi))
-    made = Adjustment(SETTINGS, sigmas)
+    field = bent(bend)
+    made = fresh(sigmas)
     wrong = Calibration(centre=(-told.centre[0], -told.centre[1])).camera(CAMERA)
     for number, (depth, pose, tracked) in enumerate(zip(depths, given, true, strict=True)):
         surface = sample_surface(depth * field / np.float32(told.depth_factor), wrong, SETTINGS)
@@ -77,11 +89,11 @@ def apart(poses: list[NDArray[np.float64]]) -> float:
 def test_shaken_poses_come_out_a_quarter_as_far_off(seed: int) -> None:
     given = noisy(seed)
     made = adjusted(given)
-    assert apart(made.poses_by(EXACT)) < 0.25 * apart(list(given))
+    assert apart(made.by(EXACT)[0]) < 0.25 * apart(list(given))
 
 
 def test_exact_poses_stay() -> None:
-    poses = adjusted(scene()[1], UNSURE).poses_by(EXACT)
+    poses = adjusted(scene()[1], UNSURE).by(EXACT)[0]
     assert max(np.abs(twist(pose, true)).max() for pose, true in zip(poses, scene()[1], strict=True)) < 1e-3
 
 
@@ -107,20 +119,46 @@ def test_what_is_wrong_alike_in_all_is_found_with_the_poses(
     assert np.abs(off[0]) < 0.005 + 0.5 * metres
     if not metres:
         np.testing.assert_allclose(off[1:], 0.0, atol=0.005)
-    assert apart(made.poses_by(truth)) < 0.002 + 0.25 * metres
+    assert apart(made.by(truth)[0]) < 0.002 + 0.25 * metres
 
 
 def test_poses_are_those_that_go_with_what_is_applied() -> None:
     """Where depth's scale is not corrected poses go another way than where it is."""
     made = adjusted(noisy(0), UNSURE, Calibration(0.97))
     estimate, _ = estimated(made.common_errors())
-    assert apart(made.poses_by(estimate)) < 0.7 * apart(made.poses_by(EXACT))
+    assert apart(made.by(estimate)[0]) < 0.7 * apart(made.by(EXACT)[0])
 
 
 def test_depth_that_is_bent_is_no_common_error() -> None:
     """By half a per cent, exact poses: nothing that counts is made of it."""
     estimate, _ = estimated(adjusted(scene()[1], UNSURE, bend=0.005).common_errors())
     assert np.abs(estimate).max() < 0.005
+
+
+@pytest.mark.parametrize("metres", [0.0, 0.01])
+def test_what_bends_depth_is_found_with_the_poses(metres: float) -> None:
+    """Where it is what keyframes see, and nothing where depth is straight."""
+    left = [
+        bent(by) * np.exp(bend_of_image(adjusted(noisy(0, metres), UNSURE, bend=by).by(EXACT)[1], CAMERA.shape))
+        for by in (0.0, 0.01)
+    ]
+    straight, corrected = (float(field.std()) for field in left)
+    assert straight < 0.001
+    assert corrected < 0.5 * float(bent(0.01).std())
+
+
+def test_a_keyframe_that_was_straightened_is_the_one_that_was_told() -> None:
+    surface, here = sample_surface(scene()[0][0], CAMERA, SETTINGS), np.eye(4)
+    known = Calibration(bend=tuple((0.01 * row, -0.01, 0.0, 0.01, 0.02, 0.0) for row in range(4)))
+    x, y, z = surface.points.T.astype(np.float64)
+    across, down = (CAMERA.fx * x / z + CAMERA.cx) / CAMERA.width, (CAMERA.fy * y / z + CAMERA.cy) / CAMERA.height
+    straight = surface.points * np.exp(bend_at(np.array(known.bend), across, down))[:, None]
+    straightened = replace(surface, points=straight.astype(np.float32))
+    told, seen = (
+        adjustment._keyframe(Seen(0, one, CAMERA, by, here, *IN_TIME, here))
+        for one, by in ((surface, AS_TOLD), (straightened, known))
+    )
+    np.testing.assert_allclose(seen.points, told.points, atol=1e-5)
 
 
 def test_the_common_errors_stay_when_keyframes_go(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -160,9 +198,9 @@ def test_what_was_learnt_counts_once_however_often_keyframes_begin_anew() -> Non
 
 def test_a_first_keyframe_stays_where_it_was_given() -> None:
     depths, true = scene()
-    made = Adjustment(SETTINGS, UNSURE)
+    made = fresh(UNSURE)
     made.add(Seen(0, sample_surface(depths[0], CAMERA, SETTINGS), CAMERA, AS_TOLD, true[0], *IN_TIME, np.eye(4)))
-    np.testing.assert_allclose(made.poses_by(EXACT), true[:1])
+    np.testing.assert_allclose(made.by(EXACT)[0], true[:1])
     estimate, information = estimated(made.common_errors())
     np.testing.assert_allclose(estimate, np.zeros(COMMON))
     np.testing.assert_allclose(information, np.diag(UNSURE**-2.0))
@@ -170,7 +208,7 @@ def test_a_first_keyframe_stays_where_it_was_given() -> None:
 
 def test_a_delay_that_is_found_later_counts_for_the_keyframes_before() -> None:
     """All but the last two were taken as in time, and their poses are 50 ms old."""
-    (depths, true), made = scene(), Adjustment(SETTINGS, EXACT)
+    (depths, true), made = scene(), fresh(EXACT)
     moving = Scene(0, frames=FRAMES * EVERY + 1, intrinsics=CAMERA)
     late = []
     for number, (depth, pose) in enumerate(zip(depths, true, strict=True)):
@@ -179,7 +217,7 @@ def test_a_delay_that_is_found_later_counts_for_the_keyframes_before() -> None:
         late.append(given)
         surface = sample_surface(depth, CAMERA, SETTINGS)
         made.add(Seen(number * STEP_NS, surface, CAMERA, AS_TOLD, given, 0.05 * found, velocity, pose))
-    offsets = np.array([twist(*pair) for pair in zip(made.poses_by(EXACT), true, strict=True)])
+    offsets = np.array([twist(*pair) for pair in zip(made.by(EXACT)[0], true, strict=True)])
     assert np.linalg.norm(offsets[:, :3], axis=1).max() < 0.1 * np.linalg.norm(np.array(late) - true, axis=(1, 2)).max()
 
 

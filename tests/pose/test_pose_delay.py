@@ -61,6 +61,13 @@ def test_a_map_of_late_poses_is_replaced_as_soon_as_that_is_known() -> None:
     assert moves[1] > moves[0] + 0.003
 
 
+def test_late_poses_bend_no_depth_before_that_is_known() -> None:
+    estimates, _, _ = followed(LATE)
+    unknown = [estimate for estimate in estimates if estimate.delay_s == 0]
+    assert len(unknown) > 10
+    assert not any(estimate.calibration.bend for estimate in unknown)
+
+
 def test_what_was_seen_before_the_delay_was_known_is_mended_as_well() -> None:
     estimates, _, _ = followed(LATE)
     assert estimates[-1].delay_s > 0.02

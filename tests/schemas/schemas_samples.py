@@ -27,6 +27,7 @@ from spot3d_schemas import (
     Proposals,
     Segments,
 )
+from spot3d_schemas.limits import BEND_SHAPE, MAX_BEND
 
 HEADER = Header(
     robot="drone", seq=7, stamp_ns=1_700_000_000_123_456_789, frame_id="camera", stream="a1", sender="b2"
@@ -79,6 +80,7 @@ SAMPLES: dict[str, Message] = {
         delay_s=0.033,
         turn=np.array([0.01, -0.02, 0.0]),
         centre=np.array([0.0, 0.03]),
+        bend=np.linspace(-0.01, 0.01, 24).reshape(4, 6),
         corrected_ns=(1_699_999_998_000_000_000, 1_699_999_999_000_000_000),
         corrections=np.array([[0.01, -0.02, 0.0, 0.001, 0.0, -0.002], [0.0, 0.01, 0.0, 0.0, 0.003, 0.0]]),
     ),
@@ -350,6 +352,7 @@ def _poses(draw: st.DrawFn) -> Pose:
         delay_s=_finite,
         turn=st.none() | hnp.arrays(np.float64, 3, elements=_finite),
         centre=st.none() | hnp.arrays(np.float64, 2, elements=_finite),
+        bend=st.none() | hnp.arrays(np.float64, BEND_SHAPE, elements=st.floats(-MAX_BEND, MAX_BEND)),
     )
     return Pose(**draw(fields), corrected_ns=tuple(stamps), corrections=draw(twists))
 

@@ -52,7 +52,17 @@ CORRECTIONS = {"corrected_ns", "corrections"}
 ADDED = {
     "Segments": {"left_out"},
     "Objects": {"left_out", "keyframes_dropped", "epoch"},
-    "Pose": {"epoch", "lost_since_ns", "T_world_map", "depth_factor", "delay_s", "turn", "centre", *CORRECTIONS},
+    "Pose": {
+        "epoch",
+        "lost_since_ns",
+        "T_world_map",
+        "depth_factor",
+        "delay_s",
+        "turn",
+        "centre",
+        "bend",
+        *CORRECTIONS,
+    },
     "MapPoints": {"epoch"},
     "MapChanges": {"epoch"},
     "Frame": {"depth_noise"},

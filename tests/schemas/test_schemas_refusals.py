@@ -261,6 +261,7 @@ def test_another_encoding_is_refused_with_both_names(stated: str) -> None:
             "depth",
         ),
         (lambda: Frame(**rgbd(), T_world_camera=np.eye(3)), "T_world_camera"),
+        (lambda: Pose(**{**dict(SAMPLES["Pose"]), "bend": np.full((4, 6), 0.2)}), "reaches 0.2"),
         (lambda: Header(robot="a b", seq=0, stamp_ns=0, frame_id="c"), "robot"),
     ],
 )

@@ -1,10 +1,13 @@
 """Keyframes in their order: each is helped by what the frames before it told."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fusion_room import ROOM, THREE, Cuboid, View, look_at, standing, view
 from numpy.typing import NDArray
 
+from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.camera import Intrinsics
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
@@ -14,6 +17,7 @@ from spot3d.segments.settings import SegmentsSettings
 
 MS = 1_000_000
 CAMERA = Intrinsics(300.0, 300.0, 159.5, 119.5, 320, 240)
+ONES = np.ones(CAMERA.shape, np.float32)
 SETTINGS = SegmentsSettings()
 
 
@@ -48,7 +52,7 @@ def test_a_torn_keyframe_has_what_the_frames_before_saw(factor: float, away: flo
             frame = torn(frame)
         pose[0, 3] += away
         if finder.wants(frame.stamp_ns, pose):
-            found = finder.find(frame, heat, pose, factor if ms == 330 else 1.0)
+            found = finder.find(frame, heat, pose, Calibration(factor) if ms == 330 else AS_TOLD)
             keyframes += [] if found is None else [(ms, found)]
     assert [ms for ms, _ in keyframes] == [0, 330]
     whole, heat, _ = frame_at(330, 1 / factor)
@@ -58,6 +62,27 @@ def test_a_torn_keyframe_has_what_the_frames_before_saw(factor: float, away: flo
     assert (len(alone), len(untorn), len(helped)) == (4, 3, 3), "the gap divides an object"
     assert middle(alone) < 0.8 * middle(untorn)
     assert middle(helped) == pytest.approx(middle(untorn), rel=0.05)
+
+
+def test_what_bends_depth_is_taken_out_of_keyframes_and_of_what_is_remembered() -> None:
+    known = Calibration(bend=((0.01, 0.02, -0.01, 0.0, 0.03, 0.0), (0.0, 0.0, 0.02, 0.02, 0.0, -0.03)) * 2)
+    found = []
+    for bends, by in ((False, AS_TOLD), (True, known), (True, AS_TOLD)):
+        finder = KeyframeSegments(SETTINGS)
+        for ms in (0, 230, 330):
+            frame, heat, pose = frame_at(ms)
+            if ms == 330:
+                frame = torn(frame)
+            if bends:
+                frame = replace(frame, depth=(frame.depth_metres() / known.straightened(ONES)).astype(np.float32))
+            assert finder.wants(frame.stamp_ns, pose)
+            segments = finder.find(frame, heat, pose, by)
+        assert segments is not None
+        found.append(segments)
+    straight, straightened, bent = found
+    np.testing.assert_allclose(straightened.planes, straight.planes, atol=1e-4)
+    assert np.abs(bent.planes[0] - straight.planes[0]).max() > 1e-3
+    assert np.mean(straightened.labels != straight.labels) < 0.001
 
 
 def test_nothing_is_wanted_between_frames_that_are_remembered() -> None:

@@ -40,7 +40,8 @@ def calibration_of(pose: Pose) -> Calibration:
     """What a pose says of how its frame is to be seen."""
     turn = (0.0, 0.0, 0.0) if pose.turn is None else (float(pose.turn[0]), float(pose.turn[1]), float(pose.turn[2]))
     centre = (0.0, 0.0) if pose.centre is None else (float(pose.centre[0]), float(pose.centre[1]))
-    return Calibration(pose.depth_factor, turn, centre)
+    bend = () if pose.bend is None else tuple(tuple(row) for row in pose.bend.tolist())
+    return Calibration(pose.depth_factor, turn, centre, bend)
 
 
 def corrections_of(pose: Pose) -> PoseCorrections | None:

@@ -42,7 +42,8 @@ def finished_table(dataset: DataSet, folder: Path, settings: Settings) -> Table:
         objects = read_found_objects(folder / "objects.json")
         report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
         x, y = report["centre"]
-        known = Calibration(float(report["depth_factor"]), centre=(float(x), float(y)))
+        bend = tuple(tuple(float(at) for at in row) for row in report.get("bend", ()))
+        known = Calibration(float(report["depth_factor"]), centre=(float(x), float(y)), bend=bend)
     except (OSError, ValueError, KeyError, TypeError) as error:
         reason = in_words(error) if isinstance(error, OSError) else error
         raise SourceError(f"{folder} holds no finished run: {reason}") from error

@@ -21,6 +21,7 @@ from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface
 from spot3d.pose.surfel_map import plane_keys
 from spot3d.trajectory import nearest_rotation
+from spot3d_schemas.limits import BEND_SHAPE
 
 # So many are adjusted; beyond, the older half goes. With 16 those of redkitchen, shaken by 10 mm, lie 14.3 mm off, not
 # 13.1, and with 8 those of a desk seen from near 8.4, not 1.2; more take longer to adjust.
@@ -39,14 +40,13 @@ _INDEPENDENT = 7.0
 # and 1.0 % on redkitchen, and nothing, nothing and 1.5 % of a cabinet's (TUM). Of a centre 8 pixels of 640 off in
 # redkitchen, true poses, 47, 89 and 96 %.
 _ALIKE = 10.0
-# How well a camera's focal length is known, and the scale of its depth in each part of the image beside that of all: to
-# a per cent. Without these, which nobody asks for, redkitchen's has a focal length that is 4 % off, give or take 0.03.
-_WIDTH_SIGMA = _BENT_SIGMA = 0.01
-# Variances of given poses that are tried, of the stated one.
-_SHARES = np.geomspace(1e-4, 1.0, 33)
 # What is the same in all keyframes: `CommonErrors`, the focal length, and the scale of each cell.
 _SHARED = COMMON + 1 + CELLS[0] * CELLS[1]
-_TURN, _CENTRE, _WIDTH, _FIELD = slice(1, 4), slice(4, 6), 6, slice(7, None)
+_TURN, _CENTRE, _FIELD = slice(1, 4), slice(4, 6), slice(7, None)
+_WIDTH = 6
+# (3, cells): a mean and two slopes over the image.
+_DOWN, _ACROSS = (plane - plane.mean() for plane in np.indices(BEND_SHAPE, np.float64))
+_FLAT = np.array((np.ones(BEND_SHAPE), _ACROSS, _DOWN)).reshape(3, -1)
 
 
 EVERY_NS = 600_000_000
@@ -102,18 +102,25 @@ class _Keyframe(NamedTuple):
 class Adjustment:
     """Poses of the last keyframes, and what is wrong alike in all of them.
 
-    sigmas: (6,) how uncertain each of `CommonErrors` is before anything is seen; 0: it is as was told.
+    sigmas: (7,) how uncertain each of `CommonErrors` is before anything is seen, and the logarithm of the focal length;
+    0: it is as was told. held: standard deviations, metres and radians, of the poses that are given; shares: variances
+    that these may have, of that.
     """
 
-    def __init__(self, settings: PoseSettings, sigmas: NDArray[np.float64]) -> None:
+    def __init__(
+        self,
+        settings: PoseSettings,
+        sigmas: NDArray[np.float64],
+        held: tuple[float, float],
+        shares: NDArray[np.float64],
+    ) -> None:
         self._settings = settings
-        self._sigmas = np.concatenate((sigmas, np.full(_SHARED - COMMON, _BENT_SIGMA)))
-        self._sigmas[_WIDTH] = _WIDTH_SIGMA
+        self._sigmas = np.concatenate((sigmas, np.full(CELLS[0] * CELLS[1], settings.depth_bend_sigma)))
         self._free = np.flatnonzero(self._sigmas)
-        self._stated = np.repeat((settings.given_sigma**2, settings.given_turn_sigma**2), 3)
+        self._stated, self._shares = np.repeat(np.square(held), 3), shares
         # Variance of the given poses, of the stated one.
         self._share = 1.0
-        self._shared = np.zeros(_SHARED)
+        self._shared, self._expected = np.zeros((2, _SHARED))
         # How late given poses are, as is known by now.
         self._delay_s = 0.0
         # What is shared: information of what was told; and of what keyframes told that are forgotten: information,
@@ -137,6 +144,10 @@ class Adjustment:
         """Forget the keyframes, but not what is common to all: what follows is of other poses, or of another place."""
         self._forget(len(self._keyframes))
 
+    def expect(self, bend: NDArray[np.float64]) -> None:
+        """Begin with what is known of depth's bend, (rows, columns)."""
+        self._shared[_FIELD] = self._expected[_FIELD] = bend.ravel()
+
     def add(self, seen: Seen) -> None:
         """Take in a keyframe, and adjust all."""
         if len(self._keyframes) == _KEYFRAMES:
@@ -157,22 +168,34 @@ class Adjustment:
         """What is wrong alike in all keyframes, as far as they tell."""
         return self._common
 
-    def poses_by(self, applied: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-        """The keyframes' poses (4, 4) if this (6,) is what is wrong in all of them, and not what is estimated."""
-        free, size = self._free[self._free < COMMON], POSE * len(self._poses)
-        if len(self._poses) < 2 or not len(free):
-            return list(self._poses)
-        own = np.s_[size : size + len(free)]
-        change = (applied - self._shared[:COMMON])[free]
-        step = self._covariance[:size, own] @ np.linalg.solve(self._covariance[own, own], change)
-        return _stepped(self._poses, np.asarray(step))
+    def by(self, applied: NDArray[np.float64]) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
+        """The keyframes' poses (4, 4) if this (6,) is what is wrong in all of them, and not what is estimated; and what
+        each part of all images' depth is then to be multiplied by, (rows, columns), as `Bend` has it.
+
+        What is bent has no mean and no slope: these are what is called the scale, and what looks like a principal point
+        that is off.
+        """
+        size, common = POSE * len(self._poses), np.flatnonzero(self._free < COMMON)
+        if len(self._poses) < 2 or not len(self._free):
+            return list(self._poses), np.zeros(BEND_SHAPE)
+        known = np.zeros((len(common), len(self._free)))
+        known[np.arange(len(common)), common] = 1.0
+        target = applied[self._free[common]]
+        if self._sigmas[_FIELD].any():
+            known = np.vstack((known, np.pad(_FLAT, ((0, 0), (len(self._free) - _FLAT.shape[1], 0)))))
+            target = np.append(target, np.zeros(len(_FLAT)))
+        towards = self._covariance[:, size:] @ known.T
+        step = towards @ np.linalg.solve(known @ towards[size:], target - known @ self._shared[self._free])
+        shared = self._shared.copy()
+        shared[self._free] += step[size:]
+        return _stepped(self._poses, step[:size]), shared[_FIELD].reshape(BEND_SHAPE)
 
     def _forget(self, count: int) -> None:
         """Forget the oldest keyframes; what they tell of the camera is kept."""
         if len(self._keyframes) > 1:
             of_poses, seen = len(self._covariance) - len(self._free), self._earlier + len(self._keyframes)
             known = np.linalg.inv(self._covariance[of_poses:, of_poses:])
-            pull = known @ self._shared[self._free]
+            pull = known @ self._shared[self._free] - self._told @ self._expected[self._free]
             self._earlier = min(self._earlier + count, _KEYFRAMES)
             # Of what these keyframes tell no more was trusted than is independent, as it will be again.
             before, pull_before = self._prior
@@ -202,9 +225,9 @@ class Adjustment:
         H[np.ix_(free, free)] += known
         g[free] += pull - known @ self._shared[self._free]
         self._common = self._seen_in_common(H, g)
-        self._share = _SHARES[most_probable(self._common)]
+        self._share = self._shares[most_probable(self._common)]
         H[np.ix_(free, free)] += self._told
-        g[free] -= self._told @ self._shared[self._free]
+        g[free] += self._told @ (self._expected - self._shared)[self._free]
         self._add_given(H, g)
         unknown = np.append(np.arange(size), free)
         covariance = np.linalg.inv(H[np.ix_(unknown, unknown)])
@@ -237,7 +260,7 @@ class Adjustment:
         stated = np.sqrt(np.tile(self._stated, len(self._poses)))
         seen = Equations(stated[:, None] * held * stated, stated[:, None] * across, stated * pull, shared, drawn)
         share = min(_APART, _ALIKE / (self._earlier + len(self._poses)))
-        return CommonErrors(self._free[:kept], sigmas[:kept], *marginal(seen, kept, _SHARES), _APART, share)
+        return CommonErrors(self._free[:kept], sigmas[:kept], *marginal(seen, kept, self._shares), _APART, share)
 
     def _add_given(self, H: NDArray[np.float64], g: NDArray[np.float64]) -> None:
         """Add what the given poses say of the poses, and of the turn."""
@@ -280,6 +303,8 @@ def _keyframe(seen: Seen) -> _Keyframe:
     shares = np.stack(((1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v), axis=1)
     linear = known.depth_factor * sheared(known.centre)
     points, normals = points @ np.linalg.inv(linear).T, normals @ linear
+    if known.bend:
+        points /= np.exp((np.array(known.bend).ravel()[cells] * shares).sum(axis=1))[:, None]
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     given = turned(seen.given, -np.array(known.turn))
     return _Keyframe(

@@ -76,7 +76,7 @@ class CorrectedPoses:
         self._sigma = np.repeat((settings.given_sigma, settings.given_turn_sigma), 3)
         self._noise = MeasuredNoise(0.0)
         self._errors = ErrorModel(self._sigma)
-        self._hindsight = Hindsight(settings)
+        self._hindsight = Hindsight.of_given_poses(settings)
         self._delay = PoseDelay(settings)
         self._correction = np.zeros(6)
         # Of the frames since the last keyframe: from where they lie in the map to where the given poses have them, and

@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.kernel import kernel, part
+from spot3d_schemas.limits import BEND_SHAPE
 
 POSE = 6
 """Unknowns of each frame: shift, and rotation about its camera, world axes."""
-CELLS = 6, 4
+CELLS = BEND_SHAPE[::-1]
 """Columns and rows of the image's cells; with 12 and 8 redkitchen tells the same scale within 0.2 %."""
 OPTICS = 4 + CELLS[0] * CELLS[1]
 """Unknowns of all frames: logarithm of depth's scale, the principal point's offset along x and y (see `Calibration`),

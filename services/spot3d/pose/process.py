@@ -116,6 +116,7 @@ class _Stage:
             delay_s=self.last.delay_s,
             turn=np.array(self.last.calibration.turn),
             centre=np.array(self.last.calibration.centre),
+            bend=np.array(self.last.calibration.bend) if self.last.calibration.bend else None,
             **corrections_message(self.last.corrections),
         )
         if self.node.publish(_OUT, pose):

@@ -55,6 +55,13 @@ class PoseSettings(BaseModel):
         description="given: how true the camera's depth is, standard deviation of its scale: it is estimated against "
         "the given poses, and depth is corrected by what is probable; 0: it is taken as it is",
     )
+    depth_bend_sigma: float = Field(
+        0.01,
+        ge=0,
+        le=0.1,
+        description="how far depth's scale in a part of the image may be off that of all, standard deviation: cameras "
+        "bend what they see alike in all images, so that keyframes can tell; 0: it is taken as it is",
+    )
 
     lattice_width: int = Field(
         128,

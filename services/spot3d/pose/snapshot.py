@@ -9,6 +9,7 @@ from spot3d.pose.landmark_map import LANDMARK
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surfel_map import HELD
 from spot3d.pose.tracking import TrackerState
+from spot3d_schemas.limits import BEND_SHAPE
 
 _KIND = "pose"
 
@@ -17,7 +18,9 @@ def tracker_snapshot(state: TrackerState, stream: str, epoch: str, settings: Pos
     """What is kept of a tracker that follows `stream` in the world `epoch`."""
     values = {"stream": stream, "epoch": epoch, "stamp_ns": state.stamp_ns, "surfel_voxel": settings.surfel_voxel}
     landmarks = {f"landmark {name}": np.ascontiguousarray(state.landmarks[name]) for name in LANDMARK.names or ()}
-    arrays = {"T_world_camera": state.T_world_camera, "keys": state.keys, "surfels": state.surfels, **landmarks}
+    bend = np.array(state.bend).reshape(-1, BEND_SHAPE[1])
+    arrays = {"T_world_camera": state.T_world_camera, "keys": state.keys, "surfels": state.surfels, "bend": bend}
+    arrays |= landmarks
     return Snapshot(_KIND, values, arrays)
 
 
@@ -39,9 +42,12 @@ def read_tracker(path: Path, stream: str, settings: PoseSettings) -> tuple[Track
         for name in LANDMARK.names or ():
             landmarks[name] = arrays[f"landmark {name}"]
         keys, surfels, pose = arrays["keys"], arrays["surfels"], arrays["T_world_camera"]
-        if surfels.shape != (len(keys), HELD) or pose.shape != (4, 4):
+        bend = arrays["bend"]
+        if surfels.shape != (len(keys), HELD) or pose.shape != (4, 4) or (len(bend) and bend.shape != BEND_SHAPE):
             raise SnapshotError(f"{path} has arrays of other shapes than a tracker's")
-        return TrackerState(int(kept.values["stamp_ns"]), pose, keys, surfels, landmarks), str(kept.values["epoch"])
+        known = tuple(tuple(row) for row in bend.tolist())
+        state = TrackerState(int(kept.values["stamp_ns"]), pose, keys, surfels, landmarks, known)
+        return state, str(kept.values["epoch"])
     except (KeyError, ValueError) as error:
         if isinstance(error, SnapshotError):
             raise

@@ -1,14 +1,17 @@
 """Tracking over frames: prediction, loss, recovery; for every provider that registers to a local map."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.calibration import Bend
 from spot3d.camera import Intrinsics, invert
+from spot3d.pose.adjustment import Seen
 from spot3d.pose.drift import DriftCorrection
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.features import Features
+from spot3d.pose.hindsight import Hindsight
 from spot3d.pose.landmark_map import LANDMARK
 from spot3d.pose.motion import checked_pose, extrapolated
 from spot3d.pose.registration import Registrar, Registration
@@ -86,7 +89,7 @@ class TrackerState:
     """What a tracker goes on from in another process.
 
     stamp_ns, T_world_camera (4, 4): its last trusted pose. keys (n,), surfels (n, 11): its map of planes. landmarks:
-    (m,) of the type LANDMARK.
+    (m,) of the type LANDMARK. bend: of depth, as far as it is known.
     """
 
     stamp_ns: int
@@ -94,6 +97,7 @@ class TrackerState:
     keys: NDArray[np.int64]
     surfels: NDArray[np.float64]
     landmarks: NDArray[np.void]
+    bend: Bend = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +119,7 @@ class MapTracker:
         self._lost_frames = 0
         self._drift = DriftCorrection(settings) if settings.landmarks else None
         self._compared_ns: int | None = None
+        self._hindsight = Hindsight.of_odometry(settings) if settings.depth_bend_sigma else None
 
     def state(self) -> TrackerState | None:
         """What to go on from, copied; None before the first pose."""
@@ -122,7 +127,8 @@ class MapTracker:
             return None
         keys, surfels = self._registrar.planes.held()
         rows = np.zeros(0, LANDMARK) if self._drift is None else self._drift.map.rows.copy()
-        return TrackerState(self._last.stamp_ns, self._last.T_world_camera.copy(), keys, surfels, rows)
+        bend = () if self._hindsight is None else self._hindsight.calibration.bend
+        return TrackerState(self._last.stamp_ns, self._last.T_world_camera.copy(), keys, surfels, rows, bend)
 
     def resume(self, state: TrackerState) -> None:
         """Go on in the world of another tracker of these settings: the next frame is lost until it is found there."""
@@ -132,6 +138,8 @@ class MapTracker:
             self._drift.map.restore(state.landmarks)
         self._last, self._before = _Fix(state.T_world_camera, state.stamp_ns), None
         self._lost_frames = 1
+        if self._hindsight is not None:
+            self._hindsight.resume(state.bend)
 
     def track(
         self,
@@ -147,6 +155,22 @@ class MapTracker:
         identity without a valid one. Later given poses are not used. ValueError: depth of another size than
         the intrinsics'.
         """
+        if self._hindsight is None:
+            return self._tracked(stamp_ns, depth_m, intrinsics, given_T_world_camera, colour)
+        known = self._hindsight.calibration
+        estimate = self._tracked(stamp_ns, known.metres(depth_m), intrinsics, given_T_world_camera, colour)
+        news = self._hindsight.news() if estimate.status == "ok" else None
+        return replace(estimate, calibration=known, corrections=None if news is None else news.where_the_last_is())
+
+    def _tracked(
+        self,
+        stamp_ns: int,
+        depth_m: NDArray[np.float32],
+        intrinsics: Intrinsics,
+        given_T_world_camera: NDArray[np.float64] | None,
+        colour: NDArray[np.uint8] | None,
+    ) -> PoseEstimate:
+        """See `track`; depth_m: as it is without what is known to bend it."""
         surface = sample_surface(depth_m, intrinsics, self._settings)
         last = self._last
         if len(surface) < self._settings.points_min:
@@ -280,6 +304,9 @@ class MapTracker:
         self._before = None if self._lost_frames else self._last
         self._last = _Fix(pose, stamp_ns)
         self._lost_frames = 0
+        if self._hindsight is not None and self._hindsight.due(stamp_ns):
+            known = self._hindsight.calibration
+            self._hindsight.learn(Seen(stamp_ns, view.surface, view.camera, known, pose, 0.0, np.zeros(6), pose), pose)
         return PoseEstimate(pose, "ok", forgotten=self._forgotten() - forgotten)
 
     def _forgotten(self) -> int:

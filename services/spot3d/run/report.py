@@ -94,6 +94,7 @@ def report_document(report: RunReport) -> dict[str, Any]:
         "delay_s": _rounded(report.delay_s),
         "turn_deg": [_rounded(math.degrees(angle)) for angle in report.calibration.turn],
         "centre": [_rounded(offset) for offset in report.calibration.centre],
+        "bend": [[round(part, 5) for part in row] for row in report.calibration.bend],
         "proposals": report.proposals,
         "keyframes": report.keyframes,
         "keyframes_dropped": report.keyframes_dropped,

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
 from spot3d.geometry.downsampling import to_lattice
@@ -39,21 +40,26 @@ class KeyframeSegments:
         return self._is_keyframe or (self._settings.enabled and self._recent.wants(stamp_ns))
 
     def find(
-        self, frame: RgbdFrame, heat: NDArray[np.uint8], T_world_camera: NDArray[np.float64], depth_factor: float = 1.0
+        self,
+        frame: RgbdFrame,
+        heat: NDArray[np.uint8],
+        T_world_camera: NDArray[np.float64],
+        calibration: Calibration = AS_TOLD,
     ) -> FrameSegments | None:
         """The objects of a frame that is wanted; None where it is no keyframe.
 
-        heat: (h, w) uint8, 255ths; T_world_camera: (4, 4) float64; depth_factor: what depth has to be multiplied by to
-        agree with the poses.
+        heat: (h, w) uint8, 255ths; T_world_camera: (4, 4) float64; calibration: by which the frame is to be seen to
+        agree with the poses: what bends depth is taken out, lengths stay in the unit of depth as it was measured.
         """
         settings, found = self._settings, None
         if self._is_keyframe:
             size, grazing_cos = settings.lattice_width, settings.grazing_cos
-            lattice = to_lattice(frame.colour, frame.depth_metres(), heat, frame.intrinsics, size, grazing_cos)
-            filled = self._recent.filled(lattice, T_world_camera, frame.stamp_ns, depth_factor)
+            depth = calibration.straightened(frame.depth_metres())
+            lattice = to_lattice(frame.colour, depth, heat, frame.intrinsics, size, grazing_cos)
+            filled = self._recent.filled(lattice, T_world_camera, frame.stamp_ns, calibration.depth_factor)
             found = find_on_lattice(filled, settings, self._upward.in_camera(T_world_camera))
             if clearly_faces(found.planes, settings.image_up):
                 self._upward.learn(found, T_world_camera)
         if self._recent.wants(frame.stamp_ns):
-            self._recent.remember(frame, heat, T_world_camera)
+            self._recent.remember(frame, heat, T_world_camera, calibration)
         return found

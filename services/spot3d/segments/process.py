@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from spot3d.dataflow.conversion import rgbd_frame, segments_message
+from spot3d.dataflow.conversion import calibration_of, rgbd_frame, segments_message
 from spot3d.dataflow.join import Join, Outcome
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.process_use import let_frames_go_first
@@ -106,7 +106,7 @@ class _Stage:
             return None
         start_s = time.perf_counter()
         try:
-            found = keyframes.find(rgbd_frame(heat), heat.heat, pose.T_world_camera, pose.depth_factor)
+            found = keyframes.find(rgbd_frame(heat), heat.heat, pose.T_world_camera, calibration_of(pose))
         except Exception as error:
             self.node.crashed("segments", f"no segments of the frame at {stamp_ns} ns", error)
             return None

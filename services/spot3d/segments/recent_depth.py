@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.camera import Intrinsics, invert
 from spot3d.frame import RgbdFrame
 from spot3d.geometry.downsampling import LatticeFrame, block_size
@@ -64,15 +65,21 @@ class RecentDepth:
             return self._seen.maxlen != 0
         return not 0 <= stamp_ns - self._seen[-1].stamp_ns < _APART_NS
 
-    def remember(self, frame: RgbdFrame, heat: NDArray[np.uint8], T_world_camera: NDArray[np.float64]) -> None:
-        """Take in a frame, and its (h, w) heat, as it was measured; the oldest makes room.
+    def remember(
+        self,
+        frame: RgbdFrame,
+        heat: NDArray[np.uint8],
+        T_world_camera: NDArray[np.float64],
+        calibration: Calibration = AS_TOLD,
+    ) -> None:
+        """Take in a frame, and its (h, w) heat, as it was measured but for what bends depth; the oldest makes room.
 
         Every so-manieth pixel is kept: a mean of them all, as for the lattice, takes ten times as long.
         """
         step = block_size(frame.intrinsics, self._settings.lattice_width)
         kept, camera = np.s_[::step, ::step], frame.intrinsics.thinned(step)
         thinned = replace(frame, colour=frame.colour[kept], depth=frame.depth[kept], intrinsics=camera)
-        depth = thinned.depth_metres()
+        depth = calibration.straightened(thinned.depth_metres())
         if self._settings.grazing_cos > 0:
             depth = without_flying(depth, camera.fx, self._settings.grazing_cos)
         self._seen.append(_Seen(frame.stamp_ns, depth, heat[kept].copy(), camera, T_world_camera.copy()))

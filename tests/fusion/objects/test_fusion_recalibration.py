@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from voting_room import keyframes
 
-from spot3d.calibration import AS_TOLD, Calibration, moved_planes, sheared
+from spot3d.calibration import AS_TOLD, Bend, Calibration, moved_planes, sheared
 from spot3d.fusion.objects.recalibration import Change, Placement, change_segments, changed_view
 from spot3d.fusion.objects.segment_table import SegmentTable
 from spot3d.fusion.objects.views import view_of
@@ -39,6 +39,34 @@ def test_a_changed_keyframe_is_one_that_was_seen_like_that() -> None:
     np.testing.assert_allclose(view.focal, other.focal, atol=1e-3)
     np.testing.assert_allclose(view.centre, other.centre, atol=1e-2)
     np.testing.assert_allclose(view.depth, other.depth, atol=2)
+
+
+def test_a_keyframe_that_is_straightened_is_one_that_was_seen_straight() -> None:
+    """Whatever of it was known before; what bends all alike is another factor of depth."""
+    first, known = keyframes()[0], Calibration(bend=((0.0, 0.01, 0.02, 0.01, 0.0, 0.01),) * 4)
+    grid = 0.03 * np.random.default_rng(0).random((4, 6))
+    bend: Bend = tuple(tuple(row) for row in grid.tolist())
+    for then, now, step in (
+        (AS_TOLD, Calibration(bend=bend), Calibration(bend=bend)),
+        (known, AS_TOLD, Calibration(bend=((0.0, -0.01, -0.02, -0.01, 0.0, -0.01),) * 4)),
+        (AS_TOLD, Calibration(bend=((float(np.log(1.03)),) * 6,) * 4), Calibration(1.03)),
+    ):
+        changed, seen = SegmentTable(), SegmentTable()
+        planes = moved_planes(first.planes, step.depth_factor * np.eye(3), np.zeros(3))
+        straight = replace(first, depth=step.metres(first.depth), planes=planes)
+        changed.extend(first, 0)
+        seen.extend(straight, 0)
+        change = Change.of(view_of(first), Placement(0, then), Placement(0, now))
+        change_segments(changed, np.arange(len(changed)), change)
+        np.testing.assert_allclose(changed.places.rows, seen.places.rows, atol=5e-4)
+        if not step.bend:
+            np.testing.assert_allclose(changed.support.rows, seen.support.rows, atol=2e-3)
+            np.testing.assert_allclose(changed.blur.rows, seen.blur.rows, atol=1e-3)
+        reach = np.linalg.norm(changed.places.rows - changed.spheres.rows[:, None, :3], axis=2).max(axis=1)
+        assert (reach <= 1.001 * changed.spheres.rows[:, 3]).all()
+        view, other = changed_view(view_of(first), change), view_of(straight)
+        np.testing.assert_allclose(view.depth, other.depth, atol=2, rtol=1e-3)
+        np.testing.assert_allclose(view.centre, other.centre, atol=1e-2)
 
 
 def test_a_keyframe_whose_pose_is_corrected_is_one_that_was_posed_like_that() -> None:
@@ -80,7 +108,8 @@ def test_a_pose_is_corrected_by_more_than_a_share_of_a_pixels_noise_alone() -> N
 
 def test_changes_back_and_forth_end_where_they_began() -> None:
     first = keyframes()[0]
-    segments, known = SegmentTable(), Calibration(1.02, (0.02, -0.01, 0.01), (0.01, -0.02))
+    bend = ((0.01, 0.0, -0.01, 0.02, 0.0, 0.0),) * 4
+    segments, known = SegmentTable(), Calibration(1.02, (0.02, -0.01, 0.01), (0.01, -0.02), bend)
     segments.extend(first, 0)
     tables = {name: getattr(segments, name).rows.copy() for name in ("places", "support", "blur")}
     view = view_of(first)

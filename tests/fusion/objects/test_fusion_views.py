@@ -7,7 +7,7 @@ from voting_room import POSES, keyframe
 
 from spot3d.camera import Intrinsics
 from spot3d.fusion.objects.keyframes import Keyframe
-from spot3d.fusion.objects.segment_table import sphere_around
+from spot3d.fusion.objects.segment_table import spheres_around
 from spot3d.fusion.objects.views import BACKGROUND, DIVIDED, NOTHING, OBJECT, SAMPLE, STRIDE, WHOLE, View, ask, view_of
 
 CAMERA = Intrinsics(100.0, 100.0, 49.5, 39.5, 100, 80)
@@ -30,7 +30,7 @@ def strip(low: float = -0.2, high: float = 0.2, z: float = 1.0, y: float = 0.0) 
 
 def said_of(view: View, places: NDArray[np.float32]) -> tuple[int, int]:
     said, label = np.full(1, 99, np.uint8), np.full(1, 99, np.uint8)
-    ask(view, places, np.array([sphere_around(places[0])]), said, label)
+    ask(view, places, spheres_around(places), said, label)
     return int(said[0]), int(label[0])
 
 
@@ -104,7 +104,7 @@ def test_what_is_out_of_reach_would_not_have_been_seen() -> None:
     )
     answers = []
     for spheres in (
-        np.array([sphere_around(place) for place in places]),
+        spheres_around(places),
         np.tile(np.float32((0, 0, 0, 1e6)), (2000, 1)),
     ):
         said, label = np.empty(2000, np.uint8), np.empty(2000, np.uint8)

@@ -1,14 +1,14 @@
 """What keyframes saw, had their camera been calibrated or posed otherwise: both are known better as a run goes on."""
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.calibration import Calibration, moved_planes, sheared
-from spot3d.fusion.objects.segment_table import SegmentTable
-from spot3d.fusion.objects.views import View, within_reach
+from spot3d.calibration import Calibration, bend_at, bend_of_image, moved_planes, sheared
+from spot3d.fusion.objects.segment_table import SegmentTable, spheres_around
+from spot3d.fusion.objects.views import NEAREST, View, within_reach
 from spot3d.pose_corrections import PoseCorrections
 from spot3d.trajectory import rotation_from_vector
 
@@ -36,13 +36,36 @@ class Placement:
         return replace(self, calibration=calibration, twist=tuple(twist.tolist()))
 
 
+class _Straightening(NamedTuple):
+    """What a camera saw is bent otherwise: by the exponential of bend, (rows, columns), see `spot3d.calibration.Bend`.
+
+    to_image: (3, 3) from an arm, from the camera in the views' world, to where in the image it is, 0..1 of its width
+    and height, times its depth, and to that.
+    """
+
+    bend: NDArray[np.float64]
+    to_image: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, view: View, bend: NDArray[np.float64]) -> Self:
+        (fx, fy, cx, cy), (h, w) = view.focal.tolist(), view.depth.shape
+        lens = np.array(((fx / w, 0, (cx + 0.5) / w), (0, fy / h, (cy + 0.5) / h), (0, 0, 1)))
+        return cls(bend, lens @ view.pose[:, :3])
+
+    def of_arms(self, arms: NDArray[np.floating]) -> NDArray[np.float64]:
+        """By what arms (..., 3) are bent otherwise, (...)."""
+        across, down, depth = np.moveaxis(arms @ self.to_image.T, -1, 0)
+        depth = np.maximum(depth, NEAREST)
+        return bend_at(self.bend, across / depth, down / depth)
+
+
 @dataclass(frozen=True, slots=True)
 class Change:
     """How what one camera saw moves.
 
     camera: (3,) where it is, step: (3,) how far it moves, and linear: (3, 3) how what it saw moves about it, in the
-    views' world; axes: (3, 3) the camera's, after it; factor: of depth; shift: (2,) of the principal point, focal
-    lengths.
+    views' world, once it is straightened, if that is not None; axes: (3, 3) the camera's, after it; factor: of depth;
+    shift: (2,) of the principal point, focal lengths.
     """
 
     camera: NDArray[np.float64]
@@ -51,6 +74,7 @@ class Change:
     axes: NDArray[np.float64]
     factor: float
     shift: NDArray[np.float64]
+    straightening: _Straightening | None = None
 
     @classmethod
     def of(cls, view: View, before: Placement, now: Placement) -> Self:
@@ -64,21 +88,28 @@ class Change:
         turned = _rotation(now.twist[3:]) @ _rotation(before.twist[3:]).T
         linear = factor * turned @ inverse @ turn @ sheared((shift[0], shift[1])) @ axes
         step = np.subtract(now.twist[:3], before.twist[:3])
-        return cls(-(inverse @ origin)[:, 0], step, linear, turn.T @ axes @ turned.T, factor, shift)
+        bend = before.calibration.straighter(now.calibration)
+        straightening = None if bend is None else _Straightening.of(view, bend)
+        return cls(-(inverse @ origin)[:, 0], step, linear, turn.T @ axes @ turned.T, factor, shift, straightening)
 
-    @property
-    def growth(self) -> float:
-        """By how much, at most, two points come to lie further apart."""
-        return float(np.linalg.norm(self.linear, 2))
+    def straightened(self, points: NDArray[np.float32]) -> NDArray[np.float64]:
+        """By what (..., 3) points are bent otherwise, (...), before all else."""
+        if self.straightening is None:
+            return np.zeros(points.shape[:-1])
+        return self.straightening.of_arms(points - self.camera)
 
     def moved(self, points: NDArray[np.float32]) -> NDArray[np.float64]:
         """Where (..., 3) points come to lie."""
-        return self.camera + self.step + (points - self.camera) @ self.linear.T
+        arms = np.exp(self.straightened(points))[..., None] * (points - self.camera)
+        return self.camera + self.step + arms @ self.linear.T
 
 
 def changed_view(view: View, change: Change) -> View:
     """The view after the change."""
-    millimetres = np.rint(view.depth * change.factor)
+    millimetres = view.depth * change.factor
+    if change.straightening is not None:
+        millimetres *= np.exp(bend_of_image(change.straightening.bend, view.depth.shape))
+    millimetres = np.rint(millimetres)
     depth = np.where(millimetres < 65536, millimetres, 0).astype(np.uint16)
     origin = -change.axes @ (change.camera + change.step)
     pose = np.column_stack((change.axes, origin)).astype(np.float32)
@@ -91,11 +122,13 @@ def changed_view(view: View, change: Change) -> View:
 def change_segments(segments: SegmentTable, rows: NDArray[np.int64], change: Change) -> None:
     """Put segments of the one keyframe that changes where it then has them."""
     spheres, blur, support = segments.spheres.rows, segments.blur.rows, segments.support.rows
+    # What a segment stands on is bent as the segment is.
+    nearer = np.exp(change.straightened(segments.places.rows[rows]).mean(axis=1))[:, None]
     for points in (segments.places.rows, segments.outline.rows):
         points[rows] = change.moved(points[rows])
-    spheres[rows, :3] = change.moved(spheres[rows, :3])
-    spheres[rows, 3] *= change.growth
-    blur[rows] = blur[rows] @ change.linear.T
+    spheres[rows] = spheres_around(segments.places.rows[rows])
+    blur[rows] = nearer * blur[rows] @ change.linear.T
+    support[rows, 3] += (nearer[:, 0] - 1) * (support[rows, :3] @ change.camera + support[rows, 3])
     support[rows] = moved_planes(support[rows], change.linear, change.camera)
     support[rows, 3] -= support[rows, :3] @ change.step
 

@@ -80,7 +80,7 @@ class SegmentTable:
         self.part.extend(len(self) + np.arange(count))
         self.frame.extend(np.full(count, number))
         self.places.extend(places)
-        self.spheres.extend(np.array([sphere_around(place) for place in places]))
+        self.spheres.extend(spheres_around(places))
         self.blur.extend(blur)
         self.outline.extend(outlines.astype(np.float32))
         self.heat.extend(keyframe.heat[labels.astype(np.int64) - 1])
@@ -99,10 +99,11 @@ class SegmentTable:
             column.keep(chosen)
 
 
-def sphere_around(places: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Centre and radius of a sphere around (n, 3) points, (4,)."""
-    centre = (places.min(axis=0) + places.max(axis=0)) / 2
-    return np.append(centre, np.sqrt(((places - centre) ** 2).sum(axis=1).max())).astype(np.float32)
+def spheres_around(places: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Centre and radius of a sphere around each of (n, m, 3) points, (n, 4)."""
+    centres = (places.min(axis=1) + places.max(axis=1)) / 2
+    squares = ((places - centres[:, None]) ** 2).sum(axis=2).max(axis=1)
+    return np.column_stack((centres, np.sqrt(squares))).astype(np.float32)
 
 
 def _blur(middles: NDArray[np.float32], noise: DepthNoise) -> NDArray[np.float64]:
