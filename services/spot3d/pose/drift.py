@@ -15,7 +15,7 @@ from spot3d.camera import Intrinsics
 from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.kernel import kernel
 from spot3d.pose.features import FeatureDetector, Features
-from spot3d.pose.landmark_map import LandmarkMap
+from spot3d.pose.landmark_map import LandmarkMap, Matches
 from spot3d.pose.motion import moved
 from spot3d.pose.relocalisation import meeting
 from spot3d.pose.settings import PoseSettings
@@ -60,13 +60,15 @@ class DriftCorrection:
         T_world_registered: NDArray[np.float64],
         information: NDArray[np.float64],
         elapsed: float,
+        matches: Matches | None = None,
     ) -> NDArray[np.float64]:
         """The corrected pose (4, 4) of a registered frame, which enters the map of landmarks.
 
         information: (6, 6) of the registration, 1/m2 and 1/rad2, for a shift and a turn about the camera in its own
-        axes; elapsed: seconds since the last frame that was compared.
+        axes; elapsed: seconds since the last frame that was compared; matches: by this pose, if they are known.
         """
-        matches = self.map.match(features, camera, T_world_registered)
+        if matches is None:
+            matches = self.map.match(features, camera, T_world_registered)
         matched = np.flatnonzero(matches.landmark >= 0)
         agreement = Agreement(
             features.points[matched],
@@ -87,7 +89,11 @@ class DriftCorrection:
 
     def agreeing(self, features: Features, camera: Intrinsics, T_world_camera: NDArray[np.float64]) -> int:
         """How many features lie, by a pose (4, 4), where their landmark is."""
-        landmark = self.map.match(features, camera, T_world_camera).landmark
+        return self.agreeing_of(features, self.map.match(features, camera, T_world_camera), T_world_camera)
+
+    def agreeing_of(self, features: Features, matches: Matches, T_world_camera: NDArray[np.float64]) -> int:
+        """The same, where features are matched already."""
+        landmark = matches.landmark
         known = landmark >= 0
         points, places = features.points[known], self.map.rows["position"][landmark[known]]
         return int(np.count_nonzero(meeting(T_world_camera, points, places, features.noise)))

@@ -12,7 +12,7 @@ from spot3d.pose.drift import DriftCorrection
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.features import Features
 from spot3d.pose.hindsight import Hindsight
-from spot3d.pose.landmark_map import LANDMARK
+from spot3d.pose.landmark_map import LANDMARK, Matches
 from spot3d.pose.motion import checked_pose, extrapolated
 from spot3d.pose.registration import Registrar, Registration
 from spot3d.pose.relocalisation import relocalised
@@ -323,28 +323,32 @@ class MapTracker:
             return self._drift.held(pose)
         self._compared_ns = stamp_ns
         features = self._drift.detect(view.colour, view.depth_m, view.camera)
-        pose = self._unless_it_slid(features, stamp_ns, view, pose)
-        return self._drift.correct(features, view.camera, pose, view.information, elapsed)
+        matches = self._drift.map.match(features, view.camera, pose)
+        place = self._slid_from(features, matches, stamp_ns, view, pose)
+        if place is not None:
+            self._drift.restart()
+            return self._drift.correct(features, view.camera, place, view.information, elapsed)
+        return self._drift.correct(features, view.camera, pose, view.information, elapsed, matches)
 
-    def _unless_it_slid(
-        self, features: Features, stamp_ns: int, view: _View, pose: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """The registered pose, or where the landmarks have the frame, if clearly more of them agree with that.
+    def _slid_from(
+        self, features: Features, matches: Matches, stamp_ns: int, view: _View, pose: NDArray[np.float64]
+    ) -> NDArray[np.float64] | None:
+        """Where the landmarks have a frame, if clearly more of them agree with that than with its registered pose, by
+        which features are matched; None: it is where it was registered.
 
         What bends depth moves with the camera: a registration that begins where the camera stood before may stay there.
         """
         if self._drift is None or self._last is None:
-            return pose
-        agreeing = self._drift.agreeing(features, view.camera, pose)
+            return None
+        agreeing = self._drift.agreeing_of(features, matches, pose)
         if agreeing >= _SEEN_AGAIN * len(features):
-            return pose
+            return None
         place = relocalised(features, self._drift.map.rows)
         if place is None or place.agreeing < _CLEARLY * agreeing:
-            return pose
+            return None
         found = self._registrar.register(view.surface, place.T_world_camera, False)
         if self._doubt(found, self._last, stamp_ns, _OVERLAP_EXPECTED):
-            return pose
-        self._drift.restart()
+            return None
         slides = _CLEARLY * self._drift.agreeing(features, view.camera, found.T_world_camera) < place.agreeing
         return place.T_world_camera if slides else found.T_world_camera
 
