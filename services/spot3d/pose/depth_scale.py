@@ -9,8 +9,10 @@ import numpy as np
 
 from spot3d.pose.common_errors import COMMON, CommonErrors, believed
 
-# Steps smaller than this move what is a metre away by less than the noise of a pixel.
-_STEP = 0.003
+# Steps smaller than this move what is a metre away by less than half of a pixel's noise, but to the same side wherever
+# it is seen: with 0.003 near desks of which depth is 3 % too short, poses shaken by 10 mm, have an IoU of 0.69
+# in the place of 0.71, and as a hand-held Kinect sees them 0.61 in the place of 0.63; redkitchen is the same.
+_STEP = 0.001
 # Further off than so many standard deviations no camera is, and no message says so: it is the poses that are wrong.
 _MOST = 5.0
 TOLD = 0.01
