@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from spot3d.depth_noise import GRAZING_COS, GrazingCos
 from spot3d.object_size import SIZE_MAX, SIZE_MIN
 
-Vote = Literal["parts", "disputed", "outline", "balance"]
+Vote = Literal["parts", "disputed", "outline", "rounded", "balance"]
 """A rule of the views' consensus that can be left out, to see what it is worth."""
 
 MAP_ALONE = "; map alone"

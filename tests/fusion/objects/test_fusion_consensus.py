@@ -47,8 +47,8 @@ def boxes_made(monkeypatch: pytest.MonkeyPatch) -> list[Box3D]:
     """Every box that is made from here on."""
     made: list[Box3D] = []
 
-    def noted(seen: Seen, up: NDArray[np.float64], clearance: float) -> Box3D:
-        made.append(box_of(seen, up, clearance))
+    def noted(seen: Seen, up: NDArray[np.float64], clearance: float, rounded: bool) -> Box3D:
+        made.append(box_of(seen, up, clearance, rounded))
         return made[-1]
 
     monkeypatch.setattr(consensus, "box_of", noted)
@@ -511,10 +511,10 @@ def test_a_keyframe_that_cannot_be_taken_in_spares_the_others() -> None:
 def test_what_fails_in_an_update_is_made_good_in_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
     votes, fails = ViewConsensus(SETTINGS), [True]
 
-    def failing_once(seen: Seen, up: NDArray[np.float64], clearance: float) -> Box3D:
+    def failing_once(seen: Seen, up: NDArray[np.float64], clearance: float, rounded: bool) -> Box3D:
         if fails.pop() if fails else False:
             raise ValueError("no box")
-        return box_of(seen, up, clearance)
+        return box_of(seen, up, clearance, rounded)
 
     monkeypatch.setattr(consensus, "box_of", failing_once)
     with pytest.raises(ValueError, match="no box"):

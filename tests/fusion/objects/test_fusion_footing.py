@@ -16,13 +16,14 @@ UP = np.array([0.0, 0.0, 1.0])
 VIEWS = 24
 
 
-def seen(points: list[NDArray[np.float64]]) -> tuple[Seen, Box3D]:
-    """What was seen of a thing on a table, (SAMPLE, 3) points for each view, and its box."""
+def seen(points: list[NDArray[np.float64]], eyes: NDArray[np.float64] | None = None) -> tuple[Seen, Box3D]:
+    """What was seen of a thing on a table, (SAMPLE, 3) points for each view, and its box. eyes: from where, (n, 3)."""
     count = len(points)
+    eyes = np.tile((1.0, 0.0, 0.5), (count, 1)) if eyes is None else eyes
     places = np.array(points, np.float32)
     outline, blur = np.full((count, OUTERMOST, 3), np.nan, np.float32), np.zeros((count, 3), np.float32)
     table = np.broadcast_to(np.array([0.0, 0.0, 1.0, 0.0]), (count, 4))
-    views = Seen(places, outline, blur, table, np.arange(count))
+    views = Seen(places, outline, blur, table, np.arange(count), eyes)
     return views, box_of(views, UP, 0.005)
 
 
@@ -112,8 +113,8 @@ def column(radius: float, low: float, high: float, x: float = 0.0, y: float = 0.
 
 
 def foot_of(views: list[NDArray[np.float64]], eyes: NDArray[np.float64] = EYES) -> Box3D | None:
-    what, box = seen(views)
-    return narrow_foot(what, eyes, box, TILT)
+    what, box = seen(views, eyes)
+    return narrow_foot(what, box, TILT)
 
 
 LAMP = np.concatenate((column(0.013, 0.0, 0.4), column(0.08, 0.4, 0.48, 0.05, 0.07)))

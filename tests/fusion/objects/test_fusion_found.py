@@ -35,7 +35,8 @@ def seen(
     frames = np.arange(len(places)) if frame is None else np.array(frame)
     blurs = np.tile(np.float32(blur), (len(places), 1))
     outline = np.full((len(places), OUTERMOST, 3), np.nan, np.float32)
-    return Seen(np.array(places), outline, blurs, np.broadcast_to(support, (len(places), 4)), frames)
+    supports, eyes = np.broadcast_to(support, (len(places), 4)), np.tile((1.0, 0.0, 0.5), (len(places), 1))
+    return Seen(np.array(places), outline, blurs, supports, frames, eyes)
 
 
 def true_box(yaw: float = 0.4) -> Box3D:

@@ -256,19 +256,24 @@ class ViewConsensus:
         if len(np.unique(segments.frame.rows[whole])) < self._rules()[0]:
             return around
         rows = np.union1d(np.flatnonzero(np.isin(segments.cluster.rows, pieces)), whole)
-        box = box_of(self._undisputed(self._seen(rows), rows), up, self._settings.plane_distance)
+        box = self._box_of(self._undisputed(self._seen(rows), rows), up)
         return box if box.size.max() <= self._settings.size_max else around
+
+    def _box_of(self, views: Seen, up: NDArray[np.float64]) -> Box3D:
+        return box_of(views, up, self._settings.plane_distance, "rounded" not in self._settings.skipped)
 
     def _seen(self, rows: NDArray[np.int64]) -> Seen:
         """What was seen of something by these segments, in the order of their frames."""
-        segments = self._graph.segments
+        segments, frame = self._graph.segments, self._graph.segments.frame.rows[rows]
         outline = segments.outline.rows[rows]
+        poses = np.array([self._graph.views[number].pose for number in frame.tolist()], np.float64)
         return Seen(
             segments.places.rows[rows],
             outline if "outline" not in self._settings.skipped else np.full_like(outline, np.nan),
             segments.blur.rows[rows],
             segments.support.rows[rows],
-            segments.frame.rows[rows],
+            frame,
+            -np.einsum("nji,nj->ni", poses[:, :, :3], poses[:, :, 3]),
         )
 
     def _judged(
@@ -293,10 +298,10 @@ class ViewConsensus:
         views = self._seen(members)
         # What is too large as its views have it is not made an object by leaving out what they disagree on.
         low, high = views.places.min(axis=0).min(axis=0), views.places.max(axis=0).max(axis=0)
-        if np.linalg.norm(high - low) > settings.size_max < box_of(views, up, settings.plane_distance).size.max():
+        if np.linalg.norm(high - low) > settings.size_max < self._box_of(views, up).size.max():
             return TOO_LARGE
         views = self._undisputed(views, members)
-        box = box_of(views, up, settings.plane_distance)
+        box = self._box_of(views, up)
         shortest, middle, _ = np.sort(box.size)
         # A thing that is measured 2 cm across has a box that is less: its faces are trimmed and drawn in.
         if middle < settings.size_min - settings.plane_distance or box.volume < settings.volume_min:
@@ -314,9 +319,7 @@ class ViewConsensus:
         foot = None
         # A foot that is narrower than the least thing is not told from noise.
         if TILT * box.size[2] > self._settings.size_min:
-            poses = np.array([self._graph.views[frame].pose for frame in views.frame.tolist()], np.float64)
-            eyes = -np.einsum("nji,nj->ni", poses[:, :, :3], poses[:, :, 3])
-            foot = narrow_foot(views, eyes, box, TILT)
+            foot = narrow_foot(views, box, TILT)
         return Piece(box, ground, box if foot is None else foot, leans=False)
 
     def _undisputed(self, views: Seen, rows: NDArray[np.int64]) -> Seen:
@@ -328,7 +331,7 @@ class ViewConsensus:
         mine[rows] = True
         own = {number: (graph.views[number], mine[graph.rows_of[number]]) for number in np.unique(views.frame).tolist()}
         places, kept = without_disputed(views.places, views.frame, own)
-        return Seen(places[kept], views.outline[kept], views.blur[kept], views.support[kept], views.frame[kept])
+        return views.with_places(places, kept)
 
 
 def _one_of(parts: list[FoundObject], box: Box3D) -> FoundObject:

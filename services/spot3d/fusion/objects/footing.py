@@ -2,7 +2,6 @@
 with its neck the neck."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
 from spot3d.fusion.objects.found import STANDS, Seen, ends_of, faces
@@ -26,17 +25,17 @@ def lower_edge(seen: Seen, box: Box3D, thin: float) -> Box3D | None:
     return min((edge for edge in edges if edge is not None), key=lambda edge: float(edge.size[:2].min()), default=None)
 
 
-def narrow_foot(seen: Seen, eyes: NDArray[np.float64], box: Box3D, thin: float) -> Box3D | None:
+def narrow_foot(seen: Seen, box: Box3D, thin: float) -> Box3D | None:
     """The upright box, without a height, around the foot of what would fall over on it to the left or right; None of
     what would not, or of which too few views see the bottom. How deep a foot is, it hides itself, and what stands
     before it hides its width: it is as wide as the view has it that sees most of it.
 
-    eyes: (n, 3) from where each of its segments was seen, world. thin: it falls if its middle is less than so much of
+    thin: it falls if its middle is less than so much of
     its height inside the foot's edge.
     """
     up, places = box.rotation[:, 2], seen.places.astype(np.float64) - box.centre
     low = places @ up < STANDS - box.size[2] / 2
-    right = np.cross(places.mean(axis=1) + box.centre - eyes, up)
+    right = np.cross(places.mean(axis=1) + box.centre - seen.eyes, up)
     aside = np.linalg.norm(right, axis=1)
     across = np.einsum("nki,ni->nk", places, right / np.maximum(aside, _ASIDE)[:, None])
     middle = (across.min(axis=1) + across.max(axis=1)) / 2

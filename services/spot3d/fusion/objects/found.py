@@ -1,11 +1,13 @@
 """From the segments of one cluster to an upright box that stands on its support (paper, Sec. IV-D)."""
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
+from spot3d.fusion.objects.rounded import unseen_ends
 from spot3d.geometry.quantiles import quantiles
 from spot3d.geometry.upright import rotation_to_upright, with_bottom
 from spot3d.kernel import kernel
@@ -47,7 +49,7 @@ class Seen:
     places: (n, SAMPLE, 3) float32 world, of each of its segments; outline: (n, OUTERMOST, 3) float32 world, how far
     torn ones reach (see `outline`), NaN of others; blur: (n, 3) float32 world, how far noise scatters each one's along
     the ray, metres; support: (n, 4) float64, the plane that each stands on, world, zeros where it stands on none;
-    frame: (n,) of each, in ascending order.
+    frame: (n,) of each, in ascending order; eyes: (n, 3) float64 world, from where each was seen.
     """
 
     places: NDArray[np.float32]
@@ -55,12 +57,19 @@ class Seen:
     blur: NDArray[np.float32]
     support: NDArray[np.float64]
     frame: NDArray[np.int64]
+    eyes: NDArray[np.float64]
+
+    def with_places(self, places: NDArray[np.float32], kept: NDArray[np.bool_]) -> Self:
+        """These places in the place of its own, of segments that are kept, (n,)."""
+        outline, blur, support = self.outline[kept], self.blur[kept], self.support[kept]
+        return type(self)(places[kept], outline, blur, support, self.frame[kept], self.eyes[kept])
 
 
-def box_of(seen: Seen, up: NDArray[np.float64], clearance: float) -> Box3D:
+def box_of(seen: Seen, up: NDArray[np.float64], clearance: float, rounded: bool = True) -> Box3D:
     """The upright box around an object as most of its views have it, down to its support.
 
-    up: (3,) unit, world. clearance: what is no higher above a support belongs to it, metres.
+    up: (3,) unit, world. clearance: what is no higher above a support belongs to it, metres. rounded: what is round
+    goes on behind what was seen of it (see `rounded`).
     """
     rotation = _axes_of(seen, up)
     lows, highs = ends_of(seen, rotation)
@@ -71,6 +80,8 @@ def box_of(seen: Seen, up: NDArray[np.float64], clearance: float) -> Box3D:
     if len(guessed) > _GUESSED * len(seen.outline):
         low = np.minimum(low, np.median(guessed.min(axis=1), axis=0))
         high = np.maximum(high, np.median(guessed.max(axis=1), axis=0))
+    if rounded and (unseen := unseen_ends(seen.places, seen.eyes, rotation)) is not None:
+        low[:2], high[:2] = np.fmin(low[:2], unseen[0]), np.fmax(high[:2], unseen[1])
     high = np.maximum(high, low + 1e-3)
     box = Box3D(rotation @ ((low + high) / 2), high - low, rotation)
     return _standing(box, seen.support, up, clearance)

@@ -1,0 +1,101 @@
+"""What is round about an upright axis, and how far it goes on behind what is seen of it: cans, balls, mugs, pots.
+
+A view shows half of such a thing or less, and the box of what is seen from one side is half as deep as wide. That it is
+round shows on its front: a surface of revolution fits it, of which the square of the radius is a parabola over the
+height, as of cylinders, cones and spheres. The curves below are of all things of seven rendered desks and tables and of
+redkitchen: the sum of what they gain in IoU, and the most that one of them loses.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+_VIEWS = 10
+"""So many segments are looked at, evenly spread over an object's views."""
+_TESTED = 4
+"""One in this many of a segment's points is fitted: 50."""
+_STEPS = 6
+"""The fit follows most of the points within so many steps: handles and what flies off edges are left aside. From 4 to
+10 it is the same."""
+_OFF = 0.006
+"""What lies no further from the surface than this is on it, metres: twice the noise of a depth camera at 1.5 m. Gained
+with 5, 6, 8, 10 mm: 1.7, nothing lost."""
+_CORNER = 1 / 6
+"""And no further than this share of the radius there: a cube across its corner differs from a circle by as much.
+Without it cubes of 7 cm pass for round with `_OFF` at 8 mm or `_ON` at 0.7, and lose 0.1."""
+_ON = 0.75
+"""So much of what is seen is on the surface of a round thing: of balls, cans, mugs, bottles, pots, real and rendered,
+0.8 to 1, of cubes 0.65 to 0.75, of all else less than 0.6. Gained with 0.6, 0.65, 0.7, 0.75, 0.8, 0.85: 1.5, 1.7, 1.7,
+1.7, 1.7, 0.8; lost 0.09, 0.05, then nothing."""
+_HOPELESS = 0.4
+"""Where so little of what most views see is on it after a step, nothing is round: most things take no second one."""
+_AROUND = np.deg2rad(120.0)
+"""So much of its circumference is seen: half an ellipse that is less deep than 0.6 of its width shows less. From 60 to
+135 degrees the gain is the same."""
+_TALL = 0.8
+"""So many times its radius a round thing is high, as far as it is seen: over what is lower one sees its whole outline.
+Pots have 1, balls 1.4 to 1.8, mugs 2, computer mice, which are oval, 0.5 to 0.7: seen from 20 to 50 degrees above they
+pass for round. With 0 to 1 the gain is the same."""
+_GRAZING = np.cos(np.deg2rad(75.0))
+"""A view shows a side that it looks at under less than this: depth ends there."""
+_SEEN = 0.1
+"""A side that more than this share of the views show is where they have it: a square pole that one walks around stays
+as slim as it is. With 0 to 0.5 the gain is the same."""
+_BETWEEN = 0.2
+"""Weights: near the axis, in shares of half of its width, a fit of the radius' square would follow every error."""
+
+
+def unseen_ends(
+    places: NDArray[np.float32], eyes: NDArray[np.float64], rotation: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Where a round thing ends along the first two axes, (2,) each, metres, as half of its views have it; NaN at a side
+    that was seen. None: most of its segments are not round.
+
+    places: (n, k, 3) of its segments, world; eyes: (n, 3) from where; rotation: (3, 3) axes as columns, the third
+    upright.
+    """
+    towards = (eyes - places.mean(axis=1)) @ rotation[:, :2]
+    along = towards / np.maximum(np.linalg.norm(towards, axis=1), _OFF)[:, None]
+    low_seen, high_seen = ((side > _GRAZING).mean(axis=0) > _SEEN for side in (-along, along))
+    if low_seen.all() and high_seen.all():
+        return None
+    points = places[:: -(-len(places) // _VIEWS), ::_TESTED].astype(np.float64) @ rotation
+    middle = np.median(points, axis=1, keepdims=True)
+    half = np.maximum(np.ptp(points[..., :2], axis=1).max(axis=1), _OFF) / 2
+    centre, radius, is_round = _fitted((points - middle) / half[:, None, None], half)
+    if 2 * np.count_nonzero(is_round) <= len(points):
+        return None
+    centre, radius = (middle[:, 0, :2] + half[:, None] * centre)[is_round], (half * radius)[is_round, None]
+    low, high = np.median(centre - radius, axis=0), np.median(centre + radius, axis=0)
+    return np.where(low_seen, np.nan, low), np.where(high_seen, np.nan, high)
+
+
+def _fitted(
+    points: NDArray[np.float64], unit: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """The axis (n, 2) and the largest radius (n,) of the surface of revolution through each of (n, k, 3) segments, and
+    whether it is that of a round thing. unit: (n,) metres, of the points."""
+    level, height = points[..., :2], points[..., 2]
+    terms = np.concatenate((level, np.stack((np.ones_like(height), height, height**2), axis=2)), axis=2)
+    square = (level**2).sum(axis=2)
+    weight = np.ones_like(height)
+    for _ in range(_STEPS):
+        # x2 + y2 = 2 cx x + 2 cy y + a + b h + c h2
+        weighted = (terms * weight[..., None]).transpose(0, 2, 1)
+        found = np.linalg.solve(weighted @ terms + 1e-6 * np.eye(5), weighted @ square[..., None])[..., 0]
+        axis = found[:, :2] / 2
+        arm = level - axis[:, None]
+        by_height = (terms[..., 2:] @ found[:, 2:, None])[..., 0]
+        radius = np.sqrt(np.maximum((axis**2).sum(axis=1)[:, None] + by_height, 1e-6))
+        off = unit[:, None] * np.abs(np.hypot(arm[..., 0], arm[..., 1]) - radius)
+        if np.median((off < _OFF).mean(axis=1)) < _HOPELESS:
+            break
+        # Geman-McClure
+        weight = 1 / ((1 + (off / _OFF) ** 2) * np.maximum(radius, _BETWEEN)) ** 2
+    on = off < np.minimum(_OFF, _CORNER * unit[:, None] * radius)
+    towards = np.where(on[..., None], arm, 0).sum(axis=1, keepdims=True)
+    across = arm[..., 0] * towards[..., 1] - arm[..., 1] * towards[..., 0]
+    angle = np.where(on, np.arctan2(across, (arm * towards).sum(axis=2)), 0.0)
+    is_round = (on.mean(axis=1) >= _ON) & (np.ptp(angle, axis=1) >= _AROUND)
+    widest = np.where(on, radius, 0.0).max(axis=1)
+    is_round &= np.ptp(np.where(on, height, 0.0), axis=1) >= _TALL * widest
+    return axis, widest, is_round
