@@ -33,9 +33,8 @@ _ODOMETRY = (0.01, 0.005)
 # So many keyframes tell what bends depth. How far off given poses are is known after three seconds: before, poses that
 # are late bend it by 0.4 % where it is straight. Odometry's are of one piece.
 _ENOUGH_OF_GIVEN, _ENOUGH_OF_ODOMETRY = 6, 2
-# What is bent is taken out anew where that changes by so much: a metre away it is a pixel's noise. With half and with
-# one and a half of it redkitchen and near desks are the same; with half of it fusion sees 1.3 times as many keyframes
-# anew in redkitchen.
+# What is bent is taken out anew where that changes by so much: a metre away it is a pixel's noise. With half of it
+# redkitchen and near desks are the same, and fusion sees 1.5 times as many of redkitchen's keyframes anew.
 _BEND_STEP = 0.002
 
 

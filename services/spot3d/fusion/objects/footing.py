@@ -30,8 +30,7 @@ def narrow_foot(seen: Seen, box: Box3D, thin: float) -> Box3D | None:
     what would not, or of which too few views see the bottom. How deep a foot is, it hides itself, and what stands
     before it hides its width: it is as wide as the view has it that sees most of it.
 
-    thin: it falls if its middle is less than so much of
-    its height inside the foot's edge.
+    thin: it falls if its middle is less than so much of its height inside the foot's edge.
     """
     up, places = box.rotation[:, 2], seen.places.astype(np.float64) - box.centre
     low = places @ up < STANDS - box.size[2] / 2
