@@ -46,8 +46,10 @@ from spot3d.segments.settings import SegmentsSettings
 from spot3d.fusion.process import _fuse_all
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.settings import FusionSettings
+odometry = missing("pose", lambda frames: _track_all(make_tracker(PoseSettings()), frames))
+odometry += [name for name, count in loaded().items() if name[1] == "spot3d.pose.plane_equations" and not count]
 print(json.dumps({
-    "pose": missing("pose", lambda frames: _track_all(make_tracker(PoseSettings()), frames)),
+    "pose": odometry,
     "given poses": missing("pose", lambda frames: _track_all(make_tracker(PoseSettings(provider="given")), frames)),
     "proposals": missing("proposals", lambda frames: _propose_first(ProposalSettings(), frames)),
     "heatmap": missing("heatmap", lambda frames: _heat_first(HeatmapSettings(), frames)),

@@ -20,7 +20,6 @@ from spot3d.dataflow.streams import new_stream
 from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
 from spot3d.pose import delay, depth_scale, orientation
-from spot3d.pose.correction import CorrectedPoses
 from spot3d.pose.estimate import PoseEstimate, PoseTracker
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
@@ -60,10 +59,10 @@ def run(link: LinkSettings, settings: PoseSettings, stop: threading.Event | None
 
 
 def _track_all(tracker: PoseTracker, frames: Sequence[RgbdFrame]) -> None:
-    # Of given poses some are to be keyframes, which are far apart.
-    times = _SPREAD if isinstance(tracker, CorrectedPoses) else 1
-    for frame in frames:
-        stamp_ns = times * frame.stamp_ns
+    # Some are to be keyframes, which are far apart; odometry must follow others from one to the next.
+    close = len(frames) - 2 if isinstance(tracker, MapTracker) else 0
+    for number, frame in enumerate(frames):
+        stamp_ns = frame.stamp_ns * (1 if number < close else _SPREAD)
         tracker.track(stamp_ns, frame.depth_metres(), frame.intrinsics, frame.T_world_camera, frame.colour)
     # What a full map and a snapshot need, which few frames do.
     if isinstance(tracker, MapTracker) and (state := tracker.state()) is not None:
