@@ -30,16 +30,12 @@ def compile_source(scene: Scene) -> None:
 
 
 def compile_pose(scene: Scene) -> None:
-    """Tracks the scene."""
+    """Tracks the scene, as the stage does before it goes on line."""
+    from spot3d.pose.process import _track_all
     from spot3d.pose.providers import make_tracker
     from spot3d.pose.settings import PoseSettings
-    from spot3d.pose.tracking import MapTracker
 
-    tracker = make_tracker(PoseSettings())
-    for frame in scene:
-        tracker.track(frame.stamp_ns, frame.depth_metres(), frame.intrinsics, None, frame.colour)
-    if isinstance(tracker, MapTracker) and (state := tracker.state()) is not None:
-        tracker.resume(state)
+    _track_all(make_tracker(PoseSettings()), list(scene))
 
 
 def compile_proposals(scene: Scene) -> None:
