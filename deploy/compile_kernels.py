@@ -31,11 +31,11 @@ def compile_source(scene: Scene) -> None:
 
 def compile_pose(scene: Scene) -> None:
     """Tracks the scene, as the stage does before it goes on line."""
-    from spot3d.pose.process import _track_all
+    from spot3d.pose.process import track_all
     from spot3d.pose.providers import make_tracker
     from spot3d.pose.settings import PoseSettings
 
-    _track_all(make_tracker(PoseSettings()), list(scene))
+    track_all(make_tracker(PoseSettings()), list(scene))
 
 
 def compile_proposals(scene: Scene) -> None:

@@ -34,7 +34,7 @@ def missing(stage, work):
     after = loaded()
     return [list(name) for name, count in after.items() if count > before.get(name, 0)]
 
-from spot3d.pose.process import _track_all
+from spot3d.pose.process import track_all
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
 from spot3d.proposals.process import _propose_first
@@ -46,11 +46,11 @@ from spot3d.segments.settings import SegmentsSettings
 from spot3d.fusion.process import _fuse_all
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.settings import FusionSettings
-odometry = missing("pose", lambda frames: _track_all(make_tracker(PoseSettings()), frames))
+odometry = missing("pose", lambda frames: track_all(make_tracker(PoseSettings()), frames))
 odometry += [name for name, count in loaded().items() if name[1] == "spot3d.pose.plane_equations" and not count]
 print(json.dumps({
     "pose": odometry,
-    "given poses": missing("pose", lambda frames: _track_all(make_tracker(PoseSettings(provider="given")), frames)),
+    "given poses": missing("pose", lambda frames: track_all(make_tracker(PoseSettings(provider="given")), frames)),
     "proposals": missing("proposals", lambda frames: _propose_first(ProposalSettings(), frames)),
     "heatmap": missing("heatmap", lambda frames: _heat_first(HeatmapSettings(), frames)),
     "segments": missing("segments", lambda frames: _find_first(SegmentsSettings(), frames)),

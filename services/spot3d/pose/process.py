@@ -49,7 +49,7 @@ def run(link: LinkSettings, settings: PoseSettings, stop: threading.Event | None
     "lost" pose, so that nobody waits for it.
     Raises ModuleNotFoundError where the provider's package is absent.
     """
-    warm_up("pose", partial(_track_all, make_tracker(settings)))
+    warm_up("pose", partial(track_all, make_tracker(settings)))
     with stop_on_signals(stop) as stopped:
         try:
             with Node("pose", link, stopped, (_IN,), (_OUT,)) as node:
@@ -58,7 +58,8 @@ def run(link: LinkSettings, settings: PoseSettings, stop: threading.Event | None
             return
 
 
-def _track_all(tracker: PoseTracker, frames: Sequence[RgbdFrame]) -> None:
+def track_all(tracker: PoseTracker, frames: Sequence[RgbdFrame]) -> None:
+    """Have a tracker work on the frames of a warm-up, so that every kernel is called."""
     # Some are to be keyframes, which are far apart; odometry must follow others from one to the next.
     close = len(frames) - 2 if isinstance(tracker, MapTracker) else 0
     for number, frame in enumerate(frames):
