@@ -1,22 +1,13 @@
-"""Upright boxes (Eq. 15), and the joining of clusters by their boxes."""
-
-from itertools import pairwise
+"""Upright boxes (Eq. 15)."""
 
 import cv2
 import numpy as np
 import pytest
-from fusion_room import Cuboid, rotation_z, sampled
+from fusion_room import rotation_z
 from scipy.spatial.transform import Rotation
 
 from spot3d.boxes import Box3D, iou_matrix_3d
-from spot3d.geometry.upright import (
-    Part,
-    merge_contained,
-    rotation_to_upright,
-    share_inside,
-    upright_box,
-    with_bottom,
-)
+from spot3d.geometry.upright import rotation_to_upright, share_inside, upright_box, with_bottom
 
 UP = np.array([0.0, 0.0, 1.0])
 TILTED = np.array([0.36, -0.48, 0.8])
@@ -103,53 +94,6 @@ def test_a_new_bottom_leaves_the_top(height: float, expected: float) -> None:
     assert box.size[2] == pytest.approx(expected)
     assert TILTED @ box.centre + box.size[2] / 2 == pytest.approx(0.1)
     np.testing.assert_allclose(box.centre, (TILTED @ box.centre) * TILTED, atol=1e-12)
-
-
-def clusters_of(*cuboids: Cuboid) -> tuple[list[np.ndarray], np.ndarray]:
-    parts = [sampled((cuboid,)).xyz for cuboid in cuboids]
-    borders = np.cumsum([0] + [len(part) for part in parts])
-    return [np.arange(a, b) for a, b in pairwise(borders)], np.concatenate(parts)
-
-
-def hot(x: float, z: float, size: tuple[float, float, float]) -> Cuboid:
-    return Cuboid((x, 0, z), size, heat=1.0)
-
-
-def turned_box(points: np.ndarray) -> Box3D:
-    return upright_box(points, UP, turn=True)
-
-
-def merged_of(clusters: list[np.ndarray], points: np.ndarray) -> list[np.ndarray]:
-    parts = [Part(rows, points[rows], turned_box(points[rows])) for rows in clusters]
-    return merge_contained(parts, points, turned_box, 0.5)
-
-
-BOWL, INSIDE = hot(0, 0.05, (0.2, 0.2, 0.1)), hot(0, 0.06, (0.1, 0.1, 0.06))
-BESIDE = hot(0.17, 0.05, (0.13, 0.2, 0.1))
-
-
-def test_a_part_inside_joins_and_a_neighbour_does_not() -> None:
-    clusters, points = clusters_of(BOWL, INSIDE, BESIDE)
-    owner = np.repeat([0, 1, 2], [len(rows) for rows in clusters])
-    merged = merged_of(clusters, points)
-    assert sorted(sorted(set(owner[rows])) for rows in merged) == [[0, 1], [2]]
-    assert np.array_equal(np.sort(np.concatenate(merged)), np.arange(len(points)))
-
-
-def test_a_small_part_around_a_larger_one_joins_it() -> None:
-    """The sides of a book, of few points, around its top."""
-    sides = sampled((Cuboid((0, 0, 0.01), (0.2, 0.2, 0.02), heat=1.0),))
-    sides = sides.take(np.abs(sides.normal[:, 2]) < 0.1).xyz
-    top = sampled((hot(0, 0.0, (0.19, 0.19, 0.04)),), step=0.002)
-    top = top.take(top.normal[:, 2] > 0.9).xyz
-    points = np.concatenate((sides, top))
-    assert len(sides) < len(top)
-    assert len(merged_of([np.arange(len(sides)), np.arange(len(sides), len(points))], points)) == 1
-
-
-def test_without_clusters_nothing_is_merged() -> None:
-    points = np.zeros((0, 3), np.float32)
-    assert merged_of([], points) == []
 
 
 def test_share_inside_a_rotated_box() -> None:

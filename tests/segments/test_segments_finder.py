@@ -179,6 +179,19 @@ def test_two_boxes_that_touch_are_two() -> None:
     assert len(find(seen(*things))) == 2
 
 
+@pytest.mark.parametrize("x", [-0.05, 0.08])
+def test_what_is_in_an_open_box_is_a_segment_of_its_own(x: float) -> None:
+    walls = [standing(0, y, (0.4, 0.01, 0.12)) for y in (-0.15, 0.15)]
+    walls += [standing(side, 0, (0.01, 0.3, 0.12)) for side in (-0.2, 0.2)]
+    crate = [dataclasses.replace(wall, colour=(50, 60, 200)) for wall in (standing(0, 0, (0.4, 0.3, 0.01)), *walls)]
+    content = standing(x, 0.02, (0.1, 0.1, 0.08))
+    frame = seen(*crate, content)
+    segments = find(frame)
+    assert len(segments) == 2
+    iou = iou_matrix_2d(true_boxes(frame, crate[0], content)[1:], segments.boxes(FINE_CAMERA))
+    assert iou.max() > 0.8
+
+
 @pytest.mark.parametrize("width", [8, 20])
 def test_a_hole_that_tears_an_object_is_a_part_of_it(width: int) -> None:
     carton = standing(0, 0, (0.24, 0.08, 0.16))

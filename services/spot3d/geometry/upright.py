@@ -1,6 +1,5 @@
 """Upright boxes around clusters of points (paper, Sec. IV-D, Eq. 15)."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,9 +12,7 @@ from spot3d.kernel import kernel, part
 from spot3d.trajectory import rotation_to_z
 
 _SAMPLE = 1000
-"""About as many points of a cluster tell its rough box, and how much of it lies in another's."""
-_MARGIN = 0.005
-"""The two faces of a thin wall (a bowl's, a mug's) lie about this far apart, metres."""
+"""About as many points of a cluster tell its rough box."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,15 +20,6 @@ class Cluster:
     """Rows of the points that belong together, and the box around them."""
 
     rows: NDArray[np.int64]
-    box: Box3D
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """Rows of the cells that belong together, a sample of their places (m, 3) (see `sampled`), and its box."""
-
-    rows: NDArray[np.int64]
-    sample: NDArray[np.float32]
     box: Box3D
 
 
@@ -105,40 +93,6 @@ def with_bottom(box: Box3D, height: float) -> Box3D:
     middle = float(up @ box.centre)
     rest = max(0.0, middle + tall / 2 - height)
     return Box3D(box.centre + (tall - rest) / 2 * up, np.array([length, width, rest]), box.rotation)
-
-
-def merge_contained(
-    clusters: list[Part],
-    points: NDArray[np.float32],
-    box_of: Callable[[NDArray[np.float32]], Box3D],
-    share: float,
-) -> list[NDArray[np.int64]]:
-    """Join a cluster with the larger one in whose box at least `share` of its points lie, or the other way round.
-
-    The inside of a bowl and its outside are one object, though no surface connects them, and so are the top of a
-    book and its sides: two things never fill the same space. Objects that only touch stay apart. Clusters are of
-    rows of `points`; the smallest joins first, into the box that holds most of it. Returns the rows of each.
-    box_of: the box of (n, 3) points.
-    """
-    ordered = sorted(clusters, key=lambda cluster: len(cluster.rows))
-    parts, boxes = [cluster.rows for cluster in ordered], [cluster.box for cluster in ordered]
-    samples = [cluster.sample for cluster in ordered]
-    centre = np.array([box.centre for box in boxes]).reshape(-1, 3)
-    radius = np.linalg.norm(np.array([box.size for box in boxes]).reshape(-1, 3), axis=1) / 2 + _MARGIN
-    gone = np.zeros(len(parts), np.bool_)
-    for i in range(len(parts)):
-        near = ((centre[i + 1 :] - centre[i]) ** 2).sum(axis=1) < (radius[i + 1 :] + radius[i]) ** 2
-        inside: dict[int, float] = {}
-        for j in (np.flatnonzero(near) + i + 1).tolist():
-            inside[j] = max(share_inside(samples[i], boxes[j], _MARGIN), share_inside(samples[j], boxes[i], _MARGIN))
-        j = max(inside, key=inside.__getitem__, default=i)
-        if inside.get(j, 0.0) >= share:
-            gone[i] = True
-            parts[j] = np.concatenate((parts[j], parts[i]))
-            samples[j] = sampled(points, parts[j])
-            boxes[j] = box_of(samples[j])
-            centre[j], radius[j] = boxes[j].centre, np.linalg.norm(boxes[j].size) / 2 + _MARGIN
-    return [rows for rows, joined in zip(parts, gone, strict=True) if not joined]
 
 
 @kernel("f4[:,::1](f4[:,:], i8[:])")

@@ -12,7 +12,8 @@ from spot3d.frame_segments import TOO_COLD, TOO_LONG, TOO_LOW, TOO_MANY, TOO_SMA
 from spot3d.geometry.downsampling import LatticeFrame, to_lattice
 from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import dominant_planes
-from spot3d.geometry.upright import Part, merge_contained, sampled, upright_box
+from spot3d.geometry.upright import sampled
+from spot3d.segments.contained import join_contained
 from spot3d.segments.creases import split_at_creases
 from spot3d.segments.foreground import on_long_planes, standing_out
 from spot3d.segments.fragments import join_fragments
@@ -26,7 +27,7 @@ from spot3d.segments.vessels import hollow_groups
 from spot3d_schemas.limits import MAX_SEGMENTS
 
 _TRIM = 0.005
-"""Share of an object's points that may lie beyond each face of its box."""
+"""Share of a part's points that may lie beyond its bottom."""
 _HOT = 0.5
 """The hottest part of a frame is mostly hotter than this; a frame's heat is a share of its maximum, which wanders."""
 _FACES = 2**0.5
@@ -105,7 +106,7 @@ def find_on_lattice(
         if wanted["hanging"]:
             level = join_hanging(level, points, height.ravel(), up, carriers)
         if wanted["contained"]:
-            level = _join_contained(level, points, up, settings.contained_share)
+            level = join_contained(level, points, normals, up, settings.contained_share)
         parts += level
     return _segments(parts, frame, support[None], (height - tolerance).ravel(), left_out, settings)
 
@@ -181,24 +182,6 @@ def _levels(parts: list[NDArray[np.int64]], height: NDArray[np.float32]) -> list
         bottom = float(np.quantile(height.ravel()[pixels], _TRIM))
         (standing if bottom > -STANDS else lower).append(pixels)
     return [standing, lower]
-
-
-def _join_contained(
-    parts: list[NDArray[np.int64]], points: NDArray[np.float32], up: NDArray[np.float64], share: float
-) -> list[NDArray[np.int64]]:
-    """Parts joined with those in whose upright boxes they lie: two things never fill the same space."""
-    flat = points.reshape(-1, 3)
-
-    def part(pixels: NDArray[np.int64]) -> Part:
-        sample = sampled(flat, pixels)
-        return Part(pixels, sample, upright_box(sample, up, turn=True, trim=_TRIM))
-
-    return merge_contained(
-        [part(pixels) for pixels in parts],
-        flat,
-        lambda sample: upright_box(sample, up, turn=True, trim=_TRIM),
-        share,
-    )
 
 
 def _segments(

@@ -1,0 +1,94 @@
+"""What lies in another's box is a part of it, unless it is seen through an opening."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from fusion_room import TABLE, Cuboid, look_at, rotation_z, standing, view
+
+from spot3d.camera import Intrinsics, back_project
+from spot3d.geometry.normals import surface_normals
+from spot3d.segments.contained import join_contained
+
+CAMERA = Intrinsics(300.0, 300.0, 159.5, 119.5, 320, 240)
+
+
+def open_box(x: float, yaw: float, size: tuple[float, float, float], height: float = 0.0) -> tuple[Cuboid, ...]:
+    """A bottom and four walls, 1 cm thick, of one colour."""
+    length, width, tall = size
+    R, middle = rotation_z(yaw), (x, 0.0)
+
+    def plank(at: tuple[float, float, float], dimensions: tuple[float, float, float]) -> Cuboid:
+        moved = R @ at + (*middle, height)
+        return Cuboid((float(moved[0]), float(moved[1]), float(moved[2])), dimensions, yaw, (60, 90, 200), heat=1.0)
+
+    return (
+        plank((0, 0, 0.005), (length, width, 0.01)),
+        *(plank((0, side * width / 2, tall / 2), (length, 0.01, tall)) for side in (-1, 1)),
+        *(plank((side * length / 2, 0, tall / 2), (0.01, width, tall)) for side in (-1, 1)),
+    )
+
+
+def joined(parts: list[tuple[Cuboid, ...]], eye: tuple[float, float, float] = (0.1, -0.8, 0.7)) -> list[list[int]]:
+    """Which parts are joined, by number, seen by a camera with noise that looks at them from `eye`."""
+    painted = [dataclasses.replace(one, colour=(number + 1, 0, 0)) for number, part in enumerate(parts) for one in part]
+    T = look_at(eye)
+    frame = view(T, (TABLE, *painted), np.random.default_rng(0), CAMERA)
+    pixels = [np.flatnonzero((frame.colour == (number + 1, 0, 0)).all(-1)) for number in range(len(parts))]
+    points, normals = back_project(frame.depth, CAMERA), surface_normals(frame.depth, CAMERA)
+    rows = join_contained(pixels, points, normals, T[:3, :3].T @ (0, 0, 1.0), 0.5)
+    assert np.array_equal(np.sort(np.concatenate(rows)), np.sort(np.concatenate(pixels)))
+    return sorted(sorted({int(frame.colour.reshape(-1, 3)[row, 0]) - 1 for row in one}) for one in rows)
+
+
+CRATE = open_box(0.0, 0.3, (0.4, 0.3, 0.14))
+CARTON = (standing(-0.05, 0.02, (0.1, 0.08, 0.09)),)
+
+
+@pytest.mark.parametrize("eye", [(0.1, -0.8, 0.7), (0.0, -0.6, 1.0), (0.7, 0.7, 0.6), (0.0, -0.4, 1.0)])
+@pytest.mark.parametrize("content", [CARTON, (standing(0.05, 0.03, (0.09, 0.12, 0.2)),)])
+def test_what_is_in_an_open_box_is_no_part_of_it(content: tuple[Cuboid, ...], eye: tuple[float, float, float]) -> None:
+    assert joined([CRATE, content], eye) == [[0], [1]]
+
+
+def test_the_walls_and_the_bottom_of_an_open_box_are_one() -> None:
+    bottom, *walls = CRATE
+    assert joined([tuple(walls), (bottom,)]) == [[0, 1]]
+    assert joined([(bottom, *walls[::2]), tuple(walls[1::2])]) == [[0, 1]]
+
+
+def test_what_fills_an_open_box_is_no_part_of_it() -> None:
+    tray, carton = open_box(0.0, 0.6, (0.3, 0.22, 0.08)), (standing(0.0, 0.0, (0.25, 0.17, 0.075), 0.6),)
+    assert joined([tray, carton]) == [[0], [1]]
+
+
+@pytest.mark.parametrize(
+    ("name", "part", "whole"),
+    [
+        ("a carton's top", Cuboid((0, 0, 0.1), (0.1, 0.1, 0.004)), standing(0, 0, (0.2, 0.16, 0.1))),
+        ("a knob on its front", Cuboid((0, -0.08, 0.06), (0.03, 0.012, 0.03)), standing(0, 0, (0.2, 0.16, 0.12))),
+    ],
+)
+def test_what_is_on_a_thing_is_a_part_of_it(name: str, part: Cuboid, whole: Cuboid) -> None:
+    assert joined([(whole,), (part,)]) == [[0, 1]], name
+
+
+def test_what_stands_in_the_corner_of_an_l_is_a_part_of_it() -> None:
+    """As a foot is of its screen, whose box it fills."""
+    screen = Cuboid((0, 0.1, 0.2), (0.4, 0.02, 0.4)), Cuboid((0, 0.0, 0.01), (0.25, 0.2, 0.02))
+    assert joined([screen, (Cuboid((0, 0.0, 0.03), (0.15, 0.1, 0.03)),)]) == [[0, 1]]
+
+
+def test_a_camera_lower_than_the_rim_sees_through_no_opening() -> None:
+    tall = open_box(0.0, 0.0, (0.3, 0.2, 0.1), height=0.3)
+    front = tuple(wall for wall in tall if wall.centre[1] > -0.05)
+    assert joined([front, (Cuboid((0, 0, 0.345), (0.08, 0.08, 0.07)),)], eye=(0.0, -0.9, 0.35)) == [[0, 1]]
+
+
+def test_what_touches_stays_apart() -> None:
+    assert joined([(standing(0, 0, (0.2, 0.16, 0.1)),), (standing(0.17, 0, (0.13, 0.16, 0.1)),)]) == [[0], [1]]
+
+
+def test_nothing_is_joined_to_nothing() -> None:
+    nothing = np.zeros((4, 4, 3), np.float32)
+    assert join_contained([], nothing, nothing, np.array((0, -1.0, 0)), 0.5) == []
