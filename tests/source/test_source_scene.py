@@ -14,6 +14,7 @@ from spot3d.source.scene.noise import block_noise, measured_depth, noisy_colour
 from spot3d.source.scene.path import camera_pose
 from spot3d.source.scene.placement import TABLE_HEIGHT, Placed, footprint, separation
 from spot3d.source.scene.scene import Scene
+from spot3d.source.scene.shelf import BOARDS, things_on_shelf
 from spot3d.source.scene.table import things_on_table
 from spot3d.source.sequences import open_source
 
@@ -80,6 +81,22 @@ def test_arrangement_on_desk(seed: int) -> None:
     assert sizes.max(axis=1).min() > 0.04
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 4])
+def test_arrangement_on_shelf(seed: int) -> None:
+    placed = things_on_shelf(seed)
+    assert len(placed) == 11
+    crate = next(p for p in placed if p.thing.name == "crate")
+    in_crate = [p for p in placed if p.z not in BOARDS]
+    assert len(in_crate) == 2
+    for p in in_crate:
+        c, s = np.cos(crate.yaw), np.sin(crate.yaw)
+        local = (footprint(p) - (crate.x, crate.y)) @ np.array([[c, -s], [s, c]])
+        assert (np.abs(local) < np.array(crate.thing.size[:2]) / 2 - 0.009).all(), "between its walls"
+        assert crate.z < p.z < crate.z + 0.02, "on its bottom"
+    assert_apart([p for p in placed if p not in in_crate])
+    assert_apart(in_crate)
+
+
 def assert_apart(placed: list[Placed]) -> None:
     """No two things have a point in common."""
     for low, high in combinations(sorted(placed, key=lambda p: p.z), 2):
@@ -93,7 +110,7 @@ def inside_share(points: np.ndarray, box: TrueBox, tolerance: float) -> float:
     return float((np.abs(local) <= box.size / 2 + tolerance).all(axis=1).mean())
 
 
-@pytest.mark.parametrize("kind", ["table", "desk"])
+@pytest.mark.parametrize("kind", ["table", "desk", "shelf"])
 def test_true_boxes_hold_their_points_tightly(kind: SceneKind) -> None:
     longer = Scene(1, kind, frames=600, intrinsics=SMALL)
     points: dict[int, list[np.ndarray]] = {box.id: [] for box in longer.boxes}
@@ -113,7 +130,7 @@ def test_true_boxes_hold_their_points_tightly(kind: SceneKind) -> None:
         assert (extent > 0.5 * box.size).all(), (box.name, extent, box.size)
 
 
-@pytest.mark.parametrize("kind", ["table", "cluttered", "desk", "near"])
+@pytest.mark.parametrize("kind", ["table", "cluttered", "desk", "near", "shelf"])
 def test_every_object_is_seen(kind: SceneKind) -> None:
     scene = Scene(3, kind, intrinsics=SMALL)
     best = np.zeros(len(scene.boxes) + 1)
@@ -122,7 +139,7 @@ def test_every_object_is_seen(kind: SceneKind) -> None:
     assert best[1:].min() > 15, "in quarter-size pixels"
 
 
-@pytest.mark.parametrize("kind", ["table", "desk"])
+@pytest.mark.parametrize("kind", ["table", "desk", "shelf"])
 def test_instances_are_the_boxes(kind: SceneKind) -> None:
     model = build_scene(0, kind)
     assert set(model.solids.instance.tolist()) == {0, *(box.id for box in model.boxes)}
@@ -133,7 +150,7 @@ def test_instances_are_the_boxes(kind: SceneKind) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "least", "mean", "most", "fastest"),
-    [("table", 4, 10, 15, 1), ("desk", 10, 17, 25, 1), ("near", 10, 17, 25, 2.5)],
+    [("table", 4, 10, 15, 1), ("desk", 10, 17, 25, 1), ("near", 10, 17, 25, 2.5), ("shelf", 4, 10, 20, 1.2)],
 )
 def test_camera_moves_as_a_hand_does(kind: SceneKind, least: float, mean: float, most: float, fastest: float) -> None:
     """Bounds of the mean and of each step in millimetres, and of how fast it turns, over that of a slow hand."""
@@ -233,6 +250,7 @@ def test_colour_noise() -> None:
         ("scene:2:desk", 2, "desk"),
         ("scene:desk", 0, "desk"),
         ("scene:3:near", 3, "near"),
+        ("scene:1:shelf", 1, "shelf"),
     ],
 )
 def test_scene_by_name(name: str, seed: int, kind: SceneKind) -> None:

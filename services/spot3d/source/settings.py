@@ -40,7 +40,8 @@ class SourceSettings(BaseModel):
     scene_kind: SceneKind = Field(
         DEFAULT_KIND,
         description="kind of the built-in scene, where the name gives none: table (12 things), cluttered (18 to 24), "
-        "desk (14 on a free-standing one, which the camera walks around), near (the same, from where one sits)",
+        "desk (14 on a free-standing one, which the camera walks around), near (the same, from where one sits), "
+        "shelf (11 on three boards of a bookcase, two of them in a crate)",
     )
 
     @field_validator("depth_noise")

@@ -1,4 +1,4 @@
-"""The built-in scenes: a room, things on its table or desk, and what is true about them."""
+"""The built-in scenes: a room, things on its table, desk or shelves, and what is true about them."""
 
 from dataclasses import dataclass
 
@@ -9,6 +9,7 @@ from spot3d.source.scene.desk import DESK_SHADED, desk_room, things_on_desk
 from spot3d.source.scene.name import DEFAULT_KIND, SceneKind
 from spot3d.source.scene.placement import Placed, Region
 from spot3d.source.scene.shapes import Solids, pack, placed
+from spot3d.source.scene.shelf import SHELF_SHADED, shelf_room, things_on_shelf
 from spot3d.source.scene.table import TABLE_SHADED, table_room, things_on_table
 
 UP = (0.0, 0.0, 1.0)
@@ -40,11 +41,13 @@ class SceneModel:
 def build_scene(seed: int = 0, kind: SceneKind = DEFAULT_KIND) -> SceneModel:
     """Room and objects of a seed; the world's z points up, its origin lies on the floor under the table.
 
-    Objects are the things on table, shelf or desk, 4 to 60 cm large. All else is furniture (each piece a metre
+    Objects are the things on table, shelves or desk, 4 to 60 cm large. All else is furniture (each piece a metre
     long or more) and no object: its instance is 0, as the room's.
     """
     if kind in ("desk", "near"):
         primitives, things, shaded = desk_room(), things_on_desk(seed), DESK_SHADED
+    elif kind == "shelf":
+        primitives, things, shaded = shelf_room(), things_on_shelf(seed), SHELF_SHADED
     else:
         primitives, things, shaded = table_room(seed), things_on_table(seed, kind == "cluttered"), TABLE_SHADED
     instances = [0] * len(primitives)

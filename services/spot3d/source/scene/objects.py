@@ -33,6 +33,7 @@ PALETTE: tuple[Colour, ...] = (
     (0.82, 0.35, 0.08),
     (0.16, 0.16, 0.18),
 )
+CRATE_WALL = 0.01
 LYING = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
 
 
@@ -120,6 +121,14 @@ def _roll(scale: float, _first: Colour, second: Colour) -> list[Primitive]:
     return [Primitive(CONE, form, Texture(SPECKLE, (0.85, 0.84, 0.80), second, 0.03), (0, 0, 0), LYING)]
 
 
+def _crate(scale: float, first: Colour, _second: Colour) -> list[Primitive]:
+    surface, thick = Texture(PLAIN, first), CRATE_WALL / 2
+    depth, width, half = 0.115 * scale, 0.17 * scale, 0.035 * scale
+    ends = [Primitive(BOX, (thick, width, half), surface, (side * (depth - thick), 0, 0)) for side in (-1, 1)]
+    sides = [Primitive(BOX, (depth, thick, half), surface, (0, side * (width - thick), 0)) for side in (-1, 1)]
+    return [Primitive(BOX, (depth, width, thick), surface, (0, 0, thick - half)), *ends, *sides]
+
+
 CATALOGUE: dict[str, Recipe] = {
     "cereal box": block(0.19, 0.07, 0.28, LABEL, 0.05),
     "shoe box": block(0.29, 0.18, 0.11, PLAIN, 0.05),
@@ -143,6 +152,7 @@ CATALOGUE: dict[str, Recipe] = {
     "melon": _melon,
     "vase": _vase,
     "paper roll": _roll,
+    "crate": _crate,
     **OFFICE,
 }
 ROUND = frozenset(("tin can", "jar", "biscuit tin", "flower pot", "cone", "bottle", "bowl", "ball", "vase"))

@@ -20,6 +20,9 @@ FRAMES_PER_ORBIT = 900
 # back, to and from the desk, along it and up.
 HEAD = np.array([0.75, 0.0, 1.28])
 HEAD_MOVES, HEAD_TAKES_S = np.array([0.18, 0.75, 0.12]), np.array([5.3, 9.0, 4.1])
+# Before the shelves: how far away on average, how far to each side at most, and the point looked at.
+SHELF_RADIUS, SHELF_SWELL, SHELF_ARC = 1.25, 0.2, 0.75
+SHELF_TARGET = np.array([-0.15, 0.0, 0.9])
 
 
 def camera_pose(index: int, seed: int, kind: SceneKind) -> NDArray[np.float64]:
@@ -78,7 +81,23 @@ def _near_desk(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.float
     return eye, np.array([to_desk - 0.02, 0.6 * eye[1] + along, 0.78])
 
 
-_PATHS = {"table": _before_table, "cluttered": _before_table, "desk": _around_desk, "near": _near_desk}
+def _before_shelf(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Eye and target (3,) of a camera that sweeps to and fro before the shelves, 1 to 1.5 m away, as high as a head of
+    one who sits: it looks down on two boards, and along the upper one or up to it."""
+    angle = SHELF_ARC * np.sin(2 * np.pi * index / 450 - np.pi / 2)
+    radius = SHELF_RADIUS * (1 + SHELF_SWELL * np.sin(2 * np.pi * index / 330 + phase[1]))
+    height = 1.25 + 0.1 * np.sin(2 * np.pi * index / 270 + phase[2])
+    eye = np.array([SHELF_TARGET[0] + radius * np.cos(angle), radius * np.sin(angle), height])
+    return eye, SHELF_TARGET + np.array([0.0, 0.15 * np.sin(2 * np.pi * index / 240 + phase[3]), 0.0])
+
+
+_PATHS = {
+    "table": _before_table,
+    "cluttered": _before_table,
+    "desk": _around_desk,
+    "near": _near_desk,
+    "shelf": _before_shelf,
+}
 
 
 def look_at(eye: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.source.scene.objects import Thing, make
+from spot3d.source.scene.objects import CRATE_WALL, Thing, make
 
 Region = tuple[float, float, float, float]
 """A rectangle of a support's upper side in the world, metres: x from, x to, y from, y to."""
@@ -79,17 +79,29 @@ class Arrangement:
                 break
         else:
             raise NoRoomError(name)
-        dx, dy = self.rng.uniform(-room, room)
-        c, s = np.cos(base.yaw), np.sin(base.yaw)
-        top = Placed(
-            thing,
-            base.x + float(c * dx - s * dy),
-            base.y + float(s * dx + c * dy),
-            base.z + base.thing.size[2],
-            base.yaw + turn,
-        )
+        top = self._over(thing, base, room, base.z + base.thing.size[2], turn)
         self.done.append(top)
         return top
+
+    def put_in(self, name: str, crate: Placed) -> Placed:
+        """Stands a thing on the bottom of a crate, beside what is in it."""
+        thing = make(name, self.rng)
+        for _ in range(150):
+            turn = float(self.rng.uniform(*ANY_YAW))
+            room = _room_on_top(thing, crate.thing, turn) - CRATE_WALL
+            if room.min() < 0:
+                continue
+            candidate = self._over(thing, crate, room, crate.z + CRATE_WALL, turn)
+            if self._is_apart(candidate):
+                self.done.append(candidate)
+                return candidate
+        raise NoRoomError(name)
+
+    def _over(self, thing: Thing, base: Placed, room: NDArray[np.float64], z: float, turn: float) -> Placed:
+        """A thing at this height above another, up to `room` (2,) metres from its middle along its axes."""
+        dx, dy = self.rng.uniform(-room, room)
+        c, s = np.cos(base.yaw), np.sin(base.yaw)
+        return Placed(thing, base.x + float(c * dx - s * dy), base.y + float(s * dx + c * dy), z, base.yaw + turn)
 
     def touch(self, name: str, other: Placed) -> Placed:
         """Slides a thing up to another until a millimetre is left between them, side to side."""
@@ -129,6 +141,10 @@ class Arrangement:
         low, high = outline.min(axis=0), outline.max(axis=0)
         if low[0] < region[0] or high[0] > region[1] or low[1] < region[2] or high[1] > region[3]:
             return False
+        return self._is_apart(candidate, touching)
+
+    def _is_apart(self, candidate: Placed, touching: Placed | None = None) -> bool:
+        outline = footprint(candidate)
         return all(
             separation(outline, footprint(other)) >= (0 if other is touching else self.gap)
             for other in self.done
