@@ -97,6 +97,19 @@ def test_a_camera_straight_above_the_table_finds_the_same(tilt: float) -> None:
     assert (iou_matrix_2d(true_boxes(frame, *things), segments.boxes(FINE_CAMERA)).max(axis=1) > 0.85).all()
 
 
+@pytest.mark.parametrize("tall", [0.06, 0.1, 0.15])
+def test_what_stands_on_a_book_is_its_own_seen_from_straight_above(tall: float) -> None:
+    """Its sides, and whether they reach down to the book, are hidden by its top."""
+    book = standing(0, 0, (0.2, 0.25, 0.03))
+    thing = Cuboid((0.02, 0, 0.03 + tall / 2), (0.1, 0.1, tall), 0.3, (40, 160, 60), heat=1.0)
+    pose = np.array([[1.0, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 1.1], [0, 0, 0, 1]])
+    frame = seen(book, thing, pose=pose)
+    segments = find(frame)
+    assert len(segments) == 2
+    iou = iou_matrix_2d(true_boxes(frame, book, thing), segments.boxes(FINE_CAMERA))
+    assert (iou.max(axis=1) > 0.8).all()
+
+
 @pytest.mark.parametrize("value", [0.0, 5.0])
 def test_without_depth_within_range_there_is_nothing(value: float) -> None:
     blank = np.zeros(CAMERA.shape, np.uint8)
