@@ -12,7 +12,7 @@ FACING = (-0.3, 0.3)
 
 
 def things_on_shelf(seed: int) -> list[Placed]:
-    """Places 11 things by the seed alone: four below, a crate with two in it and one beside, and four above."""
+    """Places 11 things by the seed alone: three below, a crate with two in it and one beside, and four above."""
     return arrange((seed, 3), 0.02, BOARD_REGION, _fill)
 
 
