@@ -1,5 +1,7 @@
 """What leans stands on its lower edge, what is wider above than below on its foot, and all else on all of itself."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from fusion_room import rotation_z
@@ -54,6 +56,15 @@ def test_the_lower_edge_of_a_lid_is_where_it_is_fixed(tilt: float, yaw: float) -
     assert edge.size[:2].min() < 0.025
     assert edge.size[:2].max() == pytest.approx(0.3, abs=0.03)
     assert float(edge.centre @ UP) == pytest.approx(float(box.centre @ UP - box.size[2] / 2))
+
+
+def test_a_lid_thinner_than_its_noise_has_a_lower_edge() -> None:
+    """As one far away has: its faces are where noise scatters them to, less that noise, and so may cross."""
+    views, box = seen(sheet(20.0))
+    noisy = dataclasses.replace(views, blur=np.full_like(views.blur, 0.02))
+    edge = lower_edge(noisy, box, TILT)
+    assert edge is not None
+    assert 0 < edge.size[:2].min() < 0.025
 
 
 def test_a_view_that_takes_in_what_is_before_a_lid_does_not_hide_how_thin_it_is() -> None:

@@ -4,7 +4,7 @@ with its neck the neck."""
 import numpy as np
 
 from spot3d.boxes import Box3D
-from spot3d.fusion.objects.found import STANDS, Seen, ends_of, faces
+from spot3d.fusion.objects.found import STANDS, THINNEST, Seen, ends_of, faces
 
 _TILTS = ((15.0, 7), (5.0, 3), (5 / 3, 3))
 """So many tilts, so many degrees apart, are tried, then others around the best: a degree off, a sheet of 25 cm is less
@@ -57,7 +57,8 @@ def _edge_along(seen: Seen, box: Box3D, axis: int, thin: float) -> Box3D | None:
         tilts = tilt + np.radians(step) * (np.arange(count) - count // 2)
         low, high = faces(*ends_of(seen, np.outer(level, np.cos(tilts)) - np.outer(up, np.sin(tilts))))
         best = int(np.argmin(high - low))
-        tilt, thick, middle = float(tilts[best]), float(high[best] - low[best]), float(low[best] + high[best]) / 2
+        tilt, middle = float(tilts[best]), float(low[best] + high[best]) / 2
+        thick = max(THINNEST, float(high[best] - low[best]))
         length = float(box.size[2]) / np.cos(tilt)
         if thick >= (thin + np.tan(np.radians(step) / 2)) * length:
             return None

@@ -40,6 +40,8 @@ desks and clutter, F 0.3 higher on redkitchen and 0.3 lower elsewhere; without a
 lower on redkitchen."""
 STANDS = 0.05
 """A box ends on the support beneath it that is no further away than this, metres: bottoms are hidden or blurred."""
+THINNEST = 1e-3
+"""No thing is thinner, metres: where noise is more than a thing is thick its faces cross."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +84,7 @@ def box_of(seen: Seen, up: NDArray[np.float64], clearance: float, rounded: bool 
         high = np.maximum(high, np.median(guessed.max(axis=1), axis=0))
     if rounded and (unseen := unseen_ends(seen.places, seen.eyes, rotation)) is not None:
         low[:2], high[:2] = np.fmin(low[:2], unseen[0]), np.fmax(high[:2], unseen[1])
-    high = np.maximum(high, low + 1e-3)
+    high = np.maximum(high, low + THINNEST)
     box = Box3D(rotation @ ((low + high) / 2), high - low, rotation)
     return _standing(box, seen.support, up, clearance)
 
@@ -97,7 +99,7 @@ def _axes_of(seen: Seen, up: NDArray[np.float64]) -> NDArray[np.float64]:
         along = np.outer(first, cosines) + np.outer(second, sines)
         across = np.outer(second, cosines) - np.outer(first, sines)
         low, high = faces(*ends_of(seen, np.hstack((along, across))))
-        size = np.maximum(high - low, 1e-3)
+        size = np.maximum(high - low, THINNEST)
         best = int(np.argmin(size[:count] * size[count:]))
         yaw, axes = float(yaws[best]), np.column_stack((along[:, best], across[:, best], up))
     return axes
