@@ -51,6 +51,19 @@ def test_what_is_in_an_open_box_is_no_part_of_it(content: tuple[Cuboid, ...], ey
     assert joined([CRATE, content], eye) == [[0], [1]]
 
 
+@pytest.mark.parametrize("eye", [(0.1, -0.5, 0.8), (0.0, -0.3, 1.0), (0.02, -0.01, 1.1)])
+@pytest.mark.parametrize("tall", [0.09, 0.13])
+def test_what_stands_on_the_floor_of_an_open_box_is_no_part_of_it(tall: float, eye: tuple[float, float, float]) -> None:
+    """However little room is left above it, and though a camera above it sees nothing of it but its top."""
+    assert joined([CRATE, (standing(-0.05, 0.02, (0.1, 0.08, tall)),)], eye) == [[0], [1]]
+
+
+def test_a_neck_above_a_foot_is_a_part_of_the_screen() -> None:
+    """Most of what is seen beside it is the foot and the table, but not all: it reaches up to the screen."""
+    screen = Cuboid((0, 0.0, 0.27), (0.4, 0.03, 0.3)), Cuboid((0, -0.02, 0.01), (0.25, 0.2, 0.02))
+    assert joined([screen, (Cuboid((0, -0.03, 0.07), (0.06, 0.03, 0.1)),)]) == [[0, 1]]
+
+
 def test_the_walls_and_the_bottom_of_an_open_box_are_one() -> None:
     bottom, *walls = CRATE
     assert joined([tuple(walls), (bottom,)]) == [[0, 1]]

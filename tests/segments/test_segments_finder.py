@@ -205,6 +205,24 @@ def test_what_is_in_an_open_box_is_a_segment_of_its_own(x: float) -> None:
     assert iou.max() > 0.8
 
 
+@pytest.mark.parametrize("eye", [(0, -0.5, 1.0), (0, 0, 1.1)])
+@pytest.mark.parametrize("tall", [0.08, 0.11])
+def test_what_is_in_a_bin_is_found_from_steeply_above(tall: float, eye: tuple[float, float, float]) -> None:
+    """Whatever the bin itself comes to, of which the rim and the floor are all that is seen from straight above."""
+    walls = [standing(0, y, (0.4, 0.01, 0.14)) for y in (-0.15, 0.15)]
+    walls += [standing(x, 0, (0.01, 0.3, 0.14)) for x in (-0.2, 0.2)]
+    crate = [dataclasses.replace(wall, colour=(50, 60, 200)) for wall in (standing(0, 0, (0.4, 0.3, 0.01)), *walls)]
+    contents = (
+        standing(-0.1, 0.05, (0.1, 0.08, tall), 0.3),
+        standing(0.08, -0.03, (0.08, 0.12, tall), -0.5, (40, 160, 60)),
+        standing(-0.08, -0.08, (0.12, 0.06, tall), 0.0, (180, 160, 60)),
+    )
+    straight = np.array([[1.0, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 1.1], [0, 0, 0, 1]])
+    frame = seen(*crate, *contents, pose=straight if eye[1] == 0 else look_at(eye))
+    iou = iou_matrix_2d(true_boxes(frame, *contents), find(frame).boxes(FINE_CAMERA))
+    assert (iou.max(axis=1) > 0.8).all()
+
+
 @pytest.mark.parametrize("width", [8, 20])
 def test_a_hole_that_tears_an_object_is_a_part_of_it(width: int) -> None:
     carton = standing(0, 0, (0.24, 0.08, 0.16))
