@@ -7,6 +7,7 @@ import pytest
 
 from spot3d.camera import Intrinsics, back_project
 from spot3d.source.errors import SourceError
+from spot3d.source.scene.bin import things_about_bin
 from spot3d.source.scene.desk import DESK_REGION, things_on_desk
 from spot3d.source.scene.model import TrueBox, build_scene
 from spot3d.source.scene.name import SceneKind
@@ -85,16 +86,30 @@ def test_arrangement_on_desk(seed: int) -> None:
 def test_arrangement_on_shelf(seed: int) -> None:
     placed = things_on_shelf(seed)
     assert len(placed) == 11
-    crate = next(p for p in placed if p.thing.name == "crate")
     in_crate = [p for p in placed if p.z not in BOARDS]
     assert len(in_crate) == 2
-    for p in in_crate:
+    assert_put_in(in_crate, next(p for p in placed if p.thing.name == "crate"))
+    assert_apart([p for p in placed if p not in in_crate])
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 4])
+def test_arrangement_about_bin(seed: int) -> None:
+    placed = things_about_bin(seed)
+    assert len(placed) == 10
+    in_bin = [p for p in placed if p.z != TABLE_HEIGHT]
+    assert len(in_bin) == 6
+    assert_put_in(in_bin, next(p for p in placed if p.thing.name == "bin"))
+    assert_apart([p for p in placed if p not in in_bin])
+
+
+def assert_put_in(things: list[Placed], crate: Placed) -> None:
+    """The things stand on the bottom of a crate, between its walls and beside each other."""
+    for p in things:
         c, s = np.cos(crate.yaw), np.sin(crate.yaw)
         local = (footprint(p) - (crate.x, crate.y)) @ np.array([[c, -s], [s, c]])
         assert (np.abs(local) < np.array(crate.thing.size[:2]) / 2 - 0.009).all(), "between its walls"
         assert crate.z < p.z < crate.z + 0.02, "on its bottom"
-    assert_apart([p for p in placed if p not in in_crate])
-    assert_apart(in_crate)
+    assert_apart(things)
 
 
 def assert_apart(placed: list[Placed]) -> None:
@@ -110,7 +125,7 @@ def inside_share(points: np.ndarray, box: TrueBox, tolerance: float) -> float:
     return float((np.abs(local) <= box.size / 2 + tolerance).all(axis=1).mean())
 
 
-@pytest.mark.parametrize("kind", ["table", "desk", "shelf"])
+@pytest.mark.parametrize("kind", ["table", "desk", "shelf", "bin"])
 def test_true_boxes_hold_their_points_tightly(kind: SceneKind) -> None:
     longer = Scene(1, kind, frames=600, intrinsics=SMALL)
     points: dict[int, list[np.ndarray]] = {box.id: [] for box in longer.boxes}
@@ -130,7 +145,7 @@ def test_true_boxes_hold_their_points_tightly(kind: SceneKind) -> None:
         assert (extent > 0.5 * box.size).all(), (box.name, extent, box.size)
 
 
-@pytest.mark.parametrize("kind", ["table", "cluttered", "desk", "near", "shelf"])
+@pytest.mark.parametrize("kind", ["table", "cluttered", "desk", "near", "shelf", "bin"])
 def test_every_object_is_seen(kind: SceneKind) -> None:
     scene = Scene(3, kind, intrinsics=SMALL)
     best = np.zeros(len(scene.boxes) + 1)
@@ -139,7 +154,7 @@ def test_every_object_is_seen(kind: SceneKind) -> None:
     assert best[1:].min() > 15, "in quarter-size pixels"
 
 
-@pytest.mark.parametrize("kind", ["table", "desk", "shelf"])
+@pytest.mark.parametrize("kind", ["table", "desk", "shelf", "bin"])
 def test_instances_are_the_boxes(kind: SceneKind) -> None:
     model = build_scene(0, kind)
     assert set(model.solids.instance.tolist()) == {0, *(box.id for box in model.boxes)}
@@ -150,7 +165,13 @@ def test_instances_are_the_boxes(kind: SceneKind) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "least", "mean", "most", "fastest"),
-    [("table", 4, 10, 15, 1), ("desk", 10, 17, 25, 1), ("near", 10, 17, 25, 2.5), ("shelf", 4, 10, 20, 1.2)],
+    [
+        ("table", 4, 10, 15, 1),
+        ("desk", 10, 17, 25, 1),
+        ("near", 10, 17, 25, 2.5),
+        ("shelf", 4, 10, 20, 1.2),
+        ("bin", 3, 7, 15, 1.5),
+    ],
 )
 def test_camera_moves_as_a_hand_does(kind: SceneKind, least: float, mean: float, most: float, fastest: float) -> None:
     """Bounds of the mean and of each step in millimetres, and of how fast it turns, over that of a slow hand."""
@@ -251,6 +272,7 @@ def test_colour_noise() -> None:
         ("scene:desk", 0, "desk"),
         ("scene:3:near", 3, "near"),
         ("scene:1:shelf", 1, "shelf"),
+        ("scene:1:bin", 1, "bin"),
     ],
 )
 def test_scene_by_name(name: str, seed: int, kind: SceneKind) -> None:

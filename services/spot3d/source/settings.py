@@ -41,7 +41,7 @@ class SourceSettings(BaseModel):
         DEFAULT_KIND,
         description="kind of the built-in scene, where the name gives none: table (12 things), cluttered (18 to 24), "
         "desk (14 on a free-standing one, which the camera walks around), near (the same, from where one sits), "
-        "shelf (11 on three boards of a bookcase, two of them in a crate)",
+        "shelf (11 on three boards of a bookcase, two of them in a crate), bin (10, six of them in a bin, from above)",
     )
 
     @field_validator("depth_noise")

@@ -122,8 +122,16 @@ def _roll(scale: float, _first: Colour, second: Colour) -> list[Primitive]:
 
 
 def _crate(scale: float, first: Colour, _second: Colour) -> list[Primitive]:
-    surface, thick = Texture(PLAIN, first), CRATE_WALL / 2
-    depth, width, half = 0.115 * scale, 0.17 * scale, 0.035 * scale
+    return _open_box(0.115 * scale, 0.17 * scale, 0.035 * scale, first)
+
+
+def _bin(scale: float, first: Colour, _second: Colour) -> list[Primitive]:
+    return _open_box(0.19 * scale, 0.26 * scale, 0.07 * scale, first)
+
+
+def _open_box(depth: float, width: float, half: float, colour: Colour) -> list[Primitive]:
+    """A bottom and four walls, by half their sizes."""
+    surface, thick = Texture(PLAIN, colour), CRATE_WALL / 2
     ends = [Primitive(BOX, (thick, width, half), surface, (side * (depth - thick), 0, 0)) for side in (-1, 1)]
     sides = [Primitive(BOX, (depth, thick, half), surface, (0, side * (width - thick), 0)) for side in (-1, 1)]
     return [Primitive(BOX, (depth, width, thick), surface, (0, 0, thick - half)), *ends, *sides]
@@ -153,6 +161,7 @@ CATALOGUE: dict[str, Recipe] = {
     "vase": _vase,
     "paper roll": _roll,
     "crate": _crate,
+    "bin": _bin,
     **OFFICE,
 }
 ROUND = frozenset(("tin can", "jar", "biscuit tin", "flower pot", "cone", "bottle", "bowl", "ball", "vase"))

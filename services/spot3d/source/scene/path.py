@@ -23,6 +23,10 @@ HEAD_MOVES, HEAD_TAKES_S = np.array([0.18, 0.75, 0.12]), np.array([5.3, 9.0, 4.1
 # Before the shelves: how far away on average, how far to each side at most, and the point looked at.
 SHELF_RADIUS, SHELF_SWELL, SHELF_ARC = 1.25, 0.2, 0.75
 SHELF_TARGET = np.array([-0.15, 0.0, 0.9])
+# Above the bin: where a camera on a robot's wrist is, how far it goes to each side at most, and the point looked at.
+WRIST = np.array([0.36, 0.0, 1.60])
+WRIST_MOVES = np.array([0.12, 0.35, 0.10])
+BIN_TARGET = np.array([0.0, 0.0, 0.75])
 
 
 def camera_pose(index: int, seed: int, kind: SceneKind) -> NDArray[np.float64]:
@@ -91,12 +95,22 @@ def _before_shelf(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.fl
     return eye, SHELF_TARGET + np.array([0.0, 0.15 * np.sin(2 * np.pi * index / 240 + phase[3]), 0.0])
 
 
+def _above_bin(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Eye and target (3,) of a camera that moves about above the bin, 0.8 to 1 m away, and looks down on it by 55 to 75
+    degrees."""
+    angles = 2 * np.pi * index / np.array([230.0, 310.0, 270.0]) + (phase[1], -np.pi / 2, phase[2])
+    eye = WRIST + WRIST_MOVES * np.sin(angles)
+    along = 0.08 * np.sin(2 * np.pi * index / 190 + phase[3])
+    return eye, BIN_TARGET + np.array([0.0, 0.7 * eye[1] + along, 0.0])
+
+
 _PATHS = {
     "table": _before_table,
     "cluttered": _before_table,
     "desk": _around_desk,
     "near": _near_desk,
     "shelf": _before_shelf,
+    "bin": _above_bin,
 }
 
 

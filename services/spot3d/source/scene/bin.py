@@ -1,0 +1,33 @@
+"""A bin on a workbench, and what lies in it and beside it, as a camera above it sees them that picks from it."""
+
+from spot3d.source.scene.placement import TABLE_HEIGHT, Arrangement, Placed, Region, arrange
+from spot3d.source.scene.shapes import BOX, ROOM, SPECKLE, WOOD, Primitive, Texture
+from spot3d.source.scene.table import DARK, OAK, PALE
+
+HALF_DEPTH, HALF_WIDTH = 0.45, 0.80
+BENCH: Region = (0.03 - HALF_DEPTH, HALF_DEPTH - 0.03, -0.65, 0.65)
+MIDDLE: Region = (-0.25, 0.25, -0.35, 0.35)
+BIN_SHADED: dict[float, Region] = {0.0: (-2.8, 2.8, -2.8, 2.8), TABLE_HEIGHT: BENCH}
+
+
+def things_about_bin(seed: int) -> list[Placed]:
+    """Places 10 things by the seed alone: a bin, six in it, and three beside it."""
+    return arrange((seed, 4), 0.02, BENCH, _fill)
+
+
+def _fill(bench: Arrangement) -> None:
+    bin_ = bench.stand("bin", MIDDLE, yaw=(-0.2, 0.2))
+    for name in ("tea box", "tin can", "sugar pack", "mug", "puzzle cube", "jar"):
+        bench.put_in(name, bin_)
+    for name in ("milk carton", "biscuit tin", "bowl"):
+        bench.stand(name)
+
+
+def bin_room() -> list[Primitive]:
+    """Walls and furniture in the world: the workbench in the middle of the room."""
+    wall = Texture(SPECKLE, (0.70, 0.69, 0.66), (0.66, 0.66, 0.64), 0.05)
+    pale, dark = Texture(WOOD, PALE, OAK, 0.12), Texture(WOOD, DARK, OAK, 0.1)
+    top = Primitive(BOX, (HALF_DEPTH, HALF_WIDTH, 0.02), pale, (0.0, 0.0, TABLE_HEIGHT - 0.02))
+    half = (TABLE_HEIGHT - 0.04) / 2
+    legs = [Primitive(BOX, (0.04, 0.04, half), dark, (x, y, half)) for x in (-0.35, 0.35) for y in (-0.7, 0.7)]
+    return [Primitive(ROOM, (3.0, 3.0, 1.35), wall, (0.0, 0.0, 1.35)), top, *legs]
