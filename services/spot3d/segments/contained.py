@@ -99,7 +99,7 @@ def _part(pixels: NDArray[np.int64], view: _View) -> _Part:
 
 
 def _inside(part: _Part, other: _Part, share: float, view: _View) -> float:
-    """Share of a part's points in another's box; 0 where the part is a thing in the room that this has."""
+    """Share of a part's points in another's box; 0 where the part is a thing in the other's room, or on its floor."""
     inside = share_inside(part.places, other.box, _MARGIN)
     if inside < share:
         return inside
