@@ -29,14 +29,15 @@ _ROOM = 1.0
 """... if another's box has so much room in front of it, as a multiple of its size (rms from its middle)."""
 _AROUND = (3, 7)
 """What is within the larger of these squares around a part's pixels, but not within the smaller, is seen beside it: at
-an edge depth is not to be trusted."""
+an edge depth is not to be trusted. With (3, 5) and (5, 9) five bins have the same detection, 0.92."""
 _FLOOR = 0.6
 """More than this share of what is seen beside a thing that stands within another is one floor. Six bins seen from above
 with six things in each have a detection of 0.85, 0.85, 0.82 and 0.80 with 0.5, 0.6, 0.67 and 0.75, of 0.60 (three of
 them) without; with 0.5 the neck of a screen, above its foot, is a thing in ten keyframes of three desks, with 0.6 in
 three."""
 _LOWEST = 0.1
-"""This share of what is seen beside a part may lie lower than the floor: noise, and flying pixels."""
+"""This share of what is seen beside a part may lie lower than the floor: noise, and flying pixels. With 0.05 and 0.2
+it is the same."""
 _UP = np.array((0.0, 0.0, 1.0))
 
 
