@@ -69,6 +69,17 @@ def test_what_stands_on_another_is_another() -> None:
         assert groups_of(Cuboid((0.0, 0.1, 0.17), (width, width, 0.06), colour=RED), carton) == [[0], [1]]
 
 
+@pytest.mark.parametrize("noise", [False, True])
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_handle_at_the_rim_is_a_part_of_the_pan(side: int, noise: bool) -> None:
+    """It would fall off; what lies on top of the pan does not."""
+    pan = standing(0.0, 0.05, (0.2, 0.2, 0.05), colour=GREEN)
+    handle = Cuboid((0.18 * side, 0.05, 0.06), (0.2, 0.03, 0.018), colour=RED)
+    spoon = Cuboid((0.07 * side, 0.05, 0.06), (0.2, 0.03, 0.018), colour=RED)
+    assert groups_of(handle, pan, noise=noise) == [[0, 1]]
+    assert groups_of(spoon, pan, noise=noise) == [[0], [1]]
+
+
 @pytest.mark.parametrize(("hidden", "expected"), [(0.1, [[0, 1], [2]]), (0.24, [[0], [1], [2]])])
 def test_a_screen_with_something_before_it_is_one_with_its_foot(hidden: float, expected: list[list[int]]) -> None:
     """As long as most of its lower edge, 0.3 m, is seen to hang."""

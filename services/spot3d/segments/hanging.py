@@ -3,7 +3,8 @@
 Nothing hangs in the air. What begins well above the support, hidden by nothing in front, and has nothing beneath it
 that reaches up to it, is held by something that is not seen: behind it, or in a hole of depth. It belongs to what
 stands beneath it. Where the air beneath it is seen, it belongs to what reaches up beside it as well: a screen, from
-behind, to its neck. What is too long for an object, as a shelf, carries things as well.
+behind, to its neck; and to what it would fall off, its middle not above it: a pan's handle to the pan. What is too long
+for an object, as a shelf, carries things as well.
 """
 
 from dataclasses import dataclass
@@ -74,7 +75,8 @@ def join_hanging(
         if part.bottom < STANDS or _is_below_camera(part, points.reshape(-1, 3), up):
             continue
         hidden, air = _beneath(part, points[..., 2], height, up)
-        holder = _holder(part, known, air > _AIR) if hidden <= _HIDDEN else None
+        across = _across(part, points.reshape(-1, 3), up) if air > _AIR else None
+        holder = _holder(part, known, across) if hidden <= _HIDDEN else None
         if holder is not None and not _is_carried(part, carriers, points.reshape(-1, 3), height, up):
             held[holder] += held.pop(k)  # nothing hangs on what hangs itself
     return [np.concatenate(pixels) for pixels in held.values()]
@@ -114,11 +116,24 @@ def _is_carried(
     return bool(_square(part.plan, plan[near]) < _BESIDE**2)
 
 
-def _holder(part: _Part, others: list[_Part], in_air: bool) -> int | None:
+def _across(part: _Part, flat: NDArray[np.float32], up: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(3,) unit: level, and across the view of a part. A part's extent along it is seen whole, however little of its
+    depth is."""
+    across = np.cross(flat[part.pixels].mean(axis=0, dtype=np.float64), up)
+    return np.asarray(across / np.linalg.norm(across), np.float32)
+
+
+def _is_above(part: _Part, other: _Part, across: NDArray[np.float32]) -> bool:
+    """Whether a part's middle is above another, as far as is seen across the view."""
+    own, below = part.plan @ across, other.plan @ across
+    return bool(below.min() <= (own.min() + own.max()) / 2 <= below.max())
+
+
+def _holder(part: _Part, others: list[_Part], across: NDArray[np.float32] | None) -> int | None:
     """The number of what stands beneath a part, or, where it is seen to be in the air, beside its lower end.
 
-    None where there is nothing, where the part may rest on something, or where something reaches up to it that it may
-    stand beside.
+    across: see `_across`; None where the part is not seen to be in the air. None where there is nothing, where the part
+    may rest on something, or where something reaches up to it that it may stand beside.
     """
     found, nearest = None, _BESIDE
     for number, other in enumerate(others):
@@ -128,7 +143,8 @@ def _holder(part: _Part, others: list[_Part], in_air: bool) -> int | None:
             continue
         away = float(np.sqrt(_square(part.plan, other.plan)))
         reaches, passes = other.top > part.bottom - STANDS, other.top > part.bottom + STANDS
-        if away < _BESIDE and reaches and not (in_air and passes):
+        held = across is not None and (passes or not _is_above(part, other, across))
+        if away < _BESIDE and reaches and not held:
             return None
         if away < nearest and other.bottom < STANDS:
             found, nearest = number, away
