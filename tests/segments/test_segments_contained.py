@@ -29,13 +29,23 @@ def open_box(x: float, yaw: float, size: tuple[float, float, float], height: flo
     )
 
 
-def joined(parts: list[tuple[Cuboid, ...]], eye: tuple[float, float, float] = (0.1, -0.8, 0.7)) -> list[list[int]]:
-    """Which parts are joined, by number, seen by a camera with noise that looks at them from `eye`."""
+def joined(
+    parts: list[tuple[Cuboid, ...]], eye: tuple[float, float, float] = (0.1, -0.8, 0.7), shadow: int = 0
+) -> list[list[int]]:
+    """Which parts are joined, by number, seen by a camera with noise that looks at them from `eye`. shadow: so many
+    pixels to the right of the last one and below it have no depth."""
     painted = [dataclasses.replace(one, colour=(number + 1, 0, 0)) for number, part in enumerate(parts) for one in part]
     T = look_at(eye)
     frame = view(T, (TABLE, *painted), np.random.default_rng(0), CAMERA)
-    pixels = [np.flatnonzero((frame.colour == (number + 1, 0, 0)).all(-1)) for number in range(len(parts))]
-    points, normals = back_project(frame.depth, CAMERA), surface_normals(frame.depth, CAMERA)
+    masks = [(frame.colour == (number + 1, 0, 0)).all(-1) for number in range(len(parts))]
+    depth, (h, w) = frame.depth.copy(), frame.depth.shape
+    v, u = np.nonzero(masks[-1])
+    for k in range(1, shadow + 1):
+        for right, below in ((k, 0), (0, k), (k, k)):
+            depth[np.minimum(v + below, h - 1), np.minimum(u + right, w - 1)] = 0
+    depth[masks[-1]] = frame.depth[masks[-1]]
+    pixels = [np.flatnonzero(mask & (depth > 0)) for mask in masks]
+    points, normals = back_project(depth, CAMERA), surface_normals(depth, CAMERA)
     rows = join_contained(pixels, points, normals, T[:3, :3].T @ (0, 0, 1.0), 0.5)
     assert np.array_equal(np.sort(np.concatenate(rows)), np.sort(np.concatenate(pixels)))
     return sorted(sorted({int(frame.colour.reshape(-1, 3)[row, 0]) - 1 for row in one}) for one in rows)
@@ -56,6 +66,14 @@ def test_what_is_in_an_open_box_is_no_part_of_it(content: tuple[Cuboid, ...], ey
 def test_what_stands_on_the_floor_of_an_open_box_is_no_part_of_it(tall: float, eye: tuple[float, float, float]) -> None:
     """However little room is left above it, and though a camera above it sees nothing of it but its top."""
     assert joined([CRATE, (standing(-0.05, 0.02, (0.1, 0.08, tall)),)], eye) == [[0], [1]]
+
+
+@pytest.mark.parametrize(("eye", "shadow"), [((0.0, -0.3, 1.0), 3), ((0.02, -0.01, 1.1), 6)])
+def test_a_shadow_without_depth_beside_a_thing_is_no_sign_against_a_floor(
+    eye: tuple[float, float, float], shadow: int
+) -> None:
+    """A projector's, which things cast to one side: so many pixels wide."""
+    assert joined([CRATE, (standing(-0.05, 0.02, (0.1, 0.08, 0.13)),)], eye, shadow) == [[0], [1]]
 
 
 def test_a_neck_above_a_foot_is_a_part_of_the_screen() -> None:

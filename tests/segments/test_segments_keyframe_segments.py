@@ -123,6 +123,12 @@ def test_another_world_begins_with_nothing_remembered() -> None:
         assert (len(alone), len(found)) == (4, 3 if world == "first" else 4)
 
 
+def test_the_first_frame_of_another_world_is_a_keyframe() -> None:
+    finder = KeyframeSegments(SETTINGS.model_copy(update={"recent_frames": 0}))
+    wanted = [finder.wants(ms * MS, np.eye(4), world) for ms, world in ((0, "a"), (100, "a"), (133, "b"), (166, "b"))]
+    assert wanted == [True, False, True, False]
+
+
 ALONE = SETTINGS.model_copy(update={"recent_frames": 0})
 SCREEN = Cuboid((0.1, 0.4, 0.28), (0.5, 0.02, 0.3), colour=(30, 30, 35), heat=1.0)
 MUG = standing(-0.3, 0.0, (0.09, 0.09, 0.1))

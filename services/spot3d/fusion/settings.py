@@ -136,9 +136,12 @@ class FusionSettings(BaseModel):
         (),
         description="rules of the consensus to leave out, for ablations: what most views have in one with something "
         "larger is a part of it; points that most views have elsewhere are left out; what lacks depth reaches as far "
-        "as its outline; what is too thin to stand by itself is a part of what it stands on",
+        "as its outline; what most views fit a surface of revolution to is round; what is too thin to stand by itself "
+        "is a part of what it stands on",
     )
-    size_min: float = Field(SIZE_MIN, ge=0, description="an object's second longest edge is at least this, metres")
+    size_min: float = Field(
+        SIZE_MIN, ge=0, description="an object's second longest edge is at least this, less `plane_distance`, metres"
+    )
     size_max: float = Field(SIZE_MAX, gt=0, description="an object's longest edge is at most this, metres")
     volume_min: float = Field(1e-6, ge=0, description="boxes below this volume are dropped, cubic metres")
     seed: int = Field(0, ge=0, description="seed of RANSAC's choice of triples" + MAP_ALONE)

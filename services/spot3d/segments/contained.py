@@ -123,8 +123,10 @@ def _room(part: _Part, box: Box3D) -> float:
 def _stands_in(part: _Part, box: Box3D, size: float, view: _View) -> bool:
     """Whether most of what is seen beside a part is one floor within the box's outline, farther below its top than its
     size."""
+    flat = view.points.reshape(-1, 3)
     beside = _beside(part.pixels, view.points.shape[:2])
-    places = taken(view.points.reshape(-1, 3), beside) @ view.R
+    beside = beside[flat[beside, 2] > 0]
+    places = taken(flat, beside) @ view.R
     level = np.abs((places - box.centre) @ box.rotation[:, :2]) <= box.size[:2] / 2
     places = places[level.all(axis=1)]
     if len(places) <= _FLOOR * len(beside):

@@ -34,7 +34,7 @@ _SHARP = 3.0
 4100 views of things on ten rendered desks 79.6, 80.0, 80.2, 80.3 % are whole with 2, 2.5, 3, 4, and 79.2 % where colour
 is not looked at; from 4 on such boxes become one."""
 _ROUNDS = 12
-"""Pixels of a crease join the regions beside it within this many pixels."""
+"""Pixels of a crease join the regions beside it within twice as many pixels."""
 
 
 def split_at_creases(

@@ -12,7 +12,7 @@ from spot3d.frame_segments import TOO_COLD, TOO_LONG, TOO_LOW, TOO_MANY, TOO_SMA
 from spot3d.geometry.downsampling import LatticeFrame, to_lattice
 from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import dominant_planes
-from spot3d.geometry.upright import sampled
+from spot3d.geometry.upright import taken
 from spot3d.segments.contained import join_contained
 from spot3d.segments.creases import split_at_creases
 from spot3d.segments.foreground import on_long_planes, standing_out
@@ -140,7 +140,7 @@ def _join_vessels(
     parts = [pixels for pixels in _pixels(labels) if len(pixels) >= _WALL_PIXELS]
     rows = [pixels[:: max(1, len(pixels) // _SAMPLE)] for pixels in parts]
     flat = points.reshape(-1, 3)
-    samples = [sampled(flat, row) for row in rows]
+    samples = [taken(flat, row) for row in rows]
     groups = hollow_groups(rows, samples, normals.reshape(-1, 3), up, settings.size_max, noise)
     joined = labels.copy()
     for first, *others in groups:

@@ -16,7 +16,7 @@ from spot3d.segments.upward import Upward
 
 
 class KeyframeSegments:
-    """Finds the objects of those frames that are keyframes; of the others it remembers depth, of all which way is up.
+    """Finds the objects of those frames that are keyframes; of all it remembers depth, of keyframes which way is up.
 
     For every frame with a pose, in their order, `wants` comes first, then `find` where it says so.
     """
@@ -34,7 +34,7 @@ class KeyframeSegments:
         world: which one the pose is in; another one has nothing to do with that of before.
         """
         if world != self._world:
-            self._world, self._upward = world, Upward()
+            self._world, self._keyframes, self._upward = world, Keyframes(self._settings), Upward()
             self._recent.clear()
         self._is_keyframe = self._keyframes.is_keyframe(stamp_ns, T_world_camera)
         return self._is_keyframe or (self._settings.enabled and self._recent.wants(stamp_ns))

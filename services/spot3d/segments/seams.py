@@ -5,6 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.kernel import kernel
+from spot3d.segments.labels import united
 from spot3d.segments.nearness import within
 
 _CHROMA, _LIGHTNESS = 6.0, 15.0
@@ -39,11 +40,9 @@ def join_at_seams(
     one = total < crease * met
     if colour is not None:
         one |= (total < sharp * met) & _alike(labels[inside], colour[inside], count)
-    root = np.arange(count)
-    for pair in np.argwhere(one).tolist():
-        low, high = sorted(int(root[region]) for region in pair)
-        root[root == high] = low
-    return np.where(inside, np.unique(root, return_inverse=True)[1][labels], -1).astype(np.int32)
+    joined = united(labels, np.argwhere(one), count)
+    joined[inside] = np.unique(joined[inside], return_inverse=True)[1]
+    return joined
 
 
 def _alike(labels: NDArray[np.int32], colour: NDArray[np.uint8], count: int) -> NDArray[np.bool_]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.kernel import kernel
+from spot3d.segments.labels import united
 from spot3d.sensor import axial_noise_kernel
 
 _GAP = 0.05
@@ -62,7 +63,7 @@ def join_torn(
     sizes = np.bincount(labels[labels >= 0], minlength=count)
     small = sizes[met.regions].min(axis=1) < least
     joined = small | ((crease < _CREASE) & (_shares_of_rim(labels, met, count) >= _RIM))
-    return _united(labels, met.regions[joined], count)
+    return united(labels, met.regions[joined], count)
 
 
 def _meetings(labels: NDArray[np.int32], points: NDArray[np.float32], noise: DepthNoise) -> _Meetings:
@@ -145,12 +146,3 @@ def _shares_of_rim(labels: NDArray[np.int32], met: _Meetings, count: int) -> NDA
         facing = np.unique(met.pair * labels.size + met.pixels[:, side]) // labels.size
         shares.append(np.bincount(facing, minlength=len(met.regions)) / length[met.regions[:, side]])
     return np.maximum(*shares)
-
-
-def _united(labels: NDArray[np.int32], pairs: NDArray[np.int64], count: int) -> NDArray[np.int32]:
-    """The labels with these pairs of regions made one, which takes the lowest number."""
-    root = np.arange(count)
-    for a, b in pairs:
-        low, high = sorted((int(root[a]), int(root[b])))
-        root[root == high] = low
-    return np.where(labels >= 0, root[labels], -1).astype(np.int32)

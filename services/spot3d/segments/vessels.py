@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.depth_noise import KINECT_V1, DepthNoise
-from spot3d.geometry.upright import rotation_to_upright, sampled
+from spot3d.geometry.upright import rotation_to_upright, taken
 from spot3d.kernel import kernel
 
 _LEVEL = 0.4
@@ -54,7 +54,7 @@ def hollow_groups(
 ) -> list[list[int]]:
     """Which parts belong together: what is bent around an upright axis, and all around the same axis no further away.
 
-    parts: rows of points; samples: (m, 3) places of each part's, camera frame, metres (see `sampled`); normals: (n, 3)
+    parts: rows of points; samples: (m, 3) places of each part's, camera frame, metres; normals: (n, 3)
     unit normals of all points, which point to the camera; size_max: a hollow wider than this, metres, is no vessel's.
     Each part's number is in one group; the largest hollow chooses first.
     """
@@ -63,7 +63,7 @@ def hollow_groups(
     hollows = {}
     for number, (part, sample, places) in enumerate(zip(parts, samples, upright, strict=True)):
         sigma = float(noise.sigma(float(np.median(sample[:, 2]))))
-        hollow = _hollow(places, sampled(normals, part) @ R, _NOISES * sigma)
+        hollow = _hollow(places, taken(normals, part) @ R, _NOISES * sigma)
         if hollow is not None:
             hollows[number] = hollow
     group_of = {k: [k] for k in range(len(parts))}

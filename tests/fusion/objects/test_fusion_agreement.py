@@ -54,6 +54,12 @@ def test_what_nobody_else_sees_stays_alone() -> None:
     assert clusters([0, 1, 2], [], []) == [0, 1, 2]
 
 
+def test_a_frame_may_see_objects_and_have_no_segment_of_its_own() -> None:
+    """As one whose segments are all too small to be asked about."""
+    assert clusters([0, 1], [(0, 1), (1, 0), (0, 3), (1, 3)], [(0, 1), (1, 0)]) == [0, 0]
+    assert clusters([0, 1], [(0, 1), (1, 0), (0, 7), (1, 7)], []) == [0, 1]
+
+
 def test_a_view_that_holds_several_objects_joins_none_of_them() -> None:
     """Rows 0, 2, 4 and 1, 3, 5 are objects; row 6, of frame 3, is both, and three frames divide it."""
     frame = [0, 0, 1, 1, 2, 2, 3]

@@ -262,6 +262,25 @@ def test_what_turns_out_to_be_cold_goes() -> None:
     assert found.left_out == {"too cold": 2}
 
 
+def test_what_was_cold_beside_what_is_forgotten_is_an_object() -> None:
+    """As it is for who never saw what was hot; it has no number of before."""
+    votes = ViewConsensus(SETTINGS.model_copy(update={"keyframe_limit": 12}))
+    assert [item.id for item in votes.update([warm(frame, 0.9, 0.9, 0.9) for frame in keyframes(6)]).objects] == [
+        1,
+        2,
+        3,
+    ]
+    away = elsewhere(1)
+    cold = [warm(keyframe(pose, told=away @ pose), 0.12, 0.11, 0.12) for pose in orbit(12)]
+    beside = votes.update(cold[:3])
+    assert (len(beside.objects), beside.left_out) == (3, {"too cold": 3})
+    for frame in cold[3:]:
+        found = votes.update([frame])
+    alone = agreed(cold, keyframe_limit=12)
+    assert_same(found, alone)
+    assert [item.id for item in found.objects] == [4, 5, 6]
+
+
 def test_with_fewer_keyframes_than_an_object_needs_all_of_them_must_see_it() -> None:
     votes = ViewConsensus(SETTINGS)
     assert_found(votes.update([keyframe(POSES[0])]), least=0.3)
@@ -481,6 +500,21 @@ def test_keyframes_from_before_the_corrections_stay() -> None:
     for number, frame in enumerate(frames):
         place = np.linalg.inv(frame.T_map_camera)[:3]
         assert np.allclose(votes._graph.views[number].pose, place, atol=1e-4) == (number < 8)
+
+
+def test_a_keyframe_that_moves_away_takes_nothing_along() -> None:
+    """It was all that its view had to do with the object: nobody is asked anew about the others' segments."""
+    thing = (standing(0.0, 0.0, (0.16, 0.12, 0.14), 0.2),)
+    poses = [*orbit(6), look_at((0.45, -0.8, 0.6), (0.57, 0.1, 0.05))]  # the last one sees a piece, at its border
+    frames = [replace(keyframe(pose, thing), stamp_ns=row * STEP_NS) for row, pose in enumerate(poses)]
+    assert 20 < np.count_nonzero(frames[-1].labels) < np.count_nonzero(frames[0].labels) / 4
+    aside = np.array([[0.0] * 6, [0.12, 0, 0, 0, 0, 0]])
+    known = PoseCorrections(STEP_NS * np.array([5, 6]), aside)
+    votes = ViewConsensus(SETTINGS)
+    assert_found(votes.update(frames), thing)
+    found = votes.update([], corrections=known)
+    assert_found(found, thing)
+    assert [item.views for item in found.objects] == [6]
 
 
 def test_a_few_keyframes_that_move_are_asked_as_all_would_be() -> None:

@@ -51,7 +51,9 @@ def clusters_of(said: Statements, views_min: int, object_share: float, join_part
     most views have in one with a larger object is a part of that (see `_whole_of`).
     """
     frame, observed, within, divided, background = said
-    count, frames = len(frame), int(frame.max(initial=-1)) + 1
+    count = len(frame)
+    # A frame may see objects in segments, and have none of its own.
+    frames = 1 + int(max(frame.max(initial=-1), observed[:, 1].max(initial=-1)))
     own = np.arange(count)
     observers = 1 + np.bincount(observed[:, 0], minlength=count)  # its own frame observes it as well
     under = np.bincount(divided, minlength=count) >= _UNDER_SEGMENTED * observers

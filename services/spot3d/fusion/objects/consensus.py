@@ -205,7 +205,7 @@ class ViewConsensus:
                 self._verdicts[number] = judged
             else:
                 objects.append((number, members, len(np.unique(segments.frame.rows[members])), *judged))
-        self._leave_cold_out(max((confidence for *_, confidence in objects), default=0.0))
+        objects += self._compared(max((confidence for *_, confidence in objects), default=0.0))
         warm = [item for item in objects if not self._is_cold(confidence=item[4], views=item[2])]
         warm.sort(key=lambda item: (-len(item[1]), item[0]))
         taken = {found[0].id for found in self._verdicts.values() if not isinstance(found, str)}
@@ -233,12 +233,23 @@ class ViewConsensus:
         cold = self._settings.heat_min * min(1.0, self._hottest / _HOT)
         return bool(confidence + _SPREAD / np.sqrt(views) < cold)
 
-    def _leave_cold_out(self, hottest: float) -> None:
-        """What was found before, and is cold beside an object as hot as this, is none any more."""
-        self._hottest = max(self._hottest, hottest)
-        for number, found in self._verdicts.items():
-            if not isinstance(found, str) and self._is_cold(found[0].confidence, found[0].views):
-                self._verdicts[number] = replace(found[0], id=0), found[1]
+    def _compared(self, hottest: float) -> list[tuple[int, NDArray[np.int64], int, Piece, float]]:
+        """Compare what was found before with the hottest object that there is by now: what is cold beside it is none
+        any more. Returned is what was, and is not any more: it has no number yet.
+
+        hottest: confidence of the hottest of the others.
+        """
+        known = [(number, *found) for number, found in self._verdicts.items() if not isinstance(found, str)]
+        self._hottest = max((hottest, *(item.confidence for _, item, _ in known)))
+        warmer = []
+        for number, item, piece in known:
+            cold = self._is_cold(item.confidence, item.views)
+            if cold:
+                self._verdicts[number] = replace(item, id=0), piece
+            elif not item.id:
+                members = np.flatnonzero(self._graph.segments.cluster.rows == number)
+                warmer.append((number, members, item.views, piece, item.confidence))
+        return warmer
 
     def _whole_objects(self, up: NDArray[np.float64]) -> tuple[list[FoundObject], int]:
         """The objects, with what cannot stand by itself put together with what it stands on.

@@ -1,4 +1,4 @@
-"""Rows that come at the end and go at the front, each at a cost of its own and not of all that there are."""
+"""Rows that come at the end, at a cost of their own and not of all that there are."""
 
 from typing import Any, Generic, TypeVar
 

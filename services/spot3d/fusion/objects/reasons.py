@@ -9,7 +9,7 @@ TOO_COLD = "too cold"
 TOO_LARGE = "too large"
 """Longer than eps_max, `size_max`."""
 TOO_SMALL = "too small"
-"""Narrower than eps_min, `size_min`, or of less than `volume_min`."""
+"""Narrower than eps_min, `size_min`, less eps_p, `plane_distance`, or of less than `volume_min`."""
 TOO_THIN = "too thin"
 """Within the noise of a plane: thinner than eps_p, `plane_distance`."""
 

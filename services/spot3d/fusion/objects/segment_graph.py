@@ -168,7 +168,12 @@ class SegmentGraph:
         return np.asarray(mean / np.linalg.norm(mean))
 
     def _link_anew(self) -> None:
-        self.segments.part.rows[:] = np.arange(len(self.segments))
+        """Enter all links again; a cluster hangs together until it is clustered anew, whatever links it lost."""
+        part, cluster = np.arange(len(self.segments)), self.segments.cluster.rows
+        clustered = np.flatnonzero(cluster >= 0)
+        _, first, number = np.unique(cluster[clustered], return_index=True, return_inverse=True)
+        part[clustered] = clustered[first][number]
+        self.segments.part.rows[:] = part
         self._linked = 0
 
     def hang_together(self) -> None:

@@ -1,0 +1,13 @@
+"""Labels of a frame's regions."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def united(labels: NDArray[np.int32], pairs: NDArray[np.int64], count: int) -> NDArray[np.int32]:
+    """The labels with these pairs (k, 2) of `count` regions made one, which takes the lowest number; -1 = none."""
+    root = np.arange(count)
+    for a, b in pairs.tolist():
+        low, high = sorted((int(root[a]), int(root[b])))
+        root[root == high] = low
+    return np.where(labels >= 0, root[labels], -1).astype(np.int32)
