@@ -6,7 +6,7 @@ import pytest
 from spot3d.bench import reference, reference_map
 from spot3d.camera import Intrinsics, invert
 from spot3d.fusion.map.heatmap3d import Heatmap3D
-from spot3d.fusion.map.map_arrays import FREQUENCY, HEAT, LAST, NORMAL, WEIGHT, R, X
+from spot3d.fusion.map.map_arrays import FREQUENCY, HEAT, LAST, WEIGHT, R, X
 from spot3d.fusion.map.merging import Pixels
 from spot3d.fusion.objects.agreement import Statements, clusters_of
 from spot3d.fusion.objects.keyframes import Keyframe
@@ -14,7 +14,6 @@ from spot3d.fusion.objects.segment_table import SegmentTable
 from spot3d.fusion.objects.views import ask, view_of
 from spot3d.fusion.settings import FusionSettings
 from spot3d.geometry.downsampling import to_lattice
-from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import count_inliers
 from spot3d.source.scene.scene import Scene
 
@@ -62,13 +61,6 @@ def test_lattice_depth_is_the_same(scene: Scene, factor: int) -> None:
     np.testing.assert_allclose(lattice.depth, plain, atol=1e-5)
 
 
-def test_normals_are_the_same(scene: Scene) -> None:
-    depth = scene[0].depth_metres()
-    plain = reference_map.surface_normals(depth, CAMERA)
-    assert np.count_nonzero(plain.any(axis=-1)) > 0.5 * depth.size
-    np.testing.assert_allclose(surface_normals(depth, CAMERA), plain, atol=2e-3)
-
-
 def test_frames_are_merged_the_same_way(scene: Scene) -> None:
     rng, heatmap = np.random.default_rng(0), Heatmap3D(40_000, 0.005)
     plain = reference_map.copy_of(heatmap)
@@ -77,7 +69,7 @@ def test_frames_are_merged_the_same_way(scene: Scene) -> None:
     for number in range(1, 5):
         frame, pose = scene[number], scene.true_pose(number)
         depth, heat = frame.depth_metres(), rng.integers(0, 256, CAMERA.shape, np.uint8)
-        pixels = Pixels(depth, frame.colour, heat, surface_normals(depth, CAMERA))
+        pixels = Pixels(depth, frame.colour, heat)
         index, (warped, found, _) = heatmap.merge(number, pixels, candidates, CAMERA, pose, SETTINGS)
         plain_index, plain_warped, plain_found = reference_map.merge(
             plain, candidates, depth, frame.colour, heat, pose, CAMERA, SETTINGS.noise_gate, SETTINGS.range_max, number
@@ -99,9 +91,6 @@ def _assert_same_rows(ours: np.ndarray, plain: np.ndarray) -> None:
     for columns in (slice(X, X + 3), slice(R, R + 3), WEIGHT, HEAT, FREQUENCY):
         np.testing.assert_allclose(ours[:, columns], plain[:, columns], rtol=1e-4, atol=1e-4)
     np.testing.assert_array_equal(ours.view(np.int32)[:, LAST], plain.view(np.int32)[:, LAST])
-    lengths = np.linalg.norm(plain[:, NORMAL : NORMAL + 3], axis=1, keepdims=True)
-    difference = ours[:, NORMAL : NORMAL + 3] - plain[:, NORMAL : NORMAL + 3]
-    assert np.abs(difference).max() <= 5e-3 * max(1.0, float(lengths.max()))
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -134,25 +134,24 @@ def sampled(
 
     Structure (heat 0) has `cold` heat, objects have `heat`.
     """
-    xyz, normal, warm, colour = [], [], [], []
+    xyz, warm, colour = [], [], []
     for cuboid in cuboids:
-        points, directions = _faces(cuboid, step if cuboid.heat > 0 else 2 * step)
+        points = _faces(cuboid, step if cuboid.heat > 0 else 2 * step)
         for other in cuboids:
             if other is not cuboid:
                 box = other.box()
                 inside = np.abs((points - box.centre) @ box.rotation) <= box.size / 2 + 1e-6
                 keep = ~inside.all(axis=1)
-                points, directions = points[keep], directions[keep]
+                points = points[keep]
         xyz.append(points)
-        normal.append(directions)
         warm.append(np.full(len(points), heat * cuboid.heat + cold * (cuboid.heat == 0)))
         colour.append(np.tile(cuboid.colour, (len(points), 1)))
-    stacked = [np.concatenate(part).astype(np.float32) for part in (xyz, normal, colour, warm)]
+    stacked = [np.concatenate(part).astype(np.float32) for part in (xyz, colour, warm)]
     return FrequentPoints(*stacked, frequency=np.full(len(stacked[0]), 20, np.float32))
 
 
-def _faces(cuboid: Cuboid, step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    points, normals = [], []
+def _faces(cuboid: Cuboid, step: float) -> NDArray[np.float64]:
+    points = []
     half = np.array(cuboid.size) / 2
     for axis in range(3):
         for sign in (-1.0, 1.0):
@@ -164,6 +163,4 @@ def _faces(cuboid: Cuboid, step: float) -> tuple[NDArray[np.float64], NDArray[np
             grid[:, a], grid[:, b] = (g.ravel() for g in np.meshgrid(p, q, indexing="ij"))
             grid[:, axis] = sign * half[axis]
             points.append(grid)
-            normals.append(np.tile(sign * np.eye(3)[axis], (len(grid), 1)))
-    R = rotation_z(cuboid.yaw)
-    return np.concatenate(points) @ R.T + cuboid.centre, np.concatenate(normals) @ R.T
+    return np.concatenate(points) @ rotation_z(cuboid.yaw).T + cuboid.centre

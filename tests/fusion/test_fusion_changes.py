@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from spot3d.camera import Intrinsics
 from spot3d.fusion.change_answers import changes_message
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.map.changes import ChangeLog
-from spot3d.fusion.map.map_arrays import COLUMNS, FREQUENCY, HEAT, R, X
+from spot3d.fusion.map.map_arrays import COLUMNS, FIRST, FREQUENCY, HEAT, R, X
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.supports import RecentSupports
 from spot3d_schemas import Header
@@ -59,6 +60,32 @@ def test_a_point_that_is_no_more_and_one_in_its_place() -> None:
     assert changes.told(np.array([0]))[1][0] == 0
     rows[:, FREQUENCY] = (3, 4)
     assert asked(changes, rows, cursor)[0] == [0, 1], "both are other points than before"
+
+
+def test_a_point_in_anothers_place_is_told_however_alike_they_are() -> None:
+    changes, rows = ChangeLog(), rows_seen([9, 9])
+    cursor = asked(changes, rows, 0)[1]
+    rows[1, FIRST] = 7
+    assert asked(changes, rows, cursor)[0] == [1]
+
+
+def test_whoever_asks_a_full_map_knows_where_its_points_are() -> None:
+    """A camera goes from place to place, and each takes the room of one before; all have the same heat."""
+    fusion = Fusion(FusionSettings(map_limit=1000, lattice_width=40))
+    camera, pose, known, since = Intrinsics(24.0, 24.0, 11.5, 11.5, 24, 24), np.eye(4), {}, 0
+    colour, depth = np.full((*camera.shape, 3), 100, np.uint8), np.ones(camera.shape, np.float32)
+    header = Header(robot="robot", seq=0, stamp_ns=1, frame_id="camera")
+    for place in range(6):
+        pose[0, 3] = 2.0 * place
+        fusion.fuse(colour, depth, np.zeros(camera.shape, np.uint8), camera, pose)
+        parameters = {"generation": str(fusion.map_changes.generation), "since": str(since)}
+        message = changes_message(fusion, parameters, header, "a")
+        since = message.cursor
+        assert message.behind == 0
+        known |= dict(zip(message.number.tolist(), message.xyz.tolist(), strict=True))
+    rows = fusion.heatmap.points()
+    assert fusion.heatmap.evicted > 100
+    assert np.abs(rows[:, X : X + 3] - [known[row] for row in range(len(rows))]).max() < 0.05
 
 
 def test_answers_are_bounded_and_complete() -> None:

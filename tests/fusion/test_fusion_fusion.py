@@ -8,6 +8,7 @@ from voting_room import keyframe
 
 from spot3d.boxes import iou_matrix_3d, moved
 from spot3d.calibration import Calibration
+from spot3d.camera import Intrinsics
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import FoundObjects, Fusion
 from spot3d.fusion.settings import MAP_ALONE, FusionSettings
@@ -277,3 +278,18 @@ def test_frames_without_depth_and_read_only_frames_are_taken(width: int) -> None
     assert fusion.objects().objects == []
     assert fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, pose).appended > 0
     assert fusion.frame_count == 2
+
+
+def test_who_gives_frames_may_use_their_memory_again() -> None:
+    """At the lattice's own size nothing else copies them."""
+    camera, rng = Intrinsics(285.0, 285.0, 159.5, 119.5, 320, 240), np.random.default_rng(0)
+    colours = [rng.integers(0, 256, (*camera.shape, 3), np.uint8) for _ in range(2)]
+    depth, heat, counts = np.ones(camera.shape, np.float32), np.zeros(camera.shape, np.uint8), []
+    for reuse in (False, True):
+        fusion = Fusion(FusionSettings(plane_removal=False, look_up=False))
+        first = colours[0].copy()
+        fusion.fuse(first, depth, heat, camera, np.eye(4))
+        if reuse:
+            first[:] = colours[1]
+        counts.append(fusion.fuse(first if reuse else colours[1], depth, heat, camera, np.eye(4)).warped)
+    assert counts[0] == counts[1] < 0.1 * depth.size

@@ -1,4 +1,4 @@
-"""Upright boxes (Eq. 15)."""
+"""Upright boxes (Eq. 16)."""
 
 import cv2
 import numpy as np

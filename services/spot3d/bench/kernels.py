@@ -30,7 +30,7 @@ REPEATS, ROUNDS = 12, 4
 """Ours in a round, and rounds; a transcription that takes a second is called once a round."""
 SLOW_ROUNDS = 2
 TRIPLES = 10_000
-"""Triples of the reference's RANSAC (paper, Sec. V-A)."""
+"""Triples of the reference's RANSAC (paper, Sec. VI-A)."""
 NUMPY = "NumPy transcription"
 ABSENT = "OpenCV contrib EdgeBoxes (not installed)"
 

@@ -18,7 +18,7 @@ def weighted_heat(
     size_min: float = 0.02,
     size_max: float = 1.0,
 ) -> NDArray[np.float64]:
-    """H_2D of Eqs. 1-5, not normalised: (h, w). depth: (h, w) metres, 0 = invalid; boxes: (M, 5)."""
+    """H_2D of Eqs. 2-6, not normalised: (h, w). depth: (h, w) metres, 0 = invalid; boxes: (M, 5)."""
     heat = np.zeros(depth.shape)
     for x, y, w, h, c in boxes:
         u0, v0, u1, v1 = (int(np.rint(value)) for value in (x, y, x + w, y + h))
@@ -70,7 +70,7 @@ def inliers(points: NDArray[np.float32], plane: NDArray[np.float64], distance: f
 def dominant_plane(
     points: NDArray[np.float32], distance: float, triples: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], int]:
-    """The plane of most inliers among triples of points (Eqs. 8-9). points: (n, 3); triples: (k, 3) rows.
+    """The plane of most inliers among triples of points (Eq. 9). points: (n, 3); triples: (k, 3) rows.
 
     Returns the plane (4,) with b >= 0 and its number of inliers.
     """
@@ -94,7 +94,7 @@ def warp(
     colour_gate: float,
     depth_gate: float,
 ) -> NDArray[np.int32]:
-    """The index map warped into the next frame (Eqs. 11-13): (h, w) rows of the map, -1 = no match."""
+    """The index map warped into the next frame (Eqs. 12-14): (h, w) rows of the map, -1 = no match."""
     h, w = depth.shape
     index = np.full((h, w), -1, np.int32)
     nearest = np.full((h, w), np.inf)

@@ -1,13 +1,12 @@
-"""Registration with the map as one would write it in NumPy (paper, Sec. IV-B): normals, look-up, running means."""
+"""Registration with the map as one would write it in NumPy (paper, Sec. V-B): look-up, running means."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
 from spot3d.fusion.map.heatmap3d import Heatmap3D
-from spot3d.fusion.map.map_arrays import COLUMNS, FREQUENCY, HEAT, LAST, NORMAL, WEIGHT, R, X
+from spot3d.fusion.map.map_arrays import COLUMNS, FREQUENCY, HEAT, LAST, WEIGHT, R, X
 
-_REACH = 3
 _HALF = 1 << 19
 
 
@@ -25,26 +24,6 @@ def copy_of(heatmap: Heatmap3D) -> ReferenceMap:
     keys, slot_rows = heatmap.arrays.keys, heatmap.arrays.slot_rows
     voxels = dict(zip(keys[keys >= 0].tolist(), slot_rows[keys >= 0].tolist(), strict=True))
     return ReferenceMap(heatmap.voxel, heatmap.points().copy(), voxels)
-
-
-def surface_normals(depth: NDArray[np.float32], camera: Intrinsics) -> NDArray[np.float32]:
-    """Unit normals (h, w, 3) towards the camera by central differences, zero where nothing is continuous."""
-    h, w = depth.shape
-    u, v = np.meshgrid(np.arange(w, dtype=np.float64), np.arange(h, dtype=np.float64))
-    jump = 6 * _REACH * depth / camera.fx + 4 * camera.noise.sigma(depth)
-
-    def neighbour(dv: int, du: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        around = np.pad(depth, _REACH)[_REACH + dv : _REACH + dv + h, _REACH + du : _REACH + du + w]
-        good = (around > 0) & (np.abs(around - depth) < jump)
-        z = np.where(good, around, depth).astype(np.float64)
-        return (u + du * good - camera.cx) / camera.fx * z, (v + dv * good - camera.cy) / camera.fy * z, z
-
-    left, right = np.stack(neighbour(0, -_REACH), -1), np.stack(neighbour(0, _REACH), -1)
-    above, below = np.stack(neighbour(-_REACH, 0), -1), np.stack(neighbour(_REACH, 0), -1)
-    normals = np.cross(below - above, right - left)
-    length = np.linalg.norm(normals, axis=-1, keepdims=True)
-    unit: NDArray[np.float32] = (normals / np.where(length > 0, length, 1)).astype(np.float32)
-    return np.where((depth > 0)[..., None], unit, np.float32(0))
 
 
 def merge(
@@ -75,7 +54,6 @@ def merge(
     new, found = _look_up(known, pixel_rows, xyz, z, T[:3, 3].astype(np.float32), np.float32(noise_gate) * sigma)
     known.rows = np.concatenate((known.rows, np.zeros((new, COLUMNS), np.float32)))
     _update(known.rows, pixel_rows, xyz, colour[v, u], sigma)
-    _add_normals(known.rows, pixel_rows, surface_normals(depth, camera)[v, u] @ T[:3, :3].T, sigma)
     once, first = np.unique(pixel_rows, return_index=True)
     known.rows[once, HEAT] += heat[v, u][first] / np.float32(255)
     known.rows[once, FREQUENCY] += 1
@@ -132,13 +110,3 @@ def _update(
         summed = rows[:, WEIGHT] * rows[:, column] + np.bincount(pixel_rows, weight * values, len(rows))
         rows[seen, column] = summed[seen] / total[seen]
     rows[seen, WEIGHT] = total[seen]
-
-
-def _add_normals(
-    rows: NDArray[np.float32],
-    pixel_rows: NDArray[np.int64],
-    normals: NDArray[np.float64],
-    sigma: NDArray[np.float32],
-) -> None:
-    for i in range(3):
-        rows[:, NORMAL + i] += np.bincount(pixel_rows, 1e-6 / sigma.astype(np.float64) ** 2 * normals[:, i], len(rows))

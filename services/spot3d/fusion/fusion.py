@@ -1,4 +1,4 @@
-"""The fusion stage's core: frames with heat and pose in, 3D objects with stable numbers out (paper, Sec. IV)."""
+"""The fusion stage's core: frames with heat and pose in, 3D objects with stable numbers out (paper, Sec. V)."""
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
@@ -227,15 +227,14 @@ class Fusion:
             self._keyframe(back_project(frame.depth, frame.camera), frame.heat, T_world_camera, camera.noise)
         self._follow_map(np.eye(4) if T_world_map is None else T_world_map, poses_of)
         self.frame_count += 1
+        # The images are kept until the next frame, and longer with a stamp; at full size they may be the caller's own.
+        theirs = np.may_share_memory(frame.colour, colour) or np.may_share_memory(frame.depth, depth)
+        seen = (frame.colour.copy(), frame.depth.copy()) if theirs else (frame.colour, frame.depth)
+        pose = T_world_camera.copy()
         if stamp_ns is not None:
-            # At full size the lattice may be the caller's own images.
-            theirs = np.may_share_memory(frame.colour, colour) or np.may_share_memory(frame.depth, depth)
-            seen = (frame.colour.copy(), frame.depth.copy()) if theirs else (frame.colour, frame.depth)
             T_map_camera = invert(self._T_world_map) @ T_world_camera
-            self._fused.add(FusedFrame(stamp_ns, *seen, frame.camera, T_world_camera.copy(), T_map_camera, known))
-        return self._index_map.register(
-            self.heatmap, self.frame_count, frame.colour, frame.depth, warm, frame.camera, T_world_camera
-        )
+            self._fused.add(FusedFrame(stamp_ns, *seen, frame.camera, pose, T_map_camera, known))
+        return self._index_map.register(self.heatmap, self.frame_count, *seen, warm, frame.camera, pose)
 
     def _follow_map(self, T_world_theirs: NDArray[np.float64], poses_of: str | None) -> None:
         """Say where the map of poses lies by now, in which keyframes are; theirs: the map of who gives the poses."""
@@ -292,7 +291,7 @@ class Fusion:
         T_world_camera: NDArray[np.float64],
         noise: DepthNoise,
     ) -> None:
-        """Estimate the supporting plane anew, from the planes known here, and remember all (paper, Sec. IV-A)."""
+        """Estimate the supporting plane anew, from the planes known here, and remember all (paper, Sec. V-A)."""
         T_camera_world = invert(T_world_camera)
         known = np.array([transform_plane(plane, T_camera_world) for plane in self._candidates]).reshape(-1, 4)
         known = known[known[:, 3] > 0]  # what the camera has passed through faces away

@@ -16,7 +16,7 @@ shown, and in the paper's way, which finds objects in it."""
 
 
 class FusionSettings(BaseModel):
-    """Plane removal, registration, point selection, clustering and boxes (paper, Sec. IV)."""
+    """Plane removal, registration, point selection, clustering and boxes (paper, Sec. V)."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -174,7 +174,7 @@ PAPER = FusionSettings(
     density_points=50,
     volume_min=1e-6,
 )
-"""The paper's way (Sec. IV) with its values (Sec. V-A); no camera measures depth up to that range_max.
+"""The paper's way (Sec. V) with its values (Sec. VI-A); no camera measures depth up to that range_max.
 
 Departs from the paper in that a surface that comes into view again finds its points by voxel: else every pixel without
 a match adds a point, a tenth to a quarter of each frame's, without end.

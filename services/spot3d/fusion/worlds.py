@@ -14,7 +14,7 @@ EARLIER_EPOCH: Literal["pose of an earlier epoch"] = "pose of an earlier epoch"
 """Why a frame is not fused whose pose is there and not lost."""
 
 _REACH_M = 2000.0
-"""The map's voxels wrap beyond 5 km from the origin; no room is so large."""
+"""The map's voxels of 5 mm wrap beyond 2.6 km from the origin; no room is so large."""
 _JUMP_M = 0.5
 """Given poses jump so far where their own map is corrected."""
 _PAST = 16

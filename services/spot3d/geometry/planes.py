@@ -1,4 +1,4 @@
-"""Dominant planes of a frame, and the one that supports objects (paper, Sec. IV-A)."""
+"""Dominant planes of a frame, and the one that supports objects (paper, Sec. V-A)."""
 
 from typing import Protocol
 

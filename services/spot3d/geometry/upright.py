@@ -1,4 +1,4 @@
-"""Upright boxes around clusters of points (paper, Sec. IV-D, Eq. 15)."""
+"""Upright boxes around clusters of points (paper, Sec. V-D, Eq. 16)."""
 
 from dataclasses import dataclass
 
@@ -24,7 +24,7 @@ class Cluster:
 
 
 rotation_to_upright = kernel("f8[:,::1](f8[:])")(rotation_to_z)
-"""Rotation R_upright_world (3, 3) that turns `up` (unit, world) into +z by the shortest way (paper, Eq. 15).
+"""Rotation R_upright_world (3, 3) that turns `up` (unit, world) into +z by the shortest way (paper, Eq. 16).
 
 The paper turns the normal into y; z is the robot world's up.
 """
@@ -77,7 +77,7 @@ def upright_box(
 ) -> Box3D:
     """The tight box of (n, 3) world points whose third axis is `up`.
 
-    turn: choose the yaw of the smallest footprint (else the axes of Eq. 15 are kept); trim: share of the points left
+    turn: choose the yaw of the smallest footprint (else the axes of Eq. 16 are kept); trim: share of the points left
     out at each end of each axis, so that a few stray points do not stretch the box. Raises ValueError without points.
     """
     if len(points) == 0:

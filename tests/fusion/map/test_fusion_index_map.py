@@ -1,4 +1,4 @@
-"""Registration of frames with the map: the warp of Eqs. 11-13, running means, the voxel look-up, the limit."""
+"""Registration of frames with the map: the warp of Eqs. 12-14, running means, the voxel look-up, the limit."""
 
 import numpy as np
 import pytest
@@ -209,3 +209,20 @@ def test_a_point_lies_where_its_pixel_was() -> None:
     points = back_project(seen.depth, CAMERA)[seen.depth > 0] @ POSE[:3, :3].T + POSE[:3, 3]
     assert mapper.heatmap.count == len(points)
     np.testing.assert_allclose(mapper.heatmap.points()[:, X : X + 3], points, atol=1e-5)
+
+
+def test_a_camera_that_stands_still_for_days_loses_nothing_of_what_it_adds() -> None:
+    """A point's sums are halved together; of single precision 2^24 and 1 is 2^24."""
+    mapper, seen = Mapper(), view(POSE, ROOM)
+    mapper.see(seen, POSE)
+    rows = mapper.heatmap.points()
+    rows[:, FREQUENCY], rows[:, HEAT] = 65_530, 0.6 * 65_530
+    place = rows[:, X : X + 3].copy()
+    frequent = rows[:, FREQUENCY].copy()
+    for _ in range(20):
+        mapper.see(seen, POSE)
+        assert rows[:, FREQUENCY].max() < 65_536
+        assert (rows[:, FREQUENCY] != frequent).all(), "every frame counts"
+        frequent = rows[:, FREQUENCY].copy()
+    np.testing.assert_allclose(rows[:, HEAT] / rows[:, FREQUENCY], 0.6, atol=1e-3)
+    np.testing.assert_allclose(rows[:, X : X + 3], place, atol=1e-4)

@@ -5,7 +5,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.fusion.map.map_arrays import FREQUENCY, HEAT
+from spot3d.fusion.map.map_arrays import FIRST, FREQUENCY, HEAT
 from spot3d.kernel import kernel
 
 _TOLERANCE = 12
@@ -26,12 +26,13 @@ class ChangeLog:
         self._change = np.zeros(0, np.int64)
         self._frequency = np.zeros(0, np.float32)
         self._heat = np.zeros(0, np.uint8)
+        self._first = np.zeros(0, np.float32)
 
     def clear(self) -> None:
         """The map has been emptied: another one begins."""
         self.generation = max(time.time_ns(), self.generation + 1)
         self.last = 0
-        for column in (self._change, self._frequency, self._heat):
+        for column in (self._change, self._frequency, self._heat, self._first):
             column.fill(0)
 
     def after(
@@ -45,12 +46,9 @@ class ChangeLog:
         if len(self._change) < limit:
             # Untouched pages cost no memory.
             self._change, self._frequency = np.zeros(limit, np.int64), np.zeros(limit, np.float32)
-            self._heat = np.zeros(limit, np.uint8)
-        self.last = int(
-            _number_changes(
-                rows, np.float32(least), np.float32(tau), self._change, self._frequency, self._heat, self.last
-            )
-        )
+            self._heat, self._first = np.zeros(limit, np.uint8), np.zeros(limit, np.float32)
+        told = self._change, self._frequency, self._heat, self._first
+        self.last = int(_number_changes(rows, np.float32(least), np.float32(tau), *told, self.last))
         change = self._change[: len(rows)]
         changed = np.flatnonzero(change > since)
         if len(changed) > most:
@@ -67,7 +65,7 @@ class ChangeLog:
         return self._heat[rows], self._frequency[rows].astype(np.uint32)
 
 
-@kernel("i8(f4[:,::1], f4, f4, i8[::1], f4[::1], u1[::1], i8)")
+@kernel("i8(f4[:,::1], f4, f4, i8[::1], f4[::1], u1[::1], f4[::1], i8)")
 def _number_changes(
     rows: NDArray[np.float32],
     least: np.float32,
@@ -75,6 +73,7 @@ def _number_changes(
     change: NDArray[np.int64],
     told_frequency: NDArray[np.float32],
     told_heat: NDArray[np.uint8],
+    told_first: NDArray[np.float32],
     last: int,
 ) -> int:
     """Give each row that has changed the next number, and note what is told of it; returns the last number."""
@@ -87,9 +86,10 @@ def _number_changes(
         heat = np.float32(0)
         if now > 0:
             heat = np.float32(255) * min(np.float32(1), rows[row, HEAT] / (now + tau))
-        same = before > 0 and before <= now < 2 * before
+        same = before > 0 and before <= now < 2 * before and rows[row, FIRST] == told_first[row]
         if same and abs(heat - np.float32(told_heat[row])) <= np.float32(_TOLERANCE):
             continue
         last += 1
         change[row], told_frequency[row], told_heat[row] = last, now, np.uint8(heat + np.float32(0.5))
+        told_first[row] = rows[row, FIRST]
     return last

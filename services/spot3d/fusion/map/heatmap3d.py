@@ -1,4 +1,4 @@
-"""The 3D heatmap H_3D: points with colour, normal, heat and frequency, found again by voxel (paper, Sec. IV-A)."""
+"""The 3D heatmap H_3D: points with colour, heat and frequency, found again by voxel (paper, Sec. V-A)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,9 +105,9 @@ class Heatmap3D:
     def evict(self, wanted: int, tau: float) -> int:
         """Free the rows of so many of the least useful points, or of a fifth of all; returns of how many.
 
-        Least useful: low pseudo-average confidence c / (f + tau), with the points seen last held dearest at
-        equal confidence, so that what the camera looks at now is not what goes. The next call goes on where this
-        one ends: no frame waits for more than it needs itself.
+        Least useful: of the least sum of pseudo-average confidence, c / (f + tau), and of how lately a point was seen,
+        as a share of all frames, so that what the camera looks at now is not what goes. The next call goes on where
+        this one ends: no frame waits for more than it needs itself.
         """
         step = max(1, self.used // _SAMPLE)
         sample, last = self.points()[::step], self.last_seen()[::step].astype(np.float32)

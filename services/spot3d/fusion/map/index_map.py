@@ -1,4 +1,4 @@
-"""Registration of a frame with the 3D heatmap through the index map (paper, Sec. IV-B)."""
+"""Registration of a frame with the 3D heatmap through the index map (paper, Sec. V-B)."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -11,7 +11,6 @@ from spot3d.fusion.map.heatmap3d import Heatmap3D
 from spot3d.fusion.map.map_arrays import FREQUENCY
 from spot3d.fusion.map.merging import Pixels
 from spot3d.fusion.settings import FusionSettings
-from spot3d.geometry.normals import surface_normals
 from spot3d.kernel import kernel
 from spot3d.sensor import Pinhole, axial_noise_kernel, pinhole
 
@@ -58,7 +57,8 @@ class IndexMap:
         """Fuse one frame into the map: match pixels to points, update running means, append what is new.
 
         colour: (h, w, 3) uint8; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8 255ths.
-        A point's heat and frequency grow once a frame, however many pixels fall on it.
+        A point's heat and frequency grow once a frame, however many pixels fall on it. Colour and depth are kept, not
+        copied, until the next frame.
         """
         settings = self.settings
         lacking = heatmap.count + depth.size - heatmap.limit
@@ -76,7 +76,7 @@ class IndexMap:
             before, now = RgbdImage(last.depth, last.colour), RgbdImage(depth, colour)
             nearest = np.full(depth.shape, np.inf, np.float32)
             warp(last.index, before, now, T_camera_last.astype(np.float32), pinhole(camera), gates, nearest, candidates)
-        pixels = Pixels(depth, colour, heat, surface_normals(depth, camera))
+        pixels = Pixels(depth, colour, heat)
         index, counts = heatmap.merge(frame_number, pixels, candidates, camera, T_world_camera, settings)
         self._last = _LastFrame(index, depth, colour, camera, T_world_camera)
         return MatchCounts(*counts)
@@ -115,7 +115,7 @@ def warp(
     nearest: NDArray[np.float32],
     index: NDArray[np.int32],
 ) -> None:
-    """Warp the last frame's pixels into this one and keep the matches (paper, Eqs. 11-13).
+    """Warp the last frame's pixels into this one and keep the matches (paper, Eqs. 12-14).
 
     A match agrees in colour and in depth; of several on one pixel the nearest wins. nearest:
     (h, w), inf; index: (h, w), -1, which the map's rows are written to.

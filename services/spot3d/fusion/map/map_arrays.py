@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from spot3d.kernel import kernel
 from spot3d.voxel_hash import EMPTY, home_slot, voxel_key
 
-# Columns of a map row. A row fills one cache line, so that updating a point costs one memory access.
-X, R, NORMAL, WEIGHT, HEAT, FREQUENCY, LAST = 0, 3, 6, 9, 10, 11, 12
+# Columns of a map row; 6 to 8 are free. A row fills one cache line, so that updating a point costs one memory access.
+X, R, WEIGHT, HEAT, FREQUENCY, LAST, FIRST = 0, 3, 9, 10, 11, 12, 13
 COLUMNS = 16
 
 
@@ -17,9 +17,9 @@ class MapArrays(NamedTuple):
     """What the map is made of.
 
     rows: (limit, 16) float32, of which the first `used` have held points: position in the world (metres), colour
-    (RGB 0..255), normal (sum of unit normals, towards the cameras), weight of the running means, consolidated
-    heat c, frequency f (0: the row is free); numbers: (limit, 16) int32, the same memory: its column LAST is the number
-    of the frame that saw the point last.
+    (RGB 0..255), weight of the running means, consolidated heat c, frequency f (0: the row is free), number of the
+    frame that saw the point first, modulo 2^24; numbers: (limit, 16) int32, the same memory: its column LAST is the
+    number of the frame that saw the point last.
     keys: (slots,) int64 voxels, -1 = free; slot_rows: (slots,) int32 row of each key; row_slots: (limit,) int32 slot of
     each row's key, -1 = none. free: (limit,) int32, of which the first `free_count` are the rows that points have left.
     counts: (2,) int64, `used` and `free_count`.

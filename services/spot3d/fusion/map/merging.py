@@ -1,23 +1,25 @@
-"""Merging of a frame into the 3D heatmap (paper, Sec. IV-B)."""
+"""Merging of a frame into the 3D heatmap (paper, Sec. V-B)."""
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.fusion.map.map_arrays import FREQUENCY, HEAT, LAST, NORMAL, WEIGHT, MapArrays, R, X, key_at
+from spot3d.fusion.map.map_arrays import FIRST, FREQUENCY, HEAT, LAST, WEIGHT, MapArrays, R, X, key_at
 from spot3d.kernel import kernel, part
 from spot3d.sensor import Pinhole, axial_noise_kernel
 from spot3d.voxel_hash import EMPTY, find_slot
 
+_MOST_FRAMES = np.float32(1 << 16)
+"""Sums of single precision lose what a frame adds to them from 2^24 on, and before that some of it."""
+
 
 class Pixels(NamedTuple):
-    """A frame to be merged: (h, w) depth, metres, colour and heat (see `IndexMap.register`), normals (h, w, 3)."""
+    """A frame to be merged: (h, w) depth, metres, colour and heat (see `IndexMap.register`)."""
 
     depth: NDArray[np.float32]
     colour: NDArray[np.uint8]
     heat: NDArray[np.uint8]
-    normals: NDArray[np.float32]
 
 
 class Merging(NamedTuple):
@@ -70,13 +72,14 @@ def merge(
 ) -> tuple[int, int, int]:
     """Give every valid pixel its map point: the candidate, one in the voxels that noise can reach, or a new one.
 
-    Position, colour and normal are running means, weighted by 1 / sigma_z^2 if `noise_weighting`. Without `look_up` all
-    that has no candidate is new, and no voxel is entered. Once no row is free, new points are left out. Fills in the
-    index map, which is -1; returns how many pixels were warped, found and new.
+    Position and colour are running means, weighted by 1 / sigma_z^2 if `noise_weighting`. Without `look_up` all that
+    has no candidate is new, and no voxel is entered. Once no row is free, new points are left out. What a point's sums
+    hold is halved, mean and share alike, each time it has been seen 65,536 times. Fills in the index map, which is -1;
+    returns how many pixels were warped, found and new.
     """
     rows, numbers, keys, slot_rows, row_slots, free, counts = known
     used, free_count = counts[0], counts[1]
-    depth, colour, heat, normals = pixels
+    depth, colour, heat = pixels
     fx, fy, cx, cy, noise = camera
     per_metre, noise_gate, range_max, noise_weighting, look_up = how
     h, w = depth.shape
@@ -119,6 +122,7 @@ def merge(
                         keys[slot], slot_rows[slot], row_slots[row] = key, row, slot
                     rows[row, :] = np.float32(0)
                     numbers[row, LAST] = -1
+                    rows[row, FIRST] = np.float32(frame_number & 0xFFFFFF)
             index[v, u] = row
             weight = np.float32(1e-6) / (sigma * sigma) if noise_weighting else np.float32(1)
             total = rows[row, WEIGHT] + weight
@@ -129,12 +133,13 @@ def merge(
             rows[row, X + 2] += share * (zw - rows[row, X + 2])
             for i in range(3):
                 rows[row, R + i] += share * (colour[v, u, i] - rows[row, R + i])
-            nx, ny, nz = normals[v, u, 0], normals[v, u, 1], normals[v, u, 2]
-            for i in range(3):
-                rows[row, NORMAL + i] += weight * (T[i, 0] * nx + T[i, 1] * ny + T[i, 2] * nz)
             if numbers[row, LAST] != frame_number:
                 numbers[row, LAST] = frame_number
                 rows[row, FREQUENCY] += np.float32(1)
                 rows[row, HEAT] += heat[v, u] / np.float32(255)
+                if rows[row, FREQUENCY] >= _MOST_FRAMES:
+                    rows[row, FREQUENCY] /= np.float32(2)
+                    rows[row, HEAT] /= np.float32(2)
+                    rows[row, WEIGHT] /= np.float32(2)
     counts[0], counts[1] = used, free_count
     return warped, found, appended

@@ -312,7 +312,7 @@ class ViewConsensus:
         agrees = mine | (sees & (2 * background < seen))
         if agrees.sum() < settings.object_share * sees.sum():
             return MOSTLY_BACKGROUND
-        # The pseudo-average of Eq. 14, over views.
+        # The pseudo-average of Eq. 15, over views.
         confidence = float(segments.heat.rows[members].sum() / (max(len(members), sees.sum()) + tau))
         views = self._seen(members)
         # What is too large as its views have it is not made an object by leaving out what they disagree on.

@@ -1,4 +1,4 @@
-"""From the segments of one cluster to an upright box that stands on its support (paper, Sec. IV-D)."""
+"""From the segments of one cluster to an upright box that stands on its support (paper, Sec. V-D)."""
 
 from dataclasses import dataclass
 from typing import Self

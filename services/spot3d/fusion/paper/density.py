@@ -1,4 +1,4 @@
-"""From ranked points to objects as the paper has it: plane clean-up, density clustering, upright boxes (Sec. IV-D)."""
+"""From ranked points to objects as the paper has it: plane clean-up, density clustering, upright boxes (Sec. V-D)."""
 
 from dataclasses import dataclass
 
@@ -86,7 +86,7 @@ def cluster_by_density(xyz: NDArray[np.float32], up: NDArray[np.float64], settin
     """DBSCAN, a box in the direction of gravity around each cluster, merging, and the volume filter.
 
     xyz: (n, 3) float32 metres, without planes; up: (3,) unit. A box is from the least to the largest coordinate along
-    the axes of Eq. 15; clusters whose boxes intersect are one, and boxes below `volume_min` are none. No other rule.
+    the axes of Eq. 16; clusters whose boxes intersect are one, and boxes below `volume_min` are none. No other rule.
     """
     labels = density_labels(xyz, settings)
     clusters = [np.flatnonzero(labels == label) for label in range(labels.max(initial=-1) + 1)]

@@ -1,4 +1,4 @@
-"""Objects of a single frame as the paper has them: no fusion, the rest as in Sec. IV (paper, Sec. V-A)."""
+"""Objects of a single frame as the paper has them: no fusion, the rest as in Sec. V (paper, Sec. VI-A)."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""The dominant planes of a frame through triples of its points, as the paper finds them (Sec. IV-A)."""
+"""The dominant planes of a frame through triples of its points, as the paper finds them (Sec. V-A)."""
 
 import numpy as np
 from numpy.typing import NDArray
