@@ -154,3 +154,8 @@ def test_other_variables_are_left_alone():
 def test_a_greatest_size_below_the_least_is_refused() -> None:
     with pytest.raises(InvalidSettingsError, match=r"size_max.*as small as this and as large as size_min, 2 m"):
         load_settings(overrides={"size_min": 2.0, "size_max": 1.0})
+
+
+def test_a_preset_that_is_no_name_is_refused(tmp_path):
+    with pytest.raises(InvalidSettingsError, match=r"preset .* does not exist"):
+        load_settings(written(tmp_path, 'preset = ["paper"]\n'))

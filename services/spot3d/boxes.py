@@ -133,7 +133,7 @@ def _over_union(
 
 
 def iou_per_truth(iou: NDArray[np.float64]) -> NDArray[np.float64]:
-    """IoU(i): the best overlap of each true object with any proposal (paper, Sec. V-A, Eq. IoU_ori).
+    """IoU(i): the best overlap of each true object with any proposal (paper, Sec. VI-A, Eq. IoU_ori).
 
     iou: (N, M) of N true objects and M proposals. Returns (N,); 0 without proposals.
     """
@@ -141,7 +141,7 @@ def iou_per_truth(iou: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def iou_per_proposal(iou: NDArray[np.float64]) -> NDArray[np.float64]:
-    """IoU_o(j), modified IoU: each proposal's best overlap with a true object (paper, Sec. V-A, Eq. IoU).
+    """IoU_o(j), modified IoU: each proposal's best overlap with a true object (paper, Sec. VI-A, Eq. IoU).
 
     iou: (N, M) of N true objects and M proposals. Returns (M,); 0 without true objects.
     """
@@ -159,7 +159,7 @@ def detection_rate(scenes: Sequence[NDArray[np.float64]], threshold: float = 0.5
 
 
 def success_rate(scenes: Sequence[NDArray[np.float64]], threshold: float = 0.5) -> float:
-    """SR: the part of the proposals that overlap a true object with IoU >= threshold (paper, Sec. V-A).
+    """SR: the part of the proposals that overlap a true object with IoU >= threshold (paper, Sec. VI-A).
 
     scenes: one IoU matrix (N_k, M_k) for each scene; the proposals of all scenes are pooled, as for the
     detection rate. Returns nan when there is no proposal at all.
@@ -180,7 +180,7 @@ def mean_modified_iou(scenes: Sequence[NDArray[np.float64]]) -> float:
 
 
 def recall_curve(scenes: Sequence[NDArray[np.float64]], thresholds: ArrayLike) -> NDArray[np.float64]:
-    """Detection rate at each IoU threshold (T,): the paper's recall curve (Fig. 12). Returns (T,)."""
+    """Detection rate at each IoU threshold (T,): the paper's recall curve (Fig. 10). Returns (T,)."""
     best = _pooled_truths(scenes)
     steps = np.asarray(thresholds, dtype=np.float64)
     return np.array([_rate_at_least(best, float(threshold)) for threshold in steps])

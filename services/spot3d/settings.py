@@ -103,7 +103,7 @@ def load_settings(
     if file is not None:
         layers[str(file)] = read_toml(file)
     named = preset or next((layer["preset"] for layer in layers.values() if "preset" in layer), "default")
-    if named not in PRESETS:
+    if not isinstance(named, str) or named not in PRESETS:
         raise InvalidSettingsError(f"preset {named!r} does not exist; choose one of {', '.join(PRESETS)}")
     merged: Layer = {}
     for layer in (PRESETS[named], *reversed(layers.values()), {"preset": named}):

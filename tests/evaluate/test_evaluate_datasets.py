@@ -1,5 +1,6 @@
 """Loaders of data sets: made-up samples, and what each says when something is missing."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from spot3d.camera import Intrinsics
 from spot3d.evaluate.datasets import at_half_size, both_sizes, dataset_kind, datasets_below, open_dataset, told_apart
 from spot3d.evaluate.labelled import DataSet, joined
 from spot3d.evaluate.ply import read_ply_points
+from spot3d.evaluate.points import IGNORED
 from spot3d.evaluate.scores import without_object
 from spot3d.evaluate.unjudged import judged_overlap
 from spot3d.settings import Settings
@@ -246,3 +248,36 @@ def test_joined_frames(tmp_path: Path) -> None:
     assert frames is not None
     both = joined([frames, frames])
     assert [len(both.read(index).boxes) for index in range(both.count)] == [2, 0, 2, 0]
+
+
+def test_settings_may_halve_a_data_set() -> None:
+    """As those of a run at half size do, with which it is measured; once, whoever asks for it again."""
+    halved = Settings.model_validate({"source": {"halved": True}})
+    asked = at_half_size(open_dataset("scene:0", Settings(), frames=30))
+    told = open_dataset("scene:0", halved, frames=30)
+    assert told.halved
+    for dataset in (told, at_half_size(told)):
+        assert dataset.frames is not None
+        assert asked.frames is not None
+        one, other = dataset.frames.read(0), asked.frames.read(0)
+        assert one.frame.depth.shape == other.frame.depth.shape == (240, 320)
+        np.testing.assert_array_equal(one.boxes, other.boxes)
+        assert dataset.sequences[0].sequence.intrinsics == asked.sequences[0].sequence.intrinsics
+
+
+def test_labels_without_their_cloud(tmp_path: Path) -> None:
+    (tmp_path / "frame-000000.pose.txt").write_text("1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n")
+    (tmp_path / "camera-intrinsics.txt").write_text("60 0 31.5\n0 60 23.5\n0 0 1\n")
+    write_png(tmp_path / "frame-000000.color.png", np.zeros((48, 64, 3), np.uint8))
+    write_png(tmp_path / "frame-000000.depth.png", np.full((48, 64), 1000, np.uint16))
+    (tmp_path / "labels.json").write_text(
+        json.dumps({"R_aligned_world": np.eye(3).tolist(), "plane_offset": 0.0, "objects": []})
+    )
+    with pytest.raises(SourceError, match=r"labelled_cloud\.npz"):
+        open_dataset(str(tmp_path), Settings())
+
+
+def test_what_a_scene_hardly_shows_is_not_judged() -> None:
+    truth = open_dataset("scene:2", Settings(), frames=30).sequences[0].truth
+    assert truth is not None
+    assert set(np.unique(truth.label).tolist()) == {0, IGNORED, *truth.labels}

@@ -111,3 +111,12 @@ def test_point_scores_without_points_of_interest(labels: list[int], expected: tu
 def test_mean_point_scores(scenes: list[PointScores], expected: tuple[float, float, float]) -> None:
     mean = mean_point_scores(scenes)
     np.testing.assert_allclose((mean.precision, mean.recall, mean.f_measure), expected, atol=1e-3)
+
+
+def test_points_on_a_surface_are_in_the_box_however_they_are_rounded() -> None:
+    rng = np.random.default_rng(0)
+    box = Box3D(np.array((0.31, -1.7, 0.9)), np.array((0.13, 0.07, 0.211)), np.linalg.qr(rng.normal(size=(3, 3)))[0])
+    local = rng.uniform(-0.5, 0.5, (3000, 3))
+    local[np.arange(3000), np.arange(3000) % 3] = np.sign(local[:, 0]) / 2
+    points = (box.centre + (local * box.size) @ box.rotation.T).astype(np.float32)
+    assert points_in_boxes(points, [box]).all()

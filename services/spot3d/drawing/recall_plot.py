@@ -1,4 +1,4 @@
-"""Recall over IoU as a picture (paper, Fig. 12), drawn with OpenCV."""
+"""Recall over IoU as a picture (paper, Fig. 10), drawn with OpenCV."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -19,6 +19,7 @@ from spot3d.source.scene.name import scene_names
 from spot3d.source.selected import Selection, open_selection
 from spot3d.source.sequences import at_half_size as half_sequence
 from spot3d.source.sequences import refuse_misnamed_scene
+from spot3d.source.settings import SourceSettings
 from spot3d.source.seven_scenes import is_seven_scenes
 from spot3d.source.tum import is_tum
 
@@ -39,12 +40,20 @@ def open_dataset(
     every: only each so-manieth frame of a sequence; frames: at most so many of what is left of it. intrinsics: fx, fy,
     cx, cy in pixels of a folder in the layout of OSD, 7-Scenes or TUM RGB-D, instead of those it states. Truth of
     7-Scenes is `labels.json` with `labelled_cloud.npz`, that of TUM RGB-D `truth_objects.txt`; without it, poses
-    are compared only. Raises SourceError, saying what is missing.
+    are compared only. At half size where the settings say so. Raises SourceError, saying what is missing.
     """
+    source = settings.source.model_copy(update={"halved": False})
+    opened = _opened(name, source, every, frames, intrinsics)
+    return at_half_size(opened) if settings.source.halved else opened
+
+
+def _opened(
+    name: str, source: SourceSettings, every: int, frames: int | None, intrinsics: FocalAndCentre | None
+) -> DataSet:
     scenes = scene_names(name)
     if scenes is not None:
         _has_own_camera(name, intrinsics)
-        opened = [open_scene(scene, settings, every, frames) for scene in scenes]
+        opened = [open_scene(scene, source, every, frames) for scene in scenes]
         return DataSet(name, "built-in scene", joined([f for _, f in opened]), tuple(s for s, _ in opened))
     folder = Path(name)
     if not folder.is_dir():
@@ -61,7 +70,7 @@ def open_dataset(
         return DataSet(folder.name, kind, sequences=open_uw_scenes(folder, every, frames))
     if kind is None:
         raise SourceError(f"{folder} is none of the data sets {LAYOUTS}; docs/measured.md says how each is laid out")
-    sequence = open_selection(Selection(name, frames, every, intrinsics), settings.source)
+    sequence = open_selection(Selection(name, frames, every, intrinsics), source)
     return DataSet(folder.name, kind, sequences=(LabelledSequence(folder.name, sequence, _truth_of(folder)),))
 
 
@@ -107,7 +116,9 @@ def told_apart(datasets: dict[str, DataSet]) -> list[DataSet]:
 
 
 def at_half_size(dataset: DataSet) -> DataSet:
-    """The same data set with every second pixel; 3D truth stays as it is."""
+    """The same data set with every second pixel, unless it is so already; 3D truth stays as it is."""
+    if dataset.halved:
+        return dataset
     frames = dataset.frames
     sequences = tuple(LabelledSequence(s.name, half_sequence(s.sequence), s.truth) for s in dataset.sequences)
     if frames is None:
@@ -147,6 +158,6 @@ def _truth_of(folder: Path) -> LabelledScene | None:
             labels = tuple(range(1, len(boxes) + 1))
             up = np.array((0.0, 0.0, 1.0))
             return LabelledScene(names, labels, boxes, up, np.zeros((0, 3), np.float32), np.zeros(0, np.uint8))
-    except ValueError as error:
+    except (ValueError, FileNotFoundError) as error:
         raise SourceError(str(error)) from error
     return None

@@ -30,7 +30,7 @@ COLUMNS = (
 
 
 def finished_table(dataset: DataSet, folder: Path, settings: Settings) -> Table:
-    """Overlap and points (paper, Fig. 12 and Table IV) of the objects in a run's folder, and of the peer.
+    """Overlap and points (paper, Fig. 10 and Table IV) of the objects in a run's folder, and of the peer.
 
     At most 300 of the run's frames are read again, for the peer's cloud and to see where the true objects are;
     `settings` have the limits of the peer's. Raises SourceError where the data set has not one sequence with true

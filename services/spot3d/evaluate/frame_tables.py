@@ -102,10 +102,10 @@ class FoundInFrames:
 
 
 def filters_table(datasets: list[DataSet], settings: Settings) -> Table:
-    """Shares of proposals that the depth filters accept whole, mask in part, reject (paper, Sec. V-A)."""
+    """Shares of proposals that the depth filters accept whole, mask in part, reject (paper, Sec. VI-A)."""
     columns: tuple[Column, ...] = (Column("data"), Column("metric culling"), Column("proposals a frame", 0))
     columns += (Column("accepted %", 1), Column("masked in part %", 1), Column("rejected %", 1))
-    table = Table("filters", "What the depth filters do with the proposals (paper, Sec. V-A)", columns)
+    table = Table("filters", "What the depth filters do with the proposals (paper, Sec. VI-A)", columns)
     for dataset in datasets:
         for culling in (True, False):
             counts, frames = Counter[str](), 0

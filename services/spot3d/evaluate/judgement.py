@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D, iou_matrix_3d, moved
 from spot3d.evaluate.points import IGNORED, PointScores, SortedPoints, point_scores
-from spot3d.evaluate.scores import HIT
+from spot3d.evaluate.scores import HIT, MEETS
 from spot3d.evaluate.truth import LabelledScene
 
 
@@ -47,22 +47,22 @@ class Judged:
 
 
 def judge(found: Sequence[Box3D], truth: LabelledScene) -> Judged:
-    """The found boxes, in the world of the truth, beside it (paper, Sec. V)."""
+    """The found boxes, in the world of the truth, beside it (paper, Sec. VI)."""
     boxes = that_count(found, truth)
     scores = [point_scores(truth.xyz, truth.label, chosen) for chosen in (boxes, found)]
     return Judged(boxes, len(found) - len(boxes), iou_matrix_3d(truth.boxes, boxes), *scores)
 
 
 def that_count(found: Sequence[Box3D], truth: LabelledScene) -> tuple[Box3D, ...]:
-    """The boxes that hit a true object, or lie where the labels tell that there is none.
+    """The boxes that meet a true object, or lie where the labels tell that there is none.
 
     Where most labelled points in a box are ignored ones, nothing tells whether an object is there.
     """
-    hits = iou_matrix_3d(truth.boxes, found).max(axis=0, initial=0.0) >= HIT
+    meets = iou_matrix_3d(truth.boxes, found).max(axis=0, initial=0.0) >= MEETS
     points = SortedPoints(truth.xyz)
 
     def on_ignored(box: Box3D) -> bool:
         inside = truth.label[points.rows_in(box)]
         return bool(np.count_nonzero(inside == IGNORED) > len(inside) / 2)
 
-    return tuple(box for box, hit in zip(found, hits, strict=True) if hit or not on_ignored(box))
+    return tuple(box for box, met in zip(found, meets, strict=True) if met or not on_ignored(box))

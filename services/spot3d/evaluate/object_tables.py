@@ -37,10 +37,10 @@ NOTE_PEER = (
 
 
 def objects_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Table:
-    """2D and 3D overlap of the objects found, at VGA and half size, with recall curves (paper, Fig. 12)."""
+    """2D and 3D overlap of the objects found, at VGA and half size, with recall curves (paper, Fig. 10)."""
     columns: tuple[Column, ...] = (Column("data"), Column("size"), Column("method"), *OVERLAP)
     columns += (*CARRIED, Column("found", 1), Column("true", 1))
-    table = Table("objects", "Objects of whole runs: overlap with the true ones (paper, Fig. 12)", columns)
+    table = Table("objects", "Objects of whole runs: overlap with the true ones (paper, Fig. 10)", columns)
     for dataset, size in both_sizes(datasets):
         done = _runs_of(dataset, settings, runs)
         if not done:

@@ -1,4 +1,4 @@
-"""Point-wise precision, recall and F-measure of 3D boxes against a labelled cloud (paper, Sec. V-B)."""
+"""Point-wise precision, recall and F-measure of 3D boxes against a labelled cloud (paper, Sec. VI-B)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from spot3d.boxes import Box3D
 
 BACKGROUND = 0
 IGNORED = 255
-# Slack in metres of the bounds that only preselect points, so that rounding loses none on a surface.
+# Slack in metres, so that rounding loses no point on a surface.
 ROUNDING = 1e-6
 
 
@@ -39,7 +39,7 @@ class SortedPoints:
         low, high = box.centre[0] + np.array((-1, 1)) * (np.abs(box.rotation[0]) @ half + ROUNDING)
         stretch = slice(np.searchsorted(x, low), np.searchsorted(x, high))
         offset = self._xyz[:, stretch] - box.centre[:, None]
-        inside = (np.abs(box.rotation.T @ offset) <= half[:, None]).all(axis=0)
+        inside = (np.abs(box.rotation.T @ offset) <= half[:, None] + ROUNDING).all(axis=0)
         return np.asarray(self._order[stretch][inside])
 
 
@@ -55,7 +55,7 @@ def points_in_boxes(xyz: NDArray[np.floating], boxes: Sequence[Box3D]) -> NDArra
 
 
 def point_scores(xyz: NDArray[np.floating], label: NDArray[np.integer], boxes: Sequence[Box3D]) -> PointScores:
-    """AP, AR and F of one scene's proposals, in percent (paper, Sec. V-B, TP and FP).
+    """AP, AR and F of one scene's proposals, in percent (paper, Sec. VI-B, TP and FP).
 
     xyz: (N, 3) metres, in the boxes' frame. label: (N,) integers: 0 background (redundant points),
     255 ignored, all others points of interest. A point counts once, however many boxes hold it.

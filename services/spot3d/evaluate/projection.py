@@ -1,4 +1,4 @@
-"""2D boxes of 3D objects in a view: around the projections of their points (paper, Sec. V-B)."""
+"""2D boxes of 3D objects in a view: around the projections of their points (paper, Sec. VI-B)."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ NEAR = 0.1
 VISIBLE_MIN = 0.5
 """An object is in a view if this share of its points falls into the image."""
 POINTS_MAX = 2000
-STEPS = 5
+STEPS = 17
 
 
 def box_surface(box: Box3D) -> NDArray[np.float64]:
@@ -52,5 +52,6 @@ def boxes_in_view(
         if np.count_nonzero(inside) < VISIBLE_MIN * len(points):
             continue
         u, v = u[inside], v[inside]
-        boxes.append((u.min(), v.min(), np.ptp(u) + 1, np.ptp(v) + 1))
+        # A pixel's middle is half a pixel from its corner, where boxes are counted from.
+        boxes.append((u.min() + 0.5, v.min() + 0.5, np.ptp(u), np.ptp(v)))
     return np.array(boxes, dtype=np.float64).reshape(-1, 4)

@@ -5,11 +5,12 @@ import numpy as np
 from spot3d.boxes import Box3D
 from spot3d.camera import back_project
 from spot3d.evaluate.labelled import LabelledFrame, LabelledFrames, LabelledSequence, mask_boxes
+from spot3d.evaluate.points import IGNORED
 from spot3d.evaluate.truth import LabelledScene
-from spot3d.settings import Settings
 from spot3d.source.scene.name import DEFAULT_KIND, SceneName, parse_scene_name
 from spot3d.source.scene.scene import Scene
 from spot3d.source.selected import Selection, full_scene_name, open_selection
+from spot3d.source.settings import SourceSettings
 
 TRUTH_VIEWS = 20
 TRUTH_VOXEL = 0.005
@@ -20,11 +21,11 @@ PIXELS_MIN = 200
 
 
 def open_scene(
-    name: str, settings: Settings, every: int = 1, frames: int | None = None
+    name: str, source: SourceSettings, every: int = 1, frames: int | None = None
 ) -> tuple[LabelledSequence, LabelledFrames]:
     """The scene of this name as a labelled sequence, and some of its frames with boxes around the true masks."""
-    sequence = open_selection(Selection(name, frames, every), settings.source)
-    full = full_scene_name(parse_scene_name(name) or SceneName(), settings.source)
+    sequence = open_selection(Selection(name, frames, every), source)
+    full = full_scene_name(parse_scene_name(name) or SceneName(), source)
     scene = Scene(full.seed or 0, full.kind or DEFAULT_KIND, frames=every * len(sequence))
 
     looked_at = range(0, len(sequence), max(1, len(sequence) // SINGLE_FRAMES))
@@ -49,6 +50,8 @@ def _scene_truth(scene: Scene, indices: range) -> LabelledScene:
         label.append(view.instance[::2, ::2].ravel().astype(np.uint8))
     boxes = [box for box in scene.boxes if pixels[box.id] >= PIXELS_MIN]
     points, labels = np.concatenate(xyz), np.concatenate(label)
+    # Of what is hardly seen there is no box: nothing tells whether its points are found.
+    labels[(labels > 0) & ~np.isin(labels, [box.id for box in boxes])] = IGNORED
     # A voxel's point of interest wins over background, which would eat the rims of thin objects.
     order = np.argsort(labels == 0, kind="stable")
     i, j, k = (np.floor(points[order] / TRUTH_VOXEL).astype(np.int64) + (1 << 20)).T

@@ -1,4 +1,4 @@
-"""The numbers that say how well boxes fit true ones (paper, Sec. V-A and Table III)."""
+"""The numbers that say how well boxes fit true ones (paper, Sec. VI-A and Table III)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

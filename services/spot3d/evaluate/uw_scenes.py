@@ -37,7 +37,7 @@ def open_uw_scenes(folder: Path, every: int = 1, frames: int | None = None) -> t
     README: a pose is a quaternion, real part first, and the camera's position, one line a frame; the first number
     of `.label` is the number of points, then their labels follow: bowl 1, cap 2, cereal_box 3, coffee_mug 4,
     coffee_table 5, office_chair 6, soda_can 7, sofa 8 or 9, table 9, background 10. Objects are the things of the
-    paper's Sec. V-B (tables, sofa and background are redundant points), split where they do not touch. Focal
+    paper's Sec. VI-B (tables, sofa and background are redundant points), split where they do not touch. Focal
     length and centre are those of depthToCloud.m; the README gives no unit of depth, so the cloud decides between
     the two in use. Raises SourceError for what is missing.
     """
