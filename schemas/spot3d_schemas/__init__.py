@@ -25,7 +25,19 @@ from spot3d_schemas.messages import (
     Segments,
 )
 from spot3d_schemas.names import checked_name
-from spot3d_schemas.topics import BRIDGE, STAGES, TOPICS, Topic, alive_key, fleet_key, key, process_key
+from spot3d_schemas.topics import (
+    BRIDGE,
+    STAGES,
+    TOPICS,
+    Token,
+    Topic,
+    alive_key,
+    fleet_key,
+    key,
+    process_key,
+    robot_of,
+    token_of,
+)
 
 __all__ = [
     "BRIDGE",
@@ -52,6 +64,7 @@ __all__ = [
     "Progress",
     "Proposals",
     "Segments",
+    "Token",
     "Topic",
     "WireHeader",
     "alive_key",
@@ -65,4 +78,6 @@ __all__ = [
     "peek_header",
     "process_key",
     "refuse_encoding",
+    "robot_of",
+    "token_of",
 ]

@@ -43,7 +43,10 @@ def encode(message: Message, *, thin_link: bool = False, jpeg_quality: int = 90)
     packer = msgpack.Packer()
     head = [packer.pack_map_header(len(fields) + len(specs))]
     for name, value in fields.items():
-        head += (packer.pack(name), packer.pack(value))
+        try:
+            head += (packer.pack(name), packer.pack(value))
+        except UnicodeEncodeError as error:
+            raise CodecError(f"{message.SCHEMA}.{name}: is no text that UTF-8 has: {error}") from None
     pieces: list[bytes | memoryview] = [b"".join(head)]
     at = len(pieces[0])
     for name, spec in specs.items():

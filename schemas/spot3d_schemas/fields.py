@@ -27,8 +27,8 @@ from spot3d_schemas.numbers_field import NumbersSpec
 
 
 def _cut(text: object) -> object:
-    # A long error text is worth less than the message that carries it.
-    return text[:MAX_TEXT] if isinstance(text, str) else text
+    # A long error text is worth less than the message that carries it; so is how a file's odd name is spelled in it.
+    return text.encode("utf-8", "backslashreplace").decode()[:MAX_TEXT] if isinstance(text, str) else text
 
 
 Name = Annotated[str, AfterValidator(checked_name), WithJsonSchema({"type": "string", "maxLength": MAX_NAME})]

@@ -178,7 +178,7 @@ class Preview(Message):
 
 
 class Heat(RgbdMessage):
-    """A frame's weighted 2D heatmap with all that fusion needs of the frame (paper, Sec. III-B, Eq. 5).
+    """A frame's weighted 2D heatmap with all that fusion needs of the frame (paper, Sec. IV-C, Eq. 6).
 
     heat: (h, w) uint8, 255 = the frame's maximum. accepted, masked, rejected: counts of boxes (hard filter).
     """

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from spot3d_schemas.messages import (
     About,
@@ -20,7 +20,7 @@ from spot3d_schemas.messages import (
     Proposals,
     Segments,
 )
-from spot3d_schemas.names import checked_name
+from spot3d_schemas.names import checked_name, is_name
 
 STAGES = ("source", "pose", "proposals", "heatmap", "segments", "fusion")
 """The processes of the dataflow, in its order."""
@@ -110,6 +110,31 @@ def key(robot: str, topic: str) -> str:
 def alive_key(robot: str, stage: str) -> str:
     """The key of the liveliness token that a stage's process holds; `*` for any robot or stage."""
     return f"spot3d/{robot if robot == '*' else checked_name(robot)}/{stage}/alive"
+
+
+class Token(NamedTuple):
+    """What a liveliness token says is there: a robot's stage, or one process of it, the `sender` of its messages."""
+
+    robot: str
+    stage: str
+    sender: str | None
+
+
+def token_of(key_expr: str) -> Token | None:
+    """The token with this key; None where that is none of ours: anybody may declare any, also with wildcards."""
+    parts = key_expr.split("/")
+    if len(parts) not in (4, 5) or (parts[0], parts[3]) != ("spot3d", "alive"):
+        return None
+    names = parts[1], parts[2], *parts[4:]
+    if not all(map(is_name, names)):
+        return None
+    return Token(parts[1], parts[2], parts[4] if len(parts) == 5 else None)
+
+
+def robot_of(key_expr: str) -> str | None:
+    """The robot whose message has this key; None where that names none, as with a wildcard."""
+    parts = key_expr.split("/")
+    return parts[1] if len(parts) > 1 and is_name(parts[1]) else None
 
 
 def fleet_key(topic: str) -> str:

@@ -16,7 +16,7 @@ from spot3d.dataflow.process_use import ProcessUse, process_use
 from spot3d.dataflow.rate_limited_log import RateLimitedLog
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
-from spot3d_schemas import TOPICS, Header, Progress
+from spot3d_schemas import TOPICS, Header, Health, Progress, alive_key, decode, encode
 from spot3d_schemas.limits import MAX_COUNT
 
 HEADER = Header(robot="r", seq=0, stamp_ns=1, frame_id="pose")
@@ -166,3 +166,21 @@ def test_how_much_waits_of_every_published_topic() -> None:
 def test_wrong_link_settings_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):
         LinkSettings(**wrong)
+
+
+def test_a_text_that_utf8_does_not_have_is_told_all_the_same() -> None:
+    """As of a file whose name is of another encoding; what is wrong now may name it as well."""
+    counters = Counters("source", 10.0)
+    counters.error("caf\udce9/7.png is no readable image")
+    health = decode(encode(counters.health(HEADER, 10.0, USE, "caf\udce9 is full")), Health)
+    assert (health.last_error, health.state) == (r"caf\udce9/7.png is no readable image", r"caf\udce9 is full")
+
+
+def test_tokens_that_anybody_may_declare_end_nothing() -> None:
+    """One with a wildcard meets the subscription of everybody who watches."""
+    with open_router((free_loopback_endpoint(),)) as session, watch_alive(session, "robot") as alive:
+        tokens = [session.liveliness().declare_token(where) for where in ("spot3d/**", alive_key("robot", "fusion"))]
+        assert alive.missing(("fusion",), 20.0, threading.Event()) == ()
+        assert not alive.missing(("fusion",), 0.0, threading.Event())
+        for token in tokens:
+            token.undeclare()

@@ -55,3 +55,17 @@ def test_a_stage_that_leaves_its_work_lying_beats_no_more(tmp_path: Path, monkey
         assert node.next() is not None
         wait_until(beat.exists)
     assert not beat.exists()
+
+
+def test_a_disk_that_was_full_for_a_moment_ends_no_heartbeat(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("spot3d.dataflow.heartbeat._INTERVAL_S", 0.0)
+    path = tmp_path / "later" / "beat"
+    heartbeat = Heartbeat(path)
+    heartbeat.beat()
+    heartbeat.beat()
+    path.parent.mkdir()
+    heartbeat.beat()
+    assert path.read_text().split()[1] == str(os.getpid())
+    assert len(caplog.records) == 1

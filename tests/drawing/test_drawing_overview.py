@@ -8,7 +8,7 @@ from spot3d.boxes import Box3D, corners
 from spot3d.camera import Intrinsics, back_project
 from spot3d.drawing.box_views import choose_views, visibility
 from spot3d.drawing.overview import candidate_indices, draw_overview
-from spot3d.drawing.picture import object_colour, place_labels, write_picture
+from spot3d.drawing.picture import draw_text, object_colour, place_labels, write_picture
 from spot3d.found_object import FoundObject
 from spot3d.frame import RgbdFrame
 
@@ -119,3 +119,10 @@ def test_overview_of_a_run_that_fused_nothing():
     picture = draw_overview("empty", [], [], xyz, rgb, np.zeros((0, 3)), UP)
     assert picture.shape[1] == 1600
     assert picture.std() > 1
+
+
+def test_a_text_that_no_font_has_is_drawn_as_far_as_it_can_be() -> None:
+    """OpenCV ends the process where a text is not UTF-8."""
+    picture = np.zeros((40, 200, 3), np.uint8)
+    draw_text(picture, "caf\udce9 \u65e5", (5, 30))
+    assert picture.any()

@@ -130,3 +130,13 @@ def test_other_files_are_refused_by_name(tmp_path: Path) -> None:
         open_mcap(path)
     with pytest.raises(SourceError, match="no ROS 2 bag"):
         open_source(path)
+
+
+def test_a_damaged_record_of_metadata_is_left_out(recording: Path, caplog: pytest.LogCaptureFixture) -> None:
+    whole = recording.read_bytes()
+    at = whole.index(b"robot")  # the name of a value: no UTF-8 any more
+    recording.write_bytes(whole[:at] + b"\xff" + whole[at + 1 :])
+    contents = open_mcap(recording)
+    assert len(contents.chunks) == 3
+    assert contents.robot == "robot"
+    assert "is damaged at byte" in caplog.text

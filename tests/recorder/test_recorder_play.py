@@ -173,3 +173,11 @@ def test_a_key_pauses_and_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
             waiting.join(LIMIT_S)
     assert reached
     assert reached[0] - start_s > 0.6
+
+
+def test_a_topic_of_a_later_version_is_left_out(
+    contents: McapContents, link: LinkSettings, session: zenoh.Session, caplog: pytest.LogCaptureFixture
+) -> None:
+    sent = play(contents, Playing(("pose/pose", "source/imu"), rate=10.0), link)
+    assert sent == 8
+    assert "source/imu is left out" in caplog.text

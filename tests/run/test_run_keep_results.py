@@ -137,6 +137,17 @@ def test_only_folders_of_streams_are_deleted(tmp_path: Path) -> None:
     folders = [StreamFolder(tmp_path, ROBOT, f"stream{number}", 1e9 + number) for number in range(3)]
     for folder in folders:
         folder.close()
-    assert drop_oldest(tmp_path, 2) == [folders[0].path]
+    assert drop_oldest(tmp_path, 2, folders[2].path) == [folders[0].path]
     assert sorted(path.name for path in tmp_path.iterdir())[-1] == "of-somebody"
-    assert drop_oldest(tmp_path, 2) == []
+    assert drop_oldest(tmp_path, 2, folders[2].path) == []
+
+
+def test_a_stream_that_begins_in_1970_is_not_deleted_as_it_begins(tmp_path: Path) -> None:
+    """A board without a battery for its clock."""
+    folders = [
+        StreamFolder(tmp_path, ROBOT, f"stream{number}", began_s) for number, began_s in enumerate((1e9, 2e9, 100))
+    ]
+    for folder in folders:
+        folder.close()
+    assert drop_oldest(tmp_path, 2, folders[2].path) == [folders[0].path]
+    assert folders[2].path.exists()

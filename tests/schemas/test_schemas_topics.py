@@ -2,7 +2,20 @@
 
 import pytest
 
-from spot3d_schemas import BRIDGE, MESSAGES, STAGES, TOPICS, alive_key, checked_name, fleet_key, key
+from spot3d_schemas import (
+    BRIDGE,
+    MESSAGES,
+    STAGES,
+    TOPICS,
+    Token,
+    alive_key,
+    checked_name,
+    fleet_key,
+    key,
+    process_key,
+    robot_of,
+    token_of,
+)
 
 
 def test_the_table_holds_what_the_dataflow_needs() -> None:
@@ -72,3 +85,26 @@ def test_zenoh_takes_every_key() -> None:
     zenoh = pytest.importorskip("zenoh", reason="Zenoh is not installed")
     for name in TOPICS:
         assert zenoh.KeyExpr(fleet_key(name)).includes(zenoh.KeyExpr(key("drone", name)))
+
+
+def test_keys_of_tokens_say_who_is_there() -> None:
+    assert token_of(alive_key("left", "fusion")) == Token("left", "fusion", None)
+    assert token_of(process_key("left", "fusion", "ab12")) == Token("left", "fusion", "ab12")
+    assert robot_of(key("left", "fusion/objects")) == "left"
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        "spot3d/**",
+        "spot3d/*/fusion/alive",
+        "spot3d/a b/fusion/alive",
+        "spot3d/a/b/c/alive",
+        "a",
+        "spot3d/a/b/alive/c/d",
+    ],
+)
+def test_keys_of_others_say_nothing(odd: str) -> None:
+    """Anybody may declare any token, and one with a wildcard meets everybody's subscription."""
+    assert token_of(odd) is None
+    assert robot_of("spot3d/**") is robot_of("spot3d/*/fusion/objects") is robot_of("spot3d") is None

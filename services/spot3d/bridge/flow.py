@@ -6,12 +6,12 @@ from contextlib import suppress
 from typing import Any
 
 import zenoh
-from zenoh.handlers import FifoChannel, Handler, RingChannel
+from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dataflow.endpoints import declare_publisher, waiting
 from spot3d.dataflow.payload import intact_bytes
 from spot3d.dataflow.settings import LinkSettings
-from spot3d_schemas import Topic, alive_key, key
+from spot3d_schemas import Topic, alive_key, key, token_of
 
 Stop = Callable[[], object]
 Put = Callable[[bytes], object]
@@ -19,6 +19,7 @@ Forward = Callable[[Topic, bytes, Put], None]
 """Sends a message of a topic by `Put`, or does not."""
 
 _QUERIES_WAITING = 4
+"""Of those that wait for their turn the newest stay; whoever asked the others hears that no answer comes."""
 _ANSWER_S = 10.0
 """Longest that an answer takes to come from the other side."""
 
@@ -71,7 +72,7 @@ class Questions:
 
     def __init__(self, topic: Topic, asked: zenoh.Session, asking: zenoh.Session, robot: str) -> None:
         self._asked, self._where = asked, key(robot, topic.name)
-        channel: FifoChannel[zenoh.Query] = FifoChannel(_QUERIES_WAITING)
+        channel: RingChannel[zenoh.Query] = RingChannel(_QUERIES_WAITING)
         queryable = asking.declare_queryable(self._where, channel, complete=True)
         self.stop: Stop = queryable.undeclare
         threading.Thread(target=self._ask, args=(queryable.handler,), daemon=True).start()
@@ -113,7 +114,8 @@ class Signs:
 
     def _change(self, sample: zenoh.Sample) -> None:
         where, there = str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT
-        if not self._belongs(where.split("/")[2]):
+        token = token_of(where)
+        if token is None or not self._belongs(token.stage):
             return
         with self._changing:
             if there and not self._closed and where not in self._shown:

@@ -4,7 +4,6 @@ import socket
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from functools import cache
 from selectors import EVENT_WRITE, DefaultSelector
 
 _ASKED_EVERY_S = 0.1
@@ -15,7 +14,8 @@ _BY_TCP = ("tcp", "tls", "ws")
 def reachable(endpoints: Sequence[str], within_s: float) -> bool:
     """Whether one of the endpoints (tcp/HOST:PORT) takes a connection within a time, seconds; asks again and again.
 
-    Those that do not go by TCP cannot be asked, and count as reachable. Raises OSError where a name is not known.
+    Each address that an endpoint's name has is asked. Those that do not go by TCP cannot be asked, and count as
+    reachable. Raises OSError where a name is not known.
     """
     if not all(endpoint.partition("/")[0] in _BY_TCP for endpoint in endpoints):
         return True
@@ -23,8 +23,7 @@ def reachable(endpoints: Sequence[str], within_s: float) -> bool:
     with ExitStack() as stack:
         selector = stack.enter_context(DefaultSelector())
         while (left_s := end_s - time.monotonic()) > 0:
-            for endpoint in endpoints:
-                family, address = _address(endpoint)
+            for family, address in (known for endpoint in endpoints for known in _addresses(endpoint)):
                 asking = stack.enter_context(socket.socket(family, socket.SOCK_STREAM))
                 asking.setblocking(False)
                 asking.connect_ex(address)
@@ -36,12 +35,26 @@ def reachable(endpoints: Sequence[str], within_s: float) -> bool:
                         return True
                     selector.unregister(key.fileobj)
             time.sleep(max(0.0, min(end_s, asked_s + _ASKED_EVERY_S) - time.monotonic()))
+    _outdated.update(endpoints)
     return False
 
 
-@cache
-def _address(endpoint: str) -> tuple[socket.AddressFamily, tuple[str, int]]:
-    """Looked up once: names may be known on the other side only."""
-    host, _, port = endpoint.partition("/")[2].partition("#")[0].partition("?")[0].rpartition(":")
-    family, _, _, _, address = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_STREAM)[0]
-    return family, (str(address[0]), int(address[1]))
+_Address = tuple[socket.AddressFamily, tuple[str, int]]
+_known: dict[str, list[_Address]] = {}
+_outdated: set[str] = set()
+"""Endpoints that were not reached by what is known of their names: these may have other addresses by now."""
+
+
+def _addresses(endpoint: str) -> list[_Address]:
+    """Looked up again only where none was reached, and kept where that fails: names may be known on the other side
+    only."""
+    if endpoint not in _known or endpoint in _outdated:
+        host, _, port = endpoint.partition("/")[2].partition("#")[0].partition("?")[0].rpartition(":")
+        try:
+            found = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_STREAM)
+            _known[endpoint] = [(family, (str(to[0]), int(to[1]))) for family, _, _, _, to in found]
+        except OSError:
+            if endpoint not in _known:
+                raise
+        _outdated.discard(endpoint)
+    return _known[endpoint]

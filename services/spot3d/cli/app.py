@@ -2,6 +2,7 @@
 
 import json
 import sys
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
@@ -70,6 +71,10 @@ _PACKAGES = {
 def main() -> None:
     """Run the command line; what a user can put right is told in one line, with exit code 2."""
     end_with_any_thread()
+    for stream in (sys.stdout, sys.stderr):
+        # A path may hold what no terminal can show.
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         app()
     except ModuleNotFoundError as error:

@@ -16,7 +16,18 @@ from spot3d.dashboard.health import HEARD
 from spot3d.dataflow.payload import intact_bytes
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.settings import LinkSettings
-from spot3d_schemas import TOPICS, CodecError, MapChanges, Message, alive_key, decode, fleet_key, key
+from spot3d_schemas import (
+    TOPICS,
+    CodecError,
+    MapChanges,
+    Message,
+    alive_key,
+    decode,
+    fleet_key,
+    key,
+    robot_of,
+    token_of,
+)
 from spot3d_schemas.limits import MAX_MAP_CHANGES
 
 log = logging.getLogger(__name__)
@@ -107,8 +118,9 @@ class Link:
         for topic, handler in handlers:
             while (sample := _received(handler)) is not None:
                 message = _decoded(sample, topic)
-                if message is not None:
-                    yield str(sample.key_expr).split("/")[1], topic, message
+                robot = robot_of(str(sample.key_expr))
+                if message is not None and robot is not None:
+                    yield robot, topic, message
         while not self._answers.empty():
             yield self._answers.get_nowait()
 
@@ -147,9 +159,9 @@ class Link:
         self.connected = bool(session.info.routers_zid()) or not client
         alive: dict[str, set[str]] = {}
         for reply in session.liveliness().get(alive_key("*", "*"), timeout=_ANSWER_S):
-            if reply.ok is not None:
-                _, robot, stage, _ = str(reply.ok.key_expr).split("/")
-                alive.setdefault(robot, set()).add(stage)
+            token = None if reply.ok is None else token_of(str(reply.ok.key_expr))
+            if token is not None:
+                alive.setdefault(token.robot, set()).add(token.stage)
         self.alive = {robot: frozenset(stages) for robot, stages in alive.items()}
         interest = self._interest
         asked = [robot for robot in sorted(interest.robots) if "fusion" in self.alive.get(robot, ())]

@@ -9,7 +9,7 @@ import zenoh
 from zenoh.handlers import FifoChannel, Handler
 
 from spot3d.dataflow.stopping import end_threads
-from spot3d_schemas import BRIDGE, STAGES, alive_key
+from spot3d_schemas import BRIDGE, STAGES, alive_key, token_of
 
 _KNOWN = frozenset((*STAGES, BRIDGE))
 """Tokens of others tell nothing."""
@@ -82,11 +82,11 @@ def _follow(handler: Handler[zenoh.Sample], alive: Alive) -> None:
             sample = handler.recv()
         except zenoh.ZError:
             return  # nobody watches any more
-        _, _, stage, _, *sender = str(sample.key_expr).split("/")
-        if stage not in _KNOWN:
+        token = token_of(str(sample.key_expr))
+        if token is None or token.stage not in _KNOWN:
             continue
         there = sample.kind == zenoh.SampleKind.PUT
-        if sender:
-            alive.note_process(stage, sender[0], there)
+        if token.sender is None:
+            alive.note(token.stage, there)
         else:
-            alive.note(stage, there)
+            alive.note_process(token.stage, token.sender, there)

@@ -74,8 +74,8 @@ class Counters:
             else:
                 self._latencies_ms.append(1e-6 * nanoseconds)
 
-    def health(self, header: Header, now_s: float, use: ProcessUse) -> Health:
-        """The message. The rate is that of the steps since the last call."""
+    def health(self, header: Header, now_s: float, use: ProcessUse, state: str = "") -> Health:
+        """The message. The rate is that of the steps since the last call; state: what is wrong now."""
         with self._lock:
             elapsed_s, steps = now_s - self._asked_s, self._steps
             self._asked_s, self._steps = now_s, 0
@@ -101,6 +101,7 @@ class Counters:
                 threads=use.threads,
                 sent=dict(self._sent),
                 sent_bytes=dict(self._sent_bytes),
+                state=state,
             )
 
 

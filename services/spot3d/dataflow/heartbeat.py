@@ -22,6 +22,7 @@ class Heartbeat:
     def __init__(self, path: Path | None) -> None:
         self._path = path
         self._beaten_s = float("-inf")
+        self._told = False
 
     def beat(self) -> None:
         """The process turns; written once a second at most. What cannot be written is told once and ends nothing."""
@@ -34,8 +35,10 @@ class Heartbeat:
             partial.write_text(f"{int(time.clock_gettime(time.CLOCK_BOOTTIME))} {os.getpid()}\n")
             partial.replace(self._path)
         except OSError as error:
-            log.warning("no heartbeat in %s: %s", self._path, error.strerror)
-            self._path = None
+            # A disk that is full for a moment is none for ever.
+            if not self._told:
+                log.warning("no heartbeat in %s: %s", self._path, error.strerror)
+            self._told = True
 
     def close(self) -> None:
         """The process ends as it should: nobody is to take its last beat for that of a process that hangs."""

@@ -296,8 +296,8 @@ class Node:
         topic = f"{self.stage}/health"
         now_ns = time.time_ns()
         header = Header(robot=self.link.robot, seq=0, stamp_ns=now_ns, frame_id=self.stage)
-        health = self.counters.health(self.numbered(topic, header), time.monotonic(), process_use())
-        self.publish(topic, health.model_copy(update={"state": self._state()}))
+        numbered = self.numbered(topic, header)
+        self.publish(topic, self.counters.health(numbered, time.monotonic(), process_use(), self._state()))
 
     def _state(self) -> str:
         """What is wrong now, the stage's own first."""

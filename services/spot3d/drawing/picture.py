@@ -65,7 +65,11 @@ def draw_faint_lines(picture: Picture, lines: NDArray[np.float64], colour: Colou
 def draw_text(
     picture: Picture, text: str, at: Point, colour: Colour = WHITE, scale: float = 0.5, tag: bool = False
 ) -> None:
-    """Write ASCII text with its lower left corner at `at`, in place; `tag` puts a dark plate behind it."""
+    """Write text with its lower left corner at `at`, in place; `tag` puts a dark plate behind it.
+
+    OpenCV's fonts have ASCII alone, and it crashes on what UTF-8 does not have: the rest is shown as `?`.
+    """
+    text = text.encode("ascii", "replace").decode()
     left, bottom = round(at[0]), round(at[1])
     if tag:
         right, top = left + text_width(text, scale), bottom - round(22 * scale)

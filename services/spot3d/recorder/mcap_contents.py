@@ -1,6 +1,7 @@
 """What an MCAP file of ours holds, finished or not: its chunks are found without the summary at its end."""
 
 import io
+import logging
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -16,6 +17,8 @@ from mcap.stream_reader import breakup_chunk
 
 from spot3d.recorder.mcap_writer import MAGIC
 from spot3d.recorder.profile import PROFILE, is_our_mcap
+
+log = logging.getLogger(__name__)
 
 _RECORD = struct.Struct("<BQ")
 _CHUNK_TIMES = struct.Struct("<QQ")
@@ -78,7 +81,7 @@ class McapContents:
             with self.path.open("rb") as stream:
                 stream.seek(chunk.offset)
                 records = breakup_chunk(Chunk.read(ReadDataStream(stream)), validate_crc=True)
-        except (McapError, ValueError, struct.error, zstandard.ZstdError) as error:
+        except (McapError, ValueError, struct.error, zstandard.ZstdError, MemoryError) as error:
             raise BrokenRecordingError(f"{self.path} is damaged at byte {chunk.offset}: {error}") from error
         return sorted((item for item in records if isinstance(item, Message)), key=lambda item: item.log_time)
 
@@ -117,7 +120,10 @@ def open_mcap(path: Path) -> McapContents:
             after = at + _RECORD.size + length
             if after > size or length > _LONGEST_CHUNK or not 0 < opcode <= Opcode.DATA_END:
                 break
-            _take(contents, opcode, length, stream)
+            try:
+                _take(contents, opcode, length, stream)
+            except (McapError, ValueError, struct.error) as error:
+                log.warning("%s is damaged at byte %d, and that record is left out: %s", path, at, error)
             stream.seek(after)
             at = after
     contents.lost_bytes = 0 if contents.complete else size - at

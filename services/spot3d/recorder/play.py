@@ -18,7 +18,7 @@ from spot3d.recorder.keyboard import on_key
 from spot3d.recorder.mcap_contents import McapContents
 from spot3d.recorder.pace import Pace
 from spot3d.recorder.relabel import Labels
-from spot3d_schemas import STAGES, TOPICS, End, Header, alive_key, encode, peek_header, process_key
+from spot3d_schemas import STAGES, TOPICS, End, Header, alive_key, encode, peek_header, process_key, token_of
 
 log = logging.getLogger("spot3d.play")
 
@@ -67,12 +67,16 @@ class _Player:
         self.pace = Pace(playing.rate)
         self.sent: Counter[str] = Counter()
         self._contents, self._playing, self._link = contents, playing, link
-        self._topic_of = {number: topic for topic, number in contents.topics.items() if topic in playing.topics}
+        # Of a later version of spot3d, say.
+        if unknown := [topic for topic in playing.topics if topic not in TOPICS]:
+            log.warning("%s is left out: this version does not know it", ", ".join(unknown))
+        known = tuple(topic for topic in playing.topics if topic in TOPICS)
+        self._topic_of = {number: topic for topic, number in contents.topics.items() if topic in known}
         # No bridge: what is played crosses no link.
-        stages = {TOPICS[topic].producer for topic in playing.topics} & set(STAGES)
+        stages = {TOPICS[topic].producer for topic in known} & set(STAGES)
         _refuse_alive(session, link.robot, stages)
         # The end of what is played is told with the frames, whether or not one was recorded.
-        topics = {*playing.topics, _END} if _FRAME in playing.topics else playing.topics
+        topics = {*known, _END} if _FRAME in known else known
         self._publishers = {topic: declare_publisher(session, topic, link) for topic in topics}
         for publisher in self._publishers.values():
             stack.callback(publisher.undeclare)
@@ -115,7 +119,8 @@ class _Player:
 
 def _refuse_alive(session: zenoh.Session, robot: str, stages: set[str]) -> None:
     replies = session.liveliness().get(alive_key(robot, "*"), timeout=_TOKEN_S)
-    alive = {str(reply.ok.key_expr).split("/")[2] for reply in replies if reply.ok is not None}
+    tokens = [token_of(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None]
+    alive = {token.stage for token in tokens if token is not None}
     if alive & stages:
         raise StageAliveError(
             f"{', '.join(sorted(alive & stages))} of robot {robot!r} is alive; play under another name with --robot, "

@@ -14,6 +14,7 @@ from rich.console import Console
 
 from spot3d.dataflow.router import free_loopback_endpoint
 from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.run.sole_writer import sole_writer
 
 _END_S = 5.0
 _MAP_RATE = "20"
@@ -46,8 +47,8 @@ def dashboard_beside(robot: str, settings: Path | None, folder: Path, console: C
     if settings is not None:
         command += ["--settings", str(settings)]
     environment = {"SPOT3D_DASHBOARD__MAP_RATE": _MAP_RATE} | os.environ | {"PYTHONUNBUFFERED": "1"}
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "dashboard.log").open("w", encoding="utf-8") as log:
+    # Not into the folder of a run that goes on.
+    with sole_writer(folder), (folder / "dashboard.log").open("w", encoding="utf-8") as log:
         process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,

@@ -100,7 +100,7 @@ class _Keeper:
         try:
             self._folder = StreamFolder(self._out, self._robot, stream, time.time())
             log.info("stream %s begins: %s", stream, self._folder.path)
-            for gone in drop_oldest(self._out, self._keep):
+            for gone in drop_oldest(self._out, self._keep, self._folder.path):
                 log.info("%s is deleted: more than %d streams", gone, self._keep)
         except OSError as error:
             log.error("no results of stream %s: %s", stream, error)

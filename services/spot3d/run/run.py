@@ -65,6 +65,7 @@ def run(
     Raises SourceError for an input that cannot be played, or where another run writes into `folder`, and OSError where
     that cannot be written.
     """
+    _refuse_other_than_utf8(folder)
     with nullcontext() if in_process else Supervisor() as supervisor:
         name = selection.name
         sequence = CameraFrames(name) if is_stream(name) else open_selection(selection, settings.source)
@@ -75,6 +76,14 @@ def run(
         with sole_writer(folder):
             console.print(f"results go to {folder}", markup=False, highlight=False, soft_wrap=True)
             return _run(sequence, selection, settings, folder, console, supervisor, pose_topic, tuple(listen), usual)
+
+
+def _refuse_other_than_utf8(folder: Path) -> None:
+    """The settings of the stages hold the folder's name, and are UTF-8."""
+    try:
+        str(folder.absolute()).encode()
+    except UnicodeEncodeError as error:
+        raise SourceError(f"{str(folder)!a} is no name in UTF-8; give another folder with --out") from error
 
 
 def _run(
@@ -116,7 +125,8 @@ def _run(
             def keep(result: RunResult) -> None:
                 _count(report, camera)
                 try:
-                    _write(folder, result, replace(report, error=_UNFINISHED), time.perf_counter() - start_s)
+                    _write_report(folder, result, replace(report, error=_UNFINISHED), time.perf_counter() - start_s)
+                    write_results(folder, result)
                 except OSError as error:
                     watcher.on_event(f"not kept so far: {error}")
 
@@ -133,13 +143,22 @@ def _run(
     if not (report.fused or report.error or report.interrupted):
         reasons = ", ".join(f"{count} {reason}" for reason, count in report.skipped.items() if count)
         report.error = f"no frame was fused: {reasons or 'none came'}"
-    _write(folder, result, report, time.perf_counter() - start_s)
     if in_process:
         # Logs of an earlier run's processes would be taken for this one's.
         shutil.rmtree(folder / "logs", ignore_errors=True)
     name = Path(selection.name).name or selection.name
     camera_path = np.array([item.T_world_camera[:3, 3] for item in result.path()]).reshape(-1, 3)
-    write_overview(folder / _OVERVIEW, name, _views(sequence, result), result, camera_path)
+    wall_s = time.perf_counter() - start_s
+    try:
+        write_results(folder, result)
+        write_overview(folder / _OVERVIEW, name, _views(sequence, result), result, camera_path)
+    except OSError as error:
+        report.error = report.error or f"not all results are written: {error}"
+        with suppress(OSError):
+            _write_report(folder, result, report, wall_s)
+        raise
+    # Last: whoever reads there that a run has ended well finds all of its files.
+    _write_report(folder, result, report, wall_s)
     shutil.rmtree(folder / _SNAPSHOTS, ignore_errors=True)
     return Finished(folder, sequence, result, report)
 
@@ -157,15 +176,14 @@ def _begin(folder: Path, report: RunReport) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
-def _write(folder: Path, result: RunResult, report: RunReport, wall_s: float) -> None:
-    """Write the report, and the results as far as they can be written. Raises OSError in the end where one cannot."""
+def _write_report(folder: Path, result: RunResult, report: RunReport, wall_s: float) -> None:
+    """Write the report of what was found. Raises OSError."""
     report.wall_s = wall_s
     report.objects, report.left_out = len(result.objects), result.left_out
     report.keyframes_dropped, report.map_points = result.keyframes_dropped, result.points.total
     report.map_limit_reached = result.map_limit_reached
     report.delay_s, report.calibration = result.delay_s(), result.calibration()
     write_json(folder / "report.json", report_document(report))
-    write_results(folder, result)
 
 
 def _stages_settings(settings: Settings, folder: Path) -> Path:

@@ -91,10 +91,14 @@ class StreamFolder:
         self._timeline.close()
 
 
-def drop_oldest(parent: Path, keep: int) -> list[Path]:
-    """Delete the folders of the oldest streams until there are `keep`; returns those that went."""
+def drop_oldest(parent: Path, keep: int, latest: Path) -> list[Path]:
+    """Delete the folders of the oldest streams until there are `keep`; returns those that went.
+
+    latest: the one that stays, whenever the clock says that it began.
+    """
     folders = sorted(path for path in parent.iterdir() if path.is_dir() and _NAME.fullmatch(path.name))
-    gone = folders[: max(0, len(folders) - keep)]
+    others = [path for path in folders if path != latest]
+    gone = others[: max(0, len(folders) - keep)]
     for path in gone:
         shutil.rmtree(path, ignore_errors=True)
     return gone
