@@ -135,3 +135,12 @@ def test_trajectories_that_cannot_be_compared(lengths: tuple[int, int], message:
     a, b = (np.tile(np.eye(4), (length, 1, 1)) for length in lengths)
     with pytest.raises(ValueError, match=message):
         rpe(a, b)
+
+
+def test_bytes_that_are_no_text_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "poses.txt"
+    path.write_bytes(b"\xff\xfe1.5 0 0")
+    with pytest.raises(ValueError, match=r"poses\.txt is no text in UTF-8"):
+        read_tum(path)
+    path.write_bytes(b"\xef\xbb\xbf# stamp tx ty tz qx qy qz qw\n1.5 0 0 0 0 0 0 1\n")
+    assert read_tum(path)[0] == [1_500_000_000]

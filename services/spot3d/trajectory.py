@@ -120,7 +120,11 @@ def read_tum(path: Path) -> tuple[list[int], NDArray[np.float64]]:
     """
     stamps: list[int] = []
     poses: list[NDArray[np.float64]] = []
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is no text in UTF-8: {error}") from error
+    for number, line in enumerate(text.splitlines(), start=1):
         fields = line.split()
         if not fields or fields[0].startswith("#"):
             continue

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from test_pose_correction import CAMERA
+from test_pose_tracking import LARGER, TABLE, looking, render
 
 from spot3d.calibration import AS_TOLD, bend_of_image
 from spot3d.evaluate.depth_errors import bent
@@ -91,3 +92,14 @@ def test_corrections_of_odometry_leave_the_last_keyframe_where_it_is(turn: float
     now = [world @ moved(pose, twist) for pose, twist in zip(before, twists, strict=True)]
     told = Adjusted([1, 2, 3], before, now).where_the_last_is()
     np.testing.assert_allclose(told.twists, twists, atol=1e-9)
+
+
+def test_a_camera_that_stands_still_learns_no_bend() -> None:
+    """However long it sees the same again: for two minutes."""
+    place, tracker = looking(np.array([0, -0.75, 1.45]), np.array([0.1, 0.1, 0.7])), make_tracker(PoseSettings())
+    for second in range(120):
+        depth = render(place, second, TABLE, LARGER)
+        estimate = tracker.track(1 + second * 10**9, depth, LARGER, None, None)
+        assert estimate.status == "ok"
+    bend = estimate.calibration.bend
+    assert np.abs(bend_of_image(np.array(bend), LARGER.shape)).max(initial=0.0) < 0.002 if bend else True

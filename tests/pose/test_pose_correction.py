@@ -235,3 +235,31 @@ def test_noise_is_measured(scale: float) -> None:
     information = np.diag((100.0, 100.0, 100.0, 0.0, 0.0, 0.0))
     measured = [noise.measured(np.hypot(scale, 0.1) * rng.normal(size=6), information, 1 / 30) for _ in range(600)]
     assert np.sqrt(np.median(measured[100:])) == pytest.approx(scale, rel=0.2, abs=0.05)
+
+
+@pytest.mark.parametrize("pause_s", [10, 600])
+def test_after_a_pause_the_world_does_not_follow_a_single_pose(pause_s: int) -> None:
+    depths, true = recording(0)
+    order = [*range(FRAMES), *range(FRAMES - 2, -1, -1)]
+    left = []
+    for seed in range(3):
+        given, tracker, estimates = shaken(true[order], 0.01, 0.4, seed), corrector(), list[PoseEstimate]()
+        for number, row in enumerate(order):
+            stamp = 1 + number * FRAME_NS + (pause_s * 10**9 if number >= FRAMES else 0)
+            estimates.append(tracker.track(stamp, depths[row], CAMERA, given[number]))
+        slid = distances(*(np.array([one.T_world_map for one in estimates[k : k + 1]]) for k in (FRAMES - 1, FRAMES)))
+        left.append(float(slid[0]))
+    assert np.mean(left) < 0.003
+
+
+@pytest.mark.parametrize(("rate", "metres"), [(60, 0.02), (90, 0.01)])
+def test_noise_of_given_poses_is_no_jump_however_fast_frames_come(rate: int, metres: float) -> None:
+    """Within what is stated of them a camera may seem to be faster than any is."""
+    depths, true = recording(0)
+    rng, tracker, restarts = np.random.default_rng(0), corrector(), 0
+    for number in range(120):
+        given = true[number // 20].copy()
+        given[:3, 3] += metres * rng.normal(size=3)
+        stamp = 1 + number * 10**9 // rate
+        restarts += tracker.track(stamp, depths[number // 20], CAMERA, given).restarted
+    assert restarts == 0

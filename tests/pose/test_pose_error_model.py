@@ -92,3 +92,19 @@ def test_one_pose_that_is_far_off_counts_little() -> None:
         pose[0, 3] += 0.5 * (k == 120)
         model.learn(STEP_S * k, odometry, pose, KNOWN)
     assert model.given**0.5 == pytest.approx(0.5, rel=0.5)
+
+
+@pytest.mark.parametrize("pause_s", [300.0, 600.0])
+def test_after_a_pause_given_poses_are_as_wrong_as_before(pause_s: float) -> None:
+    known, ratios = 1e3 * np.eye(6), []
+    for seed in range(5):
+        model, rng, place = ErrorModel(SIGMA), np.random.default_rng(seed), np.eye(4)
+        given = []
+        for second in [*range(60), *(pause_s + np.arange(60, 64))]:
+            place[:3, 3] += 0.1 * rng.normal(size=3)
+            told = place.copy()
+            told[:3, 3] += 0.01 * rng.normal(size=3)
+            model.learn(float(second), place.copy(), told, known)
+            given.append(model.given)
+        ratios.append(given[-1] / given[59])
+    assert np.mean(ratios) > 0.6

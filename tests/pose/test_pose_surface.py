@@ -201,3 +201,16 @@ def test_rounded_rotations_are_made_exact() -> None:
     mended = checked_pose(np.round(good, 3))
     assert mended is not None
     np.testing.assert_allclose(mended[:3, :3] @ mended[:3, :3].T, np.eye(3), atol=1e-12)
+
+
+def test_a_map_that_is_too_large_to_be_restored_keeps_what_was_seen_last() -> None:
+    planes = SurfelMap(0.05, 20_000)
+    for number in range(4):
+        T = np.eye(4)
+        T[0, 3] = 2.0 * number
+        planes.insert(sample_surface(np.ones(CAMERA.shape, np.float32), CAMERA, PoseSettings()), T)
+    keys, surfels = planes.held()
+    smaller = SurfelMap(0.05, len(keys) // 4)
+    smaller.restore(keys, surfels)
+    assert smaller.count == len(keys) // 4
+    assert smaller.held()[1][:, 7].min() > 3

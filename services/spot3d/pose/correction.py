@@ -56,6 +56,8 @@ _STRIDE = 4
 # The mean of the given poses, and their noise, are known after about so long, seconds: many times as long as
 # neighbouring poses are wrong alike (a third of a second). From 2 to 6 the results are the same.
 _SETTLING_S = 3.0
+# Given poses are wrong alike for about so long, seconds: after a pause one of them tells no more than for this long.
+_WRONG_ALIKE_S = 1 / 3
 # Information that is less than this, in units of the stated uncertainty, is none.
 _UNKNOWN = 1e-6
 # What depth cameras see is this far away or more, metres.
@@ -120,7 +122,7 @@ class CorrectedPoses:
         pose = self._hindsight.turned(self._delay.compensated(stamp_ns, given.T_world_camera, surface))
         if abs(self._delay.delay_s - self._map_delay_s) >= _OUTDATED_S:
             self._replace_map(surface, pose)
-        given = replace(given, T_world_camera=pose, delay_s=self._delay.delay_s)
+        given = replace(given, T_world_camera=pose, delay_s=self._delay.applied_s)
         # Less than the noise of a single pixel at its nearest makes no surface thicker.
         self._noise.negligible = (intrinsics.noise.sigma(_NEAREST_M) / self._settings.given_sigma) ** 2
         if last is None or self._planes.count == 0:
@@ -187,6 +189,7 @@ class CorrectedPoses:
         self, T_map_camera: NDArray[np.float64], T_world_given: NDArray[np.float64], elapsed: float
     ) -> NDArray[np.float64]:
         """The pose in the world, in which the map comes to lie where all given poses have it on average."""
+        elapsed = min(elapsed, _WRONG_ALIKE_S)
         self._age += elapsed
         pose = self._T_world_map @ T_map_camera
         pose = moved(pose, elapsed / (self._age + _SETTLING_S) * twist(pose, T_world_given))
@@ -303,9 +306,11 @@ def _distance(offset: NDArray[np.float64], information: NDArray[np.float64]) -> 
 def _leaps(
     last: tuple[int, NDArray[np.float64]], stamp_ns: int, pose: NDArray[np.float64], settings: PoseSettings
 ) -> bool:
-    """Whether the given pose lies where no camera can be so soon, or its stamp does not follow the last one."""
+    """Whether the given pose lies where no camera can be so soon, however wrong it is, or its stamp does not follow the
+    last one."""
     elapsed, motion = 1e-9 * (stamp_ns - last[0]), invert(last[1]) @ pose
     if elapsed <= 0:
         return True
     shift, turn = float(np.linalg.norm(motion[:3, 3])), float(rotation_angle(motion[:3, :3]))
-    return shift > settings.speed_max * elapsed or turn > settings.turn_max * elapsed
+    farthest = settings.speed_max * elapsed + _JUMP * settings.given_sigma
+    return shift > farthest or turn > settings.turn_max * elapsed + _JUMP * settings.given_turn_sigma

@@ -104,6 +104,8 @@ class PoseDelay:
 
     def __init__(self, settings: PoseSettings) -> None:
         self.delay_s = 0.0
+        # By how much the last given pose was carried on: after a gap nothing tells how fast the camera is.
+        self.applied_s = 0.0
         # Of the last given pose: by how much (6,) a camera is elsewhere for each second of delay.
         self.velocity = np.zeros(6)
         voxel, distance = _REACH * settings.surfel_voxel, _REACH * settings.refine_distance
@@ -128,8 +130,9 @@ class PoseDelay:
         self._learn()
         elapsed = 0.0 if last is None else 1e-9 * stamp_ns - last.time_s
         if last is None or not 0 < elapsed <= _SMOOTH_S:
-            self.velocity = np.zeros(6)
+            self.velocity, self.applied_s = np.zeros(6), 0.0
             return T_world_given
+        self.applied_s = self.delay_s
         self.velocity = twist(last.pose, T_world_given) / elapsed
         if self.delay_s == 0:
             return T_world_given

@@ -27,6 +27,8 @@ _MEMORY_S = 30.0
 _DRIFTS = 10.0 ** np.arange(-2, 3)
 # A difference counts up to so many standard deviations: a given pose that jumps tells nothing of the others.
 _OUTLIER = 3.0
+# So little is left of what was seen before a long pause; it still tells how wrong the poses are.
+_FEWEST = 1e-9
 # Variance of what is not known at first, in units of the given poses'; and their least.
 _ANY, _LEAST = 1e4, 1e-6
 # A direction that is known less than this, over the best known one, counts as known by so much: keeps the inverse
@@ -125,7 +127,7 @@ class ErrorModel:
 
     def _variances(self) -> NDArray[np.float64]:
         """Of the given poses, by each of the drifts."""
-        return np.maximum(self._sums[:, 1] / np.maximum(self._sums[:, 2], 1.0), _LEAST)
+        return np.maximum(self._sums[:, 1] / np.maximum(self._sums[:, 2], _FEWEST), _LEAST)
 
     def _probable(self) -> NDArray[np.float64]:
         """Probability of each of the drifts."""

@@ -103,7 +103,7 @@ class PoseSettings(BaseModel):
         0.045, ge=0, description="least time between two frames that are compared with landmarks, seconds"
     )
     features: int = Field(500, ge=50, le=5000, description="image features looked for in a frame")
-    landmark_limit: int = Field(20_000, ge=1000, le=500_000, description="most landmarks; those known last stay")
+    landmark_limit: int = Field(20_000, ge=1000, le=250_000, description="most landmarks; those known last stay")
 
     gicp_downsampling: float = Field(0.03, gt=0.005, le=1, description="gicp: voxel of the source points, metres")
     gicp_voxel: float = Field(0.08, gt=0.01, le=2, description="gicp: voxel of the map of Gaussians, metres")

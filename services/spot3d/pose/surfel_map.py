@@ -81,8 +81,10 @@ class SurfelMap:
         return self.keys[used], self.surfels[used, :HELD]
 
     def restore(self, keys: NDArray[np.int64], surfels: NDArray[np.float64]) -> None:
-        """Make the map that which `held` has returned of one with this size of voxel; at most `limit` surfels."""
-        keys, surfels = keys[: self.limit], surfels[: self.limit]
+        """Make the map that which `held` has returned of one with this size of voxel; of more than `limit` surfels
+        those that were seen last."""
+        kept = np.sort(np.argsort(-surfels[:, 7], kind="stable")[: self.limit])
+        keys, surfels = keys[kept], surfels[kept]
         self._hold(keys, surfels)
         self.frames = int(surfels[:, 7].max(initial=0))
 
