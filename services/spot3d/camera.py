@@ -53,7 +53,7 @@ class Intrinsics:
 
 
 def back_project(depth: NDArray[np.float32], camera: Intrinsics) -> NDArray[np.float32]:
-    """Points of a depth image in the camera frame (paper, Sec. IV, pi^-1 before the pose).
+    """Points of a depth image in the camera frame (paper, Sec. V, pi^-1 before the pose).
 
     depth: (h, w) float32 metres, 0 = invalid. Returns (h, w, 3) float32 metres; invalid pixels give zeros.
     """

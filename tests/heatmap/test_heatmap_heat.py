@@ -1,4 +1,4 @@
-"""Soft and hard filtering and the weighted heatmap against a plain transcription of Eqs. 2-5."""
+"""Soft and hard filtering and the weighted heatmap against a plain transcription of Eqs. 3-6."""
 
 import numpy as np
 import pytest

@@ -17,7 +17,7 @@ def rejected_unseen(ranges, window):
 
 
 def hard_filter_rejects(depth, window, z):
-    """Paper, Eq. 4, for the mean depth z of what the window shows."""
+    """Paper, Eq. 5, for the mean depth z of what the window shows."""
     x0, y0, x1, y1 = window
     w, h = (x1 - x0) * z / FX, (y1 - y0) * z / FY
     return max(w, h) < SMALLEST or min(w, h) > BIGGEST

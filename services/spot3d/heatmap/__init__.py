@@ -1,1 +1,1 @@
-"""Soft and hard depth filtering of 2D proposals and the weighted 2D heatmap (paper, Sec. III)."""
+"""Soft and hard depth filtering of 2D proposals and the weighted 2D heatmap (paper, Sec. IV)."""

@@ -1,4 +1,4 @@
-"""Soft and hard filtering: what each proposal keeps of its box, by its depth (paper, Sec. III-B, III-C)."""
+"""Soft and hard filtering: what each proposal keeps of its box, by its depth (paper, Sec. IV-B, IV-C)."""
 
 from dataclasses import dataclass
 
@@ -43,7 +43,7 @@ class FilteredProposals:
 def filter_proposals(
     boxes: NDArray[np.float32], tiles: DepthTiles, camera: Intrinsics, settings: HeatmapSettings
 ) -> FilteredProposals:
-    """Judge every proposal by the depth inside it (paper, Eqs. 3 and 4).
+    """Judge every proposal by the depth inside it (paper, Eqs. 4 and 5).
 
     boxes: (M, 5) float32 [x, y, w, h, c] pixels. A pixel belongs to a box when x <= u < x + w (rounded).
     A box without any valid depth is rejected, whichever filters are on.

@@ -1,4 +1,4 @@
-"""The weighted 2D heatmap: how likely each pixel shows an object (paper, Sec. III)."""
+"""The weighted 2D heatmap: how likely each pixel shows an object (paper, Sec. IV)."""
 
 from dataclasses import dataclass
 
@@ -35,7 +35,7 @@ def weighted_heat(
     boxes: NDArray[np.float32],
     settings: HeatmapSettings,
 ) -> Heatmap:
-    """Filter the proposals by depth and sum what is left of them (paper, Eqs. 2-5).
+    """Filter the proposals by depth and sum what is left of them (paper, Eqs. 3-6).
 
     depth: (h, w) float32 metres, 0 = invalid. boxes: (M, 5) float32 [x, y, w, h, c] pixels.
     Heat is normalised by the frame's maximum, so that the threshold eps means the same in every frame.
@@ -53,10 +53,10 @@ def weighted_heat(
 
 
 def sum_proposals(proposals: FilteredProposals, tiles: DepthTiles, shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """H_2D: the sum of the proposals' confidences at each pixel that they keep (paper, Eq. 5).
+    """H_2D: the sum of the proposals' confidences at each pixel that they keep (paper, Eq. 6).
 
     Returns (h, w) = `shape` uint8, in 255ths of its maximum. Without any soft cut it is the baseline heatmap
-    (Eqs. 1-2).
+    (Eqs. 2-3).
     """
     keep = proposals.confidence > 0
     confidence = proposals.confidence[keep].astype(np.float64)
@@ -85,7 +85,7 @@ def _sum_masked(
     whole: NDArray[np.bool_],
     beyond: NDArray[np.int32],
 ) -> NDArray[np.int32]:
-    """What the soft filter takes back: all that lies beyond a window's cut (invalid depth, 0, does not: Eq. 3).
+    """What the soft filter takes back: all that lies beyond a window's cut (invalid depth, 0, does not: Eq. 4).
 
     Returns the sums of single pixels, in tiles as `pixels`, and adds to `beyond`, which is 0, for tiles wholly inside a
     window and wholly beyond its cut: pixels are visited only where a window's rim or its cut runs through a tile.

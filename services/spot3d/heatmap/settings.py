@@ -6,7 +6,7 @@ from spot3d.object_size import SIZE_MAX, SIZE_MIN
 
 
 class HeatmapSettings(BaseModel):
-    """Thresholds of the depth filters (paper, Sec. III-B and III-C)."""
+    """Thresholds of the depth filters (paper, Sec. IV-B and IV-C)."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -26,4 +26,4 @@ class HeatmapSettings(BaseModel):
 
 
 PAPER = HeatmapSettings(depth_range_min=0.5, soft_filter=True, hard_filter=True)
-"""The paper's values (Sec. V-A)."""
+"""The paper's values (Sec. VI-A)."""

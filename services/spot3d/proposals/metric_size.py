@@ -59,7 +59,7 @@ def _depth_range(depth: NDArray[np.float32], nearest: NDArray[np.float32], farth
 
 @part()
 def surely_rejected(ranges: DepthRange, x0: int, y0: int, x1: int, y1: int) -> bool:
-    """Whether Eq. 4 (paper, Sec. III-C) rejects the window x0..x1 - 1, y0..y1 - 1 whatever its mean depth is.
+    """Whether Eq. 5 (paper, Sec. IV-C) rejects the window x0..x1 - 1, y0..y1 - 1 whatever its mean depth is.
 
     The mean lies between the nearest and farthest depth of the cells that cover the window, so a window that
     is too small at the farthest, too big at the nearest, or without any depth, can be left out unseen.

@@ -83,14 +83,14 @@ class ProposalSettings(BaseModel):
         320, ge=40, description="larger images are searched at about this many pixels across: faster, and calmer edges"
     )
     metric_culling: bool = Field(
-        True, description="skip windows that the hard filter (paper, Sec. III-C, Eq. 4) would reject anyway"
+        True, description="skip windows that the hard filter (paper, Sec. IV-C, Eq. 5) would reject anyway"
     )
     size_min: float = Field(SIZE_MIN, ge=0, description="epsilon_min, smallest cross-section, metres")
     size_max: float = Field(SIZE_MAX, gt=0, description="epsilon_max, largest cross-section, metres")
     edges: EdgeSettings = EdgeSettings()
 
 
-# The paper's 2D proposals (Sec. II): EdgeBoxes on colour alone, at full size, with the values of Zitnick and Dollar's
+# The paper's 2D proposals (Sec. III): EdgeBoxes on colour alone, at full size, with the values of Zitnick and Dollar's
 # own release; every window that scores is refined, and none is left out for its metric size. What differs is the edge
 # detector: theirs is learned, and its model is not to be had here, so that the edges are thinned colour gradients.
 # Their least magnitude, 0.1, is one of sharp edges: with a contrast of 20, 40, 80, 160 grey levels a pixel the 100 best

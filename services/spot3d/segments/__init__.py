@@ -1,1 +1,1 @@
-"""Objects of single keyframes (paper, Sec. V-A), the segments that fusion lets vote."""
+"""Objects of single keyframes (paper, Sec. VI-A), the segments that fusion lets vote."""

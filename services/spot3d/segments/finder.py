@@ -1,4 +1,4 @@
-"""The objects of a single frame, without fusion over time (paper, Sec. V-A, RGBD scenes)."""
+"""The objects of a single frame, without fusion over time (paper, Sec. VI-A, RGBD scenes)."""
 
 from collections import Counter
 from typing import get_args

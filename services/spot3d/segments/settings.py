@@ -15,7 +15,7 @@ Step = Literal[
 
 
 class SegmentsSettings(BaseModel):
-    """Which frames are keyframes, and how the objects of one are found (paper, Sec. V-A, single frames)."""
+    """Which frames are keyframes, and how the objects of one are found (paper, Sec. VI-A, single frames)."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -110,4 +110,4 @@ class SegmentsSettings(BaseModel):
 
 
 PAPER = SegmentsSettings(enabled=False, plane_distance=0.005, noise_gate=0.0, grazing_cos=0.0, recent_frames=0)
-"""The paper's values (Sec. V-A). Its fusion clusters the map's points alone."""
+"""The paper's values (Sec. VI-A). Its fusion clusters the map's points alone."""
