@@ -93,6 +93,8 @@ def test_poses_that_jump_are_as_late_as_before(jump: float) -> None:
     off = np.linalg.norm(corrected[after:, :3, 3] - given[after:, :3, 3], axis=1)
     # A jump that a camera could make looks like its velocity, for one frame.
     assert off[0] <= 1.1 * jump
+    # And a pose that was not carried on does not say so.
+    assert (estimates[after].delay_s == 0) == (jump > 0.5)
     assert off[1:].max() < 0.05
 
 

@@ -1,13 +1,18 @@
 """What is in a run's folder while it goes on."""
 
+import errno
 import json
+import os
 from pathlib import Path
 
 import pytest
 from rich.console import Console
 
+from spot3d.run.beside import dashboard_beside
 from spot3d.run.run import run
+from spot3d.run.sole_writer import sole_writer
 from spot3d.settings import load_settings
+from spot3d.source.errors import SourceError
 from spot3d.source.selected import Selection
 
 
@@ -35,3 +40,31 @@ def test_nothing_of_an_earlier_run_is_there_when_the_stages_start(
     left = {path.name for path in tmp_path.iterdir() if path.is_file() and path.read_text() == "of the run before"}
     assert not left
     assert not [name for name in ("objects.json", "heatmap.ply", "overview.png") if (tmp_path / name).exists()]
+
+
+def test_a_report_tells_of_results_that_could_not_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not that all is well: it is written last."""
+    told = []
+
+    def full(*_: object) -> None:
+        told.append(json.loads((tmp_path / "report.json").read_text())["error"])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("spot3d.run.run.write_overview", full)
+    with pytest.raises(OSError, match="No space"):
+        run(Selection("scene", 3), load_settings(), tmp_path, Console(quiet=True), in_process=True)
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert told == ["the run goes on, was killed, or could not begin"]
+    assert report["error"].startswith("not all results are written: ")
+    assert report["frames"]["fused"] == 3
+
+
+def test_a_dashboard_of_a_run_that_is_refused_leaves_the_others_log(tmp_path: Path) -> None:
+    (tmp_path / "dashboard.log").write_text("of the run that goes on")
+    with (
+        sole_writer(tmp_path),
+        pytest.raises(SourceError, match="another run writes into"),
+        dashboard_beside("robot", None, tmp_path, Console(quiet=True)),
+    ):
+        pass
+    assert (tmp_path / "dashboard.log").read_text() == "of the run that goes on"

@@ -1,14 +1,20 @@
 """Whether the other side can be reached again, known a tenth of a second after it can."""
 
 import socket
+import threading
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from selectors import EVENT_WRITE, DefaultSelector
 
 _ASKED_EVERY_S = 0.1
 """TCP itself asks again after one second, three, seven: it may notice late by as much."""
 _BY_TCP = ("tcp", "tls", "ws")
+_Address = tuple[socket.AddressFamily, tuple[str, int]]
+_known: dict[str, list[_Address]] = {}
+"""Addresses by endpoint, and endpoints that were not reached by them, or whose names are looked up again now."""
+_outdated: set[str] = set()
+_looked_up: set[str] = set()
 
 
 def reachable(endpoints: Sequence[str], within_s: float) -> bool:
@@ -39,22 +45,25 @@ def reachable(endpoints: Sequence[str], within_s: float) -> bool:
     return False
 
 
-_Address = tuple[socket.AddressFamily, tuple[str, int]]
-_known: dict[str, list[_Address]] = {}
-_outdated: set[str] = set()
-"""Endpoints that were not reached by what is known of their names: these may have other addresses by now."""
-
-
 def _addresses(endpoint: str) -> list[_Address]:
-    """Looked up again only where none was reached, and kept where that fails: names may be known on the other side
-    only."""
-    if endpoint not in _known or endpoint in _outdated:
-        host, _, port = endpoint.partition("/")[2].partition("#")[0].partition("?")[0].rpartition(":")
-        try:
-            found = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_STREAM)
-            _known[endpoint] = [(family, (str(to[0]), int(to[1]))) for family, _, _, _, to in found]
-        except OSError:
-            if endpoint not in _known:
-                raise
+    """What is known of an endpoint's name. Where none of it was reached, the name may have other addresses by now: it
+    is looked up again, and that is not waited for, since it may be known on the other side only."""
+    if endpoint not in _known:
+        _look_up(endpoint)
+    elif endpoint in _outdated and endpoint not in _looked_up:
         _outdated.discard(endpoint)
+        _looked_up.add(endpoint)
+        threading.Thread(target=_look_up_again, args=(endpoint,), name="look up", daemon=True).start()
     return _known[endpoint]
+
+
+def _look_up(endpoint: str) -> None:
+    host, _, port = endpoint.partition("/")[2].partition("#")[0].partition("?")[0].rpartition(":")
+    found = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_STREAM)
+    _known[endpoint] = [(family, (str(to[0]), int(to[1]))) for family, _, _, _, to in found]
+
+
+def _look_up_again(endpoint: str) -> None:
+    with suppress(OSError):
+        _look_up(endpoint)
+    _looked_up.discard(endpoint)

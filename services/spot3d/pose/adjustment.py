@@ -54,10 +54,10 @@ EVERY_NS = 600_000_000
 that twice (what is seen of redkitchen with poses shaken by 10 mm then lies 16.4 mm apart, not 14.7); with 0.9 and 1.2 s
 it is hardly more.
 """
-_WRONG_ALIKE_S = 1 / 3
+WRONG_ALIKE_S = 1 / 3
 # So much of what keyframes' given poses tell is independent, if they are averaged from one keyframe to the next: the
 # variance of such an average beside what that would be of which the mean over a long time is as uncertain.
-_APART = 1 - (1 - float(np.exp(-1e-9 * EVERY_NS / _WRONG_ALIKE_S))) * _WRONG_ALIKE_S / (1e-9 * EVERY_NS)
+_APART = 1 - (1 - float(np.exp(-1e-9 * EVERY_NS / WRONG_ALIKE_S))) * WRONG_ALIKE_S / (1e-9 * EVERY_NS)
 
 
 class Seen(NamedTuple):

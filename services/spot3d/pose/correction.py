@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, invert
-from spot3d.pose.adjustment import Seen
+from spot3d.pose.adjustment import WRONG_ALIKE_S, Seen
 from spot3d.pose.delay import PoseDelay
 from spot3d.pose.error_model import ErrorModel
 from spot3d.pose.estimate import PoseEstimate
@@ -56,8 +56,6 @@ _STRIDE = 4
 # The mean of the given poses, and their noise, are known after about so long, seconds: many times as long as
 # neighbouring poses are wrong alike (a third of a second). From 2 to 6 the results are the same.
 _SETTLING_S = 3.0
-# Given poses are wrong alike for about so long, seconds: after a pause one of them tells no more than for this long.
-_WRONG_ALIKE_S = 1 / 3
 # Information that is less than this, in units of the stated uncertainty, is none.
 _UNKNOWN = 1e-6
 # What depth cameras see is this far away or more, metres.
@@ -189,7 +187,8 @@ class CorrectedPoses:
         self, T_map_camera: NDArray[np.float64], T_world_given: NDArray[np.float64], elapsed: float
     ) -> NDArray[np.float64]:
         """The pose in the world, in which the map comes to lie where all given poses have it on average."""
-        elapsed = min(elapsed, _WRONG_ALIKE_S)
+        # After a pause, too, one pose tells no more than those do that are wrong alike.
+        elapsed = min(elapsed, WRONG_ALIKE_S)
         self._age += elapsed
         pose = self._T_world_map @ T_map_camera
         pose = moved(pose, elapsed / (self._age + _SETTLING_S) * twist(pose, T_world_given))

@@ -11,7 +11,8 @@ from spot3d.sensor import Pinhole, axial_noise_kernel
 from spot3d.voxel_hash import EMPTY, find_slot
 
 _MOST_FRAMES = np.float32(1 << 16)
-"""Sums of single precision lose what a frame adds to them from 2^24 on, and before that some of it."""
+"""Up to here single precision, of 24 bits, adds a frame's heat exactly to half of a 255th; beyond, less and less of it,
+and from 2^24 on nothing."""
 
 
 class Pixels(NamedTuple):

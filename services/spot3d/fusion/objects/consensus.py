@@ -234,10 +234,10 @@ class ViewConsensus:
         return bool(confidence + _SPREAD / np.sqrt(views) < cold)
 
     def _compared(self, hottest: float) -> list[tuple[int, NDArray[np.int64], int, Piece, float]]:
-        """Compare what was found before with the hottest object that there is by now: what is cold beside it is none
-        any more. Returned is what was, and is not any more: it has no number yet.
+        """Compare what was found before with the hottest object that there is by now: what is cold beside it loses its
+        number. What was cold and is not any more is returned, to be numbered: as `_describe` has objects.
 
-        hottest: confidence of the hottest of the others.
+        hottest: confidence of the hottest of those that are described now.
         """
         known = [(number, *found) for number, found in self._verdicts.items() if not isinstance(found, str)]
         self._hottest = max((hottest, *(item.confidence for _, item, _ in known)))
