@@ -501,8 +501,9 @@ class About(Message):
     """What one stage's process runs on: its answer to a query, at once, however busy the stage is.
 
     time_ns: wall clock when it answered. kernels_missing: modules whose machine code is not kept for the next start.
-    shared_memory_bytes: room for images that go through shared memory, 0 where it is off. disk, disk_free_bytes: where
-    the stage keeps things, and what room is left there. certificate_until_ns: until when its certificate is valid.
+    shared_memory_bytes: room for images that go through shared memory, 0 where none do: it is off, or the run lossless.
+    disk, disk_free_bytes: where the stage keeps things, and what room is left there. certificate_until_ns: until when
+    its certificate is valid.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.About"

@@ -99,6 +99,13 @@ def test_this_device(tmp_path: Path) -> None:
     assert shared_memory(PLENTY, "here").level == "ok"
 
 
+def test_a_lossless_run_is_not_told_to_mend_its_shared_memory() -> None:
+    """It has none, by intention, and its stages cannot say why."""
+    finding = shared_memory(0, "on drone")
+    assert (finding.level, "a lossless run" in finding.text) == ("note", True)
+    assert "a lossless one does without" in finding.remedy
+
+
 def test_kernels_are_missing_until_they_are_compiled_and_when_they_change(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

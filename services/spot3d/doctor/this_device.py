@@ -54,10 +54,11 @@ def kernels(missing: int, where: str) -> Finding:
 
 
 def shared_memory(room: int, where: str) -> Finding:
-    """room: bytes left for images; 0: off."""
+    """room: bytes left for images; 0: not used."""
     if not room:
-        text = "off, or there is no /dev/shm: images go through the network, at twice the processor time"
-        return Finding("note", f"shared memory {where}", text, "mount /dev/shm, and leave link.shared_memory on")
+        text = "not used (off, no /dev/shm, or a lossless run): images go by the network, at twice the processor time"
+        remedy = "for a live run mount /dev/shm, and leave link.shared_memory on; a lossless one does without"
+        return Finding("note", f"shared memory {where}", text, remedy)
     little = room < SHARED_BYTES
     remedy = (
         f"give it {SHARED_BYTES >> 20} MB (docker: --shm-size), or set link.shared_memory = false" if little else ""
