@@ -13,6 +13,7 @@ import pytest
 import zenoh
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
+from spot3d.settings import Settings
 from spot3d_schemas import (
     CameraIntrinsics,
     Frame,
@@ -222,6 +223,20 @@ def test_files_that_they_name_exist() -> None:
         for path in re.findall(r"`([\w/]+\.py)`", row[3]):
             folder = path.rpartition("/")[0] or folder
             assert (ROOT / "services" / "spot3d" / folder / Path(path).name).is_file(), path
+
+
+@pytest.mark.parametrize("page", PAGES, ids=str)
+def test_settings_and_names_of_the_code_that_pages_name_exist(page: Path) -> None:
+    sections = {name: field.annotation for name, field in Settings.model_fields.items()}
+    code = re.findall(r"`([^`\n]+)`", re.sub(r"```.*?```", "", PAGES[page], flags=re.DOTALL))
+    for name in code:
+        section, _, setting = name.partition(".")
+        known = getattr(sections.get(section), "model_fields", None)
+        if known is not None and setting.isidentifier() and setting not in ("py", "ply"):
+            assert setting in known, name
+    source = "".join(file.read_text() for file in (ROOT / "services").rglob("*.py"))
+    private = [name for name in code if re.fullmatch(r"_\w+", name)]
+    assert [name for name in private if not re.search(rf"\b{name}\b", source)] == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=str)

@@ -29,9 +29,9 @@ class FusionSettings(BaseModel):
     plane_candidates: int = Field(5, ge=1, le=20, description="dominant planes among which heat decides" + MAP_ALONE)
     plane_search: Literal["refined", "triples"] = Field(
         "refined",
-        description="triples: planes through three points each, all points counted, anew at every keyframe (the "
-        "paper); refined: known planes and a tenth of the triples, ranked on samples of the points, then fitted to the "
-        "inliers" + MAP_ALONE,
+        description="triples: planes through three points each, all points counted, as the paper has it for the first "
+        "keyframe, at every one; refined: known planes and a tenth of the triples, ranked on samples of the points, "
+        "then fitted to the inliers" + MAP_ALONE,
     )
     plane_heat_max: float = Field(
         0.5,
