@@ -21,11 +21,23 @@ from spot3d.evaluate.degraded import (
     with_shaken_poses,
     with_torn_depth,
 )
-from spot3d.evaluate.depth_errors import bent, mixed, noisier, torn
+from spot3d.evaluate.depth_errors import bent, fattened, mixed, noisier, torn
 from spot3d.evaluate.object_tables import OURS
 from spot3d.evaluate.peer import PEER
 from spot3d.evaluate.pose_errors import Pose, late, misplaced, shaken
-from spot3d.evaluate.robustness import BENT, FOCALS, GROUPS, MIXED, MOUNTS, SCALES, SEED, SHAKES, Degradation, groups
+from spot3d.evaluate.robustness import (
+    BENT,
+    FATTENED,
+    FOCALS,
+    GROUPS,
+    MIXED,
+    MOUNTS,
+    SCALES,
+    SEED,
+    SHAKES,
+    Degradation,
+    groups,
+)
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import Halved
 from spot3d.source.scene.scene import Scene
@@ -135,6 +147,20 @@ def test_mixed_depth_is_a_mean_of_what_is_valid() -> None:
     np.testing.assert_array_equal(frame.depth, mixed(Scene(1, frames=1)[0].depth_metres(), 2))
 
 
+def test_near_things_grow_over_what_is_behind_them_and_nothing_else_changes() -> None:
+    depth = np.full(HALF.shape, 2.0, np.float32)
+    depth[40:60, 100:120] = 1.0
+    depth[:, 200:] = 0
+    depth[:, :40] = 2.4 - 0.01 * np.arange(40, dtype=np.float32)
+    worse = fattened(depth, 2)
+    near = np.zeros(depth.shape, np.bool_)
+    near[38:62, 98:122] = True
+    np.testing.assert_array_equal(worse[near], 1)
+    np.testing.assert_array_equal(worse[~near], depth[~near])
+    frame = Degradation(fattened=1).of(Scene(1, frames=1))[0]
+    np.testing.assert_array_equal(frame.depth, fattened(Scene(1, frames=1)[0].depth_metres(), 1))
+
+
 def test_misplaced_poses_are_of_what_is_fixed_to_the_camera() -> None:
     poses = Scene(1, frames=4)
     true = [poses.true_pose(k) for k in range(4)]
@@ -224,7 +250,8 @@ def test_levels() -> None:
     assert [level.scale for _, level in kinds["scale"]] == [1, *SCALES]
     assert [level.bent for _, level in kinds["bent"]] == [0, *BENT]
     assert [level.noise for _, level in kinds["depth"]] == [1, 2]
-    assert [level.mixed for _, level in kinds["edges"]] == [0, *MIXED]
+    edges = [(0, 0), *((reach, 0) for reach in MIXED), *((0, reach) for reach in FATTENED)]
+    assert [(level.mixed, level.fattened) for _, level in kinds["edges"]] == edges
     assert [level.missing for _, level in kinds["holes"]] == [0, 0.1, 0.3]
     assert [level.every for _, level in kinds["every"]] == [1, 2, 3, 4, 5, 10, 20, 30]
     together = [level for _, level in kinds["together"]]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
-from spot3d.evaluate.depth_errors import bent, mixed, noisier, torn
+from spot3d.evaluate.depth_errors import bent, fattened, mixed, noisier, torn
 from spot3d.evaluate.pose_errors import Pose, late, misplaced, shaken
 from spot3d.frame import RgbdFrame
 from spot3d.source.sequence import FrameSequence
@@ -130,6 +130,11 @@ def with_scaled_depth(sequence: FrameSequence, factor: float) -> Degraded:
 def with_mixed_depth(sequence: FrameSequence, reach: int) -> Degraded:
     """The sequence with depth that is mixed at edges; see `depth_errors.mixed`."""
     return Degraded(sequence, change_depth=lambda depth, camera, k: mixed(depth, reach))
+
+
+def with_fattened_depth(sequence: FrameSequence, reach: int) -> Degraded:
+    """The sequence with near things that have grown by some pixels; see `depth_errors.fattened`."""
+    return Degraded(sequence, change_depth=lambda depth, camera, k: fattened(depth, reach))
 
 
 def with_bent_depth(sequence: FrameSequence, deviation: float, seed: int = 1) -> Degraded:

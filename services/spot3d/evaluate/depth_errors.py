@@ -1,4 +1,4 @@
-"""Depth that is worse than the sensor's: noisier, mixed at edges, bent, or torn by holes."""
+"""Depth that is worse than the sensor's: noisier, mixed or moved at edges, bent, or torn by holes."""
 
 import cv2
 import numpy as np
@@ -9,6 +9,9 @@ from spot3d.source.scene.noise import FOCAL_PX, block_noise
 
 HOLE_M = 0.03
 """Holes are made of patches about this wide at 1 m, so 3 to 10 cm across: glare on a can, a dark label, a wet spot."""
+
+EDGE = 0.02
+"""Depth that is nearer by this share of itself is another surface's: no slope is as steep within a few pixels."""
 
 BENDS = 4
 """Depth is bent alike over a part of the image about so many times smaller than its width: as by a lens, whose
@@ -41,6 +44,16 @@ def mixed(depth: NDArray[np.float32], reach: int) -> NDArray[np.float32]:
     side = 2 * reach + 1
     share = cv2.blur((depth > 0).astype(np.float32), (side, side))
     return np.where(depth > 0, cv2.blur(depth, (side, side)) / np.maximum(share, 1e-6), 0).astype(np.float32)
+
+
+def fattened(depth: NDArray[np.float32], reach: int) -> NDArray[np.float32]:
+    """Depth in which what is nearer has grown over what is behind it: what block matching makes of an edge.
+
+    depth: (h, w) float32 metres, 0 = invalid and stays so. reach: pixels, half of a stereo camera's window.
+    """
+    window = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    nearest = cv2.erode(np.where(depth > 0, depth, np.float32(np.inf)), window)
+    return np.where(nearest < (1 - EDGE) * depth, nearest, depth).astype(np.float32)
 
 
 def bent(depth: NDArray[np.float32], deviation: float, seed: int) -> NDArray[np.float32]:

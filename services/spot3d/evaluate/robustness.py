@@ -8,6 +8,7 @@ import numpy as np
 from spot3d.drawing.recall_plot import Curve
 from spot3d.evaluate.degraded import (
     with_bent_depth,
+    with_fattened_depth,
     with_late_poses,
     with_misplaced_poses,
     with_mixed_depth,
@@ -57,6 +58,8 @@ BENT = (0.006, 0.01)
 desks drifts about half as much as on redkitchen, whose depth is 0.7 to 2.4 % too short for odometry left to itself."""
 MIXED = (1, 2)
 """Pixels to each side: what resizing, and what a usual smoothing filter makes of an edge."""
+FATTENED = (1, 2)
+"""Pixels by which near things grow: stereo cameras match windows 5 to 9 pixels wide at VGA, half of it at half size."""
 HOLES = (0.1, 0.3)
 TOGETHER = 0.01, 0.4
 """Metres and degrees of poses that are off while depth is of another scale: a hand-held camera under motion capture."""
@@ -80,8 +83,8 @@ class Degradation:
     metres, degrees: of the poses' smooth error; late: frames by which poses lag; mount: metres and degrees between the
     camera and what the poses are of; centre: share of the width by which the principal point is off; focal: how many
     times as long focal lengths are told; scale: of depth; bent: deviation of the camera's own distortion, as a share of
-    depth; noise: times the sensor's; mixed: pixels over which depth is a mean; missing: share of depth; every: only
-    each so-manieth frame; half: half size.
+    depth; noise: times the sensor's; mixed: pixels over which depth is a mean; fattened: pixels by which near things
+    have grown; missing: share of depth; every: only each so-manieth frame; half: half size.
     """
 
     metres: float = 0.0
@@ -94,6 +97,7 @@ class Degradation:
     bent: float = 0.0
     noise: float = 1.0
     mixed: int = 0
+    fattened: int = 0
     missing: float = 0.0
     every: int = 1
     half: bool = False
@@ -115,6 +119,8 @@ class Degradation:
             worse = with_noisier_depth(worse, self.noise, SEED)
         if self.mixed:
             worse = with_mixed_depth(worse, self.mixed)
+        if self.fattened:
+            worse = with_fattened_depth(worse, self.fattened)
         if self.missing:
             worse = with_torn_depth(worse, self.missing, SEED)
         if self.centre:
@@ -145,7 +151,11 @@ def groups(base: Degradation) -> dict[str, Levels]:
         "scale": [("x 1", base), *((f"x {k:g}", replace(base, scale=k)) for k in SCALES)],
         "bent": [("straight", base), *((f"{100 * k:g} %", replace(base, bent=k)) for k in BENT)],
         "depth": [("sigma x1", base), *((f"sigma x{k:g}", replace(base, noise=k)) for k in NOISES)],
-        "edges": [("sharp", base), *((f"{k} px", replace(base, mixed=k)) for k in MIXED)],
+        "edges": [
+            ("sharp", base),
+            *((f"{k} px", replace(base, mixed=k)) for k in MIXED),
+            *((f"{k} px fatter", replace(base, fattened=k)) for k in FATTENED),
+        ],
         "holes": [("0 %", base), *((f"{100 * k:g} %", replace(base, missing=k)) for k in HOLES)],
         "every": [(f"every {k}", replace(base, every=k)) for k in EVERY],
         "together": [
@@ -207,7 +217,8 @@ def robustness_table(
         "depth times a factor, as of a camera out of calibration. Bent: depth is too long in parts of the image and "
         "too short in others, by this deviation, alike in all frames. Depth: "
         "noise added until its deviation is so many times that of a Kinect, 1.2 mm + 1.9 mm/m2 (z - 0.4 m)^2. Edges: "
-        "depth is the mean of the pixels within so many. Together: several of these at once. Holes: "
+        "depth is the mean of the pixels within so many, or near things have grown by so many. Together: several of "
+        "these at once. Holes: "
         "share of the measured pixels lost in blobs, others in each frame. "
         f"All with seed {SEED}.",
         NOTE_NO_OBJECT,
