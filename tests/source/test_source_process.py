@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from spot3d.source.image_limit import refuse_large_images
 from spot3d.source.process import run
 from spot3d.source.sequence import CAMERA_LOST, CAMERA_MISSING, FrameStream, Note
 from spot3d.source.settings import SourceSettings
-from spot3d_schemas import Frame, Header, Health, Progress, alive_key, encode, encoding, key
+from spot3d_schemas import End, Frame, Header, Health, Progress, alive_key, encode, encoding, key
 
 
 def camera(width: int, height: int) -> Intrinsics:
@@ -201,3 +202,45 @@ def test_a_source_says_for_whom_it_waits_and_begins_when_they_are_there(caplog: 
         ):
             ear.wait(lambda: len(ear.heard["source/frame"]) == 2, 20)
     assert caplog.text.count("waiting for") == 1
+
+
+@pytest.mark.parametrize("delivery", ["live", "lossless"])
+def test_a_camera_whose_stamps_go_back_ends_its_stream_and_begins_another(
+    delivery: Literal["live", "lossless"],
+) -> None:
+    endpoint, camera = free_loopback_endpoint(), ScriptedCamera()
+    before, after = Recording(3, 100 * 10**9), Recording(6, 5 * 10**9)
+    link = LinkSettings(robot="rewound", connect=(endpoint,), delivery=delivery, health_interval_s=0.05)
+    with (
+        open_router((endpoint,)) as session,
+        listening(session, "rewound", "source/frame", "source/end", "source/health") as ear,
+        session.liveliness().declare_token(alive_key("rewound", "fusion")),
+        playing(link, camera),
+    ):
+        frames: list[Frame] = ear.heard["source/frame"]
+        ends: list[End] = ear.heard["source/end"]
+        health: list[Health] = ear.heard["source/health"]
+
+        def fused(header: Header, count: int, complete: bool) -> None:
+            counts = {"fused": count, "skipped": {}, "last_stamp_ns": header.stamp_ns, "complete": complete}
+            word = Progress(header=header, **counts)
+            session.put(key("rewound", "fusion/progress"), encode(word), encoding=encoding(Progress))
+
+        for frame in before:
+            camera.script.put(frame)
+        ear.wait(lambda: len(frames) == 3, 20)
+        fused(frames[2].header, 3, complete=False)
+        for frame in list(after)[:3]:  # the first is in doubt, those after it come while the stream is to be completed
+            camera.script.put(frame)
+        counted = {"stray stamp in the input": 1, "between two streams in the input": 2}
+        ear.wait(lambda: bool(ends) and bool(health) and health[-1].drops == counted, 20)
+        assert ends[0].frames_sent == 3
+        assert ends[0].header.stream == frames[0].header.stream
+        assert ends[0].header.stamp_ns == before.stamps_ns[-1]
+        fused(ends[0].header, 3, complete=True)
+        ear.wait(lambda: health[-1].received == 2, 20)
+        for frame in list(after)[3:]:
+            camera.script.put(frame)
+        ear.wait(lambda: len(frames) == 6, 20)
+    assert [frame.header.stamp_ns for frame in frames[3:]] == after.stamps_ns[3:]
+    assert len({frame.header.stream for frame in frames}) == len({frame.header.stream for frame in frames[3:]}) + 1 == 2
