@@ -3,7 +3,7 @@
 import queue
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
@@ -96,6 +96,23 @@ def test_frames_that_no_message_holds_are_counted_and_the_others_played() -> Non
     assert health[-1].drops == {"cannot be sent": 2}
     why = health[-1].last_error
     assert why.startswith("the frame of 50000000 ns cannot be sent.T_world_camera: the 3x3 part is no rotation"), why
+
+
+class GappyRecording(Recording):
+    """The pose of one frame is missing."""
+
+    def true_pose(self, index: int) -> NDArray[np.float64] | None:
+        return None if index == 1 else super().true_pose(index)
+
+
+def test_frames_without_a_pose_among_others_are_counted() -> None:
+    endpoint = free_loopback_endpoint()
+    link = LinkSettings(robot="gappy", connect=(endpoint,), credit_timeout_s=0.1)
+    with open_router((endpoint,)) as session, listening(session, "gappy", "source/health") as ear:
+        run(link, SourceSettings(), GappyRecording(3), stop=threading.Event())
+        health: list[Health] = ear.heard["source/health"]
+        ear.wait(lambda: bool(health) and bool(health[-1].events), 20)
+    assert health[-1].events == {"frames without a true pose": 1}
 
 
 class ScriptedCamera:
@@ -226,9 +243,15 @@ def test_a_camera_whose_stamps_go_back_ends_its_stream_and_begins_another(
             word = Progress(header=header, **counts)
             session.put(key("rewound", "fusion/progress"), encode(word), encoding=encoding(Progress))
 
-        for frame in before:
-            camera.script.put(frame)
-        ear.wait(lambda: len(frames) == 3, 20)
+        ear.wait(lambda: bool(health), 20)
+
+        def played(images: Sequence[RgbdFrame]) -> None:
+            for frame in images:  # one by one: live, a frame may push out another
+                count = len(frames)
+                camera.script.put(frame)
+                ear.wait(lambda count=count: len(frames) > count, 20)
+
+        played(list(before))
         fused(frames[2].header, 3, complete=False)
         for frame in list(after)[:3]:  # the first is in doubt, those after it come while the stream is to be completed
             camera.script.put(frame)
@@ -239,8 +262,6 @@ def test_a_camera_whose_stamps_go_back_ends_its_stream_and_begins_another(
         assert ends[0].header.stamp_ns == before.stamps_ns[-1]
         fused(ends[0].header, 3, complete=True)
         ear.wait(lambda: health[-1].received == 2, 20)
-        for frame in list(after)[3:]:
-            camera.script.put(frame)
-        ear.wait(lambda: len(frames) == 6, 20)
+        played(list(after)[3:])
     assert [frame.header.stamp_ns for frame in frames[3:]] == after.stamps_ns[3:]
     assert len({frame.header.stream for frame in frames}) == len({frame.header.stream for frame in frames[3:]}) + 1 == 2

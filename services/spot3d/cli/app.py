@@ -280,8 +280,7 @@ def _conclude(done: "Finished", settings: Settings) -> None:
     seen = "" if report.objects else first_depth(done.sequence)
     known = report.calibration
     given = depth_scale.told(known.depth_factor), delay.told(report.delay_s), orientation.told(known)
-    before = len(report.earlier_streams)
-    anew = f"the camera began anew {before} times: what it saw before is in {done.folder / EARLIER}" if before else ""
+    anew = f"the camera began anew: what it saw before is in {done.folder / EARLIER}" if report.earlier_streams else ""
     for line in (anew, few, seen, told(report.lost), *given, forgotten(report.keyframes_dropped, settings)):
         if line:
             typer.echo(line)

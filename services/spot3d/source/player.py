@@ -13,7 +13,7 @@ from spot3d.dataflow.order import StreamOrder
 from spot3d.dataflow.previews import Previews
 from spot3d.dataflow.streams import new_stream
 from spot3d.frame import RgbdFrame
-from spot3d.source.errors import BETWEEN_STREAMS, IN_THE_INPUT, UNREADABLE, UNSENDABLE
+from spot3d.source.errors import BETWEEN_STREAMS, IN_THE_INPUT, UNREADABLE, UNSENDABLE, WITHOUT_POSE
 from spot3d.source.image_limit import refuse_large_images
 from spot3d.source.pace import Pace
 from spot3d.source.sequence import CAMERA_GONE, FrameSequence, FrameStream
@@ -81,6 +81,8 @@ class Player:
                 self.node.counters.drop(UNREADABLE)
                 continue
             self.node.counters.step(time.perf_counter() - start_s)
+            if sequence.has_true_poses and frame.T_world_camera is None:
+                self.node.counters.event(WITHOUT_POSE)
             yield frame, read_ns
 
     def _streamed(self, camera: FrameStream) -> Iterator[tuple[RgbdFrame, int]]:
