@@ -1,5 +1,6 @@
 """Where the intrinsics come from: an option, a file of the recording, or published values."""
 
+import logging
 import re
 from pathlib import Path
 
@@ -8,6 +9,8 @@ import numpy as np
 from spot3d.camera import Intrinsics
 from spot3d.source.errors import SourceError
 from spot3d.source.text_files import read_matrix, read_text
+
+log = logging.getLogger(__name__)
 
 FocalAndCentre = tuple[float, float, float, float]
 
@@ -18,6 +21,8 @@ TUM_PUBLISHED: dict[str, FocalAndCentre] = {
     "2": (520.9, 521.0, 325.1, 249.7),
     "3": (535.4, 539.2, 320.1, 247.6),
 }
+_OFF_CENTRE = 0.2
+"""No lens has its principal point this part of the image off the middle; that of half or twice the size has."""
 HINT = "give them as --intrinsics fx,fy,cx,cy (pixels)"
 
 
@@ -75,5 +80,11 @@ def intrinsics_for(values: FocalAndCentre, shape: tuple[int, int], where: str) -
         raise SourceError(
             f"{where}: the principal point ({cx:g}, {cy:g}) is outside of the {width}x{height} image; "
             "are these the intrinsics of another image size?"
+        )
+    if max(abs(cx / width - 0.5), abs(cy / height - 0.5)) > _OFF_CENTRE:
+        log.warning(
+            "%s: the principal point (%g, %g) is far from the middle of the %dx%d image; are these the intrinsics of "
+            "another image size? All that is found would be bent",
+            *(where, cx, cy, width, height),
         )
     return intrinsics
