@@ -2,6 +2,8 @@
 
 import json
 import os
+import struct
+import zlib
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
@@ -177,17 +179,29 @@ def test_nearest_in_time(stamps: list[int], others: list[int], expected: list[in
     assert found.tolist() == expected
 
 
-def _replace(name: str, content: str | np.ndarray | None) -> Callable[..., None]:
+def _replace(name: str, content: str | bytes | np.ndarray | None) -> Callable[..., None]:
     def change(folder: Path, stem: str = "") -> None:
         path = folder / name.format(stem)
         if content is None:
             path.unlink()
         elif isinstance(content, str):
             path.write_text(content)
+        elif isinstance(content, bytes):
+            path.write_bytes(content)
         else:
             write(path, content)
 
     return change
+
+
+def bomb() -> bytes:
+    """A PNG of 100 bytes that says it is 200,000 x 200,000 pixels."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    size = struct.pack(">IIBBBBB", 200_000, 200_000, 16, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", size) + chunk(b"IDAT", zlib.compress(bytes(99))) + chunk(b"IEND", b"")
 
 
 def _calibration(x: float) -> str:
@@ -214,6 +228,20 @@ def _calibration(x: float) -> str:
         (_replace("camera-intrinsics.txt", "20 0 320 0 20 240 0 0 1"), "another image size"),
         (_replace("camera-intrinsics.txt", "-20 0 12 0 20 8 0 0 1"), "positive"),
         (_replace("calibration.json", "{"), "calibration.json is malformed"),
+        (_replace("calibration.json", "[" * 100_000), "calibration.json is malformed"),
+        (_replace("calibration.json", "[]"), "calibration.json is malformed: the whole: Input should be"),
+        (_replace("calibration.json", _calibration(25.0)), "cameras 25 m apart; it is in metres"),
+        (_replace("calibration.json", _calibration(0.1).replace("[[1.0", "[[-1.0")), "no rotation and translation"),
+        (_replace("calibration.json", _calibration(0.1).replace("1.0]]", "2.0]]")), "no rotation and translation"),
+        (_replace("calibration.json", _calibration(0.1).replace('"cx": 12', '"cx": 99')), "another image size"),
+        (_replace("calibration.json", _calibration(0.1).replace('"fx": 20', '"fx": 1e300')), "of 1e.300 and 20 pixels"),
+        (
+            _replace("camera-intrinsics.txt", "0.02 0 12 0 0.02 8 0 0 1"),
+            "of 0.02 and 0.02 pixels; .*another unit",
+        ),
+        (_replace("camera-intrinsics.txt", "20 3 12 0 20 8 0 0 1"), "malformed: expected"),
+        (_replace("frame-000001.depth.png", bomb()), "no readable image"),
+        (_replace("frame-000001.color.png", bomb()), "no readable image"),
         (_replace("calibration.json", "{}"), "give .registered"),
         (_replace("calibration.json", '{"colour": {"fx": "wide"}}'), "colour.fx"),
         (_replace("calibration.json", _calibration(float("nan"))), "no rotation and translation"),
@@ -242,6 +270,10 @@ def test_seven_scenes_errors(seven_scenes: Path, change: Callable[[Path], None],
         ),
         (_replace("groundtruth.txt", "nan 0 0 0 0 0 0 1\n"), "groundtruth.txt:1 .*'nan' is no time in seconds"),
         (_replace("intrinsics.txt", "1 2 3\n"), "not four numbers"),
+        (_replace("depth.txt", "1.0 depth/nu\0ll.png\n"), "cannot be read: embedded null byte"),
+        (_replace("depth.txt", f"1.0 depth/{'x' * 5000}.png\n"), "cannot be read: File name too long"),
+        (_replace("depth.txt", "# nothing\n"), "depth.txt lists no image"),
+        (_replace("rgb.txt", ""), "rgb.txt lists no image"),
     ],
 )
 def test_tum_errors(tum: Path, change: Callable[[Path], None], message: str) -> None:
@@ -335,6 +367,12 @@ def test_a_malformed_line_of_images_is_left_out_and_told(tum: Path, caplog: pyte
     assert open_source(tum).stamps_ns == [1_000_000_000, 1_200_001_000]
     assert "1 of 4 lines of" in caplog.text
     assert "1 of 3 depth images have no colour within 20 ms" in caplog.text
+
+
+def test_intrinsics_of_half_the_size_are_told(seven_scenes: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (seven_scenes / "camera-intrinsics.txt").write_text("10 0 6\n0 10 4\n0 0 1\n")
+    open_source(seven_scenes)
+    assert "the principal point (6, 4) is far from the middle of the 24x16 image" in caplog.text
 
 
 def test_lists_of_images_may_have_a_byte_order_mark_and_spaces_in_names(tum: Path) -> None:

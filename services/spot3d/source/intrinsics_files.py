@@ -21,6 +21,9 @@ TUM_PUBLISHED: dict[str, FocalAndCentre] = {
     "2": (520.9, 521.0, 325.1, 249.7),
     "3": (535.4, 539.2, 320.1, 247.6),
 }
+_FOCAL_LEAST, _FOCAL_MOST = 0.05, 50.0
+"""Focal lengths per image width: a view of 169 and of 1 degrees."""
+_SKEW_MOST_PX = 0.5
 _OFF_CENTRE = 0.2
 """No lens has its principal point this part of the image off the middle; that of half or twice the size has."""
 HINT = "give them as --intrinsics fx,fy,cx,cy (pixels)"
@@ -44,7 +47,7 @@ def seven_scenes_values(folder: Path) -> FocalAndCentre:
     if not path.is_file():
         raise SourceError(f"no intrinsics: {path} is missing; {HINT}; 7-Scenes' own are 585,585,320,240")
     matrix = read_matrix(path, 3)
-    if not (np.allclose(matrix[2], [0, 0, 1]) and matrix[1, 0] == 0):
+    if not (np.allclose(matrix[2], [0, 0, 1]) and matrix[1, 0] == 0 and abs(matrix[0, 1]) <= _SKEW_MOST_PX):
         raise SourceError(f"{path} is malformed: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
     return float(matrix[0, 0]), float(matrix[1, 1]), float(matrix[0, 2]), float(matrix[1, 2])
 
@@ -76,6 +79,11 @@ def intrinsics_for(values: FocalAndCentre, shape: tuple[int, int], where: str) -
         intrinsics = Intrinsics(fx, fy, cx, cy, width, height)
     except ValueError as error:
         raise SourceError(f"{where}: {error}") from error
+    if not all(_FOCAL_LEAST < focal / width < _FOCAL_MOST for focal in (fx, fy)):
+        raise SourceError(
+            f"{where}: no camera of {width}x{height} pixels has focal lengths of {fx:g} and {fy:g} pixels; are they in "
+            "another unit?"
+        )
     if not (0 <= cx < width and 0 <= cy < height):
         raise SourceError(
             f"{where}: the principal point ({cx:g}, {cy:g}) is outside of the {width}x{height} image; "

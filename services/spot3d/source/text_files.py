@@ -19,7 +19,7 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 # A rotation written with a handful of digits is orthonormal to about this much.
-ROTATION_TOLERANCE = 1e-2
+_ROTATION_TOLERANCE = 1e-2
 _POSE_LINE = "expected `stamp tx ty tz qx qy qz qw`: seconds, metres and a quaternion of length 1"
 _STAMP_MAX_NS = np.iinfo(np.int64).max
 
@@ -57,13 +57,18 @@ def read_pose_matrix(path: Path) -> NDArray[np.float64] | None:
     T_world_camera = read_matrix(path, 4)
     if not np.isfinite(T_world_camera).all():
         return None
-    rotation = T_world_camera[:3, :3]
-    rigid = np.allclose(rotation @ rotation.T, np.eye(3), atol=ROTATION_TOLERANCE)
-    if not (rigid and np.linalg.det(rotation) > 0 and np.allclose(T_world_camera[3], [0, 0, 0, 1])):
+    if not is_rigid(T_world_camera):
         raise SourceError(f"{path} is malformed: not a camera-to-world rotation and translation")
-    T_world_camera[:3, :3] = nearest_rotation(rotation)
+    T_world_camera[:3, :3] = nearest_rotation(T_world_camera[:3, :3])
     T_world_camera[3] = (0, 0, 0, 1)
     return T_world_camera
+
+
+def is_rigid(T: NDArray[np.float64]) -> bool:
+    """Whether (4, 4) is a rotation, but for rounding, and a translation."""
+    rotation = T[:3, :3]
+    turns = np.isfinite(T).all() and np.allclose(rotation @ rotation.T, np.eye(3), atol=_ROTATION_TOLERANCE)
+    return bool(turns and np.linalg.det(rotation) > 0 and np.allclose(T[3], [0, 0, 0, 1]))
 
 
 def pose_of_words(words: list[str], where: str) -> NDArray[np.float64]:
@@ -78,7 +83,7 @@ def pose_of_words(words: list[str], where: str) -> NDArray[np.float64]:
         raise SourceError(f"{where} is malformed: it has {1 + len(words)} numbers; {_POSE_LINE}")
     values = np.array([float(word) for word in words])
     length = float(np.linalg.norm(values[3:]))
-    if abs(length - 1) > ROTATION_TOLERANCE:
+    if abs(length - 1) > _ROTATION_TOLERANCE:
         raise SourceError(f"{where} is malformed: the quaternion's length is {length:.3f}, not 1; {_POSE_LINE}")
     return pose_from_quaternion(values[:3], values[3:])
 

@@ -35,10 +35,13 @@ def open_tum(folder: Path, intrinsics: FocalAndCentre | None = None) -> Recordin
 
     def file(words: list[str], _where: str) -> Path:
         spaced = folder / " ".join(words)
-        return spaced if spaced.is_file() else folder / words[0]
+        return spaced if len(words) > 1 and spaced.is_file() else folder / words[0]
 
     depths = read_stamped_lines(folder / "depth.txt", file)
     colours = read_stamped_lines(folder / "rgb.txt", file)
+    for name, listed in (("depth.txt", depths), ("rgb.txt", colours)):
+        if not listed:
+            raise SourceError(f"{folder / name} lists no image; is the recording complete?")
     truth_path = folder / "groundtruth.txt"
     truth = read_stamped_lines(truth_path, pose_of_words) if truth_path.is_file() else []
     stamps = np.array([stamp for stamp, _ in depths], np.int64)
