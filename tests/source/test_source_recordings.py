@@ -315,6 +315,12 @@ def test_a_folder_without_any_frame_that_can_be_read_is_refused(
         open_source(seven_scenes)
 
 
+def test_colour_without_depth_is_told(seven_scenes: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (seven_scenes / "frame-000001.depth.png").unlink()
+    assert open_source(seven_scenes).stamps_ns == [0, 100_000_000]
+    assert f"{seven_scenes}: 1 of 3 colour images have no depth image, and are left out" in caplog.text
+
+
 def test_a_broken_first_image_of_tum_is_that_of_one_frame(tum: Path) -> None:
     (tum / "depth/1.000000.png").write_bytes(b"")
     sequence = open_source(tum)

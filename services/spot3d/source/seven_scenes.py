@@ -1,5 +1,6 @@
 """Recordings in the layout of Microsoft's 7-Scenes (and 3DMatch, which shares it)."""
 
+import logging
 import re
 from pathlib import Path
 
@@ -11,6 +12,8 @@ from spot3d.source.errors import SourceError
 from spot3d.source.intrinsics_files import FocalAndCentre, intrinsics_for, seven_scenes_values
 from spot3d.source.recording import RecordedFrame, Recording, first_readable_shape
 from spot3d.source.text_files import read_pose_matrix, tell_left_out
+
+log = logging.getLogger(__name__)
 
 RATE_HZ = 30
 METRES_PER_UNIT = 0.001
@@ -38,7 +41,11 @@ def open_seven_scenes(folder: Path, intrinsics: FocalAndCentre | None = None) ->
     )
     if not numbered:
         raise SourceError(f"{folder} holds no frame-NNNNNN.depth.png; is it a sequence folder of 7-Scenes?")
-    poses = _poses(folder, [stem for _, stem in numbered])
+    stems = [stem for _, stem in numbered]
+    coloured = {path.name.partition(".")[0] for path in folder.glob("frame-*.color.*")}
+    if alone := len(coloured.difference(stems)):
+        log.warning("%s: %d of %d colour images have no depth image, and are left out", folder, alone, len(coloured))
+    poses = _poses(folder, stems)
     frames = [
         RecordedFrame(
             stamp_ns=number * 10**9 // RATE_HZ,
