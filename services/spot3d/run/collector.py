@@ -145,7 +145,7 @@ class Collector:
 
     def snapshot(self, timeout_s: float) -> MapSnapshot:
         """The stream's map as fusion answers now; empty where it does not answer, or has gone on to another."""
-        return asked_map(self._session, self._robot, timeout_s, self.stream)
+        return asked_map(self._session, self._robot, timeout_s, self.stream) or empty_snapshot()
 
     def result(self, points: MapSnapshot) -> RunResult:
         """The run's result as it is known now."""

@@ -7,19 +7,19 @@ import zenoh
 
 from spot3d.boxes import Box3D
 from spot3d.found_object import FoundObject
-from spot3d.run.results import MapSnapshot, RunResult, empty_snapshot
+from spot3d.run.results import MapSnapshot, RunResult
 from spot3d_schemas import CodecError, MapPoints, Message, Objects, decode, key
 
 M = TypeVar("M", bound=Message)
 
 
-def asked_map(session: zenoh.Session, robot: str, timeout_s: float, stream: str | None) -> MapSnapshot:
-    """The map of a stream as a robot's fusion answers now; empty where it does not answer, or is in another stream."""
+def asked_map(session: zenoh.Session, robot: str, timeout_s: float, stream: str | None) -> MapSnapshot | None:
+    """The map of a stream as a robot's fusion answers now; None where it does not answer, or is in another stream."""
     for reply in session.get(key(robot, "fusion/map"), timeout=timeout_s):
         message = decoded(reply.ok, MapPoints) if reply.ok is not None else None
         if message is not None and message.header.stream in (None, stream):
             return MapSnapshot(message.xyz, message.rgb, message.heat, message.frequency, message.total)
-    return empty_snapshot()
+    return None
 
 
 def found_objects(message: Objects) -> RunResult:
