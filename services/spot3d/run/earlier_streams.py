@@ -1,5 +1,6 @@
 """What a run has found in the streams before the last: a camera that begins anew is in another world."""
 
+import shutil
 from collections import Counter
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -8,11 +9,19 @@ from typing import Any
 from spot3d.run.lost_tracking import LostTracking, Stretch
 from spot3d.run.results import RESULTS, RunResult, objects_document, write_json
 from spot3d.run.timeline import Timeline
+from spot3d.run.trajectory_file import NAME as TRAJECTORY
 from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d_schemas import Progress
 
 FOLDER = "streams"
 """Of the streams before the last, in the folder of a run; each in a folder of its own, `1` and so on."""
+
+
+def forget_streams(run: Path) -> None:
+    """Delete what an earlier run into this folder has left of its streams; nothing else of that name."""
+    for place in (run / FOLDER).glob("[0-9]*"):
+        if place.name.isdecimal() and (place / TRAJECTORY).is_file():
+            shutil.rmtree(place, ignore_errors=True)
 
 
 class EarlierStreams:
