@@ -59,6 +59,13 @@ def test_frames_whose_stamps_are_not_later_are_skipped() -> None:
     assert result.fusion.frame_count == len(result.trajectory) == 4
 
 
+def test_frames_of_a_time_that_no_message_holds_are_skipped() -> None:
+    result, steps = run((-20, 0, 33, 10**16))
+    assert result.skipped == {"cannot be sent": 2}
+    assert result.unreadable == f"the frame of {10**22} ns cannot be sent: no message holds such a time"
+    assert [step.frame.stamp_ns for step in steps] == [0, 33 * MS]
+
+
 def test_a_frame_with_a_pose_that_no_camera_can_have_is_not_fused() -> None:
     stamps = (0, 33, 66, 100, 133, 166)
     result, steps = run(stamps, (0.0, 0.0, 5.0, 3000.0, 0.6, 0.0))

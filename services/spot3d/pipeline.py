@@ -18,8 +18,9 @@ from spot3d.pose.providers import make_tracker
 from spot3d.proposals.propose import propose
 from spot3d.segments.keyframe_segments import KeyframeSegments
 from spot3d.settings import Settings
-from spot3d.source.errors import IN_THE_INPUT, UNREADABLE, SourceError
+from spot3d.source.errors import IN_THE_INPUT, UNREADABLE, UNSENDABLE, SourceError
 from spot3d.source.sequence import FrameSequence
+from spot3d_schemas.limits import MAX_COUNT
 
 LOST = "lost pose"
 """Why a frame is not fused that can be read: it has no trusted pose."""
@@ -88,6 +89,10 @@ def run_pipeline(
         except SourceError as error:
             result.skipped[UNREADABLE] += 1
             result.unreadable = str(error)
+            continue
+        if not 0 <= frame.stamp_ns <= MAX_COUNT:
+            result.skipped[UNSENDABLE] += 1
+            result.unreadable = f"the frame of {frame.stamp_ns} ns {UNSENDABLE}: no message holds such a time"
             continue
         if frame.stamp_ns <= last_ns:
             result.skipped[f"{DUPLICATE if frame.stamp_ns == last_ns else OUT_OF_ORDER} {IN_THE_INPUT}"] += 1

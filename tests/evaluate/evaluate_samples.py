@@ -17,6 +17,8 @@ def write_png(path: Path, image: np.ndarray) -> None:
 
 def write_osd(folder: Path) -> None:
     """learn2 has a table (1) with objects 2 and 3, learn10 nothing but the table."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "camera-intrinsics.txt").write_text("525 0 31.5\n0 525 23.5\n0 0 1\n")
     for name, objects in (("learn2", True), ("learn10", False)):
         annotation = np.ones(SHAPE, np.uint8)
         if objects:

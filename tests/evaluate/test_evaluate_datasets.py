@@ -52,6 +52,20 @@ def test_a_folder_in_osds_layout_has_a_camera_of_its_own(tmp_path: Path) -> None
         misfit.read(0)
 
 
+@pytest.mark.parametrize("shape", [(480, 640), (240, 320), (720, 1280)])
+def test_osds_own_camera_is_that_of_its_own_size(tmp_path: Path, shape: tuple[int, int]) -> None:
+    write_png(tmp_path / "image_color" / "learn0.png", np.full((*shape, 3), 90, np.uint8))
+    write_png(tmp_path / "depth" / "learn0.png", np.full(shape, 1500, np.uint16))
+    write_png(tmp_path / "annotation" / "learn0.png", np.ones(shape, np.uint8))
+    frames = open_dataset(str(tmp_path), Settings()).frames
+    assert frames is not None
+    if shape == (480, 640):
+        assert frames.read(0).frame.intrinsics == Intrinsics(525, 525, 319.5, 239.5, 640, 480)
+    else:
+        with pytest.raises(SourceError, match=rf"is {shape[1]}x{shape[0]}, and OSD's own intrinsics are for 640x480"):
+            frames.read(0)
+
+
 def test_other_data_sets_keep_their_camera(tmp_path: Path) -> None:
     write_rgbd_scenes(tmp_path / "rgbd")
     write_uw_scenes(tmp_path / "uw")

@@ -123,6 +123,23 @@ def test_the_longest_stream_is_played(
     assert "holds 2 streams of 2, 3 frames" in caplog.text
 
 
+def test_frames_that_are_not_later_are_left_out_and_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = tmp_path / "twice.mcap"
+    write_recording(path, [[("source/frame", 0.1 * seq, frame(seq, 10**9 + 10**8 * (seq // 2))) for seq in range(6)]])
+    assert len(open_source(path)) == 3
+    assert "3 of 6 frames have no later stamp than the one before, and are left out" in caplog.text
+
+
+def test_a_list_of_frames_in_chunks_that_are_not_there_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "listed.mcap"
+    sent = [("source/frame", 0.1 * seq, frame(seq, PERIOD_NS * (seq + 1))) for seq in range(2)]
+    write_recording(path, [sent], [(0, PERIOD_NS, ""), (99, 2 * PERIOD_NS, "")])
+    sequence = open_source(path)
+    assert (sequence[0].depth == frame(0, 0).depth).all()
+    with pytest.raises(SourceError, match=r"listed\.mcap, frame 1: list index out of range"):
+        sequence[1]
+
+
 def test_other_files_are_refused_by_name(tmp_path: Path) -> None:
     path = tmp_path / "other.mcap"
     path.write_bytes(b"\x89MCAP0\r\n\x01" + bytes(40))

@@ -31,6 +31,9 @@ def test_nothing_of_an_earlier_run_is_there_when_the_stages_start(
     monkeypatch.setattr("spot3d.run.run.run_distributed", start)
     for name in ("objects.json", "objects.jsonl", "heatmap.ply", "overview.png", "trajectory.txt"):
         (tmp_path / name).write_text("of the run before")
+    for name in ("streams/1/trajectory.txt", "streams/1/objects.json", "streams/2022/walk.bag", "streams/notes.txt"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("of the run before")
     (tmp_path / "report.json").write_text('{"error": null}')
     with pytest.raises(StartedError):
         run(Selection("scene", 3), load_settings(), tmp_path, Console(quiet=True), in_process)
@@ -39,6 +42,8 @@ def test_nothing_of_an_earlier_run_is_there_when_the_stages_start(
     assert (report["input"], report["frames"]["fused"]) == ("scene", 0)
     left = {path.name for path in tmp_path.iterdir() if path.is_file() and path.read_text() == "of the run before"}
     assert not left
+    kept = sorted(path.name for path in (tmp_path / "streams").rglob("*"))
+    assert kept == ["2022", "notes.txt", "walk.bag"], "what no run has written is nobody's to delete"
     assert not [name for name in ("objects.json", "heatmap.ply", "overview.png") if (tmp_path / name).exists()]
 
 

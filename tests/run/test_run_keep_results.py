@@ -108,6 +108,14 @@ def test_every_stream_is_kept(router: zenoh.Session, tmp_path: Path) -> None:
     assert json.loads((folder / "objects.json").read_text())["frame_count"] == 2
     assert (tmp_path / "beat").exists()
 
+    # Fusion has gone on, and its map is of another stream.
+    put(router, "fusion/objects", objects("later", complete=True))
+    wait(lambda: any(out.glob("*-later/stream.json")))
+    (later,) = out.glob("*-later")
+    assert json.loads((later / "stream.json").read_text())["complete"] is True
+    assert asked.qsize() == 2
+    assert not (later / "heatmap.ply").exists()
+
     # A stream that is never completed is written as far as it was; with the third, the first goes.
     for stream in ("second", "third"):
         put(router, "fusion/objects", objects(stream, complete=False))

@@ -3,9 +3,10 @@
 import queue
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from spot3d.source.image_limit import refuse_large_images
 from spot3d.source.process import run
 from spot3d.source.sequence import CAMERA_LOST, CAMERA_MISSING, FrameStream, Note
 from spot3d.source.settings import SourceSettings
-from spot3d_schemas import Frame, Header, Health, Progress, alive_key, encode, encoding, key
+from spot3d_schemas import End, Frame, Header, Health, Progress, alive_key, encode, encoding, key
 
 
 def camera(width: int, height: int) -> Intrinsics:
@@ -95,6 +96,23 @@ def test_frames_that_no_message_holds_are_counted_and_the_others_played() -> Non
     assert health[-1].drops == {"cannot be sent": 2}
     why = health[-1].last_error
     assert why.startswith("the frame of 50000000 ns cannot be sent.T_world_camera: the 3x3 part is no rotation"), why
+
+
+class GappyRecording(Recording):
+    """The pose of one frame is missing."""
+
+    def true_pose(self, index: int) -> NDArray[np.float64] | None:
+        return None if index == 1 else super().true_pose(index)
+
+
+def test_frames_without_a_pose_among_others_are_counted() -> None:
+    endpoint = free_loopback_endpoint()
+    link = LinkSettings(robot="gappy", connect=(endpoint,), credit_timeout_s=0.1)
+    with open_router((endpoint,)) as session, listening(session, "gappy", "source/health") as ear:
+        run(link, SourceSettings(), GappyRecording(3), stop=threading.Event())
+        health: list[Health] = ear.heard["source/health"]
+        ear.wait(lambda: bool(health) and bool(health[-1].events), 20)
+    assert health[-1].events == {"frames without a true pose": 1}
 
 
 class ScriptedCamera:
@@ -201,3 +219,49 @@ def test_a_source_says_for_whom_it_waits_and_begins_when_they_are_there(caplog: 
         ):
             ear.wait(lambda: len(ear.heard["source/frame"]) == 2, 20)
     assert caplog.text.count("waiting for") == 1
+
+
+@pytest.mark.parametrize("delivery", ["live", "lossless"])
+def test_a_camera_whose_stamps_go_back_ends_its_stream_and_begins_another(
+    delivery: Literal["live", "lossless"],
+) -> None:
+    endpoint, camera = free_loopback_endpoint(), ScriptedCamera()
+    before, after = Recording(3, 100 * 10**9), Recording(6, 5 * 10**9)
+    link = LinkSettings(robot="rewound", connect=(endpoint,), delivery=delivery, health_interval_s=0.05)
+    with (
+        open_router((endpoint,)) as session,
+        listening(session, "rewound", "source/frame", "source/end", "source/health") as ear,
+        session.liveliness().declare_token(alive_key("rewound", "fusion")),
+        playing(link, camera),
+    ):
+        frames: list[Frame] = ear.heard["source/frame"]
+        ends: list[End] = ear.heard["source/end"]
+        health: list[Health] = ear.heard["source/health"]
+
+        def fused(header: Header, count: int, complete: bool) -> None:
+            counts = {"fused": count, "skipped": {}, "last_stamp_ns": header.stamp_ns, "complete": complete}
+            word = Progress(header=header, **counts)
+            session.put(key("rewound", "fusion/progress"), encode(word), encoding=encoding(Progress))
+
+        ear.wait(lambda: bool(health), 20)
+
+        def played(images: Sequence[RgbdFrame]) -> None:
+            for frame in images:  # one by one: live, a frame may push out another
+                count = len(frames)
+                camera.script.put(frame)
+                ear.wait(lambda count=count: len(frames) > count, 20)
+
+        played(list(before))
+        fused(frames[2].header, 3, complete=False)
+        for frame in list(after)[:3]:  # the first is in doubt, those after it come while the stream is to be completed
+            camera.script.put(frame)
+        counted = {"stray stamp in the input": 1, "between two streams in the input": 2}
+        ear.wait(lambda: bool(ends) and bool(health) and health[-1].drops == counted, 20)
+        assert ends[0].frames_sent == 3
+        assert ends[0].header.stream == frames[0].header.stream
+        assert ends[0].header.stamp_ns == before.stamps_ns[-1]
+        fused(ends[0].header, 3, complete=True)
+        ear.wait(lambda: health[-1].received == 2, 20)
+        played(list(after)[3:])
+    assert [frame.header.stamp_ns for frame in frames[3:]] == after.stamps_ns[3:]
+    assert len({frame.header.stream for frame in frames}) == len({frame.header.stream for frame in frames[3:]}) + 1 == 2

@@ -2,7 +2,10 @@
 
 import json
 import os
+import struct
+import zlib
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import cv2
@@ -176,16 +179,29 @@ def test_nearest_in_time(stamps: list[int], others: list[int], expected: list[in
     assert found.tolist() == expected
 
 
-def _replace(name: str, content: str | np.ndarray | None) -> Callable[[Path], None]:
-    def change(folder: Path) -> None:
+def _replace(name: str, content: str | bytes | np.ndarray | None) -> Callable[..., None]:
+    def change(folder: Path, stem: str = "") -> None:
+        path = folder / name.format(stem)
         if content is None:
-            (folder / name).unlink()
+            path.unlink()
         elif isinstance(content, str):
-            (folder / name).write_text(content)
+            path.write_text(content)
+        elif isinstance(content, bytes):
+            path.write_bytes(content)
         else:
-            write(folder / name, content)
+            write(path, content)
 
     return change
+
+
+def bomb() -> bytes:
+    """A PNG of 100 bytes that says it is 200,000 x 200,000 pixels."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    size = struct.pack(">IIBBBBB", 200_000, 200_000, 16, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", size) + chunk(b"IDAT", zlib.compress(bytes(99))) + chunk(b"IEND", b"")
 
 
 def _calibration(x: float) -> str:
@@ -201,7 +217,7 @@ def _calibration(x: float) -> str:
         (_replace("frame-000000.depth.png", ""), "is empty"),
         (_replace("frame-000000.depth.png", "no image"), "no readable image"),
         (_replace("frame-000000.color.png", "no image"), "no readable image"),
-        (_replace("frame-000000.color.png", None), "color.jpg .* is missing"),
+        (_replace("frame-000000.color.png", None), "frame-000000.color.jpg is missing"),
         (_replace("frame-000000.depth.png", np.zeros((HEIGHT, WIDTH), np.uint8)), "8-bit depth"),
         (_replace("frame-000000.depth.png", np.zeros((HEIGHT, WIDTH, 3), np.uint16)), "one-channel"),
         (_replace("frame-000001.depth.png", np.zeros((HEIGHT, 9), np.uint16)), "size mismatch.*9x16"),
@@ -211,10 +227,21 @@ def _calibration(x: float) -> str:
         (_replace("camera-intrinsics.txt", "20 0 12 0 20 8 0 0 7"), "malformed"),
         (_replace("camera-intrinsics.txt", "20 0 320 0 20 240 0 0 1"), "another image size"),
         (_replace("camera-intrinsics.txt", "-20 0 12 0 20 8 0 0 1"), "positive"),
-        (_replace("frame-000001.pose.txt", "not a pose"), "not only numbers"),
-        (_replace("frame-000001.pose.txt", "1 0 0 0"), "4 numbers, expected 4x4"),
-        (_replace("frame-000001.pose.txt", "2 0 0 0 0 2 0 0 0 0 2 0 0 0 0 1"), "not a camera-to-world"),
         (_replace("calibration.json", "{"), "calibration.json is malformed"),
+        (_replace("calibration.json", "[" * 100_000), "calibration.json is malformed"),
+        (_replace("calibration.json", "[]"), "calibration.json is malformed: the whole: Input should be"),
+        (_replace("calibration.json", _calibration(25.0)), "cameras 25 m apart; it is in metres"),
+        (_replace("calibration.json", _calibration(0.1).replace("[[1.0", "[[-1.0")), "no rotation and translation"),
+        (_replace("calibration.json", _calibration(0.1).replace("1.0]]", "2.0]]")), "no rotation and translation"),
+        (_replace("calibration.json", _calibration(0.1).replace('"cx": 12', '"cx": 99')), "another image size"),
+        (_replace("calibration.json", _calibration(0.1).replace('"fx": 20', '"fx": 1e300')), "of 1e.300 and 20 pixels"),
+        (
+            _replace("camera-intrinsics.txt", "0.02 0 12 0 0.02 8 0 0 1"),
+            "of 0.02 and 0.02 pixels; .*another unit",
+        ),
+        (_replace("camera-intrinsics.txt", "20 3 12 0 20 8 0 0 1"), "malformed: expected"),
+        (_replace("frame-000001.depth.png", bomb()), "no readable image"),
+        (_replace("frame-000001.color.png", bomb()), "no readable image"),
         (_replace("calibration.json", "{}"), "give .registered"),
         (_replace("calibration.json", '{"colour": {"fx": "wide"}}'), "colour.fx"),
         (_replace("calibration.json", _calibration(float("nan"))), "no rotation and translation"),
@@ -243,12 +270,122 @@ def test_seven_scenes_errors(seven_scenes: Path, change: Callable[[Path], None],
         ),
         (_replace("groundtruth.txt", "nan 0 0 0 0 0 0 1\n"), "groundtruth.txt:1 .*'nan' is no time in seconds"),
         (_replace("intrinsics.txt", "1 2 3\n"), "not four numbers"),
+        (_replace("depth.txt", "1.0 depth/nu\0ll.png\n"), "cannot be read: embedded null byte"),
+        (_replace("depth.txt", f"1.0 depth/{'x' * 5000}.png\n"), "cannot be read: File name too long"),
+        (_replace("depth.txt", "# nothing\n"), "depth.txt lists no image"),
+        (_replace("rgb.txt", ""), "rgb.txt lists no image"),
     ],
 )
 def test_tum_errors(tum: Path, change: Callable[[Path], None], message: str) -> None:
     change(tum)
     with pytest.raises(SourceError, match=message):
         list(open_source(tum))
+
+
+BROKEN = [
+    _replace("{}.depth.png", ""),
+    _replace("{}.depth.png", "no image"),
+    _replace("{}.depth.png", np.zeros((HEIGHT, WIDTH), np.uint8)),
+    _replace("{}.depth.png", np.zeros((HEIGHT, WIDTH, 3), np.uint16)),
+    _replace("{}.color.png", None),
+    _replace("{}.color.png", "no image"),
+]
+
+
+@pytest.mark.parametrize("change", BROKEN)
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_a_broken_image_is_that_of_one_frame_whichever_its_place(
+    seven_scenes: Path, change: Callable[[Path, str], None], place: int
+) -> None:
+    change(seven_scenes, f"frame-{(0, 1, 3)[place]:06d}")
+    sequence = open_source(seven_scenes)
+    assert sequence.intrinsics.shape == (HEIGHT, WIDTH)
+    for index in range(3):
+        with pytest.raises(SourceError) if index == place else nullcontext():
+            assert sequence[index].depth.shape == (HEIGHT, WIDTH)
+
+
+@pytest.mark.parametrize("change", BROKEN)
+def test_a_folder_without_any_frame_that_can_be_read_is_refused(
+    seven_scenes: Path, change: Callable[[Path, str], None]
+) -> None:
+    for number in (0, 1, 3):
+        change(seven_scenes, f"frame-{number:06d}")
+    with pytest.raises(SourceError, match=r"none of 3 frames .* can be read; the first: .*frame-000000\."):
+        open_source(seven_scenes)
+
+
+def test_colour_without_depth_is_told(seven_scenes: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (seven_scenes / "frame-000001.depth.png").unlink()
+    assert open_source(seven_scenes).stamps_ns == [0, 100_000_000]
+    assert f"{seven_scenes}: 1 of 3 colour images have no depth image, and are left out" in caplog.text
+
+
+def test_a_broken_first_image_of_tum_is_that_of_one_frame(tum: Path) -> None:
+    (tum / "depth/1.000000.png").write_bytes(b"")
+    sequence = open_source(tum)
+    assert len(sequence) == 2
+    with pytest.raises(SourceError, match="is empty"):
+        sequence[0]
+    assert sequence[1].depth.shape == (600, 700)
+
+
+MALFORMED_POSES = ["not a pose", "1 0 0 0", "2 0 0 0 0 2 0 0 0 0 2 0 0 0 0 1", ""]
+
+
+@pytest.mark.parametrize("text", MALFORMED_POSES)
+def test_a_malformed_pose_is_no_pose_and_told(seven_scenes: Path, text: str, caplog: pytest.LogCaptureFixture) -> None:
+    (seven_scenes / "frame-000000.pose.txt").write_text(text)
+    sequence = open_source(seven_scenes)
+    assert [sequence.true_pose(index) is None for index in range(3)] == [True, False, False]
+    assert (
+        f"1 of 3 poses of {seven_scenes} are left out; the first: {seven_scenes}/frame-000000.pose.txt" in caplog.text
+    )
+    for number in (1, 3):
+        (seven_scenes / f"frame-{number:06d}.pose.txt").write_text(text)
+    with pytest.raises(SourceError, match=r"frame-000000\.pose\.txt is malformed"):
+        open_source(seven_scenes)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "1.0 0 0 0 0 0 0",
+        "1.0 0 0 0 0 0 0 2",
+        "1.0 nan nan nan nan nan nan nan",
+        "nan 0 0 0 0 0 0 1",
+        "1e30 0 0 0 0 0 0 1",
+        "1.0",
+    ],
+)
+def test_a_malformed_line_of_poses_is_left_out_and_told(tum: Path, line: str, caplog: pytest.LogCaptureFixture) -> None:
+    good = "1.005 1 2 3 0 0 0 1\n1.2 4 5 6 0 0 0 1\n"
+    (tum / "groundtruth.txt").write_text(f"{line}\n{good}")
+    sequence = open_source(tum)
+    found = [sequence.true_pose(index) for index in range(2)]
+    assert [None if pose is None else pose[0, 3] for pose in found] == [1, 4]
+    assert f"1 of 3 lines of {tum}/groundtruth.txt are left out; the first: {tum}/groundtruth.txt:1 is" in caplog.text
+
+
+def test_a_malformed_line_of_images_is_left_out_and_told(tum: Path, caplog: pytest.LogCaptureFixture) -> None:
+    lines = (tum / "depth.txt").read_text()
+    (tum / "depth.txt").write_text(f"noon depth/0.9.png\n{lines}")
+    assert open_source(tum).stamps_ns == [1_000_000_000, 1_200_001_000]
+    assert "1 of 4 lines of" in caplog.text
+    assert "1 of 3 depth images have no colour within 20 ms" in caplog.text
+
+
+def test_intrinsics_of_half_the_size_are_told(seven_scenes: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (seven_scenes / "camera-intrinsics.txt").write_text("10 0 6\n0 10 4\n0 0 1\n")
+    open_source(seven_scenes)
+    assert "the principal point (6, 4) is far from the middle of the 24x16 image" in caplog.text
+
+
+def test_lists_of_images_may_have_a_byte_order_mark_and_spaces_in_names(tum: Path) -> None:
+    (tum / "depth").rename(tum / "tiefe \u2014 1")
+    lines = (tum / "depth.txt").read_text().replace("depth/", "tiefe \u2014 1/")
+    (tum / "depth.txt").write_text(lines, encoding="utf-8-sig")
+    assert [len(frame.depth) for frame in open_source(tum)] == [600, 600]
 
 
 def test_tum_unknown_camera(tum: Path) -> None:

@@ -1,18 +1,27 @@
 """Streams of frames: another recording is another scene, and nobody else's word counts, whoever intrudes."""
 
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
 import zenoh
-from dataflow_stages import STAGES, Ear, Recording, Stages, frame_message, listening, wait_alive
+from dataflow_stages import LIMIT_S, STAGES, Ear, Recording, Stages, frame_message, listening, wait_alive
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.frame import RgbdFrame
+from spot3d.run.collector import Collector
+from spot3d.run.report import RunReport
+from spot3d.run.timeline import Timeline
+from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d.source.process import run as run_source
+from spot3d.source.sequence import Note
 from spot3d.source.settings import SourceSettings
+from spot3d.trajectory import read_tum
 from spot3d_schemas import Header, Heat, MapPoints, Pose, Progress, decode, encode, encoding, key
 
 S = 10**9
@@ -45,6 +54,18 @@ def source(link: LinkSettings, recording: Recording) -> Iterator[None]:
         assert not thread.is_alive()
 
 
+class RewoundCamera:
+    """A camera of twenty frames a second, whose stamps go back after some."""
+
+    def __init__(self, frames: int, again: int) -> None:
+        self._frames = [*Recording(frames, 6000 * S), *Recording(again, 50 * S)]
+
+    def stream(self, stop: threading.Event, _note: Note) -> Iterator[RgbdFrame]:
+        for frame in self._frames:
+            stop.wait(0.05)
+            yield frame
+
+
 def put(session: zenoh.Session, topic: str, message: Pose | Heat) -> None:
     where = key("roving", topic)
     session.put(
@@ -69,6 +90,38 @@ def test_a_source_that_starts_again_with_older_stamps_is_another_scene(live) -> 
         ear.wait(lambda: second.frame_count <= ear.fused)
         assert second.frame_count < 100
         assert {pose.epoch for pose in ear.heard["pose/pose"] if pose.header.stream == first} == {first}
+
+
+def test_a_run_goes_on_with_a_camera_whose_stamps_go_back(live, tmp_path: Path) -> None:
+    session, stages, _ = live
+    camera, report = RewoundCamera(40, 200), RunReport("camera", "processes", 0, (0, 0))
+    with (
+        Timeline(tmp_path / "objects.jsonl") as timeline,
+        TrajectoryFile(tmp_path / "trajectory.txt") as trajectory,
+        Collector(session, "roving", "first", timeline, trajectory) as collector,
+    ):
+        run_source(stages.link, SourceSettings(), camera, stop=threading.Event(), stream="first")
+        end_s = time.monotonic() + LIMIT_S
+        while collector.objects is None or not (collector.stream != "first" and collector.objects.complete):
+            assert time.monotonic() < end_s
+            collector.drain()
+            time.sleep(0.02)
+        collector.fill(report, {})
+        (earlier,), health = report.earlier_streams, collector.health["source"]
+        points = collector.snapshot(20).total
+        told = collector.camera_news()
+    assert told == ["another stream of the camera begins; what was found before is in streams/1"]
+    assert earlier["fused"] + sum(earlier["skipped"].values()) == 40
+    # No frame goes uncounted.
+    assert health.drops.keys() <= {"stray stamp in the input", "between two streams in the input"}
+    assert report.fused + sum(report.skipped.values()) == 240
+    assert report.fused > 40
+    assert points > 0
+    assert (
+        max(read_tum(tmp_path / "trajectory.txt")[0])
+        < 100 * S
+        <= min(read_tum(tmp_path / "streams/1/trajectory.txt")[0])
+    )
 
 
 def test_a_reset_amid_a_stream_begins_the_map_anew_and_goes_on(live) -> None:

@@ -265,6 +265,7 @@ def print_settings(settings: SettingsOption = None, preset: PresetOption = None)
 def _conclude(done: "Finished", settings: Settings) -> None:
     """Say how a run went, and end with the exit code that tells programs."""
     from spot3d.pose import delay, depth_scale, orientation
+    from spot3d.run.earlier_streams import FOLDER as EARLIER
     from spot3d.run.left_out import first_depth, forgotten, why_so_few
     from spot3d.run.lost_tracking import told
 
@@ -279,7 +280,8 @@ def _conclude(done: "Finished", settings: Settings) -> None:
     seen = "" if report.objects else first_depth(done.sequence)
     known = report.calibration
     given = depth_scale.told(known.depth_factor), delay.told(report.delay_s), orientation.told(known)
-    for line in (few, seen, told(report.lost), *given, forgotten(report.keyframes_dropped, settings)):
+    anew = f"the camera began anew: what it saw before is in {done.folder / EARLIER}" if report.earlier_streams else ""
+    for line in (anew, few, seen, told(report.lost), *given, forgotten(report.keyframes_dropped, settings)):
         if line:
             typer.echo(line)
     typer.echo(f"picture: {done.folder / 'overview.png'}")

@@ -6,14 +6,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.camera import Intrinsics
 from spot3d.evaluate.labelled import LabelledFrame, LabelledFrames, mask_boxes
 from spot3d.frame import RgbdFrame
 from spot3d.source.errors import SourceError
 from spot3d.source.images import read_colour, read_depth
-from spot3d.source.intrinsics_files import FocalAndCentre, intrinsics_for, seven_scenes_values
+from spot3d.source.intrinsics_files import HINT, FocalAndCentre, intrinsics_for, seven_scenes_values
 
 OSD_CAMERA: FocalAndCentre = (525.0, 525.0, 319.5, 239.5)
+OSD_SHAPE = (480, 640)
 CAMERA_FILE = "camera-intrinsics.txt"
 METRES_PER_UNIT = 0.001
 # Label 1 is the table.
@@ -60,10 +60,12 @@ def open_osd(
         colour, depth = read_colour(folder / "image_color" / name), read_depth(depth_folder / name)
         if colour.shape[:2] != depth.shape or annotation.shape != depth.shape:
             raise SourceError(f"size mismatch: {name} differs between image_color, {depth_folder.name} and annotation")
-        if intrinsics is None:
-            camera = Intrinsics(*OSD_CAMERA, width=depth.shape[1], height=depth.shape[0])
-        else:
-            camera = intrinsics_for(intrinsics, depth.shape, where)
+        if intrinsics is None and depth.shape != OSD_SHAPE:
+            raise SourceError(
+                f"{name} is {depth.shape[1]}x{depth.shape[0]}, and OSD's own intrinsics are for 640x480: write "
+                f"{folder / CAMERA_FILE}, or {HINT}"
+            )
+        camera = intrinsics_for(intrinsics or OSD_CAMERA, depth.shape, where)
         frame = RgbdFrame(index, colour, depth, METRES_PER_UNIT, camera)
         return LabelledFrame(frame, mask_boxes(annotation, FIRST_OBJECT), annotation == UNJUDGED)
 

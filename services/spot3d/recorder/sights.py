@@ -13,7 +13,7 @@ from spot3d.camera import back_project
 from spot3d.dataflow.conversion import rgbd_frame
 from spot3d.frame import RgbdFrame
 from spot3d.recorder.mcap_contents import McapContents
-from spot3d.run.collector import found_objects
+from spot3d.run.heard import found_objects
 from spot3d.run.results import RunResult, found_in, read_ply
 from spot3d.run.timeline import NAME as TIMELINE
 from spot3d.settings import load_settings

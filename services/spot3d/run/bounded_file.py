@@ -12,7 +12,7 @@ class BoundedFile:
 
     def __init__(self, path: Path, limit_bytes: int, what: str) -> None:
         self.missing = 0
-        self._path, self._limit, self._what = path, limit_bytes, what
+        self.path, self._limit, self._what = path, limit_bytes, what
         self._stream = path.open("wb", buffering=0)
         self._bytes = 0
         self._reason = ""
@@ -26,6 +26,16 @@ class BoundedFile:
     def close(self) -> None:
         """Nothing is added any more."""
         self._stream.close()
+
+    def leave(self, folder: Path) -> None:
+        """What there is so far goes into another folder, and the file begins anew. Raises OSError."""
+        self._stream.close()
+        try:
+            self.path.replace(folder / self.path.name)
+            self.missing, self._reason = 0, ""
+        finally:
+            self._stream = self.path.open("ab", buffering=0)
+            self._bytes = self._stream.tell()
 
     def add(self, text: str) -> None:
         """One line, without its end."""
@@ -47,4 +57,4 @@ class BoundedFile:
 
     def told(self) -> str | None:
         """What to tell people where lines are missing."""
-        return f"{self._path.name} {self._reason}: it lacks {self.missing} {self._what}" if self.missing else None
+        return f"{self.path.name} {self._reason}: it lacks {self.missing} {self._what}" if self.missing else None

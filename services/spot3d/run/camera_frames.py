@@ -28,11 +28,17 @@ class CameraFrames:
 
     def __init__(self, name: str) -> None:
         self._name = name
+        self._stream = ""
         self._frames: list[RgbdFrame] = []
         self._interval_ns = _FIRST_INTERVAL_NS
         self._look_s = 0.0
 
-    def hear(self, session: zenoh.Session, robot: str, stream: str) -> ExitStack:
+    def follow(self, stream: str) -> None:
+        """Keep frames of this stream; what is kept of another is forgotten."""
+        if stream != self._stream:
+            self._stream, self._frames, self._interval_ns = stream, [], _FIRST_INTERVAL_NS
+
+    def hear(self, session: zenoh.Session, robot: str) -> ExitStack:
         """Keep frames of what the heatmap stage sends, where all are that are fused, until the stack is closed."""
 
         def take(sample: zenoh.Sample) -> None:
@@ -45,7 +51,7 @@ class CameraFrames:
                 heat = None if payload is None else decode(payload, Heat)
             except CodecError:
                 return
-            if heat is not None and heat.header.stream in (None, stream):
+            if heat is not None and heat.header.stream in (None, self._stream):
                 self.add(rgbd_frame(heat))
 
         stack = ExitStack()

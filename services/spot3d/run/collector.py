@@ -6,17 +6,16 @@ from contextlib import ExitStack
 from dataclasses import replace
 from typing import Self, TypeVar
 
-import numpy as np
 import zenoh
 from zenoh.handlers import FifoChannel, Handler
 
-from spot3d.boxes import Box3D
 from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.conversion import calibration_of
 from spot3d.dataflow.endpoints import declare_publisher
 from spot3d.dataflow.producers import Producers
 from spot3d.dataflow.settings import LinkSettings
-from spot3d.found_object import FoundObject
+from spot3d.run.earlier_streams import EarlierStreams
+from spot3d.run.heard import asked_map, decoded, found_objects
 from spot3d.run.lost_tracking import LostTracking
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, empty_snapshot
@@ -27,16 +26,13 @@ from spot3d.source.sequence import CAMERA_GONE
 from spot3d_schemas import (
     STAGES,
     TOPICS,
-    CodecError,
     Header,
     Health,
-    MapPoints,
     Message,
     Objects,
     Pose,
     Progress,
     Proposals,
-    decode,
     key,
 )
 
@@ -52,13 +48,17 @@ _BOXES = ("accepted", "masked", "rejected")
 _FUSED = (["heatmap", "fusion"], ["segments", "fusion"])
 """The last stages that a fused frame went through: live, and lossless, where fusion waits for both."""
 
+_OF_FUSION = (Objects, Progress)
+"""Messages that say which stream fusion is in."""
+
 M = TypeVar("M", bound=Message)
 
 
 class Collector:
     """Collects what a run reports of its stream; call `drain` often and read the attributes in between.
 
-    Other streams' messages are not this run's, nor is what a second producer says.
+    A camera whose stamps go back begins another stream, which is followed as soon as fusion is in it: what was found
+    before is kept apart. What a second producer says is not this run's.
     """
 
     def __init__(
@@ -73,9 +73,13 @@ class Collector:
         self.latency = HopTimes()
         self.rate = FrameRate()
         self._session = session
-        self._robot, self._stream = robot, stream
+        self._robot, self.stream = robot, stream
+        self._past: set[str] = set()
+        self._early: list[Message] = []
+        self._earlier = EarlierStreams(timeline, trajectory)
+        self._news: list[str] = []
         self._told: set[str] = set()
-        self._earlier: dict[str, Counter[str]] = {stage: Counter() for stage in STAGES}
+        self._earlier_drops: dict[str, Counter[str]] = {stage: Counter() for stage in STAGES}
         self._earlier_events: dict[str, Counter[str]] = {stage: Counter() for stage in STAGES}
         self._exit = ExitStack()
         self._inputs: dict[str, Handler[zenoh.Sample]] = {}
@@ -93,12 +97,25 @@ class Collector:
         self._exit.close()
 
     def drain(self) -> None:
-        """Take in everything that has come since the last call."""
+        """Take in everything that has come since the last call, stream by stream."""
+        heard, self._early = self._early, []
         for topic, handler in self._inputs.items():
             while (sample := handler.try_recv()) is not None:
                 message = decoded(sample, TOPICS[topic].message)
-                if message is not None and self._is_of_this_run(topic, message.header):
+                now_s = time.monotonic()
+                if message is not None and self._producers.admit(topic, message.header.sender, now_s):
+                    heard.append(message)
+        while heard:
+            for message in heard:
+                if message.header.stream in (None, self.stream):
                     self._take(message)
+            heard = [message for message in heard if message.header.stream not in (None, self.stream, *self._past)]
+            # What others say of a stream that fusion is not in yet has to wait.
+            begun = next((message.header.stream for message in heard if isinstance(message, _OF_FUSION)), None)
+            if begun is None:
+                self._early = heard[-_WAITING:]
+                return
+            self._begin(begun)
 
     def contested(self) -> list[str]:
         """What else is to be told: each topic that somebody else says as well, once."""
@@ -107,20 +124,28 @@ class Collector:
         return [f"{topic} is said by another process as well, which is not listened to" for topic in sorted(new)]
 
     def camera_news(self) -> list[str]:
-        """What there is to tell of a camera, each kind once; the source's log has every time, its events how many."""
+        """What there is to tell of a camera: each stream that begins; of what else happens each kind once.
+
+        The source's log has every time, its events how many.
+        """
         health = self.health.get("source")
         events = {} if health is None else health.events
         new = [kind for kind in CAMERA_GONE if kind in events and kind not in self._told]
         self._told.update(new)
-        return [f"{kind}: it is waited for (logs/source.log)" for kind in new]
+        news, self._news = self._news, []
+        return [*news, *(f"{kind}: it is waited for (logs/source.log)" for kind in new)]
 
-    def _is_of_this_run(self, topic: str, header: Header) -> bool:
-        ours = header.stream in (None, self._stream)
-        return ours and self._producers.admit(topic, header.sender, time.monotonic())
+    def counts(self) -> tuple[int, Counter[str]]:
+        """Frames of all streams so far: how many are fused, and how many are not, by reason."""
+        fused, skipped = self._earlier.fused, Counter(self._earlier.skipped)
+        if self.progress is not None:
+            fused += self.progress.fused
+            skipped.update(self.progress.skipped)
+        return fused, skipped
 
     def snapshot(self, timeout_s: float) -> MapSnapshot:
-        """The map as fusion answers now; empty where it does not answer."""
-        return asked_map(self._session, self._robot, timeout_s)
+        """The stream's map as fusion answers now; empty where it does not answer, or has gone on to another."""
+        return asked_map(self._session, self._robot, timeout_s, self.stream) or empty_snapshot()
 
     def result(self, points: MapSnapshot) -> RunResult:
         """The run's result as it is known now."""
@@ -129,9 +154,11 @@ class Collector:
 
     def fill(self, report: RunReport, restarts: dict[str, int]) -> None:
         """Enter what was counted into the report."""
-        if self.progress is not None:
-            report.fused, report.skipped = self.progress.fused, dict(self.progress.skipped)
-        report.lost_poses, report.lost = self.lost.frames, self.lost.stretches()
+        fused, skipped = self.counts()
+        report.fused, report.skipped = fused, dict(skipped)
+        report.lost_poses = self._earlier.lost_poses + self.lost.frames
+        report.lost = [*self._earlier.lost, *self.lost.stretches()]
+        report.earlier_streams = self._earlier.documents
         report.ms_per_frame = self.rate.ms_per_frame()
         report.latency_ms = self.latency.statistics()
         for stage in STAGES:
@@ -141,7 +168,7 @@ class Collector:
                 item.step_ms = {"p50": health.step_ms_p50, "p99": health.step_ms_p99}
                 item.cpu_s, item.rss_mb = health.cpu_s, health.rss_bytes / 2**20
                 item.errors, item.last_error = health.errors, health.last_error
-                report.drops[stage] = dict(self._earlier[stage] + Counter(health.drops))
+                report.drops[stage] = dict(self._earlier_drops[stage] + Counter(health.drops))
                 item.events = dict(self._earlier_events[stage] + Counter(health.events))
             report.stages[stage] = item
         # Fusion cannot know of frames that were never sent.
@@ -153,6 +180,14 @@ class Collector:
         fusion = self.health.get("fusion")
         report.keyframes = 0 if fusion is None else fusion.events.get("keyframes", 0)
 
+    def _begin(self, stream: str) -> None:
+        """Another stream: nothing of the one before is in its map, and its stamps may be any."""
+        self._news += self._earlier.leave(self.result(empty_snapshot()), self.progress, self.lost)
+        self._past.add(self.stream)
+        self.stream = stream
+        self.objects, self.progress, self.lost = None, None, LostTracking()
+        self.poses.clear()
+
     def _take(self, message: Message) -> None:
         if isinstance(message, Objects):
             self.objects = message
@@ -162,7 +197,8 @@ class Collector:
             hops = _hops(message.header)
             # Not every progress is of one frame that went the whole way: some are of skipped frames or of the end.
             self.latency.add(hops, whole="source to fused" if [hop[0] for hop in hops[-2:]] in _FUSED else "")
-            self.rate.add(message.fused + sum(message.skipped.values()), time.monotonic())
+            fused, skipped = self.counts()
+            self.rate.add(fused + skipped.total(), time.monotonic())
         elif isinstance(message, Pose):
             self._pose(message)
             self.latency.add(_hops(message.header))
@@ -171,7 +207,7 @@ class Collector:
         elif isinstance(message, Health):
             last = self.health.get(message.stage)
             if last is not None and last.pid != message.pid:
-                self._earlier[message.stage] += Counter(last.drops)
+                self._earlier_drops[message.stage] += Counter(last.drops)
                 self._earlier_events[message.stage] += Counter(last.events)
             self.health[message.stage] = message
 
@@ -184,15 +220,6 @@ class Collector:
         self.lost.add(stamp, lost)
         if not lost:
             self._trajectory.add_pose(stamp, pose.T_world_camera)
-
-
-def asked_map(session: zenoh.Session, robot: str, timeout_s: float) -> MapSnapshot:
-    """The map as a robot's fusion answers now; empty where it does not answer."""
-    for reply in session.get(key(robot, "fusion/map"), timeout=timeout_s):
-        message = decoded(reply.ok, MapPoints) if reply.ok is not None else None
-        if message is not None:
-            return MapSnapshot(message.xyz, message.rgb, message.heat, message.frequency, message.total)
-    return empty_snapshot()
 
 
 def relay_poses(session: zenoh.Session, topic: str, robot: str) -> ExitStack:
@@ -209,35 +236,5 @@ def relay_poses(session: zenoh.Session, topic: str, robot: str) -> ExitStack:
     return stack
 
 
-def found_objects(message: Objects) -> RunResult:
-    """The objects of an update."""
-    return RunResult(
-        objects=tuple(
-            FoundObject(
-                item.id,
-                Box3D(item.centre, item.size, item.rotation),
-                item.confidence,
-                item.views,
-                item.points,
-                np.array(item.colour, np.float64),
-            )
-            for item in message.objects
-        ),
-        up=(float(message.up[0]), float(message.up[1]), float(message.up[2])),
-        frame_count=message.frame_count,
-        left_out=dict(message.left_out),
-        keyframes_dropped=message.keyframes_dropped,
-        map_limit_reached=message.map_limit_reached,
-    )
-
-
 def _hops(header: Header) -> list[tuple[str, int, int]]:
     return [(hop.stage, hop.received_ns, hop.sent_ns) for hop in header.trace]
-
-
-def decoded(sample: zenoh.Sample, expected: type[M]) -> M | None:
-    """The message, or None where it is none: whoever sends nonsense must not end the run."""
-    try:
-        return decode(sample.payload.to_bytes(), expected)
-    except CodecError:
-        return None

@@ -4,7 +4,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from threading import Event
 
@@ -76,7 +76,7 @@ def run_distributed(
         session, endpoint = meeting.session, meeting.endpoint
         collector = stack.enter_context(Collector(session, robot, plan.stream, timeline, trajectory))
         if plan.camera is not None:
-            stack.enter_context(plan.camera.hear(session, robot, plan.stream))
+            stack.enter_context(plan.camera.hear(session, robot))
         if plan.pose_topic is not None and plan.pose_topic != key(robot, "pose/pose"):
             stack.enter_context(relay_poses(session, plan.pose_topic, robot))
         for stage in STAGES:
@@ -89,6 +89,8 @@ def run_distributed(
         supervisor.stop()
         # Each stage says its last counts when it leaves.
         collector.drain()
+        for text in collector.camera_news():
+            _tell(report, watcher, text)
         collector.fill(report, supervisor.restarts())
         return collector.result(points)
 
@@ -118,7 +120,10 @@ def _follow(
     while not stop.wait(_POLL_S):
         collector.drain()
         progress, objects = collector.progress, collector.objects
-        again = {"source": _arguments(plan, "source", endpoint, None if progress is None else progress.last_stamp_ns)}
+        if plan.camera is not None:
+            plan.camera.follow(collector.stream)
+        after_ns = None if progress is None else progress.last_stamp_ns
+        again = {"source": _arguments(replace(plan, stream=collector.stream), "source", endpoint, after_ns)}
         for text in (*collector.contested(), *collector.camera_news()):
             _tell(report, watcher, text)
         for death in supervisor.poll(again):
@@ -132,7 +137,8 @@ def _follow(
             awaited = None
         if progress is not None:
             found = 0 if objects is None else len(objects.objects)
-            watcher.on_progress(progress.fused, sum(progress.skipped.values()), found)
+            fused, skipped = collector.counts()
+            watcher.on_progress(fused, skipped.total(), found)
             if time.monotonic() - kept_s >= _KEEP_S:
                 collector.fill(report, supervisor.restarts())
                 keep(collector.result(collector.snapshot(_MAP_INTERRUPTED_S)))

@@ -44,7 +44,8 @@ class RunReport:
     points of the map were forgotten as too many; delay_s: how much older than their images given poses turned out to
     be; calibration: what of the camera turned out not to agree with them; drops: by stage and reason; latency_ms: p50
     and p99 of each hop and of the whole way, from the messages' traces; wall_s: the whole run with the start of its
-    processes; ms_per_frame: from the first frame done to the last, per frame.
+    processes; ms_per_frame: from the first frame done to the last, per frame; earlier_streams: what a camera saw before
+    it began anew, a document each, and is counted in `fused`, `skipped` and `lost` but not in what was found.
     """
 
     input_name: str
@@ -73,6 +74,7 @@ class RunReport:
     latency_ms: dict[str, dict[str, float]] = field(default_factory=dict)
     events: list[str] = field(default_factory=list)
     error: str = ""
+    earlier_streams: list[dict[str, Any]] = field(default_factory=list)
 
 
 def report_document(report: RunReport) -> dict[str, Any]:
@@ -90,6 +92,7 @@ def report_document(report: RunReport) -> dict[str, Any]:
             "lost_poses": report.lost_poses,
             "lost": [asdict(stretch) for stretch in report.lost],
         },
+        "earlier_streams": report.earlier_streams,
         "depth_factor": _rounded(report.calibration.depth_factor),
         "delay_s": _rounded(report.delay_s),
         "turn_deg": [_rounded(math.degrees(angle)) for angle in report.calibration.turn],

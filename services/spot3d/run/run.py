@@ -15,6 +15,7 @@ from spot3d.drawing.overview import candidate_indices
 from spot3d.run.camera_frames import CameraFrames
 from spot3d.run.display import progress_bar
 from spot3d.run.distributed import Plan, run_distributed
+from spot3d.run.earlier_streams import forget_streams
 from spot3d.run.overview_file import View, write_overview
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import RESULTS, RunResult, write_json, write_results
@@ -174,6 +175,7 @@ def _begin(folder: Path, report: RunReport) -> None:
     write_json(folder / "report.json", report_document(replace(report, error=_UNFINISHED)))
     for name in (*RESULTS, _OVERVIEW):
         (folder / name).unlink(missing_ok=True)
+    forget_streams(folder)
 
 
 def _write_report(folder: Path, result: RunResult, report: RunReport, wall_s: float) -> None:

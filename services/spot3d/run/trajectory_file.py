@@ -20,6 +20,11 @@ class TrajectoryFile(BoundedFile):
         super().__init__(path, limit_bytes, "poses")
         self._last_ns: int | None = None
 
+    def leave(self, folder: Path) -> None:
+        """As `BoundedFile.leave`; the next pose may be of any time."""
+        self._last_ns = None
+        super().leave(folder)
+
     def add_pose(self, stamp_ns: int, T_world_camera: NDArray[np.float64]) -> None:
         """A frame's pose, (4, 4); one that is not later than the last is left out: readers rely on the order."""
         if self._last_ns is None or stamp_ns > self._last_ns:

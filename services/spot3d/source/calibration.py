@@ -11,7 +11,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from spot3d.camera import Intrinsics
 from spot3d.source.errors import SourceError
-from spot3d.source.text_files import ROTATION_TOLERANCE, read_text
+from spot3d.source.intrinsics_files import intrinsics_for
+from spot3d.source.text_files import is_rigid, read_text
+
+_APART_MOST_M = 1.0
+"""Colour and depth cameras that are farther apart see no scene alike: millimetres are taken for metres."""
 
 Row = Annotated[list[float], Field(min_length=4, max_length=4)]
 
@@ -92,14 +96,16 @@ def load_calibration(folder: Path, depth: Intrinsics) -> ColourCamera | None:
         if entries.colour is None or entries.T_colour_depth is None:
             raise ValueError('give "registered": true, or both "colour" and "T_colour_depth"')
         T_colour_depth = np.array(entries.T_colour_depth)
-        rotation = T_colour_depth[:3, :3]
-        turns = np.allclose(rotation @ rotation.T, np.eye(3), atol=ROTATION_TOLERANCE)
-        if not (turns and np.isfinite(T_colour_depth).all()):
+        if not is_rigid(T_colour_depth):
             raise ValueError("T_colour_depth is no rotation and translation")
-        return ColourCamera(Intrinsics(**entries.colour.model_dump()), T_colour_depth)
+        if (apart_m := float(np.linalg.norm(T_colour_depth[:3, 3]))) > _APART_MOST_M:
+            raise ValueError(f"T_colour_depth has the cameras {apart_m:g} m apart; it is in metres")
+        colour = entries.colour
+        values = (colour.fx, colour.fy, colour.cx, colour.cy)
+        return ColourCamera(intrinsics_for(values, (colour.height, colour.width), str(path)), T_colour_depth)
     except ValidationError as error:
         first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"])
+        field = ".".join(str(part) for part in first["loc"]) or "the whole"
         raise SourceError(f"{path} is malformed: {field}: {first['msg']}") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise SourceError(f"{path} is malformed: {error}") from None

@@ -12,3 +12,7 @@ UNSENDABLE = "cannot be sent"
 NOT_PLAYED = (UNREADABLE, UNSENDABLE)
 IN_THE_INPUT = "in the input"
 """Said of what is wrong with its stamp (see `dataflow.order`)."""
+BETWEEN_STREAMS = f"between two streams {IN_THE_INPUT}"
+"""Came of a camera that begins anew while the frames from before were still under way."""
+WITHOUT_POSE = "frames without a true pose"
+"""The event of a frame that has none in an input whose others have: none is recorded, or it is malformed."""

@@ -1,6 +1,7 @@
 """Image files as arrays, with errors that say what is wrong with the file."""
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,7 +12,7 @@ from spot3d.source.errors import SourceError
 
 def read_colour(path: Path) -> NDArray[np.uint8]:
     """Colour image (h, w, 3) uint8 RGB of a PNG or JPEG file. Raises SourceError if missing or unreadable."""
-    image = cv2.imdecode(_file_bytes(path), cv2.IMREAD_COLOR)
+    image = decoded_image(_file_bytes(path), cv2.IMREAD_COLOR)
     if image is None:
         raise SourceError(f"{path} is no readable image; copy or convert the recording again")
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
@@ -19,7 +20,7 @@ def read_colour(path: Path) -> NDArray[np.uint8]:
 
 def read_depth(path: Path) -> NDArray[np.uint16]:
     """Depth image (h, w) uint16 in the file's units. Raises SourceError unless it is 16-bit, one channel."""
-    image = cv2.imdecode(_file_bytes(path), cv2.IMREAD_UNCHANGED)
+    image = decoded_image(_file_bytes(path), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise SourceError(f"{path} is no readable image; copy or convert the recording again")
     if image.dtype == np.uint8:
@@ -29,13 +30,22 @@ def read_depth(path: Path) -> NDArray[np.uint16]:
     return np.asarray(image, np.uint16)
 
 
+def decoded_image(data: NDArray[np.uint8], how: int) -> NDArray[Any] | None:
+    """The image in the bytes of a file (n,), by one of OpenCV's flags; None where it is none, or far too large."""
+    try:
+        image = cv2.imdecode(data, how) if data.size else None
+    except cv2.error:
+        return None
+    return None if image is None else np.asarray(image)
+
+
 def _file_bytes(path: Path) -> NDArray[np.uint8]:
     try:
         data = np.fromfile(path, np.uint8)
     except FileNotFoundError:
         raise SourceError(f"{path} is missing; is the recording complete?") from None
-    except OSError as error:
-        raise SourceError(f"{path} cannot be read: {error.strerror or error}") from error
+    except (OSError, ValueError) as error:  # ValueError: a null byte in its name
+        raise SourceError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
     if data.size == 0:
         raise SourceError(f"{path} is empty; copy or convert the recording again")
     return data

@@ -1,5 +1,6 @@
 """Where the intrinsics come from: an option, a file of the recording, or published values."""
 
+import logging
 import re
 from pathlib import Path
 
@@ -8,6 +9,8 @@ import numpy as np
 from spot3d.camera import Intrinsics
 from spot3d.source.errors import SourceError
 from spot3d.source.text_files import read_matrix, read_text
+
+log = logging.getLogger(__name__)
 
 FocalAndCentre = tuple[float, float, float, float]
 
@@ -18,6 +21,11 @@ TUM_PUBLISHED: dict[str, FocalAndCentre] = {
     "2": (520.9, 521.0, 325.1, 249.7),
     "3": (535.4, 539.2, 320.1, 247.6),
 }
+_FOCAL_LEAST, _FOCAL_MOST = 0.05, 50.0
+"""Focal lengths per image width: a view of 169 and of 1 degrees."""
+_SKEW_MOST_PX = 0.5
+_OFF_CENTRE = 0.2
+"""No lens has its principal point this part of the image off the middle; that of half or twice the size has."""
 HINT = "give them as --intrinsics fx,fy,cx,cy (pixels)"
 
 
@@ -39,7 +47,7 @@ def seven_scenes_values(folder: Path) -> FocalAndCentre:
     if not path.is_file():
         raise SourceError(f"no intrinsics: {path} is missing; {HINT}; 7-Scenes' own are 585,585,320,240")
     matrix = read_matrix(path, 3)
-    if not (np.allclose(matrix[2], [0, 0, 1]) and matrix[1, 0] == 0):
+    if not (np.allclose(matrix[2], [0, 0, 1]) and matrix[1, 0] == 0 and abs(matrix[0, 1]) <= _SKEW_MOST_PX):
         raise SourceError(f"{path} is malformed: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
     return float(matrix[0, 0]), float(matrix[1, 1]), float(matrix[0, 2]), float(matrix[1, 2])
 
@@ -71,9 +79,20 @@ def intrinsics_for(values: FocalAndCentre, shape: tuple[int, int], where: str) -
         intrinsics = Intrinsics(fx, fy, cx, cy, width, height)
     except ValueError as error:
         raise SourceError(f"{where}: {error}") from error
+    if not all(_FOCAL_LEAST < focal / width < _FOCAL_MOST for focal in (fx, fy)):
+        raise SourceError(
+            f"{where}: no camera of {width}x{height} pixels has focal lengths of {fx:g} and {fy:g} pixels; are they in "
+            "another unit?"
+        )
     if not (0 <= cx < width and 0 <= cy < height):
         raise SourceError(
             f"{where}: the principal point ({cx:g}, {cy:g}) is outside of the {width}x{height} image; "
             "are these the intrinsics of another image size?"
+        )
+    if max(abs(cx / width - 0.5), abs(cy / height - 0.5)) > _OFF_CENTRE:
+        log.warning(
+            "%s: the principal point (%g, %g) is far from the middle of the %dx%d image; are these the intrinsics of "
+            "another image size? All that is found would be bent",
+            *(where, cx, cy, width, height),
         )
     return intrinsics

@@ -55,6 +55,10 @@ class McapSequence:
         if not contents.complete:
             log.warning("%s was not finished: %d bytes at its end are lost", contents.path, contents.lost_bytes)
         streams = _streams(places)
+        stragglers = len(places) - sum(map(len, streams))
+        if stragglers:
+            told = "no later stamp than the one before, and are left out"
+            log.warning("%s: %d of %d frames have %s", contents.path, stragglers, len(places), told)
         self._places = max(streams, key=len)
         if len(streams) > 1:
             told = ", ".join(str(len(stream)) for stream in streams)
@@ -96,9 +100,9 @@ class McapSequence:
     def __getitem__(self, index: int) -> RgbdFrame:
         """Reads one frame. Raises SourceError where the file is damaged there."""
         chunk, number, *_ = self._places[index]
-        if self._chunk[0] != chunk:
-            self._chunk = (chunk, _messages(self._contents, chunk, self._topic))
         try:
+            if self._chunk[0] != chunk:
+                self._chunk = (chunk, _messages(self._contents, chunk, self._topic))
             frame = rgbd_frame(decode(self._chunk[1][number], _MESSAGES[self._topic]))
         except (CodecError, IndexError) as error:
             raise SourceError(f"{self._contents.path}, frame {index}: {error}") from error

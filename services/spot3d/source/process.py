@@ -3,32 +3,22 @@
 import logging
 import threading
 import time
-from collections.abc import Iterator
-
-from pydantic import ValidationError
 
 from spot3d.dataflow.alive import Alive
-from spot3d.dataflow.conversion import intrinsics_message, noise_message
-from spot3d.dataflow.credit import Credit
 from spot3d.dataflow.node import Node
-from spot3d.dataflow.order import StreamOrder
-from spot3d.dataflow.previews import Previews
 from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.streams import new_stream
-from spot3d.frame import RgbdFrame
-from spot3d.source.errors import IN_THE_INPUT, UNREADABLE, UNSENDABLE
 from spot3d.source.image_limit import refuse_large_images
-from spot3d.source.pace import Pace
-from spot3d.source.sequence import CAMERA_GONE, FrameSequence, FrameStream
+from spot3d.source.player import END, OUT, PREVIEW, Player
+from spot3d.source.sequence import FrameSequence, FrameStream
 from spot3d.source.settings import SourceSettings
-from spot3d_schemas import STAGES, End, Frame, Header, Progress
-from spot3d_schemas.codec import first_problem
+from spot3d_schemas import STAGES
 
 log = logging.getLogger(__name__)
 
-_OUT, _END, _PROGRESS, _PREVIEW = "source/frame", "source/end", "fusion/progress", "source/preview"
+_PROGRESS = "fusion/progress"
 FUSING_STAGES = tuple(stage for stage in STAGES if stage not in ("source", "segments"))
 """Without one of these no frame is fused."""
 EVERY_STAGE = tuple(stage for stage in STAGES if stage != "source")
@@ -36,9 +26,6 @@ START_LIMIT_S = 180.0
 """Longest wait for the stages before the first frame: a first start compiles kernels."""
 _LOOK_S = 1.0
 """A wait for stages that takes longer is told."""
-_END_LIMIT_S = 60.0
-"""Longest wait for fusion's last word."""
-_END_INTERVAL_S = 0.5
 
 
 class MissingStagesError(RuntimeError):
@@ -69,9 +56,9 @@ def run(
         refuse_large_images(sequence.intrinsics, settings.halved)
     with stop_on_signals(stop) as stopped:
         try:
-            with Node("source", link, stopped, (_PROGRESS,), (_OUT, _END, _PREVIEW)) as node:
+            with Node("source", link, stopped, (_PROGRESS,), (OUT, END, PREVIEW)) as node:
                 _wait_for(node, node.alive, wait_for)
-                _Player(node, stream or new_stream(), settings).play(sequence, rate_hz or settings.rate_hz or None)
+                Player(node, stream or new_stream(), settings).play(sequence, rate_hz or settings.rate_hz or None)
         except StoppedError:
             return
 
@@ -91,172 +78,3 @@ def _wait_for(node: Node, alive: Alive, stages: tuple[str, ...]) -> None:
             said = True
         # Whoever waits does not hang; what fusion says now is of an earlier stream.
         node.next(0.0)
-
-
-class _Player:
-    """One pass through a sequence."""
-
-    def __init__(self, node: Node, stream: str, settings: SourceSettings) -> None:
-        self.node, self.alive, self.stream, self.settings = node, node.alive, stream, settings
-        self.credit = Credit(node.link.in_flight)
-        self.previews = Previews(node, _PREVIEW)
-        self.order = StreamOrder(node.link.delivery == "live")
-        self.sent = self.sent_before = 0
-        self.last_stamp_ns = 0
-
-    def play(self, sequence: FrameSequence | FrameStream, rate_hz: float | None) -> None:
-        """Send the frames and the end."""
-        lossless = self.node.link.delivery == "lossless"
-        if isinstance(sequence, FrameStream):
-            # A camera has a pace of its own.
-            pace, frames = Pace(self.node, None, recorded=False), self._streamed(sequence)
-        else:
-            pace, frames = Pace(self.node, rate_hz, recorded=not lossless), self._frames(sequence)
-        for frame, read_ns in frames:
-            if not self._in_order(frame.stamp_ns):
-                continue
-            pace.wait(self.sent, frame.stamp_ns)
-            if lossless:
-                self._wait_for_credit(self.credit.in_flight - 1)
-            else:
-                self._read_progress(0.0)
-            if self.node.stop.is_set():
-                return
-            self._send(frame, read_ns)
-        if lossless:
-            self._wait_for_credit(0)
-        self._end()
-
-    def _frames(self, sequence: FrameSequence) -> Iterator[tuple[RgbdFrame, int]]:
-        """The frames that can be read, with the wall clock before each was read."""
-        for index in range(len(sequence)):
-            if self.node.stop.is_set():
-                return
-            read_ns, start_s = time.time_ns(), time.perf_counter()
-            try:
-                frame = sequence[index]
-            except Exception as error:
-                self.node.crashed("source", f"frame {index} cannot be read", error)
-                self.node.counters.drop(UNREADABLE)
-                continue
-            self.node.counters.step(time.perf_counter() - start_s)
-            yield frame, read_ns
-
-    def _streamed(self, camera: FrameStream) -> Iterator[tuple[RgbdFrame, int]]:
-        """A camera's frames, with the wall clock when each was there."""
-        for frame in camera.stream(self.node.stop, self._camera_said):
-            if frame is None:
-                # Whoever waits for a camera does not hang.
-                self._read_progress(0.0)
-                continue
-            refuse_large_images(frame.intrinsics, self.settings.halved)
-            self.node.state = ""
-            yield frame, time.time_ns()
-
-    def _camera_said(self, kind: str, text: str) -> None:
-        self.node.note(kind, text)
-        if kind in CAMERA_GONE:
-            self.node.state = text
-
-    def _in_order(self, stamp_ns: int) -> bool:
-        """Whether the frame is sent; stamps of a camera that go back for good begin another stream."""
-        try:
-            header = self._header(stamp_ns)
-        except ValueError as error:
-            self._unsendable(stamp_ns, error)
-            return False
-        arrival = self.order.check(header, time.monotonic())
-        if arrival.refused:
-            self.node.counters.drop(f"{arrival.refused} {IN_THE_INPUT}")
-        elif arrival.restarted:
-            self.stream, self.sent_before = new_stream(), self.sent
-            self.node.note("streams", "the camera's stamps went back: another stream begins")
-        return not arrival.refused
-
-    def _header(self, stamp_ns: int) -> Header:
-        header = Header(robot=self.node.link.robot, seq=0, stamp_ns=stamp_ns, frame_id="camera")
-        return header.model_copy(update={"stream": self.stream})
-
-    def _send(self, frame: RgbdFrame, read_ns: int) -> None:
-        header = self._header(frame.stamp_ns)
-        try:
-            message = Frame(
-                header=header.with_hop("source", read_ns, time.time_ns()),
-                intrinsics=intrinsics_message(frame.intrinsics),
-                depth_scale=frame.depth_scale,
-                colour=frame.colour,
-                depth=frame.depth,
-                depth_noise=noise_message(frame.intrinsics.noise),
-                T_world_camera=frame.T_world_camera,
-            )
-        except ValueError as error:
-            self._unsendable(frame.stamp_ns, error)
-            return
-        # Numbered only now: readers count the numbers that are missing.
-        message = message.model_copy(update={"header": self.node.numbered(_OUT, message.header)})
-        if self.node.link.delivery == "lossless":
-            self.credit.sent(frame.stamp_ns)
-        self.node.publish(_OUT, message)
-        self.previews.offer(message.header, frame.colour, frame.intrinsics)
-        self.sent += 1
-        self.last_stamp_ns = frame.stamp_ns
-
-    def _unsendable(self, stamp_ns: int, error: ValueError) -> None:
-        """Count a frame that no message holds, and say why."""
-        what = f"the frame of {stamp_ns} ns {UNSENDABLE}"
-        why = first_problem(what, error) if isinstance(error, ValidationError) else f"{what}: {error}"
-        self.node.counters.drop(UNSENDABLE)
-        self.node.failed(UNSENDABLE, why)
-
-    def _read_progress(self, timeout_s: float) -> Progress | None:
-        """The newest progress that is there, or comes within `timeout_s`; the credit follows it."""
-        newest: Progress | None = None
-        # What another stream has come to says nothing of this one.
-        item = self.node.next(timeout_s)
-        while item is not None:
-            if item[1].message.header.stream in (None, self.stream):
-                newest = item[1].message
-                self.credit.answered(newest.last_stamp_ns)
-            item = self.node.next(0.0)
-        return newest
-
-    def _wait_for_credit(self, most: int) -> None:
-        """Wait until at most `most` frames are on their way; without a word of progress for too long they are lost."""
-        limit_s, since_s = self.node.link.credit_timeout_s, time.monotonic()
-        self._read_progress(0.0)
-        while self.credit.outstanding > most and not self.node.stop.is_set():
-            if self._read_progress(limit_s) is not None:
-                since_s = time.monotonic()
-            elif time.monotonic() - since_s >= limit_s:
-                lost = self.credit.give_up()
-                self.node.counters.drop("lost in flight", len(lost))
-                log.warning(
-                    "no progress for %.1f s: %d frames (%d to %d ns) count as lost; absent: %s",
-                    limit_s,
-                    len(lost),
-                    lost[0],
-                    lost[-1],
-                    ", ".join(stage for stage in EVERY_STAGE if stage not in self.alive) or "nobody",
-                )
-
-    def _end(self) -> None:
-        """Say that the stream has ended until fusion says that it is complete; without fusion, just say it."""
-        start_s = seen_s = time.monotonic()
-        said_s = float("-inf")
-        while not self.node.stop.is_set():
-            now_s = time.monotonic()
-            if "fusion" in self.alive:
-                seen_s = now_s
-            if now_s - start_s > _END_LIMIT_S or now_s - seen_s > self.node.link.credit_timeout_s:
-                log.warning("fusion has not confirmed the end of the stream after %.0f s", now_s - start_s)
-                return
-            if now_s - said_s >= _END_INTERVAL_S:
-                said_s = now_s
-                header = self.node.numbered(_END, self._header(self.last_stamp_ns))
-                self.node.publish(_END, End(header=header, frames_sent=self.sent - self.sent_before))
-            progress = self._read_progress(_END_INTERVAL_S)
-            if progress is None:
-                continue
-            if progress.complete and progress.last_stamp_ns >= self.last_stamp_ns:
-                return
-            start_s = now_s

@@ -132,6 +132,20 @@ class Recording:
         return depth, colour
 
 
+def first_readable_shape(frames: list[RecordedFrame]) -> tuple[int, int]:
+    """Shape (h, w) of the depth of the first frame whose two images can be read. Raises SourceError where none has."""
+    refused: SourceError | None = None
+    for entry in frames:
+        try:
+            read_colour(entry.colour)
+            height, width = read_depth(entry.depth).shape
+        except SourceError as error:
+            refused = refused or error
+        else:
+            return height, width
+    raise SourceError(f"none of {len(frames)} frames has depth and colour that can be read; the first: {refused}")
+
+
 def _averaged(colour: NDArray[np.uint8], shape: tuple[int, int]) -> NDArray[np.uint8]:
     """Means of blocks of 2 x 2 pixels; shape: of the result, whose last blocks are whole."""
     rows, columns = shape

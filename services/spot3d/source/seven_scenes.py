@@ -1,14 +1,19 @@
 """Recordings in the layout of Microsoft's 7-Scenes (and 3DMatch, which shares it)."""
 
+import logging
 import re
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from spot3d.source.calibration import load_calibration
 from spot3d.source.errors import SourceError
-from spot3d.source.images import read_depth
 from spot3d.source.intrinsics_files import FocalAndCentre, intrinsics_for, seven_scenes_values
-from spot3d.source.recording import RecordedFrame, Recording
-from spot3d.source.text_files import read_pose_matrix
+from spot3d.source.recording import RecordedFrame, Recording, first_readable_shape
+from spot3d.source.text_files import read_pose_matrix, tell_left_out
+
+log = logging.getLogger(__name__)
 
 RATE_HZ = 30
 METRES_PER_UNIT = 0.001
@@ -26,7 +31,8 @@ def open_seven_scenes(folder: Path, intrinsics: FocalAndCentre | None = None) ->
 
     Depth is in mm, 0 and 65535 invalid; poses and intrinsics are the depth camera's; frame N has the stamp
     N / 30 s. Colour is registered to depth by `load_calibration`. `intrinsics` (fx, fy, cx, cy) override
-    the file. A frame without pose file, or with a pose of nan or inf, has no true pose. Raises SourceError.
+    the file. A frame without pose file, or with a pose of nan or inf, has no true pose; nor has one whose pose file is
+    malformed, which is told. Size is that of the first frame that can be read. Raises SourceError.
     """
     numbered = sorted(
         (int(match[1]), path.name.removesuffix(".depth.png"))
@@ -35,25 +41,42 @@ def open_seven_scenes(folder: Path, intrinsics: FocalAndCentre | None = None) ->
     )
     if not numbered:
         raise SourceError(f"{folder} holds no frame-NNNNNN.depth.png; is it a sequence folder of 7-Scenes?")
-    frames = []
-    for number, stem in numbered:
-        pose = folder / f"{stem}.pose.txt"
-        frames.append(
-            RecordedFrame(
-                stamp_ns=number * 10**9 // RATE_HZ,
-                colour=_colour_path(folder, stem),
-                depth=folder / f"{stem}.depth.png",
-                T_world_camera=read_pose_matrix(pose) if pose.is_file() else None,
-            )
+    stems = [stem for _, stem in numbered]
+    coloured = {path.name.partition(".")[0] for path in folder.glob("frame-*.color.*")}
+    if alone := len(coloured.difference(stems)):
+        log.warning("%s: %d of %d colour images have no depth image, and are left out", folder, alone, len(coloured))
+    poses = _poses(folder, stems)
+    frames = [
+        RecordedFrame(
+            stamp_ns=number * 10**9 // RATE_HZ,
+            colour=_colour_path(folder, stem),
+            depth=folder / f"{stem}.depth.png",
+            T_world_camera=poses.get(stem),
         )
+        for number, stem in numbered
+    ]
     values = intrinsics or seven_scenes_values(folder)
     where = "--intrinsics" if intrinsics else str(folder / "camera-intrinsics.txt")
-    camera = intrinsics_for(values, read_depth(frames[0].depth).shape, where)
+    camera = intrinsics_for(values, first_readable_shape(frames), where)
     return Recording(frames, camera, METRES_PER_UNIT, load_calibration(folder, camera), INVALID)
 
 
 def _colour_path(folder: Path, stem: str) -> Path:
-    for suffix in ("color.jpg", "color.png"):
-        if (path := folder / f"{stem}.{suffix}").is_file():
-            return path
-    raise SourceError(f"{folder / stem}.color.jpg (or .png) is missing; each depth image needs its colour image")
+    png = folder / f"{stem}.color.png"
+    return png if png.is_file() else folder / f"{stem}.color.jpg"
+
+
+def _poses(folder: Path, stems: list[str]) -> dict[str, NDArray[np.float64] | None]:
+    """T_world_camera (4, 4) of each frame that has one; None where tracking was lost."""
+    poses: dict[str, NDArray[np.float64] | None] = {}
+    malformed = []
+    for stem in stems:
+        path = folder / f"{stem}.pose.txt"
+        if not path.is_file():
+            continue
+        try:
+            poses[stem] = read_pose_matrix(path)
+        except SourceError as error:
+            malformed.append(error)
+    tell_left_out(f"poses of {folder}", len(poses) + len(malformed), malformed)
+    return poses

@@ -1,8 +1,11 @@
 """The recordings' text files: matrices, lists of stamped lines, poses."""
 
+import logging
 import math
+from collections.abc import Callable
 from decimal import Decimal
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +14,12 @@ from spot3d.file_errors import why
 from spot3d.source.errors import SourceError
 from spot3d.trajectory import nearest_rotation, pose_from_quaternion
 
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
 # A rotation written with a handful of digits is orthonormal to about this much.
-ROTATION_TOLERANCE = 1e-2
+_ROTATION_TOLERANCE = 1e-2
 _POSE_LINE = "expected `stamp tx ty tz qx qy qz qw`: seconds, metres and a quaternion of length 1"
 _STAMP_MAX_NS = np.iinfo(np.int64).max
 
@@ -20,7 +27,7 @@ _STAMP_MAX_NS = np.iinfo(np.int64).max
 def read_text(path: Path) -> str:
     """The file's text. Raises SourceError if it is missing or no text."""
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise SourceError(f"{path} is missing; is the recording complete?") from None
     except OSError as error:
@@ -50,13 +57,18 @@ def read_pose_matrix(path: Path) -> NDArray[np.float64] | None:
     T_world_camera = read_matrix(path, 4)
     if not np.isfinite(T_world_camera).all():
         return None
-    rotation = T_world_camera[:3, :3]
-    rigid = np.allclose(rotation @ rotation.T, np.eye(3), atol=ROTATION_TOLERANCE)
-    if not (rigid and np.linalg.det(rotation) > 0 and np.allclose(T_world_camera[3], [0, 0, 0, 1])):
+    if not is_rigid(T_world_camera):
         raise SourceError(f"{path} is malformed: not a camera-to-world rotation and translation")
-    T_world_camera[:3, :3] = nearest_rotation(rotation)
+    T_world_camera[:3, :3] = nearest_rotation(T_world_camera[:3, :3])
     T_world_camera[3] = (0, 0, 0, 1)
     return T_world_camera
+
+
+def is_rigid(T: NDArray[np.float64]) -> bool:
+    """Whether (4, 4) is a rotation, but for rounding, and a translation."""
+    rotation = T[:3, :3]
+    turns = np.isfinite(T).all() and np.allclose(rotation @ rotation.T, np.eye(3), atol=_ROTATION_TOLERANCE)
+    return bool(turns and np.linalg.det(rotation) > 0 and np.allclose(T[3], [0, 0, 0, 1]))
 
 
 def pose_of_words(words: list[str], where: str) -> NDArray[np.float64]:
@@ -71,33 +83,50 @@ def pose_of_words(words: list[str], where: str) -> NDArray[np.float64]:
         raise SourceError(f"{where} is malformed: it has {1 + len(words)} numbers; {_POSE_LINE}")
     values = np.array([float(word) for word in words])
     length = float(np.linalg.norm(values[3:]))
-    if abs(length - 1) > ROTATION_TOLERANCE:
+    if abs(length - 1) > _ROTATION_TOLERANCE:
         raise SourceError(f"{where} is malformed: the quaternion's length is {length:.3f}, not 1; {_POSE_LINE}")
     return pose_from_quaternion(values[:3], values[3:])
 
 
-def read_stamped_lines(path: Path) -> list[tuple[int, list[str], str]]:
-    """Lines `stamp word...` as (stamp in ns, words, `file:line`), in order of stamps; `#` starts a comment.
+def read_stamped_lines(path: Path, parse: Callable[[list[str], str], T]) -> list[tuple[int, T]]:
+    """Lines `stamp word...` as (stamp in ns, what `parse` makes of the words), by stamps; `#` starts a comment.
 
-    Stamps are seconds in the file, read exactly. Raises SourceError for a line without stamp and word.
+    Stamps are seconds in the file, read exactly. parse: is given the words, and `file:line` for its SourceError. A line
+    that is malformed is left out, and told of. Raises SourceError where no line remains.
     """
-    lines = []
+    lines, malformed = [], []
     for number, line in enumerate(read_text(path).splitlines(), start=1):
         words = line.split("#")[0].replace(",", " ").split()
         if not words:
             continue
         where = f"{path}:{number}"
         try:
-            stamp_ns = Decimal(words[0]) * 10**9
-            in_range = abs(stamp_ns) <= _STAMP_MAX_NS
-        except ArithmeticError:  # no number, or nan
-            in_range = False
-        if not in_range:
-            raise SourceError(f"{where} is malformed: {words[0]!r} is no time in seconds, with which a line begins")
-        if len(words) < 2:
-            raise SourceError(f"{where} is malformed: nothing follows the time")
-        lines.append((int(stamp_ns), words[1:], where))
+            lines.append((_stamp_ns(words, where), parse(words[1:], where)))
+        except SourceError as error:
+            malformed.append(error)
+    tell_left_out(f"lines of {path}", len(lines) + len(malformed), malformed)
     return sorted(lines, key=lambda entry: entry[0])
+
+
+def tell_left_out(what: str, count: int, malformed: list[SourceError]) -> None:
+    """Say how many of `count` things are left out, and why the first of them is. Raises that where none remains."""
+    if malformed and len(malformed) == count:
+        raise malformed[0]
+    if malformed:
+        log.warning("%d of %d %s are left out; the first: %s", len(malformed), count, what, malformed[0])
+
+
+def _stamp_ns(words: list[str], where: str) -> int:
+    try:
+        stamp_ns = Decimal(words[0]) * 10**9
+        in_range = abs(stamp_ns) <= _STAMP_MAX_NS
+    except ArithmeticError:  # no number, or nan
+        in_range = False
+    if not in_range:
+        raise SourceError(f"{where} is malformed: {words[0]!r} is no time in seconds, with which a line begins")
+    if len(words) < 2:
+        raise SourceError(f"{where} is malformed: nothing follows the time")
+    return int(stamp_ns)
 
 
 def _is_finite(word: str) -> bool:

@@ -1,15 +1,17 @@
 """Recordings in the layout of the TUM RGB-D benchmark."""
 
+import logging
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.source.errors import SourceError
-from spot3d.source.images import read_depth
 from spot3d.source.intrinsics_files import FocalAndCentre, intrinsics_for, tum_values
-from spot3d.source.recording import RecordedFrame, Recording
+from spot3d.source.recording import RecordedFrame, Recording, first_readable_shape
 from spot3d.source.text_files import pose_of_words, read_stamped_lines
+
+log = logging.getLogger(__name__)
 
 METRES_PER_UNIT = 1 / 5000
 # The benchmark's own associate.py allows the same difference.
@@ -27,30 +29,36 @@ def open_tum(folder: Path, intrinsics: FocalAndCentre | None = None) -> Recordin
     Each depth image goes with the colour image and the pose nearest in time, up to 20 ms off; a depth image
     without colour is left out, one without pose has no true pose. Stamps are the depth images'. Depth is
     5000 per metre. Colour is registered and lens distortion small in the published data, so neither is
-    corrected. `intrinsics` (fx, fy, cx, cy) override `intrinsics.txt` and the published values. Raises
-    SourceError.
+    corrected. `intrinsics` (fx, fy, cx, cy) override `intrinsics.txt` and the published values. A line that is
+    malformed is left out, and told; size is that of the first frame that can be read. Raises SourceError.
     """
-    depths = read_stamped_lines(folder / "depth.txt")
-    colours = read_stamped_lines(folder / "rgb.txt")
+
+    def file(words: list[str], _where: str) -> Path:
+        spaced = folder / " ".join(words)
+        return spaced if len(words) > 1 and spaced.is_file() else folder / words[0]
+
+    depths = read_stamped_lines(folder / "depth.txt", file)
+    colours = read_stamped_lines(folder / "rgb.txt", file)
+    for name, listed in (("depth.txt", depths), ("rgb.txt", colours)):
+        if not listed:
+            raise SourceError(f"{folder / name} lists no image; is the recording complete?")
     truth_path = folder / "groundtruth.txt"
-    truth = read_stamped_lines(truth_path) if truth_path.is_file() else []
-    stamps = np.array([stamp for stamp, _, _ in depths], np.int64)
-    with_colour = nearest_in_time(stamps, np.array([stamp for stamp, _, _ in colours], np.int64))
-    with_truth = nearest_in_time(stamps, np.array([stamp for stamp, _, _ in truth], np.int64))
+    truth = read_stamped_lines(truth_path, pose_of_words) if truth_path.is_file() else []
+    stamps = np.array([stamp for stamp, _ in depths], np.int64)
+    with_colour = nearest_in_time(stamps, np.array([stamp for stamp, _ in colours], np.int64))
+    with_truth = nearest_in_time(stamps, np.array([stamp for stamp, _ in truth], np.int64))
     frames = [
-        RecordedFrame(
-            stamp_ns,
-            folder / colours[c][1][0],
-            folder / words[0],
-            pose_of_words(truth[t][1], truth[t][2]) if t >= 0 else None,
-        )
-        for (stamp_ns, words, _), c, t in zip(depths, with_colour, with_truth, strict=True)
+        RecordedFrame(stamp_ns, colours[c][1], depth, truth[t][1] if t >= 0 else None)
+        for (stamp_ns, depth), c, t in zip(depths, with_colour, with_truth, strict=True)
         if c >= 0
     ]
     if not frames:
         raise SourceError(f"{folder}: no depth image has colour within 20 ms; do depth.txt and rgb.txt share a clock?")
+    if len(frames) < len(depths):
+        alone = len(depths) - len(frames)
+        log.warning("%s: %d of %d depth images have no colour within 20 ms", folder, alone, len(depths))
     where = "--intrinsics" if intrinsics else str(folder / "intrinsics.txt")
-    camera = intrinsics_for(intrinsics or tum_values(folder), read_depth(frames[0].depth).shape, where)
+    camera = intrinsics_for(intrinsics or tum_values(folder), first_readable_shape(frames), where)
     return Recording(frames, camera, METRES_PER_UNIT)
 
 

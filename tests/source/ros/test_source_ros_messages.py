@@ -1,4 +1,5 @@
 import struct
+import zlib
 
 import cv2
 import numpy as np
@@ -46,6 +47,14 @@ def png(image: np.ndarray) -> bytes:
     return cv2.imencode(".png", image)[1].tobytes()
 
 
+def far_too_large() -> bytes:
+    """A PNG that says it is 200,000 x 200,000 pixels."""
+    data = bytearray(png(MILLIMETRES))
+    data[16:24] = struct.pack(">II", 200_000, 200_000)
+    data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+    return bytes(data)
+
+
 def test_compressed_images() -> None:
     message = SPEAKER.compressed(0, "c", "rgb8; png compressed bgr8", png(RGB[..., ::-1]))
     np.testing.assert_array_equal(colour_image(message), RGB)
@@ -73,6 +82,7 @@ def test_compressed_float_depth_is_inverse_depth_in_steps() -> None:
         (SPEAKER.image(0, "c", "yuv422", RGB), "a colour image is 'yuv422'; taken are rgb8"),
         (SPEAKER.compressed(0, "c", "jpeg", b"\xff\xd8 not a picture"), "not readable as PNG or JPEG"),
         (SPEAKER.compressed(0, "c", "jpeg", b""), "0 bytes"),
+        (SPEAKER.compressed(0, "c", "png", far_too_large()), "not readable as PNG or JPEG"),
     ],
 )
 def test_colour_that_cannot_be_read_is_told(message: object, expected: str) -> None:

@@ -40,7 +40,10 @@ def _list_of_topics(path: Path) -> bytes:
         at = start.find(b"index_pos=")
         if at < 0 or len(start) < at + 18:
             return b""
-        file.seek(struct.unpack_from("<Q", start, at + 10)[0])
+        place = struct.unpack_from("<Q", start, at + 10)[0]
+        if place >= path.stat().st_size:  # damaged, and maybe more than a file can have
+            return b""
+        file.seek(place)
         return file.read(_LIST_BYTES)
 
 

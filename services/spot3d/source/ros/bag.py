@@ -1,5 +1,6 @@
 """A ROS bag of version 1 or 2: which topics it has, and their messages, read one at a time when asked for."""
 
+import logging
 import struct
 import weakref
 from collections.abc import Iterator
@@ -12,9 +13,13 @@ from numpy.typing import NDArray
 
 from spot3d.source.errors import SourceError
 
+log = logging.getLogger(__name__)
+
 _MCAP_MAGIC = b"\x89MCAP0\r\n"
 _READ_ON = 32
 """Messages up to this far ahead are reached by reading on, farther ones by the bag's index."""
+_STAMPED_BYTES = 12
+"""What a message begins with, in either version, up to the end of its stamp."""
 
 
 def is_ros_bag(path: Path) -> bool:
@@ -50,9 +55,20 @@ class Bag:
         """Message type of each topic, as `sensor_msgs/msg/Image` for either version."""
 
     def messages(self, *topics: str) -> Iterator[tuple[str, int, Any]]:
-        """Topic, time of receipt in ns, and message, of all messages of the topics, in the order of receipt."""
+        """Topic, time of receipt in ns, and message, of all messages of the topics, in the order of receipt.
+
+        What cannot be decoded is left out, and told.
+        """
+        refused: list[SourceError] = []
         for topic, received_ns, raw in self._raw(topics):
-            yield topic, received_ns, self.decoded(topic, raw)
+            try:
+                message = self.decoded(topic, raw)
+            except SourceError as error:
+                refused.append(error)
+                continue
+            yield topic, received_ns, message
+        if refused:
+            log.warning("%d messages of %s are left out; the first: %s", len(refused), ", ".join(topics), refused[0])
 
     def stamps(self, *topics: str) -> "dict[str, BagTopic]":
         """The topics' messages by index, for one pass through the bag; all begin with a header."""
@@ -73,7 +89,9 @@ class Bag:
                 yield connection.topic, received_ns, raw
 
     def _header_stamp(self, raw: bytes) -> int:
-        """The stamp of a std_msgs/Header at the beginning of a message, ns."""
+        """The stamp of a std_msgs/Header at the beginning of a message, ns; 0 where that is too short for one."""
+        if len(raw) < _STAMPED_BYTES:
+            return 0
         if self._reader.is2:  # behind four bytes that say how the rest is coded
             seconds, nanoseconds = struct.unpack_from("<iI" if raw[1] & 1 else ">iI", raw, 4)
         else:  # behind the sequence number
@@ -84,14 +102,19 @@ class Bag:
 class BagTopic:
     """One topic's messages by index, in the order of receipt; those that follow each other are read in one go.
 
-    times_ns: (n, 2) int64, time of receipt and stamp of the header. `stamps_ns`: (n,) int64, the header's; times of
-    receipt where a driver has left one out.
+    times_ns: (n, 2) int64, time of receipt and stamp of the header. `stamps_ns`: (n,) int64, the header's; the time of
+    receipt of a message without one.
     """
 
     def __init__(self, bag: Bag, topic: str, times_ns: NDArray[np.int64]) -> None:
         self.name = topic
         self._received_ns = times_ns[:, 0]
-        self.stamps_ns = times_ns[:, 1] if (times_ns[:, 1] > 0).all() else times_ns[:, 0]
+        stamped = times_ns[:, 1] > 0
+        self.stamps_ns = np.where(stamped, times_ns[:, 1], times_ns[:, 0])
+        if not stamped.all():
+            count = np.count_nonzero(~stamped)
+            told = "have no stamp: their time of receipt is taken"
+            log.warning("%s: %d of %d messages %s", topic, count, len(stamped), told)
         self._bag = bag
         # A reader of its own: those of ROS 1 unpack a chunk anew whenever topics take turns.
         self._reader: Any | None = None

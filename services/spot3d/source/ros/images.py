@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.source.errors import SourceError
+from spot3d.source.images import decoded_image
 
 _CHANNELS = {"rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4, "mono8": 1, "8UC1": 1}
 _DEPTH_TYPES = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
@@ -74,10 +75,10 @@ def _rows(message: Any, dtype: np.dtype[Any], channels: int) -> NDArray[Any]:
 
 
 def _unpacked(message: Any, data: NDArray[np.uint8], how: int) -> NDArray[Any]:
-    image = cv2.imdecode(np.asarray(data, np.uint8), how) if len(data) else None
+    image = decoded_image(np.asarray(data, np.uint8), how)
     if image is None:
         raise SourceError(f"a compressed image ({message.format!r}, {len(data)} bytes) is not readable as PNG or JPEG")
-    return np.asarray(image)
+    return image
 
 
 def _sixteen_bits(message: Any, data: NDArray[np.uint8]) -> NDArray[np.uint16]:

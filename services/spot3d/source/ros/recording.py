@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ _BENT = 0.05
 
 @dataclass(frozen=True, slots=True)
 class _Camera:
-    """One image topic: its frame in /tf, and its intrinsics, where a camera_info says them."""
+    """One image topic: its frame in /tf, empty where it is not said, and its intrinsics, where a camera_info is."""
 
     frame: str
     intrinsics: Intrinsics | None
@@ -53,24 +53,29 @@ def open_bag(path: Path, names: TopicNames, intrinsics: FocalAndCentre | None = 
             "within 20 ms; do their stamps come from one clock? Name others with --depth-topic and --colour-topic"
         )
     if len(rows) < len(depths):
-        log.warning("%s: %d of %d depth images have no colour within 20 ms", path, len(depths) - len(rows), len(depths))
-    first = depths[int(of_depth[0])]
-    shape = depth_image(first).shape
-    depth_camera = _camera(bag, topics.depth_info, first)
-    colour_camera = _camera(bag, topics.colour_info, colours[int(of_colour[0])])
+        alone, text = len(depths) - len(rows), "have no colour within 20 ms, or another's stamp"
+        log.warning("%s: %d of %d depth images %s", path, alone, len(depths), text)
+    depth_camera, colour_camera = _camera(bag, topics.depth_info), _camera(bag, topics.colour_info)
+    stated = None if intrinsics is not None else depth_camera.intrinsics
+    shape, *frames = _first_readable(depths, colours, of_depth, of_colour, stated)
+    depth_camera = replace(depth_camera, frame=frames[0] or depth_camera.frame)
+    colour_camera = replace(colour_camera, frame=frames[1] or colour_camera.frame)
     if intrinsics is not None:
         camera = intrinsics_for(intrinsics, shape, "--intrinsics")
-    elif depth_camera.intrinsics is not None:
-        camera = depth_camera.intrinsics
+    elif stated is not None:
+        camera = stated
     else:
         raise SourceError(f"{path}: no camera_info beside {topics.depth} says its intrinsics; {HINT}")
+    pose_at = poses_of(bag, names.pose, depth_camera.frame) if names.pose else None
+    if pose_at is not None and all(pose_at(int(stamp_ns)) is None for stamp_ns in rows):
+        raise SourceError(f"{path}: {names.pose} has no pose at the time of any frame; do their stamps share a clock?")
     return BagRecording(
         depths=depths,
         colours=colours,
         rows=np.column_stack((rows, of_depth, of_colour)),
         intrinsics=camera,
         colour_camera=_unregistered(bag, topics, camera, depth_camera, colour_camera),
-        pose_at=poses_of(bag, names.pose, depth_camera.frame) if names.pose else None,
+        pose_at=pose_at,
     )
 
 
@@ -149,22 +154,60 @@ def _paired(
     return stamps[has_colour], of_depth[has_colour], order[nearest[has_colour]]
 
 
-def _camera(bag: Bag, info_topic: str | None, image: Any) -> _Camera:
-    """What is known of an image's camera; the first camera_info counts."""
-    info = next((message for _, _, message in bag.messages(info_topic)), None) if info_topic else None
-    frame = image.header.frame_id or (info.header.frame_id if info is not None else "")
-    if info is None:
-        return _Camera(frame, None)
+def _first_readable(
+    depths: BagTopic,
+    colours: BagTopic,
+    of_depth: NDArray[np.int64],
+    of_colour: NDArray[np.int64],
+    stated: Intrinsics | None,
+) -> tuple[tuple[int, int], str, str]:
+    """Of the first frame whose images can be read: shape (h, w) of its depth, and the images' frames in /tf.
+
+    stated: what depth's camera_info says, whose size it has. Raises SourceError where there is none.
+    """
+    refused: SourceError | None = None
+    for d, c in zip(of_depth, of_colour, strict=True):
+        try:
+            depth, colour = depths[int(d)], colours[int(c)]
+            colour_image(colour)
+            height, width = depth_image(depth).shape
+            if stated is not None and (height, width) != stated.shape:
+                size = f"{stated.width}x{stated.height}"
+                raise SourceError(f"{depths.name} is {width}x{height}, but its camera_info is for {size}; {HINT}")
+        except SourceError as error:
+            refused = refused or error
+        else:
+            return (height, width), depth.header.frame_id, colour.header.frame_id
+    raise SourceError(
+        f"none of {len(of_depth)} pairs of {depths.name} and {colours.name} can be read; the first: {refused}"
+    )
+
+
+def _camera(bag: Bag, info_topic: str | None) -> _Camera:
+    """What a topic says of a camera: the first camera_info that states intrinsics counts. Raises SourceError."""
+    refused: SourceError | None = None
+    for _, _, info in bag.messages(info_topic) if info_topic else ():
+        try:
+            return _Camera(info.header.frame_id, _intrinsics(str(info_topic), info))
+        except SourceError as error:
+            refused = refused or error
+    if refused is not None:
+        raise refused
+    return _Camera("", None)
+
+
+def _intrinsics(info_topic: str, info: Any) -> Intrinsics:
+    """Of a camera_info. Raises SourceError where it states none."""
     # ROS 1 has its matrices in capitals.
     k = np.asarray(info.k if hasattr(info, "k") else info.K, np.float64)
     coefficients = np.asarray(info.d if hasattr(info, "d") else info.D, np.float64)
-    if "rect" not in str(info_topic) and np.abs(coefficients).max(initial=0) > _BENT:
+    if "rect" not in info_topic and np.abs(coefficients).max(initial=0) > _BENT:
         log.warning("%s: images are taken as a pinhole camera's; rectified ones would fit better", info_topic)
+    fx, fy, cx, cy = (float(k[place]) for place in (0, 4, 2, 5))
     try:
-        intrinsics = Intrinsics(k[0], k[4], k[2], k[5], info.width, info.height)
-    except ValueError as error:
-        raise SourceError(f"{info_topic}: {error}; was the camera calibrated?") from error
-    return _Camera(frame, intrinsics)
+        return intrinsics_for((fx, fy, cx, cy), (info.height, info.width), info_topic)
+    except SourceError as error:
+        raise SourceError(f"{error}; was the camera calibrated?") from error
 
 
 def _unregistered(

@@ -1,6 +1,7 @@
 """Where things are in a bag: the tree of /tf and /tf_static, and poses from it or from an odometry's messages."""
 
-from collections.abc import Sequence
+import logging
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 from spot3d.camera import invert
 from spot3d.trajectory import pose_from_quaternion, quaternion_from_rotation
 
+log = logging.getLogger(__name__)
+
 Pose = NDArray[np.float64]
 _GAP_NS = 250_000_000
 """Between poses farther apart than this nothing is known: a tracker was lost, or it is another time."""
@@ -18,10 +21,10 @@ _GAP_NS = 250_000_000
 def transform_of(translation: Any, rotation: Any) -> Pose:
     """(4, 4) of a message's vector and quaternion. Raises ValueError for a quaternion of length zero or no numbers."""
     quaternion = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
-    T = pose_from_quaternion((translation.x, translation.y, translation.z), quaternion)
-    if not np.isfinite(T).all():
+    position = np.array([translation.x, translation.y, translation.z])
+    if not (np.isfinite(position).all() and np.isfinite(quaternion).all()):
         raise ValueError("a pose holds what is no number")
-    return T
+    return pose_from_quaternion(position, quaternion)
 
 
 class Motion:
@@ -62,14 +65,17 @@ class TransformTree:
 
     @staticmethod
     def of(static: Sequence[Any], dynamic: Sequence[Any] = ()) -> "TransformTree":
-        """From the TransformStamped of /tf_static and /tf."""
+        """From the TransformStamped of /tf_static and /tf; those that are none are left out, and told.
+
+        Raises ValueError where none remains.
+        """
         tree = TransformTree()
-        for one in static:
-            tree.fixed[_name(one.child_frame_id)] = (_name(one.header.frame_id), _transform(one))
+        for one, T in poses_that_are(static, _transform, "transforms of /tf_static"):
+            tree.fixed[_name(one.child_frame_id)] = (_name(one.header.frame_id), T)
         stamped: dict[tuple[str, str], list[tuple[int, Pose]]] = {}
-        for one in dynamic:
+        for one, T in poses_that_are(dynamic, _transform, "transforms of /tf"):
             edge = (_name(one.child_frame_id), _name(one.header.frame_id))
-            stamped.setdefault(edge, []).append((stamp_of(one), _transform(one)))
+            stamped.setdefault(edge, []).append((stamp_of(one), T))
         for (child, parent), poses in stamped.items():
             if child not in tree.fixed:
                 tree.moving[child] = (parent, Motion(poses))
@@ -114,6 +120,22 @@ class TransformTree:
                 return None
             T = step @ T
         return T
+
+
+def poses_that_are(messages: Sequence[Any], pose_of: Callable[[Any], Pose], what: str) -> list[tuple[Any, Pose]]:
+    """The messages that hold a pose, with it; how many others there are is told. Raises ValueError where none does."""
+    found: list[tuple[Any, Pose]] = []
+    refused: list[ValueError] = []
+    for message in messages:
+        try:
+            found.append((message, pose_of(message)))
+        except ValueError as error:
+            refused.append(error)
+    if refused and not found:
+        raise refused[0]
+    if refused:
+        log.warning("%d of %d %s are left out; the first: %s", len(refused), len(messages), what, refused[0])
+    return found
 
 
 def stamp_of(message: Any) -> int:

@@ -1,0 +1,76 @@
+"""What a run has found in the streams before the last: a camera that begins anew is in another world."""
+
+import shutil
+from collections import Counter
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from spot3d.run.lost_tracking import LostTracking, Stretch
+from spot3d.run.results import RESULTS, RunResult, objects_document, write_json
+from spot3d.run.timeline import Timeline
+from spot3d.run.trajectory_file import NAME as TRAJECTORY
+from spot3d.run.trajectory_file import TrajectoryFile
+from spot3d_schemas import Progress
+
+FOLDER = "streams"
+"""Of the streams before the last, in the folder of a run; each in a folder of its own, `1` and so on."""
+
+
+def forget_streams(run: Path) -> None:
+    """Delete what an earlier run into this folder has left of its streams; nothing else of that name."""
+    for place in (run / FOLDER).glob("[0-9]*"):
+        if place.name.isdecimal() and (place / TRAJECTORY).is_file():
+            shutil.rmtree(place, ignore_errors=True)
+
+
+class EarlierStreams:
+    """Keeps the results of streams that are over, in folders beside those of the stream of now, and their counts.
+
+    timeline, trajectory: the files of the stream of now, in the run's folder. fused, skipped, lost_poses: frames of all
+    the earlier streams; documents: of each of them, for the report.
+    """
+
+    def __init__(self, timeline: Timeline, trajectory: TrajectoryFile) -> None:
+        self._files = (timeline, trajectory)
+        self._run = timeline.path.parent
+        self.fused = self.lost_poses = 0
+        self.skipped: Counter[str] = Counter()
+        self.lost: list[Stretch] = []
+        self.documents: list[dict[str, Any]] = []
+
+    def leave(self, found: RunResult, progress: Progress | None, lost: LostTracking) -> list[str]:
+        """The stream of now is over: keep what it has come to, its map as it was last kept; returns what to tell."""
+        place = self._run / FOLDER / str(len(self.documents) + 1)
+        told = [text for file in self._files if (text := file.told())]
+        told.append(f"another stream of the camera begins; what was found before is in {place.relative_to(self._run)}")
+        try:
+            place.mkdir(parents=True, exist_ok=True)
+            for file in self._files:
+                file.leave(place)
+            for name in RESULTS:
+                if (kept := self._run / name).is_file():
+                    kept.replace(place / name)
+            write_json(place / "objects.json", objects_document(found))
+        except OSError as error:
+            told.append(f"not all of it is kept: {error}")
+        self._count(place, found, progress, lost)
+        return told
+
+    def _count(self, place: Path, found: RunResult, progress: Progress | None, lost: LostTracking) -> None:
+        fused, skipped = (0, {}) if progress is None else (progress.fused, dict(progress.skipped))
+        # Where tracking was lost to the end, it was to the end of that stream.
+        stretches = [replace(stretch, to_the_end=False) for stretch in lost.stretches()]
+        self.fused, self.lost_poses = self.fused + fused, self.lost_poses + lost.frames
+        self.skipped.update(skipped)
+        self.lost += stretches
+        self.documents.append(
+            {
+                "folder": str(place.relative_to(self._run)),
+                "fused": fused,
+                "skipped": skipped,
+                "lost_poses": lost.frames,
+                "lost": [asdict(stretch) for stretch in stretches],
+                "objects": len(found.objects),
+            }
+        )
