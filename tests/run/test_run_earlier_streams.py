@@ -147,6 +147,10 @@ def test_a_map_of_another_stream_is_not_taken(said: Said) -> None:
         said.progress("second", 5 * S, 2)
         said.until(lambda: said.collector.stream == "second")
         assert said.collector.snapshot(LIMIT_S).total == 1
+    assert said.collector.snapshot(LIMIT_S).total == 1, "fusion does not answer any more: nothing is lost by that"
+    said.progress("third", 6 * S, 2)
+    said.until(lambda: said.collector.stream == "third")
+    assert said.collector.snapshot(LIMIT_S).total == 0
 
 
 def test_pictures_are_of_the_stream_that_is_followed() -> None:

@@ -74,6 +74,7 @@ class Collector:
         self.rate = FrameRate()
         self._session = session
         self._robot, self.stream = robot, stream
+        self._map = empty_snapshot()
         self._past: set[str] = set()
         self._early: list[Message] = []
         self._earlier = EarlierStreams(timeline, trajectory)
@@ -144,8 +145,12 @@ class Collector:
         return fused, skipped
 
     def snapshot(self, timeout_s: float) -> MapSnapshot:
-        """The stream's map as fusion answers now; empty where it does not answer, or has gone on to another."""
-        return asked_map(self._session, self._robot, timeout_s, self.stream) or empty_snapshot()
+        """The stream's map as fusion answers now; as it answered last, at first empty, where it does not.
+
+        It does not answer where it is busy or gone, and not of this stream where it has gone on to another.
+        """
+        self._map = asked_map(self._session, self._robot, timeout_s, self.stream) or self._map
+        return self._map
 
     def result(self, points: MapSnapshot) -> RunResult:
         """The run's result as it is known now."""
@@ -182,7 +187,8 @@ class Collector:
 
     def _begin(self, stream: str) -> None:
         """Another stream: nothing of the one before is in its map, and its stamps may be any."""
-        self._news += self._earlier.leave(self.result(empty_snapshot()), self.progress, self.lost)
+        self._news += self._earlier.leave(self.result(self._map), self.progress, self.lost)
+        self._map = empty_snapshot()
         self._past.add(self.stream)
         self.stream = stream
         self.objects, self.progress, self.lost = None, None, LostTracking()
