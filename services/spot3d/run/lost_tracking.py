@@ -11,12 +11,16 @@ _TOLD = 10
 
 @dataclass(slots=True)
 class Stretch:
-    """Frames in a row whose pose is lost: stamps of the first and the last, how many, and whether it is the end."""
+    """Frames in a row whose pose is lost: stamps of the first and the last, how many, and whether it is the end.
+
+    reason: why the last of them is.
+    """
 
     from_ns: int
     to_ns: int
     frames: int
     to_the_end: bool = False
+    reason: str = ""
 
 
 class LostTracking:
@@ -26,8 +30,8 @@ class LostTracking:
         self.frames = 0
         self._stretches: list[Stretch] = []
 
-    def add(self, stamp_ns: int, lost: bool) -> None:
-        """The next frame."""
+    def add(self, stamp_ns: int, lost: bool, reason: str = "") -> None:
+        """The next frame; reason: why it is lost."""
         found = self._stretches
         goes_on = bool(found) and found[-1].to_the_end
         if not lost:
@@ -36,11 +40,11 @@ class LostTracking:
             return
         self.frames += 1
         if goes_on:
-            found[-1].to_ns, found[-1].frames = stamp_ns, found[-1].frames + 1
+            found[-1].to_ns, found[-1].frames, found[-1].reason = stamp_ns, found[-1].frames + 1, reason
             return
         if len(found) >= 2 * _MOST:
             self._stretches = found = self.stretches()
-        found.append(Stretch(stamp_ns, stamp_ns, 1, True))
+        found.append(Stretch(stamp_ns, stamp_ns, 1, True, reason))
 
     def stretches(self) -> list[Stretch]:
         """The stretches in the order of their stamps, at most the hundred longest."""
@@ -57,4 +61,5 @@ def told(found: Sequence[Stretch]) -> str:
     text = f"tracking was lost in {count} frames" + (f", in {len(long)} stretches" if len(long) > 1 else "")
     if last.to_the_end:
         text += f", the last {last.frames} of them to the end: the camera had to move back to where it was"
-    return text
+    longest = max(long, key=lambda stretch: stretch.frames)
+    return f"{text} ({longest.reason})" if longest.reason else text
