@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -31,6 +30,7 @@ class NodeOfTest:
     state: str = ""
     counters: Counters = field(default_factory=lambda: Counters("pose", 0.0))
     published: list[Pose] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
     def header(self, _: str, given: Received[Frame]) -> Header:
         return given.message.header
@@ -42,8 +42,8 @@ class NodeOfTest:
     def measure_latency(self, _: Header) -> None:
         """Nobody asks."""
 
-    def note(self, *_: Any) -> None:
-        """Nobody reads it."""
+    def note(self, kind: str, text: str) -> None:
+        self.notes.append(text)
 
 
 def frames(count: int, start_ns: int, metres: float = 1.0) -> Iterator[Frame]:
@@ -103,3 +103,19 @@ def test_who_was_never_followed_is_not_sent_back(node: NodeOfTest) -> None:
     assert node.state == ""
     answer(stage, frames(40, 1011 * S, metres=1000.0))
     assert "move the camera back" in node.state
+
+
+def test_intrinsics_of_another_image_size_are_told_once_and_with_what_is_lost(node: NodeOfTest) -> None:
+    stage = _Stage(node, PoseSettings())  # type: ignore[arg-type]
+
+    def wrong(metres: float) -> Iterator[Frame]:
+        for frame in frames(40, 1000 * S, metres):
+            taken = frame.intrinsics
+            larger = taken.model_copy(update={"fx": 2 * taken.fx, "fy": 2 * taken.fy, "cx": 2 * taken.cx})
+            yield frame.model_copy(update={"intrinsics": larger})
+
+    answer(stage, frames(2, 900 * S), begins=True)
+    assert node.notes == []
+    answer(stage, wrong(1000.0))
+    assert [text for text in node.notes if "principal point" in text and "lost" not in text] == node.notes[:1]
+    assert "intrinsics those of images of this size" in node.state

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from spot3d.camera import Intrinsics, off_centre
 from spot3d.dataflow.conversion import corrections_message, rgbd_frame
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.serving import On, serve
@@ -90,6 +91,7 @@ class _Stage:
         self.last = PoseEstimate(np.eye(4), "lost")
         self.lost_since: tuple[int, str] | None = None
         self.followed = False
+        self.camera: Intrinsics | None = None
         self.told_factor, self.told_delay_s, self.told_looks = 1.0, 0.0, np.zeros(5)
         self.node.state = ""
 
@@ -99,8 +101,9 @@ class _Stage:
             self._begin()
             self._resume(given.message.header.stamp_ns)
         frame = rgbd_frame(given.message)
+        self._tell_intrinsics(frame.intrinsics)
         self.last = self._track(frame)
-        self._tell_if_lost(frame.stamp_ns)
+        self._tell_if_lost(frame.stamp_ns, frame.intrinsics)
         self._tell_depth()
         self._tell_delay()
         self._tell_orientation()
@@ -159,7 +162,7 @@ class _Stage:
             self.node.counters.event(_RESTARTED)
         return estimate
 
-    def _tell_if_lost(self, stamp_ns: int) -> None:
+    def _tell_if_lost(self, stamp_ns: int, camera: Intrinsics) -> None:
         """Say since when tracking is lost, and what to do about it, in the log and the state."""
         known = bool(self.node.state)
         if self.last.status == "ok":
@@ -173,9 +176,16 @@ class _Stage:
         if lost_ns >= _TOLD_NS:
             what = f"lost since {self.lost_since[1]}, for {1e-9 * lost_ns:.0f} s of frames"
             advice = "move the camera back to where it was" if self.followed else "no frame has been followed yet"
-            self.node.state = f"{what}: {advice} ({self.last.reason})"
+            doubt = off_centre(camera)
+            self.node.state = f"{what}: {advice} ({self.last.reason})" + (f"; {doubt}" if doubt else "")
             if not known:
                 self.node.note("lost tracking", self.node.state)
+
+    def _tell_intrinsics(self, camera: Intrinsics) -> None:
+        """Say once that the intrinsics are hardly those of the images."""
+        if camera != self.camera and (text := off_centre(camera)):
+            self.node.note("intrinsics off centre", text)
+        self.camera = camera
 
     def _tell_depth(self) -> None:
         """Say when depth turns out to be of another scale than the given poses, and when that has changed as much."""
