@@ -336,7 +336,10 @@ class Proposals(Message):
 
 
 class Object3D(Record):
-    """One object's box. centre, size: (3,) m. rotation: (3, 3), columns = the box's axes. World frame."""
+    """One object's box. centre, size: (3,) m. rotation: (3, 3), columns = the box's axes. World frame.
+
+    views, by default: keyframes that see it; points: pixels of its segments, summed over these, not points of the map.
+    """
 
     id: Count
     confidence: NonNegative

@@ -7,6 +7,9 @@ from numpy.typing import NDArray
 
 from spot3d.depth_noise import KINECT_V1, DepthNoise
 
+_OFF_CENTRE = 0.2
+"""Depth cameras' principal points lie within a few hundredths of the image's sides of its middle."""
+
 
 @dataclass(frozen=True, slots=True)
 class Intrinsics:
@@ -50,6 +53,21 @@ class Intrinsics:
             width=-(-self.width // step),
             height=-(-self.height // step),
         )
+
+
+def off_centre(camera: Intrinsics) -> str:
+    """Why the intrinsics are hardly those of the image, for people; empty where they may be.
+
+    Taken at another size or crop they place the principal point far from the image's middle.
+    """
+    u, v = (camera.cx + 0.5) / camera.width, (camera.cy + 0.5) / camera.height
+    if max(abs(u - 0.5), abs(v - 0.5)) <= _OFF_CENTRE:
+        return ""
+    place = f"({camera.cx:g}, {camera.cy:g})"
+    return (
+        f"the principal point {place} is far from the middle of {camera.width}x{camera.height} pixels: are the "
+        "intrinsics those of images of this size?"
+    )
 
 
 def back_project(depth: NDArray[np.float32], camera: Intrinsics) -> NDArray[np.float32]:

@@ -100,6 +100,17 @@ def test_of_those_who_say_nothing_of_themselves_nothing_is_said() -> None:
     assert said(records, "fusion", 11.0) == "waits: has finished nothing for 3.0 s"
 
 
+def test_a_camera_program_that_stops_is_waited_for() -> None:
+    """It says nothing of itself; whether its frames come, their readers tell."""
+    records = working(8, silent=("source",))
+    for second in (9, 10, 11):
+        for stage in STAGES[1:]:
+            records.hear(health(stage, rate_hz=0.0, received=240), float(second))
+    assert said(records, "pose", 11.0) == "waits: waits: no frame for 3.0 s"
+    assert said(records, "source", 11.0) == "waits: is there, and has not said yet how it is"
+    assert "as a program of yours need not" in said(records, "source", 16.0)
+
+
 def test_at_the_end_of_a_recording_everybody_waits_for_frames() -> None:
     records = working(8)
     for second in (9, 10, 11):

@@ -1,8 +1,10 @@
 """After the warm-up, frames of a real scene find every kernel loaded."""
 
 import json
+import logging
 import subprocess
 import sys
+import threading
 
 import pytest
 
@@ -78,6 +80,29 @@ def test_a_core_that_fails_does_not_keep_its_stage_from_starting(caplog: pytest.
 
     warm_up("pose", fail)
     assert "ZeroDivisionError: of the core" in caplog.text
+
+
+def test_a_stage_that_compiles_for_long_says_so_meanwhile(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+):
+    """Else its log stays empty for minutes, and it looks as if it had not started."""
+    said = threading.Event()
+
+    class Ear(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            if "compiles its kernels" in record.getMessage():
+                said.set()
+
+    monkeypatch.setattr("spot3d.dataflow.warm_up._SLOW_S", 0.01)
+    log, ear = logging.getLogger("spot3d.fusion"), Ear()
+    caplog.set_level(logging.INFO, "spot3d.fusion")
+    log.addHandler(ear)
+    try:
+        heard: list[bool] = []
+        warm_up("fusion", lambda frames: heard.append(said.wait(20)))
+    finally:
+        log.removeHandler(ear)
+    assert heard == [True]
 
 
 FIRST_UPDATE = """

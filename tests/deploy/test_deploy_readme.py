@@ -18,14 +18,21 @@ from spot3d_schemas import (
     CameraIntrinsics,
     Frame,
     Header,
+    MapPoints,
+    Object3D,
     Objects,
+    Pose,
     Proposals,
     Segments,
+    Token,
     decode,
     encode,
     key,
+    process_key,
     refuse_encoding,
+    token_of,
 )
+from spot3d_schemas.limits import MAX_SEGMENTS
 
 ROOT = Path(__file__).parents[2]
 PAGES = {
@@ -83,10 +90,54 @@ def test_dashboard_prints_the_objects(router: zenoh.Session, endpoint: str) -> N
         map_limit_reached=False,
         complete=False,
     )
-    with running(program_with("fusion/objects"), endpoint) as process:
+    with running(program_with("centre {found.centre}"), endpoint) as process:
         wait_for_subscriber(router, "fusion/objects").put(encode(message))
         assert process.stdout is not None
         assert process.stdout.readline() == "0 objects after 12 frames\n"
+
+
+def test_a_robot_is_told_where_things_are_from_its_camera_and_their_points(
+    router: zenoh.Session, endpoint: str
+) -> None:
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    T_world_camera = np.eye(4)
+    T_world_camera[:3, :3], T_world_camera[:3, 3] = turn, (1.0, 0.0, 0.0)
+    pose = Pose(header=HEADER, T_world_camera=T_world_camera, status="ok", reason="", provider="test")
+    cup = Object3D(
+        id=7,
+        confidence=0.5,
+        views=9,
+        centre=np.array([1.0, 0.5, 2.0]),
+        size=np.array([0.4, 0.1, 0.1]),
+        rotation=turn,  # the long side lies along the world's y
+        points=5,
+        colour=(1, 2, 3),
+    )
+    fields = {"up": np.array([0.0, 0.0, 1.0]), "map_points": 3, "map_limit_reached": False, "complete": False}
+    objects = Objects(header=HEADER, objects=(cup,), frame_count=12, epoch="one", **fields)
+    xyz = np.array([[1.0, 0.5, 2.0], [1.0, 0.69, 2.0], [1.19, 0.5, 2.0]], np.float32)
+    points = MapPoints(
+        header=HEADER,
+        xyz=xyz,
+        rgb=np.zeros((3, 3), np.uint8),
+        heat=np.zeros(3, np.float32),
+        frequency=np.ones(3, np.uint32),
+        total=3,
+    )
+    where = key("robot", "fusion/map")
+    asked = router.declare_queryable(where, lambda query: query.reply(where, encode(points)))
+    with running(program_with("fusion/map"), endpoint) as process:
+        wait_for_subscriber(router, "pose/pose").put(encode(pose))
+        publisher = wait_for_subscriber(router, "fusion/objects")
+        publisher.put(encode(objects))
+        assert process.stdout is not None
+        assert process.stdout.readline() == "new: [7], gone: []\n"
+        assert process.stdout.readline() == "  7: at [0.5 0.  2. ] m from the camera, 2 points\n"
+        publisher.put(encode(Objects(header=HEADER, objects=(), frame_count=13, epoch="one", **fields)))
+        assert process.stdout.readline() == "new: [], gone: [7]\n"
+        publisher.put(encode(Objects(header=HEADER, objects=(cup,), frame_count=1, epoch="two", **fields)))
+        assert process.stdout.readline() == "new: [7], gone: []\n"
+    asked.undeclare()
 
 
 def frame_of(colour: np.ndarray) -> Frame:
@@ -130,14 +181,31 @@ def test_own_segmenter_labels_a_frame(router: zenoh.Session, endpoint: str) -> N
     assert (first.keyframe, first.heat.tolist(), first.stands_on.tolist()) == (True, [1.0], [-1])
 
 
+def test_a_segmenter_that_finds_more_than_a_message_holds_goes_on(router: zenoh.Session, endpoint: str) -> None:
+    found = "(colour.min(axis=2) > 200)[None], np.ones(1, np.float32)"
+    program = program_with("segments/segments")
+    assert found in program
+    program = program.replace(found, "np.ones((300, *colour.shape[:2]), bool), np.ones(300, np.float32)")
+    arrived: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    router.declare_subscriber(key("robot", "segments/segments"), lambda sample: arrived.put(sample.payload.to_bytes()))
+    with running(program, endpoint):
+        wait_for_subscriber(router, "source/frame").put(encode(frame_of(np.zeros((4, 6, 3), np.uint8))))
+        answer = decode(arrived.get(timeout=20), Segments)
+    assert len(answer.heat) == MAX_SEGMENTS
+    assert answer.labels.max() == MAX_SEGMENTS
+
+
 def test_own_camera_publishes_frames(router: zenoh.Session, endpoint: str) -> None:
     arrived: queue.SimpleQueue[zenoh.Sample] = queue.SimpleQueue()
     subscriber = router.declare_subscriber(key("robot", "source/frame"), arrived.put)
     with running(program_with("def capture"), endpoint):
         samples = [arrived.get(timeout=20) for _ in range(2)]
+        answers = router.liveliness().get(process_key("robot", "source", "*"), timeout=20)
+        processes = [token_of(str(answer.ok.key_expr)) for answer in answers if answer.ok is not None]
     subscriber.undeclare()
     first, second = (decode(sample.payload.to_bytes(), Frame) for sample in samples)
     refuse_encoding(str(samples[0].encoding), Frame)
+    assert processes == [Token("robot", "source", first.header.sender)], "who follows it is heard at once"
     assert second.header.seq == first.header.seq + 1
     assert second.header.stamp_ns > first.header.stamp_ns
     assert first.depth_noise is not None

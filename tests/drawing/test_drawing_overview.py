@@ -126,3 +126,18 @@ def test_a_text_that_no_font_has_is_drawn_as_far_as_it_can_be() -> None:
     picture = np.zeros((40, 200, 3), np.uint8)
     draw_text(picture, "caf\udce9 \u65e5", (5, 30))
     assert picture.any()
+
+
+def test_the_list_calls_views_what_objects_json_calls_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are keyframes: a run of 300 frames has some thirty."""
+    texts: list[str] = []
+
+    def noted(picture: np.ndarray, text: str, *arguments: object, **named: object) -> None:
+        texts.append(text)
+
+    monkeypatch.setattr("spot3d.drawing.overview.draw_text", noted)
+    xyz, rgb = np.zeros((1, 3), np.float32), np.zeros((1, 3), np.uint8)
+    objects = [FoundObject(1, cube(0.0), 0.5, 28, 345)]
+    draw_overview("kitchen", [], objects, xyz, rgb, np.zeros((0, 3)), UP)
+    assert "views" in texts
+    assert "frames" not in texts

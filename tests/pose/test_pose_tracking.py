@@ -302,6 +302,16 @@ def test_nothing_to_see_before_the_first_pose() -> None:
     np.testing.assert_allclose(estimate.T_world_camera, pose_at(0), atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("factor", "said"), [(0.0, "the depth image is empty"), (1000.0, "is its unit (depth_scale) right")]
+)
+def test_depth_in_another_unit_is_told_as_such(factor: float, said: str) -> None:
+    depth = np.float32(factor) * frame(0)
+    estimate = make_tracker(PoseSettings()).track(1, depth, CAMERA, None)
+    assert estimate.status == "lost"
+    assert said in estimate.reason
+
+
 def test_stamps_must_follow_each_other() -> None:
     tracker = started("kiss", 2)
     assert "does not follow" in tracker.track(1, frame(2), CAMERA, None).reason

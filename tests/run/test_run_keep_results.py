@@ -140,6 +140,16 @@ def test_a_stream_is_told_complete_when_all_of_it_is_written(tmp_path: Path, mon
     assert json.loads((folder.path / "stream.json").read_text())["complete"] is True
 
 
+def test_why_poses_are_lost_is_kept(tmp_path: Path) -> None:
+    """A camera program's mistake, as depth in another unit, shows nowhere else once its stages have ended."""
+    folder = StreamFolder(tmp_path, ROBOT, "first", 1e9)
+    folder.pose(1, None, "the depth image is empty")
+    folder.write()
+    folder.close()
+    told = json.loads((folder.path / "stream.json").read_text())
+    assert (told["lost_poses"], told["lost_because"]) == (1, "the depth image is empty")
+
+
 def test_only_folders_of_streams_are_deleted(tmp_path: Path) -> None:
     (tmp_path / "of-somebody").mkdir()
     folders = [StreamFolder(tmp_path, ROBOT, f"stream{number}", 1e9 + number) for number in range(3)]

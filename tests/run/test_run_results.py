@@ -145,6 +145,22 @@ def test_stretches_of_lost_tracking_are_told():
     assert not tracking.stretches()[-1].to_the_end
 
 
+def test_why_tracking_was_lost_is_told_and_reported():
+    tracking = LostTracking()
+    for index in range(40):
+        tracking.add(index, index >= 10, "a jump of 2 m" if index < 12 else "the depth image is empty")
+    assert told(tracking.stretches()).endswith("(the depth image is empty)")
+    report = RunReport("desk", "processes", 40, (640, 480), lost=tracking.stretches())
+    assert [item["reason"] for item in report_document(report)["frames"]["lost"]] == ["the depth image is empty"]
+
+
+def test_who_was_never_followed_had_nowhere_to_move_back_to():
+    tracking = LostTracking()
+    for index in range(40):
+        tracking.add(index, True, "the depth image is empty")
+    assert told(tracking.stretches()) == "none of the 40 frames could be followed (the depth image is empty)"
+
+
 def test_of_very_many_stretches_the_longest_are_kept():
     tracking = LostTracking()
     for index in range(3000):

@@ -55,3 +55,15 @@ def test_a_bridge_has_a_row() -> None:
     Console(file=text, width=80).print(status_table("robot", alive, {BRIDGE: cut}))
     assert "bridge dropped: 4 late" in text.getvalue()
     assert "bridge: nothing crosses" in text.getvalue()
+
+
+@pytest.mark.parametrize(("rates", "told"), [((0.0, 0.0), True), ((0.0, 10.0), False), ((None, 0.0), False)])
+def test_that_no_frame_comes_is_told(rates: tuple[float | None, float | None], told: bool) -> None:
+    """A camera program of one's own says nothing of itself when it stops sending."""
+    text = io.StringIO()
+    known = {
+        stage: health(stage, {}, 1.0).model_copy(update={"rate_hz": rate})
+        for stage, rate in zip(("pose", "proposals"), rates, strict=True)
+    }
+    Console(file=text, width=80).print(status_table("robot", dict.fromkeys(STAGES, 1), known))
+    assert ("no frame has come to pose, proposals in the last second" in text.getvalue()) == told

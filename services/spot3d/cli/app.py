@@ -272,8 +272,9 @@ def _conclude(done: "Finished", settings: Settings) -> None:
     report = done.report
     dropped = sum(report.skipped.values())
     reasons = ", ".join(f"{count} {reason}" for reason, count in report.skipped.items() if count)
+    found = f"{report.objects} object{'s' * (report.objects != 1)}"
     typer.echo(
-        f"{report.objects} objects from {report.fused} of {report.played} frames in {report.wall_s:.1f} s"
+        f"{found} from {report.fused} of {report.played} frames in {report.wall_s:.1f} s"
         f" ({f'not fused: {reasons}' if dropped else 'none dropped'}); results in {done.folder}"
     )
     few = why_so_few(done.result, report.keyframes, settings)

@@ -60,6 +60,7 @@ class StageRecords:
         self._heard: dict[str, deque[_Heard]] = {stage: deque(maxlen=16) for stage in HEARD}
         self._busy_s: dict[str, float] = {}
         self._gone_s: dict[str, float] = {}
+        self._there_s: dict[str, float] = {}
 
     def hear(self, health: Health, now_s: float) -> None:
         """A stage has said how it is. Who is no stage of ours is not listened to."""
@@ -89,6 +90,7 @@ class StageRecords:
         objects are there, so that who is gone has done its work. To be called every second.
         """
         self._gone_s = {stage: self._gone_s.get(stage, now_s) for stage in HEARD if stage not in alive}
+        self._there_s = {stage: self._there_s.get(stage, now_s) for stage in HEARD if stage in alive}
         bridged = BRIDGE in alive or self._heard[BRIDGE]
         return [self._word(stage, alive, now_s, lost, complete) for stage in (HEARD if bridged else STAGES)]
 
@@ -100,6 +102,8 @@ class StageRecords:
                 return Word(stage, "ended", "has ended")
             return Word(stage, "bad", self._absent(stage, silent_s))
         if not records:
+            if now_s - self._there_s[stage] > SILENT_S:
+                return Word(stage, "waits", "is there, and does not say how it is, as a program of yours need not")
             return Word(stage, "waits", "is there, and has not said yet how it is")
         if silent_s > SILENT_S:
             return Word(stage, "bad", f"has said nothing for {silent_s:.0f} s: it hangs, or the link to it is cut")
@@ -160,8 +164,16 @@ class StageRecords:
         if stage in _CHOOSES:
             return None
         if not all(map(self.latest, _INPUTS[stage])):
-            return Word(stage, "waits", f"has finished nothing for {idle_s:.1f} s")
+            # Of two who give something, it may be either that gives nothing.
+            sole = _GIVES[_INPUTS[stage][0]] if len(_INPUTS[stage]) == 1 else ""
+            nothing = f"waits: no {sole}" if sole and self._gets_nothing(stage) else "has finished nothing"
+            return Word(stage, "waits", f"{nothing} for {idle_s:.1f} s")
         return Word(stage, "bad", f"has its input, and has finished nothing for {idle_s:.1f} s")
+
+    def _gets_nothing(self, stage: str) -> bool:
+        """Whether no message came to a stage between the last two times that it said how it is."""
+        last = [item.health.received for item in self._heard[stage]][-2:]
+        return len(last) == 2 and last[0] == last[1]
 
     def _idle_s(self, stage: str, now_s: float) -> float:
         """For how long a stage has done nothing; 0 of one that never said how it is."""

@@ -8,11 +8,13 @@ from spot3d.dataflow.order import StreamOrder, Verdict
 from spot3d.dataflow.producers import Producers
 from spot3d.dataflow.rate_limited_log import RateLimitedLog
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.stamp_pace import StampPace
 from spot3d_schemas import Header
 
 PER_FRAME = frozenset(("source/frame", "pose/pose", "proposals/boxes", "heatmap/heat", "segments/segments"))
 """Topics with one message a capture, whose stamps therefore ascend."""
 SECOND = "of a second producer"
+_CAPTURES = "source/frame"
 
 
 class Admission:
@@ -23,6 +25,7 @@ class Admission:
     ) -> None:
         live = link.delivery == "live"
         self._orders = {topic: StreamOrder(confirm=live) for topic in inputs if topic in PER_FRAME}
+        self._pace = StampPace() if live else None
         self._producers = Producers(alive)
         self._counters, self._limited_log = counters, limited_log
 
@@ -33,6 +36,8 @@ class Admission:
             text = f"{topic}: somebody else says it as well (process {header.sender}); is refused"
             self._limited_log.say(f"{topic} {SECOND}", text, now_s)
             return Verdict(refused=SECOND)
+        if self._pace is not None and topic == _CAPTURES:
+            self._pace.heard(header, now_s)
         order = self._orders.get(topic)
         if order is None:
             return Verdict()
@@ -45,6 +50,10 @@ class Admission:
         if arrival.refused:
             self._counters.drop(f"{topic} {arrival.refused}")
         return arrival
+
+    def stamps(self, now_s: float) -> str:
+        """What is wrong with the stamps of a camera's frames, in words; empty where nothing is."""
+        return "" if self._pace is None else self._pace.told(now_s)
 
     def contested(self, now_s: float) -> list[str]:
         """The topics that somebody else has said as well, of late."""

@@ -307,9 +307,10 @@ class Node:
             wrong.append(f"{count} processes of {self.stage} are running for {self.link.robot}: end all but one")
         now_s = time.monotonic()
         wrong += [f"{topic} is said by more than one process" for topic in self._admission.contested(now_s)]
-        if clocks := self._clocks.told(now_s):
-            self._limited_log.say("clocks", clocks, now_s)
-            wrong.append(clocks)
+        for about_what, text in (("stamps", self._admission.stamps(now_s)), ("clocks", self._clocks.told(now_s))):
+            if text:
+                self._limited_log.say(about_what, text, now_s)
+                wrong.append(text)
         return "; ".join(wrong)
 
     def _leave(self) -> None:

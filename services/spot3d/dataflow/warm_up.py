@@ -1,6 +1,7 @@
 """Kernels are loaded, or compiled where they are not cached, before a stage goes on line: no frame waits for them."""
 
 import logging
+import threading
 import time
 from collections.abc import Callable, Sequence
 
@@ -19,10 +20,17 @@ def warm_up(stage: str, work: Callable[[Sequence[RgbdFrame]], object]) -> None:
     """Let a stage's core work on a few small frames: a box in a corner. What fails is logged when real frames come."""
     log = logging.getLogger(f"spot3d.{stage}")
     start_s = time.monotonic()
+    word = threading.Timer(
+        _SLOW_S, log.info, ("compiles its kernels, before it goes on line: up to some minutes, once",)
+    )
+    word.daemon = True
+    word.start()
     try:
         work([_frame(index) for index in range(_FRAMES)])
     except Exception as error:
         log.warning("the kernels are not warm: %s: %s", type(error).__name__, error)
+    finally:
+        word.cancel()
     took_s = time.monotonic() - start_s
     if took_s > _SLOW_S:
         log.info("compiled the kernels in %.0f s; they are kept for the next start", took_s)

@@ -70,7 +70,7 @@ def best_views(
 def _draw_list(picture: Picture, objects: Sequence[FoundObject], left: int, top: int) -> None:
     """One line an object: colour, id, size, how sure; as many as there is room for."""
     columns = (0, 70, 270, 375)
-    for column, text in zip(columns, ("id", "size, cm", "frames", "confidence"), strict=True):
+    for column, text in zip(columns, ("id", "size, cm", "views", "confidence"), strict=True):
         draw_text(picture, text, (left + column, top + 28), GREY, 0.5)
     room = (_TOP_SIZE[1] - 60) // 30
     shown = objects if len(objects) <= room else objects[: room - 1]

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from spot3d.camera import Intrinsics, off_centre
 from spot3d.dataflow.conversion import corrections_message, rgbd_frame
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.serving import On, serve
@@ -89,6 +90,8 @@ class _Stage:
         self.epoch = new_stream() if isinstance(self.tracker, MapTracker) else self.node.stream
         self.last = PoseEstimate(np.eye(4), "lost")
         self.lost_since: tuple[int, str] | None = None
+        self.followed = False
+        self.camera: Intrinsics | None = None
         self.told_factor, self.told_delay_s, self.told_looks = 1.0, 0.0, np.zeros(5)
         self.node.state = ""
 
@@ -96,10 +99,11 @@ class _Stage:
         if given.begins or given.recording != self.recording:
             self.recording = given.recording
             self._begin()
-            self._resume()
+            self._resume(given.message.header.stamp_ns)
         frame = rgbd_frame(given.message)
+        self._tell_intrinsics(frame.intrinsics)
         self.last = self._track(frame)
-        self._tell_if_lost(frame.stamp_ns)
+        self._tell_if_lost(frame.stamp_ns, frame.intrinsics)
         self._tell_depth()
         self._tell_delay()
         self._tell_orientation()
@@ -124,8 +128,8 @@ class _Stage:
         if self.last.status == "ok" and self.snapshots.due(time.monotonic()):
             self._keep()
 
-    def _resume(self) -> None:
-        """Go on in the world where this stream was followed before, if a snapshot has it."""
+    def _resume(self, stamp_ns: int) -> None:
+        """Go on in the world where this stream was followed before, if a snapshot has it from before this stamp."""
         stream, path = self.node.stream, self.snapshots.path
         if stream is None or self.node.link.snapshot_interval_s == 0 or not isinstance(self.tracker, MapTracker):
             return
@@ -134,9 +138,12 @@ class _Stage:
         except (SnapshotError, OSError) as error:
             log.warning("begins another world: %s", error)
             return
-        if kept is not None:
+        if kept is not None and kept[0].stamp_ns >= stamp_ns:
+            log.warning("begins another world: stamps have gone back since %s was written", path)
+        elif kept is not None:
             state, self.epoch = kept
             self.tracker.resume(state)
+            self.followed = True
             log.info("looks for itself in the world of %s, of %d surfels", path, len(state.keys))
 
     def _track(self, frame: RgbdFrame) -> PoseEstimate:
@@ -155,22 +162,30 @@ class _Stage:
             self.node.counters.event(_RESTARTED)
         return estimate
 
-    def _tell_if_lost(self, stamp_ns: int) -> None:
+    def _tell_if_lost(self, stamp_ns: int, camera: Intrinsics) -> None:
         """Say since when tracking is lost, and what to do about it, in the log and the state."""
         known = bool(self.node.state)
         if self.last.status == "ok":
             if self.lost_since is not None and known:
                 log.info("found again after %.1f s", 1e-9 * (stamp_ns - self.lost_since[0]))
-            self.lost_since, self.node.state = None, ""
+            self.lost_since, self.node.state, self.followed = None, "", True
             return
         if self.lost_since is None:
             self.lost_since = (stamp_ns, time.strftime("%H:%M:%S"))
         lost_ns = stamp_ns - self.lost_since[0]
         if lost_ns >= _TOLD_NS:
             what = f"lost since {self.lost_since[1]}, for {1e-9 * lost_ns:.0f} s of frames"
-            self.node.state = f"{what}: move the camera back to where it was ({self.last.reason})"
+            advice = "move the camera back to where it was" if self.followed else "no frame has been followed yet"
+            doubt = off_centre(camera)
+            self.node.state = f"{what}: {advice} ({self.last.reason})" + (f"; {doubt}" if doubt else "")
             if not known:
                 self.node.note("lost tracking", self.node.state)
+
+    def _tell_intrinsics(self, camera: Intrinsics) -> None:
+        """Say once that the intrinsics are hardly those of the images."""
+        if camera != self.camera and (text := off_centre(camera)):
+            self.node.note("intrinsics off centre", text)
+        self.camera = camera
 
     def _tell_depth(self) -> None:
         """Say when depth turns out to be of another scale than the given poses, and when that has changed as much."""

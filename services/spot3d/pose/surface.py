@@ -53,6 +53,21 @@ def sample_surface(depth_m: NDArray[np.float32], camera: Intrinsics, settings: P
     return Surface(points[:count], normals[:count], sigma[:count])
 
 
+def why_few(depth_m: NDArray[np.float32], found: int, settings: PoseSettings) -> str:
+    """Why a depth image, (h, w) float32 metres, has so few surface points: no depth, none within reach, or no surface.
+
+    A unit that was mistaken, millimetres for metres, puts all depth out of reach.
+    """
+    valid = depth_m[depth_m > 0]
+    if not valid.size:
+        return "the depth image is empty"
+    middle = float(np.median(valid))
+    if middle >= settings.range_max:
+        reach = f"only what is nearer than {settings.range_max:g} m is used"
+        return f"depth is {middle:.3g} m in the median, and {reach}: is its unit (depth_scale) right?"
+    return f"too few points: {found} on smooth surfaces, {settings.points_min} are needed"
+
+
 def information(surface: Surface) -> NDArray[np.float64]:
     """Information (6, 6) on the pose that a point-to-plane registration of these points has, 1/m2 and 1/rad2.
 

@@ -17,7 +17,7 @@ from spot3d.pose.motion import checked_pose, extrapolated
 from spot3d.pose.registration import Registrar, Registration
 from spot3d.pose.relocalisation import relocalised
 from spot3d.pose.settings import PoseSettings
-from spot3d.pose.surface import Surface, information, sample_surface, weakest_direction
+from spot3d.pose.surface import Surface, information, sample_surface, weakest_direction, why_few
 from spot3d.trajectory import rotation_angle, rotation_from_vector
 
 # Turns of the camera, in degrees about its x and y axes, that a frame is searched for by, from the last good pose.
@@ -174,9 +174,7 @@ class MapTracker:
         surface = sample_surface(depth_m, intrinsics, self._settings)
         last = self._last
         if len(surface) < self._settings.points_min:
-            return self._lose(
-                f"too few points: {len(surface)} on smooth surfaces, {self._settings.points_min} are needed"
-            )
+            return self._lose(why_few(depth_m, len(surface), self._settings))
         held = information(surface)
         if weakest_direction(held) > self._settings.weakness_max * float(np.median(surface.sigma)):
             return self._lose("the view does not hold the pose in every direction")

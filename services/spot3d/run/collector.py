@@ -223,7 +223,7 @@ class Collector:
         if self.poses and stamp <= self.poses[-1].stamp_ns:
             return
         self.poses.append(TrackedFrame(stamp, pose.T_world_camera, lost, pose.delay_s, calibration_of(pose)))
-        self.lost.add(stamp, lost)
+        self.lost.add(stamp, lost, pose.reason)
         if not lost:
             self._trajectory.add_pose(stamp, pose.T_world_camera)
 

@@ -36,7 +36,7 @@ def run_in_process(
     def follow(step: PipelineStep) -> None:
         nonlocal fused, found
         is_lost = step.pose.status == "lost"
-        lost.add(step.frame.stamp_ns, is_lost)
+        lost.add(step.frame.stamp_ns, is_lost, step.pose.reason)
         fused += not step.refused
         if not is_lost:
             trajectory.add_pose(step.frame.stamp_ns, step.pose.T_world_camera)

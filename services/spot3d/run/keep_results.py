@@ -112,7 +112,7 @@ class _Keeper:
             return
         if isinstance(message, Pose):
             pose = None if message.status == "lost" else message.T_world_camera
-            folder.pose(message.header.stamp_ns, pose)
+            folder.pose(message.header.stamp_ns, pose, message.reason)
             self._seen.pose(message.header.stamp_ns, pose)
         elif isinstance(message, Progress):
             folder.progress = message

@@ -11,12 +11,17 @@ _TOLD = 10
 
 @dataclass(slots=True)
 class Stretch:
-    """Frames in a row whose pose is lost: stamps of the first and the last, how many, and whether it is the end."""
+    """Frames in a row whose pose is lost: stamps of the first and the last, how many, and whether it is the end.
+
+    reason: why the last of them is. from_the_start: no frame was followed before.
+    """
 
     from_ns: int
     to_ns: int
     frames: int
     to_the_end: bool = False
+    reason: str = ""
+    from_the_start: bool = False
 
 
 class LostTracking:
@@ -24,23 +29,25 @@ class LostTracking:
 
     def __init__(self) -> None:
         self.frames = 0
+        self._followed = False
         self._stretches: list[Stretch] = []
 
-    def add(self, stamp_ns: int, lost: bool) -> None:
-        """The next frame."""
+    def add(self, stamp_ns: int, lost: bool, reason: str = "") -> None:
+        """The next frame; reason: why it is lost."""
         found = self._stretches
         goes_on = bool(found) and found[-1].to_the_end
         if not lost:
+            self._followed = True
             if goes_on:
                 found[-1].to_the_end = False
             return
         self.frames += 1
         if goes_on:
-            found[-1].to_ns, found[-1].frames = stamp_ns, found[-1].frames + 1
+            found[-1].to_ns, found[-1].frames, found[-1].reason = stamp_ns, found[-1].frames + 1, reason
             return
         if len(found) >= 2 * _MOST:
             self._stretches = found = self.stretches()
-        found.append(Stretch(stamp_ns, stamp_ns, 1, True))
+        found.append(Stretch(stamp_ns, stamp_ns, 1, True, reason, not self._followed))
 
     def stretches(self) -> list[Stretch]:
         """The stretches in the order of their stamps, at most the hundred longest."""
@@ -55,6 +62,9 @@ def told(found: Sequence[Stretch]) -> str:
         return ""
     count, last = sum(stretch.frames for stretch in long), long[-1]
     text = f"tracking was lost in {count} frames" + (f", in {len(long)} stretches" if len(long) > 1 else "")
-    if last.to_the_end:
+    if last.to_the_end and last.from_the_start:
+        text = f"none of the {count} frames could be followed"
+    elif last.to_the_end:
         text += f", the last {last.frames} of them to the end: the camera had to move back to where it was"
-    return text
+    longest = max(long, key=lambda stretch: stretch.frames)
+    return f"{text} ({longest.reason})" if longest.reason else text

@@ -16,6 +16,7 @@ from spot3d.run.camera_frames import CameraFrames
 from spot3d.run.display import progress_bar
 from spot3d.run.distributed import Plan, run_distributed
 from spot3d.run.earlier_streams import forget_streams
+from spot3d.run.input_doubts import input_doubts
 from spot3d.run.overview_file import View, write_overview
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import RESULTS, RunResult, write_json, write_results
@@ -107,6 +108,10 @@ def _run(
     played = len(sequence) if camera is None else selection.frames or 0
     report = RunReport(selection.name, mode, played, size, asdict(selection))
     _begin(folder, report)
+    if camera is None:
+        for doubt in input_doubts(sequence, settings.pose.provider != "given" and pose_topic is None):
+            report.events.append(doubt)
+            console.print(doubt, style="yellow", markup=False, highlight=False, soft_wrap=True)
     start_s = time.perf_counter()
     with (
         stop_on_signals(None) as stop,

@@ -27,6 +27,8 @@ _CONNECT_S = 3.0
 _LISTEN_S = 2.5
 """One shot: each stage says how it is once a second."""
 _REFRESH_S = 0.5
+_READERS = ("pose", "proposals", "heatmap")
+"""Stages that work on the frames themselves."""
 _STYLES = {"good": "green", "waits": "yellow", "bad": "red", "ended": "dim"}
 
 M = TypeVar("M", bound=Message)
@@ -127,6 +129,10 @@ def status_table(
             details.append(Text(printable(f"{stage} dropped: {reasons}"), style="yellow"))
         if item.errors:
             details.append(Text(printable(f"{stage}: {item.last_error}"), style="red"))
+    readers = [health[stage] for stage in _READERS if stage in health]
+    if readers and all(item.rate_hz == 0 for item in readers):
+        text = f"no frame has come to {', '.join(item.stage for item in readers)} in the last second"
+        details.append(Text(printable(text), style="yellow"))
     if objects is not None:
         left_out = ", ".join(f"{count} {reason}" for reason, count in objects.left_out.items())
         text = f"objects: {len(objects.objects)}" + (f"; left out: {left_out}" if left_out else "")

@@ -38,15 +38,15 @@ class StreamFolder:
         self._poses = TrajectoryFile(self.path / TRAJECTORY)
         self._timeline = Timeline(self.path / TIMELINE)
         self._places: list[NDArray[np.float64]] = []
-        self._place_step, self._tracked, self._lost = 1, 0, 0
+        self._place_step, self._tracked, self._lost, self._lost_because = 1, 0, 0, ""
         self.result = RunResult()
         self.progress: Progress | None = None
         self.complete = False
 
-    def pose(self, stamp_ns: int, T_world_camera: NDArray[np.float64] | None) -> None:
-        """The camera's pose, (4, 4), of a frame; None: it is lost."""
+    def pose(self, stamp_ns: int, T_world_camera: NDArray[np.float64] | None, reason: str = "") -> None:
+        """The camera's pose, (4, 4), of a frame; None: it is lost, and `reason` says why."""
         if T_world_camera is None:
-            self._lost += 1
+            self._lost, self._lost_because = self._lost + 1, reason
             return
         self._poses.add_pose(stamp_ns, T_world_camera)
         if self._tracked % self._place_step == 0:
@@ -72,6 +72,7 @@ class StreamFolder:
             "fused": 0 if progress is None else progress.fused,
             "skipped": {} if progress is None else dict(progress.skipped),
             "lost_poses": self._lost,
+            "lost_because": self._lost_because or None,
             "objects": len(self.result.objects),
             "left_out": self.result.left_out,
             "events": told,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spot3d.camera import Intrinsics
+from spot3d.camera import Intrinsics, off_centre
 from spot3d.source.errors import SourceError
 from spot3d.source.text_files import read_matrix, read_text
 
@@ -24,8 +24,6 @@ TUM_PUBLISHED: dict[str, FocalAndCentre] = {
 _FOCAL_LEAST, _FOCAL_MOST = 0.05, 50.0
 """Focal lengths per image width: a view of 169 and of 1 degrees."""
 _SKEW_MOST_PX = 0.5
-_OFF_CENTRE = 0.2
-"""No lens has its principal point this part of the image off the middle; that of half or twice the size has."""
 HINT = "give them as --intrinsics fx,fy,cx,cy (pixels)"
 
 
@@ -89,10 +87,6 @@ def intrinsics_for(values: FocalAndCentre, shape: tuple[int, int], where: str) -
             f"{where}: the principal point ({cx:g}, {cy:g}) is outside of the {width}x{height} image; "
             "are these the intrinsics of another image size?"
         )
-    if max(abs(cx / width - 0.5), abs(cy / height - 0.5)) > _OFF_CENTRE:
-        log.warning(
-            "%s: the principal point (%g, %g) is far from the middle of the %dx%d image; are these the intrinsics of "
-            "another image size? All that is found would be bent",
-            *(where, cx, cy, width, height),
-        )
+    if doubt := off_centre(intrinsics):
+        log.warning("%s: %s All that is found would be bent.", where, doubt)
     return intrinsics

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
 from spot3d.frame import RgbdFrame
-from spot3d.source.calibration import ColourCamera
+from spot3d.source.calibration import SEVEN_SCENES_COLOUR, ColourCamera
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import halve
 from spot3d.source.images import read_colour, read_depth
@@ -91,6 +91,11 @@ class Recording:
     def true_pose(self, index: int) -> NDArray[np.float64] | None:
         """T_world_camera (4, 4) float64 of a frame, without reading its images."""
         return self.frames[index].T_world_camera
+
+    @property
+    def colour_by_default(self) -> bool:
+        """Whether colour is registered by 7-Scenes' calibration because the folder states none."""
+        return self._colour_camera is SEVEN_SCENES_COLOUR
 
     @cached_property
     def registration(self) -> "ColourRegistration | None":

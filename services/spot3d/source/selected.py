@@ -110,41 +110,41 @@ class Selected:
     """Some frames of another sequence, with `noise` of their depth where that is stated."""
 
     def __init__(self, all_frames: FrameSequence, indices: range, noise: DepthNoise | None = None) -> None:
-        self._all = all_frames
+        self.all_frames = all_frames
         self._indices = indices
         self._noise = noise
 
     @property
     def intrinsics(self) -> Intrinsics:
         """Intrinsics of all frames."""
-        camera = self._all.intrinsics
+        camera = self.all_frames.intrinsics
         return camera if self._noise is None else replace(camera, noise=self._noise)
 
     @property
     def stamps_ns(self) -> list[int]:
         """Capture times in integer nanoseconds."""
-        stamps = self._all.stamps_ns
+        stamps = self.all_frames.stamps_ns
         return [stamps[index] for index in self._indices]
 
     @property
     def rate_hz(self) -> float:
         """Rate of the frames that are left, frames per second."""
-        return self._all.rate_hz / self._indices.step
+        return self.all_frames.rate_hz / self._indices.step
 
     @property
     def has_true_poses(self) -> bool:
         """Whether any frame comes with a true pose."""
-        return self._all.has_true_poses
+        return self.all_frames.has_true_poses
 
     def true_pose(self, index: int) -> NDArray[np.float64] | None:
         """T_world_camera (4, 4) float64 of a frame, or None."""
-        return self._all.true_pose(self._indices[index])
+        return self.all_frames.true_pose(self._indices[index])
 
     def __len__(self) -> int:
         return len(self._indices)
 
     def __getitem__(self, index: int) -> RgbdFrame:
-        frame = self._all[self._indices[index]]
+        frame = self.all_frames[self._indices[index]]
         if self._noise is None:
             return frame
         return replace(frame, intrinsics=replace(frame.intrinsics, noise=self._noise))

@@ -1,0 +1,48 @@
+"""Whether the stamps of a camera's frames go as fast as time does: else they are in another unit, or of no clock."""
+
+import threading
+from collections import deque
+
+from spot3d.dataflow.order import RESTART_NS
+from spot3d_schemas import Header
+
+_JUDGED, _ENOUGH = 100, 20
+"""Frames that are looked at, and how many there must be."""
+_SPAN_S = 2.0
+"""Frames of a shorter time say little: those that have waited come at once."""
+_SLOW = 200.0
+"""Microseconds that are taken for nanoseconds go a thousand times slower; no recording is played as slowly."""
+_RECENT_S = 10.0
+"""Frames that have stopped coming for so long are not spoken of."""
+
+
+class StampPace:
+    """The stamps of the latest captures beside the times when they came, monotonic seconds; any thread may ask."""
+
+    def __init__(self) -> None:
+        self._heard: deque[tuple[float, int]] = deque(maxlen=_JUDGED)
+        self._stream: str | None = None
+        self._lock = threading.Lock()
+
+    def heard(self, header: Header, now_s: float) -> None:
+        """A frame has come, whether or not it is refused."""
+        with self._lock:
+            back = bool(self._heard) and header.stamp_ns <= self._heard[-1][1] - RESTART_NS
+            if header.stream != self._stream or back:
+                self._heard.clear()
+            self._stream = header.stream
+            self._heard.append((now_s, header.stamp_ns))
+
+    def told(self, now_s: float) -> str:
+        """What is wrong with the stamps and what to do, in words; empty where nothing is, or too few have come."""
+        with self._lock:
+            if len(self._heard) < _ENOUGH or now_s - self._heard[-1][0] > _RECENT_S:
+                return ""
+            (first_s, first_ns), (last_s, last_ns) = self._heard[0], self._heard[-1]
+        span_s, stamped_s = last_s - first_s, 1e-9 * (last_ns - first_ns)
+        if span_s < _SPAN_S or _SLOW * stamped_s > span_s:
+            return ""
+        if stamped_s <= 0:
+            return "the stamps of frames stand still: stamp_ns is the time of capture, another one for each frame"
+        slower = f"about {float(f'{span_s / stamped_s:.1g}'):,.0f} times more slowly than time"
+        return f"the stamps of frames go {slower}: stamp_ns is in nanoseconds (a microsecond is 1000 of them)"
