@@ -80,8 +80,10 @@ def rotation_from_vector(vector: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def nearest_rotation(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The rotation nearest to a (3, 3) matrix that is almost one: rounding must not add up."""
+    """The rotation nearest to a (3, 3) matrix by least squares (Umeyama 1991), such as to a mean of rotations."""
     u, _, vt = np.linalg.svd(matrix)
+    if np.linalg.det(u @ vt) < 0:
+        u[:, 2] *= -1  # the nearest orthogonal matrix is a reflection
     return np.asarray(u @ vt)
 
 
@@ -148,10 +150,8 @@ def align(true: NDArray[np.float64], estimated: NDArray[np.float64]) -> NDArray[
     true, estimated: (n, 4, 4) poses. Umeyama 1991; least squares over the positions.
     """
     p, q = true[:, :3, 3], estimated[:, :3, 3]
-    u, _, vt = np.linalg.svd((p - p.mean(0)).T @ (q - q.mean(0)))
-    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
     transform = np.eye(4)
-    transform[:3, :3] = u @ flip @ vt
+    transform[:3, :3] = nearest_rotation((p - p.mean(0)).T @ (q - q.mean(0)))
     transform[:3, 3] = p.mean(0) - transform[:3, :3] @ q.mean(0)
     return transform
 

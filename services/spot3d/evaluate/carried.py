@@ -15,6 +15,7 @@ from spot3d.evaluate.projection import NEAR, box_surface
 from spot3d.evaluate.truth import LabelledScene
 from spot3d.pose.motion import moved as corrected
 from spot3d.pose_corrections import PoseCorrections
+from spot3d.trajectory import nearest_rotation
 
 _POINTS = 300
 """So many points of an object tell whether a frame sees it."""
@@ -139,9 +140,8 @@ def _median(transforms: NDArray[np.float64], centre: NDArray[np.float64]) -> NDA
     About the object's own centre: about the world's origin, a turn and a shift that belong together would come
     from different frames.
     """
-    u, _, vt = np.linalg.svd(np.median(transforms[:, :3, :3], axis=0))
     T = np.eye(4)
-    T[:3, :3] = u @ np.diag((1.0, 1.0, np.linalg.det(u @ vt))) @ vt
+    T[:3, :3] = nearest_rotation(np.median(transforms[:, :3, :3], axis=0))
     placed = np.median(transforms[:, :3, :3] @ centre + transforms[:, :3, 3], axis=0)
     T[:3, 3] = placed - T[:3, :3] @ centre
     return T
