@@ -48,7 +48,7 @@ def proposals_table(datasets: list[DataSet], settings: Settings) -> Table:
             depth, camera = item.frame.depth_metres(), item.frame.intrinsics
             peer.add(item, peer_in_frame(depth, camera))
             for number in NUMBERS:
-                boxes, heat = proposals_and_heat(item.frame, with_proposals(settings, max_boxes=number))
+                boxes, heat = proposals_and_heat(item.frame, settings.changed("proposals", max_boxes=number))
                 bare[number].add(item, boxes)
                 ours[number].add(item, boxes_in_frame(item.frame, heat, settings))
         for number in NUMBERS:
@@ -110,7 +110,7 @@ def filters_table(datasets: list[DataSet], settings: Settings) -> Table:
         for culling in (True, False):
             counts, frames = Counter[str](), 0
             for frame in _all_frames(dataset):
-                _, heat = proposals_and_heat(frame, with_proposals(settings, metric_culling=culling))
+                _, heat = proposals_and_heat(frame, settings.changed("proposals", metric_culling=culling))
                 counts.update(accepted=heat.accepted, masked=heat.masked, rejected=heat.rejected)
                 frames += 1
             total = counts.total()
@@ -138,11 +138,6 @@ def boxes_in_frame(frame: RgbdFrame, heat: Heatmap, settings: Settings) -> NDArr
         boxes = [(u.min(), v.min(), np.ptp(u) + 1, np.ptp(v) + 1) for v, u in rows_columns]
         return np.array(boxes, np.float64).reshape(-1, 4)
     return find_segments(frame.colour, depth, heat.heat, camera, settings.segments).boxes(camera)
-
-
-def with_proposals(settings: Settings, **changes: int | bool) -> Settings:
-    """The same settings with these of the proposals stage changed."""
-    return settings.model_copy(update={"proposals": settings.proposals.model_copy(update=changes)})
 
 
 def _all_frames(dataset: DataSet) -> Iterator[RgbdFrame]:

@@ -149,7 +149,7 @@ def with_poses_there_are(settings: Settings, sequence: FrameSequence) -> Setting
     """The same settings, but KISS-ICP where they ask for given poses and the sequence has none."""
     if settings.pose.provider != "given" or sequence.has_true_poses:
         return settings
-    return settings.model_copy(update={"pose": settings.pose.model_copy(update={"provider": "kiss"})})
+    return settings.changed("pose", provider="kiss")
 
 
 def world_alignment(sequence: FrameSequence, tracked: Sequence[tuple[int, NDArray[np.float64]]]) -> NDArray[np.float64]:

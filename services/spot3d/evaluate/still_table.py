@@ -63,7 +63,7 @@ def still_table(datasets: list[DataSet], settings: Settings) -> Table:
         columns += (Column(f"{method} no object", 1), Column(f"{method} left out", 1))
     title = "Single frame through all stages: 3D boxes drawn into it"
     table = Table("still", title, (*columns, Column("true a frame", 1)))
-    given = settings.model_copy(update={"pose": settings.pose.model_copy(update={"provider": "given"})})
+    given = settings.changed("pose", provider="given")
     for dataset in datasets:
         frames = dataset.frames
         if frames is None:
