@@ -66,10 +66,9 @@ def evaluate(
     from spot3d.dataflow.process_use import stay_single_threaded
     from spot3d.evaluate.datasets import at_half_size, datasets_below, open_dataset, told_apart
     from spot3d.evaluate.finished_run import finished_table
-    from spot3d.evaluate.plots import write_plots
     from spot3d.evaluate.record import data_checksum, record
     from spot3d.evaluate.robustness import GROUPS, robustness_table
-    from spot3d.evaluate.table import to_document, to_markdown
+    from spot3d.evaluate.table import to_document, to_markdown, write_plots
     from spot3d.evaluate.tables import TABLES, make_tables, with_objects
 
     if table not in (ALL, RUN, ROBUSTNESS, *TABLES):
