@@ -99,9 +99,13 @@ def place_labels(wanted: list[Point], widths: list[int], height: int, shape: tup
 
 def write_picture(path: Path, picture: Picture) -> None:
     """Write (h, w, 3) uint8 RGB as PNG. Raises OSError where the file cannot be written."""
-    encoded = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))[1]
     with whole_file(path) as stream:
-        stream.write(encoded.tobytes())
+        stream.write(png_bytes(picture))
+
+
+def png_bytes(picture: Picture) -> bytes:
+    """(h, w, 3) uint8 RGB as PNG."""
+    return cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))[1].tobytes()
 
 
 def _overlap(a: tuple[float, float, int], b: tuple[float, float, int], height: int) -> bool:
