@@ -30,10 +30,10 @@ def live_picture(
     known, and no box is drawn.
     """
     colour = seen.colour if heat is None else with_heat(seen.colour, heat.colour[:, :, 0])
-    boxes = (
-        [] if T_world_camera is None else [(item.id, Box3D(item.centre, item.size, item.rotation)) for item in objects]
-    )
-    return draw_view(_frame(seen, colour), np.eye(4) if T_world_camera is None else T_world_camera, boxes, WIDTH)
+    if T_world_camera is None:
+        return draw_view(_frame(seen, colour), np.eye(4), (), WIDTH)
+    boxes = [(item.id, Box3D(item.centre, item.size, item.rotation)) for item in objects]
+    return draw_view(_frame(seen, colour), T_world_camera, boxes, WIDTH)
 
 
 def with_heat(colour: NDArray[np.uint8], heat: NDArray[np.uint8]) -> NDArray[np.uint8]:
