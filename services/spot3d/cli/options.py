@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from spot3d.run.supervised import stop_with_parent
+from spot3d.dataflow.stopping import stop_with_parent
 from spot3d.settings import Preset
 
 InputArgument = Annotated[
