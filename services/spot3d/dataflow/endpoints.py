@@ -1,5 +1,7 @@
 """Publishers and subscribers as the table of topics says: congestion, priority and how much waits."""
 
+from typing import Any
+
 import zenoh
 from zenoh import CongestionControl, Priority
 from zenoh.ext import AdvancedPublisher, CacheConfig, MissDetectionConfig, declare_advanced_publisher
@@ -61,6 +63,14 @@ def declare_publisher(session: zenoh.Session, topic: str, link: LinkSettings) ->
     return session.declare_publisher(
         where, encoding=what, congestion_control=congestion, priority=priority, express=row.express
     )
+
+
+def is_heard(publisher: zenoh.Publisher | AdvancedPublisher) -> bool:
+    """Whether anybody subscribes; what is kept for those who come late counts as heard, as that is not known."""
+    if not isinstance(publisher, zenoh.Publisher):
+        return True
+    status: Any = publisher.matching_status  # whose type Zenoh's stubs state wrongly
+    return bool(status.matching)
 
 
 def declare_subscriber(
