@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
@@ -36,12 +37,12 @@ def run(link: LinkSettings, settings: HeatmapSettings, stop: threading.Event | N
     A frame that fails counts as an error; in a lossless run its heat is empty, so that nobody waits for it.
     """
     warm_up("heatmap", partial(_heat_first, settings))
-    with stop_on_signals(stop) as stopped:
-        try:
-            with Node("heatmap", link, stopped, (_FRAME, _BOXES), (_OUT, _PREVIEW)) as node:
-                _serve(node, settings)
-        except StoppedError:
-            return
+    with (
+        stop_on_signals(stop) as stopped,
+        suppress(StoppedError),
+        Node("heatmap", link, stopped, (_FRAME, _BOXES), (_OUT, _PREVIEW)) as node,
+    ):
+        _serve(node, settings)
 
 
 def _heat_first(settings: HeatmapSettings, frames: Sequence[RgbdFrame]) -> None:

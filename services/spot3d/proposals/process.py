@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
@@ -30,12 +31,12 @@ def run(link: LinkSettings, settings: ProposalSettings, stop: threading.Event | 
     waits for it.
     """
     warm_up("proposals", partial(_propose_first, settings))
-    with stop_on_signals(stop) as stopped:
-        try:
-            with Node("proposals", link, stopped, (_IN,), (_OUT,)) as node:
-                serve(node, On(_IN, Frame, partial(_answer, node, settings)))
-        except StoppedError:
-            return
+    with (
+        stop_on_signals(stop) as stopped,
+        suppress(StoppedError),
+        Node("proposals", link, stopped, (_IN,), (_OUT,)) as node,
+    ):
+        serve(node, On(_IN, Frame, partial(_answer, node, settings)))
 
 
 def _propose_first(settings: ProposalSettings, frames: Sequence[RgbdFrame]) -> None:
