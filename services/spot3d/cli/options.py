@@ -126,6 +126,11 @@ def check_outputs(json_file: Path | None, plots: Path | None) -> None:
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(place))
 
 
+def say(message: str) -> None:
+    """Say how the work goes on standard error, so that what is printed can be piped."""
+    typer.echo(message, err=True)
+
+
 def stage_started(supervised: bool) -> threading.Event:
     """Sets up a stage's process: its log on standard error, and the event that ends it."""
     logging.basicConfig(format="%(asctime)s %(name)s %(levelname)s: %(message)s", level=logging.INFO)

@@ -1,5 +1,6 @@
 """A table of numbers, as Markdown and as JSON, and its curves as pictures."""
 
+import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
@@ -60,6 +61,12 @@ def to_document(table: Table) -> dict[str, Any]:
         "notes": table.notes,
         "curves": [_curve(curve) for curve in table.curves],
     }
+
+
+def write_tables(path: Path, record: dict[str, Any], tables: Sequence[Table]) -> None:
+    """Write the record of a measurement and its tables as JSON. Raises OSError where that fails."""
+    document = {"record": record, "tables": [to_document(table) for table in tables]}
+    path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def write_plots(folder: Path, tables: Sequence[Table]) -> None:
