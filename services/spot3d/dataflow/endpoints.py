@@ -1,5 +1,7 @@
 """Publishers and subscribers as the table of topics says: congestion, priority and how much waits."""
 
+from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import zenoh
@@ -81,3 +83,10 @@ def declare_subscriber(
     channel: RingChannel[zenoh.Sample] | FifoChannel[zenoh.Sample]
     channel = RingChannel(size) if keeps_newest(topic, link) else FifoChannel(size)
     return session.declare_subscriber(key(link.robot, topic), channel)
+
+
+def end_subscription(subscriber: "zenoh.Subscriber[Any]") -> None:
+    """Hear no more of what a subscriber hears."""
+    undeclare: Callable[[], object] = subscriber.undeclare
+    with suppress(zenoh.ZError):  # its session may be closed, or two threads are here
+        undeclare()
