@@ -1,7 +1,6 @@
 """The wire contract of spot3d: messages, codec, limits and the one table of topics."""
 
-from spot3d_schemas.codec import WireHeader, decode, encode, encoding, peek_header, refuse_encoding
-from spot3d_schemas.errors import CodecError
+from spot3d_schemas.codec import CodecError, WireHeader, decode, encode, encoding, peek_header, refuse_encoding
 from spot3d_schemas.header import Header, Hop
 from spot3d_schemas.json_schema import json_schema
 from spot3d_schemas.messages import (

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from spot3d_schemas.arrays import ArraySpec, decode_array, dtype_name, encode_data
-from spot3d_schemas.errors import CodecError
 from spot3d_schemas.header import Header
 from spot3d_schemas.limits import MAX_FIELD_BYTES, MAX_FIELDS, MAX_MESSAGE_BYTES, MAX_OBJECTS_VALUES
 from spot3d_schemas.messages import Message
@@ -22,6 +21,10 @@ _DATA_KEY = msgpack.packb("data")
 _VERSION = re.compile(r"(\d{1,4})\.(\d{1,4})", re.ASCII)
 
 M = TypeVar("M", bound=Message)
+
+
+class CodecError(ValueError):
+    """Bytes that are no valid message, or a message that cannot be sent; says schema, field and remedy."""
 
 
 class WireHeader(Header):

@@ -25,6 +25,17 @@ from spot3d_schemas.limits import (
 from spot3d_schemas.names import checked_name
 from spot3d_schemas.numbers_field import NumbersSpec
 
+_UNIT_TOLERANCE = 2e-3
+"""On the square of a unit vector's length: 1e-3 on the length."""
+
+
+def _with_unit_normals(planes: NDArray[np.float64]) -> NDArray[np.float64]:
+    with np.errstate(over="ignore"):  # what overflows is no unit vector
+        lengths = (planes[:, :3] ** 2).sum(axis=1)
+    if not (np.abs(lengths - 1) <= _UNIT_TOLERANCE).all():
+        raise ValueError("the first three numbers of each plane are its unit normal, to 1e-3")
+    return planes
+
 
 def _cut(text: object) -> object:
     # A long error text is worth less than the message that carries it; so is how a file's odd name is spelled in it.
@@ -59,7 +70,11 @@ HeatImage = Annotated[
 ]
 LabelImage = Annotated[NDArray[np.uint8], ArraySpec(("uint8",), _IMAGE, MAX_IMAGE_PIXELS, thin=(DELTA_ZLIB,))]
 SegmentHeat = Annotated[NDArray[np.float32], ArraySpec(("float32",), ("n",), MAX_SEGMENTS, finite=True)]
-SegmentPlanes = Annotated[NDArray[np.float64], ArraySpec(("float64",), ("p", 4), MAX_PLANES, finite=True)]
+Planes = Annotated[
+    NDArray[np.float64],
+    ArraySpec(("float64",), ("p", 4), MAX_PLANES, finite=True),
+    AfterValidator(_with_unit_normals),
+]
 SegmentSupports = Annotated[NDArray[np.int8], ArraySpec(("int8",), ("n",), MAX_SEGMENTS)]
 Boxes = Annotated[NDArray[np.float32], ArraySpec(("float32",), ("M", 5), MAX_BOXES, finite=True)]
 PoseTwists = Annotated[NDArray[np.float64], ArraySpec(("float64",), ("k", 6), MAX_CORRECTIONS, finite=True)]

@@ -34,6 +34,7 @@ from spot3d_schemas.fields import (
     Name,
     Nanoseconds,
     NonNegative,
+    Planes,
     Point2,
     PointColours,
     PointCounts,
@@ -46,7 +47,6 @@ from spot3d_schemas.fields import (
     Reasons,
     Rotation,
     SegmentHeat,
-    SegmentPlanes,
     SegmentSupports,
     Text,
     Transform,
@@ -64,9 +64,6 @@ from spot3d_schemas.limits import (
     MAX_OBJECTS_VALUES,
     MAX_VALUES,
 )
-
-_UNIT_TOLERANCE = 2e-3
-"""On the square of a unit vector's length: 1e-3 on the length."""
 
 
 class CameraIntrinsics(Record):
@@ -191,14 +188,6 @@ class Heat(RgbdMessage):
     rejected: Count
 
 
-def _with_unit_normals(planes: Array) -> Array:
-    with np.errstate(over="ignore"):  # what overflows is no unit vector
-        lengths = (planes[:, :3] ** 2).sum(axis=1)
-    if not (np.abs(lengths - 1) <= _UNIT_TOLERANCE).all():
-        raise ValueError("the first three numbers of each plane are its unit normal, to 1e-3")
-    return planes
-
-
 class Segments(Message):
     """The objects of one keyframe alone; of a frame that is none, only that it is none.
 
@@ -218,7 +207,7 @@ class Segments(Message):
     intrinsics: CameraIntrinsics | None
     labels: LabelImage
     heat: SegmentHeat
-    planes: SegmentPlanes
+    planes: Planes
     stands_on: SegmentSupports
     left_out: Reasons = Field(default_factory=dict)
 
@@ -228,11 +217,6 @@ class Segments(Message):
         if heat.size and not (heat.min() >= 0 and heat.max() <= 1):
             raise ValueError(f"reaches from {heat.min():.3g} to {heat.max():.3g}; a confidence is in [0, 1]")
         return heat
-
-    @field_validator("planes")
-    @classmethod
-    def _normals_are_unit_vectors(cls, planes: Array) -> Array:
-        return _with_unit_normals(planes)
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -433,7 +417,7 @@ class MapChanges(Message):
     rgb: ChangedColours
     heat: ChangedHeat
     frequency: PointNumbers
-    planes: SegmentPlanes
+    planes: Planes
     total: Count
     epoch: Name | None = None
 
@@ -444,11 +428,6 @@ class MapChanges(Message):
         if number is not None and len(values) != len(number):
             raise ValueError(f"has {len(values)} rows, but number has {len(number)}")
         return values
-
-    @field_validator("planes")
-    @classmethod
-    def _normals_are_unit_vectors(cls, planes: Array) -> Array:
-        return _with_unit_normals(planes)
 
 
 class Progress(Message):

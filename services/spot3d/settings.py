@@ -59,6 +59,10 @@ class Settings(BaseSettings):
     dashboard: DashboardSettings = DashboardSettings()
     bridge: BridgeSettings = BridgeSettings()
 
+    def changed(self, section: str, **values: Any) -> "Settings":
+        """The same settings but for these of one section, which are taken as they are."""
+        return self.model_copy(update={section: getattr(self, section).model_copy(update=values)})
+
     @field_validator("size_max")
     @classmethod
     def _above_the_least(cls, size_max: float, info: ValidationInfo) -> float:

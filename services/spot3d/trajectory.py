@@ -80,8 +80,10 @@ def rotation_from_vector(vector: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def nearest_rotation(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The rotation nearest to a (3, 3) matrix that is almost one: rounding must not add up."""
+    """The rotation nearest to a (3, 3) matrix by least squares (Umeyama 1991), such as to a mean of rotations."""
     u, _, vt = np.linalg.svd(matrix)
+    if np.linalg.det(u @ vt) < 0:
+        u[:, 2] *= -1  # the nearest orthogonal matrix is a reflection
     return np.asarray(u @ vt)
 
 
@@ -148,10 +150,8 @@ def align(true: NDArray[np.float64], estimated: NDArray[np.float64]) -> NDArray[
     true, estimated: (n, 4, 4) poses. Umeyama 1991; least squares over the positions.
     """
     p, q = true[:, :3, 3], estimated[:, :3, 3]
-    u, _, vt = np.linalg.svd((p - p.mean(0)).T @ (q - q.mean(0)))
-    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
     transform = np.eye(4)
-    transform[:3, :3] = u @ flip @ vt
+    transform[:3, :3] = nearest_rotation((p - p.mean(0)).T @ (q - q.mean(0)))
     transform[:3, 3] = p.mean(0) - transform[:3, :3] @ q.mean(0)
     return transform
 
@@ -168,20 +168,16 @@ def ate(true: NDArray[np.float64], estimated: NDArray[np.float64], align_first: 
     return _statistics(np.linalg.norm(true[:, :3, 3] - estimated[:, :3, 3], axis=1))
 
 
-def rpe(
-    true: NDArray[np.float64], estimated: NDArray[np.float64], delta: int = 1
-) -> tuple[dict[str, float], dict[str, float]]:
-    """Relative pose error over `delta` frames: statistics of translation (metres) and rotation (radians).
+def rpe(true: NDArray[np.float64], estimated: NDArray[np.float64]) -> tuple[dict[str, float], dict[str, float]]:
+    """Relative pose error from frame to frame: statistics of translation (metres) and rotation (radians).
 
-    true, estimated: (n, 4, 4) T_world_camera of the same stamps. For each pair (i, i + delta) the error is
+    true, estimated: (n, 4, 4) T_world_camera of the same stamps. For each pair (i, i + 1) the error is
     (Q_i^-1 Q_j)^-1 (P_i^-1 P_j), all pairs as in `evo_rpe --all_pairs`. Each result holds rmse, mean, median.
-    ValueError where the lengths differ or there are not more than `delta` poses.
+    ValueError where the lengths differ or there are less than two poses.
     """
-    if delta < 1:
-        raise ValueError(f"delta must be at least one frame, got {delta}")
-    _check_pair(true, estimated, least=delta + 1)
-    true_motion = np.linalg.inv(true[:-delta]) @ true[delta:]
-    motion = np.linalg.inv(estimated[:-delta]) @ estimated[delta:]
+    _check_pair(true, estimated, least=2)
+    true_motion = np.linalg.inv(true[:-1]) @ true[1:]
+    motion = np.linalg.inv(estimated[:-1]) @ estimated[1:]
     error = np.linalg.inv(true_motion) @ motion
     return _statistics(np.linalg.norm(error[:, :3, 3], axis=1)), _statistics(rotation_angle(error[:, :3, :3]))
 

@@ -1,8 +1,7 @@
 """The bridge over mutual TLS between real routers; where nothing crosses, its health says why."""
 
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.security.access import AccessSettings, access_control
 from spot3d_schemas import Health, decode, key
+from waiting import wait_until
 
 LIMIT_S = 60.0
 ROBOT = "drone"
@@ -28,14 +28,6 @@ ACCESS = AccessSettings(robots=("drone", "other-drone"), stations=("ground",))
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make_fleet(tmp_path_factory.mktemp("fleet"))
-
-
-def wait(what: Callable[[], bool], each: Callable[[], object] = lambda: None) -> None:
-    end_s = time.monotonic() + LIMIT_S
-    while not what():
-        assert time.monotonic() < end_s
-        each()
-        time.sleep(0.05)
 
 
 class TwoSides:
@@ -86,19 +78,20 @@ class TwoSides:
 def test_what_is_wanted_crosses_both_ways_by_certificate(fleet: Path) -> None:
     """Begun before there is a ground station: its state says so, and is true again when there is one."""
     with TwoSides(fleet) as sides, sides.bridge("drone", fleet):
-        wait(lambda: bool(sides.states) and "no answer" in sides.states[-1])
+        wait_until(lambda: bool(sides.states) and "no answer" in sides.states[-1])
         assert f"nothing crosses to {sides.air}" in sides.states[-1]
         ground = sides.open_ground()
         there, here = set[str](), set[str]()
         ground.declare_subscriber(HEAT, lambda sample: there.add(sample.payload.to_string()))
         sides.drone.declare_subscriber(OBJECTS, lambda sample: here.add(sample.payload.to_string()))
 
-        def say() -> None:
+        def both_hear() -> bool:
             sides.drone.put(HEAT, "heat")
             ground.put(OBJECTS, "objects")
+            return (there, here) == ({"heat"}, {"objects"})
 
-        wait(lambda: (there, here) == ({"heat"}, {"objects"}), say)
-        wait(lambda: sides.states[-1] == "")
+        wait_until(both_hear)
+        wait_until(lambda: sides.states[-1] == "")
 
 
 @pytest.mark.parametrize(
@@ -114,9 +107,14 @@ def test_a_bridge_that_is_refused_says_why(fleet: Path, certificate: str, folder
         ground = sides.open_ground()
         there: list[str] = []
         ground.declare_subscriber("spot3d/**", lambda sample: there.append(str(sample.key_expr)))
+
+        def refused() -> bool:
+            sides.drone.put(HEAT, "heat")
+            return bool(sides.states) and words in sides.states[-1]
+
         with sides.bridge(certificate, fleet / folder):
-            wait(lambda: bool(sides.states) and words in sides.states[-1], lambda: sides.drone.put(HEAT, "heat"))
+            wait_until(refused)
             told = len(sides.states)
-            wait(lambda: len(sides.states) >= told + REPORTS)
+            wait_until(lambda: len(sides.states) >= told + REPORTS)
             assert all(sides.states[told:]), "while nothing crosses it never says that all is well"
         assert not [name for name in there if name.startswith(f"spot3d/{ROBOT}/")]

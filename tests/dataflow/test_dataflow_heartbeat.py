@@ -13,6 +13,7 @@ from spot3d.dataflow.node import Node
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
 from spot3d_schemas import End, Header, encode, encoding, key
+from waiting import wait_until
 
 
 def test_a_folder_that_cannot_be_written_ends_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -21,13 +22,6 @@ def test_a_folder_that_cannot_be_written_ends_nothing(tmp_path: Path, caplog: py
     heartbeat.beat()
     heartbeat.close()
     assert len(caplog.records) == 1
-
-
-def wait_until(condition) -> None:
-    end_s = time.monotonic() + 30
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
 
 
 def test_a_stage_that_leaves_its_work_lying_beats_no_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

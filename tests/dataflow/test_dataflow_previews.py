@@ -13,6 +13,7 @@ from spot3d.dataflow.previews import Previews, preview
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
 from spot3d_schemas import Header, Preview, decode, key
+from waiting import wait_until
 
 CAMERA = Intrinsics(500.0, 510.0, 319.5, 239.5, 640, 480)
 
@@ -38,7 +39,7 @@ def test_previews_go_out_only_while_somebody_looks() -> None:
         previews.offer(header, image, CAMERA)
         assert not node.wanted("source/preview")
         subscriber = session.declare_subscriber(key("shy", "source/preview"), FifoChannel(64))
-        until(lambda: node.wanted("source/preview"))
+        wait_until(lambda: node.wanted("source/preview"))
         begin_s = time.monotonic()
         for _ in range(100):
             previews.offer(header, image, CAMERA)
@@ -51,11 +52,4 @@ def test_previews_go_out_only_while_somebody_looks() -> None:
         assert max(map(len, payloads)) < 20_000
         assert decode(payloads[0], Preview).header.stamp_ns == 7
         subscriber.undeclare()
-        until(lambda: not node.wanted("source/preview"))
-
-
-def until(what) -> None:
-    end_s = time.monotonic() + 20
-    while not what():
-        assert time.monotonic() < end_s
-        time.sleep(0.01)
+        wait_until(lambda: not node.wanted("source/preview"))

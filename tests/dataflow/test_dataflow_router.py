@@ -4,7 +4,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import zenoh
 from spot3d.dataflow.router import free_loopback_endpoint
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
+from waiting import wait_until
 
 ONLOOKER = """
 import sys, time, zenoh
@@ -26,13 +26,6 @@ with zenoh.open(config) as session:
 """
 MEGABYTES = 20
 """More than the buffers of a connection within one host take."""
-
-
-def wait(what: Callable[[], bool]) -> None:
-    end_s = time.monotonic() + 20
-    while not what():
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
 
 
 def test_it_waits_for_no_onlooker_that_stands_still(tmp_path: Path) -> None:
@@ -54,13 +47,13 @@ def test_it_waits_for_no_onlooker_that_stands_still(tmp_path: Path) -> None:
             block = zenoh.CongestionControl.BLOCK
             images = session.declare_publisher("images", congestion_control=block)
             last = session.declare_subscriber("last", zenoh.handlers.FifoChannel(1))
-            wait(lambda: images.matching_status.matching)
+            wait_until(lambda: images.matching_status.matching)
             onlooker.send_signal(signal.SIGSTOP)
             for _ in range(MEGABYTES):
                 images.put(bytes(10**6))
             # What is put behind has come back when the router has had it all.
             session.put("last", b"", congestion_control=block)
-            wait(lambda: last.try_recv() is not None)
+            wait_until(lambda: last.try_recv() is not None)
         stopped_s = time.monotonic()
         router.send_signal(signal.SIGTERM)
         assert router.wait(60) == 0

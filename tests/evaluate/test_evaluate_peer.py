@@ -23,6 +23,7 @@ def test_the_dominant_plane_is_the_one_with_most_points() -> None:
         plane = dominant_plane(xyz, np.full(3, shift))
         np.testing.assert_allclose(plane, [0, 0, -1, 2 + shift], atol=1e-6)
         np.testing.assert_array_equal(plane, dominant_plane(xyz, np.full(3, shift)))
+        np.testing.assert_array_equal(-plane, dominant_plane(xyz, np.full(3, shift + 5)), "seen from the other side")
 
 
 @pytest.mark.parametrize("points", [np.zeros((3, 3)), np.arange(9.0).reshape(3, 3)])

@@ -9,12 +9,11 @@ import pytest
 from spot3d.boxes import Box3D
 from spot3d.camera import Intrinsics
 from spot3d.drawing.recall_plot import Curve, recall_plot
-from spot3d.evaluate.instances import split_instances, table_normal
-from spot3d.evaluate.plots import write_plots
 from spot3d.evaluate.projection import box_surface, boxes_in_view, thinned
 from spot3d.evaluate.record import data_checksum
 from spot3d.evaluate.scores import object_scores, recall_of
-from spot3d.evaluate.table import Column, Table, to_document, to_markdown
+from spot3d.evaluate.table import Column, Table, to_document, to_markdown, write_plots
+from spot3d.evaluate.uw_scenes import split_instances
 
 CAMERA = Intrinsics(100, 100, 50, 50, 101, 101)
 
@@ -123,15 +122,6 @@ def test_split_instances() -> None:
     parts = split_instances(np.concatenate((block[:500], crumb, block + 0.5)).astype(np.float32))
     assert [len(part) for part in parts] == [1000, 500]
     assert parts[1].tolist() == list(range(500))
-
-
-def test_table_normal_looks_at_the_camera() -> None:
-    rng = np.random.default_rng(1)
-    plane = np.column_stack((rng.uniform(-1, 1, (500, 2)), np.full(500, 1.0))).astype(np.float32)
-    legs = rng.uniform(1.0, 2.0, (100, 3)).astype(np.float32)
-    xyz = np.concatenate((plane, legs))
-    np.testing.assert_allclose(table_normal(xyz, np.zeros(3)), [0, 0, -1], atol=1e-6)
-    np.testing.assert_allclose(table_normal(xyz, np.array((0.0, 0.0, 3.0))), [0, 0, 1], atol=1e-6)
 
 
 def test_checksum_tells_data_apart(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from spot3d.boxes import Box3D
 from spot3d.camera import Intrinsics
@@ -67,9 +67,9 @@ THREE = (
 )
 
 
-def look_at(eye: tuple[float, float, float], target: tuple[float, float, float] = (0, 0, 0.05)) -> NDArray[np.float64]:
+def look_at(eye: ArrayLike, target: ArrayLike = (0, 0, 0.05)) -> NDArray[np.float64]:
     """T_world_camera of a camera at `eye` that looks at `target`, upright."""
-    forward = np.array(target, float) - eye
+    forward = np.subtract(target, eye, dtype=np.float64)
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, (0, 0, 1.0))
     right /= np.linalg.norm(right)

@@ -4,9 +4,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+from fusion_room import look_at
 from numpy.typing import NDArray
 from test_pose_correction import CAMERA
-from test_pose_tracking import LARGER, TABLE, looking, render
+from test_pose_tracking import LARGER, TABLE, render
 
 from spot3d.calibration import AS_TOLD, bend_of_image
 from spot3d.evaluate.depth_errors import bent
@@ -96,7 +97,7 @@ def test_corrections_of_odometry_leave_the_last_keyframe_where_it_is(turn: float
 
 def test_a_camera_that_stands_still_learns_no_bend() -> None:
     """However long it sees the same again: for two minutes."""
-    place, tracker = looking(np.array([0, -0.75, 1.45]), np.array([0.1, 0.1, 0.7])), make_tracker(PoseSettings())
+    place, tracker = look_at(np.array([0, -0.75, 1.45]), np.array([0.1, 0.1, 0.7])), make_tracker(PoseSettings())
     for second in range(120):
         depth = render(place, second, TABLE, LARGER)
         estimate = tracker.track(1 + second * 10**9, depth, LARGER, None, None)

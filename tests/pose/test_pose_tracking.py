@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from fusion_room import look_at
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
@@ -70,19 +71,7 @@ TABLE = np.array(
 def pose_at(seconds: float) -> NDArray[np.float64]:
     """A camera that moves sideways at 0.3 m/s while it looks into the furnished corner."""
     eye = np.array([-0.9 + 0.1 * np.sin(2 * seconds), -0.8 + 0.3 * seconds, 1.3 + 0.05 * np.sin(3 * seconds)])
-    return looking(eye, np.array([0.8, 0.5, 0.6]))
-
-
-def looking(eye: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Pose (4, 4) of an upright camera at `eye` that looks at `target`."""
-    pose = np.eye(4)
-    forward = target - eye
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, (0.0, 0.0, 1.0))
-    right /= np.linalg.norm(right)
-    pose[:3, :3] = np.column_stack((right, np.cross(forward, right), forward))
-    pose[:3, 3] = eye
-    return pose
+    return look_at(eye, np.array([0.8, 0.5, 0.6]))
 
 
 def rays(T_world_camera: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.float64]:
@@ -251,7 +240,7 @@ def test_a_camera_of_three_frames_in_two_seconds_is_followed(sway: float) -> Non
     for index in range(8):
         eye = np.array([0.8 - 1.5 * np.cos(0.1 * (index + 1)), 0.5 - 1.2 * np.sin(0.5 + 0.1 * index), 1.3])
         aside = sway * np.array([(-1) ** index, (-1) ** (index // 2), 0.3 * (-1) ** index])
-        pose = looking(eye, np.array([0.8, 0.5, 0.6]) + aside)
+        pose = look_at(eye, np.array([0.8, 0.5, 0.6]) + aside)
         estimate = tracker.track(1 + 20 * index * FRAME_NS, render(pose, index), CAMERA, pose)
         assert estimate.status == "ok"
         assert error(estimate, pose)[0] < 0.015
@@ -266,7 +255,7 @@ def test_what_is_painted_tells_one_pillar_from_another(landmarks: bool, features
     settings = {"lattice_width": 160, "landmarks": landmarks, "features": features}
     tracker = make_tracker(PoseSettings.model_validate(settings))
     for index in range(4):
-        pose = looking(np.array([0.4 * index - 0.6, -0.7, 1.2]), np.array([0.4 * index - 0.45, 0.8, 0.9]))
+        pose = look_at(np.array([0.4 * index - 0.6, -0.7, 1.2]), np.array([0.4 * index - 0.45, 0.8, 0.9]))
         depth = render(pose, index, PILLARS, LARGER)
         estimate = tracker.track(1 + 20 * index * FRAME_NS, depth, LARGER, pose, painted(pose, depth))
         assert estimate.status == "ok"
@@ -279,7 +268,7 @@ def test_what_bends_depth_does_not_hold_a_camera_where_it_was(bend: float) -> No
     tracker = make_tracker(PoseSettings())
     for index in range(14):
         along = 0.05 * index - 0.5
-        pose = looking(np.array([along, -0.75, 1.45]), np.array([along + 0.1, 0.1, 0.7]))
+        pose = look_at(np.array([along, -0.75, 1.45]), np.array([along + 0.1, 0.1, 0.7]))
         depth = render(pose, index, TABLE, LARGER)
         colour = painted(pose, depth)
         seen = bent(depth, bend, 1) if bend else depth

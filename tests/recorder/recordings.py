@@ -14,6 +14,7 @@ from spot3d_schemas import CameraIntrinsics, Frame, Header, Message, encode
 
 ROBOT = "robot"
 START_NS = 1_000_000_000_000
+PERIOD_NS = 33_000_000
 CAMERA = CameraIntrinsics(fx=50.0, fy=50.0, cx=31.5, cy=23.5, width=64, height=48)
 
 

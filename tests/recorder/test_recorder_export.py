@@ -5,23 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recordings import ROBOT, damage_second_chunk, frame, write_recording
+from recordings import ROBOT, damage_second_chunk, write_recording
 
 from spot3d.recorder.foxglove_export import export
 from spot3d.run.results import RunResult, write_results
 from spot3d.source.errors import SourceError
 from spot3d_schemas import Header, Pose
-
-PERIOD_NS = 33_000_000
-
-
-@pytest.fixture
-def recording(tmp_path: Path) -> Path:
-    """Six frames in three chunks."""
-    path = tmp_path / "six.mcap"
-    sent = [("source/frame", 0.1 * seq, frame(seq, PERIOD_NS * seq)) for seq in range(6)]
-    write_recording(path, [sent[:2], sent[2:4], sent[4:]])
-    return path
 
 
 def test_all_but_a_damaged_chunk_is_exported(recording: Path, tmp_path: Path) -> None:

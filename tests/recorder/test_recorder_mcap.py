@@ -5,23 +5,12 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
-from recordings import START_NS, damage_second_chunk, frame, write_recording
+from recordings import PERIOD_NS, START_NS, damage_second_chunk, frame, write_recording
 
 from spot3d.recorder.mcap_contents import BrokenRecordingError, open_mcap
 from spot3d.source.errors import SourceError
 from spot3d.source.sequences import open_source
 from spot3d_schemas import Frame, json_schema
-
-PERIOD_NS = 33_000_000
-
-
-@pytest.fixture
-def recording(tmp_path: Path) -> Path:
-    """Six frames in three chunks."""
-    path = tmp_path / "six.mcap"
-    sent = [("source/frame", 0.1 * seq, frame(seq, PERIOD_NS * seq)) for seq in range(6)]
-    write_recording(path, [sent[:2], sent[2:4], sent[4:]])
-    return path
 
 
 def test_the_mcap_library_reads_it(recording: Path) -> None:

@@ -25,18 +25,12 @@ from spot3d.recorder.record import RECORDER, Recorded, record
 from spot3d.settings import Settings, without_settings
 from spot3d.source.sequences import open_source
 from spot3d_schemas import alive_key, encode
+from waiting import wait_until
 
 PERIOD_NS = 33_000_000
 LIMIT_S = 60.0
 TOPICS = ("source/frame",)
 linux = pytest.mark.skipif(sys.platform != "linux", reason="looks at the packing process in /proc")
-
-
-def wait_until(condition: Callable[[], bool], what: str) -> None:
-    end_s = time.monotonic() + LIMIT_S
-    while not condition():
-        assert time.monotonic() < end_s, what
-        time.sleep(0.02)
 
 
 @pytest.fixture

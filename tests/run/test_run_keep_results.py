@@ -3,7 +3,6 @@
 import json
 import queue
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from spot3d.run.results import RunResult, read_ply
 from spot3d.run.stream_folder import StreamFolder, drop_oldest
 from spot3d.trajectory import read_tum
 from spot3d_schemas import Header, MapPoints, Message, Objects, Pose, Progress, encode, encoding, key
+from waiting import wait_until
 
 ROBOT = "keeper"
 LIMIT_S = 60.0
@@ -65,13 +65,6 @@ def objects(stream: str, complete: bool) -> Objects:
     )
 
 
-def wait(until) -> None:
-    end_s = time.monotonic() + LIMIT_S
-    while not until():
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
-
-
 def test_every_stream_is_kept(router: zenoh.Session, tmp_path: Path) -> None:
     out = tmp_path / "out"
     asked: queue.SimpleQueue[bytes] = queue.SimpleQueue()
@@ -87,18 +80,18 @@ def test_every_stream_is_kept(router: zenoh.Session, tmp_path: Path) -> None:
     router.declare_queryable(key(ROBOT, "fusion/map"), answer)
     frames = router.declare_publisher(key(ROBOT, "source/frame"))
     listening = router.declare_publisher(key(ROBOT, "fusion/objects"))
-    wait(lambda: listening.matching_status.matching)
+    wait_until(lambda: listening.matching_status.matching)
 
     put(router, "pose/pose", pose("first", 0))
-    wait(lambda: frames.matching_status.matching)
+    wait_until(lambda: frames.matching_status.matching)
     frame = frame_message(Recording(1)[0], ROBOT, 0)
     frames.put(encode(frame.model_copy(update={"header": header("first", 0)})))
-    wait(lambda: not frames.matching_status.matching)
+    wait_until(lambda: not frames.matching_status.matching)
     put(router, "pose/pose", pose("first", 50_000_000))
     progress = Progress(header=header("first", 0), fused=2, skipped={}, last_stamp_ns=50_000_000, complete=True)
     put(router, "fusion/progress", progress)
     put(router, "fusion/objects", objects("first", complete=True))
-    wait(lambda: any(out.glob("*-first/stream.json")))
+    wait_until(lambda: any(out.glob("*-first/stream.json")))
     (folder,) = out.iterdir()
     assert read_tum(folder / "trajectory.txt")[0] == [0, 50_000_000]
     assert asked.qsize() == 1
@@ -110,7 +103,7 @@ def test_every_stream_is_kept(router: zenoh.Session, tmp_path: Path) -> None:
 
     # Fusion has gone on, and its map is of another stream.
     put(router, "fusion/objects", objects("later", complete=True))
-    wait(lambda: any(out.glob("*-later/stream.json")))
+    wait_until(lambda: any(out.glob("*-later/stream.json")))
     (later,) = out.glob("*-later")
     assert json.loads((later / "stream.json").read_text())["complete"] is True
     assert asked.qsize() == 2
@@ -119,9 +112,9 @@ def test_every_stream_is_kept(router: zenoh.Session, tmp_path: Path) -> None:
     # A stream that is never completed is written as far as it was; with the third, the first goes.
     for stream in ("second", "third"):
         put(router, "fusion/objects", objects(stream, complete=False))
-        wait(lambda stream=stream: any(out.glob(f"*-{stream}/objects.jsonl")))
-    wait(lambda: any(out.glob("*-second/stream.json")))
-    wait(lambda: len(list(out.iterdir())) == 2)
+        wait_until(lambda stream=stream: any(out.glob(f"*-{stream}/objects.jsonl")))
+    wait_until(lambda: any(out.glob("*-second/stream.json")))
+    wait_until(lambda: len(list(out.iterdir())) == 2)
     assert json.loads(next(out.glob("*-second/stream.json")).read_text())["complete"] is False
 
 

@@ -11,8 +11,8 @@ import pytest
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.run.display import Watcher
 from spot3d.run.meeting import Meeting, open_meeting
-from spot3d.run.watcher import Watcher
 from spot3d.settings import load_settings
 
 LIMIT_S = 20.0

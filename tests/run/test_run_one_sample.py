@@ -1,20 +1,12 @@
 """An onlooker is sent no more than it looks at."""
 
-import time
-
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.run.one_sample import OneSample
+from waiting import wait_until
 
 WHERE = "one-sample/source/frame"
-
-
-def wait(until) -> None:
-    end_s = time.monotonic() + 20
-    while not until():
-        assert time.monotonic() < end_s
-        time.sleep(0.01)
 
 
 def test_after_the_first_sample_nothing_is_sent() -> None:
@@ -24,10 +16,10 @@ def test_after_the_first_sample_nothing_is_sent() -> None:
         publisher = sending.declare_publisher(WHERE)
         for first in (b"1", b"3"):
             look = OneSample(looking, WHERE)
-            wait(lambda: publisher.matching_status.matching)
+            wait_until(lambda: publisher.matching_status.matching)
             publisher.put(first)
             # Nobody asks for the sample in between.
-            wait(lambda: not publisher.matching_status.matching)
+            wait_until(lambda: not publisher.matching_status.matching)
             publisher.put(b"2")
             assert look.sample is not None
             assert look.sample.payload.to_bytes() == first
@@ -40,7 +32,7 @@ def test_who_waits_no_longer_is_sent_nothing() -> None:
     with open_router((endpoint,)), open_session(link) as sending, open_session(link) as looking:
         publisher = sending.declare_publisher(WHERE)
         look = OneSample(looking, WHERE)
-        wait(lambda: publisher.matching_status.matching)
+        wait_until(lambda: publisher.matching_status.matching)
         look.close()
-        wait(lambda: not publisher.matching_status.matching)
+        wait_until(lambda: not publisher.matching_status.matching)
         assert look.sample is None

@@ -75,8 +75,7 @@ def test_the_same_picture_of_a_larger_scene_has_the_same_regions(scale: float) -
 
 @pytest.mark.parametrize("share", [0.8, 1.0, 1.6])
 def test_from_near_and_from_far_there_are_as_many(share: float) -> None:
-    eye = share * POSE[:3, 3]
-    pose = look_at((float(eye[0]), float(eye[1]), float(eye[2])), (0, 0, 0.05))
+    pose = look_at(share * POSE[:3, 3])
     things = standing(0, 0, SIZE, colour=RED), standing(-0.05, -0.1, (0.2, 0.1, 0.05), colour=BLUE)
     assert len(large(regions_of(*things, pose=pose)[0])) == 2
 

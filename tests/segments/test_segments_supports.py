@@ -24,8 +24,6 @@ SETTINGS = SegmentsSettings()
 POSE = look_at((0, -0.95, 0.7))
 TABLE = transform_plane(np.array([0, 0, 1.0, 0]), invert(POSE))
 WALL = transform_plane(np.array([0, -1.0, 0, 1.5]), invert(POSE))
-FRONT = transform_plane(np.array([0, -1.0, 0, 0.0]), invert(POSE))
-"""A large box's front face, in the middle of the table."""
 POINTS = back_project(view(POSE, ROOM).depth, CAMERA)
 COLD = np.zeros(CAMERA.shape, np.uint8)
 

@@ -378,7 +378,7 @@ def test_a_malformed_line_of_images_is_left_out_and_told(tum: Path, caplog: pyte
 def test_intrinsics_of_half_the_size_are_told(seven_scenes: Path, caplog: pytest.LogCaptureFixture) -> None:
     (seven_scenes / "camera-intrinsics.txt").write_text("10 0 6\n0 10 4\n0 0 1\n")
     open_source(seven_scenes)
-    assert "the principal point (6, 4) is far from the middle of the 24x16 image" in caplog.text
+    assert "the principal point (6, 4) is far from the middle of 24x16 pixels" in caplog.text
 
 
 def test_lists_of_images_may_have_a_byte_order_mark_and_spaces_in_names(tum: Path) -> None:

@@ -20,6 +20,9 @@ from spot3d.dataflow.conversion import intrinsics_message
 from spot3d.dataflow.process_use import SINGLE_THREADED
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.frame import RgbdFrame
+from spot3d.source.process import run as run_source
+from spot3d.source.sequence import FrameSequence
+from spot3d.source.settings import SourceSettings
 from spot3d_schemas import (
     TOPICS,
     Frame,
@@ -86,6 +89,21 @@ class Recording:
 
     def __iter__(self) -> Iterator[RgbdFrame]:
         return map(self.__getitem__, range(len(self)))
+
+
+@contextmanager
+def playing(link: LinkSettings, recording: FrameSequence, **options: object) -> Iterator[threading.Thread]:
+    """A source in a thread of this process, ended at last."""
+    stop = threading.Event()
+    arguments = {"link": link, "settings": SourceSettings(), "sequence": recording, "stop": stop, **options}
+    thread = threading.Thread(target=run_source, kwargs=arguments)
+    thread.start()
+    try:
+        yield thread
+    finally:
+        stop.set()
+        thread.join(20)
+        assert not thread.is_alive()
 
 
 def frame_message(frame: RgbdFrame, robot: str, seq: int) -> Frame:

@@ -2,24 +2,21 @@
 
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 import pytest
 import zenoh
-from dataflow_stages import STAGES, Ear, Recording, Stages, frame_message, listening, wait_alive, wait_gone
+from dataflow_stages import STAGES, Ear, Recording, Stages, frame_message, listening, playing, wait_alive, wait_gone
 
-from spot3d.dataflow.router import free_loopback_endpoint, open_router
+from spot3d.dataflow.router import free_loopback_endpoint
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.snapshot_writer import snapshot_path
 from spot3d.fusion.snapshot import read_account
-from spot3d.source.process import run as run_source
-from spot3d.source.settings import SourceSettings
 from spot3d_schemas import (
     TOPICS,
     End,
@@ -54,13 +51,6 @@ sys.stdin.read()
 
 
 @pytest.fixture(scope="module")
-def router() -> Iterator[tuple[zenoh.Session, str]]:
-    endpoint = free_loopback_endpoint()
-    with open_router((endpoint,)) as session:
-        yield session, endpoint
-
-
-@pytest.fixture(scope="module")
 def lossless(router: tuple[zenoh.Session, str]) -> Iterator[tuple[zenoh.Session, Stages, Ear]]:
     """All stages of one robot, lossless; each test plays a recording of its own hour."""
     session, endpoint = router
@@ -72,21 +62,6 @@ def lossless(router: tuple[zenoh.Session, str]) -> Iterator[tuple[zenoh.Session,
         wait_alive(session, "calm", set(STAGES))
         yield session, stages, ear
         assert stages.stop() == dict.fromkeys(STAGES, 0), "SIGTERM ends every stage in order"
-
-
-@contextmanager
-def playing(link: LinkSettings, recording: Recording, **options: object) -> Iterator[threading.Thread]:
-    """A source in a thread of this process, ended at last."""
-    stop = threading.Event()
-    arguments = {"link": link, "settings": SourceSettings(), "sequence": recording, "stop": stop, **options}
-    thread = threading.Thread(target=run_source, kwargs=arguments)
-    thread.start()
-    try:
-        yield thread
-    finally:
-        stop.set()
-        thread.join(20)
-        assert not thread.is_alive()
 
 
 def play(link: LinkSettings, recording: Recording) -> None:

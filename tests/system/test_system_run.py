@@ -6,8 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ from spot3d.dataflow.settings import LinkSettings
 from spot3d.fusion.snapshot import read_account
 from spot3d.settings import without_settings
 from spot3d_schemas import Objects, Progress, decode, key
+from waiting import wait_until
 
 STAGES = {"source", "pose", "proposals", "heatmap", "segments", "fusion"}
 VERTEX_BYTES = 23
@@ -32,13 +32,6 @@ def arguments(out: Path, frames: int, *more: str) -> list[str]:
         *(sys.executable, "-m", "spot3d", "run", "scene", "--half"),
         *("--frames", str(frames), "--out", str(out), *more),
     ]
-
-
-def wait_until(condition: Callable[[], bool], limit_s: float, what: str) -> None:
-    end_s = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < end_s, f"{what}: not within {limit_s:.0f} s"
-        time.sleep(0.05)
 
 
 def stages_of(parent: int) -> dict[str, int]:
@@ -88,7 +81,7 @@ class Run:
             self.said += line
 
     def wait_for_stages(self) -> dict[str, int]:
-        wait_until(lambda: set(stages_of(self.process.pid)) == STAGES, START_S, "all stages are started")
+        wait_until(lambda: set(stages_of(self.process.pid)) == STAGES, "all stages are started", START_S)
         return stages_of(self.process.pid)
 
 
@@ -156,12 +149,12 @@ def test_a_killed_stage_is_started_again_and_ctrl_c_ends_all(endless):
             key("robot", "fusion/objects"),
             lambda sample: updates.append(decode(sample.payload.to_bytes(), Objects).frame_count),
         )
-        wait_until(lambda: bool(fused) and bool(updates), START_S, "frames are fused, and objects found")
+        wait_until(lambda: bool(fused) and bool(updates), "frames are fused, and objects found", START_S)
         before = endless.wait_for_stages()
         at_kill = fused[-1]
         os.kill(before["heatmap"], signal.SIGKILL)
-        wait_until(lambda: "heatmap was killed by SIGKILL; started again" in endless.said, 5, "the death is told")
-        wait_until(lambda: fused[-1] >= at_kill + 5, 40, "frames are fused again")
+        wait_until(lambda: "heatmap was killed by SIGKILL; started again" in endless.said, "the death is told", 5)
+        wait_until(lambda: fused[-1] >= at_kill + 5, "frames are fused again", 40)
         assert fused == sorted(fused), "fusion has lost nothing that it had fused"
         subscriber.undeclare()
         others.undeclare()
@@ -169,7 +162,7 @@ def test_a_killed_stage_is_started_again_and_ctrl_c_ends_all(endless):
     assert {stage for stage in STAGES if after[stage] != before[stage]} == {"heatmap"}
 
     endless.process.send_signal(signal.SIGINT)
-    wait_until(lambda: not any(map(is_running, after.values())), 8, "every stage has ended")
+    wait_until(lambda: not any(map(is_running, after.values())), "every stage has ended", 8)
     assert endless.process.wait(20) == 130
     objects = json.loads((endless.out / "objects.json").read_text())
     assert objects["frame_count"] > 0
@@ -185,17 +178,17 @@ def test_a_killed_stage_is_started_again_and_ctrl_c_ends_all(endless):
 def test_stages_end_with_a_run_that_is_killed(endless):
     children = endless.wait_for_stages()
     endless.process.kill()
-    wait_until(lambda: not any(map(is_running, children.values())), 20, "every stage has ended")
+    wait_until(lambda: not any(map(is_running, children.values())), "every stage has ended", 20)
 
 
 def test_a_run_that_is_killed_leaves_the_results_of_its_last_ten_seconds(endless):
     children = endless.wait_for_stages()
     kept = endless.out / "objects.json"
     # heatmap.ply is written last: all are there, and each that follows takes the place of one.
-    wait_until((endless.out / "heatmap.ply").exists, START_S, "results are kept as the run goes")
-    wait_until(lambda: json.loads(kept.read_text())["frame_count"] > 0, START_S, "objects are kept, too")
+    wait_until((endless.out / "heatmap.ply").exists, "results are kept as the run goes", START_S)
+    wait_until(lambda: json.loads(kept.read_text())["frame_count"] > 0, "objects are kept, too", START_S)
     endless.process.kill()
-    wait_until(lambda: not any(map(is_running, children.values())), 20, "every stage has ended")
+    wait_until(lambda: not any(map(is_running, children.values())), "every stage has ended", 20)
     report = json.loads((endless.out / "report.json").read_text())
     assert "was killed" in report["error"]
     assert report["frames"]["fused"] > 0

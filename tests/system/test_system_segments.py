@@ -2,17 +2,14 @@
 
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
 import zenoh
-from dataflow_stages import STAGES, Ear, Recording, Stages, listening, wait_alive
+from dataflow_stages import STAGES, Ear, Recording, Stages, listening, playing, wait_alive
 from zenoh.handlers import FifoChannel
 
 from spot3d.dataflow.conversion import frame_segments, segments_message
-from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.frame_segments import FrameSegments
 from spot3d.pipeline import PipelineStep, run_pipeline
@@ -26,28 +23,6 @@ from spot3d_schemas import Frame, Segments, alive_key, decode, encode, encoding,
 
 FRAMES = 40
 """Two seconds of a camera that moves by 2 cm a second."""
-
-
-@pytest.fixture(scope="module")
-def router() -> Iterator[tuple[zenoh.Session, str]]:
-    endpoint = free_loopback_endpoint()
-    with open_router((endpoint,)) as session:
-        yield session, endpoint
-
-
-@contextmanager
-def playing(link: LinkSettings, recording: FrameSequence, **options: object) -> Iterator[threading.Thread]:
-    """A source in a thread of this process, ended at last."""
-    stop = threading.Event()
-    arguments = {"link": link, "settings": SourceSettings(), "sequence": recording, "stop": stop, **options}
-    thread = threading.Thread(target=run_source, kwargs=arguments)
-    thread.start()
-    try:
-        yield thread
-    finally:
-        stop.set()
-        thread.join(20)
-        assert not thread.is_alive()
 
 
 def in_process(recording: FrameSequence) -> dict[int, FrameSegments]:

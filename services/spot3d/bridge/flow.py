@@ -3,12 +3,11 @@
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
 
 import zenoh
 from zenoh.handlers import Handler, RingChannel
 
-from spot3d.dataflow.endpoints import declare_publisher, waiting
+from spot3d.dataflow.endpoints import declare_publisher, is_heard, waiting
 from spot3d.dataflow.payload import intact_bytes
 from spot3d.dataflow.settings import LinkSettings
 from spot3d_schemas import Topic, alive_key, key, token_of
@@ -36,11 +35,7 @@ class Flow:
 
     def follow(self) -> None:
         """Subscribe where somebody listens on the other side, and only then: nothing else is to cross the link."""
-        # What is kept for those who come late is wanted even before they are there.
-        wanted = True
-        if isinstance(self._publisher, zenoh.Publisher):
-            status: Any = self._publisher.matching_status  # whose type Zenoh's stubs state wrongly
-            wanted = status.matching
+        wanted = is_heard(self._publisher)
         if wanted and self._unsubscribe is None:
             # Never a FIFO: while one is full, nothing else of the session is received.
             channel: RingChannel[zenoh.Sample] = RingChannel(waiting(self._topic.name, self._link))

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from selectors import EVENT_WRITE, DefaultSelector
 
+from spot3d.dataflow.settings import host_and_port
+
 _ASKED_EVERY_S = 0.1
 """TCP itself asks again after one second, three, seven: it may notice late by as much."""
 _BY_TCP = ("tcp", "tls", "ws")
@@ -58,8 +60,7 @@ def _addresses(endpoint: str) -> list[_Address]:
 
 
 def _look_up(endpoint: str) -> None:
-    host, _, port = endpoint.partition("/")[2].partition("#")[0].partition("?")[0].rpartition(":")
-    found = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_STREAM)
+    found = socket.getaddrinfo(*host_and_port(endpoint), type=socket.SOCK_STREAM)
     _known[endpoint] = [(family, (str(to[0]), int(to[1]))) for family, _, _, _, to in found]
 
 

@@ -3,6 +3,7 @@
 import logging
 import threading
 import time
+from contextlib import suppress
 
 import zenoh
 
@@ -33,12 +34,8 @@ def run(link: LinkSettings, settings: BridgeSettings, stop: threading.Event | No
 
     The robot's own router knows nothing of the link, and its stages go on as if there were none.
     """
-    with stop_on_signals(stop) as stopped:
-        try:
-            with open_session(link, stopped) as local:
-                _Bridge(local, link, settings).serve(stopped)
-        except StoppedError:
-            return
+    with stop_on_signals(stop) as stopped, suppress(StoppedError), open_session(link, stopped) as local:
+        _Bridge(local, link, settings).serve(stopped)
 
 
 class _Bridge:

@@ -1,13 +1,12 @@
 """`spot3d bench`: where the time goes, beside references measured in the same run."""
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from spot3d.cli.options import CommandError, check_outputs
+from spot3d.cli.options import CommandError, check_outputs, say
 
 if TYPE_CHECKING:
     from spot3d.bench.material import Material
@@ -42,7 +41,7 @@ def bench(
     """Measure time and memory of every step, stage and process on the built-in scene; print Markdown."""
     from spot3d.dataflow.process_use import stay_single_threaded
     from spot3d.evaluate.record import data_checksum, record
-    from spot3d.evaluate.table import to_document, to_markdown
+    from spot3d.evaluate.table import to_markdown, write_tables
     from spot3d.machine import machine
     from spot3d.settings import load_settings
 
@@ -63,8 +62,7 @@ def bench(
     if json_file is not None:
         options = {"only": only, "frames": frames, "live_seconds": live_seconds, "rate": rate, "growth": growth}
         kept = record(settings, {name: data_checksum(name) for name in names}, options)
-        document = {"record": kept, "tables": [to_document(table) for table in made]}
-        json_file.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        write_tables(json_file, kept, made)
 
 
 def _tables(
@@ -83,28 +81,28 @@ def _tables(
     if "kernels" in chosen:
         from spot3d.bench.kernels import kernels_table
 
-        yield kernels_table([material.first(FEW) for material in materials], settings, _say)
+        yield kernels_table([material.first(FEW) for material in materials], settings, say)
     if "pose" in chosen:
         from spot3d.bench.poses import pose_table
 
-        yield pose_table(materials, settings.pose, _say)
+        yield pose_table(materials, settings.pose, say)
     if "messages" in chosen:
         from spot3d.bench.messages import messages_table
 
-        yield messages_table(materials, _say)
+        yield messages_table(materials, say)
     if "pipeline" in chosen:
         from spot3d.bench.whole import pipeline_tables
 
-        yield from pipeline_tables([(name, frames or (300 if name == SCENE else None)) for name in names], _say)
+        yield from pipeline_tables([(name, frames or (300 if name == SCENE else None)) for name in names], say)
     if "live" in chosen:
         from spot3d.bench.live import live_table
 
-        yield live_table(materials, rate, live_seconds, cold, _say)
+        yield live_table(materials, rate, live_seconds, cold, say)
     if "growth" in chosen:
         from spot3d.bench.growth import charts, map_growth, proposals_growth
         from spot3d.drawing.picture import write_picture
 
-        found = (map_growth(materials[1], growth, settings, _say), proposals_growth(settings.proposals, _say))
+        found = (map_growth(materials[1], growth, settings, say), proposals_growth(settings.proposals, say))
         yield from found
         if plots is not None:
             plots.mkdir(parents=True, exist_ok=True)
@@ -119,13 +117,8 @@ def _materials(names: list[str], count: int, settings: "Settings") -> list["Mate
 
     made = []
     for name in names:
-        _say(f"{name}: {count} frames ...")
+        say(f"{name}: {count} frames ...")
         frames = load(open_source(name), count)
         short = Path(name).name
         made += [prepare(short, frames, settings), prepare(short, at_half_size(frames), settings)]
     return made
-
-
-def _say(message: str) -> None:
-    """Progress goes to standard error, so that the tables can be piped."""
-    typer.echo(message, err=True)

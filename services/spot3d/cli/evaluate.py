@@ -1,6 +1,5 @@
 """`spot3d evaluate`: the paper's tables on data sets that are there."""
 
-import json
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -15,6 +14,7 @@ from spot3d.cli.options import (
     PresetOption,
     SettingsOption,
     check_outputs,
+    say,
 )
 from spot3d.settings import load_settings
 from spot3d.source.errors import SourceError
@@ -66,10 +66,9 @@ def evaluate(
     from spot3d.dataflow.process_use import stay_single_threaded
     from spot3d.evaluate.datasets import at_half_size, datasets_below, open_dataset, told_apart
     from spot3d.evaluate.finished_run import finished_table
-    from spot3d.evaluate.plots import write_plots
     from spot3d.evaluate.record import data_checksum, record
     from spot3d.evaluate.robustness import GROUPS, robustness_table
-    from spot3d.evaluate.table import to_document, to_markdown
+    from spot3d.evaluate.table import to_markdown, write_plots, write_tables
     from spot3d.evaluate.tables import TABLES, make_tables, with_objects
 
     if table not in (ALL, RUN, ROBUSTNESS, *TABLES):
@@ -97,17 +96,17 @@ def evaluate(
         except SourceError as error:
             if table != ALL:
                 raise
-            _say(f"left out: {error}")
+            say(f"left out: {error}")
             continue
         opened[name] = at_half_size(dataset) if half else dataset
     datasets = told_apart(opened)
     made = []
     if table == ROBUSTNESS:
-        tables = iter([robustness_table(with_objects(datasets), resolved, every, kinds, _say)])
+        tables = iter([robustness_table(with_objects(datasets), resolved, every, kinds, say)])
     elif of is not None:
         tables = iter([finished_table(dataset, of, resolved) for dataset in datasets])
     else:
-        tables = make_tables(list(TABLES) if table == ALL else [table], datasets, resolved, _say)
+        tables = make_tables(list(TABLES) if table == ALL else [table], datasets, resolved, say)
     for one in tables:
         made.append(one)
         typer.echo(to_markdown(one))
@@ -116,8 +115,7 @@ def evaluate(
     kept = record(resolved, {name: data_checksum(name) for name in names}, options)
     typer.echo(_measured_on(kept))
     if json_file is not None:
-        document = {"record": kept, "tables": [to_document(one) for one in made]}
-        json_file.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        write_tables(json_file, kept, made)
     if plots is not None:
         write_plots(plots, made)
 
@@ -130,8 +128,3 @@ def _measured_on(kept: dict[str, Any]) -> str:
         f"spot3d {kept['version']}, preset {kept['settings']['preset']}, on {machine['cpu']}, "
         f"{machine['cores']} cores, Python {machine['python']}. Options: {given}. Data, with checksum: {data}."
     )
-
-
-def _say(message: str) -> None:
-    """Progress goes to standard error, so that the tables can be piped."""
-    typer.echo(message, err=True)

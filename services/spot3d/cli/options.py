@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from spot3d.run.supervised import stop_with_parent
+from spot3d.dataflow.stopping import stop_with_parent
 from spot3d.settings import Preset
 
 InputArgument = Annotated[
@@ -124,6 +124,11 @@ def check_outputs(json_file: Path | None, plots: Path | None) -> None:
     for place in (*folders, *([json_file] if json_file is not None and json_file.exists() else [])):
         if not os.access(place, os.W_OK):
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(place))
+
+
+def say(message: str) -> None:
+    """Say how the work goes on standard error, so that what is printed can be piped."""
+    typer.echo(message, err=True)
 
 
 def stage_started(supervised: bool) -> threading.Event:

@@ -16,6 +16,7 @@ from spot3d.cli.options import (
     SettingsOption,
     SupervisedOption,
     link_overrides,
+    say,
     stage_started,
 )
 from spot3d.settings import load_settings
@@ -101,7 +102,7 @@ def export(
     if not source.exists():
         raise CommandError(f"{source} does not exist; give a folder of results, or a recording")
     try:
-        exported = export_all(source, out, lambda text: typer.echo(text, err=True))
+        exported = export_all(source, out, say)
     except BrokenRecordingError as error:
         raise CommandError(str(error)) from error
     except FileExistsError as error:

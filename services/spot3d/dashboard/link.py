@@ -5,7 +5,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 import zenoh
@@ -13,6 +13,7 @@ from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dashboard.health import HEARD
+from spot3d.dataflow.endpoints import end_subscription
 from spot3d.dataflow.payload import intact_bytes
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.settings import LinkSettings
@@ -189,7 +190,7 @@ class Link:
         left_out = {topic for topic, there in self._interest.pictures() if not there}
         wanted = {(robot, topic) for robot in self._interest.robots for topic in _SHOWN if topic not in left_out}
         for place in self._ears.keys() - wanted:
-            _undeclare(self._ears.pop(place))
+            end_subscription(self._ears.pop(place))
         for robot, topic in wanted - self._ears.keys():
             channel: RingChannel[zenoh.Sample] = RingChannel(_WAITING[topic])
             self._ears[robot, topic] = self._session.declare_subscriber(key(robot, topic), channel)
@@ -198,7 +199,7 @@ class Link:
         with self._lock:
             self._session, self.connected, self.alive = None, False, {}
             for subscriber in self._ears.values():
-                _undeclare(subscriber)
+                end_subscription(subscriber)
             self._ears, self._fleet = {}, {}
 
 
@@ -215,12 +216,6 @@ def _hear_fleet(session: zenoh.Session, topic: str, stack: ExitStack) -> Handler
     undeclare: Callable[[], object] = late.undeclare
     stack.callback(undeclare)
     return late.handler
-
-
-def _undeclare(subscriber: "zenoh.Subscriber[Handler[zenoh.Sample]]") -> None:
-    undeclare: Callable[[], object] = subscriber.undeclare
-    with suppress(zenoh.ZError):  # its session may be closed
-        undeclare()
 
 
 def _received(handler: "Handler[zenoh.Sample]") -> zenoh.Sample | None:

@@ -16,9 +16,10 @@ from spot3d.dashboard.panel import Actions, Panel
 from spot3d.dashboard.picture import live_picture
 from spot3d.dashboard.robot import Robot
 from spot3d.dashboard.said import drop_table, health_table, hop_table, summary, waiting_for
-from spot3d.dashboard.saving import map_file, objects_file, png_file
+from spot3d.dashboard.saving import map_file, objects_file
 from spot3d.dashboard.scene import RobotScene
 from spot3d.dashboard.settings import DashboardSettings
+from spot3d.drawing.picture import png_bytes
 from spot3d_schemas import MapPoints
 
 log = logging.getLogger(__name__)
@@ -210,7 +211,7 @@ class Page:
             content = map_file(robot, whole if isinstance(whole, MapPoints) else None)
         else:
             width = round(_VIEW_HEIGHT * client.camera.aspect)
-            content = png_file(client.get_render(_VIEW_HEIGHT, width, timeout=_RENDER_S)[:, :, :3])
+            content = png_bytes(client.get_render(_VIEW_HEIGHT, width, timeout=_RENDER_S)[:, :, :3])
         client.send_file_download(f"{robot.name}-{name}", content, save_immediately=True)
 
     def _reset(self, client: viser.ClientHandle | None) -> None:

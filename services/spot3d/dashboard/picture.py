@@ -30,8 +30,10 @@ def live_picture(
     known, and no box is drawn.
     """
     colour = seen.colour if heat is None else with_heat(seen.colour, heat.colour[:, :, 0])
-    boxes = [] if T_world_camera is None else [(item.id, box_of(item)) for item in objects]
-    return draw_view(_frame(seen, colour), np.eye(4) if T_world_camera is None else T_world_camera, boxes, WIDTH)
+    if T_world_camera is None:
+        return draw_view(_frame(seen, colour), np.eye(4), (), WIDTH)
+    boxes = [(item.id, Box3D(item.centre, item.size, item.rotation)) for item in objects]
+    return draw_view(_frame(seen, colour), T_world_camera, boxes, WIDTH)
 
 
 def with_heat(colour: NDArray[np.uint8], heat: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -41,11 +43,6 @@ def with_heat(colour: NDArray[np.uint8], heat: NDArray[np.uint8]) -> NDArray[np.
     share = (np.float32(_HEAT_SHARE / 255) * heat)[:, :, None]
     mixed = colour * (1 - share) + heat_colours(heat.ravel()).reshape(height, width, 3) * share
     return np.asarray(mixed, np.uint8)
-
-
-def box_of(item: Object3D) -> Box3D:
-    """An object's box."""
-    return Box3D(item.centre, item.size, item.rotation)
 
 
 def _frame(seen: Preview, colour: NDArray[np.uint8]) -> RgbdFrame:

@@ -31,15 +31,14 @@ class Trail:
         self._corners: list[NDArray[np.float64]] = []
         self._step_m = _STEP_M
 
-    def add(self, place: NDArray[np.float64]) -> bool:
-        """The camera is at `place` (3,), world; returns whether that is a new corner."""
+    def add(self, place: NDArray[np.float64]) -> None:
+        """The camera is at `place` (3,), world: a corner, unless it is near to the last."""
         if self._corners and np.linalg.norm(place - self._corners[-1]) < self._step_m:
-            return False
+            return
         self._corners.append(np.array(place, np.float64))
         if len(self._corners) > _CORNERS:
             self._corners = self._corners[::2]
             self._step_m *= 2
-        return True
 
     def segments(self) -> NDArray[np.float32]:
         """(n, 2, 3) float32 pieces of the path from corner to corner."""

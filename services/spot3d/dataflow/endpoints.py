@@ -1,5 +1,9 @@
 """Publishers and subscribers as the table of topics says: congestion, priority and how much waits."""
 
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
 import zenoh
 from zenoh import CongestionControl, Priority
 from zenoh.ext import AdvancedPublisher, CacheConfig, MissDetectionConfig, declare_advanced_publisher
@@ -63,6 +67,14 @@ def declare_publisher(session: zenoh.Session, topic: str, link: LinkSettings) ->
     )
 
 
+def is_heard(publisher: zenoh.Publisher | AdvancedPublisher) -> bool:
+    """Whether anybody subscribes; what is kept for those who come late counts as heard, as that is not known."""
+    if not isinstance(publisher, zenoh.Publisher):
+        return True
+    status: Any = publisher.matching_status  # whose type Zenoh's stubs state wrongly
+    return bool(status.matching)
+
+
 def declare_subscriber(
     session: zenoh.Session, topic: str, link: LinkSettings
 ) -> zenoh.Subscriber[Handler[zenoh.Sample]]:
@@ -71,3 +83,10 @@ def declare_subscriber(
     channel: RingChannel[zenoh.Sample] | FifoChannel[zenoh.Sample]
     channel = RingChannel(size) if keeps_newest(topic, link) else FifoChannel(size)
     return session.declare_subscriber(key(link.robot, topic), channel)
+
+
+def end_subscription(subscriber: "zenoh.Subscriber[Any]") -> None:
+    """Hear no more of what a subscriber hears."""
+    undeclare: Callable[[], object] = subscriber.undeclare
+    with suppress(zenoh.ZError):  # its session may be closed, or two threads are here
+        undeclare()

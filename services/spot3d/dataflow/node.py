@@ -16,7 +16,7 @@ from spot3d.dataflow.admission import PER_FRAME, Admission
 from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.clocks import Clocks, one_clock
 from spot3d.dataflow.counters import Counters
-from spot3d.dataflow.endpoints import declare_publisher, declare_subscriber, keeps_newest, waiting
+from spot3d.dataflow.endpoints import declare_publisher, declare_subscriber, is_heard, keeps_newest, waiting
 from spot3d.dataflow.heartbeat import STUCK_S, Heartbeat
 from spot3d.dataflow.inbox import Inbox, Tray
 from spot3d.dataflow.payload import intact_bytes
@@ -175,11 +175,8 @@ class Node:
         return header.model_copy(update={"robot": self.link.robot, "seq": seq, "sender": self.sender})
 
     def wanted(self, topic: str) -> bool:
-        """Whether anybody subscribes to an output; of one that is kept for those who come late that is not known."""
-        publisher = self._publishers[topic]
-        # Zenoh's type stub calls it a bool.
-        status: Any = publisher.matching_status if isinstance(publisher, zenoh.Publisher) else None
-        return status is None or bool(status.matching)
+        """Whether anybody subscribes to an output; see `is_heard`."""
+        return is_heard(self._publishers[topic])
 
     def publish(self, topic: str, message: Message, jpeg_quality: int | None = None) -> bool:
         """Send a message; returns whether it went out. What cannot be sent is counted as an error.

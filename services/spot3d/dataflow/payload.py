@@ -1,6 +1,12 @@
 """The bytes of a message, wherever they lie."""
 
+from typing import TypeVar
+
 import zenoh
+
+from spot3d_schemas import CodecError, Message, decode
+
+M = TypeVar("M", bound=Message)
 
 
 def intact_bytes(payload: zenoh.ZBytes) -> bytes | None:
@@ -12,3 +18,12 @@ def intact_bytes(payload: zenoh.ZBytes) -> bytes | None:
     data = payload.to_bytes()
     shared = payload.as_shm()
     return data if shared is None or shared.is_valid() else None
+
+
+def decoded(payload: zenoh.ZBytes, expected: type[M]) -> M | None:
+    """The message; None where it is none or was taken back, for who only looks on: nonsense is not to end him."""
+    data = intact_bytes(payload)
+    try:
+        return None if data is None else decode(data, expected)
+    except CodecError:
+        return None

@@ -1,5 +1,6 @@
-"""The loop of a stage: each input goes to the function that handles it."""
+"""The loop of a stage: each input goes to the function that handles it, which may fail on it."""
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
@@ -10,6 +11,7 @@ from spot3d.dataflow.node import Node, Received
 from spot3d_schemas import TOPICS, Message
 
 M = TypeVar("M", bound=Message)
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +33,18 @@ class OnQuery:
 
     topic: str
     work: Callable[[zenoh.Query], None]
+
+
+def attempted(node: Node, step: str, text: str, work: Callable[[], T]) -> T | None:
+    """What a core makes of one frame, whose time is counted; None where it fails, which is counted and logged."""
+    start_s = time.perf_counter()
+    try:
+        done = work()
+    except Exception as error:
+        node.crashed(step, text, error)
+        return None
+    node.counters.step(time.perf_counter() - start_s)
+    return done
 
 
 def serve(node: Node, *handlers: On[Any] | OnQuery, between: Callable[[], None] = lambda: None) -> None:

@@ -3,8 +3,10 @@
 import json
 import logging
 import threading
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from math import inf
 
 import zenoh
 
@@ -23,7 +25,7 @@ _IN_USE = "the port or socket may be in use: end the program that listens there,
 
 
 class StoppedError(Exception):
-    """The process was asked to stop before it had a session."""
+    """The process was asked to stop, or lost patience, before it had a session."""
 
 
 def zenoh_config(link: LinkSettings) -> zenoh.Config:
@@ -72,13 +74,16 @@ def _tls(link: LinkSettings) -> dict[str, object]:
 
 @contextmanager
 def open_session(
-    link: LinkSettings, stop: threading.Event | None = None, more: Mapping[str, object] | None = None
+    link: LinkSettings,
+    stop: threading.Event | None = None,
+    more: Mapping[str, object] | None = None,
+    patience_s: float = inf,
 ) -> Iterator[zenoh.Session]:
     """A session that is closed in the end; a client waits for its router, and says so.
 
-    more: other values of Zenoh's configuration, by key, for a router. Raises StoppedError where `stop` is set while
-    waiting, TlsError where the link's own certificate cannot be used, ConnectionError where a router or peer cannot
-    open.
+    more: other values of Zenoh's configuration, by key, for a router. patience_s: longest wait for the router. Raises
+    StoppedError where that is over or `stop` is set while waiting, TlsError where the link's own certificate cannot be
+    used, ConnectionError where a router or peer cannot open.
     """
     # A router warns of those that it refuses.
     zenoh.init_log_from_env_or("error,zenoh_link_tls=warn")
@@ -86,16 +91,18 @@ def open_session(
     if own is not None and own.soon_over:
         log.warning("this side's certificate %s is for %s: make a new one in time", link.certificate, own)
     # A session that is left open keeps the interpreter from ending.
-    with _open(link, stop, more) as session:
+    with _open(link, stop or threading.Event(), more, time.monotonic() + patience_s) as session:
         yield session
 
 
-def _open(link: LinkSettings, stop: threading.Event | None, more: Mapping[str, object] | None) -> zenoh.Session:
+def _open(
+    link: LinkSettings, stop: threading.Event, more: Mapping[str, object] | None, deadline_s: float
+) -> zenoh.Session:
     config = zenoh_config(link)
     for key, value in (more or {}).items():
         config.insert_json5(key, json.dumps(value))
     tries = 0
-    while stop is None or not stop.is_set():
+    while not stop.is_set() and time.monotonic() < deadline_s:
         try:
             return zenoh.open(config)
         except zenoh.ZError as error:
@@ -107,8 +114,7 @@ def _open(link: LinkSettings, stop: threading.Event | None, more: Mapping[str, o
                 reason = why_refused(link) or first_line(error)
                 log.warning("no router at %s yet, trying again: %s", ", ".join(link.connect), reason)
             tries += 1
-            if stop is not None:
-                stop.wait(0.1)
+            stop.wait(0.1)
     raise StoppedError
 
 

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from spot3d_schemas import checked_name
 
 _ENDPOINT = re.compile(
-    r"unixsock-stream/\S+|(tcp|tls|quic|ws)/(\[[^]\s]+]|[^][:/\s]+):(?P<port>[0-9]+)([?#]\S*)?", re.ASCII
+    r"unixsock-stream/\S+|(tcp|tls|quic|ws)/(?P<host>\[[^]\s]+]|[^][:/\s]+):(?P<port>[0-9]+)([?#]\S*)?", re.ASCII
 )
 _PORT_MAX = 65535
 USUAL_ENDPOINT = "tcp/127.0.0.1:7447"
@@ -24,6 +24,14 @@ def _checked_endpoint(text: str) -> str:
             "unixsock-stream/PATH"
         )
     return text
+
+
+def host_and_port(endpoint: str) -> tuple[str, int]:
+    """Of an endpoint with both: ::1 and 7447 of tls/[::1]:7447#so_sndbuf=65536. Raises ValueError for others."""
+    match = _ENDPOINT.fullmatch(endpoint)
+    if match is None or match["host"] is None:
+        raise ValueError(f"{endpoint} has no host and port, as tls/192.168.1.2:7447 has")
+    return match["host"].strip("[]"), int(match["port"])
 
 
 Endpoint = Annotated[str, AfterValidator(_checked_endpoint)]

@@ -1,5 +1,6 @@
-"""A stage's process ends by SIGINT, SIGTERM, SIGHUP or its stop event."""
+"""A stage's process ends by SIGINT, SIGTERM, SIGHUP or its stop event, and with the run that has started it."""
 
+import os
 import signal
 import sys
 import threading
@@ -9,6 +10,8 @@ from contextlib import contextmanager
 from types import FrameType
 
 _THREADS_END_S = 2.0
+_GRACE_S = 3.0
+"""Time to end cleanly once the run is gone."""
 
 
 @contextmanager
@@ -35,6 +38,19 @@ def stop_on_signals(stop: threading.Event | None) -> Iterator[threading.Event]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def stop_with_parent(stop: threading.Event) -> None:
+    """Set `stop` when standard input, the supervisor's pipe, closes; the process ends by force three seconds later."""
+    threading.Thread(target=_wait_for_end, args=(stop,), name="supervised", daemon=True).start()
+
+
+def _wait_for_end(stop: threading.Event) -> None:
+    while os.read(sys.stdin.fileno(), 4096):
+        pass
+    stop.set()
+    threading.Event().wait(_GRACE_S)
+    os._exit(1)
 
 
 def end_threads(threads: Sequence[threading.Thread]) -> None:

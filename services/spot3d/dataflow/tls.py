@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.settings import LinkSettings, host_and_port
 from spot3d.file_errors import why
 
 EXPIRES_SOON = datetime.timedelta(days=14)
@@ -73,7 +73,7 @@ def probe(endpoint: str, link: LinkSettings) -> Validity:
 
     Raises TlsError with the reason in words where either side refuses the other, or nobody answers.
     """
-    host, port = _address(endpoint)
+    host, port = host_and_port(endpoint)
     context = _context(ssl.PROTOCOL_TLS_CLIENT, link)
     context.check_hostname = link.verify_names
     try:
@@ -159,14 +159,6 @@ def _validity(certificate: Mapping[str, object] | None) -> Validity:
     named = next((value for part in parts for name, value in part if name == "commonName"), "no name")
     ends_s = ssl.cert_time_to_seconds(str(fields["notAfter"]))
     return Validity(named, datetime.datetime.fromtimestamp(ends_s, datetime.UTC))
-
-
-def _address(endpoint: str) -> tuple[str, int]:
-    """Host and port of an endpoint: tls/[::1]:7447#so_sndbuf=65536."""
-    host, _, port = endpoint.partition("/")[2].partition("#")[0].partition("?")[0].rpartition(":")
-    if not host or not port.isdecimal():
-        raise TlsError(f"{endpoint} has no host and port, as tls/192.168.1.2:7447 has")
-    return host.strip("[]"), int(port)
 
 
 def _words(error: ssl.SSLError) -> str:

@@ -5,10 +5,11 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 
 import zenoh
-from zenoh.handlers import FifoChannel
+from zenoh.handlers import FifoChannel, Handler
 
+from spot3d.dataflow.payload import decoded
 from spot3d.doctor.others import Answer, TopicRate, flows
-from spot3d_schemas import STAGES, About, CodecError, Health, decode, key
+from spot3d_schemas import STAGES, About, Health, key
 
 _ASKS = 5
 """The fastest answer tells the clock best."""
@@ -44,9 +45,8 @@ def _ask(session: zenoh.Session, where: str) -> list[Answer]:
         back_ns = time.time_ns()
         if reply.ok is None:
             continue
-        try:
-            told = decode(reply.ok.payload.to_bytes(), About)
-        except CodecError:
+        told = decoded(reply.ok.payload, About)
+        if told is None:
             continue  # someone else's answer; `stages` says that none came
         answers.append(Answer(told, 1e-6 * (told.time_ns - (asked_ns + back_ns) / 2), 1e-6 * (back_ns - asked_ns) / 2))
     return answers
@@ -56,26 +56,19 @@ def measure_flows(session: zenoh.Session, robot: str, seconds: float) -> list[To
     """What every stage sends, by what they count themselves: listening would fill the link that is looked at."""
     told: dict[str, list[Health]] = {stage: [] for stage in STAGES}
     with ExitStack() as stack:
-        subscribers = {}
+        handlers: dict[str, Handler[zenoh.Sample]] = {}
         for stage in STAGES:
-            channel: FifoChannel[zenoh.Sample] = FifoChannel(_HEALTH_WAITING)
-            subscribers[stage] = session.declare_subscriber(key(robot, f"{stage}/health"), channel)
-            stack.callback(subscribers[stage].undeclare)
+            subscriber = session.declare_subscriber(key(robot, f"{stage}/health"), FifoChannel(_HEALTH_WAITING))
+            handlers[stage] = stack.enter_context(subscriber).handler
         deadline_s = time.monotonic() + seconds
         while time.monotonic() < deadline_s:
-            for stage, subscriber in subscribers.items():
-                sample = subscriber.handler.try_recv()
-                if sample is not None:
-                    _note(told[stage], sample)
+            for stage, handler in handlers.items():
+                sample = handler.try_recv()
+                # `spot3d status` lists stages that nobody understands.
+                if sample is not None and (health := decoded(sample.payload, Health)) is not None:
+                    told[stage].append(health)
             time.sleep(0.01)
     return [flow for told_by in told.values() for flow in _between(told_by)]
-
-
-def _note(told: list[Health], sample: zenoh.Sample) -> None:
-    try:
-        told.append(decode(sample.payload.to_bytes(), Health))
-    except CodecError:
-        return  # `spot3d status` lists stages that nobody understands
 
 
 def _between(told: Sequence[Health]) -> list[TopicRate]:

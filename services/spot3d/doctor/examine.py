@@ -1,7 +1,5 @@
 """The whole examination: this device, the router, the stages."""
 
-import threading
-
 from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.settings import LinkSettings
@@ -18,13 +16,8 @@ _CONNECT_S = 3.0
 def examine(link: LinkSettings, seconds: float) -> tuple[list[Finding], list[TopicRate]]:
     """All findings about this device and, where the router answers, about the robot's stages; and what they send."""
     findings = look_here(link)
-    stop = threading.Event()
-    impatience = threading.Timer(_CONNECT_S, stop.set)
-    impatience.daemon = True
-    impatience.start()
     try:
-        with open_session(link, stop) as session, watch_alive(session, link.robot) as alive:
-            impatience.cancel()
+        with open_session(link, patience_s=_CONNECT_S) as session, watch_alive(session, link.robot) as alive:
             findings += reached(link)
             # The first second of measuring is also the time for the tokens to come.
             sent = measure_flows(session, link.robot, seconds)
@@ -34,8 +27,6 @@ def examine(link: LinkSettings, seconds: float) -> tuple[list[Finding], list[Top
         return [*findings, Finding("problem", "router", "not tried without a certificate", "see above")], []
     except StoppedError:
         return findings + reached(link, answered=False), []
-    finally:
-        impatience.cancel()
 
 
 def reached(link: LinkSettings, answered: bool = True) -> list[Finding]:

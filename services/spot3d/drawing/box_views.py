@@ -12,10 +12,8 @@ from spot3d.drawing.picture import (
     Picture,
     draw_faint_lines,
     draw_lines,
-    draw_text,
+    draw_object_labels,
     object_colour,
-    place_labels,
-    text_width,
 )
 from spot3d.frame import RgbdFrame
 
@@ -91,7 +89,7 @@ def draw_view(
         centre = _moved(T_camera_world, box.centre[None])[0]
         if centre[2] > _NEAR:
             drawn.append((float(centre[2]), number, box))
-    anchors, texts = [], []
+    labels = []
     for _, number, box in sorted(drawn, key=lambda item: -item[0]):
         points = _moved(T_camera_world, corners(box))
         front, back = _edges_by_side(box, T_world_camera[:3, 3])
@@ -101,11 +99,8 @@ def draw_view(
         pixels = _projected(np.maximum(points, (-np.inf, -np.inf, _NEAR)), frame.intrinsics) * scale
         anchor = (float(pixels[:, 0].mean()), float(pixels[:, 1].min()) - 8)
         if 0 <= anchor[0] < width and -20 <= anchor[1] < height and pixels[:, 1].max() > 0:
-            anchors.append(anchor)
-            texts.append((str(number), colour))
-    places = place_labels(anchors, [text_width(text, 0.6) for text, _ in texts], 22, picture.shape)
-    for (text, colour), place in zip(texts, places, strict=True):
-        draw_text(picture, text, place, colour, 0.6, tag=True)
+            labels.append((number, anchor))
+    draw_object_labels(picture, labels)
     return picture
 
 

@@ -5,15 +5,16 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from spot3d.drawing.picture import Picture
 
 SIZE = (900, 600)
 LEFT, TOP, RIGHT, BOTTOM = 90, 60, 290, 80
-INK, GRID, PAPER = (40, 40, 40), (222, 222, 222), (255, 255, 255)
+INK, GRID, _PAPER = (40, 40, 40), (222, 222, 222), (255, 255, 255)
 # Okabe and Ito's colours, told apart by colour-blind readers too (RGB).
-COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233), (230, 159, 0), (0, 0, 0))
-SUBPIXEL_BITS = 4
+_COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233), (230, 159, 0), (0, 0, 0))
+_SUBPIXEL_BITS = 4
 _TICKS = 5
 
 
@@ -27,7 +28,7 @@ class Line:
 
 def line_chart(title: str, x_name: str, y_name: str, lines: Sequence[Line]) -> Picture:
     """The lines over axes that start at zero, with a legend; (600, 900, 3) uint8 RGB."""
-    picture: Picture = np.full((SIZE[1], SIZE[0], 3), PAPER, np.uint8)
+    picture = empty_chart()
     width, height = SIZE[0] - LEFT - RIGHT, SIZE[1] - TOP - BOTTOM
     x_step, y_step = (_tick(max((p[axis] for line in lines for p in line.points), default=1.0)) for axis in (0, 1))
     bottom = SIZE[1] - BOTTOM
@@ -38,14 +39,9 @@ def line_chart(title: str, x_name: str, y_name: str, lines: Sequence[Line]) -> P
         write_text(picture, f"{tick * x_step:g}", (x - 16, bottom + 24))
         write_text(picture, f"{tick * y_step:g}", (LEFT - 58, y + 5))
     for number, line in enumerate(lines):
-        colour = COLOURS[number % len(COLOURS)]
         scale = np.array([width / (_TICKS * x_step), -height / (_TICKS * y_step)])
         points = np.array([LEFT, bottom]) + np.array(line.points, np.float64).reshape(-1, 2) * scale
-        fixed = np.rint(points * (1 << SUBPIXEL_BITS)).astype(np.int32)
-        cv2.polylines(picture, [fixed], False, colour, 3, cv2.LINE_AA, SUBPIXEL_BITS)
-        row = TOP + 16 + 26 * number
-        cv2.line(picture, (SIZE[0] - RIGHT + 18, row - 5), (SIZE[0] - RIGHT + 46, row - 5), colour, 3, cv2.LINE_AA)
-        write_text(picture, line.name, (SIZE[0] - RIGHT + 54, row))
+        draw_curve(picture, number, line.name, points)
     write_text(picture, title, (LEFT, TOP - 22))
     write_text(picture, x_name, (LEFT + width // 2 - 50, SIZE[1] - 22))
     write_text(picture, y_name, (12, TOP - 22))
@@ -57,6 +53,23 @@ def _tick(most: float) -> float:
     least = max(most, 1e-9) / _TICKS
     power = 10.0 ** np.floor(np.log10(least))
     return float(next(power * digit for digit in (1, 2, 2.5, 5, 10) if power * digit >= least * (1 - 1e-9)))
+
+
+def empty_chart() -> Picture:
+    """Paper to draw a chart on: (600, 900, 3) uint8 RGB."""
+    return np.full((SIZE[1], SIZE[0], 3), _PAPER, np.uint8)
+
+
+def draw_curve(picture: Picture, number: int, name: str, points: NDArray[np.float64]) -> None:
+    """Draw the line through the pixels (n, 2) and its name in the legend, in place; `number` counts from 0."""
+    colour = _COLOURS[number % len(_COLOURS)]
+    # More lines than colours: those of the next round are thin.
+    thickness = 3 if number < len(_COLOURS) else 1
+    fixed = np.rint(points * (1 << _SUBPIXEL_BITS)).astype(np.int32)
+    cv2.polylines(picture, [fixed], False, colour, thickness, cv2.LINE_AA, _SUBPIXEL_BITS)
+    left, row = SIZE[0] - RIGHT, TOP + 16 + 26 * number
+    cv2.line(picture, (left + 18, row - 5), (left + 46, row - 5), colour, thickness, cv2.LINE_AA)
+    write_text(picture, name, (left + 54, row))
 
 
 def write_text(picture: Picture, text: str, at: tuple[int, int], scale: float = 0.45) -> None:

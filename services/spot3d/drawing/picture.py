@@ -97,11 +97,23 @@ def place_labels(wanted: list[Point], widths: list[int], height: int, shape: tup
     return [(left, bottom) for left, bottom, _ in placed]
 
 
+def draw_object_labels(picture: Picture, labels: list[tuple[int, Point]]) -> None:
+    """Write the ids of objects near the wanted points, in their colours, none over another, in place."""
+    widths = [text_width(str(number), 0.6) for number, _ in labels]
+    places = place_labels([wanted for _, wanted in labels], widths, 22, picture.shape)
+    for (number, _), place in zip(labels, places, strict=True):
+        draw_text(picture, str(number), place, object_colour(number), 0.6, tag=True)
+
+
 def write_picture(path: Path, picture: Picture) -> None:
     """Write (h, w, 3) uint8 RGB as PNG. Raises OSError where the file cannot be written."""
-    encoded = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))[1]
     with whole_file(path) as stream:
-        stream.write(encoded.tobytes())
+        stream.write(png_bytes(picture))
+
+
+def png_bytes(picture: Picture) -> bytes:
+    """(h, w, 3) uint8 RGB as PNG."""
+    return cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))[1].tobytes()
 
 
 def _overlap(a: tuple[float, float, int], b: tuple[float, float, int], height: int) -> bool:

@@ -7,19 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.drawing.line_chart import (
-    BOTTOM,
-    COLOURS,
-    GRID,
-    INK,
-    LEFT,
-    PAPER,
-    RIGHT,
-    SIZE,
-    SUBPIXEL_BITS,
-    TOP,
-    write_text,
-)
+from spot3d.drawing.line_chart import BOTTOM, GRID, INK, LEFT, RIGHT, SIZE, TOP, draw_curve, empty_chart, write_text
 from spot3d.drawing.picture import Picture
 
 
@@ -42,7 +30,7 @@ def recall_plot(title: str, curves: Sequence[Curve]) -> Picture:
 
     Curves over named levels have these along the axis instead.
     """
-    picture: Picture = np.full((SIZE[1], SIZE[0], 3), PAPER, np.uint8)
+    picture = empty_chart()
     width, height = SIZE[0] - LEFT - RIGHT, SIZE[1] - TOP - BOTTOM
 
     def place(iou: float, recall: float) -> tuple[int, int]:
@@ -58,19 +46,10 @@ def recall_plot(title: str, curves: Sequence[Curve]) -> Picture:
         write_text(picture, text, (place(step, 0)[0] - round(3.7 * len(text)), SIZE[1] - BOTTOM + 24))
     cv2.rectangle(picture, place(0, 1), place(1, 0), INK, 1)
     for number, curve in enumerate(curves):
-        colour = COLOURS[number % len(COLOURS)]
-        # More curves than colours: those of the next round are thin.
-        thickness = 3 if number < len(COLOURS) else 1
         known = np.isfinite(curve.recall)
         x = LEFT + curve.thresholds[known] * width
         y = TOP + (1 - curve.recall[known]) * height
-        points = np.rint(np.stack((x, y), axis=1) * (1 << SUBPIXEL_BITS)).astype(np.int32)
-        cv2.polylines(picture, [points], False, colour, thickness, cv2.LINE_AA, SUBPIXEL_BITS)
-        row = TOP + 16 + 26 * number
-        cv2.line(
-            picture, (SIZE[0] - RIGHT + 18, row - 5), (SIZE[0] - RIGHT + 46, row - 5), colour, thickness, cv2.LINE_AA
-        )
-        write_text(picture, curve.name, (SIZE[0] - RIGHT + 54, row))
+        draw_curve(picture, number, curve.name, np.stack((x, y), axis=1))
     write_text(picture, title, (LEFT, TOP - 22), 0.55)
     if not levels:
         write_text(picture, "IoU threshold", (LEFT + width // 2 - 55, SIZE[1] - 22), 0.5)

@@ -14,10 +14,9 @@ from spot3d.drawing.picture import (
     WHITE,
     Picture,
     draw_lines,
+    draw_object_labels,
     draw_text,
     object_colour,
-    place_labels,
-    text_width,
 )
 
 _MARGIN = 0.25
@@ -70,17 +69,14 @@ def draw_top_view(
     ceiling = max((float((outline @ up).max()) + _HEADROOM for outline in outlines), default=np.inf)
     _draw_points(picture, plan, xyz[xyz @ up < ceiling], rgb[xyz @ up < ceiling])
     _draw_path(picture, plan, path)
-    anchors, texts = [], []
+    labels = []
     for (number, box), outline in zip(boxes, outlines, strict=True):
         pixels = plan.pixels(outline).astype(np.float32)
         hull = cv2.convexHull(pixels)[:, 0].astype(np.float64)
         draw_lines(picture, np.stack((hull, np.roll(hull, -1, axis=0)), axis=1), object_colour(number), 2)
         centre = plan.pixels(box.centre[None])[0]
-        anchors.append((float(centre[0]), float(centre[1]) + 7))
-        texts.append((str(number), object_colour(number)))
-    places = place_labels(anchors, [text_width(text, 0.6) for text, _ in texts], 22, picture.shape)
-    for (text, colour), place in zip(texts, places, strict=True):
-        draw_text(picture, text, place, colour, 0.6, tag=True)
+        labels.append((number, (float(centre[0]), float(centre[1]) + 7)))
+    draw_object_labels(picture, labels)
     _draw_scale_bar(picture, plan.scale)
     return picture
 

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import moved
 from spot3d.camera import Intrinsics, invert
-from spot3d.evaluate.projection import NEAR, box_surface
+from spot3d.evaluate.projection import box_surface, measured_at
 from spot3d.evaluate.truth import LabelledScene
 from spot3d.pose.motion import moved as corrected
 from spot3d.pose_corrections import PoseCorrections
+from spot3d.trajectory import nearest_rotation
 
 _POINTS = 300
 """So many points of an object tell whether a frame sees it."""
@@ -124,11 +125,7 @@ def _share_seen(
 ) -> float:
     """Share of (n, 3) world points that project into the image where its depth agrees with theirs."""
     local = points @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]
-    local = local[local[:, 2] > NEAR]
-    u = np.rint(local[:, 0] / local[:, 2] * camera.fx + camera.cx).astype(np.int64)
-    v = np.rint(local[:, 1] / local[:, 2] * camera.fy + camera.cy).astype(np.int64)
-    inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-    expected, measured = local[inside, 2], depth[v[inside], u[inside]]
+    expected, measured = measured_at(local, depth, camera)
     agrees = (measured > 0) & (np.abs(measured - expected) <= _AGREES + 3 * camera.noise.sigma(expected))
     return float(np.count_nonzero(agrees) / len(points))
 
@@ -139,9 +136,8 @@ def _median(transforms: NDArray[np.float64], centre: NDArray[np.float64]) -> NDA
     About the object's own centre: about the world's origin, a turn and a shift that belong together would come
     from different frames.
     """
-    u, _, vt = np.linalg.svd(np.median(transforms[:, :3, :3], axis=0))
     T = np.eye(4)
-    T[:3, :3] = u @ np.diag((1.0, 1.0, np.linalg.det(u @ vt))) @ vt
+    T[:3, :3] = nearest_rotation(np.median(transforms[:, :3, :3], axis=0))
     placed = np.median(transforms[:, :3, :3] @ centre + transforms[:, :3, 3], axis=0)
     T[:3, 3] = placed - T[:3, :3] @ centre
     return T

@@ -1,6 +1,6 @@
 """A sequence made worse: its frames come with wrong poses or worse depth, while its true poses stay the truth."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +10,7 @@ from spot3d.camera import Intrinsics
 from spot3d.evaluate.depth_errors import bent, fattened, mixed, noisier, torn
 from spot3d.evaluate.pose_errors import Pose, late, misplaced, shaken
 from spot3d.frame import RgbdFrame
-from spot3d.source.sequence import FrameSequence
+from spot3d.source.sequence import Derived, FrameSequence
 
 ChangeDepth = Callable[[NDArray[np.float32], Intrinsics, int], NDArray[np.float32]]
 """Depth (h, w) float32 metres of the frame of this number, 0 = invalid, made worse."""
@@ -18,7 +18,7 @@ ChangeCamera = Callable[[Intrinsics], Intrinsics]
 """What is told of a camera in the place of what is true."""
 
 
-class Degraded:
+class Degraded(Derived):
     """Frames of another sequence, told other poses or intrinsics, or with worse depth.
 
     `true_pose` is that of the other sequence: a run with given poses takes what its frames tell, and is judged by what
@@ -33,20 +33,17 @@ class Degraded:
         told_camera: ChangeCamera | None = None,
     ) -> None:
         """told: T_world_camera of each frame, None where it has none; told_camera: the intrinsics told for the true."""
-        self._sequence = sequence
+        super().__init__(sequence)
         self._camera = told_camera
         self._told = told
         self._change_depth = change_depth
 
     def told_poses(self) -> list[Pose]:
         """What the frames say their poses are."""
-        return told_poses(self._sequence) if self._told is None else list(self._told)
-
-    def __len__(self) -> int:
-        return len(self._sequence)
+        return told_poses(self.original) if self._told is None else list(self._told)
 
     def __getitem__(self, index: int) -> RgbdFrame:
-        frame, number = self._sequence[index], index % len(self)
+        frame, number = self.original[index], index % len(self)
         if self._told is not None:
             frame = replace(frame, T_world_camera=self._told[number])
         if self._change_depth is not None:
@@ -54,35 +51,13 @@ class Degraded:
             frame = replace(frame, depth=depth, depth_scale=1.0)
         return replace(frame, intrinsics=self._told_camera(frame.intrinsics))
 
-    def __iter__(self) -> Iterator[RgbdFrame]:
-        return (self[index] for index in range(len(self)))
-
     @property
     def intrinsics(self) -> Intrinsics:
         """Intrinsics of all frames, as told."""
-        return self._told_camera(self._sequence.intrinsics)
+        return self._told_camera(self.original.intrinsics)
 
     def _told_camera(self, camera: Intrinsics) -> Intrinsics:
         return camera if self._camera is None else self._camera(camera)
-
-    @property
-    def stamps_ns(self) -> list[int]:
-        """Capture times in integer nanoseconds."""
-        return self._sequence.stamps_ns
-
-    @property
-    def rate_hz(self) -> float:
-        """Recorded rate in frames per second."""
-        return self._sequence.rate_hz
-
-    @property
-    def has_true_poses(self) -> bool:
-        """Whether any frame has a true pose."""
-        return self._sequence.has_true_poses
-
-    def true_pose(self, index: int) -> NDArray[np.float64] | None:
-        """T_world_camera (4, 4) float64 of a frame as it is, not as the frame tells it."""
-        return self._sequence.true_pose(index)
 
 
 def told_poses(sequence: FrameSequence) -> list[Pose]:

@@ -23,21 +23,24 @@ from spot3d.settings import Settings
 NUMBERS = (50, 100, 500, 1000, 2000)
 """Input proposals of the paper's Table I."""
 
+BOTH_METHODS = (
+    *(
+        Column(f"{method} {name}", digits)
+        for method in ("ours", "peer")
+        for name, digits in (("SR", 2), ("DR", 2), ("a frame", 1), ("no object", 1), ("left out", 1))
+    ),
+    Column("true a frame", 1),
+)
+"""The cells of ours, the cells of the peer, and the true objects."""
+
 
 def proposals_table(datasets: list[DataSet], settings: Settings) -> Table:
     """Success (SR) and detection rate (DR) at IoU 0.5 of the bare boxes, of ours (paper, Table I), and of the peer.
 
     Ours: filter the proposals by depth, remove the supporting plane, cluster, and box each cluster's pixels.
     """
-    columns: tuple[Column, ...] = (Column("data"), Column("proposals"), Column("boxes SR"), Column("boxes DR"))
-    for method in ("ours", "peer"):
-        columns += (Column(f"{method} SR"), Column(f"{method} DR"), Column(f"{method} a frame", 1))
-        columns += (Column(f"{method} no object", 1), Column(f"{method} left out", 1))
-    table = Table(
-        "proposals",
-        "Single frame: success and detection rate (paper, Table I)",
-        (*columns, Column("true a frame", 1)),
-    )
+    columns = (Column("data"), Column("proposals"), Column("boxes SR"), Column("boxes DR"), *BOTH_METHODS)
+    table = Table("proposals", "Single frame: success and detection rate (paper, Table I)", columns)
     for dataset in datasets:
         frames = dataset.frames
         if frames is None:
@@ -48,7 +51,7 @@ def proposals_table(datasets: list[DataSet], settings: Settings) -> Table:
             depth, camera = item.frame.depth_metres(), item.frame.intrinsics
             peer.add(item, peer_in_frame(depth, camera))
             for number in NUMBERS:
-                boxes, heat = proposals_and_heat(item.frame, with_proposals(settings, max_boxes=number))
+                boxes, heat = proposals_and_heat(item.frame, settings.changed("proposals", max_boxes=number))
                 bare[number].add(item, boxes)
                 ours[number].add(item, boxes_in_frame(item.frame, heat, settings))
         for number in NUMBERS:
@@ -58,8 +61,7 @@ def proposals_table(datasets: list[DataSet], settings: Settings) -> Table:
                 recall_of(dataset.name, f"{number} boxes", b.iou),
                 recall_of(dataset.name, f"{number} ours", o.iou),
             ]
-            measures = [("success", o.success, peer.success), ("detection", o.detection, peer.detection)]
-            table.notes += behind_peer(f"{dataset.name} with {number} proposals", measures)
+            table.notes += o.behind(peer, f"{dataset.name} with {number} proposals")
         table.curves.append(recall_of(dataset.name, PEER, peer.iou))
     table.notes += [
         "Boxes: the proposals as they come; ours: what is found with them in the same frame. "
@@ -95,6 +97,11 @@ class FoundInFrames:
         """True objects a frame."""
         return float(np.mean([matrix.shape[0] for matrix in self.iou]))
 
+    def behind(self, peer: "FoundInFrames", where: str) -> list[str]:
+        """The sentence on the measures in which the peer is ahead, if any."""
+        measures = [("success", self.success, peer.success), ("detection", self.detection, peer.detection)]
+        return behind_peer(where, measures)
+
     def cells(self) -> tuple[Cell, ...]:
         """Success, detection, boxes, boxes without an object and boxes left out, the last three a frame."""
         found = float(np.mean([matrix.shape[1] for matrix in self.iou]))
@@ -110,7 +117,7 @@ def filters_table(datasets: list[DataSet], settings: Settings) -> Table:
         for culling in (True, False):
             counts, frames = Counter[str](), 0
             for frame in _all_frames(dataset):
-                _, heat = proposals_and_heat(frame, with_proposals(settings, metric_culling=culling))
+                _, heat = proposals_and_heat(frame, settings.changed("proposals", metric_culling=culling))
                 counts.update(accepted=heat.accepted, masked=heat.masked, rejected=heat.rejected)
                 frames += 1
             total = counts.total()
@@ -138,11 +145,6 @@ def boxes_in_frame(frame: RgbdFrame, heat: Heatmap, settings: Settings) -> NDArr
         boxes = [(u.min(), v.min(), np.ptp(u) + 1, np.ptp(v) + 1) for v, u in rows_columns]
         return np.array(boxes, np.float64).reshape(-1, 4)
     return find_segments(frame.colour, depth, heat.heat, camera, settings.segments).boxes(camera)
-
-
-def with_proposals(settings: Settings, **changes: int | bool) -> Settings:
-    """The same settings with these of the proposals stage changed."""
-    return settings.model_copy(update={"proposals": settings.proposals.model_copy(update=changes)})
 
 
 def _all_frames(dataset: DataSet) -> Iterator[RgbdFrame]:

@@ -21,6 +21,7 @@ from spot3d.pipeline import PipelineStep, run_pipeline
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
 from spot3d.source.sequence import FrameSequence
+from spot3d.trajectory import nearest_rotation
 
 VIEWS_2D = 50
 """2D overlap is measured in about so many frames, evenly spread."""
@@ -148,7 +149,7 @@ def with_poses_there_are(settings: Settings, sequence: FrameSequence) -> Setting
     """The same settings, but KISS-ICP where they ask for given poses and the sequence has none."""
     if settings.pose.provider != "given" or sequence.has_true_poses:
         return settings
-    return settings.model_copy(update={"pose": settings.pose.model_copy(update={"provider": "kiss"})})
+    return settings.changed("pose", provider="kiss")
 
 
 def world_alignment(sequence: FrameSequence, tracked: Sequence[tuple[int, NDArray[np.float64]]]) -> NDArray[np.float64]:
@@ -162,9 +163,8 @@ def world_alignment(sequence: FrameSequence, tracked: Sequence[tuple[int, NDArra
     pairs = [(true, found) for true, found in both if true is not None]
     if not pairs:
         raise SourceError("no frame has both a true pose and a tracked one")
-    u, _, vt = np.linalg.svd(np.sum([true[:3, :3] @ found[:3, :3].T for true, found in pairs], axis=0))
     T = np.eye(4)
-    T[:3, :3] = u @ np.diag((1.0, 1.0, np.linalg.det(u @ vt))) @ vt
+    T[:3, :3] = nearest_rotation(np.sum([true[:3, :3] @ found[:3, :3].T for true, found in pairs], axis=0))
     T[:3, 3] = np.mean([true[:3, 3] - T[:3, :3] @ found[:3, 3] for true, found in pairs], axis=0)
     return T
 

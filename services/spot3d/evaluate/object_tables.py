@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.evaluate.datasets import both_sizes
-from spot3d.evaluate.frame_tables import with_proposals
 from spot3d.evaluate.labelled import DataSet
 from spot3d.evaluate.measured_run import Measured, MeasuredRun, Runs
 from spot3d.evaluate.peer import PEER, RADIUS, behind_peer
@@ -88,35 +87,23 @@ def ablations(settings: Settings) -> dict[str, Settings]:
     """The paper's ablations by name, those of what the default does besides, and the whole method last."""
 
     def without(soft: bool, hard: bool) -> Settings:
-        heatmap = settings.heatmap.model_copy(update={"soft_filter": soft, "hard_filter": hard})
         # Culling applies the hard filter's limits to the search already: it goes with it.
         culling = hard and settings.proposals.metric_culling
-        return with_proposals(settings.model_copy(update={"heatmap": heatmap}), metric_culling=culling)
+        filtered = settings.changed("heatmap", soft_filter=soft, hard_filter=hard)
+        return filtered.changed("proposals", metric_culling=culling)
 
-    fusion, segments, pose = settings.fusion, settings.segments, settings.pose
-
-    def skipping(section: str, step: str) -> Settings:
-        return settings.model_copy(update={section: getattr(settings, section).model_copy(update={"skipped": (step,)})})
-
-    no_planes = {
-        "fusion": fusion.model_copy(update={"plane_removal": False}),
-        "segments": segments.model_copy(update={"skipped": ("support",)}),
-    }
-    no_flying = {
-        "fusion": fusion.model_copy(update={"grazing_cos": 0.0}),
-        "segments": segments.model_copy(update={"grazing_cos": 0.0}),
-    }
+    steps = [step for step in get_args(Step) if step != "support"]
     return {
         "noHmap": without(soft=False, hard=False),
         "noSFilt": without(soft=False, hard=True),
         "noHFilt": without(soft=True, hard=False),
-        "noPlRem": settings.model_copy(update=no_planes),
-        "noFlying": settings.model_copy(update=no_flying),
-        "noRecent": settings.model_copy(update={"segments": segments.model_copy(update={"recent_frames": 0})}),
-        "noShare": settings.model_copy(update={"fusion": fusion.model_copy(update={"object_share": 0.0})}),
-        "noCorr": settings.model_copy(update={"pose": pose.model_copy(update={"given_sigma": 0.0})}),
-        **{f"without {step}": skipping("segments", step) for step in get_args(Step) if step != "support"},
-        **{f"without {rule}": skipping("fusion", rule) for rule in get_args(Vote)},
+        "noPlRem": settings.changed("fusion", plane_removal=False).changed("segments", skipped=("support",)),
+        "noFlying": settings.changed("fusion", grazing_cos=0.0).changed("segments", grazing_cos=0.0),
+        "noRecent": settings.changed("segments", recent_frames=0),
+        "noShare": settings.changed("fusion", object_share=0.0),
+        "noCorr": settings.changed("pose", given_sigma=0.0),
+        **{f"without {step}": settings.changed("segments", skipped=(step,)) for step in steps},
+        **{f"without {rule}": settings.changed("fusion", skipped=(rule,)) for rule in get_args(Vote)},
         "whole": settings,
     }
 

@@ -11,17 +11,15 @@ CORRELATION_FRAMES = 10.0
 """Errors stay alike for about a third of a second at 30 Hz, as drift and a marker's misfit do."""
 
 
-def shaken(
-    poses: Sequence[Pose], metres: float, degrees: float, seed: int, correlation: float = CORRELATION_FRAMES
-) -> list[Pose]:
+def shaken(poses: Sequence[Pose], metres: float, degrees: float, seed: int) -> list[Pose]:
     """Poses T_world_camera (4, 4) float64, each turned and shifted in its camera's frame by a smooth random error.
 
     The six components of the error are Ornstein-Uhlenbeck processes that start from no error: standard deviation
-    `metres` and `degrees` along each axis, correlation time `correlation` frames. A frame without a pose has none
-    after. Always the same for the same seed.
+    `metres` and `degrees` along each axis, correlation time ten frames. A frame without a pose has none after. Always
+    the same for the same seed.
     """
     rng, state = np.random.default_rng(seed), np.zeros(6)
-    keep = np.exp(-1 / correlation)
+    keep = np.exp(-1 / CORRELATION_FRAMES)
     sigma = np.array([metres] * 3 + [np.radians(degrees)] * 3)
     moved = list[Pose]()
     for pose in poses:

@@ -1,6 +1,7 @@
 """2D boxes of 3D objects in a view: around the projections of their points (paper, Sec. VI-B)."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,20 @@ def thinned(points: NDArray[np.floating]) -> NDArray[np.float64]:
     extremes = np.concatenate((points.argmin(axis=0), points.argmax(axis=0)))
     rows = np.concatenate((np.arange(0, len(points), -(-len(points) // POINTS_MAX)), extremes))
     return np.asarray(points[rows], dtype=np.float64)
+
+
+def measured_at(
+    points: NDArray[np.floating], depth: NDArray[Any], camera: Intrinsics
+) -> tuple[NDArray[np.floating], NDArray[Any]]:
+    """Depth (k,) of those of (n, 3) points, camera frame, that fall into the image, and what (h, w) `depth` has there.
+
+    Points nearer than 10 cm are left out.
+    """
+    x, y, z = points[points[:, 2] > NEAR].T
+    u = np.rint(x / z * camera.fx + camera.cx).astype(np.int64)
+    v = np.rint(y / z * camera.fy + camera.cy).astype(np.int64)
+    inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+    return z[inside], depth[v[inside], u[inside]]
 
 
 def boxes_in_view(

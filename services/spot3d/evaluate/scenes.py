@@ -5,6 +5,7 @@ import numpy as np
 from spot3d.boxes import Box3D
 from spot3d.camera import back_project
 from spot3d.evaluate.labelled import LabelledFrame, LabelledFrames, LabelledSequence, mask_boxes
+from spot3d.evaluate.peer import voxel_keys
 from spot3d.evaluate.points import IGNORED
 from spot3d.evaluate.truth import LabelledScene
 from spot3d.source.scene.name import DEFAULT_KIND, SceneName, parse_scene_name
@@ -54,8 +55,7 @@ def _scene_truth(scene: Scene, indices: range) -> LabelledScene:
     labels[(labels > 0) & ~np.isin(labels, [box.id for box in boxes])] = IGNORED
     # A voxel's point of interest wins over background, which would eat the rims of thin objects.
     order = np.argsort(labels == 0, kind="stable")
-    i, j, k = (np.floor(points[order] / TRUTH_VOXEL).astype(np.int64) + (1 << 20)).T
-    _, first = np.unique((i << 42) | (j << 21) | k, return_index=True)
+    _, first = np.unique(voxel_keys(points[order], TRUTH_VOXEL), return_index=True)
     rows = order[first]
     return LabelledScene(
         tuple(box.name for box in boxes),

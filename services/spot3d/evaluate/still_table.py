@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
 from spot3d.camera import Intrinsics
-from spot3d.evaluate.frame_tables import FoundInFrames
+from spot3d.evaluate.frame_tables import BOTH_METHODS, FoundInFrames
 from spot3d.evaluate.labelled import DataSet
-from spot3d.evaluate.peer import PEER, behind_peer
+from spot3d.evaluate.peer import PEER
 from spot3d.evaluate.peer_map import PeerMap
 from spot3d.evaluate.projection import box_surface, boxes_in_view
 from spot3d.evaluate.scores import recall_of
@@ -57,13 +57,9 @@ def still_table(datasets: list[DataSet], settings: Settings) -> Table:
     Unlike the finder's pixels (`proposals_table`), these boxes went through the votes, of one view here, and every
     rule for objects; the peer's clusters are boxed in 3D too.
     """
-    columns: tuple[Column, ...] = (Column("data"),)
-    for method in ("ours", "peer"):
-        columns += (Column(f"{method} SR"), Column(f"{method} DR"), Column(f"{method} a frame", 1))
-        columns += (Column(f"{method} no object", 1), Column(f"{method} left out", 1))
     title = "Single frame through all stages: 3D boxes drawn into it"
-    table = Table("still", title, (*columns, Column("true a frame", 1)))
-    given = settings.model_copy(update={"pose": settings.pose.model_copy(update={"provider": "given"})})
+    table = Table("still", title, (Column("data"), *BOTH_METHODS))
+    given = settings.changed("pose", provider="given")
     for dataset in datasets:
         frames = dataset.frames
         if frames is None:
@@ -78,8 +74,7 @@ def still_table(datasets: list[DataSet], settings: Settings) -> Table:
             peer.add(item, _drawn(cloud.found(settings.fusion).boxes, frame.intrinsics))
         table.add(dataset.name, *ours.cells(), *peer.cells(), peer.true)
         table.curves += [recall_of(dataset.name, "ours", ours.iou), recall_of(dataset.name, PEER, peer.iou)]
-        measures = [("success", ours.success, peer.success), ("detection", ours.detection, peer.detection)]
-        table.notes += behind_peer(dataset.name, measures)
+        table.notes += ours.behind(peer, dataset.name)
     table.notes.append(
         "A true box is around an object's pixels, with depth or without; a found one is around its 3D box, of which a "
         "corner may reach beyond the object's outline."

@@ -1,11 +1,14 @@
-"""A table of numbers, as Markdown and as JSON."""
+"""A table of numbers, as Markdown and as JSON, and its curves as pictures."""
 
-from collections.abc import Iterable
+import json
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
+from pathlib import Path
 from typing import Any
 
-from spot3d.drawing.recall_plot import Curve
+from spot3d.drawing.picture import write_picture
+from spot3d.drawing.recall_plot import Curve, recall_plot
 
 Cell = str | int | float | None
 
@@ -58,6 +61,22 @@ def to_document(table: Table) -> dict[str, Any]:
         "notes": table.notes,
         "curves": [_curve(curve) for curve in table.curves],
     }
+
+
+def write_tables(path: Path, record: dict[str, Any], tables: Sequence[Table]) -> None:
+    """Write the record of a measurement and its tables as JSON. Raises OSError where that fails."""
+    document = {"record": record, "tables": [to_document(table) for table in tables]}
+    path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def write_plots(folder: Path, tables: Sequence[Table]) -> None:
+    """Write a plot TABLE-DATA.png for each data set of each table with curves. Raises OSError where that fails."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for table in tables:
+        for data in dict.fromkeys(curve.data for curve in table.curves):
+            picture = recall_plot(f"{data}: {table.title}", [curve for curve in table.curves if curve.data == data])
+            name = data.translate(str.maketrans(": /", "---"))
+            write_picture(folder / f"{table.name}-{name}.png", picture)
 
 
 def _curve(curve: Curve) -> dict[str, Any]:

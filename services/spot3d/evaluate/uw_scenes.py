@@ -4,12 +4,14 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from spot3d.camera import Intrinsics, invert
-from spot3d.evaluate.instances import split_instances, table_normal
+from spot3d.evaluate.dominant_plane import dominant_plane
 from spot3d.evaluate.labelled import LabelledSequence
 from spot3d.evaluate.ply import read_ply_points
 from spot3d.evaluate.points import BACKGROUND, IGNORED
+from spot3d.evaluate.projection import measured_at
 from spot3d.evaluate.truth import LabelledScene
 from spot3d.geometry.upright import upright_box
 from spot3d.source.errors import SourceError
@@ -23,6 +25,10 @@ THINGS = {1: "bowl", 2: "cap", 3: "cereal_box", 4: "coffee_mug", 6: "office_chai
 TABLES = (5, 9)
 LABELS = range(1, 11)
 UNITS_PER_METRE = (1000, 10_000)
+VOXEL = 0.02
+"""Points in voxels of this size that touch belong to one object, metres."""
+PART = 0.1
+"""A piece with less than this share of the voxels of the class's largest one is a label's stray edge."""
 
 
 def is_uw_scenes(folder: Path) -> bool:
@@ -72,7 +78,7 @@ def _open_scene(folder: Path, scene: Path, every: int, frames: int | None) -> La
 def scene_truth(xyz: NDArray[np.float32], classes: NDArray[np.int64], poses: NDArray[np.float64]) -> LabelledScene:
     """Objects of a labelled cloud: (n, 3) world points, their (n,) classes, (k, 4, 4) T_world_camera."""
     on_tables = np.isin(classes, TABLES)
-    up = table_normal(xyz[on_tables] if on_tables.any() else xyz, poses[:, :3, 3].mean(axis=0))
+    up = dominant_plane(xyz[on_tables] if on_tables.any() else xyz, poses[:, :3, 3].mean(axis=0))[:3]
     label = np.full(len(xyz), BACKGROUND, np.uint8)
     names, boxes = [], []
     for number, name in THINGS.items():
@@ -83,6 +89,23 @@ def scene_truth(xyz: NDArray[np.float32], classes: NDArray[np.int64], poses: NDA
             label[rows[part]] = len(names)
             boxes.append(upright_box(xyz[rows[part]], up, turn=True))
     return LabelledScene(tuple(names), tuple(range(1, len(names) + 1)), tuple(boxes), up, xyz, label)
+
+
+def split_instances(xyz: NDArray[np.float32]) -> list[NDArray[np.int64]]:
+    """Rows of each object among (n, 3) points of one class: what is connected over voxels of 2 cm.
+
+    Largest first; crumbs are in none.
+    """
+    if not len(xyz):
+        return []
+    voxel = np.floor((xyz - xyz.min(axis=0)) / VOXEL).astype(np.int64)
+    filled = np.zeros(voxel.max(axis=0) + 1, np.bool_)
+    filled[tuple(voxel.T)] = True
+    number, count = ndimage.label(filled, structure=np.ones((3, 3, 3)))
+    size = np.bincount(number[filled], minlength=count + 1)[1:]
+    of_point = number[tuple(voxel.T)]
+    kept = np.argsort(-size, kind="stable")
+    return [np.flatnonzero(of_point == part + 1) for part in kept if size[part] >= PART * size.max()]
 
 
 def depth_units(
@@ -96,22 +119,13 @@ def depth_units(
 
     Raises SourceError, naming `path`, where neither is within a fifth.
     """
-    points = xyz @ T_camera_world(T_world_camera)[:3, :3].T + T_camera_world(T_world_camera)[:3, 3]
-    points = points[points[:, 2] > 0.3]
-    u = np.rint(points[:, 0] / points[:, 2] * camera.fx + camera.cx).astype(np.int64)
-    v = np.rint(points[:, 1] / points[:, 2] * camera.fy + camera.cy).astype(np.int64)
-    seen = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-    measured, expected = depth[v[seen], u[seen]], points[seen, 2]
+    T = invert(T_world_camera).astype(np.float32)  # of large clouds
+    expected, measured = measured_at(xyz @ T[:3, :3].T + T[:3, 3], depth, camera)
     ratio = float(np.median(measured[measured > 0] / expected[measured > 0])) if measured.any() else 0.0
     for units in UNITS_PER_METRE:
         if 0.8 < ratio / units < 1.25:
             return units
     raise SourceError(f"{path} and the scene's cloud do not agree: {ratio:.0f} units of depth to a metre of the cloud")
-
-
-def T_camera_world(T_world_camera: NDArray[np.float64]) -> NDArray[np.float32]:
-    """The inverse, as float32 for large clouds."""
-    return invert(T_world_camera).astype(np.float32)
 
 
 def _read_poses(path: Path) -> NDArray[np.float64]:

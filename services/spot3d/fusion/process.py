@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
 
@@ -43,20 +43,17 @@ def run(
     fusion = Fusion(settings)
     told = None if resume is None else resumed(fusion, resume)
     warm_up("fusion", partial(_fuse_all, Fusion(settings)))
-    with stop_on_signals(stop) as stopped:
-        try:
-            with (
-                Node("fusion", link, stopped, INPUTS, OUTPUTS, QUERIES) as node,
-                closing(Keeping(node)) as keeping,
-                closing(Updates(node, keeping)) as updates,
-                closing(MapAnswers(node)) as answers,
-            ):
-                stage = Stage(node, fusion, keeping, updates, answers, told)
-                stage.serve()
-            if keep_last:
-                stage.keep_last()
-        except StoppedError:
-            return
+    with stop_on_signals(stop) as stopped, suppress(StoppedError):
+        with (
+            Node("fusion", link, stopped, INPUTS, OUTPUTS, QUERIES) as node,
+            closing(Keeping(node)) as keeping,
+            closing(Updates(node, keeping)) as updates,
+            closing(MapAnswers(node)) as answers,
+        ):
+            stage = Stage(node, fusion, keeping, updates, answers, told)
+            stage.serve()
+        if keep_last:
+            stage.keep_last()
 
 
 def _fuse_all(fusion: Fusion, frames: Sequence[RgbdFrame]) -> None:

@@ -1,8 +1,8 @@
 """The heatmap stage's process: joins frames with their boxes, and passes both on as heat."""
 
 import threading
-import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
@@ -11,7 +11,7 @@ from spot3d.dataflow.conversion import intrinsics_message, rgbd_frame
 from spot3d.dataflow.join import Join, Outcome
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.previews import Previews
-from spot3d.dataflow.serving import On, serve
+from spot3d.dataflow.serving import On, attempted, serve
 from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
@@ -36,12 +36,12 @@ def run(link: LinkSettings, settings: HeatmapSettings, stop: threading.Event | N
     A frame that fails counts as an error; in a lossless run its heat is empty, so that nobody waits for it.
     """
     warm_up("heatmap", partial(_heat_first, settings))
-    with stop_on_signals(stop) as stopped:
-        try:
-            with Node("heatmap", link, stopped, (_FRAME, _BOXES), (_OUT, _PREVIEW)) as node:
-                _serve(node, settings)
-        except StoppedError:
-            return
+    with (
+        stop_on_signals(stop) as stopped,
+        suppress(StoppedError),
+        Node("heatmap", link, stopped, (_FRAME, _BOXES), (_OUT, _PREVIEW)) as node,
+    ):
+        _serve(node, settings)
 
 
 def _heat_first(settings: HeatmapSettings, frames: Sequence[RgbdFrame]) -> None:
@@ -77,42 +77,35 @@ def _count(node: Node, outcome: Outcome[Received[Frame], Received[Proposals]]) -
 
 
 def _publish_heat(node: Node, pair: Pair, settings: HeatmapSettings, previews: Previews) -> None:
-    frame, boxes = pair[0].message, pair[1]
-    heat = _heat(node, frame, boxes.message, settings)
+    message, boxes = pair[0].message, pair[1]
+    frame = rgbd_frame(message)
+
+    def made() -> Heatmap:
+        return weighted_heat(frame.depth_metres(), frame.intrinsics, boxes.message.boxes, settings)
+
+    heat = attempted(node, "heatmap", f"no heat for the frame at {frame.stamp_ns} ns", made)
     if heat is None:
         if node.link.delivery == "live":
             return
         heat = Heatmap(np.zeros(frame.depth.shape, np.uint8), 0, 0, len(boxes.message.boxes))
     for what, count in (("accepted", heat.accepted), ("masked", heat.masked), ("rejected", heat.rejected)):
         node.counters.event(what, count)
-    sent = ThinFrame(rgbd_frame(frame), heat.heat)
+    sent = ThinFrame(frame, heat.heat)
     if node.link.thin_link:
         sent = thinned(sent.frame, sent.heat, node.link)
     # The boxes' trace is the longer one: it holds the source and the proposals.
-    message = Heat(
+    told = Heat(
         header=node.header(_OUT, boxes),
         intrinsics=intrinsics_message(sent.frame.intrinsics),
         depth_scale=sent.frame.depth_scale,
         colour=sent.frame.colour,
         depth=sent.frame.depth,
-        depth_noise=frame.depth_noise,
+        depth_noise=message.depth_noise,
         heat=sent.heat,
         accepted=heat.accepted,
         masked=heat.masked,
         rejected=heat.rejected,
     )
-    if node.publish(_OUT, message):
-        node.measure_latency(message.header)
-    previews.offer(message.header, heat.heat, rgbd_frame(frame).intrinsics)
-
-
-def _heat(node: Node, frame: Frame, boxes: Proposals, settings: HeatmapSettings) -> Heatmap | None:
-    rgbd = rgbd_frame(frame)
-    start_s = time.perf_counter()
-    try:
-        heat = weighted_heat(rgbd.depth_metres(), rgbd.intrinsics, boxes.boxes, settings)
-    except Exception as error:
-        node.crashed("heatmap", f"no heat for the frame at {rgbd.stamp_ns} ns", error)
-        return None
-    node.counters.step(time.perf_counter() - start_s)
-    return heat
+    if node.publish(_OUT, told):
+        node.measure_latency(told.header)
+    previews.offer(told.header, heat.heat, frame.intrinsics)

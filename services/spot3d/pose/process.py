@@ -4,6 +4,7 @@ import logging
 import threading
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
@@ -51,12 +52,12 @@ def run(link: LinkSettings, settings: PoseSettings, stop: threading.Event | None
     Raises ModuleNotFoundError where the provider's package is absent.
     """
     warm_up("pose", partial(track_all, make_tracker(settings)))
-    with stop_on_signals(stop) as stopped:
-        try:
-            with Node("pose", link, stopped, (_IN,), (_OUT,)) as node:
-                _Stage(node, settings).serve()
-        except StoppedError:
-            return
+    with (
+        stop_on_signals(stop) as stopped,
+        suppress(StoppedError),
+        Node("pose", link, stopped, (_IN,), (_OUT,)) as node,
+    ):
+        _Stage(node, settings).serve()
 
 
 def track_all(tracker: PoseTracker, frames: Sequence[RgbdFrame]) -> None:

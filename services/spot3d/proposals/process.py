@@ -1,8 +1,8 @@
 """The proposals stage's process: the boxes of each frame."""
 
 import threading
-import time
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spot3d.dataflow.conversion import rgbd_frame
 from spot3d.dataflow.node import Node, Received
-from spot3d.dataflow.serving import On, serve
+from spot3d.dataflow.serving import On, attempted, serve
 from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
@@ -30,12 +30,12 @@ def run(link: LinkSettings, settings: ProposalSettings, stop: threading.Event | 
     waits for it.
     """
     warm_up("proposals", partial(_propose_first, settings))
-    with stop_on_signals(stop) as stopped:
-        try:
-            with Node("proposals", link, stopped, (_IN,), (_OUT,)) as node:
-                serve(node, On(_IN, Frame, partial(_answer, node, settings)))
-        except StoppedError:
-            return
+    with (
+        stop_on_signals(stop) as stopped,
+        suppress(StoppedError),
+        Node("proposals", link, stopped, (_IN,), (_OUT,)) as node,
+    ):
+        serve(node, On(_IN, Frame, partial(_answer, node, settings)))
 
 
 def _propose_first(settings: ProposalSettings, frames: Sequence[RgbdFrame]) -> None:
@@ -43,7 +43,12 @@ def _propose_first(settings: ProposalSettings, frames: Sequence[RgbdFrame]) -> N
 
 
 def _answer(node: Node, settings: ProposalSettings, given: Received[Frame]) -> None:
-    boxes = _propose(node, given.message, settings)
+    frame = rgbd_frame(given.message)
+
+    def found() -> NDArray[np.float32]:
+        return propose(frame.colour.copy(), frame.depth_metres(), frame.intrinsics, settings)
+
+    boxes = attempted(node, "proposals", f"no proposals for the frame at {frame.stamp_ns} ns", found)
     if boxes is None:
         if node.link.delivery == "live":
             return
@@ -51,15 +56,3 @@ def _answer(node: Node, settings: ProposalSettings, given: Received[Frame]) -> N
     proposals = Proposals(header=node.header(_OUT, given), boxes=boxes)
     if node.publish(_OUT, proposals):
         node.measure_latency(proposals.header)
-
-
-def _propose(node: Node, message: Frame, settings: ProposalSettings) -> NDArray[np.float32] | None:
-    frame = rgbd_frame(message)
-    start_s = time.perf_counter()
-    try:
-        boxes = propose(frame.colour.copy(), frame.depth_metres(), frame.intrinsics, settings)
-    except Exception as error:
-        node.crashed("proposals", f"no proposals for the frame at {frame.stamp_ns} ns", error)
-        return None
-    node.counters.step(time.perf_counter() - start_s)
-    return boxes

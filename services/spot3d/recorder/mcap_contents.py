@@ -15,8 +15,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Metadata
 from mcap.stream_reader import breakup_chunk
 
-from spot3d.recorder.mcap_writer import MAGIC
-from spot3d.recorder.profile import PROFILE, is_our_mcap
+from spot3d.recorder.profile import MAGIC, PROFILE, is_our_mcap
 
 log = logging.getLogger(__name__)
 

@@ -27,7 +27,8 @@ from mcap.records import (
     Statistics,
 )
 
-MAGIC = b"\x89MCAP0\r\n"
+from spot3d.recorder.profile import MAGIC
+
 CHUNK_BYTES = 16 * 2**20
 """Bytes of messages after which a chunk is finished: five VGA frames with their heat."""
 

@@ -16,7 +16,10 @@ import msgpack
 from spot3d.dataflow.process_use import KEEPING_MEMORY, let_it_finish
 from spot3d.recorder.backlog import Backlog, Heard
 from spot3d.recorder.mcap_writer import ChannelSpec
-from spot3d.recorder.session_mates import stages_in_this_session
+from spot3d_schemas import STAGES
+
+_STAGES = (b"\0spot3d.run.fork_server\0", *(b"spot3d\0%s\0" % stage.encode() for stage in STAGES))
+"""In the command lines of stages: of those of a run, and of those that were started one by one."""
 
 
 class Packer:
@@ -38,7 +41,7 @@ class Packer:
         command = [sys.executable, "-m", "spot3d.recorder.packing", *map(str, descriptors), str(path), delivery]
         # Beside the stages, what is idle gets out of their way at once; in another session it had that one's share of
         # the processors, so it has one of its own, of the lowest priority. Ctrl-C is for the recorder alone.
-        apart = delivery == "live" and not stages_in_this_session()
+        apart = delivery == "live" and not _stages_in_this_session()
         self._process = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
@@ -114,3 +117,15 @@ class Packer:
         code = self._process.wait()
         how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
         return f"the process that writes it has died ({how})"
+
+
+def _stages_in_this_session() -> bool:
+    """Whether stages run in this process's session, of which Linux makes one group that shares the processors
+    (autogroup); False where the system does not say."""
+    mine = os.getsid(0)
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):  # it has ended meanwhile
+            line = (folder / "cmdline").read_bytes()
+            if any(stage in line for stage in _STAGES) and os.getsid(int(folder.name)) == mine:
+                return True
+    return False

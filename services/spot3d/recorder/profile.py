@@ -1,17 +1,29 @@
-"""Whether a file is a recording of ours, told without the mcap library."""
+"""What an MCAP file says that it follows, told without the mcap library."""
 
 import struct
+from contextlib import suppress
 from pathlib import Path
 
+MAGIC = b"\x89MCAP0\r\n"
 PROFILE = "spot3d"
-_HEAD = b"\x89MCAP0\r\n\x01"
+"""That of our recordings."""
+_HEAD = struct.Struct("<8sBQI")
+"""Magic, opcode and length of the header, length of the profile, which is its first field."""
+_LONGEST = 100
+
+
+def mcap_profile(path: Path) -> str | None:
+    """`spot3d`, `ros2`, `ros1` or something else; None: it is no MCAP file. Raises OSError."""
+    with path.open("rb") as stream:
+        head = stream.read(_HEAD.size)
+        if not head.startswith(MAGIC) or len(head) < _HEAD.size:
+            return None
+        *_, length = _HEAD.unpack(head)
+        return stream.read(min(length, _LONGEST)).decode(errors="replace")
 
 
 def is_our_mcap(path: Path) -> bool:
-    """Whether the file is MCAP with our profile in its header; other MCAP files (of ROS 2, say) have another one."""
-    try:
-        with path.open("rb") as stream:
-            head = stream.read(len(_HEAD) + 12 + len(PROFILE))
-    except OSError:
-        return False
-    return head.startswith(_HEAD) and head[len(_HEAD) + 8 :] == struct.pack("<I", len(PROFILE)) + PROFILE.encode()
+    """Whether the file is a recording of ours; False where it cannot be read."""
+    with suppress(OSError):
+        return mcap_profile(path) == PROFILE
+    return False

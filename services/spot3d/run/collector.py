@@ -12,10 +12,11 @@ from zenoh.handlers import FifoChannel, Handler
 from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.conversion import calibration_of
 from spot3d.dataflow.endpoints import declare_publisher
+from spot3d.dataflow.payload import decoded
 from spot3d.dataflow.producers import Producers
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.run.earlier_streams import EarlierStreams
-from spot3d.run.heard import asked_map, decoded, found_objects
+from spot3d.run.heard import asked_map, found_objects
 from spot3d.run.lost_tracking import LostTracking
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, empty_snapshot
@@ -102,7 +103,7 @@ class Collector:
         heard, self._early = self._early, []
         for topic, handler in self._inputs.items():
             while (sample := handler.try_recv()) is not None:
-                message = decoded(sample, TOPICS[topic].message)
+                message = decoded(sample.payload, TOPICS[topic].message)
                 now_s = time.monotonic()
                 if message is not None and self._producers.admit(topic, message.header.sender, now_s):
                     heard.append(message)

@@ -1,12 +1,23 @@
-"""The progress bar of a run and the lines above it."""
+"""Who is told how a run goes: the progress bar on a terminal, and the lines above it."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from spot3d.run.watcher import Watcher
+
+@dataclass(frozen=True, slots=True)
+class Watcher:
+    """on_progress(fused, not fused, objects) is called often; the others with one line for people.
+
+    on_event: something has happened to the run; on_note: it is as it should be.
+    """
+
+    on_progress: Callable[[int, int, int], None]
+    on_event: Callable[[str], None]
+    on_note: Callable[[str], None]
 
 
 @contextmanager

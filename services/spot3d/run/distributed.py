@@ -11,13 +11,13 @@ from threading import Event
 from spot3d.dataflow.streams import new_stream
 from spot3d.run.camera_frames import CameraFrames
 from spot3d.run.collector import Collector, relay_poses
+from spot3d.run.display import Watcher
 from spot3d.run.meeting import open_meeting
 from spot3d.run.report import RunReport
 from spot3d.run.results import RunResult, empty_snapshot
 from spot3d.run.supervisor import Supervisor
 from spot3d.run.timeline import Timeline
 from spot3d.run.trajectory_file import TrajectoryFile
-from spot3d.run.watcher import Watcher
 from spot3d.settings import Settings
 from spot3d.source.selected import Selection
 from spot3d_schemas import STAGES, key

@@ -1,22 +1,19 @@
 """What a robot's stages say, as runs and results keep it: objects, and the map when asked for it."""
 
-from typing import TypeVar
-
 import numpy as np
 import zenoh
 
 from spot3d.boxes import Box3D
+from spot3d.dataflow.payload import decoded
 from spot3d.found_object import FoundObject
 from spot3d.run.results import MapSnapshot, RunResult
-from spot3d_schemas import CodecError, MapPoints, Message, Objects, decode, key
-
-M = TypeVar("M", bound=Message)
+from spot3d_schemas import MapPoints, Objects, key
 
 
 def asked_map(session: zenoh.Session, robot: str, timeout_s: float, stream: str | None) -> MapSnapshot | None:
     """The map of a stream as a robot's fusion answers now; None where it does not answer, or is in another stream."""
     for reply in session.get(key(robot, "fusion/map"), timeout=timeout_s):
-        message = decoded(reply.ok, MapPoints) if reply.ok is not None else None
+        message = decoded(reply.ok.payload, MapPoints) if reply.ok is not None else None
         if message is not None and message.header.stream in (None, stream):
             return MapSnapshot(message.xyz, message.rgb, message.heat, message.frequency, message.total)
     return None
@@ -42,11 +39,3 @@ def found_objects(message: Objects) -> RunResult:
         keyframes_dropped=message.keyframes_dropped,
         map_limit_reached=message.map_limit_reached,
     )
-
-
-def decoded(sample: zenoh.Sample, expected: type[M]) -> M | None:
-    """The message, or None where it is none: whoever sends nonsense must not end the run."""
-    try:
-        return decode(sample.payload.to_bytes(), expected)
-    except CodecError:
-        return None

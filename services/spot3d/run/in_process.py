@@ -9,12 +9,12 @@ import numpy as np
 from spot3d.dataflow.process_use import process_use, stay_single_threaded
 from spot3d.fusion.fusion import FoundObjects
 from spot3d.pipeline import PipelineResult, PipelineStep, run_pipeline
+from spot3d.run.display import Watcher
 from spot3d.run.lost_tracking import LostTracking
 from spot3d.run.report import FrameRate, RunReport, StageReport, statistics_ms
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame
 from spot3d.run.timeline import Timeline
 from spot3d.run.trajectory_file import TrajectoryFile
-from spot3d.run.watcher import Watcher
 from spot3d.settings import Settings
 from spot3d.source.sequence import FrameSequence
 

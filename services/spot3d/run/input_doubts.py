@@ -15,7 +15,7 @@ _COLOUR = (
 def input_doubts(sequence: FrameSequence, odometry: bool) -> list[str]:
     """One line for each doubt; none where all is well. odometry: whether poses come of the frames alone."""
     doubts = []
-    recording = sequence.all_frames if isinstance(sequence, Selected) else sequence
+    recording = sequence.original if isinstance(sequence, Selected) else sequence
     if isinstance(recording, Recording) and recording.colour_by_default:
         doubts.append(_COLOUR)
     if odometry and len(sequence) > 1 and sequence.rate_hz < _FOLLOWED_HZ:

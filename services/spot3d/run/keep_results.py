@@ -11,12 +11,13 @@ from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.heartbeat import Heartbeat
+from spot3d.dataflow.payload import decoded
 from spot3d.dataflow.producers import Producers
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.streams import Streams
-from spot3d.run.heard import asked_map, decoded, found_objects
+from spot3d.run.heard import asked_map, found_objects
 from spot3d.run.overview_frames import OverviewFrames
 from spot3d.run.stream_folder import StreamFolder, drop_oldest
 from spot3d_schemas import TOPICS, Message, Objects, Pose, Progress, key
@@ -78,7 +79,7 @@ class _Keeper:
     def _drain(self, inputs: dict[str, Handler[zenoh.Sample]]) -> None:
         for topic, handler in inputs.items():
             while (sample := handler.try_recv()) is not None:
-                message = decoded(sample, TOPICS[topic].message)
+                message = decoded(sample.payload, TOPICS[topic].message)
                 now_s = time.monotonic()
                 if message is None or not self._producers.admit(topic, message.header.sender, now_s):
                     continue

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 import zenoh
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
-from spot3d.run.watcher import Watcher
+from spot3d.run.display import Watcher
 from spot3d.security.access import access_control
 from spot3d.settings import Settings
 

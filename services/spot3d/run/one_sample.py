@@ -1,9 +1,8 @@
 """One message of a topic and no more, for who looks at a stream of images now and then."""
 
-from collections.abc import Callable
-from contextlib import suppress
-
 import zenoh
+
+from spot3d.dataflow.endpoints import end_subscription
 
 
 class OneSample:
@@ -20,9 +19,7 @@ class OneSample:
         """Listen no more."""
         subscriber, self._subscriber = self._subscriber, None
         if subscriber is not None:
-            undeclare: Callable[[], object] = subscriber.undeclare
-            with suppress(zenoh.ZError):  # its session may be closed, or two threads are here
-                undeclare()
+            end_subscription(subscriber)
 
     def _hear(self, sample: zenoh.Sample) -> None:
         """In a thread of Zenoh's."""

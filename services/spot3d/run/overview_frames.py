@@ -5,11 +5,11 @@ import zenoh
 from numpy.typing import NDArray
 
 from spot3d.dataflow.conversion import rgbd_frame
-from spot3d.dataflow.payload import intact_bytes
+from spot3d.dataflow.payload import decoded
 from spot3d.frame import RgbdFrame
 from spot3d.run.one_sample import OneSample
 from spot3d.run.overview_file import View
-from spot3d_schemas import CodecError, Frame, decode, key
+from spot3d_schemas import Frame, key
 
 _MOST = 24
 """So many are kept: 40 MB of VGA frames."""
@@ -62,7 +62,8 @@ class OverviewFrames:
                 return
             self.close()
             self._due_s = now_s + self._interval_s
-            self._waiting = _frame(sample, stream)
+            frame = decoded(sample.payload, Frame)
+            self._waiting = frame if frame is not None and frame.header.stream == stream else None
         if self._waiting is not None:
             stamp_ns = self._waiting.header.stamp_ns
             if stamp_ns in self._poses or now_s >= self._due_s:
@@ -76,13 +77,3 @@ class OverviewFrames:
         if len(self._taken) > _MOST:
             self._taken = self._taken[::2]
             self._interval_s *= 2
-
-
-def _frame(sample: zenoh.Sample, stream: str | None) -> Frame | None:
-    """The frame, if it is one of the stream's."""
-    payload = intact_bytes(sample.payload)
-    try:
-        frame = None if payload is None else decode(payload, Frame)
-    except CodecError:
-        return None
-    return frame if frame is not None and frame.header.stream == stream else None

@@ -139,14 +139,19 @@ def found_in(document: Any) -> RunResult:
         raise ValueError(f"no objects of a run: {type(error).__name__} {error}") from error
 
 
+def json_bytes(document: dict[str, Any]) -> bytes:
+    """A JSON document, indented. Raises ValueError for numbers that JSON does not know."""
+    return (json.dumps(document, indent=2, allow_nan=False) + "\n").encode()
+
+
 def write_json(path: Path, document: dict[str, Any]) -> None:
     """Write a JSON document, indented. Raises ValueError for numbers that JSON does not know."""
     with whole_file(path) as stream:
-        stream.write((json.dumps(document, indent=2, allow_nan=False) + "\n").encode())
+        stream.write(json_bytes(document))
 
 
-def write_ply(path: Path, points: MapSnapshot) -> None:
-    """Write binary little-endian PLY: x y z (float), red green blue (uchar), heat (float), frequency (uint)."""
+def ply_bytes(points: MapSnapshot) -> bytes:
+    """Binary little-endian PLY: x y z (float), red green blue (uchar), heat (float), frequency (uint)."""
     rows = np.empty(len(points.xyz), _VERTEX)
     for column, axis in enumerate("xyz"):
         rows[axis] = points.xyz[:, column]
@@ -163,9 +168,13 @@ def write_ply(path: Path, points: MapSnapshot) -> None:
         *properties,
         "end_header",
     ]
+    return ("\n".join(header) + "\n").encode("ascii") + rows.tobytes()
+
+
+def write_ply(path: Path, points: MapSnapshot) -> None:
+    """Write the points as PLY."""
     with whole_file(path) as stream:
-        stream.write(("\n".join(header) + "\n").encode("ascii"))
-        stream.write(rows.tobytes())  # tofile does not say why it fails
+        stream.write(ply_bytes(points))
 
 
 def read_ply(path: Path) -> MapSnapshot:

@@ -197,10 +197,9 @@ def _stages_settings(settings: Settings, folder: Path) -> Path:
     """A file of the settings for the stages of this run, which keep their snapshots in its own folder."""
     shutil.rmtree(folder / _SNAPSHOTS, ignore_errors=True)
     snapshots = settings.link.snapshot_folder or str((folder / _SNAPSHOTS).absolute())
-    link = settings.link.model_copy(update={"snapshot_folder": snapshots})
     path = folder / "logs" / "settings.toml"
     path.parent.mkdir(exist_ok=True)
-    path.write_text(to_toml(settings.model_copy(update={"link": link})), encoding="utf-8")
+    path.write_text(to_toml(settings.changed("link", snapshot_folder=snapshots)), encoding="utf-8")
     return path
 
 

@@ -1,6 +1,5 @@
 """`spot3d status`: how every stage of a robot fares now, and what is found and left out."""
 
-import threading
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -17,10 +16,11 @@ from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dashboard.health import StageRecords, Word
 from spot3d.dataflow.alive import Alive, watch_alive
+from spot3d.dataflow.payload import decoded
 from spot3d.dataflow.rate_limited_log import printable
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.settings import LinkSettings
-from spot3d_schemas import BRIDGE, STAGES, CodecError, Health, Message, Objects, decode, key
+from spot3d_schemas import BRIDGE, STAGES, Health, Message, Objects, key
 
 _CONNECT_S = 3.0
 """Longest wait for the router."""
@@ -57,23 +57,17 @@ def show_status(link: LinkSettings, console: Console, watch: bool) -> bool:
 
     Raises ConnectionError where no router answers.
     """
-    stop = threading.Event()
-    impatience = threading.Timer(_CONNECT_S, stop.set)
-    impatience.daemon = True
-    impatience.start()
     with ExitStack() as stack:
         try:
-            session = stack.enter_context(open_session(link, stop))
+            session = stack.enter_context(open_session(link, patience_s=_CONNECT_S))
         except StoppedError:
             where = ", ".join(link.connect)
             raise ConnectionError(f"no router answers at {where}; is the dataflow running? (--connect)") from None
-        finally:
-            impatience.cancel()
         alive = stack.enter_context(watch_alive(session, link.robot))
         topics = (*(f"{stage}/health" for stage in (*STAGES, BRIDGE)), "fusion/objects")
-        subscribers = [session.declare_subscriber(key(link.robot, topic), RingChannel(1)) for topic in topics]
-        for subscriber in subscribers:
-            stack.callback(subscriber.undeclare)
+        subscribers = [
+            stack.enter_context(session.declare_subscriber(key(link.robot, topic), RingChannel(1))) for topic in topics
+        ]
         channels, heard = _Channels(subscribers[:-1], subscribers[-1]), _Heard()
         if not watch:
             _listen(channels, alive, heard, _LISTEN_S)
@@ -179,12 +173,7 @@ def _listen(channels: _Channels, alive: Alive, heard: _Heard, duration_s: float)
 def _latest(channel: Subscriber, expected: type[M]) -> M | None:
     """What has come last, unless that is nothing new or nonsense."""
     sample = channel.handler.try_recv()
-    if sample is None:
-        return None
-    try:
-        return decode(sample.payload.to_bytes(), expected)
-    except CodecError:
-        return None
+    return None if sample is None else decoded(sample.payload, expected)
 
 
 def _pair(p50: float | None, p99: float | None) -> str:

@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -42,13 +43,13 @@ def run(link: LinkSettings, settings: SegmentsSettings, stop: threading.Event | 
     if link.delivery == "live":
         let_frames_go_first()
     warm_up("segments", partial(_find_first, settings))
-    with stop_on_signals(stop) as stopped:
-        try:
-            with Node("segments", link, stopped, (_HEAT, _POSE), (_OUT,)) as node:
-                stage = _Stage(node, settings)
-                serve(node, On(_HEAT, Heat, stage.take_heat), On(_POSE, Pose, stage.take_pose))
-        except StoppedError:
-            return
+    with (
+        stop_on_signals(stop) as stopped,
+        suppress(StoppedError),
+        Node("segments", link, stopped, (_HEAT, _POSE), (_OUT,)) as node,
+    ):
+        stage = _Stage(node, settings)
+        serve(node, On(_HEAT, Heat, stage.take_heat), On(_POSE, Pose, stage.take_pose))
 
 
 def _find_first(settings: SegmentsSettings, frames: Sequence[RgbdFrame]) -> None:

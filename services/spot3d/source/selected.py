@@ -15,7 +15,7 @@ from spot3d.source.halving import halve
 from spot3d.source.intrinsics_files import FocalAndCentre, parse_intrinsics
 from spot3d.source.ros.topics import TopicNames
 from spot3d.source.scene.name import SceneName, parse_scene_name
-from spot3d.source.sequence import FrameSequence, FrameStream, Note
+from spot3d.source.sequence import Derived, FrameSequence, FrameStream, Note
 from spot3d.source.sequences import open_source, open_stream
 from spot3d.source.settings import SourceSettings
 
@@ -106,48 +106,40 @@ def full_scene_name(name: SceneName, settings: SourceSettings) -> SceneName:
     )
 
 
-class Selected:
+class Selected(Derived):
     """Some frames of another sequence, with `noise` of their depth where that is stated."""
 
-    def __init__(self, all_frames: FrameSequence, indices: range, noise: DepthNoise | None = None) -> None:
-        self.all_frames = all_frames
+    def __init__(self, original: FrameSequence, indices: range, noise: DepthNoise | None = None) -> None:
+        super().__init__(original)
         self._indices = indices
         self._noise = noise
 
     @property
     def intrinsics(self) -> Intrinsics:
         """Intrinsics of all frames."""
-        camera = self.all_frames.intrinsics
+        camera = self.original.intrinsics
         return camera if self._noise is None else replace(camera, noise=self._noise)
 
     @property
     def stamps_ns(self) -> list[int]:
         """Capture times in integer nanoseconds."""
-        stamps = self.all_frames.stamps_ns
+        stamps = self.original.stamps_ns
         return [stamps[index] for index in self._indices]
 
     @property
     def rate_hz(self) -> float:
         """Rate of the frames that are left, frames per second."""
-        return self.all_frames.rate_hz / self._indices.step
-
-    @property
-    def has_true_poses(self) -> bool:
-        """Whether any frame comes with a true pose."""
-        return self.all_frames.has_true_poses
+        return self.original.rate_hz / self._indices.step
 
     def true_pose(self, index: int) -> NDArray[np.float64] | None:
         """T_world_camera (4, 4) float64 of a frame, or None."""
-        return self.all_frames.true_pose(self._indices[index])
+        return self.original.true_pose(self._indices[index])
 
     def __len__(self) -> int:
         return len(self._indices)
 
     def __getitem__(self, index: int) -> RgbdFrame:
-        frame = self.all_frames[self._indices[index]]
+        frame = self.original[self._indices[index]]
         if self._noise is None:
             return frame
         return replace(frame, intrinsics=replace(frame.intrinsics, noise=self._noise))
-
-    def __iter__(self) -> Iterator[RgbdFrame]:
-        return (self[index] for index in range(len(self)))

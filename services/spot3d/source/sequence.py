@@ -61,3 +61,43 @@ class FrameSequence(Protocol):
     def __getitem__(self, index: int) -> RgbdFrame: ...
 
     def __iter__(self) -> Iterator[RgbdFrame]: ...
+
+
+class Derived:
+    """A sequence made of another: what a subclass does not say otherwise is as it is there."""
+
+    def __init__(self, original: FrameSequence) -> None:
+        self.original = original
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Intrinsics of all frames."""
+        return self.original.intrinsics
+
+    @property
+    def stamps_ns(self) -> list[int]:
+        """Capture times in integer nanoseconds."""
+        return self.original.stamps_ns
+
+    @property
+    def rate_hz(self) -> float:
+        """Rate in frames per second."""
+        return self.original.rate_hz
+
+    @property
+    def has_true_poses(self) -> bool:
+        """Whether any frame comes with a true pose."""
+        return self.original.has_true_poses
+
+    def true_pose(self, index: int) -> NDArray[np.float64] | None:
+        """T_world_camera (4, 4) float64 of a frame, or None, without reading its images."""
+        return self.original.true_pose(index)
+
+    def __len__(self) -> int:
+        return len(self.original)
+
+    def __getitem__(self, index: int) -> RgbdFrame:
+        return self.original[index]
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        return (self[index] for index in range(len(self)))

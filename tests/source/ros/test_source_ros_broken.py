@@ -94,7 +94,7 @@ def test_intrinsics_of_another_size_are_told(tmp_path: Path, caplog: pytest.LogC
         return replace(message, k=np.array([30.0, 0, 15.5, 0, 30.5, 11.5, 0, 0, 1]))
 
     open_source(write_bag(tmp_path, "mcap", said_with(f"{NAME}/camera_info", range(COUNT), halved)))
-    said = f"{NAME}/camera_info: the principal point (15.5, 11.5) is far from the middle of the 64x48 image"
+    said = f"{NAME}/camera_info: the principal point (15.5, 11.5) is far from the middle of 64x48 pixels"
     assert said in caplog.text
 
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.recorder.profile import mcap_profile
 from spot3d.source.errors import SourceError
 
 log = logging.getLogger(__name__)
 
-_MCAP_MAGIC = b"\x89MCAP0\r\n"
 _READ_ON = 32
 """Messages up to this far ahead are reached by reading on, farther ones by the bag's index."""
 _STAMPED_BYTES = 12
@@ -29,21 +29,13 @@ def is_ros_bag(path: Path) -> bool:
     return path.suffix in (".bag", ".db3", ".mcap") and path.is_file()
 
 
-def mcap_profile(path: Path) -> str:
-    """What an MCAP file says that it follows: `ros2`, `ros1` or something else. Raises SourceError if it is none."""
-    with path.open("rb") as file:
-        start = file.read(8 + 1 + 8 + 4)
-        if not start.startswith(_MCAP_MAGIC) or len(start) < 21:
-            raise SourceError(f"{path} is no MCAP file; is the recording complete?")
-        length = struct.unpack("<I", start[17:21])[0]
-        return file.read(min(length, 100)).decode(errors="replace")
-
-
 class Bag:
     """An open bag. Raises SourceError, also later on, for what cannot be read."""
 
     def __init__(self, path: Path) -> None:
         if path.suffix == ".mcap" and (profile := mcap_profile(path)) != "ros2":
+            if profile is None:
+                raise SourceError(f"{path} is no MCAP file; is the recording complete?")
             raise SourceError(
                 f"{path} is an MCAP file, but no ROS 2 bag: its profile is {profile!r}, not 'ros2'"
                 + ("; convert it to a .bag, or record with ROS 2" if profile == "ros1" else "")
