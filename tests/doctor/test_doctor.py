@@ -21,7 +21,7 @@ from spot3d.dataflow.node import Node
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.doctor.finding import Finding
-from spot3d.doctor.others import Answer, flows, look_at
+from spot3d.doctor.others import Answer, flows, look_at, states
 from spot3d.doctor.this_device import certificate, disk, shared_memory
 from spot3d_schemas import STAGES, About, Header, Health, Proposals
 
@@ -85,6 +85,19 @@ def test_what_is_wrong_is_said_with_what_to_do(answers: list[Answer], what: str 
         assert findings[what].level == level
         assert words in findings[what].text
         assert findings[what].remedy
+
+
+def test_what_a_stage_says_of_itself_is_a_problem() -> None:
+    """All were alive and well for the doctor while the frames of a camera program were refused."""
+    fields = {"drops": {}, "events": {}} | dict.fromkeys(("received", "published", "errors", "threads"), 0)
+    times = dict.fromkeys(("rate_hz", "latency_ms_p50", "latency_ms_p99", "step_ms_p50", "step_ms_p99"))
+    header = Header(robot="robot", seq=0, stamp_ns=1, frame_id="pose")
+    numbers = {"pid": 1, "uptime_s": 1.0, "last_error": "", "cpu_s": 0.0, "rss_bytes": 1}
+    well = Health(header=header, stage="pose", **fields, **times, **numbers)
+    lost = well.model_copy(update={"state": "the stamps of frames stand still"})
+    assert states({"pose": [lost, well], "fusion": [well], "source": []}) == []
+    (found,) = states({"pose": [well, lost], "fusion": [well], "source": []})
+    assert (found.level, found.what, found.text) == ("problem", "pose", lost.state)
 
 
 def test_stages_that_are_not_there_are_named() -> None:

@@ -1,7 +1,7 @@
 """Asks the stages of a robot what they run on and how much they send, without taking part in the dataflow."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 
 import zenoh
@@ -52,8 +52,8 @@ def _ask(session: zenoh.Session, where: str) -> list[Answer]:
     return answers
 
 
-def measure_flows(session: zenoh.Session, robot: str, seconds: float) -> list[TopicRate]:
-    """What every stage sends, by what they count themselves: listening would fill the link that is looked at."""
+def hear_health(session: zenoh.Session, robot: str, seconds: float) -> dict[str, list[Health]]:
+    """What each stage says of itself for so long."""
     told: dict[str, list[Health]] = {stage: [] for stage in STAGES}
     with ExitStack() as stack:
         handlers: dict[str, Handler[zenoh.Sample]] = {}
@@ -68,7 +68,12 @@ def measure_flows(session: zenoh.Session, robot: str, seconds: float) -> list[To
                 if sample is not None and (health := decoded(sample.payload, Health)) is not None:
                     told[stage].append(health)
             time.sleep(0.01)
-    return [flow for told_by in told.values() for flow in _between(told_by)]
+    return told
+
+
+def flows_told(told: Mapping[str, Sequence[Health]]) -> list[TopicRate]:
+    """What every stage sends, by what they count themselves: listening would fill the link that is looked at."""
+    return [flow for told_by in told.values() if told_by for flow in _between(told_by)]
 
 
 def _between(told: Sequence[Health]) -> list[TopicRate]:

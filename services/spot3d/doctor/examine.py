@@ -4,9 +4,9 @@ from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.tls import TlsError, probe, why_refused
-from spot3d.doctor.asking import ask_all, measure_flows
+from spot3d.doctor.asking import ask_all, flows_told, hear_health
 from spot3d.doctor.finding import Finding
-from spot3d.doctor.others import TopicRate, look_at
+from spot3d.doctor.others import TopicRate, look_at, states
 from spot3d.doctor.this_device import look_here
 from spot3d_schemas import STAGES
 
@@ -20,9 +20,10 @@ def examine(link: LinkSettings, seconds: float) -> tuple[list[Finding], list[Top
         with open_session(link, patience_s=_CONNECT_S) as session, watch_alive(session, link.robot) as alive:
             findings += reached(link)
             # The first second of measuring is also the time for the tokens to come.
-            sent = measure_flows(session, link.robot, seconds)
+            told = hear_health(session, link.robot, seconds)
             there = {stage: stage in alive for stage in STAGES}
-            return findings + look_at(ask_all(session, link.robot), there), sent
+            findings += look_at(ask_all(session, link.robot), there)
+            return findings + states(told), flows_told(told)
     except TlsError:
         return [*findings, Finding("problem", "router", "not tried without a certificate", "see above")], []
     except StoppedError:

@@ -76,6 +76,12 @@ def stages(alive: Mapping[str, bool], answers: Sequence[Answer]) -> Finding:
     return Finding("ok", "stages", f"all alive: {', '.join(STAGES)}")
 
 
+def states(told: Mapping[str, Sequence[Health]]) -> list[Finding]:
+    """What each stage said last that is wrong with it, and what to do."""
+    wrong = [(stage, health[-1].state) for stage, health in told.items() if health and health[-1].state]
+    return [Finding("problem", stage, state, "status --watch follows it; its log has more") for stage, state in wrong]
+
+
 def versions(host: str, there: Sequence[Answer]) -> Finding:
     """The same on both sides?"""
     here = (__version__, zenoh_version())
