@@ -120,6 +120,14 @@ def test_refining_leaves_out_what_is_off_the_plane() -> None:
     np.testing.assert_allclose(refined, [0, 0, -1, 1], atol=3e-4)
 
 
+def test_points_refine_a_plane_by_the_inverse_of_their_variance() -> None:
+    points = np.random.default_rng(6).uniform(-1, 1, (2000, 3)).astype(np.float32)
+    noisy = np.arange(2000) % 2 == 0
+    points[:, 2] = np.where(noisy, 1.01, 1.0)
+    refined = refine_plane(np.array([0, 0, -1.0, 1.0]), points, np.where(noisy, 0.02, 0.002).astype(np.float32))
+    np.testing.assert_allclose(refined, [0, 0, -1, 1.0001], atol=2e-5)
+
+
 def test_refining_without_inliers_changes_nothing() -> None:
     plane = np.array([0, 0, -1.0, 5.0])
     points = np.ones((10, 3), np.float32)
