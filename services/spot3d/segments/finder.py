@@ -208,4 +208,4 @@ def _segments(
     if "holes" not in settings.skipped:
         labels = fill_holes(labels, frame.depth, frame.colour, frame.camera.fx)
     counts = {reason: count for reason, count in left_out.items() if count}
-    return FrameSegments(labels.astype(np.uint8), np.minimum(heat, 1), planes, stands_on, frame.camera, counts)
+    return FrameSegments(labels.astype(np.uint8), heat, planes, stands_on, frame.camera, counts)
