@@ -88,6 +88,11 @@ def test_heat_decides_which_plane_supports(expected: int) -> None:
     assert chosen[1] == pytest.approx(heat[inliers].sum(dtype=np.int64) / 255)
 
 
+def test_what_has_no_depth_lies_on_no_plane() -> None:
+    points = np.array([[[0, 0, 0], [0.1, 0, 1]]], np.float32)  # a plane through the camera, where z = 0 is
+    np.testing.assert_array_equal(on_plane(np.array([0, 1.0, 0, 0]), points, SETTINGS), [[False, True]])
+
+
 def test_without_planes_none_supports() -> None:
     heat = np.zeros(CAMERA.shape, np.uint8)
     assert supporting_plane(np.zeros((0, 4)), room_points(), heat, SETTINGS) is None
