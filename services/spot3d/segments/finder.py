@@ -113,9 +113,8 @@ def find_on_lattice(
 
 def _risen(labels: NDArray[np.int32], height: NDArray[np.float32]) -> NDArray[np.int32]:
     """The labels without those regions that rise nowhere above the support: they stand on something lower."""
-    risen = np.zeros(int(labels.max(initial=-1)) + 2, np.bool_)
+    risen = np.zeros(int(labels.max(initial=-1)) + 2, np.bool_)  # the last is of no region
     risen[labels[height > 0]] = True
-    risen[-1] = False  # of no region
     return np.where(risen[labels], labels, -1).astype(np.int32)
 
 
