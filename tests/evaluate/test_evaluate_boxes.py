@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import (
     Box3D,
+    corners,
     detection_rate,
     iou_matrix_2d,
     iou_matrix_3d,
@@ -18,6 +19,7 @@ from spot3d.boxes import (
     recall_curve,
     success_rate,
 )
+from spot3d.boxes import moved as in_frame
 
 NAN = float("nan")
 # Two unit squares on one centre, one turned by 45 degrees, share a regular octagon of this area.
@@ -41,6 +43,13 @@ def box(
 
 def moved(item: Box3D, rotation: NDArray[np.float64], shift: NDArray[np.float64]) -> Box3D:
     return Box3D(rotation @ item.centre + shift, item.size, rotation @ item.rotation)
+
+
+def test_a_box_in_another_frame_has_its_corners_there() -> None:
+    item, T = box((1, 2, 3), (0.1, 0.2, 0.3), turn((1, 2, 3), 0.7)), np.eye(4)
+    T[:3, :3], T[:3, 3] = turn((3, -1, 0), 1.1), (4, 5, 6)
+    expected = corners(item) @ T[:3, :3].T + T[:3, 3]
+    np.testing.assert_allclose(corners(in_frame(item, T)), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -168,7 +177,9 @@ def test_iou_3d_of_random_boxes_agrees_with_sampling() -> None:
     np.testing.assert_allclose(iou_matrix_3d(boxes_a, boxes_b), sampled, atol=0.015)
 
 
-def test_iou_3d_of_many_pairs_is_that_of_each_pair() -> None:
+@pytest.mark.parametrize("at_once", [4096, 10])
+def test_iou_3d_of_many_pairs_is_that_of_each_pair(monkeypatch: pytest.MonkeyPatch, at_once: int) -> None:
+    monkeypatch.setattr("spot3d.boxes._AT_ONCE", at_once)
     rng = np.random.default_rng(3)
     boxes = [random_box(rng) for _ in range(7)]
     single = [[iou_matrix_3d([a], [b])[0, 0] for b in boxes] for a in boxes]

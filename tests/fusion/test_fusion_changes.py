@@ -66,7 +66,9 @@ def test_a_point_in_anothers_place_is_told_however_alike_they_are() -> None:
     changes, rows = ChangeLog(), rows_seen([9, 9])
     cursor = asked(changes, rows, 0)[1]
     rows[1, FIRST] = 7
-    assert asked(changes, rows, cursor)[0] == [1]
+    told, cursor, _ = asked(changes, rows, cursor)
+    assert told == [1]
+    assert asked(changes, rows, cursor)[0] == [], "once"
 
 
 def test_whoever_asks_a_full_map_knows_where_its_points_are() -> None:
@@ -89,21 +91,24 @@ def test_whoever_asks_a_full_map_knows_where_its_points_are() -> None:
 
 
 def test_answers_are_bounded_and_complete() -> None:
-    changes, rows, since, told = ChangeLog(), rows_seen([5] * 70), 0, []
-    for left in (40, 10, 0):
+    changes, rows, since, told = ChangeLog(), rows_seen([5] * 90), 0, []
+    for left in (60, 30, 0):
         chosen, since, behind = asked(changes, rows, since, most=30)
         assert (behind, len(chosen) <= 30) == (left, True)
         told += chosen
-    assert sorted(told) == list(range(70))
+    assert sorted(told) == list(range(90))
 
 
 def test_another_map_has_another_generation() -> None:
-    changes, rows = ChangeLog(), rows_seen([9])
-    asked(changes, rows, 0)
+    changes = ChangeLog()
+    for frequency in (9, 18, 36):
+        rows = rows_seen([frequency])
+        asked(changes, rows, 0)
     before = changes.generation
     changes.clear()
     assert changes.generation != before
-    assert asked(changes, rows, 0)[0] == [0]
+    told, cursor, _ = asked(changes, rows, 0)
+    assert (told, cursor) == ([0], 1), "numbers count from one again"
 
 
 def fused() -> Fusion:

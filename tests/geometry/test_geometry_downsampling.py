@@ -75,6 +75,7 @@ def test_factor_one_changes_nothing() -> None:
         ("one valid", [[0, 1.5], [0, 0]], 1.5),
         ("one surface", [[1.0, 1.002], [1.004, 1.002]], 1.002),
         ("two surfaces: the nearer", [[1.0, 2.0], [2.0, 1.002]], 1.001),
+        ("two surfaces, 5 cm apart", [[1.0, 1.05], [1.05, 1.002]], 1.001),
         ("not a number is not valid", [[np.nan, 1.0], [1.0, np.inf]], 1.0),
     ],
 )

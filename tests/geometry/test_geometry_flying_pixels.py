@@ -52,6 +52,14 @@ def test_where_edges_are_sharp_the_narrow_side_of_a_thing_stays() -> None:
     np.testing.assert_array_equal(clear(depth), depth)
 
 
+def test_where_most_edges_are_sharp_what_floats_beside_another_one_is_left_out() -> None:
+    depth, side = step(), np.s_[210:290, 345:355]
+    depth[side] = cv2.blur(depth, (3, 3))[side]
+    flies = (depth > 1.001) & (depth < 1.399)
+    assert flies.sum() == 160
+    np.testing.assert_array_equal(clear(depth), np.where(flies, 0, depth))
+
+
 def test_edges_corners_and_holes_stay() -> None:
     depth = step()
     np.testing.assert_array_equal(clear(depth), depth)

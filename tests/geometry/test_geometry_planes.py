@@ -88,6 +88,11 @@ def test_heat_decides_which_plane_supports(expected: int) -> None:
     assert chosen[1] == pytest.approx(heat[inliers].sum(dtype=np.int64) / 255)
 
 
+def test_what_has_no_depth_lies_on_no_plane() -> None:
+    points = np.array([[[0, 0, 0], [0.1, 0, 1]]], np.float32)  # a plane through the camera, where z = 0 is
+    np.testing.assert_array_equal(on_plane(np.array([0, 1.0, 0, 0]), points, SETTINGS), [[False, True]])
+
+
 def test_without_planes_none_supports() -> None:
     heat = np.zeros(CAMERA.shape, np.uint8)
     assert supporting_plane(np.zeros((0, 4)), room_points(), heat, SETTINGS) is None
@@ -118,6 +123,14 @@ def test_refining_leaves_out_what_is_off_the_plane() -> None:
     rough = np.array([0.004, -0.003, -1.0, 1.002])
     refined = refine_plane(rough / np.linalg.norm(rough[:3]), points, np.full(2000, 0.01, np.float32))
     np.testing.assert_allclose(refined, [0, 0, -1, 1], atol=3e-4)
+
+
+def test_points_refine_a_plane_by_the_inverse_of_their_variance() -> None:
+    points = np.random.default_rng(6).uniform(-1, 1, (2000, 3)).astype(np.float32)
+    noisy = np.arange(2000) % 2 == 0
+    points[:, 2] = np.where(noisy, 1.01, 1.0)
+    refined = refine_plane(np.array([0, 0, -1.0, 1.0]), points, np.where(noisy, 0.02, 0.002).astype(np.float32))
+    np.testing.assert_allclose(refined, [0, 0, -1, 1.0001], atol=2e-5)
 
 
 def test_refining_without_inliers_changes_nothing() -> None:

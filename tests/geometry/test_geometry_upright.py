@@ -101,3 +101,4 @@ def test_share_inside_a_rotated_box() -> None:
     box = Box3D(np.array([1.0, 2, 3]), np.array([0.2, 0.2, 0.2]), R)
     points = (np.array([[0, 0, 0], [0.09, 0, 0], [0.11, 0, 0], [0, 0, -0.3]]) @ R.T + box.centre).astype(np.float32)
     assert share_inside(points, box) == 0.5
+    assert share_inside(points, box, margin=0.02) == 0.75

@@ -35,12 +35,28 @@ def box(x: float, y: float, w: float, h: float, c: float = 1.0) -> list[float]:
         ("too large both ways: 32 px at 3 m is 1.6 m", [box(32, 8, 32, 32)], (0, 0, 1)),
         ("large one way only is kept", [box(32, 8, 32, 10)], (1, 0, 0)),
         ("no confidence", [box(4, 4, 16, 16, 0.0)], (0, 0, 1)),
+        ("less than none", [box(4, 4, 16, 16, -1.0)], (0, 0, 1)),
     ],
 )
 def test_filters_count_what_they_do(name: str, boxes: list[list[float]], counts: tuple[int, int, int]) -> None:
     found = weighted_heat(step_depth(), CAMERA, np.array(boxes, np.float32).reshape(-1, 5), HeatmapSettings())
     assert (found.accepted, found.masked, found.rejected) == counts, name
     assert (found.heat.max() == 255) == (counts[0] + counts[1] > 0)
+
+
+@pytest.mark.parametrize(("fy", "rejected"), [(60.0, 1), (20.0, 0)])
+def test_width_and_height_each_go_by_their_own_focal_length(fy: float, rejected: int) -> None:
+    """A pixel at 1 m is 1.7 cm across; and as high, or 5 cm."""
+    camera = Intrinsics(60.0, fy, 31.5, 23.5, 64, 48)
+    found = weighted_heat(step_depth(), camera, np.array([box(4, 4, 1, 1)], np.float32), HeatmapSettings())
+    assert found.rejected == rejected
+
+
+def test_what_lies_in_the_middle_of_a_proposals_depths_is_kept() -> None:
+    depth = step_depth(1.0, 2.0)
+    depth[10, 33] = 1.5
+    found = weighted_heat(depth, CAMERA, np.array([box(24, 4, 16, 16)], np.float32), HeatmapSettings())
+    assert found.heat[10, 33] == 255
 
 
 def test_a_masked_proposal_heats_its_foreground_only() -> None:

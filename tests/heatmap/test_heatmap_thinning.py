@@ -26,6 +26,7 @@ def test_depth_moves_by_half_a_share_of_its_noise_at_most(scale: float, share: f
     bound = 0.5 * share * noise.sigma(metres) * 1.1 + scale / 2
     assert (np.abs(rounded * scale - metres) <= bound)[near].all()
     assert len(np.unique(rounded[near])) < len(np.unique(units[near])) / 2
+    assert (rounded == units)[metres >= 32].all(), "what is farther stays as it is"
 
 
 def test_depth_in_metres_is_rounded_alike() -> None:

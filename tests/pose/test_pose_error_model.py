@@ -72,6 +72,14 @@ def test_depth_of_another_scale_is_neither_noise_nor_drift(seed: int) -> None:
     assert model.drift < 0.05
 
 
+def test_depth_that_is_corrected_has_the_right_scale_from_there_on() -> None:
+    model = learnt(0.25, 0.001, 1.03)
+    scales = [model._mean[0, 6] * SIGMA[0]]
+    model.rescaled(1 / 1.03)
+    scales.append(model._mean[0, 6] * SIGMA[0])
+    np.testing.assert_allclose(scales, (-np.log(1.03), 0), atol=0.005)
+
+
 def test_a_jump_is_no_noise() -> None:
     """As where motion capture takes another marker: half a metre, all at once, and both begin anew."""
     model = ErrorModel(SIGMA)

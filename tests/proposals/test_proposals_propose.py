@@ -3,6 +3,7 @@ import pytest
 from scenes import camera, overlaps, squares
 
 from spot3d.boxes import iou_matrix_2d
+from spot3d.camera import Intrinsics
 from spot3d.proposals.propose import propose
 from spot3d.proposals.settings import ProposalSettings
 
@@ -28,6 +29,15 @@ def test_the_best_boxes_are_the_objects(objects, with_depth):
     assert (boxes.size == 0) == (not objects)
     for one in objects:
         assert overlaps(boxes[: 5 * len(objects)], one).max() > 0.7
+
+
+def test_boxes_of_a_large_image_are_in_its_own_pixels():
+    colour, depth = (image.repeat(2, 0).repeat(2, 1) for image in squares(LEFT, RIGHT))
+    small = camera()
+    large = Intrinsics(2 * small.fx, 2 * small.fy, 2 * small.cx + 0.5, 2 * small.cy + 0.5, 640, 480)
+    boxes = propose(colour, depth, large, ProposalSettings())
+    for one in (LEFT, RIGHT):
+        assert overlaps(boxes[:10], tuple(2 * side for side in one)).max() > 0.7
 
 
 def textured_frame():

@@ -13,7 +13,7 @@ from spot3d.camera import Intrinsics, invert
 from spot3d.frame_segments import TOO_COLD, TOO_LONG, TOO_LOW, TOO_MANY, FrameSegments
 from spot3d.geometry.downsampling import LatticeFrame
 from spot3d.geometry.planes import transform_plane
-from spot3d.segments.finder import _pixels, _segments, find_segments
+from spot3d.segments.finder import _levels, _pixels, _segments, _warm, find_segments
 from spot3d.segments.settings import SegmentsSettings
 
 POSE = look_at((0, -0.95, 0.7))
@@ -67,6 +67,29 @@ def test_every_object_is_a_segment_on_the_table(width: int) -> None:
     iou = iou_matrix_2d(true_boxes(frame, *THREE), segments.boxes(FINE_CAMERA))
     assert (iou.max(axis=1) > 0.85).all()
     assert len(set(iou.argmax(axis=1))) == 3
+
+
+def test_the_side_of_the_image_that_is_up_tells_which_plane_is_the_support() -> None:
+    """All is warm, and there is more of the wall and the floor than of the table."""
+    frame = seen(*THREE)
+    heat = np.full(frame.heat.shape, 100, np.uint8)
+    turned = View(*(np.ascontiguousarray(image[::-1, ::-1]) for image in (frame.colour, frame.depth, heat)))
+    plane = find(turned, SETTINGS.model_copy(update={"image_up": "bottom"})).planes[0] * (-1, -1, 1, 1)
+    assert transform_plane(plane, POSE)[2] > 0.99
+
+
+def test_where_all_is_cold_what_is_as_hot_as_the_hottest_part_is_kept() -> None:
+    """A frame's heat is a share of its maximum; of 0.1 in 0.5 that is 0.02 in 0.1."""
+    heat = np.array([[26, 26, 6, 6, 4, 4]], np.uint8)
+    parts = [np.array([0, 1]), np.array([2, 3]), np.array([4, 5])]
+    assert [part.tolist() for part in _warm(parts, heat, 0.1)] == [[0, 1], [2, 3]]
+    assert _warm([], heat, 0.1) == []
+
+
+def test_what_begins_a_little_below_the_support_stands_on_it() -> None:
+    height = np.array([-0.02, 0.1, -0.04, 0.1, 0.05, 0.1], np.float32)
+    parts = [np.array([0, 1]), np.array([2, 3]), np.array([4, 5])]
+    assert [[part.tolist() for part in level] for level in _levels(parts, height)] == [[[0, 1], [4, 5]], [[2, 3]]]
 
 
 def test_the_same_frame_gives_the_same_segments() -> None:

@@ -60,3 +60,11 @@ def test_what_is_beside_a_thing_but_behind_it_stays() -> None:
     labels[40:60, 20:40], labels[48:52, 41:45] = 0, 1
     points[:, 41:] = flat(1.1)[:, 41:]
     np.testing.assert_array_equal(joined(labels, points), labels)
+
+
+def test_the_gap_is_wider_in_pixels_the_nearer_it_is() -> None:
+    """Seven pixels are 1.4 cm at half a metre."""
+    labels = nothing()
+    labels[40:60, 20:40], labels[48:52, 46:50] = 0, 1
+    assert joined(labels, flat(0.5))[50, 48] == 0
+    np.testing.assert_array_equal(joined(labels), labels)

@@ -54,6 +54,34 @@ def test_a_screen_is_one_with_the_neck_that_reaches_up_to_it(noise: bool) -> Non
     assert groups_of(SCREEN, NECK, noise=noise) == [[0, 1]]
 
 
+def test_of_two_things_beneath_it_what_hangs_belongs_to_the_nearer_one() -> None:
+    """Both stand behind its middle; the second is 2 cm aside, the first right beneath."""
+    block, aside = (
+        standing(0.0, 0.1, (0.3, 0.02, 0.02), colour=GREEN),
+        standing(0.0, 0.135, (0.28, 0.02, 0.02), colour=BLUE),
+    )
+    assert groups_of(SCREEN, block, aside) == [[0, 1], [2]]
+
+
+@pytest.mark.parametrize("quarters", range(4))
+@pytest.mark.parametrize(("torn", "expected"), [(0.0, 1), (0.08, 2)])
+def test_beneath_is_beneath_however_the_camera_is_rolled(quarters: int, torn: float, expected: int) -> None:
+    seen = view(POSE, (*ROOM, SCREEN, NECK), None, CAMERA)
+    depth = seen.depth.copy()
+    depth[CAMERA.height // 2 : int(CAMERA.height * (0.5 + torn))] = 0
+    points, up = back_project(depth, CAMERA), invert(POSE)[:3, 2]
+    height, images = (
+        heights(points, TABLE, bent=False),
+        [(seen.colour == c).all(axis=-1) & (depth > 0) for c in (RED, GREEN)],
+    )
+    for _ in range(quarters):  # what was right is up
+        points, up = np.rot90(points)[..., [1, 0, 2]] * np.float32((1, -1, 1)), up[[1, 0, 2]] * (1, -1, 1)
+        height, images = np.rot90(height), [np.rot90(image) for image in images]
+    points = np.ascontiguousarray(points)
+    parts = [np.flatnonzero(image) for image in images]
+    assert len(join_hanging(parts, points, height.ravel(), up)) == expected
+
+
 def test_what_a_hole_in_depth_parts_from_the_table_is_none_of_what_is_before_it() -> None:
     assert groups_of(SCREEN, NECK, torn=0.08) == [[0], [1]]
 

@@ -180,3 +180,28 @@ def test_a_camera_that_rolls_for_long_after_it_began_upright_still_knows_what_is
             seen = View(*(np.ascontiguousarray(image[::-1, ::-1]) for image in (seen.colour, seen.depth, seen.heat)))
             pose[:3, :2] *= -1
         assert faces_up(next_found(finder, seen, pose, second), pose)
+
+
+def test_what_was_up_in_another_world_is_forgotten() -> None:
+    finder, (_, _, pose) = KeyframeSegments(SETTINGS), frame_at(0)
+    planes = np.array([[*pose[2, :3], 0.7]])
+    none = np.zeros(CAMERA.shape, np.uint8), np.zeros(0, np.float32), planes, np.zeros(0, np.int8), CAMERA, {}
+    for _ in range(5):
+        finder._upward.learn(FrameSegments(*none), pose)
+    finder.wants(0, pose)
+    assert finder._upward.in_camera(pose) is not None
+    finder.wants(33 * MS, pose, world="another")
+    assert finder._upward.in_camera(pose) is None
+
+
+def test_a_keyframe_is_filled_by_the_scale_of_depth_that_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    told, finder, (frame, heat, pose) = [], KeyframeSegments(SETTINGS), frame_at(0)
+
+    def noted(recent: object, lattice: object, T: object, stamp_ns: int, depth_factor: float = 1.0) -> object:
+        told.append((stamp_ns, depth_factor))
+        return lattice
+
+    monkeypatch.setattr("spot3d.segments.recent_depth.RecentDepth.filled", noted)
+    assert finder.wants(frame.stamp_ns, pose)
+    finder.find(frame, heat, pose, Calibration(1.04))
+    assert told == [(0, 1.04)]

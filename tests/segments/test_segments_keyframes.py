@@ -33,6 +33,7 @@ def chosen(steps: list[tuple[int, np.ndarray]], settings: SegmentsSettings = SET
         ("slow motion adds up", [(0, pose()), (300, pose(0.015)), (400, pose(0.03))], [0, 400]),
         ("still", [(0, pose()), (900, pose()), (1000, pose())], [0, 1000]),
         ("another recording", [(5000, pose()), (5100, pose()), (0, pose()), (100, pose(1.0))], [5000, 0]),
+        ("the same stamp again", [(0, pose()), (100, pose(1.0)), (100, pose(1.0))], [0]),
         ("half way round", [(0, pose()), (300, pose(turn=np.pi))], [0, 300]),
     ],
 )

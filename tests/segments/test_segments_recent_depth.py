@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from spot3d.camera import Intrinsics
 from spot3d.frame import RgbdFrame
 from spot3d.geometry.downsampling import LatticeFrame
-from spot3d.segments.recent_depth import RecentDepth
+from spot3d.segments.recent_depth import RecentDepth, _Seen, _seen_from
 from spot3d.segments.settings import SegmentsSettings
 
 MS = 1_000_000
@@ -76,6 +76,37 @@ def test_a_pose_that_is_far_off_fills_nothing() -> None:
     frame = torn(seen(NOW, seed=1))
     filled = remembered((0, seen(BEFORE), wrong)).filled(frame, NOW, 100 * MS)
     assert np.mean(filled.depth[HOLE] > 0) < 0.02
+
+
+def test_depth_of_another_scale_than_the_poses_fills_as_well() -> None:
+    """It is 0.8 times what it should be, and the camera has come 30 cm nearer."""
+    back, small = NOW.copy(), np.float32(0.8)
+    back[:3, 3] -= 0.3 * NOW[:3, 2]
+    far, near = seen(back), seen(NOW, seed=1)
+    whole = LatticeFrame(near.colour, small * near.depth, near.heat, CAMERA)
+    recent = remembered((0, LatticeFrame(far.colour, small * far.depth, far.heat, CAMERA), back))
+    filled = recent.filled(torn(whole), NOW, 100 * MS, depth_factor=1.25)
+    assert np.mean(filled.depth[HOLE] > 0) > 0.9
+    assert np.median(np.abs(filled.depth - whole.depth)[HOLE]) < 0.005
+
+
+def test_some_pixels_that_agree_are_chance() -> None:
+    frame = seen(NOW, seed=1)
+    kept = np.zeros_like(frame.depth)
+    kept[60:65, 20:25] = frame.depth[60:65, 20:25]
+    few = LatticeFrame(frame.colour, kept, frame.heat, CAMERA)
+    filled = remembered((0, seen(BEFORE), BEFORE)).filled(few, NOW, 100 * MS)
+    np.testing.assert_array_equal(filled.depth, kept)
+
+
+def test_what_is_nearer_hides_what_is_behind_it_from_elsewhere() -> None:
+    """From 10 cm further left what is 0.5 m away lies 30 pixels further right, and what is 2 m away 7."""
+    depth = np.full(CAMERA.shape, 2.0, np.float32)
+    depth[:, 20:25] = 0.5
+    aside = np.eye(4)
+    aside[0, 3] = 0.1
+    found, _ = _seen_from(CAMERA, aside, _Seen(0, depth, np.zeros(CAMERA.shape, np.uint8), CAMERA, np.eye(4)))
+    assert (found[:, 50:55] == 0.5).all()
 
 
 def test_what_came_nearer_since_is_not_filled_with_what_was_behind_it() -> None:

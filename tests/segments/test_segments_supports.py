@@ -111,6 +111,8 @@ def test_a_wall_is_never_clearly_a_support(looks_down: float) -> None:
     wall = np.array([[0, np.sin(pitch), -np.cos(pitch), 1.0]])
     assert not any(clearly_faces(wall, side) for side in ("top", "left", "right"))
     assert not clearly_faces(np.zeros((0, 4)), "top")
+    table = np.array([[0, -1.0, 0, 1.0]])
+    assert not clearly_faces(np.concatenate((wall, table)), "top"), "the first is the main one"
 
 
 def bent(depth: NDArray[np.float32], by: float) -> NDArray[np.float32]:

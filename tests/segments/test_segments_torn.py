@@ -100,3 +100,39 @@ def test_without_holes_nothing_is_joined() -> None:
 def test_without_depth_there_is_nothing_to_join(label: int) -> None:
     labels, points = np.full((12, 16), label, np.int32), np.zeros((12, 16, 3), np.float32)
     np.testing.assert_array_equal(join_torn(labels, points, points, LEAST), labels)
+
+
+def around_a_hole(bend: float, *regions: tuple[slice, slice]) -> list[int]:
+    """What these regions of a wall are joined to, which a hole divides: two halves that meet in an angle of it.
+
+    bend: by so much the halves slope, towards the camera from the middle on.
+    """
+    u = (np.arange(CAMERA.width) - CAMERA.cx) / CAMERA.fx
+    depth = np.tile(1 / (1 + bend * np.abs(u)), (CAMERA.height, 1)).astype(np.float32)
+    depth[:, 157:163] = 0
+    labels = np.full(CAMERA.shape, -1, np.int32)
+    for number, region in enumerate(regions):
+        labels[region] = number
+    labels[depth == 0] = -1
+    points = back_project(depth, CAMERA)
+    return names(join_torn(labels, points, surface_normals(depth, CAMERA), LEAST))
+
+
+LEFT, RIGHT = np.s_[60:160, 60:160], np.s_[60:160, 160:260]
+
+
+@pytest.mark.parametrize(("bend", "expected"), [(0.5, [0, 1]), (0.0, [0]), (-0.5, [0])])
+def test_halves_that_meet_in_a_crease_are_two_and_at_an_edge_one(bend: float, expected: list[int]) -> None:
+    assert around_a_hole(bend, LEFT, RIGHT) == expected
+
+
+def test_a_piece_too_small_to_tell_where_it_faces_is_joined_even_in_a_crease() -> None:
+    assert around_a_hole(0.5, LEFT, np.s_[100:110, 163:171]) == [0]
+
+
+def test_a_small_piece_meets_a_large_one_along_much_of_its_own_rim() -> None:
+    assert around_a_hole(0.0, LEFT, np.s_[100:110, 163:175]) == [0]
+
+
+def test_what_touches_without_a_hole_between_is_not_joined() -> None:
+    assert around_a_hole(0.0, np.s_[60:160, 60:110], np.s_[60:160, 110:150]) == [0, 1]

@@ -59,3 +59,10 @@ def test_a_wrong_start_is_outvoted() -> None:
     up = after(*[wall] * 10, *[WORLD_UP] * 25).in_camera(pose(0))
     assert up is not None
     np.testing.assert_allclose(pose(0)[:3, :3] @ up, WORLD_UP, atol=1e-9)
+
+
+def test_what_was_up_long_ago_is_forgotten() -> None:
+    wall = np.array((0.0, -1.0, 0.0))
+    up = after(*[wall] * 60, *[WORLD_UP] * 30).in_camera(pose(0))
+    assert up is not None
+    np.testing.assert_allclose(pose(0)[:3, :3] @ up, WORLD_UP, atol=1e-9)

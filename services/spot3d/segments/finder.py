@@ -113,9 +113,8 @@ def find_on_lattice(
 
 def _risen(labels: NDArray[np.int32], height: NDArray[np.float32]) -> NDArray[np.int32]:
     """The labels without those regions that rise nowhere above the support: they stand on something lower."""
-    risen = np.zeros(int(labels.max(initial=-1)) + 2, np.bool_)
+    risen = np.zeros(int(labels.max(initial=-1)) + 2, np.bool_)  # the last is of no region
     risen[labels[height > 0]] = True
-    risen[-1] = False  # of no region
     return np.where(risen[labels], labels, -1).astype(np.int32)
 
 
@@ -208,4 +207,4 @@ def _segments(
     if "holes" not in settings.skipped:
         labels = fill_holes(labels, frame.depth, frame.colour, frame.camera.fx)
     counts = {reason: count for reason, count in left_out.items() if count}
-    return FrameSegments(labels.astype(np.uint8), np.minimum(heat, 1), planes, stands_on, frame.camera, counts)
+    return FrameSegments(labels.astype(np.uint8), heat, planes, stands_on, frame.camera, counts)

@@ -74,6 +74,36 @@ def test_eviction_goes_on_where_it_ended() -> None:
     assert (heatmap.points()[300:, FREQUENCY] == 1).all()
 
 
+def test_points_in_the_room_of_those_that_went_are_not_the_next_to_go() -> None:
+    heatmap = filled(scattered(1000), np.zeros(1000), np.ones(1000), np.ones(1000))
+    heatmap.evict(100, tau=10.0)
+    heatmap.arrays.counts[1] = 0  # other points have taken the rows
+    heatmap.arrays.row_slots[:100], heatmap.points()[:100, FREQUENCY] = -1, 1
+    heatmap.evict(100, tau=10.0)
+    assert (heatmap.points()[100:200, FREQUENCY] == 0).all()
+    assert np.count_nonzero(heatmap.points()[:, FREQUENCY]) == 900
+
+
+def test_of_points_that_are_all_alike_a_fifth_goes_at_most() -> None:
+    heatmap = filled(scattered(1000), np.zeros(1000), np.ones(1000), np.ones(1000))
+    assert heatmap.evict(1000, tau=10.0) == 200
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_what_was_held_is_restored_in_place_of_what_there_was(seed: int) -> None:
+    """In tables of sixteen slots, so that the first of them has its turn."""
+    points = scattered(8, seed)
+    held = filled(points, np.ones(8), np.ones(8), np.ones(8)).held()
+    other = filled(scattered(8, seed + 100), np.ones(8), np.ones(8), np.ones(8))
+    other.evict(1, tau=10.0)
+    other.restore(*held)
+    assert [row_at(other, point) for point in points] == list(range(8))
+    for count in range(8, 4, -1):
+        assert other.count == count
+        assert_consistent(other)
+        other.evict(1, tau=10.0)
+
+
 def test_keys_that_share_a_place_are_found_after_one_of_them_has_gone() -> None:
     rng = np.random.default_rng(2)
     keys, slot_rows = np.full(64, -1), np.zeros(64, np.int32)

@@ -81,6 +81,45 @@ def test_of_several_on_one_pixel_the_nearest_wins() -> None:
     np.testing.assert_array_equal(found, [[5, -1, -1]])
 
 
+def test_what_leaves_the_image_at_the_left_is_not_seen_at_the_right() -> None:
+    line, colour, wall = Intrinsics(10.0, 10.0, 1.0, 0.0, 3, 1), np.full((1, 3, 3), 9, np.uint8), np.ones((1, 3), "f4")
+    to_the_left = np.eye(4, dtype=np.float32)
+    to_the_left[0, 3] = -0.1
+    found, nearest = np.full((1, 3), -1, np.int32), np.full((1, 3), np.inf, np.float32)
+    warp(
+        np.array([[4, 5, 6]], np.int32), RgbdImage(wall, colour), RgbdImage(wall, colour), to_the_left, pinhole(line),
+        Gates(np.float32(1), np.float32(0.1), np.float32(0)), nearest, found,
+    )  # fmt: skip
+    np.testing.assert_array_equal(found, [[5, 6, -1]])
+
+
+def test_a_camera_that_goes_ahead_finds_the_last_frames_points_by_the_warp_alone() -> None:
+    mapper, ahead = Mapper(look_up=False), np.eye(4)
+    ahead[2, 3] = 0.05
+    black, cold = np.zeros((*CAMERA.shape, 3), np.uint8), np.zeros(CAMERA.shape, np.uint8)
+    for pose, away in ((np.eye(4), 1.0), (ahead, 0.95)):
+        counts = mapper.see(View(black, np.full(CAMERA.shape, away, np.float32), cold), pose)
+    assert counts.warped > 0.8 * cold.size
+
+
+@pytest.mark.parametrize(("difference", "met"), [(40, True), (60, False)])
+def test_pixels_match_whose_colours_differ_by_a_fifth_at_most(difference: int, met: bool) -> None:
+    mapper, wall = Mapper(look_up=False, colour_gate=0.2), np.ones(CAMERA.shape, np.float32)
+    for shade in (0, difference):
+        colour = np.zeros((*CAMERA.shape, 3), np.uint8)
+        colour[..., 1] = shade
+        counts = mapper.see(View(colour, wall, np.zeros(CAMERA.shape, np.uint8)), np.eye(4))
+    assert counts.warped == (wall.size if met else 0)
+
+
+def test_a_frame_after_a_break_is_not_warped() -> None:
+    mapper, seen = Mapper(), view(POSE, ROOM)
+    mapper.see(seen, POSE)
+    mapper.index_map.clear()
+    again = mapper.see(seen, POSE)
+    assert (again.warped, again.found) == (0, np.count_nonzero(seen.depth))
+
+
 def test_the_same_view_twice_adds_nothing() -> None:
     mapper, seen = Mapper(), view(POSE, ROOM + THREE)
     first = mapper.see(seen, POSE)
@@ -112,6 +151,13 @@ def test_frames_are_told_apart_beyond_what_single_precision_counts() -> None:
     assert (mapper.heatmap.last_seen() == 2**24 + 3).all()
 
 
+def test_frames_may_be_counted_from_zero() -> None:
+    mapper = Mapper()
+    mapper.frames = -1
+    mapper.see(view(POSE, ROOM), POSE)
+    assert (mapper.column(FREQUENCY) == 1).all()
+
+
 def test_positions_are_running_means() -> None:
     mapper = Mapper()
     one = Intrinsics(100.0, 100.0, 0.0, 0.0, 1, 1)
@@ -122,6 +168,18 @@ def test_positions_are_running_means() -> None:
     assert mapper.heatmap.count == 1
     np.testing.assert_allclose(mapper.heatmap.points()[0, X : X + 3], [0, 0, np.mean(depths)], atol=1e-4)
     assert mapper.column(WEIGHT)[0] > 0
+
+
+def test_a_sample_weighs_the_more_the_less_noise_its_depth_has() -> None:
+    """The same place, seen from 3 m and from 1 m away with depth that is off by a centimetre to either side."""
+    mapper, one = Mapper(look_up=True, voxel=0.1, noise_gate=0.0), Intrinsics(100.0, 100.0, 0.0, 0.0, 1, 1)
+    for away, off in ((3.0, -0.01), (1.0, 0.01)):
+        pose = np.eye(4)
+        pose[2, 3] = 3.05 - away
+        black, cold = np.zeros((1, 1, 3), np.uint8), np.zeros((1, 1), np.uint8)
+        mapper.see(View(black, np.full((1, 1), away + off, np.float32), cold), pose, one)
+    assert mapper.heatmap.count == 1
+    assert mapper.column(X + 2)[0] == pytest.approx(3.06, abs=0.001)
 
 
 def test_noise_averages_out() -> None:
@@ -146,6 +204,16 @@ def test_a_revisited_surface_finds_its_points() -> None:
     assert again.found == np.count_nonzero(seen.depth)
     assert again.appended == 0
     assert mapper.heatmap.count == before
+
+
+def test_a_point_is_looked_for_along_the_ray_wherever_the_camera_is() -> None:
+    mapper, one, pose = Mapper(noise_gate=9.0), Intrinsics(100.0, 100.0, 0.0, 0.0, 1, 1), np.eye(4)
+    pose[:3, 3] = (40.0, -30.0, 0.0)
+    for away in (1.5, 1.51):
+        pixel = View(np.zeros((1, 1, 3), np.uint8), np.full((1, 1), away, np.float32), np.zeros((1, 1), np.uint8))
+        mapper.index_map.clear()
+        mapper.see(pixel, pose, one)
+    assert mapper.heatmap.count == 1
 
 
 def test_the_map_stops_growing() -> None:
@@ -203,6 +271,22 @@ def test_rows_that_points_have_left_are_taken_again() -> None:
     assert mapper.heatmap.count == added - mapper.heatmap.evicted
 
 
+def test_the_last_frames_points_that_had_to_make_room_are_not_met_again() -> None:
+    """Cold points go first, even of the last frame: what warps onto one of these is a new point."""
+    mapper = Mapper(map_limit=1000, tau=0.0)
+    camera = Intrinsics(24.0, 24.0, 11.5, 11.5, 24, 24)
+    black, wall, cold = np.zeros((24, 24, 3), np.uint8), np.ones((24, 24), np.float32), np.zeros((24, 24), np.uint8)
+    aside = np.eye(4)
+    aside[0, 3] = 5.0
+    mapper.see(View(black, wall, cold + np.uint8(255)), aside, camera)
+    for _ in range(2):
+        mapper.see(View(black, wall, cold), np.eye(4), camera)
+    assert mapper.heatmap.evicted > 0
+    free = mapper.heatmap.arrays.free[: mapper.heatmap.free_count]
+    assert (mapper.column(FREQUENCY)[free] == 0).all()
+    assert mapper.heatmap.count == np.count_nonzero(mapper.column(FREQUENCY))
+
+
 def test_a_point_lies_where_its_pixel_was() -> None:
     mapper, seen = Mapper(voxel=0.0011), view(POSE, ROOM + THREE)
     mapper.see(seen, POSE)
@@ -217,6 +301,7 @@ def test_a_camera_that_stands_still_for_days_loses_nothing_of_what_it_adds() -> 
     mapper.see(seen, POSE)
     rows = mapper.heatmap.points()
     rows[:, FREQUENCY], rows[:, HEAT] = 65_530, 0.6 * 65_530
+    weight = rows[:, WEIGHT].copy()
     place = rows[:, X : X + 3].copy()
     frequent = rows[:, FREQUENCY].copy()
     for _ in range(20):
@@ -226,3 +311,4 @@ def test_a_camera_that_stands_still_for_days_loses_nothing_of_what_it_adds() -> 
         frequent = rows[:, FREQUENCY].copy()
     np.testing.assert_allclose(rows[:, HEAT] / rows[:, FREQUENCY], 0.6, atol=1e-3)
     np.testing.assert_allclose(rows[:, X : X + 3], place, atol=1e-4)
+    assert (rows[:, WEIGHT] < 20 * weight).all(), "of 21 samples some are half forgotten"

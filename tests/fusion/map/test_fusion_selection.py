@@ -21,7 +21,7 @@ def rows_seen(frequencies: list[int], heat: float = 0.0) -> np.ndarray:
     [(0, 1), (1, 1), (20, 1), (21, 2), (40, 2), (60, 3), (99, 5), (100, 5), (101, 5), (10_000, 5)],
 )
 def test_points_seen_too_seldom_are_dropped(frames: int, least: int) -> None:
-    kept = frequent_points(rows_seen([1, 2, 3, 4, 5, 6, 50]), frames, SETTINGS)
+    kept = frequent_points(rows_seen([0, 1, 2, 3, 4, 5, 6, 50]), frames, SETTINGS)  # 0: the row is free
     assert kept.frequency.min() == least
     assert len(kept) == sum(f >= least for f in (1, 2, 3, 4, 5, 6, 50))
 
@@ -52,3 +52,8 @@ def test_columns_are_copied() -> None:
 def test_tau_grows_with_a_run_up_to_its_value(frames: int, expected: float) -> None:
     settings = FusionSettings(tau=10.0, tau_share=0.05)
     assert frequent_points(rows_seen([6], 6.0), frames, settings).heat[0] == pytest.approx(expected)
+
+
+def test_tau_without_a_share_is_as_given() -> None:
+    settings = FusionSettings(tau=10.0, tau_share=0.0)
+    assert frequent_points(rows_seen([6], 6.0), 20, settings).heat[0] == pytest.approx(6 / 16)

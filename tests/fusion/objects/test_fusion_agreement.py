@@ -122,6 +122,14 @@ def test_what_most_views_have_in_one_with_another_is_a_part_of_it(apart: int, on
     assert apart_still[0] != apart_still[1]
 
 
+@pytest.mark.parametrize(("shown", "joined"), [((4, 5), True), ((5, 4), True), ((4, 4), False), ((6, 7), False)])
+def test_a_whole_is_shown_by_more_frames_than_its_part(shown: tuple[int, int], joined: bool) -> None:
+    """Five of six frames that see both have them in one; where six show the lesser by itself that is more."""
+    pairs = tuple(np.array([value]) for value in (0, 1, 6, 5))
+    whole = agreement._whole_of(pairs, np.array(shown), views_min=3)
+    assert (whole[0] == whole[1]) == joined
+
+
 def test_the_order_of_what_is_said_does_not_matter() -> None:
     frame = [k // 3 for k in range(30)]
     observed = seen_by_all(frame)

@@ -39,6 +39,7 @@ def view_with(labels: NDArray[np.uint8], number: int) -> View:
         (5, 4, ANOTHER, SAMPLE),
         (4, 5, BACKGROUND, SAMPLE),
         (4, 5, ANOTHER, SAMPLE // 2),
+        (20, 40, ANOTHER, SAMPLE // 2),  # of so many views some are asked, of all of them
     ],
 )
 def test_a_point_is_an_objects_where_enough_of_its_views_have_it(

@@ -161,3 +161,23 @@ def test_a_view_ends_where_two_places_of_each_segment_lie_beyond() -> None:
     ordered, scatter = np.sort(along, axis=1), np.array((0.25, 0, 0))
     np.testing.assert_array_equal(lows.T, ordered[:, 2].reshape(10, 2, 3).min(axis=1) + scatter)
     np.testing.assert_array_equal(highs.T, ordered[:, -3].reshape(10, 2, 3).max(axis=1) - scatter)
+
+
+def test_what_is_known_of_a_segment_stays_with_its_places() -> None:
+    rows = np.arange(3)
+    several = Seen(
+        *(
+            np.full((3, *shape), rows.reshape(3, *[1] * len(shape)))
+            for shape in ((SAMPLE, 3), (OUTERMOST, 3), (3,), (4,))
+        ),
+        rows,
+        np.full((3, 3), rows[:, None]),
+    )
+    kept = several.with_places(10 + several.places, np.array([True, False, True]))
+    for name, values in vars_of(kept).items():
+        expected = [10, 12] if name == "places" else [0, 2]
+        assert values.reshape(2, -1)[:, 0].tolist() == expected, name
+
+
+def vars_of(item: Seen) -> dict[str, NDArray[np.float64]]:
+    return {field: getattr(item, field) for field in item.__slots__}

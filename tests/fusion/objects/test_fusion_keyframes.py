@@ -5,7 +5,7 @@ from fusion_room import CAMERA, COARSE, ROOM, THREE, orbit, view
 
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import Fusion
-from spot3d.fusion.objects.keyframes import without_spill
+from spot3d.fusion.objects.keyframes import FusedFrame, FusedFrames, without_spill
 from spot3d.geometry.downsampling import to_lattice
 
 POSES = orbit(4)
@@ -70,6 +70,14 @@ def test_segments_of_frames_that_are_not_known_are_refused() -> None:
     assert len(fusion.consensus) == 1
 
 
+def test_a_stamp_that_comes_again_is_the_latest_frames() -> None:
+    frames = FusedFrames(2)
+    first, *others = (FusedFrame(stamp, *BLANK[:2], CAMERA, np.eye(4), np.eye(4)) for stamp in (0, 1, 0, 2))
+    for frame in (first, *others):
+        frames.add(frame)
+    assert [frames.take(stamp) for stamp in (0, 1, 2)] == [others[1], None, others[2]]
+
+
 def test_the_oldest_keyframes_that_wait_go() -> None:
     fusion = Fusion(COARSE.model_copy(update={"keyframe_limit": 2}))
     fused(fusion, 4)
@@ -99,3 +107,9 @@ def test_what_spills_onto_another_thing_goes_as_what_spills_onto_the_wall() -> N
     assert not kept[:, 19].any()
     assert (kept[5:25, 5:19] == 1).all()
     assert (kept[5:25, 20:35] == 2).all()
+
+
+def test_what_is_too_narrow_to_have_an_inside_stays() -> None:
+    depth, labels = np.full((9, 9), 1.0, np.float32), np.zeros((9, 9), np.uint8)
+    labels[4, 2:7] = 1
+    np.testing.assert_array_equal(without_spill(labels, depth, 1), labels)

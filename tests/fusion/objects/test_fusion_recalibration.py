@@ -96,6 +96,35 @@ def test_a_keyframe_whose_pose_is_corrected_is_one_that_was_posed_like_that() ->
     np.testing.assert_allclose(view.centre, other.centre, atol=1e-2)
 
 
+def test_the_outline_of_what_is_torn_moves_with_its_places() -> None:
+    first, segments = keyframes()[0], SegmentTable()
+    segments.extend(first, 0)
+    outline = segments.outline.rows
+    outline[0] = segments.places.rows[0, : outline.shape[1]]
+    now = Placement(0, Calibration(1.05), (0.1, 0.0, -0.2, 0.5, -0.4, 0.3))
+    change_segments(segments, np.arange(len(segments)), Change.of(view_of(first), Placement(0, AS_TOLD), now))
+    np.testing.assert_array_equal(outline[0], segments.places.rows[0, : outline.shape[1]])
+    assert np.isnan(outline[1:]).all()
+
+
+def test_noise_scatters_along_the_rays_however_far_a_keyframe_turns() -> None:
+    first, segments = keyframes()[0], SegmentTable()
+    segments.extend(first, 0)
+    scatter = np.linalg.norm(segments.blur.rows, axis=1)
+    now = Placement(0, Calibration(1.05), (0.1, 0.0, -0.2, 0.5, -0.4, 0.3))
+    change = Change.of(view_of(first), Placement(0, AS_TOLD), now)
+    change_segments(segments, np.arange(len(segments)), change)
+    rays = segments.places.rows.mean(axis=1) - change.camera - change.step
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    np.testing.assert_allclose(segments.blur.rows, 1.05 * scatter[:, None] * rays, atol=1e-6)
+
+
+def test_depth_that_comes_to_lie_beyond_16_bits_of_millimetres_is_none() -> None:
+    view = replace(view_of(keyframes()[0]), depth=np.full((2, 2), 65_000, np.uint16))
+    change = Change.of(view, Placement(0, AS_TOLD), Placement(0, Calibration(1.02)))
+    assert not changed_view(view, change).depth.any()
+
+
 def test_a_pose_is_corrected_by_more_than_a_share_of_a_pixels_noise_alone() -> None:
     placed = Placement(5, AS_TOLD, (0.01, 0.0, 0.0, 0.0, 0.0, 0.0))
     for shift, follows in ((0.0103, False), (0.0107, True), (-0.01, True)):

@@ -86,6 +86,13 @@ def test_holes_and_an_empty_image_see_nothing() -> None:
     labels = np.full(CAMERA.shape, 1, np.uint8)
     assert said_of(wall(labels, distance=0.0), strip()) == (NOTHING, 0)
     assert said_of(wall(labels, distance=70.0), strip(z=70.0)) == (NOTHING, 0), "beyond 16 bits of millimetres"
+    assert said_of(wall(labels, distance=70.0), strip(z=70.0 - 65.536)) == (NOTHING, 0)
+
+
+@pytest.mark.parametrize(("distance", "seen"), [(0.08, False), (0.12, True)])
+def test_what_is_too_near_is_not_seen(distance: float, seen: bool) -> None:
+    said, _ = said_of(wall(np.full(CAMERA.shape, 1, np.uint8), distance), strip(-0.01, 0.01, distance))
+    assert (said == WHOLE) == seen
 
 
 def test_a_view_keeps_every_second_pixel() -> None:

@@ -10,6 +10,7 @@ from spot3d.boxes import Box3D, iou_matrix_3d
 from spot3d.found_object import FoundObject
 from spot3d.fusion.map.selection import FrequentPoints
 from spot3d.fusion.paper.density import (
+    RemovedPlanes,
     cluster_by_density,
     density_labels,
     find_by_density,
@@ -64,13 +65,15 @@ def test_planes_that_only_few_keyframes_removed_are_removed_at_the_end() -> None
     assert (iou_matrix_3d([thing.box() for thing in THREE], [item.box for item in few]).max(axis=1) > 0.4).all()
     assert len(few) == 3
     assert max(item.box.size.max() for item in none) > 1.39
+    kept, _ = find_by_density(points, TABLE[None], COARSE_PAPER.model_copy(update={"plane_removal": False}))
+    assert max(item.box.size.max() for item in kept) > 1.39, "noPlRem"
 
 
 def test_up_is_the_normal_of_the_maps_points_on_the_plane_removed_most() -> None:
     rng = np.random.default_rng(1)
     xyz = np.column_stack((rng.uniform(-1, 1, (3000, 2)), rng.normal(0, 0.001, 3000))).astype(np.float32)
     tilted = np.array([0.002, 0.0, 1.0, 0.0])
-    removed = unique_planes(np.concatenate((keyframes((WALL, 2)), np.tile(tilted, (3, 1)))))
+    removed = RemovedPlanes(np.stack((WALL, tilted)), np.array([2, 3]))
     np.testing.assert_allclose(up_direction(removed, xyz, PAPER), UP, atol=1e-3)
     np.testing.assert_allclose(up_direction(removed, xyz[:2], PAPER), tilted[:3], atol=1e-4)
 
@@ -138,9 +141,10 @@ def test_boxes_that_intersect_become_one(name: str, x: list[float], groups: list
 
 
 def test_a_common_box_takes_in_what_neither_part_met() -> None:
-    low = np.array([[2.0, 2, 0], [0, 0, 0], [1, 0, 0]])
-    high = np.array([[3.0, 3, 1], [1.5, 2.5, 1], [2.5, 0.5, 1]])
-    assert [sorted(group) for group in intersecting(low, high)] == [[0, 1, 2]]
+    low = np.array([[2.7, 0.6, 0], [2, 2, 0], [0, 0, 0], [1, 0, 0]])
+    high = np.array([[2.9, 1.5, 1], [3, 3, 1], [1.5, 2.5, 1], [2.5, 0.5, 1]])
+    assert [sorted(group) for group in intersecting(low[1:], high[1:])] == [[0, 1, 2]]
+    assert [sorted(group) for group in intersecting(low, high)] == [[0, 1, 2, 3]], "the first meets all others' alone"
 
 
 def test_clusters_of_one_object_are_merged_by_their_boxes() -> None:

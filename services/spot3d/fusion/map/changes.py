@@ -85,7 +85,7 @@ def _number_changes(
             continue
         heat = np.float32(0)
         if now > 0:
-            heat = np.float32(255) * min(np.float32(1), rows[row, HEAT] / (now + tau))
+            heat = np.float32(255) * (rows[row, HEAT] / (now + tau))
         same = before > 0 and before <= now < 2 * before and rows[row, FIRST] == told_first[row]
         if same and abs(heat - np.float32(told_heat[row])) <= np.float32(_TOLERANCE):
             continue

@@ -73,6 +73,7 @@ class ViewConsensus:
         self._verdicts: dict[int, tuple[FoundObject, Piece] | str] = {}
         self._described_up = np.zeros(3)
         self._hottest = 0.0
+        self._some_gone = False  # since objects were compared with the hottest one
         self._next_cluster = 0
         self._next_identity = 1
 
@@ -127,10 +128,13 @@ class ViewConsensus:
         if graph.views and up @ self._described_up < _TURNED:
             graph.segments.touched.rows[:] = True
             self._described_up = up
-        if graph.segments.touched.rows.any():
+        touched = bool(graph.segments.touched.rows.any())
+        if touched:
             graph.hang_together()
-            self._describe(self._cluster(), up)
+        if touched or self._some_gone:
+            self._describe(self._cluster() if touched else self._next_cluster, up)
             graph.segments.touched.rows[:] = False
+            self._some_gone = False
         objects, too_cold = self._whole_objects(up)
         left_out = Counter(reason for reason in self._verdicts.values() if isinstance(reason, str)) + self._in_keyframes
         left_out += Counter({TOO_COLD: too_cold})
@@ -150,6 +154,7 @@ class ViewConsensus:
             self._dropped += several
         for cluster in graph.drop(outdated) if outdated else ():
             self._verdicts.pop(cluster, None)
+            self._some_gone = True
         if self._rules() != rules:
             graph.segments.touched.rows[:] = True
 

@@ -86,7 +86,7 @@ def within_reach(
     u, v = (np.array((-1.0, w, -1.0, w)) - focal[2]) / focal[0], (np.array((-1.0, -1.0, h, h)) - focal[3]) / focal[1]
     corners = deepest * np.column_stack((u, v, np.ones(4)))
     middle = np.array((0, 0, deepest / 2))
-    reach = max(deepest / 2, float(np.linalg.norm(corners - middle, axis=1).max()))
+    reach = float(np.linalg.norm(corners - middle, axis=1).max())
     centre = np.linalg.solve(pose[:, :3].astype(np.float64), middle - pose[:, 3])
     return centre.astype(np.float32), reach
 
@@ -167,7 +167,7 @@ def _ask(
         best, large = 0, 0
         for number in range(1, 256):
             large += count[number] >= _SPLIT * seen
-            if count[number] > count[best] or best == 0:
+            if count[number] > count[best]:
                 best = number
         said[i] = OBJECT
         if large >= 2:

@@ -161,5 +161,5 @@ def _described(points: FrequentPoints, rows: NDArray[np.int64], box: Box3D) -> F
     """The object of these points, not yet numbered."""
     members = points.take(rows)
     colour = members.colour.mean(axis=0, dtype=np.float64)
-    confidence = min(float(members.heat.mean(dtype=np.float64)), 1.0)
+    confidence = float(members.heat.mean(dtype=np.float64))
     return FoundObject(0, box, confidence, int(members.frequency.max()), len(members), colour)
