@@ -13,7 +13,8 @@ from spot3d.camera import Intrinsics, invert
 from spot3d.frame_segments import TOO_COLD, TOO_LONG, TOO_LOW, TOO_MANY, FrameSegments
 from spot3d.geometry.downsampling import LatticeFrame
 from spot3d.geometry.planes import transform_plane
-from spot3d.segments.finder import _levels, _pixels, _segments, _warm, find_segments
+from spot3d.segments.finder import _by_level, _pixels, _segments, _warm, find_segments
+from spot3d.segments.levels import Levels
 from spot3d.segments.settings import SegmentsSettings
 
 POSE = look_at((0, -0.95, 0.7))
@@ -26,6 +27,12 @@ def seen(*things: Cuboid, room: tuple[Cuboid, ...] = ROOM, pose: NDArray[np.floa
     found = view(pose, room + things, np.random.default_rng(0), FINE_CAMERA)
     table = (found.colour == TABLE.colour).all(-1)
     return dataclasses.replace(found, heat=np.where(table, np.maximum(found.heat, 40), found.heat).astype(np.uint8))
+
+
+def on_table(height: NDArray[np.float32]) -> Levels:
+    """Nothing but a table to stand on, and these heights above it."""
+    table = np.array([[0, -0.6, -0.8, 0.5]])
+    return Levels(table, np.zeros(height.shape, np.int8), height, np.zeros_like(height))
 
 
 def find(frame: View, settings: SegmentsSettings = SETTINGS, camera: Intrinsics = FINE_CAMERA) -> FrameSegments:
@@ -89,7 +96,26 @@ def test_where_all_is_cold_what_is_as_hot_as_the_hottest_part_is_kept() -> None:
 def test_what_begins_a_little_below_the_support_stands_on_it() -> None:
     height = np.array([-0.02, 0.1, -0.04, 0.1, 0.05, 0.1], np.float32)
     parts = [np.array([0, 1]), np.array([2, 3]), np.array([4, 5])]
-    assert [[part.tolist() for part in level] for level in _levels(parts, height)] == [[[0, 1], [4, 5]], [[2, 3]]]
+    levels = on_table(height)
+    assert [[part.tolist() for part in level] for level in _by_level(parts, levels)] == [[[0, 1], [4, 5]], [[2, 3]]]
+
+
+def test_what_stands_on_the_floor_beside_the_table_is_found_as_what_is_on_the_table_is() -> None:
+    table = Cuboid((0, 0, -0.02), (0.7, 0.6, 0.04), colour=TABLE.colour)
+    bag = Cuboid((0.62, -0.1, -0.60), (0.25, 0.3, 0.30), 0.3, (1, 2, 3), heat=0.3)
+    carton = Cuboid((-0.6, 0.1, -0.65), (0.2, 0.3, 0.20), -0.4, (4, 5, 6), heat=0.3)
+    things = (THREE[1], bag, carton)
+    frame = seen(*things, room=(table, *ROOM[1:]), pose=look_at((0.1, -1.3, 0.9), (0, 0, -0.25)))
+    segments = find(frame)
+    iou = iou_matrix_2d(true_boxes(frame, *things), segments.boxes(FINE_CAMERA))
+    assert len(segments) == 3
+    assert (iou.max(axis=1) > 0.8).all()
+    assert segments.stands_on[iou.argmax(axis=1)].tolist() == [0, 1, 1]
+    pose = look_at((0.1, -1.3, 0.9), (0, 0, -0.25))
+    floor = transform_plane(segments.planes[1], pose)
+    np.testing.assert_allclose(floor, [0, 0, 1, 0.75], atol=0.02)
+    without = find(frame, SETTINGS.model_copy(update={"skipped": ("levels",)}))
+    assert iou_matrix_2d(true_boxes(frame, bag, carton), without.boxes(FINE_CAMERA)).max(initial=0) < 0.1
 
 
 def test_the_same_frame_gives_the_same_segments() -> None:
@@ -195,7 +221,7 @@ def test_a_chair_at_the_table_is_not_cut_where_the_table_is_high() -> None:
     iou = iou_matrix_2d(true_boxes(frame, *THREE[:2], chair), segments.boxes(FINE_CAMERA))
     assert len(segments) == 3
     assert (iou.max(axis=1) > 0.8).all()
-    assert segments.stands_on[iou.argmax(axis=1)].tolist() == [0, 0, -1]
+    assert segments.stands_on[iou.argmax(axis=1)].tolist() == [0, 0, 1]
     without = find(frame, SETTINGS.model_copy(update={"skipped": ("beside",)})).boxes(FINE_CAMERA)
     assert iou_matrix_2d(true_boxes(frame, chair), without).max() < 0.5
 
@@ -313,8 +339,7 @@ def test_of_more_objects_than_a_message_takes_the_largest_are_kept() -> None:
     depth = np.ones(camera.shape, np.float32)
     colour, heat = np.zeros((*camera.shape, 3), np.uint8), np.full(camera.shape, 100, np.uint8)
     height = np.full(depth.size, 0.01, np.float32)
-    table = np.array([[0, -0.6, -0.8, 0.5]])
-    segments = _segments(parts, LatticeFrame(colour, depth, heat, camera), table, height, Counter(), SETTINGS)
+    segments = _segments(parts, LatticeFrame(colour, depth, heat, camera), on_table(height), Counter(), SETTINGS)
     assert (len(segments), segments.left_out) == (255, {TOO_MANY: 45})
     assert np.unique(segments.labels).tolist() == list(range(256))
     assert not segments.labels.ravel()[parts[7]].any()

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from spot3d.camera import back_project, invert
 from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import transform_plane
-from spot3d.segments.foreground import on_long_planes, standing_out
+from spot3d.segments.foreground import long_pieces, standing_out
 from spot3d.segments.settings import SegmentsSettings
 from spot3d.segments.supports import lift
 
@@ -24,7 +24,9 @@ def out_of(
 ) -> NDArray[np.bool_]:
     points = back_project(depth, CAMERA)
     height = (points @ TABLE[:3] + TABLE[3]).astype(np.float32)
-    long = on_long_planes(points, surface_normals(depth, CAMERA), np.array(others).reshape(-1, 4), settings)
+    long, normals = np.zeros(depth.shape, np.bool_), surface_normals(depth, CAMERA)
+    for plane in others:
+        long |= long_pieces(points, normals, plane, settings)
     return standing_out(points, height, lift(depth, TABLE, settings), np.zeros(depth.shape, np.bool_), long, settings)
 
 
@@ -80,11 +82,11 @@ def test_a_view_that_is_all_wall_is_a_wall() -> None:
     depth = np.full(CAMERA.shape, 2.0, np.float32)
     points, normals = back_project(depth, CAMERA), surface_normals(depth, CAMERA)
     height = np.full(CAMERA.shape, 0.5, np.float32)
-    facing = np.array([[0, 0, -1.0, 2.0]])
+    facing = np.array([0, 0, -1.0, 2.0])
     nothing = np.zeros(CAMERA.shape, np.bool_)
     for size_max, is_long in ((SETTINGS.size_max, True), (3.0, False)):
         settings = SETTINGS.model_copy(update={"size_max": size_max})
-        long = on_long_planes(points, normals, facing, settings)
+        long = long_pieces(points, normals, facing, settings)
         assert long.all() if is_long else not long.any()
         out = standing_out(points, height, lift(depth, TABLE, settings), nothing, long, settings)
         assert not out.any() if is_long else out.all()

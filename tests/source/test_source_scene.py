@@ -9,6 +9,7 @@ from spot3d.camera import Intrinsics, back_project
 from spot3d.source.errors import SourceError
 from spot3d.source.scene.bin import things_about_bin
 from spot3d.source.scene.desk import DESK_REGION, things_on_desk
+from spot3d.source.scene.levels import things_in_room
 from spot3d.source.scene.model import TrueBox, build_scene
 from spot3d.source.scene.name import SceneKind
 from spot3d.source.scene.noise import block_noise, measured_depth, noisy_colour
@@ -102,6 +103,16 @@ def test_arrangement_about_bin(seed: int) -> None:
     assert_apart([p for p in placed if p not in in_bin])
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 4])
+def test_arrangement_in_room(seed: int) -> None:
+    placed = things_in_room(seed)
+    assert len(placed) == 19
+    levels = {p.z for p in placed}
+    assert len(levels) == 4, "the floor, the chest, the stool and the table"
+    assert {0.0, TABLE_HEIGHT} < levels
+    assert_apart(placed)
+
+
 def assert_put_in(things: list[Placed], crate: Placed) -> None:
     """The things stand on the bottom of a crate, between its walls and beside each other."""
     for p in things:
@@ -125,7 +136,7 @@ def inside_share(points: np.ndarray, box: TrueBox, tolerance: float) -> float:
     return float((np.abs(local) <= box.size / 2 + tolerance).all(axis=1).mean())
 
 
-@pytest.mark.parametrize("kind", ["table", "desk", "shelf", "bin"])
+@pytest.mark.parametrize("kind", ["table", "desk", "shelf", "bin", "room"])
 def test_true_boxes_hold_their_points_tightly(kind: SceneKind) -> None:
     longer = Scene(1, kind, frames=600, intrinsics=SMALL)
     points: dict[int, list[np.ndarray]] = {box.id: [] for box in longer.boxes}
@@ -145,7 +156,7 @@ def test_true_boxes_hold_their_points_tightly(kind: SceneKind) -> None:
         assert (extent > 0.5 * box.size).all(), (box.name, extent, box.size)
 
 
-@pytest.mark.parametrize("kind", ["table", "cluttered", "desk", "near", "shelf", "bin"])
+@pytest.mark.parametrize("kind", ["table", "cluttered", "desk", "near", "shelf", "bin", "room"])
 def test_every_object_is_seen(kind: SceneKind) -> None:
     scene = Scene(3, kind, intrinsics=SMALL)
     best = np.zeros(len(scene.boxes) + 1)
@@ -154,7 +165,7 @@ def test_every_object_is_seen(kind: SceneKind) -> None:
     assert best[1:].min() > 15, "in quarter-size pixels"
 
 
-@pytest.mark.parametrize("kind", ["table", "desk", "shelf", "bin"])
+@pytest.mark.parametrize("kind", ["table", "desk", "shelf", "bin", "room"])
 def test_instances_are_the_boxes(kind: SceneKind) -> None:
     model = build_scene(0, kind)
     assert set(model.solids.instance.tolist()) == {0, *(box.id for box in model.boxes)}
@@ -171,6 +182,7 @@ def test_instances_are_the_boxes(kind: SceneKind) -> None:
         ("near", 10, 17, 25, 2.5),
         ("shelf", 4, 10, 20, 1.2),
         ("bin", 3, 7, 15, 1.5),
+        ("room", 4, 11, 20, 1.2),
     ],
 )
 def test_camera_moves_as_a_hand_does(kind: SceneKind, least: float, mean: float, most: float, fastest: float) -> None:

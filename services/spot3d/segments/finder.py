@@ -15,10 +15,11 @@ from spot3d.geometry.planes import dominant_planes
 from spot3d.geometry.upright import taken
 from spot3d.segments.contained import join_contained
 from spot3d.segments.creases import split_at_creases
-from spot3d.segments.foreground import on_long_planes, standing_out
+from spot3d.segments.foreground import long_pieces, standing_out
 from spot3d.segments.fragments import join_fragments
 from spot3d.segments.hanging import STANDS, join_hanging
 from spot3d.segments.holes import fill_holes
+from spot3d.segments.levels import Levels, with_lower
 from spot3d.segments.occlusion import join_occluded
 from spot3d.segments.settings import SegmentsSettings, Step
 from spot3d.segments.supports import beside_support, choose_support, expected_up, heights, lift
@@ -68,17 +69,23 @@ def find_on_lattice(
         upwards = expected_up(settings.image_up)
     support = choose_support(planes, points, frame.heat, settings, upwards, noise)
     if support is None:
-        return _segments([], frame, np.zeros((0, 4)), np.zeros(0, np.float32), Counter(), settings)
+        return _segments([], frame, None, Counter(), settings)
     normals = surface_normals(frame.depth, frame.camera)
     wanted = {step: step not in settings.skipped for step in get_args(Step)}
     height, up = heights(points, support, bent=wanted["bend"]), support[:3]
     tolerance = lift(frame.depth, support, settings, noise)
-    others = planes[(planes != support).any(axis=1)]
+    levels = Levels(support[None], np.zeros(height.shape, np.int8), height, tolerance)
+    others = [
+        (plane, long_pieces(points, normals, plane, settings, noise)) for plane in planes if (plane != support).any()
+    ]
     beside = long = np.zeros(height.shape, np.bool_)
     if wanted["beside"]:
         beside = beside_support(points, normals, height, tolerance, up, settings)
+    if wanted["levels"]:
+        levels = with_lower(levels, beside, others, points, settings, noise)
+        beside, height, tolerance = beside & (levels.number == 0), levels.height, levels.tolerance
     if wanted["support"]:
-        long = on_long_planes(points, normals, others, settings, noise)
+        long = np.logical_or.reduce([long, *(pieces for _, pieces in others)])
         out = standing_out(points, height, tolerance, beside, long, settings)
     else:
         out = (frame.depth > 0) & (frame.depth <= settings.range_max)
@@ -100,7 +107,7 @@ def find_on_lattice(
     warm = _warm(plausible, frame.heat, settings.heat_min)
     left_out[TOO_COLD] = len(plausible) - len(warm)
     parts = []
-    for level in _levels(warm, height):
+    for level in _by_level(warm, levels):
         if wanted["occluded"]:
             level = join_occluded(level, points, normals, up)
         if wanted["hanging"]:
@@ -108,7 +115,7 @@ def find_on_lattice(
         if wanted["contained"]:
             level = join_contained(level, points, normals, up, settings.contained_share)
         parts += level
-    return _segments(parts, frame, support[None], (height - tolerance).ravel(), left_out, settings)
+    return _segments(parts, frame, levels, left_out, settings)
 
 
 def _risen(labels: NDArray[np.int32], height: NDArray[np.float32]) -> NDArray[np.int32]:
@@ -174,26 +181,26 @@ def _warm(parts: list[NDArray[np.int64]], heat: NDArray[np.uint8], heat_min: flo
     return [part for part, mean in zip(parts, means.tolist(), strict=True) if mean >= least]
 
 
-def _levels(parts: list[NDArray[np.int64]], height: NDArray[np.float32]) -> list[list[NDArray[np.int64]]]:
-    """The parts that stand on the support or above it, and those that stand lower: a cup is no part of a chair."""
-    standing, lower = list[NDArray[np.int64]](), list[NDArray[np.int64]]()
+def _by_level(parts: list[NDArray[np.int64]], levels: Levels) -> list[list[NDArray[np.int64]]]:
+    """The parts by what they stand on or are above, and those that stand lower: a cup is no part of a chair."""
+    found: dict[int, list[NDArray[np.int64]]] = {}
     for pixels in parts:
-        bottom = float(np.quantile(height.ravel()[pixels], _TRIM))
-        (standing if bottom > -STANDS else lower).append(pixels)
-    return [standing, lower]
+        number = levels.of(pixels, _TRIM)
+        bottom = float(np.quantile(levels.height.ravel()[pixels], _TRIM))
+        found.setdefault(number if bottom > -STANDS else -1, []).append(pixels)
+    return list(found.values())
 
 
 def _segments(
     parts: list[NDArray[np.int64]],
     frame: LatticeFrame,
-    planes: NDArray[np.float64],
-    clear: NDArray[np.float32],
+    levels: Levels | None,
     left_out: Counter[str],
     settings: SegmentsSettings,
 ) -> FrameSegments:
     """The parts as segments, the largest first if there are too many, with the holes in them filled.
 
-    clear: (h * w,) metres above the support for certain.
+    levels: what they may stand on; None: there are no parts.
     """
     left_out[TOO_MANY] = max(0, len(parts) - MAX_SEGMENTS)
     parts = sorted(parts, key=len, reverse=True)[:MAX_SEGMENTS]
@@ -202,9 +209,13 @@ def _segments(
     for number, pixels in enumerate(parts):
         labels.ravel()[pixels] = number + 1
         heat[number] = frame.heat.ravel()[pixels].mean() / 255
-        if abs(np.quantile(clear[pixels], 0.02)) < STANDS:
-            stands_on[number] = 0
+        if levels is None:
+            continue
+        clear = (levels.height.ravel() - levels.tolerance.ravel())[pixels]  # above it for certain
+        if abs(np.quantile(clear, 0.02)) < STANDS:
+            stands_on[number] = levels.of(pixels, _TRIM)
     if "holes" not in settings.skipped:
         labels = fill_holes(labels, frame.depth, frame.colour, frame.camera.fx)
     counts = {reason: count for reason, count in left_out.items() if count}
+    planes = np.zeros((0, 4)) if levels is None else levels.planes
     return FrameSegments(labels.astype(np.uint8), heat, planes, stands_on, frame.camera, counts)

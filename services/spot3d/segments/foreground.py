@@ -27,29 +27,26 @@ def standing_out(
     longer than an object.
 
     points: (h, w, 3) float32, camera frame; height, tolerance: (h, w) float32 metres above the support, and what of it
-    may be noise (see `lift`); beside, long: (h, w) bool, see `beside_support` and `on_long_planes`.
+    may be noise (see `lift`); beside, long: (h, w) bool, see `beside_support` and `long_pieces`.
     """
     depth = points[..., 2]
     free = beside | (height > tolerance)
     return _opened((depth > 0) & (depth <= settings.range_max) & free & ~long)
 
 
-def on_long_planes(
+def long_pieces(
     points: NDArray[np.float32],
     normals: NDArray[np.float32],
-    others: NDArray[np.float64],
+    plane: NDArray[np.float64],
     settings: SegmentsSettings,
     noise: DepthNoise = KINECT_V1,
 ) -> NDArray[np.bool_]:
-    """(h, w) bool: pixels on connected pieces of planes, facing as these do, that are longer than an object.
+    """(h, w) bool: pixels on connected pieces of a plane, facing as it does, that are longer than an object.
 
-    points, normals: (h, w, 3) float32, camera frame; others: (k, 4) the view's dominant planes beside the support.
+    points, normals: (h, w, 3) float32, camera frame; plane: (4,).
     """
-    long = np.zeros(points.shape[:2], np.bool_)
-    for plane in others:
-        facing = normals @ plane[:3].astype(np.float32) > FACING
-        long |= _long_pieces(on_plane(plane, points, settings, noise) & facing, points, settings.size_max)
-    return long
+    facing = normals @ plane[:3].astype(np.float32) > FACING
+    return _long_pieces(on_plane(plane, points, settings, noise) & facing, points, settings.size_max)
 
 
 def _long_pieces(on: NDArray[np.bool_], points: NDArray[np.float32], size_max: float) -> NDArray[np.bool_]:

@@ -9,7 +9,18 @@ from spot3d.depth_noise import GRAZING_COS, GrazingCos
 from spot3d.object_size import SIZE_MAX, SIZE_MIN
 
 Step = Literal[
-    "support", "bend", "beside", "colour", "vessels", "torn", "fragments", "occluded", "hanging", "contained", "holes"
+    "support",
+    "bend",
+    "beside",
+    "levels",
+    "colour",
+    "vessels",
+    "torn",
+    "fragments",
+    "occluded",
+    "hanging",
+    "contained",
+    "holes",
 ]
 """A step of the finder that can be left out, to see what it is worth."""
 
@@ -102,9 +113,9 @@ class SegmentsSettings(BaseModel):
     skipped: tuple[Step, ...] = Field(
         (),
         description="steps to leave out, for ablations: removal of the support and other planes, its bend, its edge "
-        "(what is beside it is not cut where it is high), joining of what is of one colour, of vessels, of torn "
-        "surfaces, of fragments, of what something hides in part, of what hangs in the air, of what lies in another's "
-        "box, filling of holes",
+        "(what is beside it is not cut where it is high), lower supports, joining of what is of one colour, of "
+        "vessels, of torn surfaces, of fragments, of what something hides in part, of what hangs in the air, of what "
+        "lies in another's box, filling of holes",
     )
     seed: int = Field(0, ge=0, description="seed of RANSAC's choice of triples")
 

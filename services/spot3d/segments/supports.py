@@ -157,10 +157,20 @@ def beside_support(
     _, piece, sizes, _ = cv2.connectedComponentsWithStats(on.astype(np.uint8), connectivity=4)
     large = sizes[:, cv2.CC_STAT_AREA] >= _PIECE
     large[0] = False  # what is on no piece
-    across = (rotation_to_upright(up)[:2].T / _CELL).astype(np.float32)
-    seen, asked = points[large[piece]] @ across, points[low] @ across
+    seen = points[large[piece]]
     if not len(seen):
         return np.zeros_like(low)
+    low[low] = ~above_extent(points[low], seen, up)
+    return low
+
+
+def above_extent(asked: NDArray[np.float32], seen: NDArray[np.float32], up: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(n,) bool: which of (n, 3) points are above or below the convex hull of (m, 3) points, m > 0, seen from above.
+
+    The hull reaches a little further than they do: depth ends early at an edge, and things overhang.
+    """
+    across = (rotation_to_upright(up)[:2].T / _CELL).astype(np.float32)
+    seen, asked = seen @ across, asked @ across
     # The plan, and which of its cells are the support's.
     margin = round(_BEYOND / _CELL)
     corner = seen.min(axis=0) - np.float32(margin + 1)
@@ -170,8 +180,7 @@ def beside_support(
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * margin + 1, 2 * margin + 1))
     extent = cv2.dilate(extent, disc)
     x, y = np.clip(np.rint(asked - corner), 0, (w - 1, h - 1)).astype(np.int32).T  # the rim is no support's
-    low[low] = extent[y, x] == 0
-    return low
+    return np.asarray(extent[y, x] != 0)
 
 
 def _quadratic(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:

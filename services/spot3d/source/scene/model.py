@@ -1,4 +1,4 @@
-"""The built-in scenes: a room, things on its table, desk, shelves or workbench, and what is true about them."""
+"""The built-in scenes: a room, things on its table, desk, shelves, workbench or floor, and what is true about them."""
 
 from dataclasses import dataclass
 
@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from spot3d.source.scene.bin import BIN_SHADED, bin_room, things_about_bin
 from spot3d.source.scene.desk import DESK_SHADED, desk_room, things_on_desk
+from spot3d.source.scene.levels import ROOM_SHADED, room_of_levels, things_in_room
 from spot3d.source.scene.name import DEFAULT_KIND, SceneKind
 from spot3d.source.scene.placement import Placed, Region
 from spot3d.source.scene.shapes import Solids, pack, placed
@@ -42,8 +43,8 @@ class SceneModel:
 def build_scene(seed: int = 0, kind: SceneKind = DEFAULT_KIND) -> SceneModel:
     """Room and objects of a seed; the world's z points up, its origin lies on the floor under the table.
 
-    Objects are the things on table, shelves, desk or workbench, 4 to 60 cm large. All else is furniture (each piece a
-    metre long or more) and no object: its instance is 0, as the room's.
+    Objects are the things on table, shelves, desk, workbench or floor, 4 to 60 cm large. All else is furniture (each
+    piece a metre long or more) and no object: its instance is 0, as the room's.
     """
     if kind in ("desk", "near"):
         primitives, things, shaded = desk_room(), things_on_desk(seed), DESK_SHADED
@@ -51,6 +52,8 @@ def build_scene(seed: int = 0, kind: SceneKind = DEFAULT_KIND) -> SceneModel:
         primitives, things, shaded = shelf_room(), things_on_shelf(seed), SHELF_SHADED
     elif kind == "bin":
         primitives, things, shaded = bin_room(), things_about_bin(seed), BIN_SHADED
+    elif kind == "room":
+        primitives, things, shaded = room_of_levels(), things_in_room(seed), ROOM_SHADED
     else:
         primitives, things, shaded = table_room(seed), things_on_table(seed, kind == "cluttered"), TABLE_SHADED
     instances = [0] * len(primitives)

@@ -4,14 +4,14 @@ import re
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-SceneKind = Literal["table", "cluttered", "desk", "near", "shelf", "bin"]
+SceneKind = Literal["table", "cluttered", "desk", "near", "shelf", "bin", "room"]
 DEFAULT_KIND: SceneKind = "table"
 _SUFFIXES: dict[str, SceneKind] = {kind: kind for kind in get_args(SceneKind) if kind != DEFAULT_KIND}
 _KIND = rf"(?::(?P<kind>{'|'.join(_SUFFIXES)}))?"
 _ONE = re.compile(rf"scene(?::(?P<seed>\d+))?{_KIND}")
 _MANY = re.compile(rf"scenes:(?P<count>[1-9]\d?){_KIND}")
-SPELLINGS = "scene, scene:SEED, and each with :cluttered, :desk, :near, :shelf or :bin (SEED: 0, 1, ...)"
-SPELLINGS_OF_MANY = "scenes:COUNT, each with :cluttered, :desk, :near, :shelf or :bin (COUNT: 1 to 99)"
+SPELLINGS = "scene, scene:SEED, and each with :cluttered, :desk, :near, :shelf, :bin or :room (SEED: 0, 1, ...)"
+SPELLINGS_OF_MANY = "scenes:COUNT, each with :cluttered, :desk, :near, :shelf, :bin or :room (COUNT: 1 to 99)"
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from spot3d.source.scene.shapes import (
     PLAIN,
     SPECKLE,
     STRIPES,
+    WOOD,
     Colour,
     Primitive,
     Texture,
@@ -129,6 +130,12 @@ def _bin(scale: float, first: Colour, _second: Colour) -> list[Primitive]:
     return _open_box(0.19 * scale, 0.26 * scale, 0.07 * scale, first)
 
 
+def _stool(scale: float, first: Colour, second: Colour) -> list[Primitive]:
+    half, leg, surface = 0.16 * scale, 0.20 * scale, Texture(PLAIN, first)
+    legs = [Primitive(BOX, (0.015, 0.015, leg), surface, (x, y, -0.02)) for x in (-0.13, 0.13) for y in (-0.13, 0.13)]
+    return [Primitive(BOX, (half, half, 0.02), Texture(PLAIN, second), (0, 0, leg)), *legs]
+
+
 def _open_box(depth: float, width: float, half: float, colour: Colour) -> list[Primitive]:
     """A bottom and four walls, by half their sizes."""
     surface, thick = Texture(PLAIN, colour), CRATE_WALL / 2
@@ -162,6 +169,8 @@ CATALOGUE: dict[str, Recipe] = {
     "paper roll": _roll,
     "crate": _crate,
     "bin": _bin,
+    "chest": block(0.38, 0.52, 0.44, WOOD, 0.12),
+    "stool": _stool,
     **OFFICE,
 }
 ROUND = frozenset(("tin can", "jar", "biscuit tin", "flower pot", "cone", "bottle", "bowl", "ball", "vase"))

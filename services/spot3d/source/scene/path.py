@@ -27,6 +27,9 @@ SHELF_TARGET = np.array([-0.15, 0.0, 0.9])
 WRIST = np.array([0.36, 0.0, 1.60])
 WRIST_MOVES = np.array([0.12, 0.35, 0.10])
 BIN_TARGET = np.array([0.0, 0.0, 0.75])
+# About the room: how far away on average, how far to each side at most, and the point looked at.
+ROOM_RADIUS, ROOM_SWELL, ROOM_ARC = 1.5, 0.15, 0.9
+ROOM_TARGET = np.array([0.1, 0.3, 0.55])
 
 
 def camera_pose(index: int, seed: int, kind: SceneKind) -> NDArray[np.float64]:
@@ -104,6 +107,15 @@ def _above_bin(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.float
     return eye, BIN_TARGET + np.array([0.0, 0.7 * eye[1] + along, 0.0])
 
 
+def _in_room(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Eye and target (3,) of a camera that sweeps to and fro before a table and what is about it, 1.3 to 1.8 m away."""
+    angle = ROOM_ARC * np.sin(2 * np.pi * index / 600 - np.pi / 2)
+    radius = ROOM_RADIUS * (1 + ROOM_SWELL * np.sin(2 * np.pi * index / 430 + phase[1]))
+    height = HEIGHT + 0.1 * np.sin(2 * np.pi * index / 370 + phase[2])
+    eye = ROOM_TARGET + np.array([radius * np.cos(angle), radius * np.sin(angle), height - ROOM_TARGET[2]])
+    return eye, ROOM_TARGET + np.array([0.0, 0.15 * np.sin(2 * np.pi * index / 310 + phase[3]), 0.0])
+
+
 _PATHS = {
     "table": _before_table,
     "cluttered": _before_table,
@@ -111,6 +123,7 @@ _PATHS = {
     "near": _near_desk,
     "shelf": _before_shelf,
     "bin": _above_bin,
+    "room": _in_room,
 }
 
 
