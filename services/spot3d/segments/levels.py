@@ -57,7 +57,7 @@ def with_lower(
             lower.append((below, plane, pieces))
     planes, free = list(main.planes), beside.copy()
     number, height, tolerance = main.number.copy(), main.height.copy(), main.tolerance.copy()
-    for _, plane, pieces in sorted(lower, key=lambda one: -one[0]):
+    for _, plane, pieces in sorted(lower, key=lambda one: -one[0]) if free.any() else ():
         over = heights(points, plane, bent="bend" not in settings.skipped)
         slack = lift(points[..., 2], plane, settings, noise)
         above = free & (over >= -slack)
