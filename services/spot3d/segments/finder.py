@@ -69,7 +69,8 @@ def find_on_lattice(
         upwards = expected_up(settings.image_up)
     support = choose_support(planes, points, frame.heat, settings, upwards, noise)
     if support is None:
-        return _segments([], frame, None, Counter(), settings)
+        nothing = np.zeros(frame.depth.shape, np.float32)
+        return _segments([], frame, Levels(planes[:0], nothing.astype(np.int8), nothing, nothing), Counter(), settings)
     normals = surface_normals(frame.depth, frame.camera)
     wanted = {step: step not in settings.skipped for step in get_args(Step)}
     height, up = heights(points, support, bent=wanted["bend"]), support[:3]
@@ -194,28 +195,25 @@ def _by_level(parts: list[NDArray[np.int64]], levels: Levels) -> list[list[NDArr
 def _segments(
     parts: list[NDArray[np.int64]],
     frame: LatticeFrame,
-    levels: Levels | None,
+    levels: Levels,
     left_out: Counter[str],
     settings: SegmentsSettings,
 ) -> FrameSegments:
     """The parts as segments, the largest first if there are too many, with the holes in them filled.
 
-    levels: what they may stand on; None: there are no parts.
+    levels: what they may stand on.
     """
     left_out[TOO_MANY] = max(0, len(parts) - MAX_SEGMENTS)
     parts = sorted(parts, key=len, reverse=True)[:MAX_SEGMENTS]
     labels = np.zeros(frame.depth.shape, np.int32)
+    clear = (levels.height - levels.tolerance).ravel()  # above what they stand on for certain
     heat, stands_on = np.zeros(len(parts), np.float32), np.full(len(parts), -1, np.int8)
     for number, pixels in enumerate(parts):
         labels.ravel()[pixels] = number + 1
         heat[number] = frame.heat.ravel()[pixels].mean() / 255
-        if levels is None:
-            continue
-        clear = (levels.height.ravel() - levels.tolerance.ravel())[pixels]  # above it for certain
-        if abs(np.quantile(clear, 0.02)) < STANDS:
+        if abs(np.quantile(clear[pixels], 0.02)) < STANDS:
             stands_on[number] = levels.of(pixels, _TRIM)
     if "holes" not in settings.skipped:
         labels = fill_holes(labels, frame.depth, frame.colour, frame.camera.fx)
     counts = {reason: count for reason, count in left_out.items() if count}
-    planes = np.zeros((0, 4)) if levels is None else levels.planes
-    return FrameSegments(labels.astype(np.uint8), heat, planes, stands_on, frame.camera, counts)
+    return FrameSegments(labels.astype(np.uint8), heat, levels.planes, stands_on, frame.camera, counts)
