@@ -12,6 +12,7 @@ import zenoh
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.run.camera_frames import CameraFrames
 from spot3d.run.collector import Collector
+from spot3d.run.earlier_streams import MOST
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import MapSnapshot, RunResult, empty_snapshot, read_ply, write_results
 from spot3d.run.timeline import Timeline
@@ -132,6 +133,20 @@ def test_what_is_late_of_a_stream_before_counts_no_more(said: Said) -> None:
     said.until(lambda: collector.progress is not None and collector.progress.fused == 3)
     said.until(lambda: collector.counts()[0] == 11)
     assert collector.stream == "second"
+
+
+def test_of_many_streams_the_last_are_kept_and_all_frames_are_counted(said: Said, tmp_path: Path) -> None:
+    collector = said.collector
+    for number in range(MOST + 3):
+        said.progress(f"s{number}", 5 * S, 2)
+        said.until(lambda number=number: collector.stream == f"s{number}")
+    kept = sorted(int(place.name) for place in (tmp_path / "streams").iterdir())
+    assert kept == list(range(4, MOST + 4)), "of 23 that are over"
+    report = RunReport("realsense", "processes", 0, (0, 0))
+    collector.fill(report, {})
+    assert [document["folder"] for document in report.earlier_streams] == [f"streams/{number}" for number in kept]
+    said.until(lambda: collector.counts()[0] == 2 * (MOST + 3))
+    assert "streams/3 is deleted: more than 20 streams" in collector.camera_news()
 
 
 def test_a_map_of_another_stream_is_not_taken(said: Said) -> None:

@@ -15,6 +15,7 @@ from spot3d.dataflow.endpoints import declare_publisher
 from spot3d.dataflow.payload import decoded
 from spot3d.dataflow.producers import Producers
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.run.earlier_streams import MOST as EARLIER_MOST
 from spot3d.run.earlier_streams import EarlierStreams
 from spot3d.run.heard import asked_map, found_objects
 from spot3d.run.lost_tracking import LostTracking
@@ -76,7 +77,7 @@ class Collector:
         self._session = session
         self._robot, self.stream = robot, stream
         self._map = empty_snapshot()
-        self._past: set[str] = set()
+        self._past: deque[str] = deque(maxlen=EARLIER_MOST)
         self._early: list[Message] = []
         self._earlier = EarlierStreams(timeline, trajectory)
         self._news: list[str] = []
@@ -190,7 +191,7 @@ class Collector:
         """Another stream: nothing of the one before is in its map, and its stamps may be any."""
         self._news += self._earlier.leave(self.result(self._map), self.progress, self.lost)
         self._map = empty_snapshot()
-        self._past.add(self.stream)
+        self._past.append(self.stream)
         self.stream = stream
         self.objects, self.progress, self.lost = None, None, LostTracking()
         self.poses.clear()

@@ -1,7 +1,7 @@
 """What a run has found in the streams before the last: a camera that begins anew is in another world."""
 
 import shutil
-from collections import Counter
+from collections import Counter, deque
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,8 @@ from spot3d_schemas import Progress
 
 FOLDER = "streams"
 """Of the streams before the last, in the folder of a run; each in a folder of its own, `1` and so on."""
+MOST = 20
+"""Of so many streams before the last the results are kept, as by `spot3d results`; of others the counts."""
 
 
 def forget_streams(run: Path) -> None:
@@ -28,20 +30,31 @@ class EarlierStreams:
     """Keeps the results of streams that are over, in folders beside those of the stream of now, and their counts.
 
     timeline, trajectory: the files of the stream of now, in the run's folder. fused, skipped, lost_poses: frames of all
-    the earlier streams; documents: of each of them, for the report.
+    the earlier streams; documents, lost: of those whose results are kept, for the report.
     """
 
     def __init__(self, timeline: Timeline, trajectory: TrajectoryFile) -> None:
         self._files = (timeline, trajectory)
         self._run = timeline.path.parent
-        self.fused = self.lost_poses = 0
+        self.fused = self.lost_poses = self._count = 0
         self.skipped: Counter[str] = Counter()
-        self.lost: list[Stretch] = []
-        self.documents: list[dict[str, Any]] = []
+        self._lost: deque[list[Stretch]] = deque(maxlen=MOST)
+        self._documents: deque[dict[str, Any]] = deque(maxlen=MOST)
+
+    @property
+    def lost(self) -> list[Stretch]:
+        """Where tracking was lost, stream by stream."""
+        return [stretch for stretches in self._lost for stretch in stretches]
+
+    @property
+    def documents(self) -> list[dict[str, Any]]:
+        """What there is to report of each stream."""
+        return list(self._documents)
 
     def leave(self, found: RunResult, progress: Progress | None, lost: LostTracking) -> list[str]:
         """The stream of now is over: keep what it has come to, its map as it was last kept; returns what to tell."""
-        place = self._run / FOLDER / str(len(self.documents) + 1)
+        self._count += 1
+        place = self._run / FOLDER / str(self._count)
         told = [text for file in self._files if (text := file.told())]
         told.append(f"another stream of the camera begins; what was found before is in {place.relative_to(self._run)}")
         try:
@@ -54,17 +67,21 @@ class EarlierStreams:
             write_json(place / "objects.json", objects_document(found))
         except OSError as error:
             told.append(f"not all of it is kept: {error}")
-        self._count(place, found, progress, lost)
+        if self._count > MOST:
+            oldest = self._run / FOLDER / str(self._count - MOST)
+            shutil.rmtree(oldest, ignore_errors=True)
+            told.append(f"{oldest.relative_to(self._run)} is deleted: more than {MOST} streams")
+        self._add(place, found, progress, lost)
         return told
 
-    def _count(self, place: Path, found: RunResult, progress: Progress | None, lost: LostTracking) -> None:
+    def _add(self, place: Path, found: RunResult, progress: Progress | None, lost: LostTracking) -> None:
         fused, skipped = (0, {}) if progress is None else (progress.fused, dict(progress.skipped))
         # Where tracking was lost to the end, it was to the end of that stream.
         stretches = [replace(stretch, to_the_end=False) for stretch in lost.stretches()]
         self.fused, self.lost_poses = self.fused + fused, self.lost_poses + lost.frames
         self.skipped.update(skipped)
-        self.lost += stretches
-        self.documents.append(
+        self._lost.append(stretches)
+        self._documents.append(
             {
                 "folder": str(place.relative_to(self._run)),
                 "fused": fused,
