@@ -17,6 +17,7 @@ from spot3d.segments.settings import SegmentsSettings
 
 MS = 1_000_000
 CAMERA = Intrinsics(300.0, 300.0, 159.5, 119.5, 320, 240)
+SQUARE = Intrinsics(300.0, 300.0, 119.5, 119.5, 240, 240)
 ONES = np.ones(CAMERA.shape, np.float32)
 SETTINGS = SegmentsSettings()
 
@@ -134,9 +135,11 @@ SCREEN = Cuboid((0.1, 0.4, 0.28), (0.5, 0.02, 0.3), colour=(30, 30, 35), heat=1.
 MUG = standing(-0.3, 0.0, (0.09, 0.09, 0.1))
 
 
-def next_found(finder: KeyframeSegments, seen: View, pose: NDArray[np.float64], second: int) -> FrameSegments:
+def next_found(
+    finder: KeyframeSegments, seen: View, pose: NDArray[np.float64], second: int, camera: Intrinsics = CAMERA
+) -> FrameSegments:
     """What is found in a keyframe that a camera sees so many seconds after the first; all of it is warm."""
-    frame = RgbdFrame(second * 1000 * MS, seen.colour, seen.depth, 1.0, CAMERA)
+    frame = RgbdFrame(second * 1000 * MS, seen.colour, seen.depth, 1.0, camera)
     assert finder.wants(frame.stamp_ns, pose)
     found = finder.find(frame, np.maximum(seen.heat, 60), pose)
     assert found is not None
@@ -180,6 +183,21 @@ def test_a_camera_that_rolls_for_long_after_it_began_upright_still_knows_what_is
             seen = View(*(np.ascontiguousarray(image[::-1, ::-1]) for image in (seen.colour, seen.depth, seen.heat)))
             pose[:3, :2] *= -1
         assert faces_up(next_found(finder, seen, pose, second), pose)
+    assert finder.side_up == "", "it is mounted as the settings say"
+
+
+@pytest.mark.parametrize(("quarters", "side"), [(0, ""), (1, "right"), (2, "bottom"), (3, "left")])
+def test_a_camera_that_is_mounted_otherwise_than_the_settings_say_is_found_out(quarters: int, side: str) -> None:
+    finder, rng, quarter = KeyframeSegments(ALONE), np.random.default_rng(0), np.eye(4)
+    quarter[:2, :2] = (0, 1), (-1, 0)
+    for second in range(20):
+        assert finder.side_up == ""
+        upright = look_at((0.02 * second - 0.2, -0.95, 0.7))
+        seen = view(upright, (*ROOM, *THREE), rng, SQUARE)
+        turned = (np.ascontiguousarray(np.rot90(i, -quarters)) for i in (seen.colour, seen.depth, seen.heat))
+        pose = upright @ np.linalg.matrix_power(quarter, quarters)
+        next_found(finder, View(*turned), pose, second, SQUARE)
+    assert finder.side_up == side
 
 
 def test_what_was_up_in_another_world_is_forgotten() -> None:

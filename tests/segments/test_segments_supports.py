@@ -11,14 +11,15 @@ from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import on_plane, transform_plane
 from spot3d.segments.settings import SegmentsSettings
 from spot3d.segments.supports import (
-    IMAGE_UP,
     beside_support,
     choose_support,
     clearly_faces,
     expected_up,
     heights,
+    held_heat,
     lift,
 )
+from spot3d.segments.upper_side import IMAGE_UP
 
 SETTINGS = SegmentsSettings()
 POSE = look_at((0, -0.95, 0.7))
@@ -34,7 +35,8 @@ def heat_on(plane: NDArray[np.float64], value: int) -> NDArray[np.uint8]:
 
 def chosen(planes: list[NDArray[np.float64]], heat: NDArray[np.uint8], image_up: str = "top") -> int | None:
     """Which of the planes is chosen, by its number."""
-    found = choose_support(np.array(planes).reshape(-1, 4), POINTS, heat, SETTINGS, IMAGE_UP[image_up])
+    candidates = np.array(planes).reshape(-1, 4)
+    found = choose_support(candidates, held_heat(candidates, POINTS, heat, SETTINGS), IMAGE_UP[image_up])
     return None if found is None else next(k for k, plane in enumerate(planes) if np.array_equal(plane, found))
 
 
@@ -65,7 +67,7 @@ def test_a_camera_may_be_mounted_on_any_side(image_up: str) -> None:
     planes = np.array([np.append(turn @ plane[:3], plane[3]) for plane in (WALL, TABLE)])
     heat = np.maximum(heat_on(WALL, 250), heat_on(TABLE, 10))
     turned = (POINTS @ turn.T).astype(np.float32)
-    support = choose_support(planes, turned, heat, SETTINGS, IMAGE_UP[image_up])
+    support = choose_support(planes, held_heat(planes, turned, heat, SETTINGS), IMAGE_UP[image_up])
     assert support is not None
     np.testing.assert_array_equal(support, planes[1])
 
@@ -78,10 +80,11 @@ def test_from_straight_above_a_table_is_what_faces_the_camera() -> None:
     planes = np.array([[0, 0, 1.0, 0], [0, 1.0, 0, 0.25]]) @ down
     heat = np.full(CAMERA.shape, 40, np.uint8)
     heat[on_plane(planes[1], points, SETTINGS)] = 255
-    support = choose_support(planes, points, heat, SETTINGS, expected_up("top"))
+    held = held_heat(planes, points, heat, SETTINGS)
+    support = choose_support(planes, held, expected_up("top"))
     assert support is not None
     np.testing.assert_array_equal(support, planes[0])
-    wrong = choose_support(planes, points, heat, SETTINGS, IMAGE_UP["top"])
+    wrong = choose_support(planes, held, IMAGE_UP["top"])
     assert wrong is not None
     np.testing.assert_array_equal(wrong, planes[1])
 

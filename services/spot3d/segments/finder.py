@@ -1,6 +1,7 @@
 """The objects of a single frame, without fusion over time (paper, Sec. VI-A, RGBD scenes)."""
 
 from collections import Counter
+from dataclasses import dataclass
 from typing import get_args
 
 import numpy as np
@@ -22,7 +23,7 @@ from spot3d.segments.holes import fill_holes
 from spot3d.segments.levels import Levels, with_lower
 from spot3d.segments.occlusion import join_occluded
 from spot3d.segments.settings import SegmentsSettings, Step
-from spot3d.segments.supports import beside_support, choose_support, expected_up, heights, lift
+from spot3d.segments.supports import beside_support, choose_support, expected_up, heights, held_heat, lift
 from spot3d.segments.torn import join_torn
 from spot3d.segments.vessels import hollow_groups
 from spot3d_schemas.limits import MAX_SEGMENTS
@@ -40,6 +41,19 @@ _SAMPLE = 500
 """About so many of a part's pixels tell whether it is bent around an axis."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class CandidatePlanes:
+    """The planes of a view among which heat decides what things stand on.
+
+    points: (h, w, 3) float32 metres, camera frame, z = 0 invalid; planes: (n, 4), normals towards the camera; heat:
+    (n,) what each of them holds (see `held_heat`).
+    """
+
+    points: NDArray[np.float32]
+    planes: NDArray[np.float64]
+    heat: NDArray[np.float64]
+
+
 def find_segments(
     colour: NDArray[np.uint8],
     depth: NDArray[np.float32],
@@ -54,20 +68,28 @@ def find_segments(
     upwards: (3,) unit, camera frame, None = all that is known is `settings.image_up`.
     Without a supporting plane there are none: nothing is known to stand on anything.
     """
-    return find_on_lattice(
-        to_lattice(colour, depth, heat, camera, settings.lattice_width, settings.grazing_cos), settings, upwards
-    )
+    frame = to_lattice(colour, depth, heat, camera, settings.lattice_width, settings.grazing_cos)
+    return find_on_lattice(frame, candidate_planes(frame, settings), settings, upwards)
+
+
+def candidate_planes(frame: LatticeFrame, settings: SegmentsSettings) -> CandidatePlanes:
+    """What things may stand on in a frame that has been brought to its lattice."""
+    points, noise = back_project(frame.depth, frame.camera), frame.camera.noise
+    planes = dominant_planes(points, settings, np.random.default_rng(settings.seed), noise=noise)
+    return CandidatePlanes(points, planes, held_heat(planes, points, frame.heat, settings, noise))
 
 
 def find_on_lattice(
-    frame: LatticeFrame, settings: SegmentsSettings, upwards: NDArray[np.float64] | None = None
+    frame: LatticeFrame,
+    among: CandidatePlanes,
+    settings: SegmentsSettings,
+    upwards: NDArray[np.float64] | None = None,
 ) -> FrameSegments:
-    """The objects of one frame that has been brought to its lattice; see `find_segments`."""
-    points, noise = back_project(frame.depth, frame.camera), frame.camera.noise
-    planes = dominant_planes(points, settings, np.random.default_rng(settings.seed), noise=noise)
+    """The objects of one frame that has been brought to its lattice; see `find_segments` and `candidate_planes`."""
+    points, planes, noise = among.points, among.planes, frame.camera.noise
     if upwards is None:
         upwards = expected_up(settings.image_up)
-    support = choose_support(planes, points, frame.heat, settings, upwards, noise)
+    support = choose_support(planes, among.heat, upwards)
     if support is None:
         nothing = np.zeros(frame.depth.shape, np.float32)
         return _segments([], frame, Levels(planes[:0], nothing.astype(np.int8), nothing, nothing), Counter(), settings)

@@ -7,11 +7,12 @@ from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
 from spot3d.geometry.downsampling import to_lattice
-from spot3d.segments.finder import find_on_lattice
+from spot3d.segments.finder import candidate_planes, find_on_lattice
 from spot3d.segments.keyframes import Keyframes
 from spot3d.segments.recent_depth import RecentDepth
 from spot3d.segments.settings import SegmentsSettings
 from spot3d.segments.supports import clearly_faces
+from spot3d.segments.upper_side import UpperSide
 from spot3d.segments.upward import Upward
 
 
@@ -24,9 +25,14 @@ class KeyframeSegments:
     def __init__(self, settings: SegmentsSettings) -> None:
         self._settings = settings
         self._keyframes, self._upward = Keyframes(settings), Upward()
-        self._recent = RecentDepth(settings)
+        self._recent, self._upper_side = RecentDepth(settings), UpperSide(settings.image_up)
         self._world: str | None = None
         self._is_keyframe = False
+
+    @property
+    def side_up(self) -> str:
+        """The side of the image that seems to be up though `image_up` names another; empty where none does."""
+        return self._upper_side.found
 
     def wants(self, stamp_ns: int, T_world_camera: NDArray[np.float64], world: str | None = None) -> bool:
         """Whether the images of the frame with this stamp and (4, 4) pose are of use.
@@ -57,7 +63,9 @@ class KeyframeSegments:
             depth = calibration.straightened(frame.depth_metres())
             lattice = to_lattice(frame.colour, depth, heat, frame.intrinsics, size, grazing_cos)
             filled = self._recent.filled(lattice, T_world_camera, frame.stamp_ns, calibration.depth_factor)
-            found = find_on_lattice(filled, settings, self._upward.in_camera(T_world_camera))
+            candidates, up = candidate_planes(filled, settings), self._upward.in_camera(T_world_camera)
+            found = find_on_lattice(filled, candidates, settings, up)
+            self._upper_side.learn(candidates.planes, candidates.heat, up)
             if clearly_faces(found.planes, settings.image_up):
                 self._upward.learn(found, T_world_camera)
         if self._recent.wants(frame.stamp_ns):

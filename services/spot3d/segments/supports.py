@@ -8,6 +8,7 @@ from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.geometry.planes import PlaneSettings, on_plane
 from spot3d.geometry.upright import rotation_to_upright
 from spot3d.segments.settings import SegmentsSettings
+from spot3d.segments.upper_side import CLEARLY, IMAGE_UP
 
 FACING = np.float32(0.8)
 """Cosine (37 degrees) of a pixel's normal to that of the plane it lies on; noise tilts normals by less."""
@@ -29,14 +30,6 @@ _BEYOND = 0.05
 _PIECE = 200
 """What lies in a support's plane in fewer connected pixels is none of it: a rung of a chair, noise."""
 
-IMAGE_UP = {
-    "top": np.array((0.0, -1.0, 0.0)),
-    "bottom": np.array((0.0, 1.0, 0.0)),
-    "left": np.array((-1.0, 0.0, 0.0)),
-    "right": np.array((1.0, 0.0, 0.0)),
-}
-"""The direction in the camera frame, x right and y down, of the side of the image that is up."""
-
 # In 1620 rendered views of tables with things or cartons, looking down by 5 to 30, 45 to 75 and 80 to 95 degrees,
 # the table is chosen in 100, 100, 98.6 % with 0 degrees, 100, 100, 99.7 % with 15, 99.7, 100, 99.8 % with 20 and 95,
 # 100, 100 % with 45, where the front of a large box counts too much. From 80 on, rolled by 90 and 180 degrees: in 76,
@@ -44,9 +37,6 @@ IMAGE_UP = {
 _LOOKS_DOWN = np.radians(15)
 """A camera is taken to look so far down: what one from straight above sees of its table faces the camera, not the side
 of the image that is up."""
-_CLEARLY = 0.3
-"""A support whose normal has this cosine to the upper side of the image is no wall: a wall has it in a camera that
-looks up by 17 degrees, a table in every one that looks down by less than 72."""
 
 
 def expected_up(image_up: str) -> NDArray[np.float64]:
@@ -56,32 +46,39 @@ def expected_up(image_up: str) -> NDArray[np.float64]:
 
 def clearly_faces(planes: NDArray[np.float64], image_up: str) -> bool:
     """Whether a view's main support, the first of (n, 4) planes, faces the upper side of the image as no wall does."""
-    return bool((planes[:1, :3] @ IMAGE_UP[image_up] >= _CLEARLY).any())
+    return bool((planes[:1, :3] @ IMAGE_UP[image_up] >= CLEARLY).any())
 
 
-def choose_support(
+def held_heat(
     planes: NDArray[np.float64],
     points: NDArray[np.float32],
     heat: NDArray[np.uint8],
     settings: PlaneSettings,
-    up: NDArray[np.float64],
     noise: DepthNoise = KINECT_V1,
+) -> NDArray[np.float64]:
+    """(n,) the heat that each plane's inliers hold, 255ths (paper, Eq. 10).
+
+    planes: (n, 4) camera frame; points: (h, w, 3) float32 metres, z = 0 invalid; heat: (h, w) uint8, 255ths.
+    """
+    return np.array([float(heat[on_plane(plane, points, settings, noise)].sum(dtype=np.int64)) for plane in planes])
+
+
+def choose_support(
+    planes: NDArray[np.float64], held: NDArray[np.float64], up: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
     """The plane whose inliers hold most heat (paper, Eq. 10), each as much as the plane faces up.
 
     A hot object's front holds much heat as well, but what things stand on shows its upper side. Where only the upper
     side of the image is known, its normal points there, or towards a camera that looks straight down, while fronts
     point level or, seen from above, downwards.
-    planes: (n, 4) camera frame, normals towards the camera; points: (h, w, 3) float32 metres, z = 0 invalid;
-    heat: (h, w) uint8, 255ths; up: (3,) unit, camera frame: `expected_up`, or the true one. None where no plane holds
-    heat.
+    planes: (n, 4) camera frame, normals towards the camera; held: (n,) what each holds (see `held_heat`); up: (3,)
+    unit, camera frame: `expected_up`, or the true one. None where no plane holds heat.
     """
     best, most = None, 0.0
-    for plane in planes:
-        upwards = max(_FROM_BELOW, float(up @ plane[:3]))
-        held = float(heat[on_plane(plane, points, settings, noise)].sum(dtype=np.int64)) * upwards
-        if held > most:
-            best, most = plane, held
+    for plane, heat in zip(planes, held.tolist(), strict=True):
+        counts = heat * max(_FROM_BELOW, float(up @ plane[:3]))
+        if counts > most:
+            best, most = plane, counts
     return best
 
 
