@@ -31,7 +31,8 @@ class PipelineStep:
     """What happened to one frame.
 
     segments: only of a keyframe; objects: only where this frame was due for an update of the objects; refused: why it
-    was not fused, empty where it was.
+    was not fused, empty where it was; side_up: the side of the image that seems to be up by now in the place of
+    `segments.image_up`, mostly empty.
     """
 
     frame: RgbdFrame
@@ -40,6 +41,7 @@ class PipelineStep:
     segments: FrameSegments | None
     objects: FoundObjects | None
     refused: str
+    side_up: str
 
 
 @dataclass(slots=True)
@@ -138,7 +140,7 @@ def run_pipeline(
                 with _timed(result.step_s, "objects", clock):
                     update = result.objects = fusion.objects()
         if on_frame is not None:
-            on_frame(PipelineStep(frame, pose, heat, segments, update, refused))
+            on_frame(PipelineStep(frame, pose, heat, segments, update, refused, keyframes.side_up))
     result.objects = fusion.objects()
     return result
 

@@ -23,6 +23,7 @@ from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, empty_snapshot
 from spot3d.run.timeline import Timeline
 from spot3d.run.trajectory_file import TrajectoryFile
+from spot3d.segments.upper_side import IMAGE_UP, event_of, told
 from spot3d.source.errors import IN_THE_INPUT, NOT_PLAYED
 from spot3d.source.sequence import CAMERA_GONE
 from spot3d_schemas import (
@@ -136,7 +137,15 @@ class Collector:
         new = [kind for kind in CAMERA_GONE if kind in events and kind not in self._told]
         self._told.update(new)
         news, self._news = self._news, []
-        return [*news, *(f"{kind}: it is waited for (logs/source.log)" for kind in new)]
+        return [*news, *(f"{kind}: it is waited for (logs/source.log)" for kind in new), *self._side_up()]
+
+    def _side_up(self) -> list[str]:
+        """That the camera seems to be mounted with another side up, each once."""
+        health = self.health.get("segments")
+        events = {} if health is None else health.events
+        new = [text for side in IMAGE_UP if event_of(side) in events and (text := told(side)) not in self._told]
+        self._told.update(new)
+        return new
 
     def counts(self) -> tuple[int, Counter[str]]:
         """Frames of all streams so far: how many are fused, and how many are not, by reason."""

@@ -15,6 +15,7 @@ from spot3d.run.report import FrameRate, RunReport, StageReport, statistics_ms
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame
 from spot3d.run.timeline import Timeline
 from spot3d.run.trajectory_file import TrajectoryFile
+from spot3d.segments.upper_side import event_of, told
 from spot3d.settings import Settings
 from spot3d.source.sequence import FrameSequence
 
@@ -30,11 +31,11 @@ def run_in_process(
 ) -> RunResult:
     """Run every frame, or until `stop` is set; fills the report."""
     stay_single_threaded()
-    fused = found = 0
+    fused, found, side_up = 0, 0, ""
     rate, lost = FrameRate(), LostTracking()
 
     def follow(step: PipelineStep) -> None:
-        nonlocal fused, found
+        nonlocal fused, found, side_up
         is_lost = step.pose.status == "lost"
         lost.add(step.frame.stamp_ns, is_lost, step.pose.reason)
         fused += not step.refused
@@ -43,6 +44,10 @@ def run_in_process(
         found = found if step.objects is None else len(step.objects.objects)
         if step.objects is not None:
             timeline.add_update(step.frame.stamp_ns, _found(step.objects), complete=False)
+        if step.side_up and not side_up:
+            side_up = step.side_up
+            report.events.append(told(side_up))
+            watcher.on_event(told(side_up))
         rate.add(fused + lost.frames, time.monotonic())
         watcher.on_progress(fused, lost.frames, found)
 
@@ -60,6 +65,8 @@ def run_in_process(
         stage: StageReport(step_ms=dict(statistics_ms([1e3 * seconds for seconds in times])))
         for stage, times in result.step_s.items()
     }
+    if side_up:
+        report.stages["segments"].events[event_of(side_up)] = 1
     if result.unreadable:
         report.stages["source"].last_error = result.unreadable
     report.stages["all"] = StageReport(cpu_s=use.cpu_s, rss_mb=use.rss_bytes / 2**20)

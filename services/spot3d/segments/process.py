@@ -21,6 +21,7 @@ from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
 from spot3d.segments.settings import SegmentsSettings
+from spot3d.segments.upper_side import event_of, told
 from spot3d_schemas import Heat, Message, Pose
 
 if TYPE_CHECKING:
@@ -78,7 +79,8 @@ class _Stage:
     def take_heat(self, given: Received[Heat]) -> None:
         self._begin_if_new(given)
         if given.recording != self.recording:
-            self.recording, self.keyframes = given.recording, _keyframes(self.settings)
+            self.recording = given.recording
+            self._begin()
         self._answer(self.join.add_left(given.message.header.stamp_ns, given))
 
     def take_pose(self, given: Received[Pose]) -> None:
@@ -88,7 +90,11 @@ class _Stage:
     def _begin_if_new(self, given: Received[Message]) -> None:
         if given.begins:
             _count(self.node, self.join.clear())
-            self.keyframes = _keyframes(self.settings)
+            self._begin()
+
+    def _begin(self) -> None:
+        """Another recording: nothing of the one before is known of it."""
+        self.keyframes, self.node.state = _keyframes(self.settings), ""
 
     def _answer(self, outcome: Outcome[Received[Heat], Received[Pose]]) -> None:
         _count(self.node, outcome)
@@ -113,6 +119,10 @@ class _Stage:
             return None
         if found is not None:
             self.node.counters.step(time.perf_counter() - start_s)
+        side = keyframes.side_up
+        if side and not self.node.state:
+            self.node.state = told(side)
+            self.node.note(event_of(side), self.node.state)
         return found
 
 

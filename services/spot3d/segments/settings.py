@@ -77,7 +77,9 @@ class SegmentsSettings(BaseModel):
         2.5, gt=0, description="depth beyond this, where noise exceeds half of eps_min, shows no objects, metres"
     )
     image_up: Literal["top", "bottom", "left", "right"] = Field(
-        "top", description="the side of the image that is up, for cameras that are mounted otherwise"
+        "top",
+        description="the side of the image that is up, for cameras that are mounted otherwise; where another one seems "
+        "to be, that is said",
     )
     crease: float = Field(
         9.0,
