@@ -219,7 +219,7 @@ def status(
     connect: ConnectOption = None,
     watch: Annotated[bool, typer.Option("--watch", help="keep it up to date until Ctrl-C")] = False,
 ) -> None:
-    """Print the live health of every stage; exit code 1 if one is not alive."""
+    """Print the live health of every stage; exit code 1 if something is wrong, as that one is not alive."""
     from rich.console import Console
 
     from spot3d.run.status import show_status
