@@ -57,7 +57,7 @@ class ColourAlignment:
 
     def on_depth(self) -> float:
         """How much colour changes at the edges of depth where it lies, or close by; 0: no more than elsewhere."""
-        return self._within(_NEAR) / max(self._edges, 1.0)
+        return self._nearby() / max(self._edges, 1.0)
 
     def offset(self) -> tuple[int, int] | None:
         """How far colour surely lies off depth, pixels of the images to the right and down; None where it does not."""
@@ -69,13 +69,15 @@ class ColourAlignment:
         peak = float(sums.max())
         if self._edges < _ALL_EDGES_LEAST or peak < _CHANGE_LEAST * self._edges:
             return None
-        if peak < float(sums.mean()) + _STANDS_OUT * spread or peak < _BEYOND * self._within(_NEAR):
+        if peak < float(sums.mean()) + _STANDS_OUT * spread or peak < _BEYOND * self._nearby():
             return None
         return column * self._scale, row * self._scale
 
-    def _within(self, share: float) -> float:
+    def _nearby(self) -> float:
+        """The most of what is added up for shifts that count as none."""
         reach = len(self._changes) // 2
-        near = slice(reach - (steps := int(share * 16 * reach)), reach + steps + 1)
+        steps = round(_NEAR / _REACH * reach)
+        near = slice(reach - steps, reach + steps + 1)
         return float(self._changes[near, near].max())
 
     def _begin(self, shape: tuple[int, ...]) -> None:

@@ -130,9 +130,7 @@ class Collector:
     def camera_news(self) -> list[str]:
         """What there is to tell of a camera: each stream that begins; of what else happens each kind once.
 
-        Also of a recording's, that its colour lies off depth.
-
-        The source's log has every time, its events how many.
+        The source's log has every time, its events how many. Of recordings too: that colour lies off depth.
         """
         health = self.health.get("source")
         events = {} if health is None else health.events
