@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
+from spot3d import missing_package
 from spot3d.cli import recordings, stages
 from spot3d.cli.bench import bench
 from spot3d.cli.certificates import certificates
@@ -57,16 +58,6 @@ app = typer.Typer(
 for _command in (*stages.COMMANDS, *recordings.COMMANDS, certificates, dashboard, doctor, evaluate, bench):
     app.command()(_command)
 
-_STAGES = "every stage's packages come with: pip install 'spot3d[all]'"
-_PACKAGES = {
-    "mcap": "it comes with: pip install 'spot3d[record]'",
-    "zstandard": "it comes with: pip install 'spot3d[record]'",
-    "cryptography": "it comes with: pip install 'spot3d[certificates]'",
-    "viser": "it comes with: pip install 'spot3d[dashboard]'",
-    "foxglove": "it comes with: pip install 'spot3d[foxglove]'",
-}
-"""Where packages come from that no stage needs."""
-
 
 def main() -> None:
     """Run the command line; what a user can put right is told in one line, with exit code 2."""
@@ -78,8 +69,7 @@ def main() -> None:
     try:
         app()
     except ModuleNotFoundError as error:
-        package = (error.name or "").partition(".")[0]
-        _fail(f"{error.name} is not installed; {_PACKAGES.get(package, _STAGES)}")
+        _fail(missing_package.in_words(error))
     except (SourceError, InvalidSettingsError, CommandError) as error:
         _fail(str(error))
     except OSError as error:
@@ -229,7 +219,7 @@ def status(
     connect: ConnectOption = None,
     watch: Annotated[bool, typer.Option("--watch", help="keep it up to date until Ctrl-C")] = False,
 ) -> None:
-    """Print the live health of every stage; exit code 1 if one is not alive."""
+    """Print the live health of every stage; exit code 1 if something is wrong, as that one is not alive."""
     from rich.console import Console
 
     from spot3d.run.status import show_status

@@ -4,16 +4,15 @@ import logging
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 
 import zenoh
-from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dashboard.health import HEARD
-from spot3d.dataflow.endpoints import end_subscription
+from spot3d.dataflow.endpoints import end_subscription, hear_kept
 from spot3d.dataflow.payload import intact_bytes
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.settings import LinkSettings
@@ -205,17 +204,13 @@ class Link:
 
 def _hear_fleet(session: zenoh.Session, topic: str, stack: ExitStack) -> Handler[zenoh.Sample]:
     """Subscribe to a topic of every robot until the stack ends."""
-    channel: RingChannel[zenoh.Sample] = RingChannel(_WAITING.get(topic, _HEALTHS_WAITING))
-    if topic != "fusion/objects":
-        subscriber = session.declare_subscriber(fleet_key(topic), channel)
-        stack.callback(subscriber.undeclare)
-        return subscriber.handler
-    # The last update is kept for those who come late.
-    history = HistoryConfig(detect_late_publishers=True, max_samples=1)
-    late = declare_advanced_subscriber(session, fleet_key(topic), channel, history=history)
-    undeclare: Callable[[], object] = late.undeclare
-    stack.callback(undeclare)
-    return late.handler
+    size = _WAITING.get(topic, _HEALTHS_WAITING)
+    if TOPICS[topic].kept:
+        return hear_kept(session, fleet_key(topic), size, stack)
+    channel: RingChannel[zenoh.Sample] = RingChannel(size)
+    subscriber = session.declare_subscriber(fleet_key(topic), channel)
+    stack.callback(subscriber.undeclare)
+    return subscriber.handler
 
 
 def _received(handler: "Handler[zenoh.Sample]") -> zenoh.Sample | None:

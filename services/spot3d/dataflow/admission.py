@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from spot3d.dataflow.alive import Alive
+from spot3d.dataflow.capture_lag import CaptureLag
 from spot3d.dataflow.counters import Counters
 from spot3d.dataflow.order import StreamOrder, Verdict
 from spot3d.dataflow.producers import Producers
@@ -25,7 +26,7 @@ class Admission:
     ) -> None:
         live = link.delivery == "live"
         self._orders = {topic: StreamOrder(confirm=live) for topic in inputs if topic in PER_FRAME}
-        self._pace = StampPace() if live else None
+        self._paces = (StampPace(), CaptureLag()) if live else ()
         self._producers = Producers(alive)
         self._counters, self._limited_log = counters, limited_log
 
@@ -36,8 +37,9 @@ class Admission:
             text = f"{topic}: somebody else says it as well (process {header.sender}); is refused"
             self._limited_log.say(f"{topic} {SECOND}", text, now_s)
             return Verdict(refused=SECOND)
-        if self._pace is not None and topic == _CAPTURES:
-            self._pace.heard(header, now_s)
+        if topic == _CAPTURES:
+            for pace in self._paces:
+                pace.heard(header, now_s)
         order = self._orders.get(topic)
         if order is None:
             return Verdict()
@@ -52,8 +54,8 @@ class Admission:
         return arrival
 
     def stamps(self, now_s: float) -> str:
-        """What is wrong with the stamps of a camera's frames, in words; empty where nothing is."""
-        return "" if self._pace is None else self._pace.told(now_s)
+        """What is wrong with the stamps of a camera's frames, or how late they are sent; empty where nothing is."""
+        return next(filter(None, (pace.told(now_s) for pace in self._paces)), "")
 
     def contested(self, now_s: float) -> list[str]:
         """The topics that somebody else has said as well, of late."""

@@ -1,12 +1,19 @@
 """Publishers and subscribers as the table of topics says: congestion, priority and how much waits."""
 
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import Any
 
 import zenoh
 from zenoh import CongestionControl, Priority
-from zenoh.ext import AdvancedPublisher, CacheConfig, MissDetectionConfig, declare_advanced_publisher
+from zenoh.ext import (
+    AdvancedPublisher,
+    CacheConfig,
+    HistoryConfig,
+    MissDetectionConfig,
+    declare_advanced_publisher,
+    declare_advanced_subscriber,
+)
 from zenoh.handlers import FifoChannel, Handler, RingChannel
 
 from spot3d.dataflow.settings import LinkSettings
@@ -83,6 +90,16 @@ def declare_subscriber(
     channel: RingChannel[zenoh.Sample] | FifoChannel[zenoh.Sample]
     channel = RingChannel(size) if keeps_newest(topic, link) else FifoChannel(size)
     return session.declare_subscriber(key(link.robot, topic), channel)
+
+
+def hear_kept(session: zenoh.Session, where: str, size: int, stack: ExitStack) -> Handler[zenoh.Sample]:
+    """The newest `size` messages of a kept topic until the stack ends, the last one from before first."""
+    channel: RingChannel[zenoh.Sample] = RingChannel(size)
+    history = HistoryConfig(detect_late_publishers=True, max_samples=1)
+    late = declare_advanced_subscriber(session, where, channel, history=history)
+    undeclare: Callable[[], object] = late.undeclare
+    stack.callback(undeclare)
+    return late.handler
 
 
 def end_subscription(subscriber: "zenoh.Subscriber[Any]") -> None:

@@ -17,7 +17,10 @@ _SLOW_S = 5.0
 
 
 def warm_up(stage: str, work: Callable[[Sequence[RgbdFrame]], object]) -> None:
-    """Let a stage's core work on a few small frames: a box in a corner. What fails is logged when real frames come."""
+    """Let a stage's core work on a few small frames: a box in a corner. What fails is logged when real frames come.
+
+    Raises ModuleNotFoundError where the core lacks a package: no frame will find it.
+    """
     log = logging.getLogger(f"spot3d.{stage}")
     start_s = time.monotonic()
     word = threading.Timer(
@@ -27,6 +30,8 @@ def warm_up(stage: str, work: Callable[[Sequence[RgbdFrame]], object]) -> None:
     word.start()
     try:
         work([_frame(index) for index in range(_FRAMES)])
+    except ModuleNotFoundError:
+        raise
     except Exception as error:
         log.warning("the kernels are not warm: %s: %s", type(error).__name__, error)
     finally:

@@ -7,9 +7,10 @@ from contextlib import ExitStack
 import zenoh
 from zenoh.handlers import FifoChannel, Handler
 
+from spot3d.dataflow.endpoints import hear_kept
 from spot3d.dataflow.payload import decoded
 from spot3d.doctor.others import Answer, TopicRate, flows
-from spot3d_schemas import STAGES, About, Health, key
+from spot3d_schemas import STAGES, About, Health, Objects, key
 
 _ASKS = 5
 """The fastest answer tells the clock best."""
@@ -69,6 +70,19 @@ def hear_health(session: zenoh.Session, robot: str, seconds: float) -> dict[str,
                     told[stage].append(health)
             time.sleep(0.01)
     return told
+
+
+def is_complete(session: zenoh.Session, robot: str) -> bool:
+    """Whether the objects that fusion has kept are of all frames of a recording that has ended."""
+    with ExitStack() as stack:
+        ear = hear_kept(session, key(robot, "fusion/objects"), 1, stack)
+        deadline_s = time.monotonic() + _ANSWER_S
+        while time.monotonic() < deadline_s:
+            if (sample := ear.try_recv()) is not None:
+                objects = decoded(sample.payload, Objects)
+                return objects is not None and objects.complete
+            time.sleep(0.01)
+    return False
 
 
 def flows_told(told: Mapping[str, Sequence[Health]]) -> list[TopicRate]:

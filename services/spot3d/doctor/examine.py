@@ -4,7 +4,7 @@ from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.session import StoppedError, open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.tls import TlsError, probe, why_refused
-from spot3d.doctor.asking import ask_all, flows_told, hear_health
+from spot3d.doctor.asking import ask_all, flows_told, hear_health, is_complete
 from spot3d.doctor.finding import Finding
 from spot3d.doctor.others import TopicRate, look_at, states
 from spot3d.doctor.this_device import look_here
@@ -22,7 +22,8 @@ def examine(link: LinkSettings, seconds: float) -> tuple[list[Finding], list[Top
             # The first second of measuring is also the time for the tokens to come.
             told = hear_health(session, link.robot, seconds)
             there = {stage: stage in alive for stage in STAGES}
-            findings += look_at(ask_all(session, link.robot), there)
+            ended = not there["source"] and is_complete(session, link.robot)
+            findings += look_at(ask_all(session, link.robot), there, ended)
             return findings + states(told), flows_told(told)
     except TlsError:
         return [*findings, Finding("problem", "router", "not tried without a certificate", "see above")], []

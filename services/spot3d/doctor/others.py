@@ -35,9 +35,12 @@ class TopicRate:
     bytes_per_s: float
 
 
-def look_at(answers: Sequence[Answer], alive: Mapping[str, bool]) -> list[Finding]:
-    """Findings of all stages that answered, one a device where that says it all. alive: by liveliness token."""
-    findings = [stages(alive, answers)]
+def look_at(answers: Sequence[Answer], alive: Mapping[str, bool], ended: bool = False) -> list[Finding]:
+    """Findings of all stages that answered, one a device where that says it all. alive: by liveliness token.
+
+    ended: the source is gone because its recording is over.
+    """
+    findings = [stages(alive, answers, ended)]
     hosts: dict[str, list[Answer]] = defaultdict(list)
     for answer in answers:
         hosts[answer.about.host].append(answer)
@@ -53,7 +56,7 @@ def look_at(answers: Sequence[Answer], alive: Mapping[str, bool]) -> list[Findin
     return findings
 
 
-def stages(alive: Mapping[str, bool], answers: Sequence[Answer]) -> Finding:
+def stages(alive: Mapping[str, bool], answers: Sequence[Answer], ended: bool = False) -> Finding:
     """Which stages there are, and whether each is one process only."""
     pids: dict[str, set[tuple[str, int]]] = defaultdict(set)
     for answer in answers:
@@ -64,16 +67,18 @@ def stages(alive: Mapping[str, bool], answers: Sequence[Answer]) -> Finding:
             return Finding(
                 "problem", "stages", f"{stage} runs {len(processes)} times: {named}", "end all but one of them"
             )
-    absent = [stage for stage in STAGES if not alive.get(stage)]
+    expected = [stage for stage in STAGES if not (ended and stage == "source")]
+    absent = [stage for stage in expected if not alive.get(stage)]
     if absent:
         return Finding(
             "problem", "stages", f"not alive: {', '.join(absent)}", "start them; their logs say why they ended"
         )
-    mute = [stage for stage in STAGES if stage not in pids]
+    mute = [stage for stage in expected if stage not in pids]
     if mute:
         text = f"alive, but they do not say what they run on: {', '.join(mute)}"
         return Finding("note", "stages", text, "an older version, or someone else's stage")
-    return Finding("ok", "stages", f"all alive: {', '.join(STAGES)}")
+    text = f"all alive: {', '.join(expected)}"
+    return Finding("ok", "stages", f"{text}; the source has ended, with its recording" if ended else text)
 
 
 def states(told: Mapping[str, Sequence[Health]]) -> list[Finding]:

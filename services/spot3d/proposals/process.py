@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.colour_alignment import AlignmentWatch
 from spot3d.dataflow.conversion import rgbd_frame
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.serving import On, attempted, serve
@@ -35,11 +36,26 @@ def run(link: LinkSettings, settings: ProposalSettings, stop: threading.Event | 
         suppress(StoppedError),
         Node("proposals", link, stopped, (_IN,), (_OUT,)) as node,
     ):
-        serve(node, On(_IN, Frame, partial(_answer, node, settings)))
+        serve(node, On(_IN, Frame, _Stage(node, settings).take))
 
 
 def _propose_first(settings: ProposalSettings, frames: Sequence[RgbdFrame]) -> None:
     propose(frames[0].colour, frames[0].depth_metres(), frames[0].intrinsics, settings)
+
+
+class _Stage:
+    def __init__(self, node: Node, settings: ProposalSettings) -> None:
+        self.node, self.settings, self.recording = node, settings, 0
+        self.watch = AlignmentWatch()
+
+    def take(self, given: Received[Frame]) -> None:
+        _answer(self.node, self.settings, given)
+        if given.begins or given.recording != self.recording:
+            self.recording, self.watch, self.node.state = given.recording, AlignmentWatch(), ""
+        # Behind the answer, which others wait for.
+        if told := self.watch.look(rgbd_frame(given.message)):
+            self.node.state = told
+            self.node.note(AlignmentWatch.EVENT, told)
 
 
 def _answer(node: Node, settings: ProposalSettings, given: Received[Frame]) -> None:

@@ -9,6 +9,7 @@ from typing import Self, TypeVar
 import zenoh
 from zenoh.handlers import FifoChannel, Handler
 
+from spot3d.colour_alignment import AlignmentWatch
 from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.conversion import calibration_of
 from spot3d.dataflow.endpoints import declare_publisher
@@ -130,12 +131,16 @@ class Collector:
     def camera_news(self) -> list[str]:
         """What there is to tell of a camera: each stream that begins; of what else happens each kind once.
 
-        The source's log has every time, its events how many.
+        The source's log has every time, its events how many. Of recordings too: that colour lies off depth.
         """
         health = self.health.get("source")
         events = {} if health is None else health.events
         new = [kind for kind in CAMERA_GONE if kind in events and kind not in self._told]
         self._told.update(new)
+        looking = self.health.get("proposals")
+        if looking is not None and AlignmentWatch.EVENT in looking.events and AlignmentWatch.EVENT not in self._told:
+            self._told.add(AlignmentWatch.EVENT)
+            self._news.append(looking.state or AlignmentWatch.EVENT)
         news, self._news = self._news, []
         return [*news, *(f"{kind}: it is waited for (logs/source.log)" for kind in new), *self._side_up()]
 

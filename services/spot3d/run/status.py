@@ -16,6 +16,7 @@ from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dashboard.health import StageRecords, Word
 from spot3d.dataflow.alive import Alive, watch_alive
+from spot3d.dataflow.endpoints import hear_kept
 from spot3d.dataflow.payload import decoded
 from spot3d.dataflow.rate_limited_log import printable
 from spot3d.dataflow.session import StoppedError, open_session
@@ -32,15 +33,15 @@ _READERS = ("pose", "proposals", "heatmap")
 _STYLES = {"good": "green", "waits": "yellow", "bad": "red", "ended": "dim"}
 
 M = TypeVar("M", bound=Message)
-Subscriber = zenoh.Subscriber[Handler[zenoh.Sample]]
+Ear = Handler[zenoh.Sample]
 
 
 @dataclass(frozen=True, slots=True)
 class _Channels:
     """Where the latest health of each stage and the latest objects are heard."""
 
-    health: list[Subscriber]
-    objects: Subscriber
+    health: list[Ear]
+    objects: Ear
 
 
 @dataclass(slots=True)
@@ -55,6 +56,7 @@ class _Heard:
 def show_status(link: LinkSettings, console: Console, watch: bool) -> bool:
     """Print the table once, or keep it up to date until Ctrl-C; returns whether every stage is alive and all is well.
 
+    A source that is gone is no fault where its recording has ended, and fusion has accounted for all of it.
     Raises ConnectionError where no router answers.
     """
     with ExitStack() as stack:
@@ -64,16 +66,19 @@ def show_status(link: LinkSettings, console: Console, watch: bool) -> bool:
             where = ", ".join(link.connect)
             raise ConnectionError(f"no router answers at {where}; is the dataflow running? (--connect)") from None
         alive = stack.enter_context(watch_alive(session, link.robot))
-        topics = (*(f"{stage}/health" for stage in (*STAGES, BRIDGE)), "fusion/objects")
+        topics = [f"{stage}/health" for stage in (*STAGES, BRIDGE)]
         subscribers = [
             stack.enter_context(session.declare_subscriber(key(link.robot, topic), RingChannel(1))) for topic in topics
         ]
-        channels, heard = _Channels(subscribers[:-1], subscribers[-1]), _Heard()
+        objects = hear_kept(session, key(link.robot, "fusion/objects"), 1, stack)
+        channels, heard = _Channels([subscriber.handler for subscriber in subscribers], objects), _Heard()
         if not watch:
             _listen(channels, alive, heard, _LISTEN_S)
             there = _processes(alive)
             console.print(status_table(link.robot, there, heard.health, heard.objects))
-            return all(there.values()) and not any(item.state for item in heard.health.values())
+            ended = has_ended(there, heard.objects)
+            alive_all = all(count or (ended and stage == "source") for stage, count in there.items())
+            return alive_all and not any(item.state for item in heard.health.values())
         _watch(link.robot, console, channels, alive, heard)
     return True
 
@@ -82,6 +87,11 @@ def _processes(alive: Alive) -> dict[str, int]:
     """How many processes of each stage there are, and of the bridge, if any; one without a name counts as one."""
     shown = (*STAGES, BRIDGE) if BRIDGE in alive else STAGES
     return {stage: max(len(alive.processes(stage)), int(stage in alive)) for stage in shown}
+
+
+def has_ended(alive: Mapping[str, int], objects: Objects | None) -> bool:
+    """Whether the source is gone because its recording is over, and these are the objects of all of its frames."""
+    return not alive["source"] and objects is not None and objects.complete
 
 
 def status_table(
@@ -96,9 +106,11 @@ def status_table(
     for heading in ("stage", "alive", "frames/s", "step ms p50/p99", "lag ms p50/p99", "dropped", "errors", "MB"):
         left = heading in ("stage", "alive")
         table.add_column(heading, justify="left" if left else "right", no_wrap=" " not in heading)
-    details = []
+    details, ended = [], has_ended(alive, objects)
     for stage, there in alive.items():
         state = "[green]yes" if there == 1 else f"[red]{there} times" if there else "[red]no"
+        if ended and stage == "source":
+            state = "ended"
         item = health.get(stage)
         if there > 1:
             text = f"{there} processes of {stage} are running; one is heard: end the others"
@@ -124,7 +136,9 @@ def status_table(
         if item.errors:
             details.append(Text(printable(f"{stage}: {item.last_error}"), style="red"))
     readers = [health[stage] for stage in _READERS if stage in health]
-    if readers and all(item.rate_hz == 0 for item in readers):
+    if ended:
+        details.append(Text("the recording has ended, and all of its frames are accounted for"))
+    elif readers and all(item.rate_hz == 0 for item in readers):
         text = f"no frame has come to {', '.join(item.stage for item in readers)} in the last second"
         details.append(Text(printable(text), style="yellow"))
     if objects is not None:
@@ -149,7 +163,9 @@ def _watch(robot: str, console: Console, channels: _Channels, alive: Alive, hear
             while True:
                 _listen(channels, alive, heard, _REFRESH_S)
                 there = _processes(alive)
-                words = heard.records.words([stage for stage, count in there.items() if count], time.monotonic())
+                complete = heard.objects is not None and heard.objects.complete
+                names = [stage for stage, count in there.items() if count]
+                words = heard.records.words(names, time.monotonic(), complete=complete)
                 table = status_table(robot, there, heard.health, heard.objects)
                 live.update(Group(words_of_stages(words), table), refresh=True)
     except KeyboardInterrupt:
@@ -170,9 +186,9 @@ def _listen(channels: _Channels, alive: Alive, heard: _Heard, duration_s: float)
         time.sleep(0.02)
 
 
-def _latest(channel: Subscriber, expected: type[M]) -> M | None:
+def _latest(ear: Ear, expected: type[M]) -> M | None:
     """What has come last, unless that is nothing new or nonsense."""
-    sample = channel.handler.try_recv()
+    sample = ear.try_recv()
     return None if sample is None else decoded(sample.payload, expected)
 
 

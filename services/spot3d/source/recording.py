@@ -67,6 +67,10 @@ class Recording:
         """The same recording with depth in units of so many metres."""
         return Recording(self.frames, self._image_intrinsics, metres, self._colour_camera, self.invalid, self._halved)
 
+    def registered(self) -> "Recording":
+        """The same recording with colour that is taken for registered already."""
+        return Recording(self.frames, self._image_intrinsics, self.depth_scale, None, self.invalid, halved=self._halved)
+
     def __len__(self) -> int:
         return len(self.frames)
 

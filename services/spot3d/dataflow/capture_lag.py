@@ -1,0 +1,59 @@
+"""Whether a camera's frames are sent later and later after their capture: what takes them falls behind, or queues them.
+
+No lag that is measured from the sending on can show it.
+"""
+
+import threading
+from collections import deque
+
+from spot3d_schemas import Header
+
+_JUDGED, _SPAN_S = 200, 2.0
+"""The least lag of the latest frames counts, of so many and so long: one stall is made up for."""
+_LAG_S = 0.5
+_SAME_CLOCK_S = 60.0
+"""Stamps that are farther from the time of sending are no wall clock's, or a recording's."""
+_DRIFT = 2e-4
+"""How much two clocks drift apart at most, s/s: a camera's own is not set."""
+_RECENT_S = 10.0
+"""Frames that have stopped coming for so long are not spoken of."""
+
+
+class CaptureLag:
+    """Times from the captures of a stream to their sending, by the sender's wall clock; any thread may ask."""
+
+    def __init__(self) -> None:
+        self._lags: deque[tuple[float, float]] = deque(maxlen=_JUDGED)
+        self._least_s = 0.0
+        self._stream: str | None = None
+        self._lock = threading.Lock()
+
+    def heard(self, header: Header, now_s: float) -> None:
+        """A frame has come, at a monotonic time in seconds; without a trace it says nothing."""
+        if not header.trace:
+            return
+        lag_s = 1e-9 * (header.trace[0].sent_ns - header.stamp_ns)
+        with self._lock:
+            if self._lags and header.stream == self._stream:
+                at_s, before_s = self._lags[-1]
+                # No lag grows faster than time goes: a clock was set.
+                anew = lag_s - before_s > now_s - at_s + _LAG_S
+                self._least_s = min(lag_s, self._least_s + _DRIFT * (now_s - at_s))
+            else:
+                anew = True
+            if anew:
+                self._lags.clear()
+                self._least_s, self._stream = lag_s, header.stream
+            self._lags.append((now_s, lag_s))
+
+    def told(self, now_s: float) -> str:
+        """How much later frames are sent than they once were, and what to do, in words; else empty."""
+        with self._lock:
+            lags, least_s = list(self._lags), self._least_s
+        if not lags or now_s - lags[-1][0] > _RECENT_S or lags[-1][0] - lags[0][0] < _SPAN_S:
+            return ""
+        latest_s = min(lag_s for at_s, lag_s in lags if lags[-1][0] - at_s <= _SPAN_S)
+        if abs(least_s) > _SAME_CLOCK_S or latest_s - least_s < _LAG_S:
+            return ""
+        later = f"frames are sent {latest_s - least_s:.1f} s later after their capture than they were"
+        return f"{later}: what takes them from the camera is too slow, or keeps a queue; let it send the newest only"

@@ -1,0 +1,51 @@
+"""A run says once that colour lies off depth, and goes on."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from spot3d.settings import without_settings
+from spot3d.source.sequences import open_source
+
+FRAMES, LIMIT_S = 130, 180.0
+TOLD = "colour lies off depth"
+
+
+def recording(folder: Path, right: int) -> Path:
+    """Frames of the built-in scene in the layout of 7-Scenes, colour moved by so many pixels of 320."""
+    folder.mkdir()
+    frames = open_source("scene:0", FRAMES, halved=True)
+    camera = frames.intrinsics
+    np.savetxt(folder / "camera-intrinsics.txt", [[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
+    for index, frame in enumerate(frames):
+        start = folder / f"frame-{index:06d}"
+        cv2.imwrite(f"{start}.color.jpg", cv2.cvtColor(np.roll(frame.colour, right, axis=1), cv2.COLOR_RGB2BGR))
+        cv2.imwrite(f"{start}.depth.png", np.rint(1000 * frame.depth_metres()).astype(np.uint16))
+        np.savetxt(f"{start}.pose.txt", frames.true_pose(index))
+    return folder
+
+
+@pytest.mark.parametrize(("right", "times"), [(0, 0), (16, 1)])
+def test_a_run_says_that_colour_lies_off_depth(tmp_path: Path, right: int, times: int) -> None:
+    out = tmp_path / "out"
+    arguments = ["run", str(recording(tmp_path / "in", right)), "--out", str(out), "--pose", "truth"]
+    done = subprocess.run(
+        [sys.executable, "-m", "spot3d", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+        check=False,
+        env=without_settings(os.environ),
+    )
+    assert done.returncode == 0, done.stderr
+    report = json.loads((out / "report.json").read_text(encoding="utf-8"))
+    assert done.stdout.count(TOLD) == times
+    assert report["stages"]["proposals"]["events"].get(TOLD, 0) == times
+    told = [text for text in report["events"] if TOLD in text]
+    assert [text.partition(":")[0] for text in told] == [f"{TOLD}, by about {right} pixels right"] * times
