@@ -14,7 +14,7 @@ from spot3d.pose.motion import (
     vector_from_rotation,
 )
 from spot3d.pose.settings import PoseSettings
-from spot3d.pose.surface import _SUMS, _sum_cells, information, sample_surface, weakest_direction
+from spot3d.pose.surface import _SUMS, GRAZING_COS, _sum_cells, information, sample_surface, weakest_direction
 from spot3d.pose.surfel_map import SurfelMap
 from spot3d.trajectory import rotation_from_vector
 
@@ -83,7 +83,7 @@ def test_jumps_holes_range_and_grazing_views_give_no_points() -> None:
     surface = sample_surface(floor, CAMERA, SETTINGS)
     cosines = -np.sum(surface.points * surface.normals, axis=1) / np.linalg.norm(surface.points, axis=1)
     assert len(surface) > 100
-    assert cosines.min() >= SETTINGS.grazing_cos - 1e-3
+    assert cosines.min() >= GRAZING_COS - 1e-3
 
 
 def weakness(depth: NDArray[np.float32]) -> float:

@@ -135,7 +135,7 @@ class _Stage:
         if stream is None or self.node.link.snapshot_interval_s == 0 or not isinstance(self.tracker, MapTracker):
             return
         try:
-            kept = read_tracker(path, stream, self.settings)
+            kept = read_tracker(path, stream)
         except (SnapshotError, OSError) as error:
             log.warning("begins another world: %s", error)
             return
@@ -215,5 +215,4 @@ class _Stage:
         stream, epoch = self.node.stream, self.epoch
         state = self.tracker.state() if isinstance(self.tracker, MapTracker) else None
         if state is not None and stream is not None and epoch is not None:
-            kept = tracker_snapshot(state, stream, epoch, self.settings)
-            self.snapshots.write(snapshot_bytes(kept))
+            self.snapshots.write(snapshot_bytes(tracker_snapshot(state, stream, epoch)))

@@ -14,10 +14,10 @@ from spot3d.pose.features import Features
 from spot3d.pose.hindsight import Hindsight
 from spot3d.pose.landmark_map import LANDMARK, Matches
 from spot3d.pose.motion import checked_pose, extrapolated
-from spot3d.pose.registration import Registrar, Registration
+from spot3d.pose.registration import OVERLAP_MIN, RESIDUAL_MAX, Registrar, Registration
 from spot3d.pose.relocalisation import relocalised
 from spot3d.pose.settings import PoseSettings
-from spot3d.pose.surface import Surface, information, sample_surface, weakest_direction, why_few
+from spot3d.pose.surface import POINTS_MIN, Surface, information, sample_surface, weakest_direction, why_few
 from spot3d.trajectory import rotation_angle, rotation_from_vector
 
 # Turns of the camera, in degrees about its x and y axes, that a frame is searched for by, from the last good pose.
@@ -45,6 +45,9 @@ _LANDMARKS_OFF = 0.25
 # 19 to 36 mm with 1.5, 22 to 36 with 2. Redkitchen, TUM, desks, clutter and near desks that are not bent stay as they
 # are, but TUM's cabinet with 0.4 (65 and 120 mm: few features, and by chance); asked is of no frame of most of them.
 _SEEN_AGAIN, _CLEARLY = 0.25, 1.5
+# So many points must meet the map of a frame that is found again, where a false match is likelier; and by so much more
+# than in any other place.
+_RECOVERY_OVERLAP, _RECOVERY_MARGIN = 0.7, 0.1
 # After this many lost frames only every fifth is searched for: being lost for long must not cost a core.
 _PATIENCE, _SEARCH_INTERVAL = 60, 5
 
@@ -64,7 +67,7 @@ def implausible(
     shift, turn = float(np.linalg.norm(motion[:3, 3])), float(rotation_angle(motion[:3, :3]))
     if registration.overlap < overlap_min:
         return f"{registration.overlap:.0%} of the points meet the map, {overlap_min:.0%} are needed"
-    if not registration.residual <= settings.residual_max:
+    if not registration.residual <= RESIDUAL_MAX:
         return f"points lie {1e3 * registration.residual:.1f} mm off the map"
     if shift > settings.speed_max * elapsed:
         return f"a jump of {shift:.2f} m in {elapsed:.3f} s"
@@ -131,7 +134,7 @@ class MapTracker:
         return TrackerState(self._last.stamp_ns, self._last.T_world_camera.copy(), keys, surfels, rows, bend)
 
     def resume(self, state: TrackerState) -> None:
-        """Go on in the world of another tracker of these settings: the next frame is lost until it is found there."""
+        """Go on in the world of another tracker: the next frame is lost until it is found there."""
         self._registrar.planes.restore(state.keys, state.surfels)
         self._registrar.restored()
         if self._drift is not None:
@@ -173,7 +176,7 @@ class MapTracker:
         """See `track`; depth_m: as it is without what is known to bend it."""
         surface = sample_surface(depth_m, intrinsics, self._settings)
         last = self._last
-        if len(surface) < self._settings.points_min:
+        if len(surface) < POINTS_MIN:
             return self._lose(why_few(depth_m, len(surface), self._settings))
         held = information(surface)
         if weakest_direction(held) > self._settings.weakness_max * float(np.median(surface.sigma)):
@@ -193,7 +196,7 @@ class MapTracker:
             return self._follow_late(last, stamp_ns, view)
         predicted = self._predicted(last, stamp_ns)
         registration = self._registrar.register(view.surface, predicted, False)
-        doubt = self._doubt(registration, last, stamp_ns, self._settings.overlap_min)
+        doubt = self._doubt(registration, last, stamp_ns, OVERLAP_MIN)
         if not doubt:
             return self._accept(stamp_ns, view, registration.T_world_camera)
         # Frames were dropped or the motion was fast: once more, from afar, before giving up.
@@ -213,10 +216,9 @@ class MapTracker:
         if known_again is not None:
             return self._accept(stamp_ns, view, known_again)
         tried = self._searched(last, stamp_ns, view)
-        overlap_min = self._settings.overlap_min
-        possible = [other for other in tried if not self._doubt(other, last, stamp_ns, overlap_min)]
+        possible = [other for other in tried if not self._doubt(other, last, stamp_ns, OVERLAP_MIN)]
         if not possible:
-            return self._lose(self._doubt(_best(tried), last, stamp_ns, overlap_min))
+            return self._lose(self._doubt(_best(tried), last, stamp_ns, OVERLAP_MIN))
         return self._accept(stamp_ns, view, self._likeliest(possible, features, view.camera).T_world_camera)
 
     def _likeliest(self, possible: list[Registration], features: Features | None, camera: Intrinsics) -> Registration:
@@ -232,11 +234,10 @@ class MapTracker:
         """Register from several starting poses; the best is trusted if no other place fits nearly as well."""
         if self._lost_frames > _PATIENCE and self._lost_frames % _SEARCH_INTERVAL:
             return self._lose(f"lost for {self._lost_frames} frames, searched for in every fifth")
-        settings = self._settings
         tried = self._searched(last, stamp_ns, view)
         best = _best(tried)
-        doubt = self._doubt(best, last, stamp_ns, settings.recovery_overlap_min)
-        rivals = (other for other in tried if other.overlap > best.overlap - settings.recovery_margin)
+        doubt = self._doubt(best, last, stamp_ns, _RECOVERY_OVERLAP)
+        rivals = (other for other in tried if other.overlap > best.overlap - _RECOVERY_MARGIN)
         if not doubt and any(_elsewhere(best.T_world_camera, rival.T_world_camera) for rival in rivals):
             doubt = "the view fits the map in two places"
         if not doubt:
@@ -264,9 +265,9 @@ class MapTracker:
         if place is None:
             return None
         found = self._registrar.register(view.surface, place.T_world_camera, False)
-        settings, off = self._settings, np.linalg.norm((found.T_world_camera - place.T_world_camera)[:3, 3])
+        off = np.linalg.norm((found.T_world_camera - place.T_world_camera)[:3, 3])
         # Few landmarks, all on one side, place the camera roughly: then the surface must be all the surer.
-        overlap_min = _OVERLAP_EXPECTED if off < _SAME_PLACE else settings.recovery_overlap_min
+        overlap_min = _OVERLAP_EXPECTED if off < _SAME_PLACE else _RECOVERY_OVERLAP
         if off > _LANDMARKS_OFF or self._doubt(found, last, stamp_ns, overlap_min):
             return None
         return found.T_world_camera
@@ -280,7 +281,7 @@ class MapTracker:
             turned = last.T_world_camera.copy()
             turned[:3, :3] = turned[:3, :3] @ rotation_from_vector(np.radians([*turn, 0.0]))
             guesses.append(turned)
-        return guesses[: self._settings.recovery_attempts]
+        return guesses
 
     def _predicted(self, last: _Fix, stamp_ns: int) -> NDArray[np.float64]:
         """Constant velocity from the last two trusted poses, by their stamps: live runs skip frames."""
