@@ -72,22 +72,26 @@ class CorrectedPoses:
     def __init__(self, settings: PoseSettings) -> None:
         self._settings = settings
         self._given = GivenPoses()
-        self._planes = SurfelMap(VOXEL, settings.surfel_limit)
         self._sigma = np.repeat((settings.given_sigma, settings.given_turn_sigma), 3)
         self._noise = MeasuredNoise(0.0)
         self._errors = ErrorModel(self._sigma)
         self._hindsight = Hindsight.of_given_poses(settings)
         self._delay = PoseDelay(settings.given_delay_sigma)
+        self._T_world_map = np.eye(4)
+        self._last: tuple[int, NDArray[np.float64]] | None = None
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget the map."""
+        self._planes = SurfelMap(VOXEL, self._settings.surfel_limit)
         self._correction = np.zeros(6)
+        # Given poses in the map: where the world was when it began, for what slides later are corrected poses alone.
+        self._T_map_given = invert(self._T_world_map)
+        self._errors.interrupt()
         # Of the frames since the last keyframe: from where they lie in the map to where the given poses have them, and
         # by how much they lie elsewhere for each second of delay: (2, 6) each.
         self._offsets: list[NDArray[np.float64]] = []
-        self._T_world_map = np.eye(4)
-        # Given poses in the map: where the world was when it began, for what slides later are corrected poses alone.
-        self._T_map_given = np.eye(4)
-        self._age, self._map_delay_s = 0.0, 0.0
-        self._last: tuple[int, NDArray[np.float64]] | None = None
-        self._strangers = 0
+        self._strangers, self._age, self._map_delay_s = 0, 0.0, self._delay.delay_s
 
     def track(
         self,
@@ -213,15 +217,6 @@ class CorrectedPoses:
         if judged(self._planes, surface, registered).overlap >= OVERLAP_MIN:
             self._T_world_map = pose @ invert(registered)
         self._forget()
-
-    def _forget(self) -> None:
-        """Forget the map."""
-        self._planes = SurfelMap(VOXEL, self._settings.surfel_limit)
-        self._correction = np.zeros(6)
-        self._T_map_given = invert(self._T_world_map)
-        self._errors.interrupt()
-        self._offsets = []
-        self._strangers, self._age, self._map_delay_s = 0, 0.0, self._delay.delay_s
 
     def _insert(self, surface: Surface, pose: NDArray[np.float64]) -> int:
         """Add a frame to the map; returns how many surfels had to make room."""

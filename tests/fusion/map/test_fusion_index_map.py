@@ -115,7 +115,7 @@ def test_pixels_match_whose_colours_differ_by_a_fifth_at_most(difference: int, m
 def test_a_frame_after_a_break_is_not_warped() -> None:
     mapper, seen = Mapper(), view(POSE, ROOM)
     mapper.see(seen, POSE)
-    mapper.index_map.clear()
+    mapper.index_map = IndexMap(mapper.settings)
     again = mapper.see(seen, POSE)
     assert (again.warped, again.found) == (0, np.count_nonzero(seen.depth))
 
@@ -211,7 +211,7 @@ def test_a_point_is_looked_for_along_the_ray_wherever_the_camera_is() -> None:
     pose[:3, 3] = (40.0, -30.0, 0.0)
     for away in (1.5, 1.51):
         pixel = View(np.zeros((1, 1, 3), np.uint8), np.full((1, 1), away, np.float32), np.zeros((1, 1), np.uint8))
-        mapper.index_map.clear()
+        mapper.index_map = IndexMap(mapper.settings)
         mapper.see(pixel, pose, one)
     assert mapper.heatmap.count == 1
 
