@@ -143,22 +143,6 @@ def test_a_map_may_do_without_the_voxel_beside() -> None:
         assert matched == share * tried
 
 
-def test_a_full_map_forgets_what_it_has_not_seen_for_longest() -> None:
-    surface = sample_surface(plane_depth(np.array([0.0, 0.0, 1.0]), 1.5), CAMERA, SETTINGS)
-    planes = SurfelMap(0.05, 3000)
-    pose = np.eye(4)
-    for step in range(40):
-        pose[0, 3] = 0.5 * step
-        planes.insert(surface, pose)
-        assert planes.count <= planes.limit
-        assert planes.count == np.count_nonzero(planes.keys != -1)
-    assert planes.forgotten > planes.limit
-    matched_here = planes.normal_equations(surface, pose, 0.05, 3.0)[2][1]
-    matched_first = planes.normal_equations(surface, np.eye(4), 0.05, 3.0)[2][1]
-    assert matched_here > 0.9 * len(surface)
-    assert matched_first == 0
-
-
 @pytest.mark.parametrize("vector", [(0.0, 0.0, 0.0), (1e-9, 0.0, 0.0), (0.1, -0.2, 0.3), (0.0, 0.0, 3.0)])
 def test_rotation_vectors_round_trip(vector: tuple[float, float, float]) -> None:
     rotation = rotation_from_vector(np.array(vector))
