@@ -72,7 +72,6 @@ class PoseSettings(BaseModel):
     range_max: float = Field(4.0, gt=0, le=20, description="depth beyond this is not used, metres")
     surfel_limit: int = Field(100_000, ge=1000, le=2_000_000, description="most surfels; the longest unseen half goes")
 
-    landmarks: bool = Field(True, description="kiss, gicp: correct the odometry's drift by visual landmarks")
     landmark_interval: float = Field(
         0.045, ge=0, description="least time between two frames that are compared with landmarks, seconds"
     )

@@ -12,7 +12,7 @@ from spot3d.pose.drift import DriftCorrection
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.features import Features
 from spot3d.pose.hindsight import Hindsight
-from spot3d.pose.landmark_map import LANDMARK, Matches
+from spot3d.pose.landmark_map import Matches
 from spot3d.pose.motion import checked_pose, extrapolated
 from spot3d.pose.registration import OVERLAP_MIN, RESIDUAL_MAX, Registrar, Registration
 from spot3d.pose.relocalisation import relocalised
@@ -120,7 +120,7 @@ class MapTracker:
         self._last: _Fix | None = None
         self._before: _Fix | None = None
         self._lost_frames = 0
-        self._drift = DriftCorrection(settings) if settings.landmarks else None
+        self._drift = DriftCorrection(settings)
         self._compared_ns: int | None = None
         self._hindsight = Hindsight.of_odometry(settings) if settings.depth_bend_sigma else None
 
@@ -129,16 +129,16 @@ class MapTracker:
         if self._last is None:
             return None
         keys, surfels = self._registrar.planes.held()
-        rows = np.zeros(0, LANDMARK) if self._drift is None else self._drift.map.rows.copy()
         bend = () if self._hindsight is None else self._hindsight.calibration.bend
-        return TrackerState(self._last.stamp_ns, self._last.T_world_camera.copy(), keys, surfels, rows, bend)
+        return TrackerState(
+            self._last.stamp_ns, self._last.T_world_camera.copy(), keys, surfels, self._drift.map.rows.copy(), bend
+        )
 
     def resume(self, state: TrackerState) -> None:
         """Go on in the world of another tracker: the next frame is lost until it is found there."""
         self._registrar.planes.restore(state.keys, state.surfels)
         self._registrar.restored()
-        if self._drift is not None:
-            self._drift.map.restore(state.landmarks)
+        self._drift.map.restore(state.landmarks)
         self._last, self._before = _Fix(state.T_world_camera, state.stamp_ns), None
         self._lost_frames = 1
         if self._hindsight is not None:
@@ -223,7 +223,7 @@ class MapTracker:
 
     def _likeliest(self, possible: list[Registration], features: Features | None, camera: Intrinsics) -> Registration:
         """The registration that most landmarks agree with, whatever the surface says; the best where few agree."""
-        if self._drift is not None and features is not None:
+        if features is not None:
             agreeing = [self._drift.agreeing(features, camera, other.T_world_camera) for other in possible]
             most = max(agreeing)
             if most >= _AGREE_MIN:
@@ -251,15 +251,13 @@ class MapTracker:
         return [self._registrar.register(view.surface, guess, True) for guess in self._guesses(last, stamp_ns)]
 
     def _detected(self, view: _View) -> Features | None:
-        if self._drift is None or view.colour is None:
-            return None
-        return self._drift.detect(view.colour, view.depth_m, view.camera)
+        return None if view.colour is None else self._drift.detect(view.colour, view.depth_m, view.camera)
 
     def _known_again(
         self, features: Features | None, last: _Fix, stamp_ns: int, view: _View
     ) -> NDArray[np.float64] | None:
         """The pose where the landmarks have it, wherever that is, if the surface proves it; None where it does not."""
-        if self._drift is None or features is None:
+        if features is None:
             return None
         place = relocalised(features, self._drift.map.rows)
         if place is None:
@@ -309,11 +307,11 @@ class MapTracker:
         return PoseEstimate(pose, "ok", forgotten=self._forgotten() - forgotten)
 
     def _forgotten(self) -> int:
-        return self._registrar.planes.forgotten + (0 if self._drift is None else self._drift.map.forgotten)
+        return self._registrar.planes.forgotten + self._drift.map.forgotten
 
     def _corrected(self, stamp_ns: int, view: _View, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """The registered pose without the drift that landmarks show."""
-        if self._drift is None or view.colour is None:
+        if view.colour is None:
             return pose
         elapsed = 0.0 if self._compared_ns is None else (stamp_ns - self._compared_ns) * 1e-9
         if self._lost_frames:
@@ -337,7 +335,7 @@ class MapTracker:
 
         What bends depth moves with the camera: a registration that begins where the camera stood before may stay there.
         """
-        if self._drift is None or self._last is None:
+        if self._last is None:
             return None
         agreeing = self._drift.agreeing_of(features, matches, pose)
         if agreeing >= _SEEN_AGAIN * len(features):
