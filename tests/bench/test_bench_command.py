@@ -9,9 +9,8 @@ import typer
 from typer.testing import CliRunner
 
 from spot3d.bench import growth, kernels
-from spot3d.bench.live import live_table
 from spot3d.bench.live_run import LiveRun
-from spot3d.bench.material import Material, load, to_and_fro
+from spot3d.bench.material import load, to_and_fro
 from spot3d.bench.recording import write_recording
 from spot3d.bench.timing import Timed, alternate, peak_memory_mb
 from spot3d.camera import Intrinsics
@@ -91,23 +90,10 @@ def test_what_a_live_run_reports_becomes_a_row(monkeypatch: pytest.MonkeyPatch) 
     markdown = measured("--only", "live", "--frames", "2")
     good, bad = (line for line in markdown.splitlines() if line.startswith("| scene"))
     cells = [cell.strip() for cell in good.strip("|").split("|")]
-    assert cells[:7] == ["scene", "160x120", "warm", "30.0", "29.9", "9", "7"]
-    assert cells[7:] == ["41", "77", "2.5", "1.50", "222", "2 no heat", "2 proposals"]
+    assert cells[:6] == ["scene", "160x120", "30.0", "29.9", "9", "7"]
+    assert cells[6:] == ["41", "77", "2.5", "1.50", "222", "2 no heat", "2 proposals"]
     assert "-" in bad
     assert "it broke" in markdown
-
-
-def test_every_cold_start_compiles_for_itself(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    caches: list[str] = []
-
-    def run(name: str, rate_hz: float, seconds: float, folder: Path, environment: dict[str, str]) -> LiveRun:
-        caches.extend(environment.values())
-        return LiveRun()
-
-    monkeypatch.setattr("spot3d.bench.live.live_run", run)
-    frames = load(Scene(frames=2, intrinsics=SMALL), 2)
-    live_table([Material(name, frames, [], [], []) for name in ("one", "two")], 30.0, 0.1, True, print)
-    assert len(set(caches)) == 2
 
 
 def test_an_unknown_part_is_refused() -> None:

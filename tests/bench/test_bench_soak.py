@@ -1,12 +1,9 @@
-"""The soak's judgement, its frames without end, and what it reads of a process."""
+"""The soak's judgement, and what it reads of a process."""
 
 import os
-from itertools import pairwise
 
 import pytest
-from dataflow_stages import Recording
 
-from spot3d.bench.looped import Looped
 from spot3d.bench.readings import Reading, charts, growths, minute_table, read_process
 
 
@@ -50,15 +47,3 @@ def test_this_process_is_read_and_one_that_is_gone_is_nothing() -> None:
     assert descriptors > 2
     assert threads >= 1
     assert read_process(2**22 + 1) == (0.0, 0, 0)
-
-
-def test_frames_without_end_never_jump() -> None:
-    looped = Looped(Recording(8), 3, 10, 30.0)
-    assert len(looped) == 10
-    assert all(0 < later - earlier < 40_000_000 for earlier, later in pairwise(looped.stamps_ns))
-    first, _, turn, back, again = (looped[index] for index in range(5))
-    assert (first.colour == again.colour).all()
-    assert not (turn.colour == back.colour).all()
-    assert first.stamp_ns < again.stamp_ns
-    assert first.T_world_camera is None
-    assert first.intrinsics == looped.intrinsics

@@ -12,8 +12,9 @@ from zenoh.handlers import FifoChannel
 from spot3d.camera import Intrinsics, invert
 from spot3d.dataflow.conversion import segments_message
 from spot3d.dataflow.endpoints import declare_publisher
-from spot3d.dataflow.session import StoppedError, open_session
+from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.stopping import StoppedError
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.process import run as run_fusion
 from spot3d.fusion.settings import FusionSettings

@@ -2,8 +2,6 @@
 
 import json
 import shutil
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -22,6 +20,7 @@ from dashboard_robot import robot_at_work
 from playwright.sync_api import Page as Tab
 from playwright.sync_api import expect, sync_playwright
 
+from commands import router_process
 from spot3d.boxes import Box3D
 from spot3d.dashboard.process import open_server, serve
 from spot3d.dashboard.settings import DashboardSettings
@@ -49,18 +48,6 @@ FRAMES = 40
 """The scene ends while the page is looked at: what stands still can be compared."""
 
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome is installed (make test-browser)")
-
-
-@contextmanager
-def router_process(endpoint: str) -> Iterator[subprocess.Popen[bytes]]:
-    command = [sys.executable, "-m", "spot3d", "router", "--listen", endpoint]
-    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
-        try:
-            assert process.stdout is not None
-            process.stdout.readline()
-            yield process
-        finally:
-            process.kill()
 
 
 @contextmanager
@@ -124,7 +111,7 @@ def test_the_page_in_a_browser() -> None:
     link = LinkSettings(robot="drone-1", connect=(endpoint,), health_interval_s=0.5)
     with dashboard(link) as server, browser_tab(f"http://127.0.0.1:{server.get_port()}") as (tab, errors):
         said(tab, "Waiting for a router")
-        with router_process(endpoint) as router:
+        with router_process(listen=endpoint) as router:
             said(tab, "Waiting for a robot")
             with robot_at_work(link, FRAMES), open_session(link) as session:
                 said(tab, ", complete")
@@ -135,7 +122,7 @@ def test_the_page_in_a_browser() -> None:
                     assert errors == []
                     router.kill()
                     said(tab, "none answers at")
-                    with router_process(endpoint):
+                    with router_process(listen=endpoint):
                         tab.get_by_text("none answers at").wait_for(state="hidden")
                         expect(tab.get_by_role("row").filter(has_text="fusion")).to_contain_text(
                             "has finished nothing for", timeout=LIMIT_MS

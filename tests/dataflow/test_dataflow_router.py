@@ -9,6 +9,7 @@ from pathlib import Path
 
 import zenoh
 
+from commands import router_process
 from spot3d.dataflow.router import free_loopback_endpoint
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
@@ -31,12 +32,8 @@ MEGABYTES = 20
 def test_it_waits_for_no_onlooker_that_stands_still(tmp_path: Path) -> None:
     """Its connection would linger for ten seconds: as long as `docker compose stop` waits before it kills."""
     elsewhere, socket = free_loopback_endpoint(), tmp_path / "stages"
-    command = [sys.executable, "-m", "spot3d", "router", "--stages", str(socket), "--listen", elsewhere]
     with ExitStack() as stack:
-        router = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
-        stack.callback(router.kill)
-        assert router.stdout is not None
-        assert elsewhere in router.stdout.readline()
+        router = stack.enter_context(router_process("--stages", str(socket), listen=elsewhere))
         onlooker = stack.enter_context(
             subprocess.Popen([sys.executable, "-c", ONLOOKER, elsewhere], stdout=subprocess.PIPE, text=True)
         )

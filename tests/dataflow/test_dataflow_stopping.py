@@ -3,10 +3,11 @@
 import os
 import signal
 import sys
+import threading
 
 import pytest
 
-from spot3d.dataflow.stopping import stop_on_signals
+from spot3d.dataflow.stopping import StoppedError, stop_on_signals
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGHUP")
 
@@ -31,3 +32,9 @@ def test_a_terminal_that_is_closed_ends_nothing_under_nohup() -> None:
             assert not stop.is_set()
     finally:
         signal.signal(signal.SIGHUP, before)
+
+
+def test_who_is_asked_to_stop_before_it_has_a_session_just_ends() -> None:
+    for stop in (None, threading.Event()):
+        with stop_on_signals(stop):
+            raise StoppedError

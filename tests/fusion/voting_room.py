@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from spot3d.boxes import iou_matrix_3d
 from spot3d.camera import invert
 from spot3d.found_object import FoundObject
-from spot3d.fusion.objects.consensus import Consensus
+from spot3d.fusion.objects.consensus import Consensus, ViewConsensus
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.geometry.planes import transform_plane
 
@@ -68,6 +68,10 @@ def keyframes(count: int = 12, **words: object) -> list[Keyframe]:
 def overlaps(found: list[FoundObject], things: tuple[Cuboid, ...] = THREE) -> NDArray[np.float64]:
     """IoU of each true box (rows) and each found one."""
     return iou_matrix_3d([thing.box() for thing in things], [item.box for item in found])
+
+
+def agreed(frames: list[Keyframe], **changes: object) -> Consensus:
+    return ViewConsensus(SETTINGS.model_copy(update=changes)).update(frames)
 
 
 def assert_found(agreed: Consensus, things: tuple[Cuboid, ...] = THREE, least: float = 0.8) -> None:

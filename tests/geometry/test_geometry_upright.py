@@ -33,7 +33,7 @@ def test_rotation_turns_up_into_z(up: np.ndarray) -> None:
 def test_the_box_of_a_rotated_cuboid_is_exact(up: np.ndarray, yaw: float) -> None:
     R = rotation_to_upright(up).T @ rotation_z(yaw)
     truth = Box3D(np.array([0.4, -0.2, 0.9]), np.array([0.3, 0.12, 0.2]), R)
-    box = upright_box(corners((0.4, -0.2, 0.9), (0.3, 0.12, 0.2), R), up, turn=True)
+    box = upright_box(corners((0.4, -0.2, 0.9), (0.3, 0.12, 0.2), R), up)
     np.testing.assert_allclose(box.rotation[:, 2], up, atol=1e-9)
     assert iou_matrix_3d([box], [truth])[0, 0] > 0.999
 
@@ -42,20 +42,14 @@ def test_a_sheet_with_two_corners_unseen_keeps_its_sides() -> None:
     """Its principal axes are a third of a right angle off, and its hull fills little of its rectangle."""
     outline = np.array([(-0.15, -0.13), (0.05, -0.13), (0.15, -0.03), (0.15, 0.13), (-0.05, 0.13), (-0.15, 0.03)])
     points = np.column_stack((outline, np.zeros(6))).astype(np.float32)
-    box = upright_box(points, UP, turn=True)
+    box = upright_box(points, UP)
     np.testing.assert_allclose(np.sort(box.size), [0.0, 0.26, 0.30], atol=1e-4)
-
-
-def test_without_turning_the_axes_of_eq_15_are_kept() -> None:
-    box = upright_box(corners((0, 0, 0), (0.2, 0.2, 0.1), rotation_z(np.pi / 4)), UP, turn=False)
-    np.testing.assert_allclose(box.rotation, np.eye(3), atol=1e-12)
-    np.testing.assert_allclose(box.size, [0.2 * np.sqrt(2), 0.2 * np.sqrt(2), 0.1], atol=1e-6)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_few_points_have_a_flat_box(count: int) -> None:
     points = np.array([[1, 2, 3], [1.5, 2, 3], [2, 2, 3]], np.float32)[:count]
-    box = upright_box(points, UP, turn=True)
+    box = upright_box(points, UP)
     assert box.volume == pytest.approx(0, abs=1e-6)
     np.testing.assert_allclose(box.centre, points.mean(axis=0), atol=1e-6)
 
@@ -70,21 +64,14 @@ def test_boxes_are_those_of_all_points_and_plain_quantiles(count: int, trim: flo
     yaw = np.deg2rad(cv2.minAreaRect(footprint.astype(np.float32))[2]) % (np.pi / 2)
     turned = points.astype(np.float64) @ rotation_z(yaw)
     low, high = np.quantile(turned, [trim, 1 - trim], axis=0)
-    box = upright_box(points, UP, turn=True, trim=trim)
+    box = upright_box(points, UP, trim=trim)
     np.testing.assert_allclose(box.size, high - low, atol=1e-6)  # the reference has its yaw in single precision
     np.testing.assert_allclose(box.centre, rotation_z(yaw) @ ((low + high) / 2), atol=1e-6)
 
 
 def test_without_points_there_is_no_box() -> None:
     with pytest.raises(ValueError, match="no points"):
-        upright_box(np.zeros((0, 3), np.float32), UP, turn=False)
-
-
-def test_trimming_forgets_strays() -> None:
-    rng = np.random.default_rng(0)
-    points = rng.uniform(-0.1, 0.1, (1000, 3)).astype(np.float32)
-    points[:2] = [[3, 3, 3], [-3, -3, -3]]
-    assert upright_box(points, UP, turn=False, trim=0.005).size.max() < 0.21
+        upright_box(np.zeros((0, 3), np.float32), UP)
 
 
 @pytest.mark.parametrize(("height", "expected"), [(-0.1, 0.2), (0.0, 0.1), (0.06, 0.04), (0.5, 0.0)])

@@ -53,7 +53,7 @@ def bent(by: float) -> NDArray[np.float32]:
 
 def fresh(sigmas: NDArray[np.float64]) -> Adjustment:
     held = SETTINGS.given_sigma, SETTINGS.given_turn_sigma
-    return Adjustment(SETTINGS, np.append(sigmas, 0.01), held, np.geomspace(1e-4, 1.0, 33))
+    return Adjustment(np.append(sigmas, 0.01), SETTINGS.depth_bend_sigma, held, np.geomspace(1e-4, 1.0, 33))
 
 
 def adjusted(

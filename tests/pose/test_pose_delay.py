@@ -135,7 +135,7 @@ def seen(T_world_camera: NDArray[np.float64]) -> Surface:
 
 def swinging(lag_s: float, step_s: float, noise: float = 0.0, count: int = 120) -> PoseDelay:
     """What is known of a camera that swings, by poses of `lag_s` ago that are off by so many metres."""
-    rng, delay = np.random.default_rng(0), PoseDelay(PoseSettings())
+    rng, delay = np.random.default_rng(0), PoseDelay(PoseSettings().given_delay_sigma)
     for index in range(count):
         given = swung(step_s * index - lag_s)
         given[:3, 3] += noise * rng.normal(size=3)
@@ -162,7 +162,7 @@ def test_poses_in_time_that_tremble_stay_so() -> None:
 
 
 def test_a_tracker_mounted_otherwise_than_told_is_not_late() -> None:
-    delay, mounted = PoseDelay(PoseSettings()), np.eye(4)
+    delay, mounted = PoseDelay(PoseSettings().given_delay_sigma), np.eye(4)
     mounted[:3, :3], mounted[:3, 3] = rotation_from_vector(np.array([0.01, 0.01, -0.01])), (0.01, -0.01, 0.015)
     for index in range(120):
         pose = swung(index / 15)
@@ -189,7 +189,7 @@ def test_a_jump_tells_no_velocity() -> None:
 
 
 def test_frames_that_see_too_little_tell_nothing() -> None:
-    delay = PoseDelay(PoseSettings())
+    delay = PoseDelay(PoseSettings().given_delay_sigma)
     nothing = Surface(*(array[:3] for array in (ROOM.points, ROOM.normals, ROOM.sigma)))
     for index in range(60):
         delay.compensated(index * 66_666_667, swung(index / 15), nothing)

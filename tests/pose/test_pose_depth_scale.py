@@ -10,10 +10,7 @@ from spot3d.pose.common_errors import CommonErrors
 from spot3d.pose.depth_scale import DepthScale
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.providers import make_tracker
-from spot3d.pose.registration import judged
 from spot3d.pose.settings import PoseSettings
-from spot3d.pose.surface import sample_surface
-from spot3d.pose.surfel_map import SurfelMap
 from spot3d.source.scene.scene import Scene
 
 GIVEN = PoseSettings(provider="given")
@@ -107,16 +104,3 @@ def test_no_camera_is_off_by_more_than_a_tenth() -> None:
     scale = DepthScale()
     scale.decide(errors(2.0, 0.001**-2))
     assert np.log(scale.factor) == pytest.approx(0.1)
-
-
-def test_a_map_follows_the_scale() -> None:
-    """What was seen with depth too long lies, once rescaled, where the next view sees it with true depth."""
-    depths, true = recording(0)
-    planes = SurfelMap(0.05, 20_000)
-    planes.insert(sample_surface(depths[0] * np.float32(1.03), CAMERA, PoseSettings()), true[0])
-    right, away = sample_surface(depths[20], CAMERA, PoseSettings()), []
-    for factor in (1.0, 1 / 1.03):
-        planes.rescale(factor)
-        away.append(judged(planes, right, true[20], 0.05).residual)
-    assert away[1] < 0.4 * away[0]
-    assert planes.count == np.count_nonzero(planes.keys != -1)

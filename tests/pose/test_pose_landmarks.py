@@ -218,16 +218,15 @@ def test_mistaken_landmarks_do_not_move_the_pose_far() -> None:
 
 
 def test_the_tracker_uses_colour_where_there_is_some() -> None:
-    """Without colour the tracker is the depth's alone; with it, it stays as near to the truth."""
+    """With it, it goes elsewhere than by depth alone, and stays as near to the truth."""
     scene = Scene(0, frames=40)
-    trackers = [make_tracker(PoseSettings()), make_tracker(PoseSettings()), make_tracker(PoseSettings(landmarks=False))]
+    trackers = [make_tracker(PoseSettings()), make_tracker(PoseSettings())]
     for frame in scene:
         depth, given = frame.depth_metres(), frame.T_world_camera
         estimates = [
             tracker.track(frame.stamp_ns, depth, frame.intrinsics, given, colour).T_world_camera
-            for tracker, colour in zip(trackers, (frame.colour, None, frame.colour), strict=True)
+            for tracker, colour in zip(trackers, (frame.colour, None), strict=True)
         ]
-    np.testing.assert_array_equal(estimates[1], estimates[2])
     assert (estimates[0] != estimates[1]).any()
     assert given is not None
     assert np.linalg.norm(estimates[0][:3, 3] - given[:3, 3]) < 0.003

@@ -42,14 +42,14 @@ def started(provider: str) -> MapTracker:
 def test_a_tracker_that_is_started_again_is_in_the_same_world(provider: str, tmp_path: Path) -> None:
     if provider == "gicp":
         pytest.importorskip("small_gicp")
-    tracker, settings, file = started(provider), PoseSettings(), tmp_path / "pose.snapshot"
+    tracker, file = started(provider), tmp_path / "pose.snapshot"
     for index in range(0, 40, 2):
         assert track(tracker, index).status == "ok"
     state = tracker.state()
     assert state is not None
-    write_snapshot(file, snapshot_bytes(tracker_snapshot(state, "a", "its world", settings)))
-    assert read_tracker(file, "another stream", settings) is None
-    read = read_tracker(file, "a", settings)
+    write_snapshot(file, snapshot_bytes(tracker_snapshot(state, "a", "its world")))
+    assert read_tracker(file, "another stream") is None
+    read = read_tracker(file, "a")
     assert read is not None
     again = started(provider)
     again.resume(read[0])
@@ -60,7 +60,7 @@ def test_a_tracker_that_is_started_again_is_in_the_same_world(provider: str, tmp
         assert off(estimate, index) < 0.02
     file.write_bytes(file.read_bytes()[:-100])
     with pytest.raises(SnapshotError, match="damaged"):
-        read_tracker(file, "a", settings)
+        read_tracker(file, "a")
 
 
 def features_at(T: np.ndarray, places: np.ndarray, descriptors: np.ndarray, wrong: float) -> Features:

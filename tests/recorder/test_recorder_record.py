@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
@@ -64,20 +64,28 @@ def send(session: zenoh.Session, seqs: range, heard: Callable[[bytes], bool] | N
     publisher.undeclare()
 
 
-def process(endpoint: str, out: Path, lossless: bool = True, within: Sequence[str] = ()) -> "subprocess.Popen[str]":
-    """The recorder as a process of its own, which lets senders wait rather than skip, or not.
+@contextmanager
+def recorder_of(
+    session: zenoh.Session, endpoint: str, out: Path, lossless: bool = True, within: Sequence[str] = ()
+) -> Iterator["subprocess.Popen[str]"]:
+    """The recorder as a process of its own, once it is there; it lets senders wait rather than skip, or not.
 
-    within: a command that becomes the recorder, whose command follows.
+    within: a command that becomes the recorder, whose command follows. It is killed at last.
     """
     command = [sys.executable, "-m", "spot3d", "record", str(out), "--topics", "source/*", "--connect", endpoint]
-    return subprocess.Popen(
+    with subprocess.Popen(
         [*within, *command, *(["--lossless"] if lossless else [])],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
         start_new_session=True,
         env=without_settings(os.environ),
-    )
+    ) as recorder:
+        try:
+            wait_for_recorder(session)
+            yield recorder
+        finally:
+            recorder.kill()
 
 
 def test_it_keeps_what_it_hears_and_counts_what_it_does_not(
@@ -137,15 +145,11 @@ def test_kill_9_leaves_all_but_the_last_second(
     session: zenoh.Session, endpoint: str, tmp_path: Path, killed: str
 ) -> None:
     path = tmp_path / "flight.mcap"
-    with process(endpoint, path) as recorder:
-        try:
-            wait_for_recorder(session)
-            send(session, range(20))
-            wait_until(lambda: kept(path) == 20, "all are in the file, a second later")
-            if killed == "both":
-                os.kill(packing(recorder), signal.SIGKILL)
-        finally:
-            recorder.send_signal(signal.SIGKILL)
+    with recorder_of(session, endpoint, path) as recorder:
+        send(session, range(20))
+        wait_until(lambda: kept(path) == 20, "all are in the file, a second later")
+        if killed == "both":
+            os.kill(packing(recorder), signal.SIGKILL)
     if killed == "recorder":
         wait_until(lambda: open_mcap(path).complete, "what is left finishes the file")
     assert open_mcap(path).complete == (killed == "recorder")
@@ -157,16 +161,12 @@ def test_kill_9_leaves_all_but_the_last_second(
 @linux
 def test_who_writes_may_die_and_it_is_told_in_one_line(session: zenoh.Session, endpoint: str, tmp_path: Path) -> None:
     path = tmp_path / "flight.mcap"
-    with process(endpoint, path) as recorder:
-        try:
-            wait_for_recorder(session)
-            send(session, range(5))
-            wait_until(lambda: kept(path) == 5, "all are in the file, a second later")
-            time.sleep(FLUSH_S)  # in which it has told the recorder so
-            os.kill(packing(recorder), signal.SIGKILL)
-            said, _ = recorder.communicate(timeout=LIMIT_S)
-        finally:
-            recorder.kill()
+    with recorder_of(session, endpoint, path) as recorder:
+        send(session, range(5))
+        wait_until(lambda: kept(path) == 5, "all are in the file, a second later")
+        time.sleep(FLUSH_S)  # in which it has told the recorder so
+        os.kill(packing(recorder), signal.SIGKILL)
+        said, _ = recorder.communicate(timeout=LIMIT_S)
     assert recorder.returncode == 1
     assert said.count("\n") == 1
     assert "the process that writes it has died (SIGKILL); it holds the first" in said
@@ -179,18 +179,14 @@ def test_who_writes_may_stand_still_and_nobody_waits_for_it(
     session: zenoh.Session, endpoint: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "flight.mcap"
-    with process(endpoint, path, lossless=False) as recorder:
-        try:
-            wait_for_recorder(session)
-            packer = packing(recorder)
-            os.kill(packer, signal.SIGSTOP)
-            send(session, range(40), partial(waits, packer))
-            assert kept(path) == 0
-            os.kill(packer, signal.SIGCONT)
-            recorder.send_signal(signal.SIGINT)
-            said, _ = recorder.communicate(timeout=LIMIT_S)
-        finally:
-            recorder.kill()
+    with recorder_of(session, endpoint, path, lossless=False) as recorder:
+        packer = packing(recorder)
+        os.kill(packer, signal.SIGSTOP)
+        send(session, range(40), partial(waits, packer))
+        assert kept(path) == 0
+        os.kill(packer, signal.SIGCONT)
+        recorder.send_signal(signal.SIGINT)
+        said, _ = recorder.communicate(timeout=LIMIT_S)
     assert "40 messages of 1 topics" in said
     assert said.endswith("nothing skipped\n")
 
@@ -198,18 +194,14 @@ def test_who_writes_may_stand_still_and_nobody_waits_for_it(
 @linux
 def test_ctrl_c_writes_what_was_heard(session: zenoh.Session, endpoint: str, tmp_path: Path) -> None:
     path = tmp_path / "flight.mcap"
-    with process(endpoint, path) as recorder:
-        try:
-            wait_for_recorder(session)
-            packer = packing(recorder)
-            os.kill(packer, signal.SIGSTOP)
-            send(session, range(30), partial(waits, packer))
-            for pid in (packer, recorder.pid):
-                os.kill(pid, signal.SIGINT)
-            os.kill(packer, signal.SIGCONT)
-            said, _ = recorder.communicate(timeout=LIMIT_S)
-        finally:
-            recorder.kill()
+    with recorder_of(session, endpoint, path) as recorder:
+        packer = packing(recorder)
+        os.kill(packer, signal.SIGSTOP)
+        send(session, range(30), partial(waits, packer))
+        for pid in (packer, recorder.pid):
+            os.kill(pid, signal.SIGINT)
+        os.kill(packer, signal.SIGCONT)
+        said, _ = recorder.communicate(timeout=LIMIT_S)
     assert recorder.returncode == 0
     assert "30 messages of 1 topics" in said
     assert open_mcap(path).complete
@@ -223,9 +215,8 @@ def test_live_it_takes_what_is_left_of_the_processors(
 ) -> None:
     stage = '"$0" -c "import time; time.sleep(60)" spot3d pose >&- 2>&- & ' if beside else ""
     shell = ("sh", "-c", f'{stage}exec "$@"', sys.executable)
-    with process(endpoint, tmp_path / "flight.mcap", lossless=False, within=shell) as recorder:
+    with recorder_of(session, endpoint, tmp_path / "flight.mcap", lossless=False, within=shell) as recorder:
         try:
-            wait_for_recorder(session)
             pid = packing(recorder)
             assert os.sched_getscheduler(pid) == os.SCHED_IDLE
             assert os.sched_getscheduler(recorder.pid) == os.SCHED_OTHER, "who hears the messages never waits"
@@ -255,16 +246,12 @@ def test_nothing_is_left_where_it_cannot_listen(endpoint: str, tmp_path: Path) -
 @linux
 def test_a_full_disk_is_told_in_one_line(session: zenoh.Session, endpoint: str, tmp_path: Path) -> None:
     path, limit = tmp_path / "flight.mcap", 200_000
-    with process(endpoint, path) as recorder:
-        try:
-            wait_for_recorder(session)
-            resource.prlimit(packing(recorder), resource.RLIMIT_FSIZE, (limit, limit))
-            send(session, range(10))
-            wait_until(lambda: path.stat().st_size > 90_000, "the first chunk is in the file")
-            send(session, range(10, 40))
-            said, _ = recorder.communicate(timeout=LIMIT_S)
-        finally:
-            recorder.kill()
+    with recorder_of(session, endpoint, path) as recorder:
+        resource.prlimit(packing(recorder), resource.RLIMIT_FSIZE, (limit, limit))
+        send(session, range(10))
+        wait_until(lambda: path.stat().st_size > 90_000, "the first chunk is in the file")
+        send(session, range(10, 40))
+        said, _ = recorder.communicate(timeout=LIMIT_S)
     assert recorder.returncode == 1
     assert said.count("\n") == 1
     assert "File too large; it holds the first" in said

@@ -12,8 +12,9 @@ import zenoh
 from authority import link, make_fleet
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
-from spot3d.dataflow.session import StoppedError, open_session, zenoh_config
+from spot3d.dataflow.session import open_session, zenoh_config
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.stopping import StoppedError
 from spot3d.dataflow.tls import TlsError, own_certificate, probe, why_refused
 
 

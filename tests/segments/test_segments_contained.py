@@ -46,7 +46,7 @@ def joined(
     depth[masks[-1]] = frame.depth[masks[-1]]
     pixels = [np.flatnonzero(mask & (depth > 0)) for mask in masks]
     points, normals = back_project(depth, CAMERA), surface_normals(depth, CAMERA)
-    rows = join_contained(pixels, points, normals, T[:3, :3].T @ (0, 0, 1.0), 0.5)
+    rows = join_contained(pixels, points, normals, T[:3, :3].T @ (0, 0, 1.0))
     assert np.array_equal(np.sort(np.concatenate(rows)), np.sort(np.concatenate(pixels)))
     return sorted(sorted({int(frame.colour.reshape(-1, 3)[row, 0]) - 1 for row in one}) for one in rows)
 
@@ -118,4 +118,4 @@ def test_what_touches_stays_apart() -> None:
 
 def test_nothing_is_joined_to_nothing() -> None:
     nothing = np.zeros((4, 4, 3), np.float32)
-    assert join_contained([], nothing, nothing, np.array((0, -1.0, 0)), 0.5) == []
+    assert join_contained([], nothing, nothing, np.array((0, -1.0, 0))) == []

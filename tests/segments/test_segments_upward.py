@@ -10,7 +10,7 @@ from spot3d.frame_segments import FrameSegments
 from spot3d.segments.upward import Upward
 
 CAMERA = Intrinsics(100, 100, 1, 1, 2, 2)
-WORLD_UP = np.array((0.0, 0.0, 1.0))
+WORLD_UP, WALL = np.array((0.0, 0.0, 1.0)), np.array((0.0, -1.0, 0.0))
 
 
 def on(normal: NDArray[np.float64] | None, T_world_camera: NDArray[np.float64]) -> FrameSegments:
@@ -46,23 +46,19 @@ def test_few_keyframes_say_nothing() -> None:
     assert after(*[None] * 20).in_camera(pose(0)) is None
 
 
-def test_a_wall_or_two_do_not_matter() -> None:
-    wall = np.array((0.0, -1.0, 0.0))
-    up = after(wall, WORLD_UP, WORLD_UP, wall, WORLD_UP, WORLD_UP).in_camera(pose(0))
+@pytest.mark.parametrize(
+    "normals",
+    [
+        (WALL, WORLD_UP, WORLD_UP, WALL, WORLD_UP, WORLD_UP),  # a wall or two do not matter
+        (*[WALL] * 10, *[WORLD_UP] * 25),  # a wrong start is outvoted
+        (*[WALL] * 60, *[WORLD_UP] * 30),  # what was up long ago is forgotten
+    ],
+)
+def test_most_of_the_last_keyframes_decide(normals: tuple[NDArray[np.float64], ...]) -> None:
+    up = after(*normals).in_camera(pose(0))
     assert up is not None
     np.testing.assert_allclose(pose(0)[:3, :3] @ up, WORLD_UP, atol=1e-9)
-    assert after(*[wall, WORLD_UP] * 5).in_camera(pose(0)) is None, "no majority"
 
 
-def test_a_wrong_start_is_outvoted() -> None:
-    wall = np.array((0.0, -1.0, 0.0))
-    up = after(*[wall] * 10, *[WORLD_UP] * 25).in_camera(pose(0))
-    assert up is not None
-    np.testing.assert_allclose(pose(0)[:3, :3] @ up, WORLD_UP, atol=1e-9)
-
-
-def test_what_was_up_long_ago_is_forgotten() -> None:
-    wall = np.array((0.0, -1.0, 0.0))
-    up = after(*[wall] * 60, *[WORLD_UP] * 30).in_camera(pose(0))
-    assert up is not None
-    np.testing.assert_allclose(pose(0)[:3, :3] @ up, WORLD_UP, atol=1e-9)
+def test_without_a_majority_nothing_is_known() -> None:
+    assert after(*[WALL, WORLD_UP] * 5).in_camera(pose(0)) is None

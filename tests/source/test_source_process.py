@@ -4,13 +4,12 @@ import queue
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 import pytest
-from dataflow_stages import Recording, listening
+from dataflow_stages import Recording, listening, playing
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
@@ -21,9 +20,10 @@ from spot3d.frame import RgbdFrame
 from spot3d.source.errors import SourceError
 from spot3d.source.image_limit import refuse_large_images
 from spot3d.source.process import run
-from spot3d.source.sequence import CAMERA_LOST, CAMERA_MISSING, FrameStream, Note
+from spot3d.source.sequence import CAMERA_LOST, CAMERA_MISSING, Note
 from spot3d.source.settings import SourceSettings
 from spot3d_schemas import End, Frame, Header, Health, Progress, alive_key, encode, encoding, key
+from waiting import wait_until
 
 
 def camera(width: int, height: int) -> Intrinsics:
@@ -134,21 +134,6 @@ class ScriptedCamera:
                 note(*told)
 
 
-@contextmanager
-def playing(link: LinkSettings, sequence: Recording | FrameStream, wait_for: tuple[str, ...] = ()) -> Iterator[None]:
-    """A source in a thread of this process, ended at last."""
-    stop = threading.Event()
-    options = {"stop": stop, "wait_for": wait_for}
-    thread = threading.Thread(target=run, args=(link, SourceSettings(), sequence), kwargs=options)
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join(20)
-        assert not thread.is_alive()
-
-
 def test_a_camera_that_is_waited_for_is_what_is_wrong_until_its_frames_come() -> None:
     endpoint, camera, frames = free_loopback_endpoint(), ScriptedCamera(), Recording(2)
     link = LinkSettings(robot="unplugged", connect=(endpoint,), health_interval_s=0.05)
@@ -192,10 +177,7 @@ def test_a_source_that_waits_for_its_camera_does_not_hang(tmp_path: Path, monkey
         ear.wait(lambda: health[-1].received == 1, 20)
         time.sleep(0.5)
         beat.unlink(missing_ok=True)
-        end_s = time.monotonic() + 10
-        while not beat.exists():
-            assert time.monotonic() < end_s, "it beats no more, though it only waits"
-            time.sleep(0.02)
+        wait_until(beat.exists, "it beats, though it only waits", 10)
 
 
 def test_a_source_says_for_whom_it_waits_and_begins_when_they_are_there(caplog: pytest.LogCaptureFixture) -> None:
@@ -208,10 +190,7 @@ def test_a_source_says_for_whom_it_waits_and_begins_when_they_are_there(caplog: 
         session.liveliness().declare_token(alive_key("early", "pose")),
         playing(link, Recording(2), wait_for=("pose", "heatmap", "fusion")),
     ):
-        end_s = time.monotonic() + 20
-        while "waiting for heatmap, fusion, for 180 s at most" not in caplog.text:
-            assert time.monotonic() < end_s, caplog.text
-            time.sleep(0.02)
+        wait_until(lambda: "waiting for heatmap, fusion, for 180 s at most" in caplog.text, "it says so", 20)
         assert not ear.heard["source/frame"]
         with (
             session.liveliness().declare_token(alive_key("early", "heatmap")),
@@ -232,7 +211,7 @@ def test_a_camera_whose_stamps_go_back_ends_its_stream_and_begins_another(
         open_router((endpoint,)) as session,
         listening(session, "rewound", "source/frame", "source/end", "source/health") as ear,
         session.liveliness().declare_token(alive_key("rewound", "fusion")),
-        playing(link, camera),
+        playing(link, camera, wait_for=()),
     ):
         frames: list[Frame] = ear.heard["source/frame"]
         ends: list[End] = ear.heard["source/end"]

@@ -1,5 +1,6 @@
 """The built-in scene: the same for a seed, true about itself, and as noisy as a Kinect."""
 
+from collections.abc import Callable
 from itertools import combinations
 
 import numpy as np
@@ -84,23 +85,24 @@ def test_arrangement_on_desk(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3, 4])
-def test_arrangement_on_shelf(seed: int) -> None:
-    placed = things_on_shelf(seed)
-    assert len(placed) == 11
-    in_crate = [p for p in placed if p.z not in BOARDS]
-    assert len(in_crate) == 2
-    assert_put_in(in_crate, next(p for p in placed if p.thing.name == "crate"))
-    assert_apart([p for p in placed if p not in in_crate])
-
-
-@pytest.mark.parametrize("seed", [0, 1, 2, 3, 4])
-def test_arrangement_about_bin(seed: int) -> None:
-    placed = things_about_bin(seed)
-    assert len(placed) == 10
-    in_bin = [p for p in placed if p.z != TABLE_HEIGHT]
-    assert len(in_bin) == 6
-    assert_put_in(in_bin, next(p for p in placed if p.thing.name == "bin"))
-    assert_apart([p for p in placed if p not in in_bin])
+@pytest.mark.parametrize(
+    ("arranged", "count", "crate", "heights", "inside"),
+    [(things_on_shelf, 11, "crate", BOARDS, 2), (things_about_bin, 10, "bin", (TABLE_HEIGHT,), 6)],
+)
+def test_arrangement_in_a_crate(
+    arranged: Callable[[int], list[Placed]],
+    count: int,
+    crate: str,
+    heights: tuple[float, ...],
+    inside: int,
+    seed: int,
+) -> None:
+    placed = arranged(seed)
+    assert len(placed) == count
+    put_in = [p for p in placed if p.z not in heights]
+    assert len(put_in) == inside
+    assert_put_in(put_in, next(p for p in placed if p.thing.name == crate))
+    assert_apart([p for p in placed if p not in put_in])
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3, 4])

@@ -21,7 +21,7 @@ from spot3d.dataflow.process_use import SINGLE_THREADED
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.frame import RgbdFrame
 from spot3d.source.process import run as run_source
-from spot3d.source.sequence import FrameSequence
+from spot3d.source.sequence import FrameSequence, FrameStream
 from spot3d.source.settings import SourceSettings
 from spot3d_schemas import (
     TOPICS,
@@ -92,7 +92,9 @@ class Recording:
 
 
 @contextmanager
-def playing(link: LinkSettings, recording: FrameSequence, **options: object) -> Iterator[threading.Thread]:
+def playing(
+    link: LinkSettings, recording: FrameSequence | FrameStream, **options: object
+) -> Iterator[threading.Thread]:
     """A source in a thread of this process, ended at last."""
     stop = threading.Event()
     arguments = {"link": link, "settings": SourceSettings(), "sequence": recording, "stop": stop, **options}

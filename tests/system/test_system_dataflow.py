@@ -12,6 +12,7 @@ import pytest
 import zenoh
 from dataflow_stages import STAGES, Ear, Recording, Stages, frame_message, listening, playing, wait_alive, wait_gone
 
+from commands import router_process
 from spot3d.dataflow.router import free_loopback_endpoint
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
@@ -199,14 +200,10 @@ def test_a_reader_that_is_stuck_and_dies_costs_nothing(
 def test_nobody_waits_for_an_onlooker_where_the_stages_have_a_socket_of_their_own(tmp_path: Path) -> None:
     """One that is stuck for good, at the stages' default router, would end any lossless run."""
     elsewhere, socket = free_loopback_endpoint(), tmp_path / "stages"
-    command = [sys.executable, "-m", "spot3d", "router", "--stages", str(socket), "--listen", elsewhere]
     meeting = f"unixsock-stream/{socket}"
     link = LinkSettings(robot="spared", connect=(meeting,), delivery="lossless", credit_timeout_s=60.0)
     with ExitStack() as stack:
-        router = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
-        stack.callback(router.kill)
-        assert router.stdout is not None
-        assert elsewhere in router.stdout.readline()
+        stack.enter_context(router_process("--stages", str(socket), listen=elsewhere))
         reader = stack.enter_context(
             subprocess.Popen(
                 [sys.executable, "-c", SLOW_READER, elsewhere, key("spared", "source/frame")],

@@ -1,9 +1,9 @@
 """Each ending tells the truth: in one clear line, with true counts and an exit code."""
 
 import json
-import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -11,14 +11,12 @@ import numpy as np
 import pytest
 from authority import make_fleet
 
+import commands
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
-from spot3d.settings import without_settings
 from spot3d.source.sequences import open_source
 from spot3d.whole_file import whole_file
 
 FRAMES, BROKEN = 6, 2
-LIMIT_S = 180.0
-"""A first start may compile kernels."""
 
 TLS = {"ca": "ca.pem", "certificate": "ground.pem", "key": "ground.key"}
 
@@ -31,10 +29,7 @@ time.sleep(60)
 """
 
 
-def spot3d(*arguments: str, **more: str) -> "subprocess.CompletedProcess[str]":
-    command = ["nice", "-n", "6", sys.executable, "-m", "spot3d", *arguments]
-    environment = without_settings(os.environ) | more
-    return subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False, env=environment)
+spot3d = partial(commands.spot3d, before=("nice", "-n", "6"))
 
 
 def recording(folder: Path) -> Path:

@@ -1,10 +1,7 @@
 """`spot3d run` where depth is too long for the given poses, or these are late: what a person and a program are told."""
 
 import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +9,13 @@ import cv2
 import numpy as np
 import pytest
 
+from commands import spot3d
 from spot3d.camera import Intrinsics
-from spot3d.settings import without_settings
 from spot3d.source.scene.scene import Scene
 
 CAMERA = Intrinsics(146.25, 146.25, 80.0, 60.0, 160, 120)
 RATE, SECONDS = 30, 6
 FACTOR, LATE = 1.04, 3
-LIMIT_S = 180.0
-"""A first start may compile kernels."""
 
 
 def recorded(folder: Path, seconds: int, step: int = 1, factor: float = 1.0, late: int = 0) -> Path:
@@ -54,10 +49,7 @@ def late(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run(recording: Path, out: Path, *more: str) -> tuple[str, dict[str, Any]]:
     """What `spot3d run` prints, and its report."""
-    command = [sys.executable, "-m", "spot3d", "run", str(recording), "--pose", "given", "--out", str(out), *more]
-    done = subprocess.run(
-        command, capture_output=True, text=True, timeout=LIMIT_S, check=False, env=without_settings(os.environ)
-    )
+    done = spot3d("run", str(recording), "--pose", "given", "--out", str(out), *more)
     assert done.returncode == 0, done.stderr
     return done.stdout, json.loads((out / "report.json").read_text())
 

@@ -1,29 +1,17 @@
 """What was left out is told by processes as by one process."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
-from spot3d.settings import without_settings
+from commands import spot3d
 
-LIMIT_S = 90.0
-"""A first start may compile kernels."""
 NARROW = {"SPOT3D_FUSION__SIZE_MAX": "0.04", "SPOT3D_FUSION__KEYFRAME_LIMIT": "1"}
 """Settings by which nothing on the table is an object, and one keyframe of two is forgotten."""
 
 
 def told(out: Path, *more: str) -> tuple[str, dict[str, object]]:
     """What a run of 12 frames prints, and its report."""
-    done = subprocess.run(
-        [sys.executable, "-m", "spot3d", "run", "scene", "--half", "--frames", "12", "--out", str(out), *more],
-        capture_output=True,
-        text=True,
-        timeout=LIMIT_S,
-        check=False,
-        env=without_settings(os.environ) | NARROW,
-    )
+    done = spot3d("run", "scene", "--half", "--frames", "12", "--out", str(out), *more, **NARROW)
     assert done.returncode == 0, done.stderr
     return done.stdout, json.loads((out / "report.json").read_text())
 

@@ -1,23 +1,19 @@
 """A pose stage that dies amid a live stream: its successor is lost, or right, and never begins anew without a word."""
 
-import subprocess
-import sys
-import threading
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from dataflow_stages import LIMIT_S, STAGES, Ear, Stages, listening, wait_alive
+from dataflow_stages import STAGES, Ear, Stages, listening, playing, wait_alive
 from numpy.typing import NDArray
 
+from commands import spot3d
 from spot3d.camera import Intrinsics
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.snapshot_writer import snapshot_path
 from spot3d.frame import RgbdFrame
-from spot3d.source.process import run as run_source
 from spot3d.source.sequences import open_source
-from spot3d.source.settings import SourceSettings
 from spot3d_schemas import Health, Pose
 
 SHOTS, PERIOD_NS = 40, 33_000_000
@@ -90,7 +86,7 @@ def since(poses: list[Pose], earlier: set[str | None]) -> list[Pose]:
 
 
 def test_a_killed_pose_stage_is_lost_until_it_knows_where_it_is() -> None:
-    endpoint, stop = free_loopback_endpoint(), threading.Event()
+    endpoint = free_loopback_endpoint()
     link = LinkSettings(robot="flying", connect=(endpoint,), health_interval_s=0.2, snapshot_interval_s=0.5)
     with (
         open_router((endpoint,)) as session,
@@ -100,15 +96,9 @@ def test_a_killed_pose_stage_is_lost_until_it_knows_where_it_is() -> None:
         camera, poses = Camera(ear), ear.heard["pose/pose"]
         stages.start(*STAGES)
         wait_alive(session, "flying", set(STAGES))
-        source = threading.Thread(target=run_source, args=(stages.link, SourceSettings(), camera, None, stop))
-        source.start()
-        try:
+        with playing(stages.link, camera):
             begins_in_its_map(stages, ear, camera, poses)
             begins_another_world(stages, ear, poses)
-        finally:
-            stop.set()
-            source.join(20)
-        assert not source.is_alive()
 
 
 def begins_in_its_map(stages: Stages, ear: Ear, camera: Camera, poses: list[Pose]) -> None:
@@ -125,13 +115,7 @@ def begins_in_its_map(stages: Stages, ear: Ear, camera: Camera, poses: list[Pose
     assert not ok(since(poses, earlier)), "nothing is known of where it is"
     assert poses[-1].lost_since_ns is not None
     fused = ear.fused
-    told = subprocess.run(
-        [sys.executable, "-m", "spot3d", "status", "--robot", "flying", "--connect", stages.link.connect[0]],
-        capture_output=True,
-        text=True,
-        timeout=LIMIT_S,
-        check=False,
-    )
+    told = spot3d("status", "--robot", "flying", "--connect", stages.link.connect[0])
     assert "lost since" in told.stdout
     assert told.returncode == 1
     assert ear.fused == fused

@@ -3,13 +3,13 @@
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
 import pytest
 import zenoh
-from dataflow_stages import LIMIT_S, STAGES, Ear, Recording, Stages, frame_message, listening, wait_alive
+from dataflow_stages import LIMIT_S, STAGES, Ear, Recording, Stages, frame_message, listening, playing, wait_alive
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
@@ -39,19 +39,9 @@ def live() -> Iterator[tuple[zenoh.Session, Stages, Ear]]:
             yield session, stages, ear
 
 
-@contextmanager
-def source(link: LinkSettings, recording: Recording) -> Iterator[None]:
+def source(link: LinkSettings, recording: Recording) -> AbstractContextManager[threading.Thread]:
     """A camera without an end, in a thread of this process."""
-    stop = threading.Event()
-    arguments = {"link": link, "settings": SourceSettings(), "sequence": recording, "rate_hz": 10.0, "stop": stop}
-    thread = threading.Thread(target=run_source, kwargs=arguments)
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join(20)
-        assert not thread.is_alive()
+    return playing(link, recording, rate_hz=10.0)
 
 
 class RewoundCamera:

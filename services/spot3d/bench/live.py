@@ -10,20 +10,15 @@ from spot3d.bench.recording import write_recording
 from spot3d.evaluate.table import Cell, Column, Table
 
 COLUMNS: tuple[Column, ...] = (
-    *(Column("data"), Column("size"), Column("start"), Column("offered /s", 1), Column("fused /s", 1)),
+    *(Column("data"), Column("size"), Column("offered /s", 1), Column("fused /s", 1)),
     *(Column("frames"), Column("fused"), Column("p50 ms", 0), Column("p99 ms", 0), Column("first fused s", 1)),
     *(Column("CPU cores", 2), Column("fusion MB", 0), Column("not fused"), Column("busy")),
 )
 _WHOLE = "source to fused"
 
 
-def live_table(
-    materials: Sequence[Material], rate_hz: float, seconds: float, cold: bool, say: Callable[[str], None]
-) -> Table:
-    """Each material played live for so many seconds, from disk, where it was written before.
-
-    cold: also a short run whose kernels are not compiled yet.
-    """
+def live_table(materials: Sequence[Material], rate_hz: float, seconds: float, say: Callable[[str], None]) -> Table:
+    """Each material played live for so many seconds, from disk, where it was written before."""
     table = Table("live", f"The processes over Zenoh, live at {rate_hz:g} frames a second", COLUMNS)
     with tempfile.TemporaryDirectory(prefix="spot3d-bench-") as name:
         scratch = Path(name)
@@ -31,13 +26,7 @@ def live_table(
             recording = scratch / f"{material.data.replace(':', '-')}-{material.size}"
             say(f"live: {material.data}, {material.size}, {seconds:g} s ...")
             write_recording(recording, material.frames, max(1, round(rate_hz * seconds)))
-            done = live_run(str(recording), rate_hz, seconds, scratch / "out", {})
-            _add(table, material, "warm", rate_hz, done)
-            if cold:
-                say(f"live: {material.data}, {material.size}, cold start ...")
-                environment = {"NUMBA_CACHE_DIR": str(recording.with_suffix(".cache"))}
-                done = live_run(str(recording), rate_hz, 3.0, scratch / "out-cold", environment)
-                _add(table, material, "cold", rate_hz, done)
+            _add(table, material, rate_hz, live_run(str(recording), rate_hz, seconds, scratch / "out"))
     table.notes += [
         f"The first {len(materials[0]) if materials else 0} frames, played to and fro from uncompressed files.",
         "Latency: from the source's sending a frame to its being fused. First fused: from the command. CPU cores: CPU "
@@ -47,14 +36,14 @@ def live_table(
     return table
 
 
-def _add(table: Table, material: Material, start: str, rate_hz: float, done: LiveRun) -> None:
+def _add(table: Table, material: Material, rate_hz: float, done: LiveRun) -> None:
     if done.error:
-        table.notes.append(f"{material.data}, {material.size}, {start}: {done.error}")
+        table.notes.append(f"{material.data}, {material.size}: {done.error}")
     latency = done.report.get("latency_ms", {}).get(_WHOLE, {})
     stages = done.report.get("stages", {})
     played = done.report.get("frames", {}).get("input")
     cells: tuple[Cell, ...] = (
-        *(material.data, material.size, start, rate_hz, done.rate_hz, played, round(done.fused)),
+        *(material.data, material.size, rate_hz, done.rate_hz, played, round(done.fused)),
         *(latency.get("p50"), latency.get("p99"), done.start_s),
         done.cores,
         stages.get("fusion", {}).get("rss_mb"),

@@ -42,14 +42,14 @@ class LiveRun:
     error: str = ""
 
 
-def live_run(name: str, rate_hz: float, seconds: float, folder: Path, environment: dict[str, str]) -> LiveRun:
+def live_run(name: str, rate_hz: float, seconds: float, folder: Path) -> LiveRun:
     """Play an input at a rate through the processes of `spot3d run --live`; its results go to `folder`."""
     endpoint, frames = free_loopback_endpoint(), max(1, round(rate_hz * seconds))
     command = [sys.executable, "-m", "spot3d", "run", name, "--live", "--rate", f"{rate_hz:g}", "--out", str(folder)]
     command += ["--frames", str(frames), "--listen", endpoint]
     start_s = time.monotonic()
     with subprocess.Popen(
-        command, env=os.environ | SINGLE_THREADED | environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+        command, env=os.environ | SINGLE_THREADED, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
     ) as process:
         try:
             seen, cpu = _watch(process, endpoint, start_s + seconds + _LIMIT_S)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from spot3d.bench.material import to_and_fro
 from spot3d.frame import RgbdFrame
-from spot3d.source.errors import SourceError
 from spot3d.trajectory import write_tum
 
 _UNITS_PER_METRE = 5000
@@ -19,10 +18,10 @@ _NAMES = {"rgb": "rgb-{:06d}.ppm", "depth": "depth-{:06d}.pgm"}
 
 
 def write_recording(folder: Path, frames: Sequence[RgbdFrame], length: int) -> None:
-    """Write the frames in the layout of TUM RGB-D, played to and fro until there are `length`.
+    """Write the frames in the layout of TUM RGB-D, played to and fro until there are `length`: the camera never jumps.
 
-    Images are PPM and PGM, each written once: raw, as a camera gives them, and read about as fast as copied. Raises
-    SourceError for a frame without true pose.
+    Images are PPM and PGM, each written once: raw, as a camera gives them, and read about as fast as copied. Poses are
+    written where each frame has one.
     """
     folder.mkdir(parents=True)
     for number, frame in enumerate(frames):
@@ -37,9 +36,8 @@ def write_recording(folder: Path, frames: Sequence[RgbdFrame], length: int) -> N
         lines = (f"{s // 10**9}.{s % 10**9:09d} {image.format(n)}\n" for s, n in zip(stamps, order, strict=True))
         (folder / f"{kind}.txt").write_text("".join(lines), encoding="ascii")
     poses = [frames[number].T_world_camera for number in order]
-    if any(pose is None for pose in poses):
-        raise SourceError("a frame without true pose cannot be written as a recording with truth")
-    write_tum(folder / "groundtruth.txt", stamps, np.array(poses))
+    if all(pose is not None for pose in poses):
+        write_tum(folder / "groundtruth.txt", stamps, np.array(poses))
 
 
 def _write(path: Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:

@@ -3,7 +3,6 @@
 import logging
 import threading
 import time
-from contextlib import suppress
 
 import zenoh
 
@@ -14,7 +13,7 @@ from spot3d.dataflow.counters import Counters
 from spot3d.dataflow.endpoints import declare_publisher
 from spot3d.dataflow.process_use import process_use
 from spot3d.dataflow.rate_limited_log import RateLimitedLog
-from spot3d.dataflow.session import StoppedError, first_line, open_session
+from spot3d.dataflow.session import first_line, open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.tls import uses_tls, why_refused
@@ -34,7 +33,7 @@ def run(link: LinkSettings, settings: BridgeSettings, stop: threading.Event | No
 
     The robot's own router knows nothing of the link, and its stages go on as if there were none.
     """
-    with stop_on_signals(stop) as stopped, suppress(StoppedError), open_session(link, stopped) as local:
+    with stop_on_signals(stop) as stopped, open_session(link, stopped) as local:
         _Bridge(local, link, settings).serve(stopped)
 
 

@@ -176,7 +176,7 @@ def demo(
         endpoints = () if page is None else (page.endpoint,)
         chosen = selection(f"scene:{seed}", frames, 1, None)
         done = run_input(chosen, resolved, out, console, in_process, listen=endpoints)
-        model = build_scene(seed, resolved.source.scene_kind)
+        model = build_scene(seed)
         true = [(item.name, Box3D(item.centre, item.size, item.rotation)) for item in model.boxes]
         console.print(demo_table(*match_objects(true, done.result.objects)))
         _conclude(done, resolved)

@@ -35,7 +35,6 @@ def bench(
     ] = None,
     live_seconds: Annotated[float, typer.Option(min=0.1, help="length of the live runs")] = 20.0,
     rate: Annotated[float, typer.Option(min=0.1, help="frames per second of the live runs")] = 30.0,
-    cold: Annotated[bool, typer.Option("--cold", help="also start the processes without compiled kernels")] = False,
     growth: Annotated[int, typer.Option(min=2, help="longest path of the growth, frames")] = 2000,
 ) -> None:
     """Measure time and memory of every step, stage and process on the built-in scene; print Markdown."""
@@ -54,7 +53,7 @@ def bench(
     settings = load_settings()
     names = [SCENE, *map(str, data or [])]
     made = []
-    for table in _tables(chosen, names, frames, live_seconds, rate, cold, growth, plots, settings):
+    for table in _tables(chosen, names, frames, live_seconds, rate, growth, plots, settings):
         made.append(table)
         typer.echo(to_markdown(table))
     on = machine()
@@ -71,7 +70,6 @@ def _tables(
     frames: int | None,
     live_seconds: float,
     rate: float,
-    cold: bool,
     growth: int,
     plots: Path | None,
     settings: "Settings",
@@ -97,7 +95,7 @@ def _tables(
     if "live" in chosen:
         from spot3d.bench.live import live_table
 
-        yield live_table(materials, rate, live_seconds, cold, say)
+        yield live_table(materials, rate, live_seconds, say)
     if "growth" in chosen:
         from spot3d.bench.growth import charts, map_growth, proposals_growth
         from spot3d.drawing.picture import write_picture

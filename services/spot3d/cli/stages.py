@@ -107,27 +107,6 @@ def _awaited(input_name: str, live: bool, supervised: bool) -> tuple[str, ...]:
     return FUSING_STAGES if live and not (supervised and plays_like_a_camera) else EVERY_STAGE
 
 
-def pose(
-    settings: SettingsOption = None,
-    preset: PresetOption = None,
-    robot: RobotOption = None,
-    connect: ConnectOption = None,
-    listen: ListenOption = None,
-    lossless: DeliveryOption = None,
-    provider: Annotated[str | None, typer.Option(metavar="kiss|gicp|given", help="where poses come from")] = None,
-    supervised: SupervisedOption = False,
-) -> None:
-    """The pose stage: the camera's pose for each frame."""
-    stop = stage_started(supervised)
-    overrides = link_overrides(robot, connect, listen, lossless)
-    if provider is not None:
-        overrides["pose"] = {"provider": provider}
-    resolved = load_settings(settings, preset, overrides)
-    from spot3d.pose.process import run as run_pose
-
-    run_pose(resolved.link, resolved.pose, stop)
-
-
 Stage = Callable[[Settings, threading.Event], None]
 
 
@@ -148,6 +127,13 @@ def linked(stage: Stage) -> Callable[..., None]:
 
     command.__name__, command.__doc__ = stage.__name__, stage.__doc__
     return command
+
+
+def pose(settings: Settings, stop: threading.Event) -> None:
+    """The pose stage: the camera's pose for each frame."""
+    from spot3d.pose.process import run
+
+    run(settings.link, settings.pose, stop)
 
 
 def proposals(settings: Settings, stop: threading.Event) -> None:
@@ -258,4 +244,4 @@ def router(
         heartbeat.close()
 
 
-COMMANDS = (source, pose, linked(proposals), linked(heatmap), linked(segments), fusion, bridge, router)
+COMMANDS = (source, linked(pose), linked(proposals), linked(heatmap), linked(segments), fusion, bridge, router)

@@ -14,8 +14,9 @@ from zenoh.handlers import Handler, RingChannel
 from spot3d.dashboard.health import HEARD
 from spot3d.dataflow.endpoints import end_subscription, hear_kept
 from spot3d.dataflow.payload import intact_bytes
-from spot3d.dataflow.session import StoppedError, open_session
+from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.stopping import StoppedError
 from spot3d_schemas import (
     TOPICS,
     CodecError,

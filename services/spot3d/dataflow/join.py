@@ -33,48 +33,46 @@ class Join(Generic[L, R]):
     """
 
     def __init__(self, left_size: int, right_size: int) -> None:
-        self._left: dict[int, L] = {}
-        self._right: dict[int, R] = {}
+        self._waiting: tuple[dict[int, L], dict[int, R]] = ({}, {})
         self._sizes = (left_size, right_size)
         self._newest: list[int | None] = [None, None]
         self._evicted: dict[int, None] = {}
 
     def add_left(self, stamp_ns: int, item: L) -> Outcome[L, R]:
         """Take in an item of the left stream."""
-        without_right, without_left = self._advance(0, stamp_ns, self._left, self._right)
-        if stamp_ns in self._right:
-            return Outcome((item, self._right.pop(stamp_ns)), without_left, without_right)
-        if stamp_ns in self._evicted:
-            del self._evicted[stamp_ns]
-        elif self._passed(1, stamp_ns):
-            without_right.append(stamp_ns)
-        else:
-            self._left[stamp_ns] = item
-            without_right += self._evict(self._left, self._sizes[0])
-        return Outcome(None, without_left, without_right)
+        partner, alone, others = self._add(0, stamp_ns, item)
+        return Outcome(None if partner is None else (item, partner), others, alone)
 
     def add_right(self, stamp_ns: int, item: R) -> Outcome[L, R]:
         """Take in an item of the right stream."""
-        without_left, without_right = self._advance(1, stamp_ns, self._right, self._left)
-        if stamp_ns in self._left:
-            return Outcome((self._left.pop(stamp_ns), item), without_left, without_right)
-        if stamp_ns in self._evicted:
-            del self._evicted[stamp_ns]
-        elif self._passed(0, stamp_ns):
-            without_left.append(stamp_ns)
-        else:
-            self._right[stamp_ns] = item
-            without_left += self._evict(self._right, self._sizes[1])
-        return Outcome(None, without_left, without_right)
+        partner, alone, others = self._add(1, stamp_ns, item)
+        return Outcome(None if partner is None else (partner, item), alone, others)
 
     def clear(self) -> Outcome[L, R]:
         """Forget what waits: another stream begins. Returns it as what stays without its other side."""
-        outcome: Outcome[L, R] = Outcome(None, list(self._right), list(self._left))
-        self._left.clear()
-        self._right.clear()
+        left, right = self._waiting
+        outcome: Outcome[L, R] = Outcome(None, list(right), list(left))
+        left.clear()
+        right.clear()
         self._evicted.clear()
         self._newest = [None, None]
         return outcome
+
+    def _add(self, side: int, stamp_ns: int, item: Any) -> tuple[Any | None, list[int], list[int]]:
+        """Take in an item; returns its partner, and the stamps that stay without one: of this side, of the other."""
+        own: dict[int, Any] = self._waiting[side]
+        other: dict[int, Any] = self._waiting[1 - side]
+        alone, others = self._advance(side, stamp_ns, own, other)
+        if stamp_ns in other:
+            return other.pop(stamp_ns), alone, others
+        if stamp_ns in self._evicted:
+            del self._evicted[stamp_ns]
+        elif self._passed(1 - side, stamp_ns):
+            alone.append(stamp_ns)
+        else:
+            own[stamp_ns] = item
+            alone += self._evict(own, self._sizes[side])
+        return None, alone, others
 
     def _passed(self, side: int, stamp_ns: int) -> bool:
         newest = self._newest[side]

@@ -11,6 +11,7 @@ from math import inf
 import zenoh
 
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.stopping import StoppedError
 from spot3d.dataflow.tls import own_certificate, uses_tls, why_refused
 
 log = logging.getLogger(__name__)
@@ -22,10 +23,6 @@ _LEASE_MS = 2000
 _LARGE_BYTES = 65536
 """Messages that are at least so long go through shared memory between processes on one host."""
 _IN_USE = "the port or socket may be in use: end the program that listens there, or give another"
-
-
-class StoppedError(Exception):
-    """The process was asked to stop, or lost patience, before it had a session."""
 
 
 def zenoh_config(link: LinkSettings) -> zenoh.Config:

@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 
 _THREADS_END_S = 2.0
@@ -14,16 +14,26 @@ _GRACE_S = 3.0
 """Time to end cleanly once the run is gone."""
 
 
+class StoppedError(Exception):
+    """The process was asked to stop, or lost patience, before it had a session."""
+
+
 @contextmanager
 def stop_on_signals(stop: threading.Event | None) -> Iterator[threading.Event]:
     """The event that says stop: the given one or a new one, set by SIGINT, SIGTERM and SIGHUP too.
 
     SIGHUP, of a terminal that is closed, stays ignored where it was, as by nohup. Outside the main thread signals are
-    left to whoever handles them there.
+    left to whoever handles them there. A StoppedError ends the block, and no more.
     """
     event = stop or threading.Event()
-    if threading.current_thread() is not threading.main_thread():
+    with suppress(StoppedError), _set_by_signals(event):
         yield event
+
+
+@contextmanager
+def _set_by_signals(event: threading.Event) -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():
+        yield
         return
 
     def set_event(_number: int, _frame: FrameType | None) -> None:
@@ -34,7 +44,7 @@ def stop_on_signals(stop: threading.Event | None) -> Iterator[threading.Event]:
         heard.append(signal.SIGHUP)
     before = {number: signal.signal(number, set_event) for number in heard}
     try:
-        yield event
+        yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

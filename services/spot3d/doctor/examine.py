@@ -1,8 +1,9 @@
 """The whole examination: this device, the router, the stages."""
 
 from spot3d.dataflow.alive import watch_alive
-from spot3d.dataflow.session import StoppedError, open_session
+from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.stopping import StoppedError
 from spot3d.dataflow.tls import TlsError, probe, why_refused
 from spot3d.doctor.asking import ask_all, flows_told, hear_health, is_complete
 from spot3d.doctor.finding import Finding

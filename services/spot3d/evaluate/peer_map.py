@@ -73,7 +73,7 @@ class PeerMap:
             points, up = points[off], plane[:3] if number == 0 else up
         boxes, inside = [], []
         for rows in dbscan_clusters(points, VOXELS_MIN):
-            box = upright_box(points[rows].astype(np.float32), up, turn=True)
+            box = upright_box(points[rows].astype(np.float32), up)
             _, middle, longest = np.sort(box.size)
             if middle >= settings.size_min and longest <= settings.size_max and box.volume >= settings.volume_min:
                 boxes.append(box)

@@ -8,9 +8,9 @@ from spot3d.evaluate.labelled import LabelledFrame, LabelledFrames, LabelledSequ
 from spot3d.evaluate.peer import voxel_keys
 from spot3d.evaluate.points import IGNORED
 from spot3d.evaluate.truth import LabelledScene
-from spot3d.source.scene.name import DEFAULT_KIND, SceneName, parse_scene_name
+from spot3d.source.scene.name import SceneName, parse_scene_name
 from spot3d.source.scene.scene import Scene
-from spot3d.source.selected import Selection, full_scene_name, open_selection
+from spot3d.source.selected import Selection, open_selection
 from spot3d.source.settings import SourceSettings
 
 TRUTH_VIEWS = 20
@@ -26,8 +26,8 @@ def open_scene(
 ) -> tuple[LabelledSequence, LabelledFrames]:
     """The scene of this name as a labelled sequence, and some of its frames with boxes around the true masks."""
     sequence = open_selection(Selection(name, frames, every), source)
-    full = full_scene_name(parse_scene_name(name) or SceneName(), source)
-    scene = Scene(full.seed or 0, full.kind or DEFAULT_KIND, frames=every * len(sequence))
+    named = parse_scene_name(name) or SceneName()
+    scene = Scene(named.seed, named.kind, every * len(sequence))
 
     looked_at = range(0, len(sequence), max(1, len(sequence) // SINGLE_FRAMES))
 

@@ -87,7 +87,7 @@ def scene_truth(xyz: NDArray[np.float32], classes: NDArray[np.int64], poses: NDA
         for part in split_instances(xyz[rows]):
             names.append(name)
             label[rows[part]] = len(names)
-            boxes.append(upright_box(xyz[rows[part]], up, turn=True))
+            boxes.append(upright_box(xyz[rows[part]], up))
     return LabelledScene(tuple(names), tuple(range(1, len(names) + 1)), tuple(boxes), up, xyz, label)
 
 

@@ -122,14 +122,24 @@ class Fusion:
     def __init__(self, settings: FusionSettings) -> None:
         self.settings = settings
         self.heatmap = Heatmap3D(settings.map_limit, settings.voxel)
-        self.frame_count = 0
         self.map_changes = ChangeLog()
+        self._begin()
+
+    def reset(self) -> None:
+        """Forget everything; object numbers start anew."""
+        self.heatmap.clear()
+        self.map_changes.clear()
+        self._begin()
+
+    def _begin(self) -> None:
+        """What is known with an empty map: nothing."""
+        self.frame_count = 0
         self.supports = RecentSupports()
-        self.consensus = ViewConsensus(settings)
-        self._fused = FusedFrames(_AWAITING_SEGMENTS)
-        self._index_map = IndexMap(settings)
-        self._removed: list[NDArray[np.float64]] = []
+        self.consensus = ViewConsensus(self.settings)
         self.identities = Identities()
+        self._fused = FusedFrames(_AWAITING_SEGMENTS)
+        self._index_map = IndexMap(self.settings)
+        self._removed: list[NDArray[np.float64]] = []
         self._candidates = np.zeros((0, 4))
         self._supporting: NDArray[np.float64] | None = None
         self._T_world_map = self._T_theirs_map = np.eye(4)
@@ -137,21 +147,6 @@ class Fusion:
         self._calibration = AS_TOLD
         self._calibrated_by: str | None = None
         self._corrections: PoseCorrections | None = None
-
-    def reset(self) -> None:
-        """Forget everything; object numbers start anew."""
-        self.heatmap.clear()
-        self.map_changes.clear()
-        self.supports = RecentSupports()
-        self.consensus = ViewConsensus(self.settings)
-        self._fused.clear()
-        self._index_map.clear()
-        self._removed = []
-        self.identities = Identities()
-        self._candidates, self._supporting, self.frame_count = np.zeros((0, 4)), None, 0
-        self._T_world_map = self._T_theirs_map = np.eye(4)
-        self._poses_of = None
-        self._calibration, self._calibrated_by, self._corrections = AS_TOLD, None, None
 
     def map_state(self) -> MapState:
         """The map as it is now, copied, without its objects."""

@@ -2,14 +2,13 @@
 
 import threading
 from collections.abc import Sequence
-from contextlib import closing, suppress
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from spot3d.dataflow.node import Node
-from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.warm_up import warm_up
@@ -43,7 +42,7 @@ def run(
     fusion = Fusion(settings)
     told = None if resume is None else resumed(fusion, resume)
     warm_up("fusion", partial(_fuse_all, Fusion(settings)))
-    with stop_on_signals(stop) as stopped, suppress(StoppedError):
+    with stop_on_signals(stop) as stopped:
         with (
             Node("fusion", link, stopped, INPUTS, OUTPUTS, QUERIES) as node,
             closing(Keeping(node)) as keeping,

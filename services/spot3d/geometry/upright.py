@@ -49,16 +49,15 @@ def _turn_level(columns: NDArray[np.float64], cosine: float, sine: float) -> Non
         columns[0, i], columns[1, i] = cosine * x + sine * y, cosine * y - sine * x
 
 
-@kernel("f8[:,::1](f4[:,::1], f8[:], b1, f8)")
-def _enclosed(points: NDArray[np.float32], up: NDArray[np.float64], turn: bool, trim: float) -> NDArray[np.float64]:
+@kernel("f8[:,::1](f4[:,::1], f8[:], f8)")
+def _enclosed(points: NDArray[np.float32], up: NDArray[np.float64], trim: float) -> NDArray[np.float64]:
     """Centre, size and rotation of the box around points (see `upright_box`), one below the other: (5, 3)."""
     R = rotation_to_upright(up)
     upright = _turned(points, R)
-    if turn:
-        yaw = footprint_yaw(upright[:2])
-        cosine, sine = np.cos(yaw), np.sin(yaw)
-        _turn_level(R, cosine, sine)
-        _turn_level(upright, cosine, sine)
+    yaw = footprint_yaw(upright[:2])
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    _turn_level(R, cosine, sine)
+    _turn_level(upright, cosine, sine)
     ends, box = quantiles(upright, trim), np.zeros((5, 3))
     for axis in range(3):
         middle = (ends[0, axis] + ends[1, axis]) / 2
@@ -69,20 +68,15 @@ def _enclosed(points: NDArray[np.float32], up: NDArray[np.float64], turn: bool, 
     return box
 
 
-def upright_box(
-    points: NDArray[np.float32],
-    up: NDArray[np.float64],
-    turn: bool,
-    trim: float = 0.0,
-) -> Box3D:
-    """The tight box of (n, 3) world points whose third axis is `up`.
+def upright_box(points: NDArray[np.float32], up: NDArray[np.float64], trim: float = 0.0) -> Box3D:
+    """The tight box of (n, 3) world points whose third axis is `up`, turned to the smallest footprint.
 
-    turn: choose the yaw of the smallest footprint (else the axes of Eq. 16 are kept); trim: share of the points left
-    out at each end of each axis, so that a few stray points do not stretch the box. Raises ValueError without points.
+    trim: share of the points left out at each end of each axis, so that a few stray points do not stretch the box.
+    Raises ValueError without points.
     """
     if len(points) == 0:
         raise ValueError("no points have no box")
-    found = _enclosed(points, up, turn, trim)
+    found = _enclosed(points, up, trim)
     return Box3D(found[0], found[1], found[2:])
 
 

@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from functools import partial
 
 import numpy as np
@@ -12,7 +11,6 @@ from spot3d.dataflow.join import Join, Outcome
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.previews import Previews
 from spot3d.dataflow.serving import On, attempted, serve
-from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.warm_up import warm_up
@@ -36,11 +34,7 @@ def run(link: LinkSettings, settings: HeatmapSettings, stop: threading.Event | N
     A frame that fails counts as an error; in a lossless run its heat is empty, so that nobody waits for it.
     """
     warm_up("heatmap", partial(_heat_first, settings))
-    with (
-        stop_on_signals(stop) as stopped,
-        suppress(StoppedError),
-        Node("heatmap", link, stopped, (_FRAME, _BOXES), (_OUT, _PREVIEW)) as node,
-    ):
+    with stop_on_signals(stop) as stopped, Node("heatmap", link, stopped, (_FRAME, _BOXES), (_OUT, _PREVIEW)) as node:
         _serve(node, settings)
 
 

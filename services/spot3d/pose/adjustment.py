@@ -17,9 +17,9 @@ from spot3d.camera import Intrinsics, invert
 from spot3d.pose.common_errors import COMMON, CommonErrors, Equations, marginal, most_probable
 from spot3d.pose.motion import moved, turned, twist
 from spot3d.pose.plane_equations import CELLS, POSE, SeenPoints, plane_equations
-from spot3d.pose.settings import PoseSettings
+from spot3d.pose.registration import DISTANCE
 from spot3d.pose.surface import Surface
-from spot3d.pose.surfel_map import plane_keys
+from spot3d.pose.surfel_map import VOXEL, plane_keys
 from spot3d.trajectory import nearest_rotation
 from spot3d_schemas.limits import BEND_SHAPE
 
@@ -103,19 +103,18 @@ class Adjustment:
     """Poses of the last keyframes, and what is wrong alike in all of them.
 
     sigmas: (7,) how uncertain each of `CommonErrors` is before anything is seen, and the logarithm of the focal length;
-    0: it is as was told. held: standard deviations, metres and radians, of the poses that are given; shares: variances
-    that these may have, of that.
+    bend_sigma: the same of the scale of each cell; 0: it is as was told. held: standard deviations, metres and radians,
+    of the poses that are given; shares: variances that these may have, of that.
     """
 
     def __init__(
         self,
-        settings: PoseSettings,
         sigmas: NDArray[np.float64],
+        bend_sigma: float,
         held: tuple[float, float],
         shares: NDArray[np.float64],
     ) -> None:
-        self._settings = settings
-        self._sigmas = np.concatenate((sigmas, np.full(CELLS[0] * CELLS[1], settings.depth_bend_sigma)))
+        self._sigmas = np.concatenate((sigmas, np.full(CELLS[0] * CELLS[1], bend_sigma)))
         self._free = np.flatnonzero(self._sigmas)
         self._stated, self._shares = np.repeat(np.square(held), 3), shares
         # Variance of the given poses, of the stated one.
@@ -279,8 +278,8 @@ class Adjustment:
 
     def _by_planes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """H and g of all but the turn, by the planes that two keyframes or more see."""
-        seen = _seen_points(self._keyframes, self._poses, self._shared, self._settings.surfel_voxel)
-        H, g, variance = plane_equations(seen, self._settings.refine_distance, _KERNEL)
+        seen = _seen_points(self._keyframes, self._poses, self._shared)
+        H, g, variance = plane_equations(seen, DISTANCE, _KERNEL)
         per_image = len(seen.places) / len(self._poses)
         worth = min(1.0, _INDEPENDENT / per_image / max(variance, 1e-6))
         return worth * H, worth * g
@@ -313,7 +312,7 @@ def _keyframe(seen: Seen) -> _Keyframe:
 
 
 def _seen_points(
-    keyframes: Sequence[_Keyframe], poses: Sequence[NDArray[np.float64]], shared: NDArray[np.float64], voxel: float
+    keyframes: Sequence[_Keyframe], poses: Sequence[NDArray[np.float64]], shared: NDArray[np.float64]
 ) -> SeenPoints:
     """The points of all keyframes where they lie by these poses, and by what is shared (31,), sorted by plane."""
     width = np.exp(shared[_WIDTH])
@@ -330,7 +329,7 @@ def _seen_points(
         normals.append(normal / np.linalg.norm(normal, axis=1, keepdims=True))
     planes = np.hstack((np.concatenate(places), np.concatenate(normals)))
     keys = np.empty(len(planes), np.int64)
-    plane_keys(planes, voxel, keys)
+    plane_keys(planes, VOXEL, keys)
     order = np.argsort(keys, kind="stable")
     keys = keys[order]
     return SeenPoints(

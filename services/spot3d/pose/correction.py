@@ -21,10 +21,10 @@ from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.given import GivenPoses
 from spot3d.pose.hindsight import Hindsight
 from spot3d.pose.motion import moved, twist
-from spot3d.pose.registration import judged, refined
+from spot3d.pose.registration import DISTANCE, KERNEL, OVERLAP_MIN, judged, refined
 from spot3d.pose.settings import PoseSettings
-from spot3d.pose.surface import Surface, sample_surface
-from spot3d.pose.surfel_map import SurfelMap
+from spot3d.pose.surface import POINTS_MIN, Surface, sample_surface
+from spot3d.pose.surfel_map import VOXEL, SurfelMap
 from spot3d.trajectory import nearest_rotation, rotation_angle
 
 # A whole image's surface tells as much of the pose as so many points of independent noise would: a depth camera's own
@@ -72,22 +72,26 @@ class CorrectedPoses:
     def __init__(self, settings: PoseSettings) -> None:
         self._settings = settings
         self._given = GivenPoses()
-        self._planes = SurfelMap(settings.surfel_voxel, settings.surfel_limit)
         self._sigma = np.repeat((settings.given_sigma, settings.given_turn_sigma), 3)
         self._noise = MeasuredNoise(0.0)
         self._errors = ErrorModel(self._sigma)
         self._hindsight = Hindsight.of_given_poses(settings)
-        self._delay = PoseDelay(settings)
+        self._delay = PoseDelay(settings.given_delay_sigma)
+        self._T_world_map = np.eye(4)
+        self._last: tuple[int, NDArray[np.float64]] | None = None
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget the map."""
+        self._planes = SurfelMap(VOXEL, self._settings.surfel_limit)
         self._correction = np.zeros(6)
+        # Given poses in the map: where the world was when it began, for what slides later are corrected poses alone.
+        self._T_map_given = invert(self._T_world_map)
+        self._errors.interrupt()
         # Of the frames since the last keyframe: from where they lie in the map to where the given poses have them, and
         # by how much they lie elsewhere for each second of delay: (2, 6) each.
         self._offsets: list[NDArray[np.float64]] = []
-        self._T_world_map = np.eye(4)
-        # Given poses in the map: where the world was when it began, for what slides later are corrected poses alone.
-        self._T_map_given = np.eye(4)
-        self._age, self._map_delay_s = 0.0, 0.0
-        self._last: tuple[int, NDArray[np.float64]] | None = None
-        self._strangers = 0
+        self._strangers, self._age, self._map_delay_s = 0, 0.0, self._delay.delay_s
 
     def track(
         self,
@@ -128,7 +132,7 @@ class CorrectedPoses:
             return given
         if leaps:
             return self._begin_anew(surface, given)
-        if len(surface) < self._settings.points_min:
+        if len(surface) < POINTS_MIN:
             return given
         return self._corrected(surface, intrinsics, given, last[0], stamp_ns)
 
@@ -137,18 +141,16 @@ class CorrectedPoses:
     ) -> PoseEstimate:
         """camera: as it is known to be; last_ns, stamp_ns: when the last frame and this one were taken."""
         elapsed = 1e-9 * (stamp_ns - last_ns)
-        settings, prior = self._settings, invert(self._T_world_map) @ given.T_world_camera
+        prior = invert(self._T_world_map) @ given.T_world_camera
         # What was wrong with the last pose is nearly what is wrong with this one.
-        registered = refined(self._planes, surface, moved(prior, self._correction), settings)
-        fit = judged(self._planes, surface, registered, settings.refine_distance)
-        if fit.overlap < settings.overlap_min or not fit.residual <= settings.residual_max:
+        registered = refined(self._planes, surface, moved(prior, self._correction))
+        fit = judged(self._planes, surface, registered)
+        if not fit.fits:
             self._strangers += 1
             return self._begin_anew(surface, given) if self._strangers >= _PATIENCE else given
         self._strangers = 0
         offset = twist(prior, registered)
-        H, _, (tried, _, _) = self._planes.normal_equations(
-            surface, registered, settings.refine_distance, settings.refine_kernel, _STRIDE
-        )
+        H, _, (tried, _, _) = self._planes.normal_equations(surface, registered, DISTANCE, KERNEL, _STRIDE)
         as_given = self._T_map_given @ given.T_world_camera
         # In units of the stated uncertainty, in which the prior is the same in every direction.
         worth = _worth(surface, fit.residual, tried)
@@ -211,20 +213,10 @@ class CorrectedPoses:
         What was fused so far comes to lie where this frame sees it, which is where its pose (4, 4) now is.
         """
         expected = moved(invert(self._T_world_map) @ pose, self._correction)
-        registered = refined(self._planes, surface, expected, self._settings)
-        fit = judged(self._planes, surface, registered, self._settings.refine_distance)
-        if fit.overlap >= self._settings.overlap_min:
+        registered = refined(self._planes, surface, expected)
+        if judged(self._planes, surface, registered).overlap >= OVERLAP_MIN:
             self._T_world_map = pose @ invert(registered)
         self._forget()
-
-    def _forget(self) -> None:
-        """Forget the map."""
-        self._planes = SurfelMap(self._settings.surfel_voxel, self._settings.surfel_limit)
-        self._correction = np.zeros(6)
-        self._T_map_given = invert(self._T_world_map)
-        self._errors.interrupt()
-        self._offsets = []
-        self._strangers, self._age, self._map_delay_s = 0, 0.0, self._delay.delay_s
 
     def _insert(self, surface: Surface, pose: NDArray[np.float64]) -> int:
         """Add a frame to the map; returns how many surfels had to make room."""

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from spot3d.camera import invert
 from spot3d.pose.motion import extrapolated, moved, twist
-from spot3d.pose.registration import judged, refined
-from spot3d.pose.settings import PoseSettings
-from spot3d.pose.surface import Surface
-from spot3d.pose.surfel_map import SurfelMap
+from spot3d.pose.registration import DISTANCE, judged, refined
+from spot3d.pose.surface import POINTS_MIN, Surface
+from spot3d.pose.surfel_map import VOXEL, SurfelMap
 
 # The constants below find, of 67 ms at rendered desks, 60 to 67 after 1.4 seconds and 65 to 67 in the end, of 133 ms
 # 109 to 127 after three seconds; of 33 and 67 ms in redkitchen 11 and 55 after three seconds and 29 and 63 in the end,
@@ -99,18 +98,16 @@ class _Moving(NamedTuple):
 class PoseDelay:
     """The delay of the given poses, and where the camera is by them.
 
-    settings: with `given_delay_sigma` 0 poses are taken as they are.
+    sigma_s: how late given poses may be, standard deviation in seconds; 0: they are taken as they are.
     """
 
-    def __init__(self, settings: PoseSettings) -> None:
+    def __init__(self, sigma_s: float) -> None:
         self.delay_s = 0.0
         # By how much the last given pose was carried on: after a gap nothing tells how fast the camera is.
         self.applied_s = 0.0
         # Of the last given pose: by how much (6,) a camera is elsewhere for each second of delay.
         self.velocity = np.zeros(6)
-        voxel, distance = _REACH * settings.surfel_voxel, _REACH * settings.refine_distance
-        self._settings = settings.model_copy(update={"surfel_voxel": voxel, "refine_distance": distance})
-        self._sigma = settings.given_delay_sigma
+        self._sigma = sigma_s
         self._estimate = 0.0
         self._every_s, self._compared_s = _EVERY_S, -np.inf
         self._frames: deque[_Given] = deque(maxlen=3)
@@ -171,15 +168,14 @@ class PoseDelay:
 
     def _compare(self, first: _Moving, second: _Moving) -> None:
         """Register one frame to another alone, and see how its motion differs from that of the poses."""
-        settings, surface = self._settings, _thinned(second.frame.surface)
-        if len(first.frame.surface) < settings.points_min or len(second.frame.surface) < settings.points_min:
+        if min(len(first.frame.surface), len(second.frame.surface)) < POINTS_MIN:
             return
-        planes = SurfelMap(settings.surfel_voxel, len(first.frame.surface))
+        surface = _thinned(second.frame.surface)
+        planes = SurfelMap(_REACH * VOXEL, len(first.frame.surface))
         planes.insert(first.frame.surface, np.eye(4))
         expected = _motion(first, second, self.delay_s)
-        registered = refined(planes, surface, expected, settings)
-        fit = judged(planes, surface, registered, settings.refine_distance)
-        if fit.overlap < settings.overlap_min or not fit.residual <= settings.residual_max:
+        registered = refined(planes, surface, expected, _REACH * DISTANCE)
+        if not judged(planes, surface, registered, _REACH * DISTANCE).fits:
             return
         faster = twist(expected, _motion(first, second, self.delay_s + _STEP_S)) / _STEP_S
         further = twist(expected, registered) + self.delay_s * faster

@@ -3,10 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.pose.registration import Registration, judged
-from spot3d.pose.settings import PoseSettings
+from spot3d.pose.registration import DISTANCE, RECOVERY_DISTANCE, Registration, judged
 from spot3d.pose.surface import Surface
-from spot3d.pose.surfel_map import SurfelMap
+from spot3d.pose.surfel_map import VOXEL, SurfelMap
 
 try:
     import small_gicp
@@ -16,6 +15,9 @@ except ModuleNotFoundError as error:
     ) from error
 
 _NEIGHBOURS = 10
+# Voxels of the source points and of the map of Gaussians, and largest correspondence distance, metres.
+_SOURCE_VOXEL, _VOXEL, _DISTANCE = 0.03, 0.08, 0.10
+_ITERATIONS = 20
 # The map that a poor guess is first registered to has voxels this many times larger.
 _COARSE = 4
 # A voxel that was not seen for this many frames goes; the map looks for such voxels every so many frames.
@@ -25,11 +27,10 @@ _HORIZON, _CLEAR_CYCLE = 3000, 100
 class SmallGicp:
     """Registers denoised surface points to Gaussians, one for each voxel."""
 
-    def __init__(self, settings: PoseSettings) -> None:
-        self._settings = settings
+    def __init__(self, surfel_limit: int) -> None:
         self._empty_maps()
         # Judges what was registered, by the same measure as the other provider's.
-        self.planes = SurfelMap(settings.surfel_voxel, settings.surfel_limit, beside=False)
+        self.planes = SurfelMap(VOXEL, surfel_limit, beside=False)
         # The cloud of the surface at hand: a frame is registered, perhaps several times, and then inserted.
         self._prepared: tuple[Surface, small_gicp.PointCloud] | None = None
 
@@ -38,10 +39,9 @@ class SmallGicp:
         source = self._source(surface)
         pose = T_world_guess
         if wide:
-            pose = self._align(self._coarse_map, source, pose, _COARSE * self._settings.gicp_distance)
-        pose = self._align(self._map, source, pose, self._settings.gicp_distance)
-        distance = self._settings.recovery_distance if wide else self._settings.refine_distance
-        return judged(self.planes, surface, pose, distance)
+            pose = self._align(self._coarse_map, source, pose, _COARSE * _DISTANCE)
+        pose = self._align(self._map, source, pose, _DISTANCE)
+        return judged(self.planes, surface, pose, RECOVERY_DISTANCE if wide else DISTANCE)
 
     def insert(self, surface: Surface, T_world_camera: NDArray[np.float64]) -> None:
         """Add an accepted frame to every map."""
@@ -60,8 +60,8 @@ class SmallGicp:
             self._coarse_map.insert(cloud, np.eye(4))
 
     def _empty_maps(self) -> None:
-        self._map = small_gicp.GaussianVoxelMap(self._settings.gicp_voxel)
-        self._coarse_map = small_gicp.GaussianVoxelMap(_COARSE * self._settings.gicp_voxel)
+        self._map = small_gicp.GaussianVoxelMap(_VOXEL)
+        self._coarse_map = small_gicp.GaussianVoxelMap(_COARSE * _VOXEL)
         for voxels in (self._map, self._coarse_map):
             voxels.set_lru(_HORIZON, _CLEAR_CYCLE)
 
@@ -73,7 +73,7 @@ class SmallGicp:
     def _cloud(self, points: NDArray[np.float64]) -> "small_gicp.PointCloud":
         cloud, _ = small_gicp.preprocess_points(
             points,
-            downsampling_resolution=self._settings.gicp_downsampling,
+            downsampling_resolution=_SOURCE_VOXEL,
             num_neighbors=_NEIGHBOURS,
             num_threads=1,
         )
@@ -92,6 +92,6 @@ class SmallGicp:
             guess,
             max_correspondence_distance=distance,
             num_threads=1,
-            max_iterations=self._settings.gicp_iterations,
+            max_iterations=_ITERATIONS,
         )
         return np.array(result.T_target_source)

@@ -97,12 +97,12 @@ class Hindsight:
         turn, centre = settings.mount_turn_sigma, settings.centre_sigma
         sigmas = np.array((settings.depth_scale_sigma, turn, turn, turn, centre, centre, _WIDTH_SIGMA))
         held = settings.given_sigma, settings.given_turn_sigma
-        return cls(Adjustment(settings, sigmas, held, _SHARES), _ENOUGH_OF_GIVEN)
+        return cls(Adjustment(sigmas, settings.depth_bend_sigma, held, _SHARES), _ENOUGH_OF_GIVEN)
 
     @classmethod
     def of_odometry(cls, settings: PoseSettings) -> Self:
         """Odometry's poses agree with its camera whatever that does, but for what that bends."""
-        return cls(Adjustment(settings, np.zeros(7), _ODOMETRY, np.ones(1)), _ENOUGH_OF_ODOMETRY)
+        return cls(Adjustment(np.zeros(7), settings.depth_bend_sigma, _ODOMETRY, np.ones(1)), _ENOUGH_OF_ODOMETRY)
 
     @property
     def calibration(self) -> Calibration:

@@ -13,58 +13,57 @@ from kiss_icp.voxelization import voxel_down_sample
 from numpy.typing import NDArray
 
 from spot3d.camera import invert
-from spot3d.pose.registration import Registration, judged, refined
-from spot3d.pose.settings import PoseSettings
+from spot3d.pose.registration import RECOVERY_DISTANCE, Registration, judged, refined
 from spot3d.pose.surface import Surface
-from spot3d.pose.surfel_map import SurfelMap
+from spot3d.pose.surfel_map import VOXEL, SurfelMap
 
 # KISS-ICP thins its points to a few hundred anyway; a quarter of the lattice is plenty to choose from.
 _KISS_STRIDE = 4
+# Voxel in metres, points in a voxel, iterations at most, and the step that ends them (metres and radians).
+_VOXEL, _POINTS = 0.10, 3
+_ITERATIONS, _CONVERGENCE = 10, 3e-3
 # After a loss KISS-ICP runs first against a map of larger voxels, since its search spans neighbouring voxels
 # only. Voxel in metres, points in a voxel; sigma is half a voxel, so that correspondences reach 1.5 voxels.
 _WIDE_VOXEL, _WIDE_POINTS = 0.3, 10
 _WIDE_ITERATIONS, _WIDE_CONVERGENCE = 50, 1e-3
+# What lies beyond this from the camera leaves the maps, metres.
+_RANGE = 20.0
+# sigma_0, the first adaptive threshold, and delta_min: smaller deviations do not adapt it; metres.
+_FIRST_THRESHOLD, _MOTION_MIN = 0.05, 0.005
 
 
 class KissIcp:
     """KISS-ICP and the refinement, with their local maps."""
 
-    def __init__(self, settings: PoseSettings) -> None:
-        self._settings = settings
-        config = kiss_config(settings)
+    def __init__(self, surfel_limit: int) -> None:
+        config = kiss_config(_VOXEL, _POINTS, _ITERATIONS, _CONVERGENCE)
         self._registration = get_registration(config)
         self._threshold = get_threshold_estimator(config)
         self._map = get_voxel_hash_map(config)
-        wide = {"kiss_iterations": _WIDE_ITERATIONS, "kiss_convergence": _WIDE_CONVERGENCE}
-        wide_config = kiss_config(
-            settings.model_copy(update={**wide, "kiss_voxel": _WIDE_VOXEL, "kiss_points_per_voxel": _WIDE_POINTS})
-        )
+        wide_config = kiss_config(_WIDE_VOXEL, _WIDE_POINTS, _WIDE_ITERATIONS, _WIDE_CONVERGENCE)
         self._wide_registration = get_registration(wide_config)
         self._wide_map = get_voxel_hash_map(wide_config)
-        self.planes = SurfelMap(settings.surfel_voxel, settings.surfel_limit, beside=False)
+        self.planes = SurfelMap(VOXEL, surfel_limit, beside=False)
         self._deviation: NDArray[np.float64] | None = None
 
     def register(self, surface: Surface, T_world_guess: NDArray[np.float64], wide: bool) -> Registration:
         """KISS-ICP from the guess, then Gauss-Newton against the plane map."""
-        settings = self._settings
         if wide:
             self._deviation = None
-            pose = self._align_wide(surface, T_world_guess)
-            return judged(
-                self.planes, surface, refined(self.planes, surface, pose, settings), settings.recovery_distance
-            )
+            pose = refined(self.planes, surface, self._align_wide(surface, T_world_guess))
+            return judged(self.planes, surface, pose, RECOVERY_DISTANCE)
         sigma = self._threshold.get_threshold()
-        source = _thinned(surface, 0.5 * settings.kiss_voxel, 1.5 * settings.kiss_voxel)
+        source = _thinned(surface, 0.5 * _VOXEL, 1.5 * _VOXEL)
         pose = self._registration.align_points_to_map(source, self._map, T_world_guess, 3 * sigma, sigma)
-        pose = refined(self.planes, surface, pose, settings)
+        pose = refined(self.planes, surface, pose)
         self._deviation = invert(T_world_guess) @ pose
-        return judged(self.planes, surface, pose, settings.refine_distance)
+        return judged(self.planes, surface, pose)
 
     def insert(self, surface: Surface, T_world_camera: NDArray[np.float64]) -> None:
         """Add an accepted frame to every map; its distance from the prediction adapts the threshold."""
         if self._deviation is not None:
             self._threshold.update_model_deviation(self._deviation)
-        self._map.update(_thinned(surface, 0.5 * self._settings.kiss_voxel), T_world_camera)
+        self._map.update(_thinned(surface, 0.5 * _VOXEL), T_world_camera)
         self._wide_map.update(_thinned(surface, 0.5 * _WIDE_VOXEL), T_world_camera)
         self.planes.insert(surface, T_world_camera)
 
@@ -78,11 +77,10 @@ class KissIcp:
 
     def _align_wide(self, surface: Surface, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """KISS-ICP from afar: first against the map of larger voxels."""
-        voxel = self._settings.kiss_voxel
         source = _thinned(surface, _WIDE_VOXEL)
-        for voxels, sigma in ((self._wide_map, 0.5 * _WIDE_VOXEL), (self._map, voxel)):
+        for voxels, sigma in ((self._wide_map, 0.5 * _WIDE_VOXEL), (self._map, _VOXEL)):
             pose = self._wide_registration.align_points_to_map(source, voxels, pose, 3 * sigma, sigma)
-            source = _thinned(surface, 0.5 * voxel, 1.5 * voxel)
+            source = _thinned(surface, 0.5 * _VOXEL, 1.5 * _VOXEL)
         return pose
 
 
@@ -94,25 +92,25 @@ def _thinned(surface: Surface, *voxels: float) -> NDArray[np.float64]:
     return points
 
 
-def kiss_config(settings: PoseSettings) -> KISSConfig:
+def kiss_config(voxel: float, points: int, iterations: int, convergence: float) -> KISSConfig:
     """KISS-ICP's own configuration: each value that it reads is stated, so that its environment has no say.
 
     One thread: the stage's budget is one core, and the sums come out in the same order each time.
     """
     return KISSConfig(
-        data={"max_range": settings.map_range, "min_range": 0.0, "deskew": False},
+        data={"max_range": _RANGE, "min_range": 0.0, "deskew": False},
         mapping={
-            "voxel_size": settings.kiss_voxel,
-            "max_points_per_voxel": settings.kiss_points_per_voxel,
+            "voxel_size": voxel,
+            "max_points_per_voxel": points,
         },
         registration={
-            "max_num_iterations": settings.kiss_iterations,
-            "convergence_criterion": settings.kiss_convergence,
+            "max_num_iterations": iterations,
+            "convergence_criterion": convergence,
             "max_num_threads": 1,
         },
         adaptive_threshold={
             "fixed_threshold": None,
-            "initial_threshold": settings.kiss_initial_threshold,
-            "min_motion_th": settings.kiss_min_motion,
+            "initial_threshold": _FIRST_THRESHOLD,
+            "min_motion_th": _MOTION_MIN,
         },
     )

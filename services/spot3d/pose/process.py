@@ -4,7 +4,6 @@ import logging
 import threading
 import time
 from collections.abc import Sequence
-from contextlib import suppress
 from functools import partial
 
 import numpy as np
@@ -13,7 +12,6 @@ from spot3d.camera import Intrinsics, off_centre
 from spot3d.dataflow.conversion import corrections_message, rgbd_frame
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.serving import On, serve
-from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.snapshot_file import SnapshotError, snapshot_bytes
 from spot3d.dataflow.snapshot_writer import SnapshotWriter, snapshot_path
@@ -52,11 +50,7 @@ def run(link: LinkSettings, settings: PoseSettings, stop: threading.Event | None
     Raises ModuleNotFoundError where the provider's package is absent.
     """
     warm_up("pose", partial(track_all, make_tracker(settings)))
-    with (
-        stop_on_signals(stop) as stopped,
-        suppress(StoppedError),
-        Node("pose", link, stopped, (_IN,), (_OUT,)) as node,
-    ):
+    with stop_on_signals(stop) as stopped, Node("pose", link, stopped, (_IN,), (_OUT,)) as node:
         _Stage(node, settings).serve()
 
 
@@ -135,7 +129,7 @@ class _Stage:
         if stream is None or self.node.link.snapshot_interval_s == 0 or not isinstance(self.tracker, MapTracker):
             return
         try:
-            kept = read_tracker(path, stream, self.settings)
+            kept = read_tracker(path, stream)
         except (SnapshotError, OSError) as error:
             log.warning("begins another world: %s", error)
             return
@@ -215,5 +209,4 @@ class _Stage:
         stream, epoch = self.node.stream, self.epoch
         state = self.tracker.state() if isinstance(self.tracker, MapTracker) else None
         if state is not None and stream is not None and epoch is not None:
-            kept = tracker_snapshot(state, stream, epoch, self.settings)
-            self.snapshots.write(snapshot_bytes(kept))
+            self.snapshots.write(snapshot_bytes(tracker_snapshot(state, stream, epoch)))

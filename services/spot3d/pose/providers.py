@@ -17,7 +17,7 @@ def make_tracker(settings: PoseSettings) -> PoseTracker:
     if settings.provider == "gicp":
         from spot3d.pose.gicp import SmallGicp
 
-        return MapTracker(SmallGicp(settings), settings)
+        return MapTracker(SmallGicp(settings.surfel_limit), settings)
     from spot3d.pose.kiss import KissIcp
 
-    return MapTracker(KissIcp(settings), settings)
+    return MapTracker(KissIcp(settings.surfel_limit), settings)

@@ -7,11 +7,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.pose.motion import moved
-from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface
 from spot3d.pose.surfel_map import SurfelMap
 from spot3d.trajectory import nearest_rotation
 
+DISTANCE = 0.05
+"""Largest distance between a point and the plane that it meets, metres."""
+RECOVERY_DISTANCE = 0.02
+"""The same to be found again after a loss."""
+KERNEL = 4.5
+"""Scale of the robust kernel, in standard deviations of the depth noise."""
+OVERLAP_MIN = 0.5
+"""Share of points that must meet the map."""
+RESIDUAL_MAX = 0.015
+"""Largest root mean square distance of the matched points to the map, metres."""
+# Gauss-Newton steps at most.
+_STEPS = 8
 # The first Gauss-Newton steps are coarse: part of the points does.
 _COARSE_STRIDE, _FINE_STRIDE = 6, 1
 # Steps below this (metres, radians) end a level of the refinement.
@@ -35,6 +46,11 @@ class Registration:
     overlap: float
     residual: float
 
+    @property
+    def fits(self) -> bool:
+        """Whether the frame meets the map as one does that is followed."""
+        return self.overlap >= OVERLAP_MIN and self.residual <= RESIDUAL_MAX
+
 
 class Registrar(Protocol):
     """A local map and the way to register a frame to it; it changes its map only in `insert`."""
@@ -57,24 +73,24 @@ class Registrar(Protocol):
         ...
 
 
-def judged(planes: SurfelMap, surface: Surface, T_world_camera: NDArray[np.float64], distance: float) -> Registration:
+def judged(
+    planes: SurfelMap, surface: Surface, T_world_camera: NDArray[np.float64], distance: float = DISTANCE
+) -> Registration:
     """How well a surface at a pose fits the map: a point meets it within `distance` metres of its plane."""
     _, _, (tried, matched, squares) = planes.normal_equations(surface, T_world_camera, distance, 1.0, _STRIDE)
     return Registration(T_world_camera, matched / max(tried, 1), (squares / max(matched, 1)) ** 0.5)
 
 
 def refined(
-    planes: SurfelMap, surface: Surface, T_world_camera: NDArray[np.float64], settings: PoseSettings
+    planes: SurfelMap, surface: Surface, T_world_camera: NDArray[np.float64], distance: float = DISTANCE
 ) -> NDArray[np.float64]:
-    """The pose (4, 4) near the given one at which the surface meets the planes best, point to plane.
+    """The pose (4, 4) near the given one at which points within `distance` metres of a plane meet theirs best.
 
     Gauss-Newton: on a share of the points until the steps are small, then on more of them.
     """
     pose, stride = T_world_camera, _COARSE_STRIDE
-    for _ in range(settings.refine_iterations):
-        H, g, (_, matched, _) = planes.normal_equations(
-            surface, pose, settings.refine_distance, settings.refine_kernel, stride
-        )
+    for _ in range(_STEPS):
+        H, g, (_, matched, _) = planes.normal_equations(surface, pose, distance, KERNEL, stride)
         if matched < _POINTS_MIN:
             break
         # The ridge only keeps an unconstrained direction where it is.

@@ -6,17 +6,16 @@ import numpy as np
 
 from spot3d.dataflow.snapshot_file import Snapshot, SnapshotError, read_snapshot
 from spot3d.pose.landmark_map import LANDMARK
-from spot3d.pose.settings import PoseSettings
-from spot3d.pose.surfel_map import HELD
+from spot3d.pose.surfel_map import HELD, VOXEL
 from spot3d.pose.tracking import TrackerState
 from spot3d_schemas.limits import BEND_SHAPE
 
 _KIND = "pose"
 
 
-def tracker_snapshot(state: TrackerState, stream: str, epoch: str, settings: PoseSettings) -> Snapshot:
+def tracker_snapshot(state: TrackerState, stream: str, epoch: str) -> Snapshot:
     """What is kept of a tracker that follows `stream` in the world `epoch`."""
-    values = {"stream": stream, "epoch": epoch, "stamp_ns": state.stamp_ns, "surfel_voxel": settings.surfel_voxel}
+    values = {"stream": stream, "epoch": epoch, "stamp_ns": state.stamp_ns, "surfel_voxel": VOXEL}
     landmarks = {f"landmark {name}": np.ascontiguousarray(state.landmarks[name]) for name in LANDMARK.names or ()}
     bend = np.array(state.bend).reshape(-1, BEND_SHAPE[1])
     arrays = {"T_world_camera": state.T_world_camera, "keys": state.keys, "surfels": state.surfels, "bend": bend}
@@ -24,10 +23,10 @@ def tracker_snapshot(state: TrackerState, stream: str, epoch: str, settings: Pos
     return Snapshot(_KIND, values, arrays)
 
 
-def read_tracker(path: Path, stream: str, settings: PoseSettings) -> tuple[TrackerState, str] | None:
+def read_tracker(path: Path, stream: str) -> tuple[TrackerState, str] | None:
     """The state of the tracker of this stream and its epoch; None where it is of another stream, or there is none.
 
-    Raises SnapshotError where the file is no whole snapshot of a tracker of these settings, OSError.
+    Raises SnapshotError where the file is no whole snapshot of a tracker, OSError.
     """
     if not path.exists():
         return None
@@ -35,8 +34,8 @@ def read_tracker(path: Path, stream: str, settings: PoseSettings) -> tuple[Track
     if kept.values.get("stream") != stream:
         return None
     try:
-        if kept.values["surfel_voxel"] != settings.surfel_voxel:
-            raise SnapshotError(f"{path} has surfels of {kept.values['surfel_voxel']} m, not {settings.surfel_voxel} m")
+        if kept.values["surfel_voxel"] != VOXEL:
+            raise SnapshotError(f"{path} has surfels of {kept.values['surfel_voxel']} m, not {VOXEL} m")
         arrays = kept.arrays
         landmarks = np.zeros(len(arrays["landmark last"]), LANDMARK)
         for name in LANDMARK.names or ():

@@ -13,6 +13,14 @@ from spot3d.sensor import axial_noise_kernel
 # Sums over a cell's valid pixels, u and v counted from its centre, q = 1/z: n u v uu uv vv q uq vq qq.
 _SUMS = 10
 _SHARE = 8
+# Share of valid pixels that a plane fit needs.
+_FILL_MIN = 0.8
+# Largest residual of a plane fit, in standard deviations of the depth noise.
+_FLATNESS = 2.0
+GRAZING_COS = 0.26
+"""Smallest cosine between the viewing ray and the normal of a surface point."""
+POINTS_MIN = 300
+"""A frame with fewer surface points than this tells no pose."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +56,7 @@ def sample_surface(depth_m: NDArray[np.float32], camera: Intrinsics, settings: P
     normals = np.empty_like(points)
     sigma = np.empty(rows * columns, np.float32)
     lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
-    gates = np.array([settings.fill_min, settings.grazing_cos, settings.flatness])
+    gates = np.array([_FILL_MIN, GRAZING_COS, _FLATNESS])
     count = _fit_planes(sums, cell, lens, gates, camera.noise.coefficients(), points, normals, sigma)
     return Surface(points[:count], normals[:count], sigma[:count])
 
@@ -65,7 +73,7 @@ def why_few(depth_m: NDArray[np.float32], found: int, settings: PoseSettings) ->
     if middle >= settings.range_max:
         reach = f"only what is nearer than {settings.range_max:g} m is used"
         return f"depth is {middle:.3g} m in the median, and {reach}: is its unit (depth_scale) right?"
-    return f"too few points: {found} on smooth surfaces, {settings.points_min} are needed"
+    return f"too few points: {found} on smooth surfaces, {POINTS_MIN} are needed"
 
 
 def information(surface: Surface) -> NDArray[np.float64]:

@@ -9,6 +9,8 @@ from spot3d.kernel import kernel, part
 from spot3d.pose.surface import Surface
 from spot3d.voxel_hash import EMPTY, empty_table, find_slot, voxel_key
 
+VOXEL = 0.05
+"""Edge of a voxel of the map of planes, metres."""
 # Mean position (3), mean normal (3), weight, frame that saw it last, mean position of the cameras that saw it (3): so
 # many are held; and how it moves along its normal where each of them is turned about its own axes (3), metres a radian,
 # and where what they see is sheared along their x and y with the distance (2), metres.

@@ -12,12 +12,12 @@ from spot3d.pose.drift import DriftCorrection
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.features import Features
 from spot3d.pose.hindsight import Hindsight
-from spot3d.pose.landmark_map import LANDMARK, Matches
+from spot3d.pose.landmark_map import Matches
 from spot3d.pose.motion import checked_pose, extrapolated
-from spot3d.pose.registration import Registrar, Registration
+from spot3d.pose.registration import OVERLAP_MIN, RESIDUAL_MAX, Registrar, Registration
 from spot3d.pose.relocalisation import relocalised
 from spot3d.pose.settings import PoseSettings
-from spot3d.pose.surface import Surface, information, sample_surface, weakest_direction, why_few
+from spot3d.pose.surface import POINTS_MIN, Surface, information, sample_surface, weakest_direction, why_few
 from spot3d.trajectory import rotation_angle, rotation_from_vector
 
 # Turns of the camera, in degrees about its x and y axes, that a frame is searched for by, from the last good pose.
@@ -45,6 +45,9 @@ _LANDMARKS_OFF = 0.25
 # 19 to 36 mm with 1.5, 22 to 36 with 2. Redkitchen, TUM, desks, clutter and near desks that are not bent stay as they
 # are, but TUM's cabinet with 0.4 (65 and 120 mm: few features, and by chance); asked is of no frame of most of them.
 _SEEN_AGAIN, _CLEARLY = 0.25, 1.5
+# So many points must meet the map of a frame that is found again, where a false match is likelier; and by so much more
+# than in any other place.
+_RECOVERY_OVERLAP, _RECOVERY_MARGIN = 0.7, 0.1
 # After this many lost frames only every fifth is searched for: being lost for long must not cost a core.
 _PATIENCE, _SEARCH_INTERVAL = 60, 5
 
@@ -64,7 +67,7 @@ def implausible(
     shift, turn = float(np.linalg.norm(motion[:3, 3])), float(rotation_angle(motion[:3, :3]))
     if registration.overlap < overlap_min:
         return f"{registration.overlap:.0%} of the points meet the map, {overlap_min:.0%} are needed"
-    if not registration.residual <= settings.residual_max:
+    if not registration.residual <= RESIDUAL_MAX:
         return f"points lie {1e3 * registration.residual:.1f} mm off the map"
     if shift > settings.speed_max * elapsed:
         return f"a jump of {shift:.2f} m in {elapsed:.3f} s"
@@ -117,7 +120,7 @@ class MapTracker:
         self._last: _Fix | None = None
         self._before: _Fix | None = None
         self._lost_frames = 0
-        self._drift = DriftCorrection(settings) if settings.landmarks else None
+        self._drift = DriftCorrection(settings)
         self._compared_ns: int | None = None
         self._hindsight = Hindsight.of_odometry(settings) if settings.depth_bend_sigma else None
 
@@ -126,16 +129,16 @@ class MapTracker:
         if self._last is None:
             return None
         keys, surfels = self._registrar.planes.held()
-        rows = np.zeros(0, LANDMARK) if self._drift is None else self._drift.map.rows.copy()
         bend = () if self._hindsight is None else self._hindsight.calibration.bend
-        return TrackerState(self._last.stamp_ns, self._last.T_world_camera.copy(), keys, surfels, rows, bend)
+        return TrackerState(
+            self._last.stamp_ns, self._last.T_world_camera.copy(), keys, surfels, self._drift.map.rows.copy(), bend
+        )
 
     def resume(self, state: TrackerState) -> None:
-        """Go on in the world of another tracker of these settings: the next frame is lost until it is found there."""
+        """Go on in the world of another tracker: the next frame is lost until it is found there."""
         self._registrar.planes.restore(state.keys, state.surfels)
         self._registrar.restored()
-        if self._drift is not None:
-            self._drift.map.restore(state.landmarks)
+        self._drift.map.restore(state.landmarks)
         self._last, self._before = _Fix(state.T_world_camera, state.stamp_ns), None
         self._lost_frames = 1
         if self._hindsight is not None:
@@ -173,7 +176,7 @@ class MapTracker:
         """See `track`; depth_m: as it is without what is known to bend it."""
         surface = sample_surface(depth_m, intrinsics, self._settings)
         last = self._last
-        if len(surface) < self._settings.points_min:
+        if len(surface) < POINTS_MIN:
             return self._lose(why_few(depth_m, len(surface), self._settings))
         held = information(surface)
         if weakest_direction(held) > self._settings.weakness_max * float(np.median(surface.sigma)):
@@ -193,7 +196,7 @@ class MapTracker:
             return self._follow_late(last, stamp_ns, view)
         predicted = self._predicted(last, stamp_ns)
         registration = self._registrar.register(view.surface, predicted, False)
-        doubt = self._doubt(registration, last, stamp_ns, self._settings.overlap_min)
+        doubt = self._doubt(registration, last, stamp_ns, OVERLAP_MIN)
         if not doubt:
             return self._accept(stamp_ns, view, registration.T_world_camera)
         # Frames were dropped or the motion was fast: once more, from afar, before giving up.
@@ -213,15 +216,14 @@ class MapTracker:
         if known_again is not None:
             return self._accept(stamp_ns, view, known_again)
         tried = self._searched(last, stamp_ns, view)
-        overlap_min = self._settings.overlap_min
-        possible = [other for other in tried if not self._doubt(other, last, stamp_ns, overlap_min)]
+        possible = [other for other in tried if not self._doubt(other, last, stamp_ns, OVERLAP_MIN)]
         if not possible:
-            return self._lose(self._doubt(_best(tried), last, stamp_ns, overlap_min))
+            return self._lose(self._doubt(_best(tried), last, stamp_ns, OVERLAP_MIN))
         return self._accept(stamp_ns, view, self._likeliest(possible, features, view.camera).T_world_camera)
 
     def _likeliest(self, possible: list[Registration], features: Features | None, camera: Intrinsics) -> Registration:
         """The registration that most landmarks agree with, whatever the surface says; the best where few agree."""
-        if self._drift is not None and features is not None:
+        if features is not None:
             agreeing = [self._drift.agreeing(features, camera, other.T_world_camera) for other in possible]
             most = max(agreeing)
             if most >= _AGREE_MIN:
@@ -232,11 +234,10 @@ class MapTracker:
         """Register from several starting poses; the best is trusted if no other place fits nearly as well."""
         if self._lost_frames > _PATIENCE and self._lost_frames % _SEARCH_INTERVAL:
             return self._lose(f"lost for {self._lost_frames} frames, searched for in every fifth")
-        settings = self._settings
         tried = self._searched(last, stamp_ns, view)
         best = _best(tried)
-        doubt = self._doubt(best, last, stamp_ns, settings.recovery_overlap_min)
-        rivals = (other for other in tried if other.overlap > best.overlap - settings.recovery_margin)
+        doubt = self._doubt(best, last, stamp_ns, _RECOVERY_OVERLAP)
+        rivals = (other for other in tried if other.overlap > best.overlap - _RECOVERY_MARGIN)
         if not doubt and any(_elsewhere(best.T_world_camera, rival.T_world_camera) for rival in rivals):
             doubt = "the view fits the map in two places"
         if not doubt:
@@ -250,23 +251,21 @@ class MapTracker:
         return [self._registrar.register(view.surface, guess, True) for guess in self._guesses(last, stamp_ns)]
 
     def _detected(self, view: _View) -> Features | None:
-        if self._drift is None or view.colour is None:
-            return None
-        return self._drift.detect(view.colour, view.depth_m, view.camera)
+        return None if view.colour is None else self._drift.detect(view.colour, view.depth_m, view.camera)
 
     def _known_again(
         self, features: Features | None, last: _Fix, stamp_ns: int, view: _View
     ) -> NDArray[np.float64] | None:
         """The pose where the landmarks have it, wherever that is, if the surface proves it; None where it does not."""
-        if self._drift is None or features is None:
+        if features is None:
             return None
         place = relocalised(features, self._drift.map.rows)
         if place is None:
             return None
         found = self._registrar.register(view.surface, place.T_world_camera, False)
-        settings, off = self._settings, np.linalg.norm((found.T_world_camera - place.T_world_camera)[:3, 3])
+        off = np.linalg.norm((found.T_world_camera - place.T_world_camera)[:3, 3])
         # Few landmarks, all on one side, place the camera roughly: then the surface must be all the surer.
-        overlap_min = _OVERLAP_EXPECTED if off < _SAME_PLACE else settings.recovery_overlap_min
+        overlap_min = _OVERLAP_EXPECTED if off < _SAME_PLACE else _RECOVERY_OVERLAP
         if off > _LANDMARKS_OFF or self._doubt(found, last, stamp_ns, overlap_min):
             return None
         return found.T_world_camera
@@ -280,7 +279,7 @@ class MapTracker:
             turned = last.T_world_camera.copy()
             turned[:3, :3] = turned[:3, :3] @ rotation_from_vector(np.radians([*turn, 0.0]))
             guesses.append(turned)
-        return guesses[: self._settings.recovery_attempts]
+        return guesses
 
     def _predicted(self, last: _Fix, stamp_ns: int) -> NDArray[np.float64]:
         """Constant velocity from the last two trusted poses, by their stamps: live runs skip frames."""
@@ -308,11 +307,11 @@ class MapTracker:
         return PoseEstimate(pose, "ok", forgotten=self._forgotten() - forgotten)
 
     def _forgotten(self) -> int:
-        return self._registrar.planes.forgotten + (0 if self._drift is None else self._drift.map.forgotten)
+        return self._registrar.planes.forgotten + self._drift.map.forgotten
 
     def _corrected(self, stamp_ns: int, view: _View, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """The registered pose without the drift that landmarks show."""
-        if self._drift is None or view.colour is None:
+        if view.colour is None:
             return pose
         elapsed = 0.0 if self._compared_ns is None else (stamp_ns - self._compared_ns) * 1e-9
         if self._lost_frames:
@@ -336,7 +335,7 @@ class MapTracker:
 
         What bends depth moves with the camera: a registration that begins where the camera stood before may stay there.
         """
-        if self._drift is None or self._last is None:
+        if self._last is None:
             return None
         agreeing = self._drift.agreeing_of(features, matches, pose)
         if agreeing >= _SEEN_AGAIN * len(features):

@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Sequence
-from contextlib import suppress
 from functools import partial
 
 import numpy as np
@@ -12,7 +11,6 @@ from spot3d.colour_alignment import AlignmentWatch
 from spot3d.dataflow.conversion import rgbd_frame
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.serving import On, attempted, serve
-from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.warm_up import warm_up
@@ -31,11 +29,7 @@ def run(link: LinkSettings, settings: ProposalSettings, stop: threading.Event | 
     waits for it.
     """
     warm_up("proposals", partial(_propose_first, settings))
-    with (
-        stop_on_signals(stop) as stopped,
-        suppress(StoppedError),
-        Node("proposals", link, stopped, (_IN,), (_OUT,)) as node,
-    ):
+    with stop_on_signals(stop) as stopped, Node("proposals", link, stopped, (_IN,), (_OUT,)) as node:
         serve(node, On(_IN, Frame, _Stage(node, settings).take))
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import zenoh
 
 from spot3d.dataflow.endpoints import declare_publisher
-from spot3d.dataflow.session import StoppedError, open_session
+from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.recorder.keyboard import on_key
@@ -48,16 +48,13 @@ def play(contents: McapContents, playing: Playing, link: LinkSettings, stop: thr
     The space bar pauses and goes on. What of the file is damaged is left out, and said. Returns how many messages were
     sent. Raises StageAliveError.
     """
-    with stop_on_signals(stop) as stopped:
-        try:
-            with ExitStack() as stack:
-                session = stack.enter_context(open_session(link, stopped))
-                player = _Player(contents, playing, link, session, stack)
-                stack.enter_context(on_key(lambda pressed: player.pace.toggle() if pressed == " " else None))
-                player.run(stopped)
-                return player.sent.total()
-        except StoppedError:
-            return 0
+    with stop_on_signals(stop) as stopped, ExitStack() as stack:
+        session = stack.enter_context(open_session(link, stopped))
+        player = _Player(contents, playing, link, session, stack)
+        stack.enter_context(on_key(lambda pressed: player.pace.toggle() if pressed == " " else None))
+        player.run(stopped)
+        return player.sent.total()
+    return 0  # stopped before a router was there
 
 
 class _Player:

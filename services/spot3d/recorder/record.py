@@ -19,8 +19,8 @@ import spot3d
 from spot3d.dataflow.endpoints import waiting
 from spot3d.dataflow.payload import intact_bytes
 from spot3d.dataflow.rate_limited_log import RateLimitedLog
-from spot3d.dataflow.session import StoppedError, open_session
-from spot3d.dataflow.stopping import end_threads, stop_on_signals
+from spot3d.dataflow.session import open_session
+from spot3d.dataflow.stopping import StoppedError, end_threads, stop_on_signals
 from spot3d.recorder.backlog import Backlog
 from spot3d.recorder.mcap_writer import ChannelSpec
 from spot3d.recorder.packer import Packer

@@ -13,7 +13,7 @@ from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.heartbeat import Heartbeat
 from spot3d.dataflow.payload import decoded
 from spot3d.dataflow.producers import Producers
-from spot3d.dataflow.session import StoppedError, open_session
+from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.streams import Streams
@@ -40,12 +40,8 @@ def keep_results(link: LinkSettings, out: Path, keep: int, stop: threading.Event
     An onlooker: no stage waits for it. Raises OSError where `out` cannot be written at the start.
     """
     out.mkdir(parents=True, exist_ok=True)
-    with stop_on_signals(stop) as stopped:
-        try:
-            with open_session(link, stopped) as session:
-                _Keeper(session, link, out, keep).follow(stopped)
-        except StoppedError:
-            return
+    with stop_on_signals(stop) as stopped, open_session(link, stopped) as session:
+        _Keeper(session, link, out, keep).follow(stopped)
 
 
 class _Keeper:

@@ -19,8 +19,9 @@ from spot3d.dataflow.alive import Alive, watch_alive
 from spot3d.dataflow.endpoints import hear_kept
 from spot3d.dataflow.payload import decoded
 from spot3d.dataflow.rate_limited_log import printable
-from spot3d.dataflow.session import StoppedError, open_session
+from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.stopping import StoppedError
 from spot3d_schemas import BRIDGE, STAGES, Health, Message, Objects, key
 
 _CONNECT_S = 3.0

@@ -15,6 +15,8 @@ from spot3d.boxes import Box3D
 from spot3d.geometry.upright import rotation_to_upright, sampled, share_inside, taken, upright_box
 from spot3d.segments.hanging import STANDS
 
+_SHARE = 0.5
+"""A part with this share of its points in another's box joins it."""
 _TRIM = 0.005
 """Share of a part's points that may lie beyond each face of its box."""
 _MARGIN = 0.005
@@ -66,9 +68,8 @@ def join_contained(
     points: NDArray[np.float32],
     normals: NDArray[np.float32],
     up: NDArray[np.float64],
-    share: float,
 ) -> list[NDArray[np.int64]]:
-    """Join a part with the larger one in whose upright box at least `share` of its points lie, or the other way round.
+    """Join a part with the larger one in whose upright box at least half of its points lie, or the other way round.
 
     Parts that only touch stay apart, and so does what is seen in the room that another's box has, or on its floor. The
     smallest joins first, into the box that holds most of it.
@@ -82,11 +83,11 @@ def join_contained(
     for i, part in enumerate(known):
         near = ((centre[i + 1 :] - centre[i]) ** 2).sum(axis=1) < (radius[i + 1 :] + radius[i]) ** 2
         inside = {
-            j: max(_inside(part, known[j], share, view), _inside(known[j], part, share, view))
+            j: max(_inside(part, known[j], view), _inside(known[j], part, view))
             for j in (np.flatnonzero(near) + i + 1).tolist()
         }
         j = max(inside, key=inside.__getitem__, default=i)
-        if inside.get(j, 0.0) >= share:
+        if inside.get(j, 0.0) >= _SHARE:
             gone[i] = True
             known[j] = _part(np.concatenate((known[j].pixels, part.pixels)), view)
             centre[j], radius[j] = known[j].box.centre, np.linalg.norm(known[j].box.size) / 2 + _MARGIN
@@ -96,13 +97,13 @@ def join_contained(
 def _part(pixels: NDArray[np.int64], view: _View) -> _Part:
     places = sampled(view.points.reshape(-1, 3), pixels) @ view.R
     facing = sampled(view.normals.reshape(-1, 3), pixels) @ view.R
-    return _Part(pixels, places, facing, upright_box(places, _UP, turn=True, trim=_TRIM))
+    return _Part(pixels, places, facing, upright_box(places, _UP, trim=_TRIM))
 
 
-def _inside(part: _Part, other: _Part, share: float, view: _View) -> float:
+def _inside(part: _Part, other: _Part, view: _View) -> float:
     """Share of a part's points in another's box; 0 where the part is a thing in the other's room, or on its floor."""
     inside = share_inside(part.places, other.box, _MARGIN)
-    if inside < share:
+    if inside < _SHARE:
         return inside
     outwards = part.places - part.places.mean(axis=0)
     size = float(np.sqrt((outwards**2).sum(axis=1).mean()))

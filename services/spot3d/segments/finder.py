@@ -136,7 +136,7 @@ def find_on_lattice(
         if wanted["hanging"]:
             level = join_hanging(level, points, height.ravel(), up, carriers)
         if wanted["contained"]:
-            level = join_contained(level, points, normals, up, settings.contained_share)
+            level = join_contained(level, points, normals, up)
         parts += level
     return _segments(parts, frame, levels, left_out, settings)
 

@@ -24,10 +24,13 @@ class KeyframeSegments:
 
     def __init__(self, settings: SegmentsSettings) -> None:
         self._settings = settings
-        self._keyframes, self._upward = Keyframes(settings), Upward()
-        self._recent, self._upper_side = RecentDepth(settings), UpperSide(settings.image_up)
-        self._world: str | None = None
+        self._upper_side = UpperSide(settings.image_up)
         self._is_keyframe = False
+        self._begin(None)
+
+    def _begin(self, world: str | None) -> None:
+        self._world = world
+        self._keyframes, self._upward, self._recent = Keyframes(self._settings), Upward(), RecentDepth(self._settings)
 
     @property
     def side_up(self) -> str:
@@ -40,8 +43,7 @@ class KeyframeSegments:
         world: which one the pose is in; another one has nothing to do with that of before.
         """
         if world != self._world:
-            self._world, self._keyframes, self._upward = world, Keyframes(self._settings), Upward()
-            self._recent.clear()
+            self._begin(world)
         self._is_keyframe = self._keyframes.is_keyframe(stamp_ns, T_world_camera)
         return self._is_keyframe or (self._settings.enabled and self._recent.wants(stamp_ns))
 

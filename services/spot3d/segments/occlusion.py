@@ -87,7 +87,7 @@ def _part(pixels: NDArray[np.int64], flat: NDArray[np.float32], width: int, up: 
 def _mostly_seen(a: _Part, b: _Part, up: NDArray[np.float64]) -> bool:
     """Whether the places of two parts fill most of the length of both together."""
     both = np.concatenate((a.places, b.places))
-    lengths = [upright_box(places, up, turn=True, trim=0.01).size[:2].max() for places in (a.places, b.places, both)]
+    lengths = [upright_box(places, up, trim=0.01).size[:2].max() for places in (a.places, b.places, both)]
     return bool(lengths[0] + lengths[1] >= _SEEN * lengths[2])
 
 

@@ -3,7 +3,6 @@
 import threading
 import time
 from collections.abc import Sequence
-from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,6 @@ from spot3d.dataflow.join import Join, Outcome
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.process_use import let_frames_go_first
 from spot3d.dataflow.serving import On, serve
-from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.warm_up import warm_up
@@ -44,11 +42,7 @@ def run(link: LinkSettings, settings: SegmentsSettings, stop: threading.Event | 
     if link.delivery == "live":
         let_frames_go_first()
     warm_up("segments", partial(_find_first, settings))
-    with (
-        stop_on_signals(stop) as stopped,
-        suppress(StoppedError),
-        Node("segments", link, stopped, (_HEAT, _POSE), (_OUT,)) as node,
-    ):
+    with stop_on_signals(stop) as stopped, Node("segments", link, stopped, (_HEAT, _POSE), (_OUT,)) as node:
         stage = _Stage(node, settings)
         serve(node, On(_HEAT, Heat, stage.take_heat), On(_POSE, Pose, stage.take_pose))
 

@@ -55,10 +55,6 @@ class RecentDepth:
         self._settings = settings
         self._seen: deque[_Seen] = deque(maxlen=settings.recent_frames)
 
-    def clear(self) -> None:
-        """Forget all: poses from here on are of another world."""
-        self._seen.clear()
-
     def wants(self, stamp_ns: int) -> bool:
         """Whether a frame of this time is worth remembering: it is some time after the last one that is."""
         if not self._seen:

@@ -93,9 +93,6 @@ class SegmentsSettings(BaseModel):
         description="a region between creases of less than this share of the squared range, 15 cm2 at 1 m, has no "
         "reliable shape and joins a neighbour",
     )
-    contained_share: float = Field(
-        0.5, gt=0, le=1, description="a segment with this share of its points in another's box joins it"
-    )
     heat_min: float = Field(
         0.05,
         ge=0,

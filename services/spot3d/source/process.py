@@ -6,7 +6,6 @@ import time
 
 from spot3d.dataflow.alive import Alive
 from spot3d.dataflow.node import Node
-from spot3d.dataflow.session import StoppedError
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.streams import new_stream
@@ -54,13 +53,12 @@ def run(
         wait_for = EVERY_STAGE if link.delivery == "lossless" else ()
     if not isinstance(sequence, FrameStream):
         refuse_large_images(sequence.intrinsics, settings.halved)
-    with stop_on_signals(stop) as stopped:
-        try:
-            with Node("source", link, stopped, (_PROGRESS,), (OUT, END, PREVIEW)) as node:
-                _wait_for(node, node.alive, wait_for)
-                Player(node, stream or new_stream(), settings).play(sequence, rate_hz or settings.rate_hz or None)
-        except StoppedError:
-            return
+    with (
+        stop_on_signals(stop) as stopped,
+        Node("source", link, stopped, (_PROGRESS,), (OUT, END, PREVIEW)) as node,
+    ):
+        _wait_for(node, node.alive, wait_for)
+        Player(node, stream or new_stream(), settings).play(sequence, rate_hz or settings.rate_hz or None)
 
 
 def _wait_for(node: Node, alive: Alive, stages: tuple[str, ...]) -> None:

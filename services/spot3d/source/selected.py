@@ -14,9 +14,8 @@ from spot3d.source.errors import SourceError
 from spot3d.source.halving import halve
 from spot3d.source.intrinsics_files import FocalAndCentre, parse_intrinsics
 from spot3d.source.ros.topics import TopicNames
-from spot3d.source.scene.name import SceneName, parse_scene_name
 from spot3d.source.sequence import Derived, FrameSequence, FrameStream, Note
-from spot3d.source.sequences import open_source, open_stream
+from spot3d.source.sequences import SCENE_FRAMES, open_source, open_stream
 from spot3d.source.settings import SourceSettings
 
 
@@ -43,10 +42,7 @@ def open_selection(selection: Selection, settings: SourceSettings) -> FrameSeque
     name, every = selection.name, selection.every
     if every < 1 or (selection.frames is not None and selection.frames < 1):
         raise SourceError("--every and --frames must be at least 1")
-    length = settings.scene_frames
-    if (scene := parse_scene_name(name)) is not None:
-        name = str(full_scene_name(scene, settings))
-        length = length if selection.frames is None else selection.frames * every
+    length = SCENE_FRAMES if selection.frames is None else selection.frames * every
     topics = TopicNames(settings.colour_topic, settings.depth_topic, settings.pose_topic)
     sequence = open_source(name, length, selection.intrinsics, settings.halved, topics, settings.depth_unit)
     noise = parse_noise(settings.depth_noise) if settings.depth_noise else None
@@ -96,14 +92,6 @@ class _SelectedStream:
         if self._noise is not None:
             frame = replace(frame, intrinsics=replace(frame.intrinsics, noise=self._noise))
         return halve(frame) if self._halved else frame
-
-
-def full_scene_name(name: SceneName, settings: SourceSettings) -> SceneName:
-    """A built-in scene's name with the settings' seed and kind where it does not state its own."""
-    return SceneName(
-        settings.scene_seed if name.seed is None else name.seed,
-        settings.scene_kind if name.kind is None else name.kind,
-    )
 
 
 class Selected(Derived):

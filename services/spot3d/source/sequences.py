@@ -11,10 +11,13 @@ from spot3d.source.realsense.recording import RealSenseRecording, is_realsense_r
 from spot3d.source.recording import Recording
 from spot3d.source.ros.bag import is_ros_bag
 from spot3d.source.ros.topics import TopicNames
-from spot3d.source.scene.name import DEFAULT_KIND, SPELLINGS, SPELLINGS_OF_MANY, parse_scene_name
+from spot3d.source.scene.name import SPELLINGS, SPELLINGS_OF_MANY, parse_scene_name
 from spot3d.source.sequence import FrameSequence, FrameStream
 from spot3d.source.seven_scenes import is_seven_scenes, open_seven_scenes
 from spot3d.source.tum import is_tum, open_tum
+
+SCENE_FRAMES = 300
+"""Length of a built-in scene where no other is asked for, frames at 30 Hz."""
 
 
 def refuse_misnamed_scene(name: str) -> None:
@@ -27,7 +30,7 @@ def refuse_misnamed_scene(name: str) -> None:
 
 def open_source(
     path_or_name: str | Path,
-    frames: int = 300,
+    frames: int = SCENE_FRAMES,
     intrinsics: FocalAndCentre | None = None,
     halved: bool = False,
     topics: TopicNames | None = None,
@@ -46,7 +49,7 @@ def open_source(
             raise SourceError("the built-in scene has its own camera; leave --intrinsics away")
         from spot3d.source.scene.scene import Scene  # numba takes a second to import
 
-        sequence = Scene(scene.seed or 0, scene.kind or DEFAULT_KIND, frames)
+        sequence = Scene(scene.seed, scene.kind, frames)
     elif is_our_mcap(Path(path_or_name)):
         if intrinsics is not None:
             raise SourceError("a recording has its own intrinsics; leave --intrinsics away")

@@ -3,7 +3,6 @@
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from spot3d.depth_noise import parse_noise
-from spot3d.source.scene.name import DEFAULT_KIND, SceneKind
 
 
 class SourceSettings(BaseModel):
@@ -34,14 +33,6 @@ class SourceSettings(BaseModel):
     depth_topic: str = Field("", description="ROS bags: topic of the depth images; empty: found by type and name")
     pose_topic: str = Field(
         "", description="ROS bags: topic of the camera's poses, for provider given: odometry, poses, /tf or /tf:WORLD"
-    )
-    scene_frames: int = Field(300, ge=1, le=1_000_000, description="length of the built-in scene, frames at 30 Hz")
-    scene_seed: int = Field(0, ge=0, le=2**31 - 1, description="which built-in scene, where the name gives no seed")
-    scene_kind: SceneKind = Field(
-        DEFAULT_KIND,
-        description="kind of the built-in scene, where the name gives none: table (12 things), cluttered (18 to 24), "
-        "desk (14 on a free-standing one, which the camera walks around), near (the same, from where one sits), "
-        "shelf (11 on three boards of a bookcase, two of them in a crate), bin (10, six of them in a bin, from above)",
     )
 
     @field_validator("depth_noise")

@@ -39,8 +39,6 @@ def open_seven_scenes(folder: Path, intrinsics: FocalAndCentre | None = None) ->
         for path in folder.glob("frame-*.depth.png")
         if (match := DEPTH_NAME.fullmatch(path.name))
     )
-    if not numbered:
-        raise SourceError(f"{folder} holds no frame-NNNNNN.depth.png; is it a sequence folder of 7-Scenes?")
     stems = [stem for _, stem in numbered]
     coloured = {path.name.partition(".")[0] for path in folder.glob("frame-*.color.*")}
     if alone := len(coloured.difference(stems)):

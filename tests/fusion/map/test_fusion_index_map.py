@@ -67,30 +67,23 @@ def test_warp_equals_the_plain_transcription(seed: int, colour_gate: float, z_ga
     np.testing.assert_array_equal(kernel, plain)
 
 
-def test_of_several_on_one_pixel_the_nearest_wins() -> None:
-    line = Intrinsics(10.0, 10.0, 0.0, 0.0, 3, 1)
-    colour = np.full((1, 3, 3), 9, np.uint8)
-    shrink = np.eye(4, dtype=np.float32)
-    shrink[0, 0] = 1e-3  # all three land on the first pixel
+@pytest.mark.parametrize(
+    ("cx", "away", "row", "expected"),
+    [
+        (0.0, (1.02, 1.0, 1.01), (1e-3, 0, 0, 0), [5, -1, -1]),  # all three land on the first pixel: the nearest wins
+        (1.0, (1.0, 1.0, 1.0), (1, 0, 0, -0.1), [5, 6, -1]),  # what leaves at the left is not seen at the right
+    ],
+)
+def test_three_pixels_by_hand(cx: float, away: tuple[float, ...], row: tuple[float, ...], expected: list[int]) -> None:
+    line, colour, motion = Intrinsics(10.0, 10.0, cx, 0.0, 3, 1), np.full((1, 3, 3), 9, np.uint8), np.eye(4, dtype="f4")
+    motion[0] = row
     found, nearest = np.full((1, 3), -1, np.int32), np.full((1, 3), np.inf, np.float32)
     warp(
-        np.array([[4, 5, 6]], np.int32), RgbdImage(np.array([[1.02, 1.0, 1.01]], np.float32), colour),
-        RgbdImage(np.ones((1, 3), np.float32), colour), shrink, pinhole(line),
+        np.array([[4, 5, 6]], np.int32), RgbdImage(np.array([away], np.float32), colour),
+        RgbdImage(np.ones((1, 3), np.float32), colour), motion, pinhole(line),
         Gates(np.float32(1), np.float32(0.1), np.float32(0)), nearest, found,
     )  # fmt: skip
-    np.testing.assert_array_equal(found, [[5, -1, -1]])
-
-
-def test_what_leaves_the_image_at_the_left_is_not_seen_at_the_right() -> None:
-    line, colour, wall = Intrinsics(10.0, 10.0, 1.0, 0.0, 3, 1), np.full((1, 3, 3), 9, np.uint8), np.ones((1, 3), "f4")
-    to_the_left = np.eye(4, dtype=np.float32)
-    to_the_left[0, 3] = -0.1
-    found, nearest = np.full((1, 3), -1, np.int32), np.full((1, 3), np.inf, np.float32)
-    warp(
-        np.array([[4, 5, 6]], np.int32), RgbdImage(wall, colour), RgbdImage(wall, colour), to_the_left, pinhole(line),
-        Gates(np.float32(1), np.float32(0.1), np.float32(0)), nearest, found,
-    )  # fmt: skip
-    np.testing.assert_array_equal(found, [[5, 6, -1]])
+    np.testing.assert_array_equal(found, [expected])
 
 
 def test_a_camera_that_goes_ahead_finds_the_last_frames_points_by_the_warp_alone() -> None:
@@ -115,7 +108,7 @@ def test_pixels_match_whose_colours_differ_by_a_fifth_at_most(difference: int, m
 def test_a_frame_after_a_break_is_not_warped() -> None:
     mapper, seen = Mapper(), view(POSE, ROOM)
     mapper.see(seen, POSE)
-    mapper.index_map.clear()
+    mapper.index_map = IndexMap(mapper.settings)
     again = mapper.see(seen, POSE)
     assert (again.warped, again.found) == (0, np.count_nonzero(seen.depth))
 
@@ -211,7 +204,7 @@ def test_a_point_is_looked_for_along_the_ray_wherever_the_camera_is() -> None:
     pose[:3, 3] = (40.0, -30.0, 0.0)
     for away in (1.5, 1.51):
         pixel = View(np.zeros((1, 1, 3), np.uint8), np.full((1, 1), away, np.float32), np.zeros((1, 1), np.uint8))
-        mapper.index_map.clear()
+        mapper.index_map = IndexMap(mapper.settings)
         mapper.see(pixel, pose, one)
     assert mapper.heatmap.count == 1
 

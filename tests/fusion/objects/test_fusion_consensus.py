@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from fusion_room import CAMERA, FLOOR, TABLE, THREE, WALL, Cuboid, look_at, orbit, standing
 from numpy.typing import NDArray
-from voting_room import POSES, SETTINGS, assert_found, assert_same, described, keyframe, keyframes
+from voting_room import POSES, SETTINGS, agreed, assert_found, assert_same, described, keyframe, keyframes
 
 from spot3d.boxes import Box3D
 from spot3d.camera import Intrinsics
@@ -17,10 +17,6 @@ from spot3d.fusion.objects.consensus import Consensus, ViewConsensus
 from spot3d.fusion.objects.found import Seen, box_of
 from spot3d.fusion.objects.keyframes import FusedFrame, Keyframe, keyframe_of
 from spot3d.fusion.settings import FusionSettings
-
-
-def agreed(frames: list[Keyframe], **changes: object) -> Consensus:
-    return ViewConsensus(SETTINGS.model_copy(update=changes)).update(frames)
 
 
 def elsewhere(room: int) -> NDArray[np.float64]:

@@ -1,15 +1,13 @@
 """`spot3d run` on a recording of the RealSense SDK, through all processes."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
 from software_camera import UNIT, SoftwareCamera, record
 
+from commands import spot3d
 from spot3d.camera import Intrinsics
 from spot3d.source.scene.scene import Scene
 
@@ -24,8 +22,7 @@ def test_a_recording_of_the_sdk_through_all_processes(tmp_path: Path) -> None:
     images = [(np.rint(frame.depth_metres() / UNIT).astype(np.uint16), frame.colour.copy()) for frame in scene]
     record(SoftwareCamera(CAMERA), tmp_path / "walk.db3", images, gap_ms=250.0)
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "spot3d", "run", str(tmp_path / "walk.db3"), "--out", str(out)]
-    done = subprocess.run(command, env=os.environ, capture_output=True, text=True, timeout=300, check=False)
+    done = spot3d("run", str(tmp_path / "walk.db3"), "--out", str(out))
     assert done.returncode == 0, done.stdout + done.stderr
     report = json.loads((out / "report.json").read_text())
     assert report["image"] == {"width": CAMERA.width, "height": CAMERA.height}

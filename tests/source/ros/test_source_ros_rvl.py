@@ -53,10 +53,6 @@ def rvl(image: np.ndarray) -> bytes:
     return struct.pack(f"<II{len(words)}I", width, height, *words)
 
 
-def packed(image: np.ndarray, form: str = "16UC1; compressedDepth rvl", a: float = 0.0, b: float = 0.0) -> object:
-    return SPEAKER.compressed(0, "c", form, struct.pack("<iff", 0, a, b) + rvl(image))
-
-
 def test_an_image_that_was_packed_by_hand() -> None:
     # 2 zeros, 2 others: +5 is coded as 10, which takes two nibbles, and -2 as 3; 1 zero, no others.
     image = np.array([[0, 0, 5, 3, 0]], np.uint16)
@@ -79,17 +75,6 @@ def test_what_was_packed_comes_out_again(image: np.ndarray) -> None:
     read = decode_rvl(rvl(image))
     assert read.dtype == np.uint16
     np.testing.assert_array_equal(read, image)
-
-
-def test_metres_are_inverse_depth_in_steps() -> None:
-    metres = FRAMES[0].depth_metres()
-    a = 100.0 * (100.0 + 1)
-    b = 1 - a / 10.0
-    steps = np.where(metres > 0.2, a / np.maximum(metres, 0.2) + b, 0).astype(np.uint16)
-    read = depth_image(packed(steps, "32FC1; compressedDepth rvl", a, b))
-    assert read.dtype == np.float32
-    np.testing.assert_allclose(read[steps > 0], metres[steps > 0], rtol=1e-3)
-    assert not read[steps == 0].any()
 
 
 @pytest.mark.parametrize("kind", ["bag", "mcap"])

@@ -34,15 +34,14 @@ class _LastFrame:
 
 
 class IndexMap:
-    """For each pixel of the last fused frame, the row of its map point (paper: indexMap)."""
+    """For each pixel of the last fused frame, the row of its map point (paper: indexMap).
+
+    Before the first frame there is none: that meets the map through the voxels only.
+    """
 
     def __init__(self, settings: FusionSettings) -> None:
         self.settings = settings
         self._last: _LastFrame | None = None
-
-    def clear(self) -> None:
-        """Forget the last frame: the next one meets the map through the voxels only."""
-        self._last = None
 
     def register(
         self,

@@ -57,7 +57,7 @@ def put_together(
         if not carrier:
             continue
         around = np.concatenate([corners(things[numbers].box) for numbers in (part, carrier)])
-        box = upright_box(around.astype(np.float32), up, turn=True)
+        box = upright_box(around.astype(np.float32), up)
         if box.size.max() > size_max:
             continue
         whole = replace(things[carrier], box=box)

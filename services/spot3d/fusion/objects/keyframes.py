@@ -114,7 +114,3 @@ class FusedFrames:
     def take(self, stamp_ns: int) -> FusedFrame | None:
         """The frame of this stamp, which goes with it; None where it is not there (any more)."""
         return self._frames.pop(stamp_ns, None)
-
-    def clear(self) -> None:
-        """Forget all."""
-        self._frames.clear()

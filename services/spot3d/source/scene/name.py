@@ -16,25 +16,24 @@ SPELLINGS_OF_MANY = "scenes:COUNT, each with :cluttered, :desk, :near, :shelf, :
 
 @dataclass(frozen=True, slots=True)
 class SceneName:
-    """A built-in scene as its name states it; None: not stated."""
+    """A built-in scene, as its name states it or by default."""
 
-    seed: int | None = None
-    kind: SceneKind | None = None
+    seed: int = 0
+    kind: SceneKind = DEFAULT_KIND
 
     def __str__(self) -> str:
-        seed = "" if self.seed is None else f":{self.seed}"
-        return f"scene{seed}{'' if self.kind in (None, DEFAULT_KIND) else f':{self.kind}'}"
+        return f"scene:{self.seed}" + ("" if self.kind == DEFAULT_KIND else f":{self.kind}")
 
 
 def parse_scene_name(name: str) -> SceneName | None:
     """What a name says of a built-in scene; None if it names none."""
     if (match := _ONE.fullmatch(name)) is None:
         return None
-    return SceneName(None if match["seed"] is None else int(match["seed"]), _SUFFIXES.get(match["kind"]))
+    return SceneName(int(match["seed"] or 0), _SUFFIXES.get(match["kind"], DEFAULT_KIND))
 
 
 def scene_names(name: str) -> list[str] | None:
     """Scenes that a name stands for: `scenes:5` is `scene:0` .. `scene:4`; None if it names no scene."""
     if (match := _MANY.fullmatch(name)) is not None:
-        return [str(SceneName(seed, _SUFFIXES.get(match["kind"]))) for seed in range(int(match["count"]))]
+        return [str(SceneName(seed, _SUFFIXES.get(match["kind"], DEFAULT_KIND))) for seed in range(int(match["count"]))]
     return None if parse_scene_name(name) is None else [name]
