@@ -108,6 +108,15 @@ def test_a_handle_at_the_rim_is_a_part_of_the_pan(side: int, noise: bool) -> Non
     assert groups_of(spoon, pan, noise=noise) == [[0], [1]]
 
 
+@pytest.mark.parametrize("noise", [False, True])
+def test_a_handle_that_points_at_the_camera_is_a_part_of_the_pan(noise: bool) -> None:
+    pan = standing(0.0, 0.05, (0.2, 0.2, 0.05), colour=GREEN)
+    handle = Cuboid((0.02, -0.13, 0.06), (0.03, 0.2, 0.018), colour=RED)
+    spoon = Cuboid((0.02, 0.0, 0.06), (0.03, 0.2, 0.018), colour=RED)
+    assert groups_of(handle, pan, noise=noise) == [[0, 1]]
+    assert groups_of(spoon, pan, noise=noise) == [[0], [1]]
+
+
 @pytest.mark.parametrize(("hidden", "expected"), [(0.1, [[0, 1], [2]]), (0.24, [[0], [1], [2]])])
 def test_a_screen_with_something_before_it_is_one_with_its_foot(hidden: float, expected: list[list[int]]) -> None:
     """As long as most of its lower edge, 0.3 m, is seen to hang."""

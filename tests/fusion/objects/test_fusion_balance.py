@@ -58,6 +58,13 @@ def test_a_screen_belongs_to_the_neck_before_which_it_hangs() -> None:
     assert groups(SCREEN, NECK) == {(0, 1)}
 
 
+@pytest.mark.parametrize(("gap", "expected"), [(0.01, {(0, 1)}), (0.03, {(0,), (1,)})])
+def test_a_screen_of_which_the_front_is_seen_belongs_to_the_neck_close_behind(
+    gap: float, expected: set[Numbers]
+) -> None:
+    assert groups(SCREEN, piece((0.03, 0.06, 0.14), low=0.02, at=(0.005 - gap - 0.015, 0.0))) == expected
+
+
 @pytest.mark.parametrize("yaw", [0.0, 0.7])
 def test_what_stands_on_a_neck_that_is_too_thin_belongs_to_its_foot(yaw: float) -> None:
     """Before its neck a screen is thicker than it is fixed: all of it together would stand."""
