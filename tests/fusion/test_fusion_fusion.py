@@ -29,7 +29,6 @@ OF_THE_MAP = {
     "look_up": False,
     "voxel": 0.02,
     "map_limit": 1000,
-    "range_max": 0.3,
     "frequency_min": 100,
     "frequency_share": 1.0,
     "tau": 1000.0,

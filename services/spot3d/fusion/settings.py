@@ -85,8 +85,8 @@ class FusionSettings(BaseModel):
     range_max: float = Field(
         2.5,
         gt=0,
-        description="depth beyond this, where noise exceeds half of eps_min, is not fused, metres; what is found is up "
-        "to segments.range_max" + MAP_ALONE,
+        description="depth beyond this, where noise exceeds half of eps_min, is not fused, metres; what a keyframe has "
+        "as no object there it does not see: it was not looked for (segments.range_max)",
     )
 
     frequency_min: int = Field(5, ge=1, description="points seen in fewer frames are dropped, or ..." + MAP_ALONE)

@@ -183,6 +183,14 @@ def test_what_most_views_have_for_background_is_no_object() -> None:
     assert found.left_out == {"background in most views": 1}
 
 
+def test_a_camera_that_steps_back_loses_nothing() -> None:
+    """Beyond `range_max` nobody looks for objects."""
+    back = [look_at((x, -2.3, 1.2)) for x in np.linspace(-0.3, 0.3, 36)]
+    frames = keyframes() + [keyframe(pose, labels={}, number=12 + row) for row, pose in enumerate(back)]
+    assert_found(agreed(frames, range_max=1.9))
+    assert agreed(frames).left_out == {"background in most views": 3}
+
+
 LARGE = standing(0.0, 0.1, (1.1, 0.1, 0.1), colour=(1, 2, 3))
 SMALL = standing(0.0, 0.0, (0.013, 0.013, 0.1), colour=(1, 2, 3))
 SHEET = standing(0.0, 0.0, (0.2, 0.2, 0.004), colour=(1, 2, 3))

@@ -13,12 +13,17 @@ from spot3d.fusion.objects.views import BACKGROUND, DIVIDED, NOTHING, OBJECT, SA
 CAMERA = Intrinsics(100.0, 100.0, 49.5, 39.5, 100, 80)
 
 
-def wall(labels: NDArray[np.uint8], distance: float = 1.0, pose: NDArray[np.float64] | None = None) -> View:
+def wall(
+    labels: NDArray[np.uint8],
+    distance: float = 1.0,
+    pose: NDArray[np.float64] | None = None,
+    range_max: float = np.inf,
+) -> View:
     """A view of a wall in front of the camera."""
     depth, colour = np.full(CAMERA.shape, distance, np.float32), np.zeros((*CAMERA.shape, 3), np.uint8)
     T = np.eye(4) if pose is None else pose
     none = np.zeros(0, np.float32), np.zeros((0, 4)), np.zeros(0, np.int8)
-    return view_of(Keyframe(0, labels, colour, depth, CAMERA, T, *none))
+    return view_of(Keyframe(0, labels, colour, depth, CAMERA, T, *none), range_max)
 
 
 def strip(low: float = -0.2, high: float = 0.2, z: float = 1.0, y: float = 0.0) -> NDArray[np.float32]:
@@ -80,6 +85,14 @@ def test_labels_decide(shares: tuple[tuple[int, float], ...], expected: tuple[in
 def test_what_is_seen(places: NDArray[np.float32], seen: bool) -> None:
     view = wall(np.full(CAMERA.shape, 1, np.uint8))
     assert said_of(view, places) == ((WHOLE, 1) if seen else (NOTHING, 0))
+
+
+@pytest.mark.parametrize(
+    ("labelled", "range_max", "expected"),
+    [(0.0, 2.9, NOTHING), (0.0, 3.0, BACKGROUND), (0.0, np.inf, BACKGROUND), (1.0, 2.9, WHOLE), (0.4, 2.9, WHOLE)],
+)
+def test_where_nobody_looked_what_has_no_label_is_not_seen(labelled: float, range_max: float, expected: int) -> None:
+    assert said_of(wall(striped((7, labelled)), 3.0, range_max=range_max), 3 * strip())[0] == expected
 
 
 def test_holes_and_an_empty_image_see_nothing() -> None:

@@ -143,7 +143,7 @@ class ViewConsensus:
     def _take_in(self, keyframe: Keyframe) -> None:
         graph, limit = self._graph, self._settings.keyframe_limit
         rules = self._rules()
-        graph.take_in(keyframe)
+        graph.take_in(keyframe, self._settings.range_max)
         # Whoever finds segments may have reasons of their own, but not ever new ones.
         self._in_keyframes.update({k: n for k, n in keyframe.left_out.items() if k in KEYFRAME_REASONS})
         outdated = graph.outdated()

@@ -43,9 +43,12 @@ class SegmentGraph:
     def said(self) -> NDArray[np.int32]:
         return self._said.rows
 
-    def take_in(self, keyframe: Keyframe) -> None:
-        """Ask the new view about the segments that there are, and the views that there are about the new segments."""
-        view, number, segments = view_of(keyframe), self._next_keyframe, self.segments
+    def take_in(self, keyframe: Keyframe, range_max: float = np.inf) -> None:
+        """Ask the new view about the segments that there are, and the views that there are about the new segments.
+
+        range_max: see `view_of`.
+        """
+        view, number, segments = view_of(keyframe, range_max), self._next_keyframe, self.segments
         old = len(segments)
         row_of = segments.extend(keyframe, number)
         self._next_keyframe += 1

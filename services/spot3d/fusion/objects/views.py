@@ -66,13 +66,19 @@ class View:
         return ViewImage(self.labels, self.depth, self.pose, self.focal)
 
 
-def view_of(keyframe: Keyframe) -> View:
-    """The view of a keyframe: every second pixel of its lattice."""
+def view_of(keyframe: Keyframe, range_max: float = np.inf) -> View:
+    """The view of a keyframe: every second pixel of its lattice.
+
+    range_max: metres; farther away nobody looked for objects, so what carries no label there is not seen. On three
+    rendered desks from which the camera steps back to 3.2 m detection is 0.94 with 2.5 m, and 0.85 without.
+    """
     T, camera = np.linalg.inv(keyframe.T_map_camera), keyframe.camera
     millimetres = np.rint(keyframe.depth[::STRIDE, ::STRIDE] * 1000)
-    depth = np.where(millimetres < 65536, millimetres, 0).astype(np.uint16)
+    labels = np.ascontiguousarray(keyframe.labels[::STRIDE, ::STRIDE])
+    seen = (millimetres < 65536) & ((millimetres <= range_max * 1000) | (labels > 0))
+    depth = np.where(seen, millimetres, 0).astype(np.uint16)
     focal = np.array((camera.fx, camera.fy, camera.cx, camera.cy), np.float32) / np.float32(STRIDE)
-    labels, pose = np.ascontiguousarray(keyframe.labels[::STRIDE, ::STRIDE]), np.ascontiguousarray(T[:3], np.float32)
+    pose = np.ascontiguousarray(T[:3], np.float32)
     return View(labels, depth, pose, focal, *within_reach(depth, pose, focal))
 
 
