@@ -42,12 +42,13 @@ def test_the_package_says_it(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "extra"), [(["segments"], "all"), (["fusion"], "all"), (["pose", "--provider", "gicp"], "gicp")]
+    ("stage", "provider", "extra"), [("segments", "kiss", "all"), ("fusion", "kiss", "all"), ("pose", "gicp", "gicp")]
 )
-def test_a_stage_says_it_at_once(arguments: list[str], extra: str) -> None:
+def test_a_stage_says_it_at_once(stage: str, provider: str, extra: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Segments load their core late: they waited for a router, and failed behind it."""
+    monkeypatch.setenv("SPOT3D_POSE__PROVIDER", provider)
     hidden = WITHOUT if extra == "all" else "import sys\nsys.modules['small_gicp'] = None"
-    argv = [*arguments, "--connect", "tcp/127.0.0.1:1"]
+    argv = [stage, "--connect", "tcp/127.0.0.1:1"]
     code = f"{hidden}\nsys.argv[1:] = {argv}\nfrom spot3d.__main__ import main\nmain()"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
