@@ -4,12 +4,13 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
+from spot3d.bench.recording import write_recording
 from spot3d.settings import without_settings
 from spot3d.source.sequences import open_source
 
@@ -18,16 +19,10 @@ TOLD = "colour lies off depth"
 
 
 def recording(folder: Path, right: int) -> Path:
-    """Frames of the built-in scene in the layout of 7-Scenes, colour moved by so many pixels of 320."""
-    folder.mkdir()
+    """Frames of the built-in scene, colour moved by so many pixels of 320."""
     frames = open_source("scene:0", FRAMES, halved=True)
-    camera = frames.intrinsics
-    np.savetxt(folder / "camera-intrinsics.txt", [[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
-    for index, frame in enumerate(frames):
-        start = folder / f"frame-{index:06d}"
-        cv2.imwrite(f"{start}.color.jpg", cv2.cvtColor(np.roll(frame.colour, right, axis=1), cv2.COLOR_RGB2BGR))
-        cv2.imwrite(f"{start}.depth.png", np.rint(1000 * frame.depth_metres()).astype(np.uint16))
-        np.savetxt(f"{start}.pose.txt", frames.true_pose(index))
+    moved = [replace(frame, colour=np.roll(frame.colour, right, axis=1)) for frame in frames]
+    write_recording(folder, moved, FRAMES)
     return folder
 
 

@@ -43,18 +43,17 @@ class _Stage:
         self.watch = AlignmentWatch()
 
     def take(self, given: Received[Frame]) -> None:
-        _answer(self.node, self.settings, given)
+        frame = rgbd_frame(given.message)
+        _answer(self.node, self.settings, given, frame)
         if given.begins or given.recording != self.recording:
             self.recording, self.watch, self.node.state = given.recording, AlignmentWatch(), ""
         # Behind the answer, which others wait for.
-        if told := self.watch.look(rgbd_frame(given.message)):
+        if told := self.watch.look(frame):
             self.node.state = told
             self.node.note(AlignmentWatch.EVENT, told)
 
 
-def _answer(node: Node, settings: ProposalSettings, given: Received[Frame]) -> None:
-    frame = rgbd_frame(given.message)
-
+def _answer(node: Node, settings: ProposalSettings, given: Received[Frame], frame: RgbdFrame) -> None:
     def found() -> NDArray[np.float32]:
         return propose(frame.colour.copy(), frame.depth_metres(), frame.intrinsics, settings)
 
