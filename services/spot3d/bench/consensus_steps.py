@@ -13,7 +13,7 @@ from spot3d.fusion.objects.agreement import Statements
 from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.keyframes import FusedFrame, Keyframe, keyframe_of
 from spot3d.fusion.objects.segment_table import SegmentTable
-from spot3d.fusion.objects.views import BACKGROUND, DIVIDED, NOTHING, WHOLE, View, ask, view_of
+from spot3d.fusion.objects.views import BACKGROUND, DIVIDED, OBJECT, WHOLE, View, ask, view_of
 from spot3d.geometry.downsampling import to_lattice
 from spot3d.segments.finder import find_segments
 from spot3d.settings import Settings
@@ -79,7 +79,7 @@ def _statements(table: SegmentTable, views: list[View], rows_of: list[NDArray[np
     for number, view in enumerate(views):
         ask(view, table.places.rows, table.spheres.rows, said, label)
         others = table.frame.rows != number
-        rows = np.flatnonzero(others & (said != NOTHING) & (said != BACKGROUND))
+        rows = np.flatnonzero(others & (said >= OBJECT))
         held = np.flatnonzero(others & (said == WHOLE))
         holder = rows_of[number][label[held]].astype(np.int64)
         observed.append(np.column_stack((rows, np.full(len(rows), number))))

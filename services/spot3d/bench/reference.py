@@ -122,7 +122,8 @@ def said_by_view(
     """What a view says of each segment, and the label that holds it (MaskClustering, Sec. 3).
 
     labels, depth: (h, w), millimetres; pose: (3, 4) camera from world; focal: fx, fy, cx, cy; places: (n, k, 3) world,
-    every fourth of which is asked for. A view sees a segment by 0.3 of its points; background by more than 0.5.
+    every fourth of which is asked for. A view sees a segment by 0.3 of its points; background by more than 0.5; or
+    looks through it, by half of its points.
     """
     h, w = labels.shape
     answers = []
@@ -137,7 +138,8 @@ def said_by_view(
         count = np.bincount(seen, minlength=256)
         best = int(count[1:].argmax()) + 1
         if len(seen) < 0.3 * len(place):
-            answers.append(("nothing", 0))
+            through = (metres > 0) & (metres - z >= tolerance)
+            answers.append(("through" if through.sum() >= 0.5 * len(place) else "nothing", 0))
         elif count[0] > 0.5 * len(seen):
             answers.append(("background", 0))
         elif count[best] >= 0.75 * len(seen):

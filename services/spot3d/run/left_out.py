@@ -5,7 +5,7 @@ from contextlib import suppress
 import numpy as np
 
 from spot3d.frame_segments import KEYFRAME_REASONS
-from spot3d.fusion.objects.reasons import MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
+from spot3d.fusion.objects.reasons import GONE, MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
 from spot3d.fusion.settings import FusionSettings
 from spot3d.run.results import RunResult
 from spot3d.settings import Settings
@@ -80,6 +80,7 @@ _ADVICE = {
     TOO_SMALL: "if these are objects, go nearer, or lower size_min",
     TOO_THIN: "if these are objects, lower fusion.plane_distance",
     MOSTLY_BACKGROUND: "other views see a table or a wall there: see whether the poses fit the depth",
+    GONE: "the scene changed, or poses drift",
     TOO_SELDOM: "move the camera around things, slowly, or record for longer",
 }
 """What can be done about the reason that most candidates were left out for."""
@@ -94,6 +95,7 @@ def _words(settings: FusionSettings) -> dict[str, str]:
         TOO_SMALL: f"smaller than {100 * settings.size_min:g} cm (eps_min) or {volume}",
         TOO_THIN: f"thinner than {1000 * settings.plane_distance:g} mm (eps_p)",
         MOSTLY_BACKGROUND: "background in most views",
+        GONE: "no longer there",
         TOO_SELDOM: f"seen in fewer than {settings.views_min} keyframes",
     }
 

@@ -82,7 +82,7 @@ def test_places_are_looked_up_as_one_at_a_time(seed: int) -> None:
     disputed._tally(view.image(), own, np.ascontiguousarray(places.transpose(0, 2, 1)), asked, seen, held, lost)
     labels, depth, pose, focal = view.image()
     for i in range(30):
-        pixels = [seen_at(places, i, k, depth, pose, focal) if asked[i] else -1 for k in range(SAMPLE)]
+        pixels = [seen_at(places, i, k, depth, pose, focal, np.inf) if asked[i] else -1 for k in range(SAMPLE)]
         np.testing.assert_array_equal(seen[i], np.array(pixels) >= 0)
         label = [int(labels.ravel()[p]) if p >= 0 else -1 for p in pixels]
         np.testing.assert_array_equal(held[i], [number >= 0 and own[number] for number in label])

@@ -10,6 +10,7 @@ from spot3d.frame_segments import TOO_LONG
 from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.reasons import (
+    GONE,
     MOSTLY_BACKGROUND,
     REASONS,
     TOO_COLD,
@@ -21,15 +22,17 @@ from spot3d.fusion.objects.reasons import (
 from spot3d.fusion.settings import FusionSettings
 
 CAMERA = Intrinsics(fx=140.0, fy=140.0, cx=79.5, cy=59.5, width=160, height=120)
-OBJECT, BACKGROUND, NOTHING = "object", "background", "nothing"
+OBJECT, BACKGROUND, THROUGH, NOTHING = "object", "background", "through", "nothing"
 
 
 def keyframe(stamp_ns: int, seen_as: str, heat: float, thickness: float) -> Keyframe:
-    """A round thing, 29 cm wide and 1 m away, as one of the camera's views shows it; `NOTHING`: no depth."""
+    """A round thing, 29 cm wide and 1 m away, as one of the camera's views shows it; `THROUGH`: without it; `NOTHING`:
+    no depth."""
     labels = np.zeros(CAMERA.shape, np.uint8)
     labels[40:80, 60:100] = seen_as == OBJECT
     depth = np.full(CAMERA.shape, 1.5, np.float32)
-    depth[40:80, 60:100] = 1 + thickness * np.linspace(-1, 1, 40) ** 2
+    if seen_as != THROUGH:
+        depth[40:80, 60:100] = 1 + thickness * np.linspace(-1, 1, 40) ** 2
     if seen_as == NOTHING:
         depth[:] = 0
     return Keyframe(
@@ -54,6 +57,11 @@ CASES = [
     ({}, 0.8, 0.0, (OBJECT,) * 3, TOO_THIN),
     ({}, 0.8, 0.1, (OBJECT, NOTHING, NOTHING), TOO_SELDOM),
     ({"views_min": 1}, 0.8, 0.1, (OBJECT, *(BACKGROUND,) * 4), MOSTLY_BACKGROUND),
+    ({"views_min": 2}, 0.8, 0.1, (OBJECT,) * 3 + (THROUGH,) * 2, GONE),
+    ({"views_min": 2}, 0.8, 0.1, (THROUGH,) * 2 + (OBJECT,) * 3, None),
+    ({"views_min": 2}, 0.8, 0.1, (OBJECT,) * 2 + (THROUGH,) * 2 + (OBJECT,), None),
+    ({"views_min": 2}, 0.8, 0.1, (OBJECT,) * 3 + (THROUGH, BACKGROUND), None),
+    ({"views_min": 2}, 0.8, 0.1, (OBJECT,) * 3 + (THROUGH, NOTHING), None),
 ]
 
 

@@ -3,12 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from voting_room import keyframes
 
 from spot3d.calibration import AS_TOLD, Bend, Calibration, moved_planes, sheared
 from spot3d.fusion.objects.recalibration import Change, Placement, change_segments, changed_view
 from spot3d.fusion.objects.segment_table import SegmentTable
-from spot3d.fusion.objects.views import view_of
+from spot3d.fusion.objects.views import FAR, view_of
 from spot3d.pose_corrections import PoseCorrections
 from spot3d.trajectory import rotation_from_vector
 
@@ -119,10 +120,13 @@ def test_noise_scatters_along_the_rays_however_far_a_keyframe_turns() -> None:
     np.testing.assert_allclose(segments.blur.rows, 1.05 * scatter[:, None] * rays, atol=1e-6)
 
 
-def test_depth_that_comes_to_lie_beyond_16_bits_of_millimetres_is_none() -> None:
-    view = replace(view_of(keyframes()[0]), depth=np.full((2, 2), 65_000, np.uint16))
-    change = Change.of(view, Placement(0, AS_TOLD), Placement(0, Calibration(1.02)))
-    assert not changed_view(view, change).depth.any()
+@pytest.mark.parametrize("depth", [65_000, FAR])
+def test_what_comes_to_lie_beyond_16_bits_of_millimetres_or_was_is_far(depth: int) -> None:
+    view = replace(view_of(keyframes()[0]), depth=np.full((2, 2), depth, np.uint16))
+    for factor in (1.02, 0.98):
+        change = Change.of(view, Placement(0, AS_TOLD), Placement(0, Calibration(factor)))
+        is_far = changed_view(view, change).depth == FAR
+        assert is_far.all() == (factor > 1 or depth == FAR)
 
 
 def test_a_pose_is_corrected_by_more_than_a_share_of_a_pixels_noise_alone() -> None:

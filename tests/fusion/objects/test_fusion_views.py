@@ -8,7 +8,19 @@ from voting_room import POSES, keyframe
 from spot3d.camera import Intrinsics
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.segment_table import spheres_around
-from spot3d.fusion.objects.views import BACKGROUND, DIVIDED, NOTHING, OBJECT, SAMPLE, STRIDE, WHOLE, View, ask, view_of
+from spot3d.fusion.objects.views import (
+    BACKGROUND,
+    DIVIDED,
+    NOTHING,
+    OBJECT,
+    SAMPLE,
+    STRIDE,
+    THROUGH,
+    WHOLE,
+    View,
+    ask,
+    view_of,
+)
 
 CAMERA = Intrinsics(100.0, 100.0, 49.5, 39.5, 100, 80)
 
@@ -68,23 +80,44 @@ def test_labels_decide(shares: tuple[tuple[int, float], ...], expected: tuple[in
 
 
 @pytest.mark.parametrize(
-    ("places", "seen"),
+    ("places", "expected"),
     [
-        (strip(), True),
-        (strip(z=1.02), True),
-        (strip(z=0.95), False),  # hovers in front of what is seen
-        (strip(z=1.2), False),  # hidden
-        (strip(z=-1.0), False),  # behind the camera
-        (strip(z=0.0), False),
-        (strip(y=3.0), False),
-        (strip(low=0.35, high=0.7), True),  # 0.14 of its 0.35 m are in the image
-        (strip(low=0.45, high=0.8), False),  # 0.04
-        (strip(low=300.0, high=300.1), False),
+        (strip(), WHOLE),
+        (strip(z=1.02), WHOLE),
+        (strip(z=0.98), WHOLE),
+        (strip(z=0.95), THROUGH),  # hovers in front of what is seen
+        (strip(z=0.2), THROUGH),
+        (strip(z=1.2), NOTHING),  # hidden
+        (strip(z=-1.0), NOTHING),  # behind the camera
+        (strip(z=0.0), NOTHING),
+        (strip(y=3.0), NOTHING),
+        (strip(low=0.35, high=0.7), WHOLE),  # 0.14 of its 0.35 m are in the image
+        (strip(low=0.45, high=0.8), NOTHING),  # 0.04
+        (strip(low=0.25, high=0.7, z=0.9), NOTHING),  # less than half of it would be
+        (strip(low=300.0, high=300.1), NOTHING),
     ],
 )
-def test_what_is_seen(places: NDArray[np.float32], seen: bool) -> None:
+def test_what_is_seen(places: NDArray[np.float32], expected: int) -> None:
     view = wall(np.full(CAMERA.shape, 1, np.uint8))
-    assert said_of(view, places) == ((WHOLE, 1) if seen else (NOTHING, 0))
+    assert said_of(view, places) == (expected, int(expected == WHOLE))
+
+
+def test_what_is_seen_in_part_is_not_looked_through() -> None:
+    places = strip()
+    places[0, : SAMPLE // 2, 2] = 0.9
+    assert said_of(wall(np.full(CAMERA.shape, 1, np.uint8)), places) == (WHOLE, 1)
+
+
+@pytest.mark.parametrize(
+    ("distance", "range_max", "z", "expected"),
+    [(3.0, 2.5, 2.4, THROUGH), (3.0, 2.5, 2.6, NOTHING), (70.0, np.inf, 60.0, THROUGH), (70.0, np.inf, 69.0, NOTHING)],
+)
+def test_what_is_too_far_to_look_for_objects_hides_nothing_before_it(
+    distance: float, range_max: float, z: float, expected: int
+) -> None:
+    """What is beyond 16 bits of millimetres is as well."""
+    view = wall(np.zeros(CAMERA.shape, np.uint8), distance, range_max=range_max)
+    assert said_of(view, strip(z=z)) == (expected, 0)
 
 
 @pytest.mark.parametrize(
@@ -99,7 +132,7 @@ def test_holes_and_an_empty_image_see_nothing() -> None:
     labels = np.full(CAMERA.shape, 1, np.uint8)
     assert said_of(wall(labels, distance=0.0), strip()) == (NOTHING, 0)
     assert said_of(wall(labels, distance=70.0), strip(z=70.0)) == (NOTHING, 0), "beyond 16 bits of millimetres"
-    assert said_of(wall(labels, distance=70.0), strip(z=70.0 - 65.536)) == (NOTHING, 0)
+    assert said_of(wall(labels, distance=70.0), strip(z=70.0 - 65.536))[0] == THROUGH
 
 
 @pytest.mark.parametrize(("distance", "seen"), [(0.08, False), (0.12, True)])

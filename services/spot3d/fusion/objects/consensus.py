@@ -18,9 +18,9 @@ from spot3d.fusion.objects.footing import lower_edge, narrow_foot
 from spot3d.fusion.objects.found import Seen, box_of, ground_below
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.numbering import number_clusters, number_objects
-from spot3d.fusion.objects.reasons import MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
+from spot3d.fusion.objects.reasons import GONE, MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
 from spot3d.fusion.objects.segment_graph import SegmentGraph
-from spot3d.fusion.objects.views import BACKGROUND, DIVIDED, OBJECT
+from spot3d.fusion.objects.views import BACKGROUND, DIVIDED, OBJECT, THROUGH
 from spot3d.fusion.objects.whole_views import wholes
 from spot3d.fusion.settings import FusionSettings
 from spot3d.pose_corrections import PoseCorrections
@@ -310,10 +310,16 @@ class ViewConsensus:
             return TOO_SELDOM
         # A view sees a cluster where it sees half of its segments, and an object where most of these say so.
         frames, frame = np.unique(np.concatenate((own, said[:, 1])), return_inverse=True)
-        seen = np.bincount(frame[len(own) :], minlength=len(frames))
-        background = np.bincount(frame[len(own) :], said[:, 2] == BACKGROUND, len(frames))
+        seen, through, background = (
+            np.bincount(frame[len(own) :], which, len(frames))
+            for which in (said[:, 2] > THROUGH, said[:, 2] == THROUGH, said[:, 2] == BACKGROUND)
+        )
         mine = np.isin(frames, own)
         sees = mine | (2 * seen > len(members))
+        looks_through = ~sees & (2 * through > len(members))
+        latest = looks_through[sees | looks_through][-least:]
+        if latest.all():
+            return GONE
         agrees = mine | (sees & (2 * background < seen))
         if agrees.sum() < settings.object_share * sees.sum():
             return MOSTLY_BACKGROUND

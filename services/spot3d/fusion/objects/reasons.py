@@ -4,6 +4,8 @@ TOO_SELDOM = "seen too seldom"
 """In fewer keyframes than `views_min`: mostly fragments of one view."""
 MOSTLY_BACKGROUND = "background in most views"
 """Fewer than `object_share` of the keyframes that see it take it for an object."""
+GONE = "no longer there"
+"""The latest keyframes that look at where it was, as many as `views_min`, see what lies behind it."""
 TOO_COLD = "too cold"
 """Its confidence is below eps, `heat_min`."""
 TOO_LARGE = "too large"
@@ -13,5 +15,5 @@ TOO_SMALL = "too small"
 TOO_THIN = "too thin"
 """Within the noise of a plane: thinner than eps_p, `plane_distance`."""
 
-REASONS = (TOO_SELDOM, MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SMALL, TOO_THIN)
+REASONS = (TOO_SELDOM, MOSTLY_BACKGROUND, GONE, TOO_COLD, TOO_LARGE, TOO_SMALL, TOO_THIN)
 """All of them."""

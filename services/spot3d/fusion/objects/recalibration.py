@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from spot3d.calibration import Calibration, bend_at, bend_of_image, moved_planes, sheared
 from spot3d.fusion.objects.segment_table import SegmentTable, spheres_around
-from spot3d.fusion.objects.views import NEAREST, View, within_reach
+from spot3d.fusion.objects.views import FAR, NEAREST, View, within_reach
 from spot3d.pose_corrections import PoseCorrections
 from spot3d.trajectory import rotation_from_vector
 
@@ -110,12 +110,12 @@ def changed_view(view: View, change: Change) -> View:
     if change.straightening is not None:
         millimetres *= np.exp(bend_of_image(change.straightening.bend, view.depth.shape))
     millimetres = np.rint(millimetres)
-    depth = np.where(millimetres < 65536, millimetres, 0).astype(np.uint16)
+    depth = np.where((view.depth < FAR) & (millimetres < FAR), millimetres, FAR).astype(np.uint16)
     origin = -change.axes @ (change.camera + change.step)
     pose = np.column_stack((change.axes, origin)).astype(np.float32)
     focal = view.focal.copy()
     focal[2:] -= (change.shift * view.focal[:2]).astype(np.float32)
-    centre, reach = within_reach(depth, pose, focal)
+    centre, reach = within_reach(depth, pose, focal, view.range_max)
     return replace(view, depth=depth, pose=pose, focal=focal, centre=centre, reach=reach)
 
 
