@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from spot3d.depth_noise import GRAZING_COS, GrazingCos
 from spot3d.object_size import SIZE_MAX, SIZE_MIN
 
-Vote = Literal["parts", "disputed", "outline", "rounded", "balance"]
+Vote = Literal["parts", "disputed", "outline", "rounded", "balance", "gone"]
 """A rule of the views' consensus that can be left out, to see what it is worth."""
 
 MAP_ALONE = "; map alone"
@@ -137,7 +137,7 @@ class FusionSettings(BaseModel):
         description="rules of the consensus to leave out, for ablations: what most views have in one with something "
         "larger is a part of it; points that most views have elsewhere are left out; what lacks depth reaches as far "
         "as its outline; what most views fit a surface of revolution to is round; what is too thin to stand by itself "
-        "is a part of what it stands on",
+        "is a part of what it stands on; what the latest keyframes look through is there no more",
     )
     size_min: float = Field(
         SIZE_MIN, ge=0, description="an object's second longest edge is at least this, less `plane_distance`, metres"

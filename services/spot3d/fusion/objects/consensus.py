@@ -318,7 +318,7 @@ class ViewConsensus:
         sees = mine | (2 * seen > len(members))
         looks_through = ~sees & (2 * through > len(members))
         latest = looks_through[sees | looks_through][-least:]
-        if latest.all():
+        if latest.all() and "gone" not in settings.skipped:
             return GONE
         agrees = mine | (sees & (2 * background < seen))
         if agrees.sum() < settings.object_share * sees.sum():
