@@ -13,14 +13,7 @@ from typer.testing import CliRunner
 from spot3d.camera import Intrinsics, invert
 from spot3d.cli.evaluate import evaluate
 from spot3d.depth_noise import KINECT_V1
-from spot3d.evaluate.degraded import (
-    Degraded,
-    told_poses,
-    with_late_poses,
-    with_noisier_depth,
-    with_shaken_poses,
-    with_torn_depth,
-)
+from spot3d.evaluate.degraded import SEED, Degradation
 from spot3d.evaluate.depth_errors import bent, fattened, mixed, noisier, torn
 from spot3d.evaluate.object_tables import OURS
 from spot3d.evaluate.peer import PEER
@@ -33,9 +26,7 @@ from spot3d.evaluate.robustness import (
     MIXED,
     MOUNTS,
     SCALES,
-    SEED,
     SHAKES,
-    Degradation,
     groups,
 )
 from spot3d.source.errors import SourceError
@@ -172,15 +163,16 @@ def test_misplaced_poses_are_of_what_is_fixed_to_the_camera() -> None:
         np.testing.assert_allclose(error, errors[0], atol=1e-12)
     assert np.linalg.norm(errors[0][:3, 3]) == pytest.approx(0.02)
     assert np.degrees(np.arccos((np.trace(errors[0][:3, :3]) - 1) / 2)) == pytest.approx(1.0)
-    np.testing.assert_array_equal(told_poses(Degradation(mount=(0.02, 1.0)).of(poses)), told[:4])
+    worse = Degradation(mount=(0.02, 1.0)).of(poses)
+    np.testing.assert_array_equal([frame.T_world_camera for frame in worse], told[:4])
 
 
 def test_degradations_work_with_one_another() -> None:
     scene = Scene(1, frames=6)
-    worse = with_torn_depth(with_noisier_depth(with_shaken_poses(with_late_poses(scene, 1), 0.01, 0.4), 2.0), 0.3)
+    worse = Degradation(metres=0.01, degrees=0.4, late=1, noise=2.0, missing=0.3).of(scene)
     true = [scene.true_pose(index) for index in range(6)]
     told = shaken([true[0], *true[:5]], 0.01, 0.4, 1)
-    np.testing.assert_array_equal(told_poses(worse), told)
+    np.testing.assert_array_equal([frame.T_world_camera for frame in worse], told)
     frame, exact = worse[3], scene[3]
     np.testing.assert_array_equal(frame.T_world_camera, told[3])
     np.testing.assert_array_equal(worse.true_pose(3), true[3])
@@ -190,9 +182,8 @@ def test_degradations_work_with_one_another() -> None:
     assert (len(worse), len(list(worse)), worse.stamps_ns) == (6, 6, scene.stamps_ns)
     assert (worse.rate_hz, worse.intrinsics, worse.has_true_poses) == (30, scene.intrinsics, True)
     assert Halved(worse)[3].intrinsics == scene.intrinsics.halved()
-    kept = with_torn_depth(scene, 0.1)
+    kept = Degradation(missing=0.1).of(scene)
     np.testing.assert_array_equal(kept[2].T_world_camera, true[2])
-    assert isinstance(kept, Degraded)
 
 
 def test_errors_are_those_of_neighbours_whichever_frames_are_taken() -> None:
@@ -220,7 +211,7 @@ def test_wrong_focal_length() -> None:
     assert (told.fx, told.fy) == pytest.approx((1.03 * true.fx, 1.03 * true.fy))
     assert (told.cx, told.cy) == (true.cx, true.cy + 0.0125 * true.width)
     assert worse.intrinsics == told
-    np.testing.assert_array_equal(worse[1].depth, scene[1].depth)
+    np.testing.assert_array_equal(worse[1].depth_metres(), scene[1].depth_metres())
 
 
 def test_levels() -> None:

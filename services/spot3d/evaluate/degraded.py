@@ -1,122 +1,96 @@
 """A sequence made worse: its frames come with wrong poses or worse depth, while its true poses stay the truth."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
 from spot3d.evaluate.depth_errors import bent, fattened, mixed, noisier, torn
-from spot3d.evaluate.pose_errors import Pose, late, misplaced, shaken
+from spot3d.evaluate.pose_errors import late, misplaced, shaken
 from spot3d.frame import RgbdFrame
+from spot3d.source.selected import Selected
 from spot3d.source.sequence import Derived, FrameSequence
+from spot3d.source.sequences import at_half_size
 
-ChangeDepth = Callable[[NDArray[np.float32], Intrinsics, int], NDArray[np.float32]]
-"""Depth (h, w) float32 metres of the frame of this number, 0 = invalid, made worse."""
-ChangeCamera = Callable[[Intrinsics], Intrinsics]
-"""What is told of a camera in the place of what is true."""
+SEED = 1
 
 
-class Degraded(Derived):
+@dataclass(frozen=True, slots=True)
+class Degradation:
+    """What is worse than as recorded: several at once, if need be.
+
+    metres, degrees: of the poses' smooth error; late: frames by which poses lag; mount: metres and degrees between the
+    camera and what the poses are of; centre: share of the width by which the principal point is off; focal: how many
+    times as long focal lengths are told; scale: of depth; bent: deviation of the camera's own distortion, as a share of
+    depth; noise: times the sensor's; mixed: pixels over which depth is a mean; fattened: pixels by which near things
+    have grown; missing: share of depth; every: only each so-manieth frame; half: half size.
+    """
+
+    metres: float = 0.0
+    degrees: float = 0.0
+    late: int = 0
+    mount: tuple[float, float] = (0.0, 0.0)
+    centre: float = 0.0
+    focal: float = 1.0
+    scale: float = 1.0
+    bent: float = 0.0
+    noise: float = 1.0
+    mixed: int = 0
+    fattened: int = 0
+    missing: float = 0.0
+    every: int = 1
+    half: bool = False
+
+    def of(self, sequence: FrameSequence) -> FrameSequence:
+        """The sequence made worse. Errors come first, one frame after the other, then every so-manieth is chosen."""
+        worse = at_half_size(sequence) if self.half else sequence
+        if replace(self, every=1, half=False) != Degradation():
+            worse = _Degraded(worse, self)
+        return worse if self.every == 1 else Selected(worse, range(0, len(worse), self.every))
+
+
+class _Degraded(Derived):
     """Frames of another sequence, told other poses or intrinsics, or with worse depth.
 
     `true_pose` is that of the other sequence: a run with given poses takes what its frames tell, and is judged by what
-    is true. Errors depend on a frame's number: degrade a whole sequence, and choose every so-manieth frame after that.
+    is true. Errors depend on a frame's number.
     """
 
-    def __init__(
-        self,
-        sequence: FrameSequence,
-        told: Sequence[Pose] | None = None,
-        change_depth: ChangeDepth | None = None,
-        told_camera: ChangeCamera | None = None,
-    ) -> None:
-        """told: T_world_camera of each frame, None where it has none; told_camera: the intrinsics told for the true."""
+    def __init__(self, sequence: FrameSequence, worse: Degradation) -> None:
         super().__init__(sequence)
-        self._camera = told_camera
-        self._told = told
-        self._change_depth = change_depth
-
-    def told_poses(self) -> list[Pose]:
-        """What the frames say their poses are."""
-        return told_poses(self.original) if self._told is None else list(self._told)
-
-    def __getitem__(self, index: int) -> RgbdFrame:
-        frame, number = self.original[index], index % len(self)
-        if self._told is not None:
-            frame = replace(frame, T_world_camera=self._told[number])
-        if self._change_depth is not None:
-            depth = self._change_depth(frame.depth_metres(), frame.intrinsics, number)
-            frame = replace(frame, depth=depth, depth_scale=1.0)
-        return replace(frame, intrinsics=self._told_camera(frame.intrinsics))
+        self._worse = worse
+        poses = late([sequence.true_pose(index) for index in range(len(sequence))], worse.late)
+        self._told = shaken(misplaced(poses, *worse.mount, SEED), worse.metres, worse.degrees, SEED)
 
     @property
     def intrinsics(self) -> Intrinsics:
         """Intrinsics of all frames, as told."""
         return self._told_camera(self.original.intrinsics)
 
+    def __getitem__(self, index: int) -> RgbdFrame:
+        frame, number = self.original[index], index % len(self)
+        return replace(
+            frame,
+            depth=self._depth(frame, number),
+            depth_scale=1.0,
+            intrinsics=self._told_camera(frame.intrinsics),
+            T_world_camera=self._told[number],
+        )
+
     def _told_camera(self, camera: Intrinsics) -> Intrinsics:
-        return camera if self._camera is None else self._camera(camera)
+        worse = self._worse
+        fx, fy = camera.fx * worse.focal, camera.fy * worse.focal
+        return replace(camera, fx=fx, fy=fy, cy=camera.cy + worse.centre * camera.width)
 
-
-def told_poses(sequence: FrameSequence) -> list[Pose]:
-    """T_world_camera that each frame of a sequence will tell, without reading images."""
-    if isinstance(sequence, Degraded):
-        return sequence.told_poses()
-    return [sequence.true_pose(index) for index in range(len(sequence))]
-
-
-def with_shaken_poses(sequence: FrameSequence, metres: float, degrees: float, seed: int = 1) -> Degraded:
-    """The sequence with poses that are smoothly wrong; see `pose_errors.shaken`."""
-    return Degraded(sequence, told=shaken(told_poses(sequence), metres, degrees, seed))
-
-
-def with_late_poses(sequence: FrameSequence, frames: int) -> Degraded:
-    """The sequence with the poses of some frames before; see `pose_errors.late`."""
-    return Degraded(sequence, told=late(told_poses(sequence), frames))
-
-
-def with_misplaced_poses(sequence: FrameSequence, metres: float, degrees: float, seed: int = 1) -> Degraded:
-    """The sequence with poses of something that is fixed to the camera; see `pose_errors.misplaced`."""
-    return Degraded(sequence, told=misplaced(told_poses(sequence), metres, degrees, seed))
-
-
-def with_wrong_centre(sequence: FrameSequence, share: float) -> Degraded:
-    """The sequence with a principal point that is too low by this share of the image's width."""
-    return Degraded(sequence, told_camera=lambda camera: replace(camera, cy=camera.cy + share * camera.width))
-
-
-def with_wrong_focal_length(sequence: FrameSequence, factor: float) -> Degraded:
-    """The sequence with focal lengths that are told `factor` times as long as they are."""
-    return Degraded(sequence, told_camera=lambda camera: replace(camera, fx=camera.fx * factor, fy=camera.fy * factor))
-
-
-def with_noisier_depth(sequence: FrameSequence, factor: float, seed: int = 1) -> Degraded:
-    """The sequence with more of the sensor's noise; see `depth_errors.noisier`."""
-    return Degraded(sequence, change_depth=lambda depth, camera, k: noisier(depth, camera, factor, (seed, k)))
-
-
-def with_scaled_depth(sequence: FrameSequence, factor: float) -> Degraded:
-    """The sequence with depth times `factor`."""
-    return Degraded(sequence, change_depth=lambda depth, camera, k: depth * np.float32(factor))
-
-
-def with_mixed_depth(sequence: FrameSequence, reach: int) -> Degraded:
-    """The sequence with depth that is mixed at edges; see `depth_errors.mixed`."""
-    return Degraded(sequence, change_depth=lambda depth, camera, k: mixed(depth, reach))
-
-
-def with_fattened_depth(sequence: FrameSequence, reach: int) -> Degraded:
-    """The sequence with near things that have grown by some pixels; see `depth_errors.fattened`."""
-    return Degraded(sequence, change_depth=lambda depth, camera, k: fattened(depth, reach))
-
-
-def with_bent_depth(sequence: FrameSequence, deviation: float, seed: int = 1) -> Degraded:
-    """The sequence with depth that its camera distorts; see `depth_errors.bent`."""
-    return Degraded(sequence, change_depth=lambda depth, camera, k: bent(depth, deviation, seed))
-
-
-def with_torn_depth(sequence: FrameSequence, share: float, seed: int = 1) -> Degraded:
-    """The sequence with holes in its depth, others in each frame; see `depth_errors.torn`."""
-    return Degraded(sequence, change_depth=lambda depth, camera, k: torn(depth, camera, share, (seed, k)))
+    def _depth(self, frame: RgbdFrame, number: int) -> NDArray[np.float32]:
+        worse, camera = self._worse, frame.intrinsics
+        depth = frame.depth_metres() * np.float32(worse.scale)
+        if worse.bent:
+            depth = bent(depth, worse.bent, SEED)
+        depth = noisier(depth, camera, worse.noise, (SEED, number))
+        if worse.mixed:
+            depth = mixed(depth, worse.mixed)
+        if worse.fattened:
+            depth = fattened(depth, worse.fattened)
+        return torn(depth, camera, worse.missing, (SEED, number))

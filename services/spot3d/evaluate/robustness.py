@@ -1,24 +1,12 @@
 """How far results fall where poses and depth are worse, frames fewer or smaller: what no tuned scene shows."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from spot3d.drawing.recall_plot import Curve
-from spot3d.evaluate.degraded import (
-    with_bent_depth,
-    with_fattened_depth,
-    with_late_poses,
-    with_misplaced_poses,
-    with_mixed_depth,
-    with_noisier_depth,
-    with_scaled_depth,
-    with_shaken_poses,
-    with_torn_depth,
-    with_wrong_centre,
-    with_wrong_focal_length,
-)
+from spot3d.evaluate.degraded import SEED, Degradation
 from spot3d.evaluate.labelled import DataSet, LabelledSequence
 from spot3d.evaluate.measured_run import Measured, MeasuredRun, measure
 from spot3d.evaluate.object_tables import (
@@ -34,9 +22,6 @@ from spot3d.evaluate.peer import PEER, behind_peer
 from spot3d.evaluate.scores import object_scores, without_object
 from spot3d.evaluate.table import Column, Table
 from spot3d.settings import Settings
-from spot3d.source.selected import Selected
-from spot3d.source.sequence import FrameSequence
-from spot3d.source.sequences import at_half_size
 
 SHAKES = ((0.005, 0.2), (0.010, 0.4), (0.020, 0.8))
 """Metres and degrees along each axis: from the best motion capture to a phone's odometry."""
@@ -65,7 +50,6 @@ TOGETHER = 0.01, 0.4
 """Metres and degrees of poses that are off while depth is of another scale: a hand-held camera under motion capture."""
 EVERY = (1, 2, 3, 4, 5, 10, 20, 30)
 """Down to what a thin link or a slow computer leaves of 30 a second: one."""
-SEED = 1
 
 COLUMNS = (
     *(Column(name) for name in ("data", "worse", "method", "3D IoU", "3D SR", "3D DR")),
@@ -74,61 +58,6 @@ COLUMNS = (
     Column("carried F", 1),
     *(Column(name, 1) for name in ("found", "no object", "true")),
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Degradation:
-    """What is worse than as recorded: several at once, if need be.
-
-    metres, degrees: of the poses' smooth error; late: frames by which poses lag; mount: metres and degrees between the
-    camera and what the poses are of; centre: share of the width by which the principal point is off; focal: how many
-    times as long focal lengths are told; scale: of depth; bent: deviation of the camera's own distortion, as a share of
-    depth; noise: times the sensor's; mixed: pixels over which depth is a mean; fattened: pixels by which near things
-    have grown; missing: share of depth; every: only each so-manieth frame; half: half size.
-    """
-
-    metres: float = 0.0
-    degrees: float = 0.0
-    late: int = 0
-    mount: tuple[float, float] = (0.0, 0.0)
-    centre: float = 0.0
-    focal: float = 1.0
-    scale: float = 1.0
-    bent: float = 0.0
-    noise: float = 1.0
-    mixed: int = 0
-    fattened: int = 0
-    missing: float = 0.0
-    every: int = 1
-    half: bool = False
-
-    def of(self, sequence: FrameSequence) -> FrameSequence:
-        """The sequence made worse. Errors come first, one frame after the other, then every so-manieth is chosen."""
-        worse = at_half_size(sequence) if self.half else sequence
-        if self.late:
-            worse = with_late_poses(worse, self.late)
-        if any(self.mount):
-            worse = with_misplaced_poses(worse, *self.mount, SEED)
-        if self.metres or self.degrees:
-            worse = with_shaken_poses(worse, self.metres, self.degrees, SEED)
-        if self.scale != 1:
-            worse = with_scaled_depth(worse, self.scale)
-        if self.bent:
-            worse = with_bent_depth(worse, self.bent, SEED)
-        if self.noise > 1:
-            worse = with_noisier_depth(worse, self.noise, SEED)
-        if self.mixed:
-            worse = with_mixed_depth(worse, self.mixed)
-        if self.fattened:
-            worse = with_fattened_depth(worse, self.fattened)
-        if self.missing:
-            worse = with_torn_depth(worse, self.missing, SEED)
-        if self.centre:
-            worse = with_wrong_centre(worse, self.centre)
-        if self.focal != 1:
-            worse = with_wrong_focal_length(worse, self.focal)
-        return worse if self.every == 1 else Selected(worse, range(0, len(worse), self.every))
-
 
 Levels = list[tuple[str, Degradation]]
 OF_GIVEN_POSES = ("poses", "delay", "mount", "together")
