@@ -115,7 +115,7 @@ def test_what_came_before_and_what_comes_after_are_both_kept(said: Said, tmp_pat
 
     report = RunReport("realsense", "processes", 0, (0, 0))
     collector.fill(report, {})
-    document = report_document(report)
+    document = report_document(report, RunResult())
     assert document["frames"]["fused"] == 9
     assert document["frames"]["skipped"] == {"lost_pose": 1}
     assert document["frames"]["lost_poses"] == 1

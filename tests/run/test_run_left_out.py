@@ -1,5 +1,6 @@
 """The line that says why a run found nothing, or almost nothing, and what the report says of it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -109,9 +110,8 @@ def test_forgotten_keyframes_are_told() -> None:
 
 
 def test_the_report_counts_them_by_reason() -> None:
-    report = RunReport("scene", "processes", 10, (320, 240), objects=2, left_out={"too cold": 3}, keyframes_dropped=20)
-    report.map_limit_reached = True
-    document = report_document(report)
+    found = replace(result(2, {"too cold": 3}), keyframes_dropped=20, map_limit_reached=True)
+    document = report_document(RunReport("scene", "processes", 10, (320, 240)), found)
     assert document["objects"] == {"found": 2, "left_out": {"too cold": 3}}
     assert document["keyframes_dropped"] == 20
     assert document["map_limit_reached"] is True

@@ -98,7 +98,7 @@ def test_report_document():
     report = RunReport("scene", "processes", 10, (320, 240), fused=8, skipped={"lost pose": 2}, wall_s=4.0)
     report.stages = {"pose": StageReport({"p50": 1.23456, "p99": None}, 1.0, 100.0, restarts=1)}
     report.drops = {"pose": {"out of order": 1}, "fusion": {}}
-    document = json.loads(json.dumps(report_document(report), allow_nan=False))
+    document = json.loads(json.dumps(report_document(report, RunResult()), allow_nan=False))
     assert document["keyframes"] == 0
     assert document["frames"] == {"input": 10, "fused": 8, "skipped": {"lost pose": 2}, "lost_poses": 0, "lost": []}
     assert document["drops"] == {"pose": {"out of order": 1}}
@@ -151,7 +151,8 @@ def test_why_tracking_was_lost_is_told_and_reported():
         tracking.add(index, index >= 10, "a jump of 2 m" if index < 12 else "the depth image is empty")
     assert told(tracking.stretches()).endswith("(the depth image is empty)")
     report = RunReport("desk", "processes", 40, (640, 480), lost=tracking.stretches())
-    assert [item["reason"] for item in report_document(report)["frames"]["lost"]] == ["the depth image is empty"]
+    lost = report_document(report, RunResult())["frames"]["lost"]
+    assert [item["reason"] for item in lost] == ["the depth image is empty"]
 
 
 def test_who_was_never_followed_had_nowhere_to_move_back_to():

@@ -259,20 +259,20 @@ def _conclude(done: "Finished", settings: Settings) -> None:
     from spot3d.run.left_out import first_depth, forgotten, why_so_few
     from spot3d.run.lost_tracking import told
 
-    report = done.report
+    report, result = done.report, done.result
     dropped = sum(report.skipped.values())
     reasons = ", ".join(f"{count} {reason}" for reason, count in report.skipped.items() if count)
-    found = f"{report.objects} object{'s' * (report.objects != 1)}"
+    found = len(result.objects)
     typer.echo(
-        f"{found} from {report.fused} of {report.played} frames in {report.wall_s:.1f} s"
+        f"{found} object{'s' * (found != 1)} from {report.fused} of {report.played} frames in {report.wall_s:.1f} s"
         f" ({f'not fused: {reasons}' if dropped else 'none dropped'}); results in {done.folder}"
     )
-    few = why_so_few(done.result, report.keyframes, settings)
-    seen = "" if report.objects else first_depth(done.sequence)
-    known = report.calibration
-    given = depth_scale.told(known.depth_factor), delay.told(report.delay_s), orientation.told(known)
+    few = why_so_few(result, report.keyframes, settings)
+    seen = "" if result.objects else first_depth(done.sequence)
+    known = result.calibration()
+    given = depth_scale.told(known.depth_factor), delay.told(result.delay_s()), orientation.told(known)
     anew = f"the camera began anew: what it saw before is in {done.folder / EARLIER}" if report.earlier_streams else ""
-    for line in (anew, few, seen, told(report.lost), *given, forgotten(report.keyframes_dropped, settings)):
+    for line in (anew, few, seen, told(report.lost), *given, forgotten(result.keyframes_dropped, settings)):
         if line:
             typer.echo(line)
     typer.echo(f"picture: {done.folder / 'overview.png'}")

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 import spot3d
-from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.machine import machine
 from spot3d.run.lost_tracking import Stretch
+from spot3d.run.results import RunResult
 
 _TIMES = 10_000
 """Times of a hop that are kept: five minutes of a camera, 0.3 MB; p99 is then of a hundred."""
@@ -36,16 +36,13 @@ class StageReport:
 
 @dataclass(slots=True)
 class RunReport:
-    """Counters of a run, in process or distributed.
+    """Counters of a run, in process or distributed, beside what it found (`RunResult`).
 
     selection: which frames of the input; played: how many those are; fused, skipped (by reason): what fusion did with
-    them; keyframes: those whose segments fusion has taken in; keyframes_dropped: those of them that it has forgotten as
-    too many; objects: how many there are; left_out: what was taken for one and is none, by reason; map_limit_reached:
-    points of the map were forgotten as too many; delay_s: how much older than their images given poses turned out to
-    be; calibration: what of the camera turned out not to agree with them; drops: by stage and reason; latency_ms: p50
-    and p99 of each hop and of the whole way, from the messages' traces; wall_s: the whole run with the start of its
-    processes; ms_per_frame: from the first frame done to the last, per frame; earlier_streams: what a camera saw before
-    it began anew, a document each, and is counted in `fused`, `skipped` and `lost` but not in what was found.
+    them; keyframes: those whose segments fusion has taken in; drops: by stage and reason; latency_ms: p50 and p99 of
+    each hop and of the whole way, from the messages' traces; wall_s: the whole run with the start of its processes;
+    ms_per_frame: from the first frame done to the last, per frame; earlier_streams: what a camera saw before it began
+    anew, a document each, and is counted in `fused`, `skipped` and `lost` but not in what was found.
     """
 
     input_name: str
@@ -58,15 +55,8 @@ class RunReport:
     drops: dict[str, dict[str, int]] = field(default_factory=dict)
     lost_poses: int = 0
     lost: list[Stretch] = field(default_factory=list)
-    delay_s: float = 0.0
-    calibration: Calibration = AS_TOLD
     proposals: dict[str, int] = field(default_factory=dict)
     keyframes: int = 0
-    keyframes_dropped: int = 0
-    objects: int = 0
-    left_out: dict[str, int] = field(default_factory=dict)
-    map_points: int = 0
-    map_limit_reached: bool = False
     wall_s: float = 0.0
     ms_per_frame: float | None = None
     interrupted: bool = False
@@ -77,8 +67,9 @@ class RunReport:
     earlier_streams: list[dict[str, Any]] = field(default_factory=list)
 
 
-def report_document(report: RunReport) -> dict[str, Any]:
-    """The document of report.json."""
+def report_document(report: RunReport, result: RunResult) -> dict[str, Any]:
+    """The document of report.json; result: what was found so far."""
+    known = result.calibration()
     return {
         "version": spot3d.__version__,
         "input": report.input_name,
@@ -93,18 +84,18 @@ def report_document(report: RunReport) -> dict[str, Any]:
             "lost": [asdict(stretch) for stretch in report.lost],
         },
         "earlier_streams": report.earlier_streams,
-        "depth_factor": _rounded(report.calibration.depth_factor),
-        "delay_s": _rounded(report.delay_s),
-        "turn_deg": [_rounded(math.degrees(angle)) for angle in report.calibration.turn],
-        "centre": [_rounded(offset) for offset in report.calibration.centre],
-        "bend": [[round(part, 5) for part in row] for row in report.calibration.bend],
+        "depth_factor": _rounded(known.depth_factor),
+        "delay_s": _rounded(result.delay_s()),
+        "turn_deg": [_rounded(math.degrees(angle)) for angle in known.turn],
+        "centre": [_rounded(offset) for offset in known.centre],
+        "bend": [[round(part, 5) for part in row] for row in known.bend],
         "proposals": report.proposals,
         "keyframes": report.keyframes,
-        "keyframes_dropped": report.keyframes_dropped,
+        "keyframes_dropped": result.keyframes_dropped,
         "drops": {stage: reasons for stage, reasons in report.drops.items() if reasons},
-        "objects": {"found": report.objects, "left_out": report.left_out},
-        "map_points": report.map_points,
-        "map_limit_reached": report.map_limit_reached,
+        "objects": {"found": len(result.objects), "left_out": result.left_out},
+        "map_points": result.points.total,
+        "map_limit_reached": result.map_limit_reached,
         "interrupted": report.interrupted,
         "error": report.error or None,
         "wall_s": _rounded(report.wall_s),

@@ -177,7 +177,7 @@ def _count(report: RunReport, camera: CameraFrames | None) -> None:
 
 def _begin(folder: Path, report: RunReport) -> None:
     """Say in the report that the run goes on, and let no result of an earlier one be taken for this one's."""
-    write_json(folder / "report.json", report_document(replace(report, error=_UNFINISHED)))
+    write_json(folder / "report.json", report_document(replace(report, error=_UNFINISHED), RunResult()))
     for name in (*RESULTS, _OVERVIEW):
         (folder / name).unlink(missing_ok=True)
     forget_streams(folder)
@@ -186,11 +186,7 @@ def _begin(folder: Path, report: RunReport) -> None:
 def _write_report(folder: Path, result: RunResult, report: RunReport, wall_s: float) -> None:
     """Write the report of what was found. Raises OSError."""
     report.wall_s = wall_s
-    report.objects, report.left_out = len(result.objects), result.left_out
-    report.keyframes_dropped, report.map_points = result.keyframes_dropped, result.points.total
-    report.map_limit_reached = result.map_limit_reached
-    report.delay_s, report.calibration = result.delay_s(), result.calibration()
-    write_json(folder / "report.json", report_document(report))
+    write_json(folder / "report.json", report_document(report, result))
 
 
 def _stages_settings(settings: Settings, folder: Path) -> Path:
