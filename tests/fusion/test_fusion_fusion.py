@@ -234,7 +234,7 @@ def test_a_snapshot_does_not_change_when_fusing_goes_on() -> None:
     expected = described(fusion.objects())
     task = fusion.snapshot()
     run(fusion, objects=THREE[:1], frames=4, seed=5)
-    late = task.run()
+    late = task()
     assert described(late) == expected
     assert late.frame_count == 10
 
@@ -245,7 +245,7 @@ def test_an_update_of_before_a_reset_leaves_nothing_behind(fused: Fusion) -> Non
     task = fusion.snapshot()
     fusion.reset()
     run(fusion)
-    assert len(task.run().objects) == 3
+    assert len(task().objects) == 3
     assert described(fusion.objects()) == described(fused.objects())
 
 

@@ -5,13 +5,12 @@ from typing import Literal
 import numpy as np
 import pytest
 from fusion_room import CAMERA, COARSE_PAPER, ROOM, THREE, Cuboid, look_at, orbit, standing, view
-from numpy.typing import NDArray
 
 from spot3d.boxes import iou_matrix_2d
 from spot3d.camera import Intrinsics, back_project, invert
 from spot3d.evaluate.frame_tables import boxes_in_frame
 from spot3d.frame import RgbdFrame
-from spot3d.fusion.fusion import Fusion, ObjectsTask, _DensityTask
+from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.map.heatmap3d import Heatmap3D
 from spot3d.fusion.map.index_map import IndexMap, MatchCounts
 from spot3d.fusion.map.map_arrays import COLUMNS, FREQUENCY, HEAT, WEIGHT, X
@@ -37,12 +36,6 @@ def seen_at(settings: FusionSettings, *samples: tuple[float, int]) -> tuple[Heat
     return heatmap, found
 
 
-def planes_of(task: ObjectsTask) -> NDArray[np.float64]:
-    """The planes that keyframes removed, which the paper's way clusters."""
-    assert isinstance(task, _DensityTask)
-    return task.keyframe_planes
-
-
 def test_heat_alone_chooses_the_supporting_plane() -> None:
     points = back_project(view(POSE, ROOM).depth, CAMERA)
     table = transform_plane(np.array([0, 0, 1.0, 0]), invert(POSE))
@@ -66,9 +59,9 @@ def test_the_plane_is_found_anew_every_ten_frames() -> None:
     for pose in orbit(21):
         seen = view(pose, ROOM + THREE, rng)
         fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, pose)
-        removed.append(len(planes_of(fusion.snapshot())))
+        removed.append(len(fusion.map_state().removed))
     assert removed == [1] * 10 + [2] * 10 + [3]
-    table = planes_of(fusion.snapshot())
+    table = fusion.map_state().removed
     assert (table[:, 2] > 0.99).all()
     assert (np.abs(table[:, 3]) < 0.02).all()
 

@@ -8,11 +8,10 @@ from fusion_room import CAMERA, COARSE, ROOM, THREE, orbit, view
 from voting_room import keyframe
 
 from spot3d.boxes import iou_matrix_3d
-from spot3d.dataflow.ledger import Ledger
 from spot3d.dataflow.snapshot_file import SnapshotError, snapshot_bytes, write_snapshot
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import Fusion
-from spot3d.fusion.snapshot import account, fusion_snapshot, keep, read_account, resume
+from spot3d.fusion.snapshot import Account, fusion_snapshot, keep, read_account, resume
 
 FRAMES = 12
 T_WORLD_MAP = np.eye(4)
@@ -32,14 +31,11 @@ def fuse(fusion: Fusion, frames: range) -> Fusion:
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The snapshot of a fusion of half the frames."""
-    fusion, ledger = fuse(Fusion(COARSE), range(6)), Ledger(5.0)
-    for stamp in range(6):
-        ledger.fuse(stamp, 0.0)
-    ledger.skip("lost pose", 6, 0.0)
-    kept = keep(fusion, account("a stream", "an epoch", "a world", 5, ledger))
+    fusion = fuse(Fusion(COARSE), range(6))
+    kept = keep(fusion, Account("a stream", "an epoch", "a world", 5, 6, {"lost pose": 1}, 6, 7))
     task = fusion.snapshot()
     fuse(fusion, range(6, 7))  # what comes while the objects are found is not in it
-    task.run()
+    task()
     path = tmp_path_factory.mktemp("state") / "fusion.snapshot"
     write_snapshot(path, snapshot_bytes(fusion_snapshot(kept)))
     return path

@@ -15,22 +15,8 @@ from spot3d_schemas import Header, Message, Progress
 LIMIT_S = 20.0
 
 
-class LongTask:
-    """An update that takes until it is told to end."""
-
-    frame_count = 0
-    end = threading.Event()
-    runs = 0
-
-    def run(self) -> FoundObjects:
-        """Nothing, at last."""
-        assert self.end.wait(LIMIT_S)
-        LongTask.runs += 1
-        raise RuntimeError("enough")
-
-
 def test_who_waits_for_an_update_is_called_again_and_again() -> None:
-    stop, calls = threading.Event(), list[int]()
+    stop, end, calls, runs = threading.Event(), threading.Event(), list[int](), list[int]()
     node = Node("fusion", LinkSettings(), stop)
     header = Header(robot="robot", seq=0, stamp_ns=0, frame_id="camera")
     progress = Progress(header=header, fused=0, skipped={}, last_stamp_ns=0, complete=False)
@@ -38,17 +24,22 @@ def test_who_waits_for_an_update_is_called_again_and_again() -> None:
     def count() -> None:
         calls.append(1)
         if len(calls) == 3:
-            LongTask.end.set()
+            end.set()
+
+    def fail_at_last() -> FoundObjects:
+        assert end.wait(LIMIT_S)
+        runs.append(1)
+        raise RuntimeError("enough")
 
     with closing(Updates(node, Keeping(node))) as updates:
         assert updates.wait(count, 0.01)
         assert not calls, "nothing to wait for"
-        updates.submit(Update(LongTask(), Received(progress, 0), 0, False, False, "a"))
+        updates.submit(Update(fail_at_last, 0, Received(progress, 0), 0, False, False, "a"))
         assert updates.wait(count, 0.01)
         for _ in range(2):  # an update that fails does not keep the next one from being computed
-            updates.submit(Update(LongTask(), Received(progress, 0), 0, False, False, "a"))
+            updates.submit(Update(fail_at_last, 0, Received(progress, 0), 0, False, False, "a"))
             assert updates.wait(count, 10.0)
-    assert LongTask.runs == 3
+    assert len(runs) == 3
     assert len(calls) >= 3
 
 
@@ -63,14 +54,8 @@ class SlowNode(Node):
         return self.go.wait(LIMIT_S)
 
 
-class NothingFound:
-    """An update without objects."""
-
-    frame_count = 1
-
-    def run(self) -> FoundObjects:
-        """No objects."""
-        return FoundObjects([], np.array([0.0, 0.0, 1.0]), 1)
+def nothing_found() -> FoundObjects:
+    return FoundObjects([], np.array([0.0, 0.0, 1.0]), 1)
 
 
 def test_objects_of_before_a_reset_are_sent_before_its_answer_or_not_at_all() -> None:
@@ -78,7 +63,7 @@ def test_objects_of_before_a_reset_are_sent_before_its_answer_or_not_at_all() ->
     header = Header(robot="robot", seq=0, stamp_ns=0, frame_id="camera")
     progress = Progress(header=header, fused=0, skipped={}, last_stamp_ns=0, complete=False)
     with closing(Updates(node, Keeping(node))) as updates:
-        updates.submit(Update(NothingFound(), Received(progress, 0), 0, False, False, "a"))
+        updates.submit(Update(nothing_found, 1, Received(progress, 0), 0, False, False, "a"))
         assert node.begun.wait(LIMIT_S)
         reset = threading.Thread(target=updates.forget, daemon=True)
         reset.start()

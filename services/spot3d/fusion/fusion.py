@@ -1,8 +1,9 @@
 """The fusion stage's core: frames with heat and pose in, 3D objects with stable numbers out (paper, Sec. V)."""
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,47 +74,9 @@ class MapState:
     calibrated_by: str | None
 
 
-class ObjectsTask(Protocol):
-    """Finds the objects of one moment. Tasks run one at a time, in the order of their snapshots."""
-
-    frame_count: int
-
-    def run(self) -> FoundObjects:
-        """The objects, numbered as in the tasks that ran before."""
-
-
-@dataclass(slots=True)
-class _ConsensusTask:
-    """The views' consensus, with the keyframes that came since the last task, in the map of poses as it lies now."""
-
-    consensus: ViewConsensus
-    keyframes: list[Keyframe]
-    T_world_map: NDArray[np.float64]
-    calibration: Calibration
-    corrections: PoseCorrections | None
-    frame_count: int
-
-    def run(self) -> FoundObjects:
-        T, known = self.T_world_map, self.corrections
-        in_map = None if known is None else known.seen_from(T[:3, :3])
-        agreed = self.consensus.update(self.keyframes, self.calibration, in_map)
-        objects = [replace(item, box=moved(item.box, T)) for item in agreed.objects]
-        return FoundObjects(objects, T[:3, :3] @ agreed.up, self.frame_count, agreed.left_out, agreed.dropped)
-
-
-@dataclass(slots=True)
-class _DensityTask:
-    """The paper's way over the map's points."""
-
-    points: FrequentPoints
-    keyframe_planes: NDArray[np.float64]
-    identities: Identities
-    settings: FusionSettings
-    frame_count: int
-
-    def run(self) -> FoundObjects:
-        found, up = find_by_density(self.points, self.keyframe_planes, self.settings)
-        return FoundObjects(self.identities.assign(found), up, self.frame_count)
+ObjectsTask = Callable[[], FoundObjects]
+"""Finds the objects of one moment, numbered as in the tasks that ran before. Tasks run one at a time, in the order of
+their snapshots."""
 
 
 class Fusion:
@@ -262,11 +225,12 @@ class Fusion:
         Every task must be run: the keyframes that came since the last one are this one's.
         """
         if self.settings.clustering == "density":
-            points = self.frequent_points()
-            return _DensityTask(
-                points, np.array(self._removed).reshape(-1, 4), self.identities, self.settings, self.frame_count
+            removed = np.array(self._removed).reshape(-1, 4)
+            return partial(
+                _found_by_density, self.frequent_points(), removed, self.identities, self.settings, self.frame_count
             )
-        return _ConsensusTask(
+        return partial(
+            _found_by_consensus,
             self.consensus,
             self.consensus.take_waiting(),
             self._T_world_map,
@@ -277,7 +241,7 @@ class Fusion:
 
     def objects(self) -> FoundObjects:
         """The objects as the map now shows them."""
-        return self.snapshot().run()
+        return self.snapshot()()
 
     def _keyframe(
         self,
@@ -303,3 +267,31 @@ class Fusion:
         self._removed.append(self._supporting)
         if len(self._removed) > _REMEMBERED:
             self._removed = self._removed[::2]
+
+
+def _found_by_consensus(
+    consensus: ViewConsensus,
+    keyframes: list[Keyframe],
+    T_world_map: NDArray[np.float64],
+    calibration: Calibration,
+    corrections: PoseCorrections | None,
+    frame_count: int,
+) -> FoundObjects:
+    """The views' consensus, with the keyframes that came since the last task, in the map of poses as it lies now."""
+    R_world_map = T_world_map[:3, :3]
+    in_map = None if corrections is None else corrections.seen_from(R_world_map)
+    agreed = consensus.update(keyframes, calibration, in_map)
+    objects = [replace(item, box=moved(item.box, T_world_map)) for item in agreed.objects]
+    return FoundObjects(objects, R_world_map @ agreed.up, frame_count, agreed.left_out, agreed.dropped)
+
+
+def _found_by_density(
+    points: FrequentPoints,
+    keyframe_planes: NDArray[np.float64],
+    identities: Identities,
+    settings: FusionSettings,
+    frame_count: int,
+) -> FoundObjects:
+    """The paper's way over the map's points."""
+    found, up = find_by_density(points, keyframe_planes, settings)
+    return FoundObjects(identities.assign(found), up, frame_count)

@@ -1,6 +1,6 @@
 """The map and its objects in a file, from which another process of fusion goes on."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from spot3d.boxes import Box3D
 from spot3d.calibration import Calibration
 from spot3d.camera import Intrinsics
-from spot3d.dataflow.ledger import Ledger
 from spot3d.dataflow.saved_objects import restored, same_fields, saved
 from spot3d.dataflow.snapshot_file import Snapshot, SnapshotError, read_snapshot
 from spot3d.found_object import FoundObject
@@ -38,6 +37,7 @@ _CLASSES = {
         Identities,
         Intrinsics,
         Keyframe,
+        MapState,
         Piece,
         Placement,
         SegmentGraph,
@@ -46,6 +46,8 @@ _CLASSES = {
         ViewConsensus,
     )
 }
+_PARTS = ("state", "consensus", "identities")
+"""What of a fusion is kept: its map, and the objects that belong to it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,12 +65,6 @@ class Account:
     skipped: dict[str, int]
     last_stamp_ns: int
     in_stream: int
-
-
-def account(stream: str | None, epoch: str, world: str | None, fused_ns: int, ledger: Ledger) -> Account:
-    """The account of a map whose stream's ledger this is."""
-    skipped = dict(ledger.skipped)
-    return Account(stream, epoch, world, fused_ns, ledger.fused, skipped, ledger.last_stamp_ns, ledger.in_stream)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,24 +85,11 @@ def keep(fusion: Fusion, told: Account) -> Kept:
 
 def fusion_snapshot(kept: Kept) -> Snapshot:
     """The snapshot; no update of the objects may be made meanwhile."""
-    state, settings = kept.state, kept.settings
-    taken = state.rows[:, FREQUENCY] > 0
-    arrays: dict[str, NDArray[Any]] = {"rows": state.rows[taken], "keys": state.keys[taken]}
-    arrays |= {"removed": state.removed, "candidates": state.candidates, "T_world_map": state.T_world_map}
-    arrays["T_theirs_map"] = state.T_theirs_map
-    if state.supporting is not None:
-        arrays["supporting"] = state.supporting
-    values = {
-        "voxel": settings.voxel,
-        "evicted": state.evicted,
-        "frame_count": state.frame_count,
-        "poses_of": state.poses_of,
-        "calibration": saved(state.calibration, arrays, _CLASSES, settings),
-        "calibrated_by": state.calibrated_by,
-        "account": {name: getattr(kept.told, name) for name in Account.__slots__},
-        "consensus": saved(kept.consensus.without_waiting(), arrays, _CLASSES, settings),
-        "identities": saved(kept.identities, arrays, _CLASSES, settings),
-    }
+    taken, arrays = kept.state.rows[:, FREQUENCY] > 0, dict[str, NDArray[Any]]()
+    state = replace(kept.state, rows=kept.state.rows[taken], keys=kept.state.keys[taken])
+    values = {"voxel": kept.settings.voxel, "account": asdict(kept.told)}
+    for name, part in zip(_PARTS, (state, kept.consensus.without_waiting(), kept.identities), strict=True):
+        values[name] = saved(part, arrays, _CLASSES, kept.settings)
     return Snapshot(_KIND, values, arrays)
 
 
@@ -125,28 +108,12 @@ def resume(fusion: Fusion, kept: Snapshot, path: Path) -> None:
     try:
         if values["voxel"] != settings.voxel:
             raise SnapshotError(f"{path} has voxels of {values['voxel']} m, and fusion.voxel is {settings.voxel} m")
-        if len(arrays["rows"]) > settings.map_limit:
-            count = len(arrays["rows"])
+        state, consensus, identities = (restored(values[name], arrays, _CLASSES, settings) for name in _PARTS)
+        ours = fusion.map_state(), fusion.consensus, fusion.identities
+        if not all(map(same_fields, ours, (state, consensus, identities))):
+            raise SnapshotError(f"{path} is of another version of spot3d")
+        if (count := len(state.rows)) > settings.map_limit:
             raise SnapshotError(f"{path} has {count} points, and fusion.map_limit is {settings.map_limit}: raise it")
-        consensus = restored(values["consensus"], arrays, _CLASSES, settings)
-        identities = restored(values["identities"], arrays, _CLASSES, settings)
-        for ours, theirs in ((fusion.consensus, consensus), (fusion.identities, identities)):
-            if not same_fields(ours, theirs):
-                raise SnapshotError(f"{path} is of another version of spot3d")
-        state = MapState(
-            rows=arrays["rows"],
-            keys=arrays["keys"],
-            evicted=int(values["evicted"]),
-            frame_count=int(values["frame_count"]),
-            removed=arrays["removed"],
-            candidates=arrays["candidates"],
-            supporting=arrays.get("supporting"),
-            T_world_map=arrays["T_world_map"],
-            poses_of=values["poses_of"],
-            T_theirs_map=arrays["T_theirs_map"],
-            calibration=restored(values["calibration"], arrays, _CLASSES, settings),
-            calibrated_by=values["calibrated_by"],
-        )
         if state.rows.ndim != 2 or state.rows.shape[1:] != fusion.heatmap.arrays.rows.shape[1:]:
             raise SnapshotError(f"{path} has points of another version of spot3d")
         if not state.T_world_map.shape == state.T_theirs_map.shape == (4, 4):
@@ -155,6 +122,6 @@ def resume(fusion: Fusion, kept: Snapshot, path: Path) -> None:
             raise SnapshotError(f"{path} has points of another version of spot3d")
     except SnapshotError:
         raise
-    except (KeyError, ValueError, TypeError) as error:
+    except (KeyError, ValueError, TypeError, AttributeError) as error:
         raise SnapshotError(f"{path} is of another version of spot3d: {error}") from error
     fusion.resume(state, consensus, identities)

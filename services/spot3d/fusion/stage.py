@@ -19,8 +19,8 @@ from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.inputs import NO_SEGMENTS, WITHOUT_FRAME, Arrival, Ready, inputs_of
 from spot3d.fusion.keeping import Keeping
 from spot3d.fusion.map_answers import MapAnswers
-from spot3d.fusion.snapshot import Account, account, keep
-from spot3d.fusion.updates import Updates, take_update
+from spot3d.fusion.snapshot import Account, keep
+from spot3d.fusion.updates import Update, Updates
 from spot3d.fusion.worlds import World, why_refused
 from spot3d_schemas import CameraIntrinsics, End, Header, Heat, Message, Pose, Progress, Segments
 
@@ -89,7 +89,17 @@ class Stage:
             log.warning("stopped amid an update of the objects: the last snapshot stays as it is")
 
     def _account(self) -> Account:
-        return account(self.node.stream, self.epoch, self.world.epoch, self.fused_ns, self.ledger)
+        ledger = self.ledger
+        return Account(
+            stream=self.node.stream,
+            epoch=self.epoch,
+            world=self.world.epoch,
+            fused_ns=self.fused_ns,
+            fused=ledger.fused,
+            skipped=dict(ledger.skipped),
+            last_stamp_ns=ledger.last_stamp_ns,
+            in_stream=ledger.in_stream,
+        )
 
     def _take(self, add: Callable[[Received[M]], Arrival], given: Received[M]) -> None:
         self._begin_if_new(given)
@@ -233,10 +243,20 @@ class Stage:
 
     def _submit(self, given: Received[Message], complete: bool) -> None:
         """Have the objects found, and the map kept where that is due."""
-        kept = None
-        if self.keeping.due(complete) and self.fusion.frame_count:
-            kept = keep(self.fusion, self._account())
-        self.updates.submit(take_update(self.fusion, given, complete, self.epoch, kept))
+        fusion, heatmap, kept = self.fusion, self.fusion.heatmap, None
+        if self.keeping.due(complete) and fusion.frame_count:
+            kept = keep(fusion, self._account())
+        update = Update(
+            task=fusion.snapshot(),
+            frame_count=fusion.frame_count,
+            given=given,
+            map_points=heatmap.count,
+            map_limit_reached=heatmap.evicted > 0,
+            complete=complete,
+            epoch=self.epoch,
+            kept=kept,
+        )
+        self.updates.submit(update)
 
     def _ended(self, given: Received[End]) -> None:
         self._begin_if_new(given)

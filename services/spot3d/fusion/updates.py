@@ -11,7 +11,7 @@ from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.process_use import let_frames_go_first
 from spot3d.dataflow.stopping import end_threads
 from spot3d.found_object import FoundObject
-from spot3d.fusion.fusion import FoundObjects, Fusion, ObjectsTask
+from spot3d.fusion.fusion import FoundObjects, ObjectsTask
 from spot3d.fusion.keeping import Keeping
 from spot3d.fusion.snapshot import Kept
 from spot3d_schemas import Message, Object3D, Objects
@@ -23,22 +23,19 @@ _WORD_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Update:
-    """One update to be computed: of the map as it was when `given` had been worked on."""
+    """One update to be computed: of the map as it was, after so many frames, when `given` had been worked on.
+
+    epoch: names the map. kept: what is to be written to a file afterwards.
+    """
 
     task: ObjectsTask
+    frame_count: int
     given: Received[Message]
     map_points: int
     map_limit_reached: bool
     complete: bool
     epoch: str
     kept: Kept | None = None
-
-
-def take_update(
-    fusion: Fusion, given: Received[Message], complete: bool, epoch: str, kept: Kept | None = None
-) -> Update:
-    """A snapshot of the map as it is now; `epoch` names the map. kept: what is to be written to a file afterwards."""
-    return Update(fusion.snapshot(), given, fusion.heatmap.count, fusion.heatmap.evicted > 0, complete, epoch, kept)
 
 
 class Updates:
@@ -114,10 +111,10 @@ class Updates:
 
     def _compute(self, update: Update) -> None:
         try:
-            found = update.task.run()
+            found = update.task()
             message = _message(self._node, update, found)
         except Exception as error:
-            self._node.crashed("objects", f"no objects after {update.task.frame_count} frames", error)
+            self._node.crashed("objects", f"no objects after {update.frame_count} frames", error)
             return
         with self._publishing:
             with self._changed:
