@@ -19,8 +19,8 @@ from spot3d.evaluate.object_tables import OURS, ablations
 from spot3d.evaluate.peer import PEER
 from spot3d.evaluate.tables import TABLES
 from spot3d.found_object import FoundObject
+from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.results import RunResult, write_results
-from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d.settings import Settings, load_settings
 from spot3d.source.errors import SourceError
 
@@ -169,9 +169,9 @@ def test_a_finished_run_is_measured_from_its_folder(tmp_path: Path) -> None:
     stamps = sequence.stamps_ns
     path = [(stamps[index], T_found_true @ sequence.true_pose(index)) for index in range(4) if index != 2]
     write_results(tmp_path, RunResult(tuple(found[1:])))
-    with TrajectoryFile(tmp_path / "trajectory.txt") as trajectory:
+    with GrowingFiles(tmp_path) as files:
         for stamp_ns, T_world_camera in path:
-            trajectory.add_pose(stamp_ns, T_world_camera)
+            files.add_pose(stamp_ns, T_world_camera)
     words = ["run", "scene:3", "--of", str(tmp_path), "--json", str(tmp_path / "numbers.json")]
 
     def rows(depth_factor: float, centre: float = 0.0) -> list[dict[str, Any]]:

@@ -13,10 +13,9 @@ from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.run.camera_frames import CameraFrames
 from spot3d.run.collector import Collector
 from spot3d.run.earlier_streams import MOST
+from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import MapSnapshot, RunResult, empty_snapshot, read_ply, write_results
-from spot3d.run.timeline import Timeline
-from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d.source.scene.scene import Scene
 from spot3d.trajectory import read_tum
 from spot3d_schemas import Header, MapPoints, Message, Objects, Pose, Progress, encode, encoding, key
@@ -63,9 +62,8 @@ class Said:
 def said(tmp_path: Path) -> Iterator[Said]:
     with (
         open_router((free_loopback_endpoint(),)) as session,
-        Timeline(tmp_path / "objects.jsonl") as timeline,
-        TrajectoryFile(tmp_path / "trajectory.txt") as trajectory,
-        Collector(session, ROBOT, "first", timeline, trajectory) as collector,
+        GrowingFiles(tmp_path) as files,
+        Collector(session, ROBOT, "first", files) as collector,
     ):
         yield Said(session, collector)
 

@@ -9,8 +9,6 @@ from spot3d.found_object import FoundObject
 from spot3d.run.lost_tracking import LostTracking, told
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport, report_document, statistics_ms
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, write_json, write_ply, write_results
-from spot3d.run.trajectory_file import TrajectoryFile
-from spot3d.trajectory import read_tum
 
 TURN = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 FOUND = FoundObject(7, Box3D(np.array([1, 2, 3.5]), np.array([0.1, 0.2, 0.3]), TURN), 0.5, 12, 345)
@@ -52,21 +50,6 @@ def test_results_can_be_read_back(objects, tmp_path):
         (item.id, item.views, item.points, item.confidence) for item in objects
     ]
     assert not list(tmp_path.glob(".*")), "nothing half written is left"
-
-
-def test_a_trajectory_is_written_as_it_goes_and_its_limit_is_told(tmp_path):
-    place = tmp_path / "trajectory.txt"
-    with TrajectoryFile(place, limit_bytes=300) as trajectory:
-        for item in poses((False,) * 3):
-            trajectory.add_pose(item.stamp_ns, item.T_world_camera)
-            trajectory.add_pose(item.stamp_ns, item.T_world_camera)
-        stamps, path = read_tum(place)
-        assert stamps == [0, 33_333_333, 66_666_666], "each once"
-        np.testing.assert_allclose(path[2, :3, 3], (2, 0, 0))
-        assert trajectory.told() is None
-        trajectory.add_pose(10**9, np.eye(4))
-        assert trajectory.told() == "trajectory.txt is at its limit of 300 bytes: it lacks 1 poses"
-    assert read_tum(place)[0] == stamps
 
 
 @pytest.mark.parametrize("count", [0, 1, 1000])

@@ -15,9 +15,8 @@ from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.frame import RgbdFrame
 from spot3d.run.collector import Collector
+from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.report import RunReport
-from spot3d.run.timeline import Timeline
-from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d.source.process import run as run_source
 from spot3d.source.sequence import Note
 from spot3d.source.settings import SourceSettings
@@ -86,9 +85,8 @@ def test_a_run_goes_on_with_a_camera_whose_stamps_go_back(live, tmp_path: Path) 
     session, stages, _ = live
     camera, report = RewoundCamera(40, 200), RunReport("camera", "processes", 0, (0, 0))
     with (
-        Timeline(tmp_path / "objects.jsonl") as timeline,
-        TrajectoryFile(tmp_path / "trajectory.txt") as trajectory,
-        Collector(session, "roving", "first", timeline, trajectory) as collector,
+        GrowingFiles(tmp_path) as files,
+        Collector(session, "roving", "first", files) as collector,
     ):
         run_source(stages.link, SourceSettings(), camera, stop=threading.Event(), stream="first")
         end_s = time.monotonic() + LIMIT_S

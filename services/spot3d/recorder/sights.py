@@ -13,9 +13,9 @@ from spot3d.camera import back_project
 from spot3d.dataflow.conversion import rgbd_frame
 from spot3d.frame import RgbdFrame
 from spot3d.recorder.mcap_contents import McapContents
+from spot3d.run.growing_files import TRAJECTORY, UPDATES
 from spot3d.run.heard import found_objects
 from spot3d.run.results import RunResult, found_in, read_ply
-from spot3d.run.timeline import NAME as TIMELINE
 from spot3d.settings import load_settings
 from spot3d.source.errors import SourceError
 from spot3d.source.selected import Selection, open_selection
@@ -49,9 +49,9 @@ def sights_of_run(folder: Path, complain: Callable[[str], None]) -> Iterator[tup
     if not report.is_file():
         raise SourceError(f"{folder} is no folder of results: report.json is missing")
     try:
-        stamps, poses = read_tum(folder / "trajectory.txt")
+        stamps, poses = read_tum(folder / TRAJECTORY)
         final = found_in(json.loads((folder / "objects.json").read_text(encoding="utf-8")))
-        lines = (folder / TIMELINE).read_text(encoding="utf-8").splitlines() if (folder / TIMELINE).exists() else []
+        lines = (folder / UPDATES).read_text(encoding="utf-8").splitlines() if (folder / UPDATES).exists() else []
         updates = [(document["stamp_ns"], found_in(document)) for document in map(json.loads, lines)]
         cloud = read_ply(folder / "heatmap.ply")
     except (KeyError, ValueError) as error:

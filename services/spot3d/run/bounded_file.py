@@ -1,27 +1,20 @@
 """A file that grows line by line, up to a limit."""
 
 from pathlib import Path
-from typing import Self
 
 
 class BoundedFile:
-    """Appends lines; use it in a `with` block. What it cannot keep is counted, and ends nothing.
+    """Appends lines, until it is closed. What it cannot keep is counted, and ends nothing.
 
     what: the name of that which is missing then.
     """
 
     def __init__(self, path: Path, limit_bytes: int, what: str) -> None:
-        self.missing = 0
-        self.path, self._limit, self._what = path, limit_bytes, what
+        self._missing = 0
+        self._path, self._limit, self._what = path, limit_bytes, what
         self._stream = path.open("wb", buffering=0)
         self._bytes = 0
         self._reason = ""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Nothing is added any more."""
@@ -31,10 +24,10 @@ class BoundedFile:
         """What there is so far goes into another folder, and the file begins anew. Raises OSError."""
         self._stream.close()
         try:
-            self.path.replace(folder / self.path.name)
-            self.missing, self._reason = 0, ""
+            self._path.replace(folder / self._path.name)
+            self._missing, self._reason = 0, ""
         finally:
-            self._stream = self.path.open("ab", buffering=0)
+            self._stream = self._path.open("ab", buffering=0)
             self._bytes = self._stream.tell()
 
     def add(self, text: str) -> None:
@@ -53,8 +46,8 @@ class BoundedFile:
                 # No half line is left behind.
                 self._stream.truncate(self._bytes)
                 self._reason = f"cannot be written: {error.strerror}"
-        self.missing += 1
+        self._missing += 1
 
     def told(self) -> str | None:
         """What to tell people where lines are missing."""
-        return f"{self.path.name} {self._reason}: it lacks {self.missing} {self._what}" if self.missing else None
+        return f"{self._path.name} {self._reason}: it lacks {self._missing} {self._what}" if self._missing else None

@@ -18,12 +18,11 @@ from spot3d.dataflow.producers import Producers
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.run.earlier_streams import MOST as EARLIER_MOST
 from spot3d.run.earlier_streams import EarlierStreams
+from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.heard import asked_map, found_objects
 from spot3d.run.lost_tracking import LostTracking
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, empty_snapshot
-from spot3d.run.timeline import Timeline
-from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d.segments.upper_side import IMAGE_UP, event_of, told
 from spot3d.source.errors import IN_THE_INPUT, NOT_PLAYED
 from spot3d.source.sequence import CAMERA_GONE
@@ -65,10 +64,8 @@ class Collector:
     before is kept apart. What a second producer says is not this run's.
     """
 
-    def __init__(
-        self, session: zenoh.Session, robot: str, stream: str, timeline: Timeline, trajectory: TrajectoryFile
-    ) -> None:
-        self._timeline, self._trajectory = timeline, trajectory
+    def __init__(self, session: zenoh.Session, robot: str, stream: str, files: GrowingFiles) -> None:
+        self._files = files
         self.objects: Objects | None = None
         self.progress: Progress | None = None
         self.health: dict[str, Health] = {}
@@ -81,7 +78,7 @@ class Collector:
         self._map = empty_snapshot()
         self._past: deque[str] = deque(maxlen=EARLIER_MOST)
         self._early: list[Message] = []
-        self._earlier = EarlierStreams(timeline, trajectory)
+        self._earlier = EarlierStreams(files)
         self._news: list[str] = []
         self._told: set[str] = set()
         self._earlier_drops: dict[str, Counter[str]] = {stage: Counter() for stage in STAGES}
@@ -213,7 +210,7 @@ class Collector:
     def _take(self, message: Message) -> None:
         if isinstance(message, Objects):
             self.objects = message
-            self._timeline.add_update(message.header.stamp_ns, found_objects(message), message.complete)
+            self._files.add_update(message.header.stamp_ns, found_objects(message), message.complete)
         elif isinstance(message, Progress):
             self.progress = message
             hops = _hops(message.header)
@@ -241,7 +238,7 @@ class Collector:
         self.poses.append(TrackedFrame(stamp, pose.T_world_camera, lost, pose.delay_s, calibration_of(pose)))
         self.lost.add(stamp, lost, pose.reason)
         if not lost:
-            self._trajectory.add_pose(stamp, pose.T_world_camera)
+            self._files.add_pose(stamp, pose.T_world_camera)
 
 
 def relay_poses(session: zenoh.Session, topic: str, robot: str) -> ExitStack:

@@ -12,12 +12,11 @@ from spot3d.dataflow.streams import new_stream
 from spot3d.run.camera_frames import CameraFrames
 from spot3d.run.collector import Collector, relay_poses
 from spot3d.run.display import Watcher
+from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.meeting import open_meeting
 from spot3d.run.report import RunReport
 from spot3d.run.results import RunResult, empty_snapshot
 from spot3d.run.supervisor import Supervisor
-from spot3d.run.timeline import Timeline
-from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d.settings import Settings
 from spot3d.source.selected import Selection
 from spot3d_schemas import STAGES, key
@@ -35,7 +34,7 @@ _MAP_S, _MAP_INTERRUPTED_S = 30.0, 2.0
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What to run. settings_file: the resolved settings; pose_topic: key of someone else's poses, or None.
+    """What to run, and into which folder. pose_topic: key of someone else's poses, or None.
 
     listen: endpoints for other programs; usual: one more, if it is free.
     camera: keeps some frames of an input that is a camera; None: it is none. stream: the name of the frames' stream,
@@ -44,21 +43,29 @@ class Plan:
 
     selection: Selection
     settings: Settings
-    settings_file: Path
+    folder: Path
     pose_topic: str | None = None
     listen: tuple[str, ...] = ()
     usual: str | None = None
     camera: CameraFrames | None = None
     stream: str = field(default_factory=new_stream)
 
+    @property
+    def logs(self) -> Path:
+        """The folder of what the stages say, and of the settings that they are given."""
+        return self.folder / "logs"
+
+    @property
+    def settings_file(self) -> Path:
+        """The stages' settings."""
+        return self.logs / "settings.toml"
+
 
 def run_distributed(
     plan: Plan,
     supervisor: Supervisor,
     report: RunReport,
-    logs: Path,
-    timeline: Timeline,
-    trajectory: TrajectoryFile,
+    files: GrowingFiles,
     watcher: Watcher,
     stop: Event,
     keep: Callable[[RunResult], None],
@@ -69,19 +76,18 @@ def run_distributed(
     every ten seconds with what there is so far.
     """
     robot = plan.settings.link.robot
-    logs.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         apart = _stages_meet_apart(plan)
         meeting = stack.enter_context(open_meeting(plan.settings, plan.listen, plan.usual, apart, watcher))
         session, endpoint = meeting.session, meeting.endpoint
-        collector = stack.enter_context(Collector(session, robot, plan.stream, timeline, trajectory))
+        collector = stack.enter_context(Collector(session, robot, plan.stream, files))
         if plan.camera is not None:
             stack.enter_context(plan.camera.hear(session, robot))
         if plan.pose_topic is not None and plan.pose_topic != key(robot, "pose/pose"):
             stack.enter_context(relay_poses(session, plan.pose_topic, robot))
         for stage in STAGES:
             if stage != "pose" or plan.pose_topic is None:
-                supervisor.start(stage, _arguments(plan, stage, endpoint), logs / f"{stage}.log")
+                supervisor.start(stage, _arguments(plan, stage, endpoint), plan.logs / f"{stage}.log")
         _follow(plan, report, endpoint, supervisor, collector, watcher, stop, keep)
         points = empty_snapshot()
         if collector.progress is not None:

@@ -6,11 +6,9 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from spot3d.run.growing_files import TRAJECTORY, GrowingFiles
 from spot3d.run.lost_tracking import LostTracking, Stretch
 from spot3d.run.results import RESULTS, RunResult, objects_document, write_json
-from spot3d.run.timeline import Timeline
-from spot3d.run.trajectory_file import NAME as TRAJECTORY
-from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d_schemas import Progress
 
 FOLDER = "streams"
@@ -29,13 +27,12 @@ def forget_streams(run: Path) -> None:
 class EarlierStreams:
     """Keeps the results of streams that are over, in folders beside those of the stream of now, and their counts.
 
-    timeline, trajectory: the files of the stream of now, in the run's folder. fused, skipped, lost_poses: frames of all
+    files: of the stream of now, in the run's folder. fused, skipped, lost_poses: frames of all
     the earlier streams; documents, lost: of those whose results are kept, for the report.
     """
 
-    def __init__(self, timeline: Timeline, trajectory: TrajectoryFile) -> None:
-        self._files = (timeline, trajectory)
-        self._run = timeline.path.parent
+    def __init__(self, files: GrowingFiles) -> None:
+        self._files, self._run = files, files.folder
         self.fused = self.lost_poses = self._count = 0
         self.skipped: Counter[str] = Counter()
         self._lost: deque[list[Stretch]] = deque(maxlen=MOST)
@@ -55,12 +52,11 @@ class EarlierStreams:
         """The stream of now is over: keep what it has come to, its map as it was last kept; returns what to tell."""
         self._count += 1
         place = self._run / FOLDER / str(self._count)
-        told = [text for file in self._files if (text := file.told())]
+        told = self._files.told()
         told.append(f"another stream of the camera begins; what was found before is in {place.relative_to(self._run)}")
         try:
             place.mkdir(parents=True, exist_ok=True)
-            for file in self._files:
-                file.leave(place)
+            self._files.leave(place)
             for name in RESULTS:
                 if (kept := self._run / name).is_file():
                     kept.replace(place / name)

@@ -10,11 +10,10 @@ from spot3d.dataflow.process_use import process_use, stay_single_threaded
 from spot3d.fusion.fusion import FoundObjects
 from spot3d.pipeline import PipelineResult, PipelineStep, run_pipeline
 from spot3d.run.display import Watcher
+from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.lost_tracking import LostTracking
 from spot3d.run.report import FrameRate, RunReport, StageReport, statistics_ms
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame
-from spot3d.run.timeline import Timeline
-from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d.segments.upper_side import event_of, told
 from spot3d.settings import Settings
 from spot3d.source.sequence import FrameSequence
@@ -24,8 +23,7 @@ def run_in_process(
     sequence: FrameSequence,
     settings: Settings,
     report: RunReport,
-    timeline: Timeline,
-    trajectory: TrajectoryFile,
+    files: GrowingFiles,
     watcher: Watcher,
     stop: Event,
 ) -> RunResult:
@@ -40,10 +38,10 @@ def run_in_process(
         lost.add(step.frame.stamp_ns, is_lost, step.pose.reason)
         fused += not step.refused
         if not is_lost:
-            trajectory.add_pose(step.frame.stamp_ns, step.pose.T_world_camera)
+            files.add_pose(step.frame.stamp_ns, step.pose.T_world_camera)
         found = found if step.objects is None else len(step.objects.objects)
         if step.objects is not None:
-            timeline.add_update(step.frame.stamp_ns, _found(step.objects), complete=False)
+            files.add_update(step.frame.stamp_ns, _found(step.objects), complete=False)
         if step.side_up and not side_up:
             side_up = step.side_up
             report.events.append(told(side_up))
@@ -53,7 +51,7 @@ def run_in_process(
 
     result = run_pipeline(sequence, settings, follow, stop.is_set)
     if result.trajectory:
-        timeline.add_update(result.trajectory[-1][0], _found(result.objects), complete=not stop.is_set())
+        files.add_update(result.trajectory[-1][0], _found(result.objects), complete=not stop.is_set())
     use, run = process_use(), _run_result(result)
     report.proposals = dict(result.heat_counts)
     report.keyframes = len(result.step_s.get("segments", ()))

@@ -16,16 +16,13 @@ from spot3d.run.camera_frames import CameraFrames
 from spot3d.run.display import progress_bar
 from spot3d.run.distributed import Plan, run_distributed
 from spot3d.run.earlier_streams import forget_streams
+from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.input_doubts import input_doubts
 from spot3d.run.overview_file import View, write_overview
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import RESULTS, RunResult, write_json, write_results
 from spot3d.run.sole_writer import sole_writer
 from spot3d.run.supervisor import Supervisor
-from spot3d.run.timeline import NAME as TIMELINE
-from spot3d.run.timeline import Timeline
-from spot3d.run.trajectory_file import NAME as TRAJECTORY
-from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d.settings import Settings, to_toml
 from spot3d.source.errors import NOT_PLAYED, SourceError
 from spot3d.source.image_limit import refuse_large_images
@@ -71,13 +68,15 @@ def run(
     with nullcontext() if in_process else Supervisor() as supervisor:
         name = selection.name
         sequence = CameraFrames(name) if is_stream(name) else open_selection(selection, settings.source)
-        if not (in_process or isinstance(sequence, CameraFrames)):
+        camera = sequence if isinstance(sequence, CameraFrames) else None
+        if not in_process and camera is None:
             refuse_large_images(sequence.intrinsics, settings.source.halved)
         if settings.pose.provider == "given" and not sequence.has_true_poses and pose_topic is None:
             raise SourceError(f"{name} has no true poses; choose --pose kiss or --pose gicp")
         with sole_writer(folder):
             console.print(f"results go to {folder}", markup=False, highlight=False, soft_wrap=True)
-            return _run(sequence, selection, settings, folder, console, supervisor, pose_topic, tuple(listen), usual)
+            plan = Plan(selection, settings, folder, pose_topic, tuple(listen), usual, camera)
+            return _run(sequence, plan, console, supervisor)
 
 
 def _refuse_other_than_utf8(folder: Path) -> None:
@@ -88,45 +87,32 @@ def _refuse_other_than_utf8(folder: Path) -> None:
         raise SourceError(f"{str(folder)!a} is no name in UTF-8; give another folder with --out") from error
 
 
-def _run(
-    sequence: FrameSequence,
-    selection: Selection,
-    settings: Settings,
-    folder: Path,
-    console: Console,
-    supervisor: Supervisor | None,
-    pose_topic: str | None,
-    listen: tuple[str, ...],
-    usual: str | None,
-) -> Finished:
+def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supervisor | None) -> Finished:
+    selection, settings, folder, camera = plan.selection, plan.settings, plan.folder, plan.camera
     in_process = supervisor is None
-    camera = sequence if isinstance(sequence, CameraFrames) else None
-    settings_file = folder / "settings.toml"
-    settings_file.write_text(to_toml(settings), encoding="utf-8")
+    (folder / "settings.toml").write_text(to_toml(settings), encoding="utf-8")
     size = (sequence.intrinsics.width, sequence.intrinsics.height) if camera is None else camera.image
     mode = "in process" if in_process else "processes"
     played = len(sequence) if camera is None else selection.frames or 0
     report = RunReport(selection.name, mode, played, size, asdict(selection))
     _begin(folder, report)
     if camera is None:
-        for doubt in input_doubts(sequence, settings.pose.provider != "given" and pose_topic is None):
+        for doubt in input_doubts(sequence, settings.pose.provider != "given" and plan.pose_topic is None):
             report.events.append(doubt)
             console.print(doubt, style="yellow", markup=False, highlight=False, soft_wrap=True)
     start_s = time.perf_counter()
     with (
         stop_on_signals(None) as stop,
         progress_bar(played or None, console) as watcher,
-        Timeline(folder / TIMELINE) as timeline,
-        TrajectoryFile(folder / TRAJECTORY) as trajectory,
+        GrowingFiles(folder) as files,
     ):
         if supervisor is None:
             # The cores take a second to import, and the stages are not started before.
             from spot3d.run.in_process import run_in_process
 
-            result = run_in_process(sequence, settings, report, timeline, trajectory, watcher, stop)
+            result = run_in_process(sequence, settings, report, files, watcher, stop)
         else:
-            stages_file = _stages_settings(settings, folder)
-            plan = Plan(selection, settings, stages_file, pose_topic, listen, usual, camera)
+            _write_stages_settings(plan)
 
             def keep(result: RunResult) -> None:
                 _count(report, camera)
@@ -136,10 +122,9 @@ def _run(
                 except OSError as error:
                     watcher.on_event(f"not kept so far: {error}")
 
-            logs = folder / "logs"
-            result = run_distributed(plan, supervisor, report, logs, timeline, trajectory, watcher, stop, keep)
+            result = run_distributed(plan, supervisor, report, files, watcher, stop, keep)
     _count(report, camera)
-    for told in filter(None, (timeline.told(), trajectory.told())):
+    for told in files.told():
         report.events.append(told)
         console.print(told, style="yellow", markup=False, highlight=False, soft_wrap=True)
     skipped = report.skipped
@@ -151,7 +136,7 @@ def _run(
         report.error = f"no frame was fused: {reasons or 'none came'}"
     if in_process:
         # Logs of an earlier run's processes would be taken for this one's.
-        shutil.rmtree(folder / "logs", ignore_errors=True)
+        shutil.rmtree(plan.logs, ignore_errors=True)
     name = Path(selection.name).name or selection.name
     camera_path = np.array([item.T_world_camera[:3, 3] for item in result.path()]).reshape(-1, 3)
     wall_s = time.perf_counter() - start_s
@@ -189,14 +174,13 @@ def _write_report(folder: Path, result: RunResult, report: RunReport, wall_s: fl
     write_json(folder / "report.json", report_document(report, result))
 
 
-def _stages_settings(settings: Settings, folder: Path) -> Path:
-    """A file of the settings for the stages of this run, which keep their snapshots in its own folder."""
-    shutil.rmtree(folder / _SNAPSHOTS, ignore_errors=True)
-    snapshots = settings.link.snapshot_folder or str((folder / _SNAPSHOTS).absolute())
-    path = folder / "logs" / "settings.toml"
-    path.parent.mkdir(exist_ok=True)
-    path.write_text(to_toml(settings.changed("link", snapshot_folder=snapshots)), encoding="utf-8")
-    return path
+def _write_stages_settings(plan: Plan) -> None:
+    """Write the settings for the stages of this run, which keep their snapshots in its own folder."""
+    shutil.rmtree(plan.folder / _SNAPSHOTS, ignore_errors=True)
+    snapshots = plan.settings.link.snapshot_folder or str((plan.folder / _SNAPSHOTS).absolute())
+    plan.logs.mkdir(exist_ok=True)
+    stages = plan.settings.changed("link", snapshot_folder=snapshots)
+    plan.settings_file.write_text(to_toml(stages), encoding="utf-8")
 
 
 def _views(sequence: FrameSequence, result: RunResult) -> list[View]:

@@ -10,12 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.overview_file import View, write_overview
 from spot3d.run.results import MapSnapshot, RunResult, objects_document, write_json, write_ply
-from spot3d.run.timeline import NAME as TIMELINE
-from spot3d.run.timeline import Timeline
-from spot3d.run.trajectory_file import NAME as TRAJECTORY
-from spot3d.run.trajectory_file import TrajectoryFile
 from spot3d_schemas import Progress
 
 _PLACES = 4000
@@ -35,8 +32,7 @@ class StreamFolder:
         label = re.sub(r"\W", "_", stream or "unnamed")[:8]
         self.path = parent / f"{time.strftime('%Y%m%d-%H%M%S', time.gmtime(began_s))}-{label}"
         self.path.mkdir(parents=True, exist_ok=True)
-        self._poses = TrajectoryFile(self.path / TRAJECTORY)
-        self._timeline = Timeline(self.path / TIMELINE)
+        self._files = GrowingFiles(self.path)
         self._places: list[NDArray[np.float64]] = []
         self._place_step, self._tracked, self._lost, self._lost_because = 1, 0, 0, ""
         self.result = RunResult()
@@ -48,7 +44,7 @@ class StreamFolder:
         if T_world_camera is None:
             self._lost, self._lost_because = self._lost + 1, reason
             return
-        self._poses.add_pose(stamp_ns, T_world_camera)
+        self._files.add_pose(stamp_ns, T_world_camera)
         if self._tracked % self._place_step == 0:
             self._places.append(T_world_camera[:3, 3])
         if len(self._places) > _PLACES:
@@ -58,13 +54,12 @@ class StreamFolder:
     def update(self, stamp_ns: int, found: RunResult, complete: bool) -> None:
         """The objects after the frame of this stamp."""
         self.result, self.complete = found, complete
-        self._timeline.add_update(stamp_ns, found, complete)
+        self._files.add_update(stamp_ns, found, complete)
 
     def write(self, points: MapSnapshot | None = None, views: Sequence[View] | None = None) -> None:
         """Write objects.json and stream.json; with `points` heatmap.ply, with `views` overview.png. Raises OSError."""
         write_json(self.path / "objects.json", objects_document(self.result))
         progress = self.progress
-        told = [text for text in (self._poses.told(), self._timeline.told()) if text]
         document = {
             "robot": self.robot,
             "stream": self.stream,
@@ -75,7 +70,7 @@ class StreamFolder:
             "lost_because": self._lost_because or None,
             "objects": len(self.result.objects),
             "left_out": self.result.left_out,
-            "events": told,
+            "events": self._files.told(),
         }
         if points is not None:
             write_ply(self.path / "heatmap.ply", points)
@@ -88,8 +83,7 @@ class StreamFolder:
 
     def close(self) -> None:
         """Nothing is added any more."""
-        self._poses.close()
-        self._timeline.close()
+        self._files.close()
 
 
 def drop_oldest(parent: Path, keep: int, latest: Path) -> list[Path]:

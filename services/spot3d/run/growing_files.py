@@ -1,0 +1,60 @@
+"""What grows line by line as a run goes on: the camera's path, and how the objects came to be."""
+
+import json
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.run.bounded_file import BoundedFile
+from spot3d.run.results import RunResult, objects_document
+from spot3d.trajectory import tum_line
+
+TRAJECTORY, UPDATES = "trajectory.txt", "objects.jsonl"
+LIMIT_BYTES = 256 * 2**20
+"""Longest file of each: a day of poses at 30 frames a second, hours of a table with a dozen objects."""
+
+
+class GrowingFiles:
+    """trajectory.txt, the poses that are trusted in TUM format, and objects.jsonl, one line an update, of a folder.
+
+    Use it in a `with` block, or close it. Raises OSError where they cannot be made.
+    """
+
+    def __init__(self, folder: Path, limit_bytes: int = LIMIT_BYTES) -> None:
+        self.folder = folder
+        self._poses = BoundedFile(folder / TRAJECTORY, limit_bytes, "poses")
+        self._updates = BoundedFile(folder / UPDATES, limit_bytes, "updates")
+        self._last_ns: int | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Nothing is added any more."""
+        self._poses.close()
+        self._updates.close()
+
+    def leave(self, folder: Path) -> None:
+        """What there is so far goes into another folder, and the files begin anew, at any time. Raises OSError."""
+        self._last_ns = None
+        self._poses.leave(folder)
+        self._updates.leave(folder)
+
+    def add_pose(self, stamp_ns: int, T_world_camera: NDArray[np.float64]) -> None:
+        """A frame's pose, (4, 4); one that is not later than the last is left out: readers rely on the order."""
+        if self._last_ns is None or stamp_ns > self._last_ns:
+            self._last_ns = stamp_ns
+            self._poses.add(tum_line(stamp_ns, T_world_camera))
+
+    def add_update(self, stamp_ns: int, found: RunResult, complete: bool) -> None:
+        """One update: the objects after the frame of this stamp. complete: those of all frames."""
+        self._updates.add(json.dumps({"stamp_ns": stamp_ns, "complete": complete, **objects_document(found)}))
+
+    def told(self) -> list[str]:
+        """What to tell people where lines are missing."""
+        return [text for file in (self._updates, self._poses) if (text := file.told())]

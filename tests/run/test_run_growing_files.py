@@ -1,0 +1,54 @@
+"""Files that grow keep whole lines only, up to their limit, and count what they lack."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from spot3d.boxes import Box3D
+from spot3d.found_object import FoundObject
+from spot3d.run.growing_files import GrowingFiles
+from spot3d.run.results import RunResult, found_in
+from spot3d.trajectory import read_tum
+
+FOUND = RunResult(
+    objects=(FoundObject(3, Box3D(np.array([0.1, 0.2, 0.3]), np.array([0.1, 0.1, 0.2]), np.eye(3)), 0.5, 4, 100),),
+    up=(0.0, 0.0, 1.0),
+    frame_count=7,
+)
+
+
+def test_lines_come_back_and_the_limit_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "objects.jsonl"
+    with GrowingFiles(tmp_path) as files:
+        files.add_update(5, FOUND, complete=False)
+        files.add_update(6, FOUND, complete=True)
+        assert files.told() == []
+    whole = path.read_bytes()
+    documents = [json.loads(line) for line in whole.splitlines()]
+    assert [(item["stamp_ns"], item["complete"]) for item in documents] == [(5, False), (6, True)]
+    back = found_in(documents[0])
+    assert (back.up, back.frame_count, back.objects[0].id) == (FOUND.up, 7, 3)
+    assert (back.objects[0].box.centre == FOUND.objects[0].box.centre).all()
+
+    with GrowingFiles(tmp_path, limit_bytes=len(whole) - 1) as files:
+        for stamp_ns in (5, 6, 7):
+            files.add_update(stamp_ns, FOUND, complete=False)
+        assert files.told() == [f"objects.jsonl is at its limit of {len(whole) - 1} bytes: it lacks 2 updates"]
+    assert len(path.read_text().splitlines()) == 1
+
+
+def test_a_trajectory_is_written_as_it_goes_and_its_limit_is_told(tmp_path: Path) -> None:
+    place, pose = tmp_path / "trajectory.txt", np.eye(4)
+    with GrowingFiles(tmp_path, limit_bytes=300) as files:
+        for index in range(3):
+            pose[0, 3] = index
+            files.add_pose(index * 33_333_333, pose)
+            files.add_pose(index * 33_333_333, pose)
+        stamps, path = read_tum(place)
+        assert stamps == [0, 33_333_333, 66_666_666], "each once"
+        np.testing.assert_allclose(path[2, :3, 3], (2, 0, 0))
+        assert files.told() == []
+        files.add_pose(10**9, np.eye(4))
+        assert files.told() == ["trajectory.txt is at its limit of 300 bytes: it lacks 1 poses"]
+    assert read_tum(place)[0] == stamps
