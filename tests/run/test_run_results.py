@@ -9,6 +9,7 @@ from spot3d.found_object import FoundObject
 from spot3d.run.lost_tracking import LostTracking, told
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport, report_document, statistics_ms
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, write_json, write_ply, write_results
+from spot3d_schemas import Hop
 
 TURN = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 FOUND = FoundObject(7, Box3D(np.array([1, 2, 3.5]), np.array([0.1, 0.2, 0.3]), TURN), 0.5, 12, 345)
@@ -94,12 +95,16 @@ def test_report_document():
 def test_hop_times():
     times = HopTimes()
     assert times.statistics() == {}
-    times.add([("source", 0, 1_000_000), ("pose", 3_000_000, 9_000_000)], whole="all")
-    times.add([("source", 0, 1_000_000)], whole="all")
+    source = Hop(stage="source", received_ns=0, sent_ns=1_000_000)
+    times.add((source, Hop(stage="pose", received_ns=3_000_000, sent_ns=9_000_000)), whole="all")
+    times.add((source,), whole="all")
     assert times.statistics() == {
         "source to pose": {"p50": 2.0, "p99": 2.0, "mean": 2.0},
         "all": {"p50": 8.0, "p99": 8.0, "mean": 8.0},
     }
+    for number in range(100):
+        times.add((source, Hop(stage=f"made-up-{number}", received_ns=2_000_000, sent_ns=2_000_000)))
+    assert len(times.statistics()) == 16, "whatever is sent"
     assert statistics_ms([]) == {}
 
 

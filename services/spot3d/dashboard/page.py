@@ -118,7 +118,7 @@ class Page:
         titled = len(shown) > 1
         words = [(robot, robot.records.words(robot.alive, now_s, robot.lost, robot.complete)) for robot in shown]
         panel.health.say("".join((f"<b>{robot.name}</b>" if titled else "") + health_table(of) for robot, of in words))
-        panel.latency.say("".join(hop_table(robot.hop_times()) for robot in shown))
+        panel.latency.say("".join(hop_table(robot.hops.statistics()) for robot in shown))
         panel.drops.say("".join(drop_table(robot.records.drops()) for robot in shown))
 
     def _show(self, slow: bool) -> None:

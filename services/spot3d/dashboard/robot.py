@@ -1,7 +1,6 @@
 """What the dashboard knows of one robot."""
 
 from collections import OrderedDict, deque
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +9,9 @@ from spot3d.camera import Intrinsics
 from spot3d.dashboard.health import StageRecords
 from spot3d.dashboard.points import MapCopy
 from spot3d.dashboard.world import Trail
-from spot3d.dataflow.clocks import one_clock, ways_ns
+from spot3d.dataflow.clocks import one_clock
 from spot3d.dataflow.conversion import calibration_of
-from spot3d.run.report import statistics_ms
+from spot3d.run.report import HopTimes
 from spot3d_schemas import Health, MapChanges, Message, Object3D, Objects, Pose, Preview, Progress
 
 _POSES = 120
@@ -23,7 +22,8 @@ _COMING = 8
 """At most so many previews wait for their poses: what comes in that time, five a second."""
 _HEAT_APART_NS = 1_000_000_000
 """Heat of a frame that is further away than this is of another picture."""
-_HOPS, _TIMES = 16, 300
+_TIMES = 300
+"""Times of a hop that are kept: ten seconds of a camera."""
 
 
 class Robot:
@@ -46,9 +46,9 @@ class Robot:
         self.heat: Preview | None = None
         self.shown: tuple[Preview, NDArray[np.float64] | None] | None = None
         self.frame_s: float | None = None
+        self.hops = HopTimes(_TIMES)
         self._coming: deque[tuple[Preview, float]] = deque()
         self._poses: OrderedDict[int, Pose] = OrderedDict()
-        self._hops: dict[str, deque[float]] = {}
 
     @property
     def complete(self) -> bool:
@@ -100,10 +100,6 @@ class Robot:
             return self._up
         return None if self.pose is None else -self.pose.T_world_camera[:3, 1]
 
-    def hop_times(self) -> dict[str, dict[str, float]]:
-        """p50, p99 and mean of the last times from stage to stage, and of the whole way, milliseconds."""
-        return {name: statistics_ms(times) for name, times in self._hops.items()}
-
     def _posed(self, pose: Pose) -> None:
         self.lost = pose.reason or "no reason given" if pose.status == "lost" else ""
         if self.lost:
@@ -132,15 +128,9 @@ class Robot:
     def _timed(self, progress: Progress) -> None:
         trace = progress.header.trace
         if not one_clock(trace):
-            self._hops.clear()
-            return
-        hops = zip(pairwise(trace), ways_ns(trace), strict=True)
-        times = [(f"{before.stage} to {after.stage}", way_ns) for (before, after), way_ns in hops]
-        if len(trace) > 2:
-            times.append((f"{trace[0].stage} to {trace[-1].stage}, in all", trace[-1].sent_ns - trace[0].sent_ns))
-        for name, nanoseconds in times:
-            if name in self._hops or len(self._hops) < _HOPS:
-                self._hops.setdefault(name, deque(maxlen=_TIMES)).append(nanoseconds / 1e6)
+            self.hops = HopTimes(_TIMES)
+        else:
+            self.hops.add(trace, f"{trace[0].stage} to {trace[-1].stage}, in all" if len(trace) > 2 else "")
 
     def _found(self, objects: Objects) -> None:
         if self.objects is not None and objects.epoch != self.objects.epoch:

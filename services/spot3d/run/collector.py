@@ -29,7 +29,6 @@ from spot3d.source.sequence import CAMERA_GONE
 from spot3d_schemas import (
     STAGES,
     TOPICS,
-    Header,
     Health,
     Message,
     Objects,
@@ -213,16 +212,16 @@ class Collector:
             self._files.add_update(message.header.stamp_ns, found_objects(message), message.complete)
         elif isinstance(message, Progress):
             self.progress = message
-            hops = _hops(message.header)
+            trace = message.header.trace
             # Not every progress is of one frame that went the whole way: some are of skipped frames or of the end.
-            self.latency.add(hops, whole="source to fused" if [hop[0] for hop in hops[-2:]] in _FUSED else "")
+            self.latency.add(trace, whole="source to fused" if [hop.stage for hop in trace[-2:]] in _FUSED else "")
             fused, skipped = self.counts()
             self.rate.add(fused + skipped.total(), time.monotonic())
         elif isinstance(message, Pose):
             self._pose(message)
-            self.latency.add(_hops(message.header))
+            self.latency.add(message.header.trace)
         elif isinstance(message, Proposals):
-            self.latency.add(_hops(message.header))
+            self.latency.add(message.header.trace)
         elif isinstance(message, Health):
             last = self.health.get(message.stage)
             if last is not None and last.pid != message.pid:
@@ -253,7 +252,3 @@ def relay_poses(session: zenoh.Session, topic: str, robot: str) -> ExitStack:
     subscriber = session.declare_subscriber(topic, pass_on)
     stack.callback(subscriber.undeclare)
     return stack
-
-
-def _hops(header: Header) -> list[tuple[str, int, int]]:
-    return [(hop.stage, hop.received_ns, hop.sent_ns) for hop in header.trace]

@@ -1,8 +1,8 @@
 """report.json: what a run did with its frames, and what it cost."""
 
 import math
-from collections import defaultdict, deque
-from collections.abc import Iterable, Sequence
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import pairwise
 from typing import Any
@@ -10,12 +10,16 @@ from typing import Any
 import numpy as np
 
 import spot3d
+from spot3d.dataflow.clocks import ways_ns
 from spot3d.machine import machine
 from spot3d.run.lost_tracking import Stretch
 from spot3d.run.results import RunResult
+from spot3d_schemas import Hop
 
 _TIMES = 10_000
 """Times of a hop that are kept: five minutes of a camera, 0.3 MB; p99 is then of a hundred."""
+_HOPS = 16
+"""Most hops that are told apart; senders can make up stages."""
 
 
 @dataclass(slots=True)
@@ -138,21 +142,21 @@ class FrameRate:
 
 
 class HopTimes:
-    """Collects, per hop, the times between the stages of a trace: the last ten thousand, minutes of a camera."""
+    """Collects, per hop, the times between the stages of a trace: the last so many; bounded, whatever is sent."""
 
-    def __init__(self) -> None:
-        self._ms: defaultdict[str, deque[float]] = defaultdict(lambda: deque(maxlen=_TIMES))
+    def __init__(self, most: int = _TIMES) -> None:
+        self._most = most
+        self._ms: dict[str, deque[float]] = {}
 
-    def add(self, hops: Iterable[tuple[str, int, int]], whole: str = "") -> None:
-        """Take in one trace: (stage, received_ns, sent_ns) in the order of the dataflow.
-
-        `whole` names the time from the first stage's sending to the last one's.
-        """
-        trace = list(hops)
-        for (before, _, sent), (after, received, _) in pairwise(trace):
-            self._ms[f"{before} to {after}"].append((received - sent) / 1e6)
+    def add(self, trace: Sequence[Hop], whole: str = "") -> None:
+        """Take in one trace; `whole` names the time from the first stage's sending to the last one's."""
+        hops = zip(pairwise(trace), ways_ns(trace), strict=True)
+        times = [(f"{before.stage} to {after.stage}", way_ns) for (before, after), way_ns in hops]
         if whole and len(trace) > 1:
-            self._ms[whole].append((trace[-1][2] - trace[0][2]) / 1e6)
+            times.append((whole, trace[-1].sent_ns - trace[0].sent_ns))
+        for name, nanoseconds in times:
+            if name in self._ms or len(self._ms) < _HOPS:
+                self._ms.setdefault(name, deque(maxlen=self._most)).append(nanoseconds / 1e6)
 
     def statistics(self) -> dict[str, dict[str, float]]:
         """p50, p99 and mean of each hop."""
