@@ -102,12 +102,12 @@ def export(
     if not source.exists():
         raise CommandError(f"{source} does not exist; give a folder of results, or a recording")
     try:
-        exported = export_all(source, out, say)
+        written = export_all(source, out, say)
     except BrokenRecordingError as error:
         raise CommandError(str(error)) from error
     except FileExistsError as error:
         raise CommandError(f"{out} exists already; give another name, or delete it") from error
-    typer.echo(f"{out}: {exported.summary()}")
+    typer.echo(f"{out}: {', '.join(f'{count} {topic}' for topic, count in written.items())}")
 
 
 COMMANDS = (record, play, export)

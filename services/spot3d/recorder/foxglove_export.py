@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -37,22 +36,12 @@ _CHANNELS: dict[str, type[_Encoded]] = {
 }
 
 
-@dataclass(slots=True)
-class Exported:
-    """Messages by topic."""
-
-    messages: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_CHANNELS, 0))
-
-    def summary(self) -> str:
-        """One line for people."""
-        return ", ".join(f"{count} {topic}" for topic, count in self.messages.items())
-
-
-def export(source: Path, out: Path, complain: Callable[[str], None]) -> Exported:
+def export(source: Path, out: Path, complain: Callable[[str], None]) -> dict[str, int]:
     """Write the results folder of a run, or a recording, as Foxglove's messages; log times are capture times.
 
-    complain: called with what had to be left out. Raises SourceError or BrokenRecordingError where `source` cannot be
-    read or holds nothing to export, FileExistsError, and OSError where the disk is full.
+    Returns how many messages of each topic are written. complain: called with what had to be left out. Raises
+    SourceError or BrokenRecordingError where `source` cannot be read or holds nothing to export, FileExistsError, and
+    OSError where the disk is full.
     """
     if source.is_dir():
         sights: Iterable[tuple[int, Sight]] = sights_of_run(source, complain)
@@ -63,7 +52,7 @@ def export(source: Path, out: Path, complain: Callable[[str], None]) -> Exported
         exporter = _Exporter(writer)
         for stamp_ns, sight in sights:
             exporter.add(stamp_ns, sight)
-        if not any(exporter.exported.messages.values()):
+        if not any(exporter.written.values()):
             raise SourceError(f"{source} holds nothing to export: no frame, no pose and no object")
         writer.close()
     except BaseException:
@@ -72,12 +61,12 @@ def export(source: Path, out: Path, complain: Callable[[str], None]) -> Exported
         # Half an export would be taken for a whole one.
         out.unlink()
         raise
-    return exporter.exported
+    return exporter.written
 
 
 class _Exporter:
     def __init__(self, writer: McapWriter) -> None:
-        self.exported = Exported()
+        self.written = dict.fromkeys(_CHANNELS, 0)
         self._writer = writer
         self._shown: set[int] = set()
         self._channels: dict[str, int] = {}
@@ -105,6 +94,6 @@ class _Exporter:
             self._shown = found
 
     def _put(self, topic: str, stamp_ns: int, message: _Encoded) -> None:
-        count = self.exported.messages[topic]
+        count = self.written[topic]
         self._writer.add(self._channels[topic], stamp_ns, stamp_ns, count, message.encode())
-        self.exported.messages[topic] = count + 1
+        self.written[topic] = count + 1
