@@ -42,12 +42,11 @@ def proposals_table(datasets: list[DataSet], settings: Settings) -> Table:
     columns = (Column("data"), Column("proposals"), Column("boxes SR"), Column("boxes DR"), *BOTH_METHODS)
     table = Table("proposals", "Single frame: success and detection rate (paper, Table I)", columns)
     for dataset in datasets:
-        frames = dataset.frames
-        if frames is None:
+        if dataset.frames is None:
             continue
         bare, ours = ({number: FoundInFrames() for number in NUMBERS} for _ in range(2))
         peer = FoundInFrames()
-        for item in (frames.read(index) for index in range(frames.count)):
+        for item in dataset.frames:
             depth, camera = item.frame.depth_metres(), item.frame.intrinsics
             peer.add(item, peer_in_frame(depth, camera))
             for number in NUMBERS:
@@ -149,7 +148,7 @@ def boxes_in_frame(frame: RgbdFrame, heat: Heatmap, settings: Settings) -> NDArr
 
 def _all_frames(dataset: DataSet) -> Iterator[RgbdFrame]:
     if dataset.frames is not None:
-        yield from (dataset.frames.read(index).frame for index in range(dataset.frames.count))
+        yield from (item.frame for item in dataset.frames)
     else:
         for item in dataset.sequences:
             yield from item.sequence

@@ -1,6 +1,6 @@
 """What a data set for evaluation offers: single frames with true 2D boxes, sequences with true 3D boxes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,10 +25,13 @@ class LabelledFrame:
 
 @dataclass(frozen=True, slots=True)
 class LabelledFrames:
-    """`count` frames, each read when asked for by its number."""
+    """`count` frames, each read when asked for by its number, or one after the other."""
 
     count: int
     read: Callable[[int], LabelledFrame]
+
+    def __iter__(self) -> Iterator[LabelledFrame]:
+        return map(self.read, range(self.count))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

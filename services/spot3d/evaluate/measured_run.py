@@ -1,6 +1,5 @@
 """One run of the whole method over a labelled sequence, with all that the tables need of it."""
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -54,8 +53,6 @@ class MeasuredRun:
     peer: Measured
     updates: list[Update]
     step_s: dict[str, list[float]]
-    heat_counts: Counter[str]
-    skipped: Counter[str]
     frames: int
 
     def frame_ms(self) -> float:
@@ -124,8 +121,6 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
         peer=measured(sequence, peer.found(settings.fusion).moved(sightings.T_world_map), truth, carried, T),
         updates=[[(number, moved(box, T)) for number, box in update] for update in updates],
         step_s={stage: times[1:] if stage != "objects" else times for stage, times in result.step_s.items()},
-        heat_counts=result.heat_counts,
-        skipped=result.skipped,
         frames=len(sequence),
     )
 

@@ -23,7 +23,7 @@ def steps_table(datasets: list[DataSet], settings: Settings) -> Table:
         if dataset.frames is None:
             continue
         found = {name: FoundInFrames() for name in variants}
-        for item in (dataset.frames.read(index) for index in range(dataset.frames.count)):
+        for item in dataset.frames:
             _, heat = proposals_and_heat(item.frame, settings)
             for name, changed in variants.items():
                 found[name].add(item, boxes_in_frame(item.frame, heat, changed))

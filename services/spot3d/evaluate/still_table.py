@@ -61,11 +61,10 @@ def still_table(datasets: list[DataSet], settings: Settings) -> Table:
     table = Table("still", title, (Column("data"), *BOTH_METHODS))
     given = settings.changed("pose", provider="given")
     for dataset in datasets:
-        frames = dataset.frames
-        if frames is None:
+        if dataset.frames is None:
             continue
         ours, peer = FoundInFrames(), FoundInFrames()
-        for item in (frames.read(index) for index in range(frames.count)):
+        for item in dataset.frames:
             frame = item.frame
             found = run_pipeline(OneFrame(frame), given).objects.objects
             ours.add(item, _drawn([one.box for one in found], frame.intrinsics))
