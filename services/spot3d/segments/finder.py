@@ -60,16 +60,14 @@ def find_segments(
     heat: NDArray[np.uint8],
     camera: Intrinsics,
     settings: SegmentsSettings,
-    upwards: NDArray[np.float64] | None = None,
 ) -> FrameSegments:
     """The objects of one frame, on its lattice of about `lattice_width` samples across.
 
-    colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths; camera: theirs;
-    upwards: (3,) unit, camera frame, None = all that is known is `settings.image_up`.
+    colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths; camera: theirs.
     Without a supporting plane there are none: nothing is known to stand on anything.
     """
     frame = to_lattice(colour, depth, heat, camera, settings.lattice_width, settings.grazing_cos)
-    return find_on_lattice(frame, candidate_planes(frame, settings), settings, upwards)
+    return find_on_lattice(frame, candidate_planes(frame, settings), settings)
 
 
 def candidate_planes(frame: LatticeFrame, settings: SegmentsSettings) -> CandidatePlanes:
@@ -85,7 +83,10 @@ def find_on_lattice(
     settings: SegmentsSettings,
     upwards: NDArray[np.float64] | None = None,
 ) -> FrameSegments:
-    """The objects of one frame that has been brought to its lattice; see `find_segments` and `candidate_planes`."""
+    """The objects of one frame that has been brought to its lattice; see `find_segments` and `candidate_planes`.
+
+    upwards: (3,) unit, camera frame, None = all that is known is `settings.image_up`.
+    """
     points, planes, noise = among.points, among.planes, frame.camera.noise
     if upwards is None:
         upwards = expected_up(settings.image_up)
