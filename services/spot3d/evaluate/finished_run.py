@@ -1,6 +1,7 @@
 """A run that is over, live ones with their dropped frames included: what it wrote, beside the truth and the peer."""
 
 import json
+from dataclasses import astuple
 from pathlib import Path
 
 from spot3d.calibration import Calibration
@@ -8,8 +9,15 @@ from spot3d.camera import invert
 from spot3d.evaluate.carried import Sightings
 from spot3d.evaluate.judgement import Found, judge
 from spot3d.evaluate.labelled import DataSet, LabelledSequence
-from spot3d.evaluate.measured_run import world_alignment
-from spot3d.evaluate.object_tables import NOTE_CARRIED, NOTE_NO_OBJECT, NOTE_PEER, OURS
+from spot3d.evaluate.measured_run import Measured, world_alignment
+from spot3d.evaluate.object_tables import (
+    NOTE_CARRIED,
+    NOTE_NO_OBJECT,
+    NOTE_PEER,
+    OURS,
+    overlap_measures,
+    point_measures,
+)
 from spot3d.evaluate.peer import PEER, behind_peer
 from spot3d.evaluate.peer_map import FRAMES_MAX, PeerMap
 from spot3d.evaluate.scores import object_scores, without_object
@@ -61,23 +69,15 @@ def finished_table(dataset: DataSet, folder: Path, settings: Settings) -> Table:
     carried = sightings.carried(invert(T))
     table = Table("run", f"Objects of the run in {folder}", COLUMNS)
     methods = {OURS: Found(tuple(one.box for one in objects), ()), PEER: peer.found(settings.fusion)}
-    rates = []
+    done = []
     for method, found in methods.items():
         fixed, bent = judge(found.moved(T).boxes, truth), judge(found.boxes, carried)
-        overlap, overlap_carried = object_scores([fixed.iou]), object_scores([bent.iou])
         counts = (len(stamps), len(found.boxes), fixed.left_out, int(without_object([fixed.iou])), len(truth.boxes))
-        points = [
-            (one.precision, one.recall, one.f_measure) for one in (fixed.points, fixed.points_of_all, bent.points)
-        ]
-        cells = (*overlap.cells(), *points[0], *points[1], *overlap_carried.cells(), *points[2])
-        table.add(item.name, method, *counts, *cells)
-        worlds = ("", overlap, fixed), ("carried ", overlap_carried, bent)
-        rates.append(
-            {f"{world}success": scores.success for world, scores, _ in worlds}
-            | {f"{world}detection": scores.detection for world, scores, _ in worlds}
-            | {f"{world}F": judged.points.f_measure for world, _, judged in worlds}
-        )
-    table.notes += behind_peer(item.name, [(name, ours, rates[1][name]) for name, ours in rates[0].items()])
+        points = [astuple(one) for one in (fixed.points, fixed.points_of_all, bent.points)]
+        overlap, overlap_carried = object_scores([fixed.iou]).cells(), object_scores([bent.iou]).cells()
+        table.add(item.name, method, *counts, *overlap, *points[0], *points[1], *overlap_carried, *points[2])
+        done.append([Measured(fixed, bent, [])])
+    table.notes += behind_peer(item.name, [*overlap_measures(*done), *point_measures(*done)])
     table.notes += [
         "The found world is moved into the true one as all trusted poses agree best.",
         "Left out of all but the columns with `all`: found boxes that meet no true object, on points that nobody "
