@@ -3,7 +3,6 @@
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from typing import TypeVar
 
 import zenoh
@@ -15,7 +14,7 @@ from rich.text import Text
 from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dashboard.health import StageRecords, Word
-from spot3d.dataflow.alive import Alive, watch_alive
+from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.endpoints import hear_kept
 from spot3d.dataflow.payload import decoded
 from spot3d.dataflow.rate_limited_log import printable
@@ -37,21 +36,54 @@ M = TypeVar("M", bound=Message)
 Ear = Handler[zenoh.Sample]
 
 
-@dataclass(frozen=True, slots=True)
-class _Channels:
-    """Where the latest health of each stage and the latest objects are heard."""
+class _Robot:
+    """What was heard last of a robot: which stages are alive, how they fare, and what was found."""
 
-    health: list[Ear]
-    objects: Ear
+    def __init__(self, session: zenoh.Session, name: str, stack: ExitStack) -> None:
+        self._name, self._alive = name, stack.enter_context(watch_alive(session, name))
+        self._ears: list[Ear] = []
+        for stage in (*STAGES, BRIDGE):
+            ear = session.declare_subscriber(key(name, f"{stage}/health"), RingChannel(1))
+            self._ears.append(stack.enter_context(ear).handler)
+        self._objects_ear = hear_kept(session, key(name, "fusion/objects"), 1, stack)
+        self._records = StageRecords()
+        self._health: dict[str, Health] = {}
+        self._objects: Objects | None = None
 
+    def listen(self, duration_s: float) -> None:
+        """Take in what the stages say for a while, or until each has said something where none had before."""
+        end_s = time.monotonic() + duration_s
+        fresh = not self._health
+        while time.monotonic() < end_s and not (fresh and self._processes().keys() <= self._health.keys()):
+            for ear in self._ears:
+                health = _latest(ear, Health)
+                if health is not None:
+                    self._health[health.stage] = health
+                    self._records.hear(health, time.monotonic())
+            self._objects = _latest(self._objects_ear, Objects) or self._objects
+            time.sleep(0.02)
 
-@dataclass(slots=True)
-class _Heard:
-    """What was heard last, health by stage, and what follows from it."""
+    def table(self) -> Group:
+        """See `status_table`."""
+        return status_table(self._name, self._processes(), self._health, self._objects)
 
-    health: dict[str, Health] = field(default_factory=dict)
-    records: StageRecords = field(default_factory=StageRecords)
-    objects: Objects | None = None
+    def words(self) -> Text:
+        """See `words_of_stages`."""
+        there = [stage for stage, count in self._processes().items() if count]
+        complete = self._objects is not None and self._objects.complete
+        return words_of_stages(self._records.words(there, time.monotonic(), complete=complete))
+
+    def all_is_well(self) -> bool:
+        """Whether every stage is alive, but for a source that has ended, and none says that something is wrong."""
+        there = self._processes()
+        ended = has_ended(there, self._objects)
+        alive = all(count or (ended and stage == "source") for stage, count in there.items())
+        return alive and not any(item.state for item in self._health.values())
+
+    def _processes(self) -> dict[str, int]:
+        """How many processes of each stage there are, and of the bridge, if any; one without a name counts as one."""
+        shown = (*STAGES, BRIDGE) if BRIDGE in self._alive else STAGES
+        return {stage: max(len(self._alive.processes(stage)), int(stage in self._alive)) for stage in shown}
 
 
 def show_status(link: LinkSettings, console: Console, watch: bool) -> bool:
@@ -66,28 +98,13 @@ def show_status(link: LinkSettings, console: Console, watch: bool) -> bool:
         except StoppedError:
             where = ", ".join(link.connect)
             raise ConnectionError(f"no router answers at {where}; is the dataflow running? (--connect)") from None
-        alive = stack.enter_context(watch_alive(session, link.robot))
-        topics = [f"{stage}/health" for stage in (*STAGES, BRIDGE)]
-        subscribers = [
-            stack.enter_context(session.declare_subscriber(key(link.robot, topic), RingChannel(1))) for topic in topics
-        ]
-        objects = hear_kept(session, key(link.robot, "fusion/objects"), 1, stack)
-        channels, heard = _Channels([subscriber.handler for subscriber in subscribers], objects), _Heard()
-        if not watch:
-            _listen(channels, alive, heard, _LISTEN_S)
-            there = _processes(alive)
-            console.print(status_table(link.robot, there, heard.health, heard.objects))
-            ended = has_ended(there, heard.objects)
-            alive_all = all(count or (ended and stage == "source") for stage, count in there.items())
-            return alive_all and not any(item.state for item in heard.health.values())
-        _watch(link.robot, console, channels, alive, heard)
-    return True
-
-
-def _processes(alive: Alive) -> dict[str, int]:
-    """How many processes of each stage there are, and of the bridge, if any; one without a name counts as one."""
-    shown = (*STAGES, BRIDGE) if BRIDGE in alive else STAGES
-    return {stage: max(len(alive.processes(stage)), int(stage in alive)) for stage in shown}
+        robot = _Robot(session, link.robot, stack)
+        if watch:
+            _watch(robot, console)
+            return True
+        robot.listen(_LISTEN_S)
+        console.print(robot.table())
+        return robot.all_is_well()
 
 
 def has_ended(alive: Mapping[str, int], objects: Objects | None) -> bool:
@@ -158,33 +175,14 @@ def words_of_stages(words: Sequence[Word]) -> Text:
     return text
 
 
-def _watch(robot: str, console: Console, channels: _Channels, alive: Alive, heard: _Heard) -> None:
+def _watch(robot: _Robot, console: Console) -> None:
     try:
         with Live(console=console, auto_refresh=False) as live:
             while True:
-                _listen(channels, alive, heard, _REFRESH_S)
-                there = _processes(alive)
-                complete = heard.objects is not None and heard.objects.complete
-                names = [stage for stage, count in there.items() if count]
-                words = heard.records.words(names, time.monotonic(), complete=complete)
-                table = status_table(robot, there, heard.health, heard.objects)
-                live.update(Group(words_of_stages(words), table), refresh=True)
+                robot.listen(_REFRESH_S)
+                live.update(Group(robot.words(), robot.table()), refresh=True)
     except KeyboardInterrupt:
         return
-
-
-def _listen(channels: _Channels, alive: Alive, heard: _Heard, duration_s: float) -> None:
-    """Take in what the stages say for a while, or until each has said something where none had before."""
-    end_s = time.monotonic() + duration_s
-    fresh = not heard.health
-    while time.monotonic() < end_s and not (fresh and _processes(alive).keys() <= heard.health.keys()):
-        for channel in channels.health:
-            health = _latest(channel, Health)
-            if health is not None:
-                heard.health[health.stage] = health
-                heard.records.hear(health, time.monotonic())
-        heard.objects = _latest(channels.objects, Objects) or heard.objects
-        time.sleep(0.02)
 
 
 def _latest(ear: Ear, expected: type[M]) -> M | None:
