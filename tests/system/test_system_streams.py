@@ -97,7 +97,7 @@ def test_a_run_goes_on_with_a_camera_whose_stamps_go_back(live, tmp_path: Path) 
         collector.fill(report, {})
         (earlier,), health = report.earlier_streams, collector.health["source"]
         points = collector.snapshot(20).total
-        told = collector.camera_news()
+        told = collector.news()
     assert told == ["another stream of the camera begins; what was found before is in streams/1"]
     assert earlier["fused"] + sum(earlier["skipped"].values()) == 40
     # No frame goes uncounted.

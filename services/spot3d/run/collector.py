@@ -118,35 +118,28 @@ class Collector:
                 return
             self._begin(begun)
 
-    def contested(self) -> list[str]:
-        """What else is to be told: each topic that somebody else says as well, once."""
-        new = set(self._producers.contested(time.monotonic())) - self._told
-        self._told |= new
-        return [f"{topic} is said by another process as well, which is not listened to" for topic in sorted(new)]
+    def news(self) -> list[str]:
+        """What there is to tell since the last call: each stream that begins; of what else happens each kind once.
 
-    def camera_news(self) -> list[str]:
-        """What there is to tell of a camera: each stream that begins; of what else happens each kind once.
-
-        The source's log has every time, its events how many. Of recordings too: that colour lies off depth.
+        The source's log has every time that a camera is gone, its events how many.
         """
-        health = self.health.get("source")
-        events = {} if health is None else health.events
-        new = [kind for kind in CAMERA_GONE if kind in events and kind not in self._told]
-        self._told.update(new)
-        looking = self.health.get("proposals")
-        if looking is not None and AlignmentWatch.EVENT in looking.events and AlignmentWatch.EVENT not in self._told:
-            self._told.add(AlignmentWatch.EVENT)
-            self._news.append(looking.state or AlignmentWatch.EVENT)
-        news, self._news = self._news, []
-        return [*news, *(f"{kind}: it is waited for (logs/source.log)" for kind in new), *self._side_up()]
-
-    def _side_up(self) -> list[str]:
-        """That the camera seems to be mounted with another side up, each once."""
-        health = self.health.get("segments")
-        events = {} if health is None else health.events
-        new = [text for side in IMAGE_UP if event_of(side) in events and (text := told(side)) not in self._told]
-        self._told.update(new)
-        return new
+        kinds = {
+            topic: f"{topic} is said by another process as well, which is not listened to"
+            for topic in self._producers.contested(time.monotonic())
+        }
+        source, proposals, segments = (self.health.get(stage) for stage in ("source", "proposals", "segments"))
+        if proposals is not None and AlignmentWatch.EVENT in proposals.events:
+            kinds[AlignmentWatch.EVENT] = proposals.state or AlignmentWatch.EVENT
+        if source is not None:
+            gone = [kind for kind in CAMERA_GONE if kind in source.events]
+            kinds |= {kind: f"{kind}: it is waited for (logs/source.log)" for kind in gone}
+        if segments is not None:
+            sides = [side for side in IMAGE_UP if event_of(side) in segments.events]
+            kinds |= {event_of(side): told(side) for side in sides}
+        news = [*self._news, *(text for kind, text in kinds.items() if kind not in self._told)]
+        self._news.clear()
+        self._told.update(kinds)
+        return news
 
     def counts(self) -> tuple[int, Counter[str]]:
         """Frames of all streams so far: how many are fused, and how many are not, by reason."""

@@ -95,7 +95,7 @@ def run_distributed(
         supervisor.stop()
         # Each stage says its last counts when it leaves.
         collector.drain()
-        for text in collector.camera_news():
+        for text in collector.news():
             _tell(report, watcher, text)
         collector.fill(report, supervisor.restarts())
         return collector.result(points)
@@ -130,7 +130,7 @@ def _follow(
             plan.camera.follow(collector.stream)
         after_ns = None if progress is None else progress.last_stamp_ns
         again = {"source": _arguments(replace(plan, stream=collector.stream), "source", endpoint, after_ns)}
-        for text in (*collector.contested(), *collector.camera_news()):
+        for text in collector.news():
             _tell(report, watcher, text)
         for death in supervisor.poll(again):
             _tell(report, watcher, death.message)

@@ -127,8 +127,9 @@ class Supervisor:
         """End every process: first by asking, after three seconds by force."""
         for child in self.children.values():
             child.finished = True
-        with suppress(OSError):  # it may be gone
-            _close(self._fork_server.stdin)
+        if self._fork_server.stdin is not None:
+            with suppress(OSError):  # it may be gone
+                self._fork_server.stdin.close()
         if not self.children:
             self._fork_server.terminate()
         try:
@@ -193,8 +194,3 @@ def last_line(log: Path) -> str:
 
 def _how(code: int) -> str:
     return f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
-
-
-def _close(pipe: IO[bytes] | None) -> None:
-    if pipe is not None:
-        pipe.close()
