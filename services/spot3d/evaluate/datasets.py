@@ -119,17 +119,15 @@ def at_half_size(dataset: DataSet) -> DataSet:
     """The same data set with every second pixel, unless it is so already; 3D truth stays as it is."""
     if dataset.halved:
         return dataset
-    frames = dataset.frames
-    sequences = tuple(LabelledSequence(s.name, half_sequence(s.sequence), s.truth) for s in dataset.sequences)
-    if frames is None:
-        return DataSet(dataset.name, dataset.kind, None, sequences, halved=True)
 
     def read(index: int) -> LabelledFrame:
-        full = frames.read(index)
+        full = dataset.frames.read(index)
         unjudged = None if full.unjudged is None else full.unjudged[::2, ::2]
         return LabelledFrame(halve(full.frame), full.boxes / 2, unjudged)
 
-    return DataSet(dataset.name, dataset.kind, LabelledFrames(frames.count, read), sequences, halved=True)
+    frames = LabelledFrames(dataset.frames.count, read)
+    sequences = tuple(LabelledSequence(s.name, half_sequence(s.sequence), s.truth) for s in dataset.sequences)
+    return DataSet(dataset.name, dataset.kind, frames, sequences, halved=True)
 
 
 def both_sizes(datasets: list[DataSet]) -> list[tuple[DataSet, str]]:

@@ -42,8 +42,6 @@ def proposals_table(datasets: list[DataSet], settings: Settings) -> Table:
     columns = (Column("data"), Column("proposals"), Column("boxes SR"), Column("boxes DR"), *BOTH_METHODS)
     table = Table("proposals", "Single frame: success and detection rate (paper, Table I)", columns)
     for dataset in datasets:
-        if dataset.frames is None:
-            continue
         bare, ours = ({number: FoundInFrames() for number in NUMBERS} for _ in range(2))
         peer = FoundInFrames()
         for item in dataset.frames:
@@ -147,7 +145,7 @@ def boxes_in_frame(frame: RgbdFrame, heat: Heatmap, settings: Settings) -> NDArr
 
 
 def _all_frames(dataset: DataSet) -> Iterator[RgbdFrame]:
-    if dataset.frames is not None:
+    if dataset.frames.count:
         yield from (item.frame for item in dataset.frames)
     else:
         for item in dataset.sequences:

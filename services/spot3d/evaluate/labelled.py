@@ -34,6 +34,20 @@ class LabelledFrames:
         return map(self.read, range(self.count))
 
 
+def joined(parts: list[LabelledFrames]) -> LabelledFrames:
+    """Several sets of frames as one, in their order."""
+    ends = np.cumsum([part.count for part in parts])
+
+    def read(index: int) -> LabelledFrame:
+        part = int(np.searchsorted(ends, index, side="right"))
+        return parts[part].read(index - int(ends[part]) + parts[part].count)
+
+    return LabelledFrames(int(ends[-1]) if parts else 0, read)
+
+
+NO_FRAMES = joined([])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelledSequence:
     """A sequence with the truth of its scene, in the world of the sequence's true poses; None: poses only."""
@@ -49,20 +63,9 @@ class DataSet:
 
     name: str
     kind: str
-    frames: LabelledFrames | None = None
+    frames: LabelledFrames = NO_FRAMES
     sequences: tuple[LabelledSequence, ...] = ()
     halved: bool = False
-
-
-def joined(parts: list[LabelledFrames]) -> LabelledFrames:
-    """Several sets of frames as one, in their order."""
-    ends = np.cumsum([part.count for part in parts])
-
-    def read(index: int) -> LabelledFrame:
-        part = int(np.searchsorted(ends, index, side="right"))
-        return parts[part].read(index - int(ends[part]) + parts[part].count)
-
-    return LabelledFrames(int(ends[-1]) if parts else 0, read)
 
 
 def mask_boxes(instance: NDArray[np.integer], first: int, pixels_min: int = 1) -> NDArray[np.float64]:

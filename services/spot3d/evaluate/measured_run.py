@@ -95,7 +95,7 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
     def follow(step: PipelineStep) -> None:
         if step.objects is not None:
             updates.append([(found.id, found.box) for found in step.objects.objects])
-        if step.pose is not None and step.pose.corrections is not None:
+        if step.pose.corrections is not None:
             sightings.correct(step.pose.corrections)
         if step.refused or not truth.boxes:
             return

@@ -42,8 +42,6 @@ def objects_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Ta
     table = Table("objects", "Objects of whole runs: overlap with the true ones (paper, Fig. 10)", columns)
     for dataset, size in both_sizes(datasets):
         done = _runs_of(dataset, settings, runs)
-        if not done:
-            continue
         methods = {OURS: [run.ours for run in done], PEER: [run.peer for run in done]}
         for method, one in methods.items():
             found, true = (float(np.mean([each.fixed.iou.shape[axis] for each in one])) for axis in (1, 0))
@@ -65,14 +63,11 @@ def ablations_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> 
     table = Table("ablations", "Ablations: overlap without one step each (paper, Table III)", columns)
     for dataset in datasets:
         for name, changed in ablations(settings).items():
-            done = _runs_of(dataset, changed, runs)
-            if done:
-                table.add(dataset.name, name, *_overlap([run.ours for run in done]))
+            table.add(dataset.name, name, *_overlap([run.ours for run in _runs_of(dataset, changed, runs)]))
         done = _runs_of(dataset, settings, runs)
-        if done:
-            table.add(dataset.name, PEER, *_overlap([run.peer for run in done]))
-            measures = overlap_measures([run.ours for run in done], [run.peer for run in done])
-            table.notes += behind_peer(f"{dataset.name}, whole", measures)
+        ours, peer = [run.ours for run in done], [run.peer for run in done]
+        table.add(dataset.name, PEER, *_overlap(peer))
+        table.notes += behind_peer(f"{dataset.name}, whole", overlap_measures(ours, peer))
     table.notes += [
         "Without the hard filter, windows are not culled by their metric size either.",
         "noFlying: depth between two surfaces stays; noRecent: holes in depth are not filled by the frames before; "
@@ -116,8 +111,6 @@ def points_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Tab
     table = Table("points", "Labelled points in the boxes, and time (paper, Table IV)", columns)
     for dataset, size in both_sizes(datasets):
         items = [item for item in dataset.sequences if item.truth is not None and len(item.truth.label)]
-        if not items:
-            continue
         done = {item.name: runs.run(item, settings) for item in items}
         several = {f"{dataset.name}, mean": list(done.values())} if len(done) > 1 else {}
         for name, some in ({name: [run] for name, run in done.items()} | several).items():

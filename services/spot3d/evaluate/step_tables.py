@@ -20,8 +20,6 @@ def steps_table(datasets: list[DataSet], settings: Settings) -> Table:
     )
     variants = {"-": settings} | {step: settings.changed("segments", skipped=(step,)) for step in get_args(Step)}
     for dataset in datasets:
-        if dataset.frames is None:
-            continue
         found = {name: FoundInFrames() for name in variants}
         for item in dataset.frames:
             _, heat = proposals_and_heat(item.frame, settings)

@@ -61,8 +61,6 @@ def still_table(datasets: list[DataSet], settings: Settings) -> Table:
     table = Table("still", title, (Column("data"), *BOTH_METHODS))
     given = settings.changed("pose", provider="given")
     for dataset in datasets:
-        if dataset.frames is None:
-            continue
         ours, peer = FoundInFrames(), FoundInFrames()
         for item in dataset.frames:
             frame = item.frame
