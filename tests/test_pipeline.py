@@ -1,55 +1,33 @@
 """All cores in one process: what a distributed run refuses is refused here, for the same reasons."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-
 import numpy as np
 from fusion_room import CAMERA, COARSE, ROOM, THREE, look_at, view
-from numpy.typing import NDArray
 
-from spot3d.camera import Intrinsics
 from spot3d.frame import RgbdFrame
 from spot3d.pipeline import PipelineResult, PipelineStep, run_pipeline
 from spot3d.settings import load_settings
+from spot3d.source.sequence import FrameList
 
 MS = 1_000_000
 SETTINGS = load_settings(overrides={"pose": {"provider": "given"}}).model_copy(update={"fusion": COARSE})
 
 
-@dataclass(frozen=True)
-class Recording:
+def recording(stamps: tuple[int, ...], off: tuple[float, ...]) -> FrameList:
     """A table with things, seen at these stamps, milliseconds, by a camera whose poses are said to be `off` metres
     beside where it is."""
-
-    stamps: tuple[int, ...]
-    off: tuple[float, ...]
-    has_true_poses: bool = True
-    rate_hz: float = 30.0
-    intrinsics: Intrinsics = CAMERA
-
-    @property
-    def stamps_ns(self) -> list[int]:
-        return [stamp * MS for stamp in self.stamps]
-
-    def true_pose(self, index: int) -> NDArray[np.float64]:
+    frames = []
+    for index, (stamp, aside) in enumerate(zip(stamps, off, strict=True)):
         pose = look_at((0.02 * index, -0.95, 0.7))
-        pose[0, 3] += self.off[index]
-        return pose
-
-    def __len__(self) -> int:
-        return len(self.stamps)
-
-    def __getitem__(self, index: int) -> RgbdFrame:
-        seen = view(look_at((0.02 * index, -0.95, 0.7)), ROOM + THREE, np.random.default_rng(index))
-        return RgbdFrame(self.stamps_ns[index], seen.colour, seen.depth, 1.0, CAMERA, self.true_pose(index))
-
-    def __iter__(self) -> Iterator[RgbdFrame]:
-        return (self[index] for index in range(len(self)))
+        seen = view(pose, ROOM + THREE, np.random.default_rng(index))
+        told = pose.copy()
+        told[0, 3] += aside
+        frames.append(RgbdFrame(stamp * MS, seen.colour, seen.depth, 1.0, CAMERA, told))
+    return FrameList(frames)
 
 
 def run(stamps: tuple[int, ...], off: tuple[float, ...] | None = None) -> tuple[PipelineResult, list[PipelineStep]]:
     steps: list[PipelineStep] = []
-    return run_pipeline(Recording(stamps, off or (0.0,) * len(stamps)), SETTINGS, steps.append), steps
+    return run_pipeline(recording(stamps, off or (0.0,) * len(stamps)), SETTINGS, steps.append), steps
 
 
 def test_frames_whose_stamps_are_not_later_are_skipped() -> None:

@@ -238,7 +238,7 @@ def test_a_missing_package_is_named(monkeypatch, capsys, tmp_path):
 
 def test_a_run_says_that_its_camera_began_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     report = RunReport("scene", "processes", 9, (640, 480), fused=9, earlier_streams=[{"fused": 5}])
-    done = Finished(tmp_path, CameraFrames("realsense"), RunResult(), report)
+    done = Finished(tmp_path, CameraFrames(), RunResult(), report)
     monkeypatch.setattr("spot3d.run.run.run", lambda *_arguments: done)
     result = runner.invoke(cli.app, ["run", "scene", "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output

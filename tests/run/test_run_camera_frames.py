@@ -8,7 +8,7 @@ CAMERA = Intrinsics(10.0, 10.0, 3.5, 2.5, 8, 6)
 
 
 def test_frames_are_kept_from_all_along_the_way() -> None:
-    frames = CameraFrames("realsense")
+    frames = CameraFrames()
     assert frames.image == (0, 0)
     stamps = [round(number * 1e9 / 30) for number in range(30 * 60)]
     for stamp in stamps:

@@ -167,7 +167,7 @@ def test_a_map_of_another_stream_is_not_taken(said: Said) -> None:
 
 
 def test_pictures_are_of_the_stream_that_is_followed() -> None:
-    frames, scene = CameraFrames("realsense"), Scene(frames=20)
+    frames, scene = CameraFrames(), Scene(frames=20)
     frames.follow("first")
     frames.add(scene[0])
     frames.follow("first")

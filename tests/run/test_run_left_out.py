@@ -128,4 +128,4 @@ def test_the_first_frame_s_depth_shows_a_wrong_unit(tmp_path: Path) -> None:
     )
     paths[1].unlink()
     assert not first_depth(Recording([RecordedFrame(0, *paths, None)], camera, 0.001))
-    assert not first_depth(CameraFrames("realsense"))
+    assert not first_depth(CameraFrames())

@@ -1,7 +1,6 @@
 """A single frame through every stage, as of a camera that has just begun, or stands still: its boxes in 3D."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,40 +14,9 @@ from spot3d.evaluate.peer_map import PeerMap
 from spot3d.evaluate.projection import box_surface, boxes_in_view
 from spot3d.evaluate.scores import recall_of
 from spot3d.evaluate.table import Column, Table
-from spot3d.frame import RgbdFrame
 from spot3d.pipeline import run_pipeline
 from spot3d.settings import Settings
-
-
-@dataclass(frozen=True, slots=True)
-class OneFrame:
-    """A recording of one frame, whose camera is the world."""
-
-    frame: RgbdFrame
-    has_true_poses: bool = True
-    rate_hz: float = 30.0
-
-    @property
-    def intrinsics(self) -> Intrinsics:
-        return self.frame.intrinsics
-
-    @property
-    def stamps_ns(self) -> list[int]:
-        return [self.frame.stamp_ns]
-
-    def true_pose(self, index: int) -> NDArray[np.float64]:
-        return np.eye(4)
-
-    def __len__(self) -> int:
-        return 1
-
-    def __getitem__(self, index: int) -> RgbdFrame:
-        if index != 0:
-            raise IndexError(index)
-        return replace(self.frame, T_world_camera=np.eye(4))
-
-    def __iter__(self) -> Iterator[RgbdFrame]:
-        yield self[0]
+from spot3d.source.sequence import FrameList
 
 
 def still_table(datasets: list[DataSet], settings: Settings) -> Table:
@@ -64,7 +32,8 @@ def still_table(datasets: list[DataSet], settings: Settings) -> Table:
         ours, peer = FoundInFrames(), FoundInFrames()
         for item in dataset.frames:
             frame = item.frame
-            found = run_pipeline(OneFrame(frame), given).objects.objects
+            alone = FrameList([replace(frame, T_world_camera=np.eye(4))])  # its camera is the world
+            found = run_pipeline(alone, given).objects.objects
             ours.add(item, _drawn([one.box for one in found], frame.intrinsics))
             cloud = PeerMap(1)
             cloud.add(frame.depth_metres(), frame.intrinsics, np.eye(4), settings.fusion.range_max)

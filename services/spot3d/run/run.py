@@ -67,7 +67,7 @@ def run(
     _refuse_other_than_utf8(folder)
     with nullcontext() if in_process else Supervisor() as supervisor:
         name = selection.name
-        sequence = CameraFrames(name) if is_stream(name) else open_selection(selection, settings.source)
+        sequence = CameraFrames() if is_stream(name) else open_selection(selection, settings.source)
         camera = sequence if isinstance(sequence, CameraFrames) else None
         if not in_process and camera is None:
             refuse_large_images(sequence.intrinsics, settings.source.halved)

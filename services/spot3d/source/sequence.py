@@ -1,6 +1,6 @@
 """What every input looks like to the rest of the source stage."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from threading import Event
 from typing import Protocol, runtime_checkable
 
@@ -61,6 +61,46 @@ class FrameSequence(Protocol):
     def __getitem__(self, index: int) -> RgbdFrame: ...
 
     def __iter__(self) -> Iterator[RgbdFrame]: ...
+
+
+class FrameList:
+    """A sequence of frames that are there already; their poses are the true ones."""
+
+    def __init__(self, frames: Iterable[RgbdFrame] = ()) -> None:
+        self.frames = list(frames)
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Intrinsics of the first frame, which all have."""
+        return self.frames[0].intrinsics
+
+    @property
+    def stamps_ns(self) -> list[int]:
+        """Capture times in integer nanoseconds."""
+        return [frame.stamp_ns for frame in self.frames]
+
+    @property
+    def rate_hz(self) -> float:
+        """Rate in frames per second."""
+        return median_rate_hz(self.stamps_ns)
+
+    @property
+    def has_true_poses(self) -> bool:
+        """Whether any frame comes with a pose."""
+        return any(frame.T_world_camera is not None for frame in self.frames)
+
+    def true_pose(self, index: int) -> NDArray[np.float64] | None:
+        """T_world_camera (4, 4) float64 of a frame, or None."""
+        return self.frames[index].T_world_camera
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, index: int) -> RgbdFrame:
+        return self.frames[index]
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        return iter(self.frames)
 
 
 class Derived:
