@@ -73,11 +73,7 @@ class Questions:
         threading.Thread(target=self._ask, args=(queryable.handler,), daemon=True).start()
 
     def _ask(self, handler: Handler[zenoh.Query]) -> None:
-        while True:
-            try:
-                query = handler.recv()
-            except zenoh.ZError:
-                return  # nobody is asked any more
+        for query in handler:  # until nobody is asked any more
             # A question that cannot be passed on ends without an answer.
             with query, suppress(zenoh.ZError):
                 for reply in self._asked.get(query.selector, payload=query.payload, timeout=_ANSWER_S):

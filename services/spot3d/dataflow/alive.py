@@ -77,11 +77,7 @@ def watch_alive(session: zenoh.Session, robot: str) -> Iterator[Alive]:
 
 
 def _follow(handler: Handler[zenoh.Sample], alive: Alive) -> None:
-    while True:
-        try:
-            sample = handler.recv()
-        except zenoh.ZError:
-            return  # nobody watches any more
+    for sample in handler:  # until nobody watches any more
         token = token_of(str(sample.key_expr))
         if token is None or token.stage not in _KNOWN:
             continue

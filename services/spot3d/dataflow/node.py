@@ -233,11 +233,7 @@ class Node:
     def _receive(self, topic: str, handler: Handler[zenoh.Sample]) -> None:
         expected = TOPICS[topic].message
         recording = 0
-        while True:
-            try:
-                sample = handler.recv()
-            except zenoh.ZError:
-                return  # the subscription has ended
+        for sample in handler:  # until the subscription has ended
             received_ns = time.time_ns()
             try:
                 refuse_encoding(str(sample.encoding), expected)
@@ -258,22 +254,14 @@ class Node:
                 self.counters.drop(f"{topic} busy", pushed_out)
 
     def _ask(self, topic: str, handler: Handler[zenoh.Query]) -> None:
-        while True:
-            try:
-                query = handler.recv()
-            except zenoh.ZError:
-                return  # the queryable has ended
+        for query in handler:  # until the queryable has ended
             # Who asks never waits in a channel that is full: the stage's inputs would wait with it.
             if not self._inbox.offer(topic, query):
                 self.refuse(query, topic, f"{self.stage} is busy; ask again")
 
     def _tell(self, topic: str, handler: Handler[zenoh.Query]) -> None:
         """Answer what this process runs on, without the stage's own thread: the time on its clock is asked for too."""
-        while True:
-            try:
-                query = handler.recv()
-            except zenoh.ZError:
-                return  # the queryable has ended
+        for query in handler:  # until the queryable has ended
             header = Header(robot=self.link.robot, seq=0, stamp_ns=time.time_ns(), frame_id=self.stage)
             try:
                 told = about(self.numbered(topic, header), self.stage, self.link)

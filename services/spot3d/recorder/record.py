@@ -166,11 +166,7 @@ class _Recorder:
     def _hear(self, topic: str, handler: Handler[zenoh.Sample]) -> None:
         """Copy out what comes; nothing here waits for the disk in a live run."""
         expected, last = TOPICS[topic].message, None
-        while True:
-            try:
-                sample = handler.recv()
-            except zenoh.ZError:
-                return  # the subscription has ended
+        for sample in handler:  # until the subscription has ended
             try:
                 refuse_encoding(str(sample.encoding), expected)
                 if self._link.delivery == "live" and not self._backlog.has_room(len(sample.payload)):
