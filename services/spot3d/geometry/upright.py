@@ -1,7 +1,5 @@
 """Upright boxes around clusters of points (paper, Sec. V-D, Eq. 16)."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,14 +11,6 @@ from spot3d.trajectory import rotation_to_z
 
 _SAMPLE = 1000
 """About as many points of a cluster tell its rough box."""
-
-
-@dataclass(frozen=True, slots=True)
-class Cluster:
-    """Rows of the points that belong together, and the box around them."""
-
-    rows: NDArray[np.int64]
-    box: Box3D
 
 
 rotation_to_upright = kernel("f8[:,::1](f8[:])")(rotation_to_z)

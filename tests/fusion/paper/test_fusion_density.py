@@ -153,10 +153,10 @@ def test_clusters_of_one_object_are_merged_by_their_boxes() -> None:
     block = sampled((standing(-0.05, 0.0, (0.08, 0.02, 0.04)),)).xyz + np.array([0.12, 0, 0.1])
     xyz = np.concatenate((stick, block)).astype(np.float32)
     labels = density_labels(xyz, COARSE_PAPER)
-    (merged,) = cluster_by_density(xyz, UP, COARSE_PAPER)
+    ((rows, box),) = cluster_by_density(xyz, UP, COARSE_PAPER)
     assert set(labels.tolist()) == {0, 1}
-    assert len(merged.rows) == len(xyz)
-    assert isinstance(merged.box, Box3D)
+    assert len(rows) == len(xyz)
+    assert isinstance(box, Box3D)
 
 
 @pytest.mark.parametrize("density_points", [8, 20])

@@ -9,7 +9,7 @@ from spot3d.boxes import Box3D
 from spot3d.found_object import FoundObject
 from spot3d.fusion.map.selection import FrequentPoints
 from spot3d.fusion.settings import FusionSettings
-from spot3d.geometry.upright import Cluster, rotation_to_upright
+from spot3d.geometry.upright import rotation_to_upright
 
 _SAME_PLANE = 0.1
 """K-means has as few clusters as leave every plane this near to its cluster's centre in n, 6 degrees, and b, metres."""
@@ -39,7 +39,7 @@ def find_by_density(
     if settings.plane_removal:
         top = top[~on_planes(points.xyz[top], removed.planes, settings)]
     clusters = cluster_by_density(points.xyz[top], up, settings)
-    found = [_described(points, top[cluster.rows], cluster.box) for cluster in clusters]
+    found = [_described(points, top[rows], box) for rows, box in clusters]
     return sorted(found, key=lambda item: -item.confidence), up
 
 
@@ -82,9 +82,12 @@ def on_planes(xyz: NDArray[np.float32], planes: NDArray[np.float64], settings: F
     return on
 
 
-def cluster_by_density(xyz: NDArray[np.float32], up: NDArray[np.float64], settings: FusionSettings) -> list[Cluster]:
+def cluster_by_density(
+    xyz: NDArray[np.float32], up: NDArray[np.float64], settings: FusionSettings
+) -> list[tuple[NDArray[np.int64], Box3D]]:
     """DBSCAN, a box in the direction of gravity around each cluster, merging, and the volume filter.
 
+    Returns the rows of each cluster's points and its box.
     xyz: (n, 3) float32 metres, without planes; up: (3,) unit. A box is from the least to the largest coordinate along
     the axes of Eq. 16; clusters whose boxes intersect are one, and boxes below `volume_min` are none. No other rule.
     """
@@ -99,7 +102,7 @@ def cluster_by_density(xyz: NDArray[np.float32], up: NDArray[np.float64], settin
         least, largest = (np.min([low[k] for k in group], axis=0), np.max([high[k] for k in group], axis=0))
         box = Box3D(R_upright_world.T @ (least + largest) / 2, largest - least, R_upright_world.T)
         if box.volume >= settings.volume_min:
-            found.append(Cluster(np.concatenate([clusters[k] for k in group]), box))
+            found.append((np.concatenate([clusters[k] for k in group]), box))
     return found
 
 

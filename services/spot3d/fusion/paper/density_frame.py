@@ -33,7 +33,7 @@ def find_by_density_in_frame(
     seen = np.flatnonzero(depth.ravel() > 0)
     xyz = points.reshape(-1, 3)
     clusters = cluster_by_density(xyz[np.flatnonzero(top)], chosen[0][:3], settings)
-    return [seen[_inside(xyz[seen], cluster.box)] for cluster in clusters]
+    return [seen[_inside(xyz[seen], box)] for _, box in clusters]
 
 
 def _inside(xyz: NDArray[np.float32], box: Box3D) -> NDArray[np.bool_]:
