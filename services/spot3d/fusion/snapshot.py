@@ -114,12 +114,11 @@ def resume(fusion: Fusion, kept: Snapshot, path: Path) -> None:
             raise SnapshotError(f"{path} is of another version of spot3d")
         if (count := len(state.rows)) > settings.map_limit:
             raise SnapshotError(f"{path} has {count} points, and fusion.map_limit is {settings.map_limit}: raise it")
-        if state.rows.ndim != 2 or state.rows.shape[1:] != fusion.heatmap.arrays.rows.shape[1:]:
+        as_here = state.rows.dtype == np.float32 and state.rows.shape[1:] == fusion.heatmap.arrays.rows.shape[1:]
+        if not as_here or state.keys.shape != state.rows.shape[:1]:
             raise SnapshotError(f"{path} has points of another version of spot3d")
         if not state.T_world_map.shape == state.T_theirs_map.shape == (4, 4):
             raise SnapshotError(f"{path} has no place of its map in the world")
-        if state.keys.shape != state.rows.shape[:1] or state.rows.dtype != np.float32:
-            raise SnapshotError(f"{path} has points of another version of spot3d")
     except SnapshotError:
         raise
     except (KeyError, ValueError, TypeError, AttributeError) as error:
