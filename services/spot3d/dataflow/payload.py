@@ -1,8 +1,10 @@
 """The bytes of a message, wherever they lie."""
 
+from collections.abc import Iterator
 from typing import TypeVar
 
 import zenoh
+from zenoh.handlers import Handler
 
 from spot3d_schemas import CodecError, Message, decode
 
@@ -27,3 +29,11 @@ def decoded(payload: zenoh.ZBytes, expected: type[M]) -> M | None:
         return None if data is None else decode(data, expected)
     except CodecError:
         return None
+
+
+def arrived(handler: Handler[zenoh.Sample], expected: type[M]) -> Iterator[M]:
+    """The messages that have come by now, for who only looks on: see `decoded`."""
+    while (sample := handler.try_recv()) is not None:
+        message = decoded(sample.payload, expected)
+        if message is not None:
+            yield message

@@ -8,7 +8,7 @@ import zenoh
 from zenoh.handlers import FifoChannel, Handler
 
 from spot3d.dataflow.endpoints import hear_kept
-from spot3d.dataflow.payload import decoded
+from spot3d.dataflow.payload import arrived, decoded
 from spot3d.doctor.others import Answer, TopicRate, flows
 from spot3d_schemas import STAGES, About, Health, Objects, key
 
@@ -64,10 +64,7 @@ def hear_health(session: zenoh.Session, robot: str, seconds: float) -> dict[str,
         deadline_s = time.monotonic() + seconds
         while time.monotonic() < deadline_s:
             for stage, handler in handlers.items():
-                sample = handler.try_recv()
-                # `spot3d status` lists stages that nobody understands.
-                if sample is not None and (health := decoded(sample.payload, Health)) is not None:
-                    told[stage].append(health)
+                told[stage] += arrived(handler, Health)  # `spot3d status` lists stages that nobody understands
             time.sleep(0.01)
     return told
 
@@ -78,9 +75,8 @@ def is_complete(session: zenoh.Session, robot: str) -> bool:
         ear = hear_kept(session, key(robot, "fusion/objects"), 1, stack)
         deadline_s = time.monotonic() + _ANSWER_S
         while time.monotonic() < deadline_s:
-            if (sample := ear.try_recv()) is not None:
-                objects = decoded(sample.payload, Objects)
-                return objects is not None and objects.complete
+            if (objects := next(arrived(ear, Objects), None)) is not None:
+                return objects.complete
             time.sleep(0.01)
     return False
 

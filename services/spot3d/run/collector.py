@@ -13,7 +13,7 @@ from spot3d.colour_alignment import AlignmentWatch
 from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.conversion import calibration_of
 from spot3d.dataflow.endpoints import declare_publisher
-from spot3d.dataflow.payload import decoded
+from spot3d.dataflow.payload import arrived
 from spot3d.dataflow.producers import Producers
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.run.earlier_streams import MOST as EARLIER_MOST
@@ -101,10 +101,8 @@ class Collector:
         """Take in everything that has come since the last call, stream by stream."""
         heard, self._early = self._early, []
         for topic, handler in self._inputs.items():
-            while (sample := handler.try_recv()) is not None:
-                message = decoded(sample.payload, TOPICS[topic].message)
-                now_s = time.monotonic()
-                if message is not None and self._producers.admit(topic, message.header.sender, now_s):
+            for message in arrived(handler, TOPICS[topic].message):
+                if self._producers.admit(topic, message.header.sender, time.monotonic()):
                     heard.append(message)
         while heard:
             for message in heard:

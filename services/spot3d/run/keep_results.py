@@ -11,7 +11,7 @@ from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.heartbeat import Heartbeat
-from spot3d.dataflow.payload import decoded
+from spot3d.dataflow.payload import arrived
 from spot3d.dataflow.producers import Producers
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
@@ -74,10 +74,9 @@ class _Keeper:
 
     def _drain(self, inputs: dict[str, Handler[zenoh.Sample]]) -> None:
         for topic, handler in inputs.items():
-            while (sample := handler.try_recv()) is not None:
-                message = decoded(sample.payload, TOPICS[topic].message)
+            for message in arrived(handler, TOPICS[topic].message):
                 now_s = time.monotonic()
-                if message is None or not self._producers.admit(topic, message.header.sender, now_s):
+                if not self._producers.admit(topic, message.header.sender, now_s):
                     continue
                 verdict = self._streams.judge(message.header.stream, now_s)
                 # A foreign source may name no stream; a folder that could not be made is tried again.

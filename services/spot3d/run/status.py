@@ -3,7 +3,6 @@
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from typing import TypeVar
 
 import zenoh
 from rich.box import SIMPLE_HEAD
@@ -16,12 +15,12 @@ from zenoh.handlers import Handler, RingChannel
 from spot3d.dashboard.health import StageRecords, Word
 from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.endpoints import hear_kept
-from spot3d.dataflow.payload import decoded
+from spot3d.dataflow.payload import arrived
 from spot3d.dataflow.rate_limited_log import printable
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import StoppedError
-from spot3d_schemas import BRIDGE, STAGES, Health, Message, Objects, key
+from spot3d_schemas import BRIDGE, STAGES, Health, Objects, key
 
 _CONNECT_S = 3.0
 """Longest wait for the router."""
@@ -32,7 +31,6 @@ _READERS = ("pose", "proposals", "heatmap")
 """Stages that work on the frames themselves."""
 _STYLES = {"good": "green", "waits": "yellow", "bad": "red", "ended": "dim"}
 
-M = TypeVar("M", bound=Message)
 Ear = Handler[zenoh.Sample]
 
 
@@ -56,11 +54,11 @@ class _Robot:
         fresh = not self._health
         while time.monotonic() < end_s and not (fresh and self._processes().keys() <= self._health.keys()):
             for ear in self._ears:
-                health = _latest(ear, Health)
-                if health is not None:
+                for health in arrived(ear, Health):
                     self._health[health.stage] = health
                     self._records.hear(health, time.monotonic())
-            self._objects = _latest(self._objects_ear, Objects) or self._objects
+            for objects in arrived(self._objects_ear, Objects):
+                self._objects = objects
             time.sleep(0.02)
 
     def table(self) -> Group:
@@ -183,12 +181,6 @@ def _watch(robot: _Robot, console: Console) -> None:
                 live.update(Group(robot.words(), robot.table()), refresh=True)
     except KeyboardInterrupt:
         return
-
-
-def _latest(ear: Ear, expected: type[M]) -> M | None:
-    """What has come last, unless that is nothing new or nonsense."""
-    sample = ear.try_recv()
-    return None if sample is None else decoded(sample.payload, expected)
 
 
 def _pair(p50: float | None, p99: float | None) -> str:
