@@ -2,14 +2,11 @@
 
 import os
 import signal
-import sys
 import threading
 
 import pytest
 
 from spot3d.dataflow.stopping import StoppedError, stop_on_signals
-
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGHUP")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

@@ -40,7 +40,7 @@ def _set_by_signals(event: threading.Event) -> Iterator[None]:
         event.set()
 
     heard = [signal.SIGINT, signal.SIGTERM]
-    if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         heard.append(signal.SIGHUP)
     before = {number: signal.signal(number, set_event) for number in heard}
     try:

@@ -3,7 +3,9 @@
 import os
 import select
 import sys
+import termios
 import threading
+import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -13,12 +15,6 @@ _LOOK_S = 0.1
 @contextmanager
 def on_key(act: Callable[[str], None]) -> Iterator[bool]:
     """Call `act` with each key that is pressed meanwhile, in a thread; gives whether there is a keyboard at all."""
-    try:
-        import termios
-        import tty
-    except ImportError:  # not a POSIX system
-        yield False
-        return
     if not sys.stdin.isatty():
         yield False
         return

@@ -1,6 +1,5 @@
 """A run with each stage in a process of its own, all meeting at this process's router."""
 
-import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -106,7 +105,7 @@ def _stages_meet_apart(plan: Plan) -> bool:
 
     Not where somebody from elsewhere is a stage, as whoever gives the poses.
     """
-    return plan.settings.link.delivery == "lossless" and plan.pose_topic is None and sys.platform != "win32"
+    return plan.settings.link.delivery == "lossless" and plan.pose_topic is None
 
 
 def _follow(
