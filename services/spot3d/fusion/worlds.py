@@ -7,11 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Verdict = Literal["same", "begins", "implausible pose", "pose too far from the origin", "pose of an earlier epoch"]
-
-IMPLAUSIBLE: Literal["implausible pose"] = "implausible pose"
-TOO_FAR: Literal["pose too far from the origin"] = "pose too far from the origin"
-EARLIER_EPOCH: Literal["pose of an earlier epoch"] = "pose of an earlier epoch"
-"""Why a frame is not fused whose pose is there and not lost."""
+"""What is to be said of a pose; the last three: why a frame is not fused whose pose is there and not lost."""
 
 _REACH_M = 2000.0
 """The map's voxels of 5 mm wrap beyond 2.6 km from the origin; no room is so large."""
@@ -25,10 +21,10 @@ def why_refused(verdict: Verdict, T_world_camera: NDArray[np.float64]) -> str:
     """What is wrong with a pose, (4, 4) metres, that was refused for its place, and what to do; else nothing."""
     place = ", ".join(f"{value:.3g}" for value in T_world_camera[:3, 3])
     text = f"a pose at ({place}) m is not fused:"
-    if verdict == TOO_FAR:
+    if verdict == "pose too far from the origin":
         reach = f"the map reaches {_REACH_M:g} m from its world's origin"
         return f"{text} {reach}; give poses in a world that begins nearby, as where the camera starts"
-    return f"{text} no camera can be there so soon" if verdict == IMPLAUSIBLE else ""
+    return f"{text} no camera can be there so soon" if verdict == "implausible pose" else ""
 
 
 class World:
@@ -48,15 +44,15 @@ class World:
         """Whether a pose, (4, 4) metres, belongs to the map, begins another, or must not be used."""
         place = T_world_camera[:3, 3]
         if epoch is not None and epoch in self._past:
-            return EARLIER_EPOCH
+            return "pose of an earlier epoch"
         if not float(np.abs(place).max()) < _REACH_M:
-            return TOO_FAR
+            return "pose too far from the origin"
         if self._begun and epoch != self.epoch:
             return "begins"
         if self._last is not None:
             elapsed = 1e-9 * abs(stamp_ns - self._last[0])
             if np.linalg.norm(place - self._last[1]) > _JUMP_M + self._speed_max * elapsed:
-                return IMPLAUSIBLE
+                return "implausible pose"
         return "same"
 
     def follow(self, epoch: str | None, T_world_camera: NDArray[np.float64], stamp_ns: int) -> None:
