@@ -26,13 +26,13 @@ def test_a_snapshot_that_takes_long_is_not_written_over(tmp_path: Path, monkeypa
     writer.write([b"first"])
     assert begun.wait(LIMIT_S)
     writer.write([b"second"])
-    writer.write_last([b"third"])
+    writer.write([b"third"], last=True)
     assert len(failures) == 2
     assert "still being written" in failures[0]
     go.set()
     writer._thread.join(LIMIT_S)
     assert written == [[b"first"]]
-    writer.write_last([b"fourth"])
+    writer.write([b"fourth"], last=True)
     assert written == [[b"first"], [b"fourth"]]
 
 

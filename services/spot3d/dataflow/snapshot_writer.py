@@ -39,18 +39,19 @@ class SnapshotWriter:
         busy = self._thread is not None and self._thread.is_alive()
         return self._interval_s > 0 and not busy and now_s - self._last_s >= self._interval_s
 
-    def write(self, pieces: list[bytes]) -> None:
-        """Begin to write the content of a file (see `snapshot_bytes`), unless another is being written for long."""
+    def write(self, pieces: list[bytes], last: bool = False) -> None:
+        """Begin to write the content of a file (see `snapshot_bytes`), unless another is being written for long.
+
+        last: write it before this returns.
+        """
         if self._busy_for_long():
+            return
+        if last:
+            self._write(pieces)
             return
         self._last_s = time.monotonic()
         self._thread = threading.Thread(target=self._write, args=(pieces,), name="snapshot", daemon=True)
         self._thread.start()
-
-    def write_last(self, pieces: list[bytes]) -> None:
-        """Write the content of a file before this returns, unless another is being written for long."""
-        if not self._busy_for_long():
-            self._write(pieces)
 
     def close(self) -> None:
         """Wait for what is being written."""

@@ -50,7 +50,7 @@ class Keeping:
         pieces = snapshot_bytes(fusion_snapshot(kept))
         self._node.counters.event("snapshots")
         log.debug("snapshot of %d bytes made in %.3f s", sum(map(len, pieces)), time.perf_counter() - start_s)
-        (self._writer.write_last if last else self._writer.write)(pieces)
+        self._writer.write(pieces, last)
 
     def close(self) -> None:
         """Wait for what is being written."""
