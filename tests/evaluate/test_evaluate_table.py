@@ -61,7 +61,7 @@ def test_document() -> None:
     ],
 )
 def test_object_scores(scenes: list[np.ndarray], expected: tuple[float, ...]) -> None:
-    np.testing.assert_allclose(object_scores(scenes).cells(), expected)
+    np.testing.assert_allclose(object_scores(scenes), expected)
 
 
 def test_recall_plot(tmp_path: Path) -> None:

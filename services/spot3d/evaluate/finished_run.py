@@ -1,7 +1,6 @@
 """A run that is over, live ones with their dropped frames included: what it wrote, beside the truth and the peer."""
 
 import json
-from dataclasses import astuple
 from pathlib import Path
 
 from spot3d.calibration import Calibration
@@ -73,9 +72,8 @@ def finished_table(dataset: DataSet, folder: Path, settings: Settings) -> Table:
     for method, found in methods.items():
         fixed, bent = judge(found.moved(T).boxes, truth), judge(found.boxes, carried)
         counts = (len(stamps), len(found.boxes), fixed.left_out, int(without_object([fixed.iou])), len(truth.boxes))
-        points = [astuple(one) for one in (fixed.points, fixed.points_of_all, bent.points)]
-        overlap, overlap_carried = object_scores([fixed.iou]).cells(), object_scores([bent.iou]).cells()
-        table.add(item.name, method, *counts, *overlap, *points[0], *points[1], *overlap_carried, *points[2])
+        fixed_cells = (*object_scores([fixed.iou]), *fixed.points, *fixed.points_of_all)
+        table.add(item.name, method, *counts, *fixed_cells, *object_scores([bent.iou]), *bent.points)
         done.append([Measured(fixed, bent, [])])
     table.notes += behind_peer(item.name, [*overlap_measures(*done), *point_measures(*done)])
     table.notes += [

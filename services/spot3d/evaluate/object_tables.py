@@ -45,7 +45,7 @@ def objects_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Ta
         methods = {OURS: [run.ours for run in done], PEER: [run.peer for run in done]}
         for method, one in methods.items():
             found, true = (float(np.mean([each.fixed.iou.shape[axis] for each in one])) for axis in (1, 0))
-            carried = object_scores([each.carried.iou for each in one]).cells()
+            carried = object_scores([each.carried.iou for each in one])
             table.add(dataset.name, size, method, *_overlap(one), *carried, found, true)
             table.curves += [
                 recall_of(dataset.name, f"2D {size} {method}", [matrix for each in one for matrix in each.iou_2d]),
@@ -187,16 +187,16 @@ def point_cells(done: list[Measured]) -> list[float]:
     cells = list[float]()
     for scores in ([one.fixed.points for one in done], [one.carried.points for one in done]):
         mean = scores[0] if len(scores) == 1 else mean_point_scores(scores)
-        cells += [mean.precision, mean.recall, mean.f_measure]
+        cells += mean
     return cells
 
 
 def _overlap(done: list[Measured]) -> tuple[Cell, ...]:
-    flat = object_scores([matrix for one in done for matrix in one.iou_2d]).cells()
+    flat = object_scores([matrix for one in done for matrix in one.iou_2d])
     hits, everything = np.sum([one.fixed.success_of_all() for one in done], axis=0)
     all_success = float(hits / everything) if everything else None
     left_out = float(np.mean([one.fixed.left_out for one in done]))
-    return *flat, *object_scores(_fixed(done)).cells(), all_success, left_out, without_object(_fixed(done))
+    return *flat, *object_scores(_fixed(done)), all_success, left_out, without_object(_fixed(done))
 
 
 def _note_overlap(table: Table, settings: Settings) -> None:

@@ -1,8 +1,8 @@
 """Point-wise precision, recall and F-measure of 3D boxes against a labelled cloud (paper, Sec. VI-B)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import nan
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,7 @@ IGNORED = 255
 ROUNDING = 1e-6
 
 
-@dataclass(frozen=True, slots=True)
-class PointScores:
+class PointScores(NamedTuple):
     """Precision, recall and F-measure in percent; nan where undefined (nothing to divide by)."""
 
     precision: float

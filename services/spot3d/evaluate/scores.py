@@ -1,7 +1,7 @@
 """The numbers that say how well boxes fit true ones (paper, Sec. VI-A and Table III)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,18 +16,16 @@ MEETS = 0.25
 """A found box that overlaps every true object by less IoU than this is none of them, not even badly boxed."""
 
 
-@dataclass(frozen=True, slots=True)
-class ObjectScores:
-    """Mean IoU over true objects, mean modified IoU over found ones, success and detection rate at 0.5."""
+class ObjectScores(NamedTuple):
+    """Mean IoU over true objects, mean modified IoU over found ones, success and detection rate at 0.5.
+
+    In the order of the paper's Table III.
+    """
 
     iou: float
     iou_modified: float
     success: float
     detection: float
-
-    def cells(self) -> tuple[float, float, float, float]:
-        """In the order of the paper's Table III."""
-        return self.iou, self.iou_modified, self.success, self.detection
 
 
 def object_scores(scenes: Sequence[NDArray[np.float64]]) -> ObjectScores:
