@@ -228,6 +228,7 @@ def test_data_sets_of_one_name_are_told_apart_by_their_folders(tmp_path: Path) -
         ("scenes:2", ["scene:0", "scene:1"]),
         ("scenes:1:cluttered", ["scene:0:cluttered"]),
         ("scenes:2:desk", ["scene:0:desk", "scene:1:desk"]),
+        ("scenes:2:changing", ["scene:0:changing", "scene:1:changing"]),
         ("scene:2:table", None),
         ("scenes:0", None),
         ("scenery", None),

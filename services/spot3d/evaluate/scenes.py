@@ -27,7 +27,8 @@ def open_scene(
     """The scene of this name as a labelled sequence, and some of its frames with boxes around the true masks."""
     sequence = open_selection(Selection(name, frames, every), source)
     named = parse_scene_name(name) or SceneName()
-    scene = Scene(named.seed, named.kind, every * len(sequence))
+    # Its last frame is the last that is played: that one's truth is the end's.
+    scene = Scene(named.seed, named.kind, every * (len(sequence) - 1) + 1)
 
     looked_at = range(0, len(sequence), max(1, len(sequence) // SINGLE_FRAMES))
 
@@ -40,7 +41,9 @@ def open_scene(
 
 
 def _scene_truth(scene: Scene, indices: range) -> LabelledScene:
-    """Boxes of the objects that the frames show, and exact points of evenly spread frames, one in 5 mm."""
+    """Boxes of the objects that the frames show, and exact points of evenly spread frames, one in 5 mm; both of frames
+    after the last change."""
+    indices = indices[-(-scene.settled_from // indices.step) :]
     xyz, label = [np.zeros((0, 3), np.float32)], [np.zeros(0, np.uint8)]
     pixels = np.zeros(256, np.int64)
     for index in indices[:: max(1, len(indices) // TRUTH_VIEWS)]:

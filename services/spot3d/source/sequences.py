@@ -38,7 +38,7 @@ def open_source(
 ) -> FrameSequence:
     """Opens a recording's folder by what it holds, or the built-in scene.
 
-    `scene`, `scene:SEED`, each with `:cluttered`, `:desk` or `:near`, are built-in scenes with `frames` frames; a file
+    `scene`, `scene:SEED`, each with a kind (`:desk`; see `SceneKind`), are built-in scenes with `frames` frames; a file
     is a ROS bag, of which `topics` are played, or one that `spot3d record` has made; everything else is a folder in the
     layout of 7-Scenes or TUM RGB-D. `intrinsics` (fx, fy, cx, cy) override the input's own, and `depth_unit` (metres;
     0: as it is) a folder's; `halved` halves every frame. Raises SourceError, saying what is wrong and what to do.

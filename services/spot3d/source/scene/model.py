@@ -1,11 +1,13 @@
 """The built-in scenes: a room, things on its table, desk, shelves, workbench or floor, and what is true about them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.source.scene.bin import BIN_SHADED, bin_room, things_about_bin
+from spot3d.source.scene.changing import CHANGE_FRAME, things_on_changing_table
 from spot3d.source.scene.desk import DESK_SHADED, desk_room, things_on_desk
 from spot3d.source.scene.levels import ROOM_SHADED, room_of_levels, things_in_room
 from spot3d.source.scene.name import DEFAULT_KIND, SceneKind
@@ -40,12 +42,18 @@ class SceneModel:
     shaded: dict[float, Region]
 
 
-def build_scene(seed: int = 0, kind: SceneKind = DEFAULT_KIND) -> SceneModel:
-    """Room and objects of a seed; the world's z points up, its origin lies on the floor under the table.
+def first_frames(kind: SceneKind) -> tuple[int, ...]:
+    """The frames from which on a scene is as `build_scene` makes it for each of them, until the next of these."""
+    return (0, CHANGE_FRAME) if kind == "changing" else (0,)
+
+
+def build_scene(seed: int = 0, kind: SceneKind = DEFAULT_KIND, frame: int = 0) -> SceneModel:
+    """Room and objects of a seed in a frame; the world's z points up, its origin lies on the floor under the table.
 
     Objects are the things on table, shelves, desk, workbench or floor, 4 to 60 cm large. All else is furniture (each
-    piece a metre long or more) and no object: its instance is 0, as the room's.
+    piece a metre long or more) and no object: its instance is 0, as the room's. An object has one number in all frames.
     """
+    things: Sequence[Placed | None]
     if kind in ("desk", "near"):
         primitives, things, shaded = desk_room(), things_on_desk(seed), DESK_SHADED
     elif kind == "shelf":
@@ -54,11 +62,16 @@ def build_scene(seed: int = 0, kind: SceneKind = DEFAULT_KIND) -> SceneModel:
         primitives, things, shaded = bin_room(), things_about_bin(seed), BIN_SHADED
     elif kind == "room":
         primitives, things, shaded = room_of_levels(), things_in_room(seed), ROOM_SHADED
+    elif kind == "changing":
+        things = things_on_changing_table(seed, frame >= CHANGE_FRAME)
+        primitives, shaded = table_room(seed), TABLE_SHADED
     else:
         primitives, things, shaded = table_room(seed), things_on_table(seed, kind == "cluttered"), TABLE_SHADED
     instances = [0] * len(primitives)
     boxes = []
     for number, item in enumerate(things, start=1):
+        if item is None:
+            continue
         parts = [placed(part, item.yaw, (item.x, item.y, item.z)) for part in item.thing.parts]
         primitives += parts
         instances += [number] * len(parts)

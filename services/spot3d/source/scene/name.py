@@ -4,14 +4,16 @@ import re
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-SceneKind = Literal["table", "cluttered", "desk", "near", "shelf", "bin", "room"]
+SceneKind = Literal["table", "cluttered", "desk", "near", "shelf", "bin", "room", "changing"]
 DEFAULT_KIND: SceneKind = "table"
 _SUFFIXES: dict[str, SceneKind] = {kind: kind for kind in get_args(SceneKind) if kind != DEFAULT_KIND}
 _KIND = rf"(?::(?P<kind>{'|'.join(_SUFFIXES)}))?"
 _ONE = re.compile(rf"scene(?::(?P<seed>\d+))?{_KIND}")
 _MANY = re.compile(rf"scenes:(?P<count>[1-9]\d?){_KIND}")
-SPELLINGS = "scene, scene:SEED, and each with :cluttered, :desk, :near, :shelf, :bin or :room (SEED: 0, 1, ...)"
-SPELLINGS_OF_MANY = "scenes:COUNT, each with :cluttered, :desk, :near, :shelf, :bin or :room (COUNT: 1 to 99)"
+_ENDINGS = [f":{kind}" for kind in _SUFFIXES]
+_WITH = f"each with {', '.join(_ENDINGS[:-1])} or {_ENDINGS[-1]}"
+SPELLINGS = f"scene, scene:SEED, and {_WITH} (SEED: 0, 1, ...)"
+SPELLINGS_OF_MANY = f"scenes:COUNT, {_WITH} (COUNT: 1 to 99)"
 
 
 @dataclass(frozen=True, slots=True)

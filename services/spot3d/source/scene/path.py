@@ -124,6 +124,7 @@ _PATHS = {
     "shelf": _before_shelf,
     "bin": _above_bin,
     "room": _in_room,
+    "changing": _before_table,
 }
 
 

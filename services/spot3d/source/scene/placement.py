@@ -61,14 +61,24 @@ class Arrangement:
         yaw: tuple[float, float] = ANY_YAW,
     ) -> Placed:
         """Stands a thing somewhere in a region (the table's), turned by a yaw from a range (radians)."""
-        region, thing = region or self.region, make(name, self.rng)
+        return self.put(make(name, self.rng), region, height, yaw)
+
+    def put(
+        self,
+        thing: Thing,
+        region: Region | None = None,
+        height: float = TABLE_HEIGHT,
+        yaw: tuple[float, float] = ANY_YAW,
+    ) -> Placed:
+        """As `stand`, with a thing that is already made."""
+        region = region or self.region
         for _ in range(150):
             x, y = self.rng.uniform(region[0], region[1]), self.rng.uniform(region[2], region[3])
             candidate = Placed(thing, float(x), float(y), height, float(self.rng.uniform(*yaw)))
             if self.free(candidate, region):
                 self.done.append(candidate)
                 return candidate
-        raise NoRoomError(name)
+        raise NoRoomError(thing.name)
 
     def stack(self, name: str, base: Placed) -> Placed:
         """Stands a thing on another, its whole base on the other's top."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
 from spot3d.frame import RgbdFrame
-from spot3d.source.scene.model import UP, TrueBox, build_scene
+from spot3d.source.scene.model import UP, TrueBox, build_scene, first_frames
 from spot3d.source.scene.name import DEFAULT_KIND, SceneKind
 from spot3d.source.scene.noise import measured_depth, noisy_colour
 from spot3d.source.scene.path import RATE_HZ, camera_pose
@@ -22,7 +22,7 @@ class Scene:
 
     A frame depends on seed, kind and its index alone. `noisy=False` gives exact depth (float32
     metres) and colour. True poses are in every frame; `boxes`, `up` and `truth` hold the rest. World frame:
-    z up, metres.
+    z up, metres. Of what changes, `truth` is of a frame's own moment, `boxes` of the last frame's.
     """
 
     has_true_poses = True
@@ -41,13 +41,22 @@ class Scene:
         self.frames = frames
         self.intrinsics = intrinsics
         self.noisy = noisy
-        self._renderer = Renderer(build_scene(seed, kind), intrinsics, seed)
+        self._renderers = {
+            first: Renderer(build_scene(seed, kind, first), intrinsics, seed)
+            for first in first_frames(kind)
+            if first < max(frames, 1)
+        }
         self._exact = empty_rendered_view(intrinsics.shape)
 
     @property
     def boxes(self) -> tuple[TrueBox, ...]:
-        """True boxes of all objects, world frame."""
-        return self._renderer.model.boxes
+        """True boxes of all objects in the last frame, world frame."""
+        return self._renderers[self.settled_from].model.boxes
+
+    @property
+    def settled_from(self) -> int:
+        """The first frame from which on nothing changes."""
+        return max(self._renderers)
 
     @property
     def up(self) -> NDArray[np.float64]:
@@ -72,7 +81,7 @@ class Scene:
     def truth(self, index: int) -> RenderedView:
         """Exact depth, instance mask (0 = no object, else the box's id) and colour of a frame."""
         view = empty_rendered_view(self.intrinsics.shape)
-        self._renderer.render(self.true_pose(index), view)
+        self._renderer(index).render(self.true_pose(index), view)
         return view
 
     def __getitem__(self, index: int) -> RgbdFrame:
@@ -83,10 +92,15 @@ class Scene:
             view = self.truth(index)
             return RgbdFrame(stamp_ns, view.colour, view.depth, 1.0, self.intrinsics, pose)
         view = self._exact
-        self._renderer.render(pose, view)
+        self._renderer(index).render(pose, view)
         depth = measured_depth(view.depth, view.cosine, self.intrinsics.fx, self.seed, index)
         colour = noisy_colour(view.colour, self.seed, index)
         return RgbdFrame(stamp_ns, colour, depth, METRES_PER_UNIT, self.intrinsics, pose)
+
+    def _renderer(self, index: int) -> Renderer:
+        """That of what a frame shows."""
+        index = self._index(index)
+        return self._renderers[max(first for first in self._renderers if first <= index)]
 
     def _index(self, index: int) -> int:
         if not -self.frames <= index < self.frames:
