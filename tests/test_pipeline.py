@@ -1,11 +1,19 @@
 """All cores in one process: what a distributed run refuses is refused here, for the same reasons."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from fusion_room import CAMERA, COARSE, ROOM, THREE, look_at, view
+from numpy.typing import NDArray
 
+from spot3d.boxes import Box3D, iou_matrix_3d
+from spot3d.camera import Intrinsics
 from spot3d.frame import RgbdFrame
 from spot3d.pipeline import PipelineResult, PipelineStep, run_pipeline
 from spot3d.settings import load_settings
+from spot3d.source.scene.model import TrueBox, build_scene
+from spot3d.source.scene.scene import Scene
+from spot3d.source.selected import Selected
 from spot3d.source.sequence import FrameList
 
 MS = 1_000_000
@@ -53,3 +61,23 @@ def test_a_frame_with_a_pose_that_no_camera_can_have_is_not_fused() -> None:
     assert result.fusion.frame_count == 4
     assert len(result.trajectory) == 6, "what was said of them is told"
     assert np.abs(result.fusion.heatmap.points()[:, 0]).max() < 4.0
+
+
+def test_what_was_taken_away_is_no_object_in_the_end() -> None:
+    """Nor is there one where a thing stood before it was moved; where it stands then, and what was put down, are."""
+    scene = Scene(1, "changing", 270, Intrinsics(292.5, 292.5, 160.0, 120.0, 320, 240))
+    given = load_settings(overrides={"pose": {"provider": "given"}})
+    result = run_pipeline(Selected(scene, range(0, 270, 10)), given)
+    found = [item.box for item in result.objects.objects]
+    now = [box.centre.tolist() for box in scene.boxes]
+    former = [box for box in build_scene(1, "changing").boxes if box.centre.tolist() not in now]
+    assert len(former) == 2
+    assert len(found) == len(now) == 12
+    assert overlaps(scene.boxes, found).min() > 0.5
+    assert overlaps(former, found).max() == 0
+
+
+def overlaps(true: Sequence[TrueBox], found: list[Box3D]) -> NDArray[np.float64]:
+    """The greatest IoU (n,) of each true box with any found one."""
+    boxes = [Box3D(box.centre, box.size, box.rotation) for box in true]
+    return np.asarray(iou_matrix_3d(boxes, found).max(axis=1))
