@@ -215,6 +215,13 @@ def test_what_was_not_there_before_is_an_object() -> None:
     assert_found(agreed(frames, object_share=0.2))
 
 
+def test_what_takes_the_place_of_something_is_not_joined_with_it() -> None:
+    low = standing(0.02, 0.12, (0.16, 0.12, 0.06), colour=(40, 160, 60))
+    now = (THREE[0], low, THREE[2])
+    frames = [*keyframes(), *(keyframe(pose, now, number=12 + row) for row, pose in enumerate(POSES))]
+    assert_found(agreed(frames), now)
+
+
 def test_what_something_hides_is_not_taken_for_gone() -> None:
     screen = standing(-0.25, 0.3, (1.4, 0.02, 0.6), colour=(9, 9, 9))
     hidden = [keyframe(pose, labels={}, room=(*ROOM, screen), number=12 + row) for row, pose in enumerate(POSES)]

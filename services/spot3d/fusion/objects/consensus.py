@@ -11,16 +11,17 @@ from spot3d.boxes import Box3D
 from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.found_object import FoundObject
 from spot3d.frame_segments import KEYFRAME_REASONS
-from spot3d.fusion.objects.agreement import Statements, clusters_of
+from spot3d.fusion.objects.agreement import clusters_of
 from spot3d.fusion.objects.balance import TILT, Numbers, Piece, put_together
 from spot3d.fusion.objects.disputed import without_disputed
 from spot3d.fusion.objects.footing import lower_edge, narrow_foot
 from spot3d.fusion.objects.found import Seen, box_of, ground_below
+from spot3d.fusion.objects.gone import gone_segments
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.numbering import number_clusters, number_objects
 from spot3d.fusion.objects.reasons import GONE, MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
 from spot3d.fusion.objects.segment_graph import SegmentGraph
-from spot3d.fusion.objects.views import BACKGROUND, DIVIDED, OBJECT, THROUGH
+from spot3d.fusion.objects.views import BACKGROUND, THROUGH
 from spot3d.fusion.objects.whole_views import wholes
 from spot3d.fusion.settings import FusionSettings
 from spot3d.pose_corrections import PoseCorrections
@@ -132,7 +133,8 @@ class ViewConsensus:
         if touched:
             graph.hang_together()
         if touched or self._some_gone:
-            self._describe(self._cluster() if touched else self._next_cluster, up)
+            gone = self._gone()
+            self._describe(self._cluster(gone) if touched else self._next_cluster, up, gone)
             graph.segments.touched.rows[:] = False
             self._some_gone = False
         objects, too_cold = self._whole_objects(up)
@@ -164,40 +166,38 @@ class ViewConsensus:
         tau = min(settings.views_tau, settings.tau_share * count) if settings.tau_share else settings.views_tau
         return min(settings.views_min, count), tau
 
-    def _cluster(self) -> int:
-        """Cluster anew what hangs together with what is touched; clusters from the returned number on have changed."""
-        segments, said = self._graph.segments, self._graph.said
+    def _gone(self) -> NDArray[np.bool_]:
+        """Which segments show what is not there any more."""
+        if "gone" in self._settings.skipped:
+            return np.zeros(len(self._graph.segments), np.bool_)
+        return gone_segments(self._graph.said, self._graph.segments.frame.rows)
+
+    def _cluster(self, gone: NDArray[np.bool_]) -> int:
+        """Cluster anew what hangs together with what is touched; clusters from the returned number on have changed.
+
+        What is gone is not joined with what has taken its place.
+        """
+        graph, settings = self._graph, self._settings
+        segments = graph.segments
         part, touched = segments.part.rows, segments.touched.rows
         anew = np.zeros(len(segments), np.bool_)
         anew[part[touched]] = True
-        anew = anew[part]
-        rows = np.flatnonzero(anew)
-        local = np.full(len(segments) + 1, -1)
-        local[rows] = np.arange(len(rows))
-        about = said[anew[said[:, 0]]]
-        _, frame = np.unique(np.concatenate((segments.frame.rows[rows], about[:, 1])), return_inverse=True)
-        own, by = frame[: len(rows)], frame[len(rows) :]
-        row, holder = local[about[:, 0]], local[about[:, 3]]
-        observed, whole = about[:, 2] >= OBJECT, holder >= 0
-        statements = Statements(
-            own,
-            np.column_stack((row, by))[observed],
-            np.column_stack((row, holder))[whole],
-            row[about[:, 2] == DIVIDED],
-            row[about[:, 2] == BACKGROUND],
-        )
-        settings = self._settings
-        join_parts = "parts" not in settings.skipped
-        found = clusters_of(statements, settings.views_min, settings.object_share, join_parts)
+        rows = np.flatnonzero(anew[part])
+        found = np.full(len(segments), -1)
+        for together in (rows[~gone[rows]], rows[gone[rows]]):
+            join_parts = "parts" not in settings.skipped
+            statements = graph.statements(together)
+            clusters = clusters_of(statements, settings.views_min, settings.object_share, join_parts)
+            found[together] = np.where(clusters >= 0, 1 + found.max() + clusters, -1)
         before = segments.cluster.rows[rows]
-        number, changed = number_clusters(found, before, touched[rows], self._next_cluster)
-        for gone in np.setdiff1d(before, number).tolist():
-            self._verdicts.pop(gone, None)
+        number, changed = number_clusters(found[rows], before, touched[rows], self._next_cluster)
+        for lost in np.setdiff1d(before, number).tolist():
+            self._verdicts.pop(lost, None)
         segments.cluster.rows[rows] = number
         self._next_cluster += changed
         return self._next_cluster - changed
 
-    def _describe(self, first: int, up: NDArray[np.float64]) -> None:
+    def _describe(self, first: int, up: NDArray[np.float64], gone: NDArray[np.bool_]) -> None:
         """Describe the clusters from this number on: as objects, or why they are none."""
         segments, said = self._graph.segments, self._graph.said
         cluster = segments.cluster.rows
@@ -206,6 +206,8 @@ class ViewConsensus:
         objects = []
         for number, (members, about) in enumerate(zip(members_of, said_of, strict=True), start=first):
             judged = self._judged(members, said[about], up)
+            if gone[members].all() and not isinstance(judged, str):
+                judged = GONE
             if isinstance(judged, str):
                 self._verdicts[number] = judged
             else:

@@ -6,11 +6,12 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from spot3d.calibration import Calibration, moved_planes
+from spot3d.fusion.objects.agreement import Statements
 from spot3d.fusion.objects.growing import Growing
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.recalibration import Change, Placement, change_segments, changed_view
 from spot3d.fusion.objects.segment_table import SegmentTable
-from spot3d.fusion.objects.views import NOTHING, WHOLE, View, ask, view_of
+from spot3d.fusion.objects.views import BACKGROUND, DIVIDED, NOTHING, OBJECT, WHOLE, View, ask, view_of
 from spot3d.pose_corrections import PoseCorrections
 
 _LEVEL = 0.985
@@ -81,6 +82,23 @@ class SegmentGraph:
         whole = np.where(said[some] == WHOLE, holder[some], -1)
         self._said.extend(np.column_stack((asked[some], np.full(len(some), keyframe), said[some], whole)))
         self.segments.touched.rows[asked[some]] = True
+
+    def statements(self, rows: NDArray[np.int64]) -> Statements:
+        """What the views say of these segments, and of what holds them among these."""
+        segments, local = self.segments, np.full(len(self.segments) + 1, -1)  # row -1: of no segment
+        local[rows] = np.arange(len(rows))
+        said = self.said[local[self.said[:, 0]] >= 0]
+        _, frame = np.unique(np.concatenate((segments.frame.rows[rows], said[:, 1])), return_inverse=True)
+        own, by = frame[: len(rows)], frame[len(rows) :]
+        row, holder = local[said[:, 0]], local[said[:, 3]]
+        observed, whole = said[:, 2] >= OBJECT, holder >= 0
+        return Statements(
+            own,
+            np.column_stack((row, by))[observed],
+            np.column_stack((row, holder))[whole],
+            row[said[:, 2] == DIVIDED],
+            row[said[:, 2] == BACKGROUND],
+        )
 
     def outdated(self) -> list[int]:
         """The keyframe that the latest one takes the place of: the oldest where there are enough of the same view."""
