@@ -222,6 +222,25 @@ def test_what_takes_the_place_of_something_is_not_joined_with_it() -> None:
     assert_found(agreed(frames), now)
 
 
+def one_side(frame: Keyframe, left: bool, reach: float) -> Keyframe:
+    """The keyframe with depth on one side of the middle of the image alone, and so many pixels beyond."""
+    columns = np.arange(CAMERA.width)
+    seen = columns < CAMERA.cx + reach if left else columns > CAMERA.cx - reach
+    return replace(frame, depth=frame.depth * seen, labels=np.where(seen, frame.labels, 0).astype(np.uint8))
+
+
+def test_what_is_looked_through_side_by_side_is_gone_as_well() -> None:
+    """No view looks through most of what was seen of it."""
+    wide = standing(0.0, 0.0, (0.5, 0.08, 0.16), colour=(40, 160, 60))
+    views = [look_at((x, -1.0, 0.7)) for x in np.linspace(-0.4, 0.4, 12)]
+    frames = [one_side(keyframe(pose, (wide,), number=row), row % 2 == 0, 15) for row, pose in enumerate(views)]
+    assert len(agreed(frames).objects) == 1
+    for left in (True, False):
+        frames += [one_side(keyframe(pose, (), number=len(frames) + row), left, 0) for row, pose in enumerate(views)]
+    found = agreed(frames, keyframe_limit=100)
+    assert (found.objects, found.left_out) == ([], {"no longer there": 1})
+
+
 def test_what_something_hides_is_not_taken_for_gone() -> None:
     screen = standing(-0.25, 0.3, (1.4, 0.02, 0.6), colour=(9, 9, 9))
     hidden = [keyframe(pose, labels={}, room=(*ROOM, screen), number=12 + row) for row, pose in enumerate(POSES)]
