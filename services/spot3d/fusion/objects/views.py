@@ -30,7 +30,8 @@ _WITHIN = 0.75
 _BACKGROUND = 0.5
 """A view that says of more than this share that there is no object says nothing of what belongs together."""
 _THROUGH = 0.5
-"""A view looks through a segment where it sees what lies behind this share of it: most."""
+"""A view looks through a segment where it sees what lies behind this share of it: most. With 0.3, 0.5 and 0.7 the
+success rate on five tables on which things change is 0.97, 0.95 and 0.95, and redkitchen's F 87.6, 87.7 and 87.7."""
 _SPLIT = 0.2
 """A view splits a segment that lies in two of its own, each with this share."""
 
