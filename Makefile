@@ -68,7 +68,7 @@ check: lint test
 
 bench: $(INSTALLED)
 	@mkdir -p out
-	$(RUN) spot3d bench --json out/bench.json --plots out/bench $(if $(wildcard $(DATA)/redkitchen),--data "$(DATA)/redkitchen" --frames 300)
+	$(RUN) spot3d bench --json out/bench.json --plots out/bench $(if $(wildcard $(DATA)/redkitchen),--data "$(DATA)/redkitchen")
 
 fuzz: $(INSTALLED)
 	SPOT3D_FUZZ_SECONDS=$(SECONDS) $(RUN) pytest --show-capture=no tests/fuzz

@@ -69,14 +69,12 @@ def run_pipeline(
     settings: Settings,
     on_frame: Callable[[PipelineStep], None] | None = None,
     stopped: Callable[[], bool] = lambda: False,
-    clock: Callable[[], float] = time.perf_counter,
 ) -> PipelineResult:
     """Run every frame through all cores, in order, and find the objects whenever capture time says so.
 
     A frame that cannot be read, whose stamp is not later than that of the frame before, or whose pose no camera can
     have is skipped and counted, as it is in a distributed run.
     `on_frame` is called after each frame; once `stopped` says so, the run ends early with what there is.
-    `clock` gives seconds and is read around each core only.
     """
     tracker, fusion = make_tracker(settings.pose), Fusion(settings.fusion)
     keyframes, world = KeyframeSegments(settings.segments), World(settings.fusion.speed_max)
@@ -86,7 +84,7 @@ def run_pipeline(
         if stopped():
             break
         try:
-            with _timed(result.step_s, "source", clock):
+            with _timed(result.step_s, "source"):
                 frame = sequence[index]
         except SourceError as error:
             result.skipped[UNREADABLE] += 1
@@ -101,18 +99,18 @@ def run_pipeline(
             continue
         last_ns = frame.stamp_ns
         depth, camera = frame.depth_metres(), frame.intrinsics
-        with _timed(result.step_s, "pose", clock):
+        with _timed(result.step_s, "pose"):
             pose = tracker.track(frame.stamp_ns, depth, camera, frame.T_world_camera, frame.colour)
-        with _timed(result.step_s, "proposals", clock):
+        with _timed(result.step_s, "proposals"):
             boxes = propose(frame.colour, depth, camera, settings.proposals)
-        with _timed(result.step_s, "heatmap", clock):
+        with _timed(result.step_s, "heatmap"):
             heat = weighted_heat(depth, camera, boxes, settings.heatmap)
         result.trajectory.append((frame.stamp_ns, pose))
         result.heat_counts.update(accepted=heat.accepted, masked=heat.masked, rejected=heat.rejected)
         segments, update, refused = None, None, LOST
         if pose.status == "ok":
             if keyframes.wants(frame.stamp_ns, pose.T_world_camera):
-                with _timed(result.step_s, "segments", clock):
+                with _timed(result.step_s, "segments"):
                     segments = keyframes.find(frame, heat.heat, pose.T_world_camera, pose.calibration)
                 if segments is None:
                     _join_last_two(result.step_s["segments"])
@@ -121,7 +119,7 @@ def run_pipeline(
         if refused:
             result.skipped[refused] += 1
         else:
-            with _timed(result.step_s, "fusion", clock):
+            with _timed(result.step_s, "fusion"):
                 fusion.fuse(
                     frame.colour,
                     depth,
@@ -137,7 +135,7 @@ def run_pipeline(
                     fusion.observe(segments, frame.stamp_ns)
             world.follow(None, pose.T_world_camera, frame.stamp_ns)
             if cadence.due(frame.stamp_ns):
-                with _timed(result.step_s, "objects", clock):
+                with _timed(result.step_s, "objects"):
                     update = result.objects = fusion.objects()
         if on_frame is not None:
             on_frame(PipelineStep(frame, pose, heat, segments, update, refused, keyframes.side_up))
@@ -146,12 +144,12 @@ def run_pipeline(
 
 
 @contextmanager
-def _timed(step_s: dict[str, list[float]], stage: str, clock: Callable[[], float]) -> Iterator[None]:
-    start = clock()
+def _timed(step_s: dict[str, list[float]], stage: str) -> Iterator[None]:
+    start = time.perf_counter()
     try:
         yield
     finally:
-        step_s.setdefault(stage, []).append(clock() - start)
+        step_s.setdefault(stage, []).append(time.perf_counter() - start)
 
 
 def _join_last_two(times: list[float]) -> None:

@@ -8,7 +8,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from spot3d.bench import growth, kernels
+from spot3d.bench import kernels
 from spot3d.bench.live_run import LiveRun
 from spot3d.bench.material import load, to_and_fro
 from spot3d.bench.recording import write_recording
@@ -34,8 +34,6 @@ def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(kernels, name, 1)
     monkeypatch.setattr(kernels, "TRIPLES", 20)
     monkeypatch.setattr("spot3d.bench.messages.REPEATS", 1)
-    monkeypatch.setattr(growth, "PROPOSALS", (10, 20))
-    monkeypatch.setattr(growth, "WIDTHS", (96, 128))
 
 
 def measured(*words: str) -> str:
@@ -50,9 +48,7 @@ def test_tables_of_kernels_pose_messages_and_growth(tmp_path: Path) -> None:
     words = ["--frames", "3", "--growth", "4", "--json", str(tmp_path / "numbers.json"), "--plots", str(tmp_path)]
     markdown = measured(*parts, *words)
     document = json.loads((tmp_path / "numbers.json").read_text())
-    assert [table["table"] for table in document["tables"]] == [
-        "kernels", "pose", "messages", "map growth", "proposals growth",
-    ]  # fmt: skip
+    assert [table["table"] for table in document["tables"]] == ["kernels", "pose", "messages", "map growth"]
     for table in document["tables"]:
         assert f"### {table['title']}" in markdown
         assert all(list(row) == table["columns"] for row in table["rows"])
@@ -63,18 +59,9 @@ def test_tables_of_kernels_pose_messages_and_growth(tmp_path: Path) -> None:
         assert row["ms"] > 0
         absent = "not installed" in row["reference"]
         assert (row["reference / ours"] is None) == absent
-    assert [row["M"] for row in document["tables"][4]["rows"]] == [10, 20, 10, 20]
-    assert {path.name for path in tmp_path.glob("*.png")} == {
-        "growth-fusing.png", "growth-updates.png", "growth-proposals.png",
-    }  # fmt: skip
+    assert [row["frames"] for row in document["tables"][3]["rows"]] == [4]
+    assert {path.name for path in tmp_path.glob("*.png")} == {"growth-fusing.png", "growth-updates.png"}
     assert document["record"]["data"] == {"scene": "built in"}
-
-
-def test_the_pipeline_is_measured_in_a_process_of_its_own() -> None:
-    markdown = measured("--only", "pipeline", "--frames", "2")
-    rows = [line for line in markdown.splitlines() if line.startswith("| scene")]
-    assert len(rows) == 4
-    assert sum("640x480" in row for row in rows) == 2
 
 
 @pytest.mark.usefixtures("hurried")

@@ -1,15 +1,13 @@
-"""Cost as the work grows: fusing against map size, updates against keyframes, proposals against M and size."""
+"""Cost as the map grows: fusing against map size, updates against keyframes."""
 
 import time
 from collections.abc import Callable
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
-from sklearn.cluster import DBSCAN
 
 from spot3d.bench.material import Material, to_and_fro
-from spot3d.bench.timing import Timed, alternate, peak_memory_mb
-from spot3d.camera import Intrinsics
+from spot3d.bench.timing import peak_memory_mb
 from spot3d.dataflow.cadence import Cadence
 from spot3d.dataflow.process_use import process_use
 from spot3d.drawing.line_chart import Line, line_chart
@@ -17,20 +15,13 @@ from spot3d.drawing.picture import Picture
 from spot3d.evaluate.table import Column, Table
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import Fusion
-from spot3d.proposals.propose import propose
-from spot3d.proposals.settings import ProposalSettings
 from spot3d.segments.finder import find_segments
 from spot3d.segments.keyframes import Keyframes
 from spot3d.settings import Settings
-from spot3d.source.scene.scene import KINECT, Scene
 
 ROOM = 6.0
 """Distance between one pass through the frames and the next, metres: each sees a room of its own."""
 CHECKPOINTS = 8
-PROPOSALS = (100, 300, 1000, 3000)
-WIDTHS = (320, 480, 640, 960)
-DBSCAN_POINTS = 100_000
-"""With more points than this DBSCAN is not tried."""
 _FRAME_NS = 1e9 / 30
 
 
@@ -42,12 +33,11 @@ def map_growth(material: Material, length: int, settings: Settings, say: Callabl
         (
             *(Column("frames"), Column("map points"), Column("fuse ms"), Column("fuse p99 ms")),
             *(Column("keyframes"), Column("update ms", 1), Column("longest ms", 1)),
-            *(Column("DBSCAN's points"), Column("DBSCAN ms", 1), Column("memory MB", 0)),
+            Column("memory MB", 0),
         ),
     )
     fusion, times, updates = Fusion(settings.fusion), list[float](), list[float]()
     keyframes, cadence = Keyframes(settings.segments), Cadence(settings.fusion.object_interval_s)
-    dbscan = DBSCAN(eps=settings.fusion.density_radius, min_samples=settings.fusion.density_points)
     stops = {round(stop) for stop in np.geomspace(min(100, length), length, CHECKPOINTS)}
     turn = max(1, len(material) - 1)
 
@@ -75,14 +65,10 @@ def map_growth(material: Material, length: int, settings: Settings, say: Callabl
         if not last:
             continue
         say(f"growth: {step + 1} frames ...")
-        points = fusion.frequent_points()
-        hot = points.xyz[points.heat >= settings.fusion.heat_min]
-        tried = 0 < len(hot) <= DBSCAN_POINTS
-        reference = alternate([Timed(partial(dbscan.fit_predict, hot), 1)], 1)[0].median_ms if tried else None
         median, p99 = 1e3 * np.percentile(times[1:] or times, (50, 99))
         table.add(
             *(step + 1, fusion.heatmap.count, float(median), float(p99), len(fusion.consensus)),
-            *(1e3 * float(np.median(updates)), 1e3 * max(updates), len(hot), reference),
+            *(1e3 * float(np.median(updates)), 1e3 * max(updates)),
             process_use().rss_bytes / 2**20,
         )
         times.clear()
@@ -96,56 +82,18 @@ def map_growth(material: Material, length: int, settings: Settings, say: Callabl
     return table
 
 
-def proposals_growth(settings: ProposalSettings, say: Callable[[str], None]) -> Table:
-    """Proposals of a frame of the built-in scene at several sizes and numbers of boxes."""
-    say("growth: proposals ...")
-    table = Table(
-        "proposals growth",
-        "Proposals against M and image size",
-        (Column("size"), Column("M"), Column("ms"), Column("p99 ms"), Column("us a pixel", 3)),
-    )
-    for width in WIDTHS:
-        camera = _kinect_at(width)
-        frame = Scene(frames=1, intrinsics=camera)[0]
-        depth = frame.depth_metres()
-        wanted = [settings.model_copy(update={"max_boxes": number}) for number in PROPOSALS]
-        calls = [Timed(partial(propose, frame.colour, depth, camera, one), 3) for one in wanted]
-        for number, timing in zip(PROPOSALS, alternate(calls, 2), strict=True):
-            each = 1e3 * timing.median_ms / (camera.width * camera.height)
-            table.add(f"{camera.width}x{camera.height}", number, timing.median_ms, timing.p99_ms, each)
-    return table
+def charts(growth: Table) -> dict[str, Picture]:
+    """Pictures of the table, by their files' names."""
+    heads = [column.name for column in growth.columns]
 
-
-def _kinect_at(width: int) -> Intrinsics:
-    k, scale = KINECT, width / KINECT.width
-    return Intrinsics(k.fx * scale, k.fy * scale, k.cx * scale, k.cy * scale, width, round(k.height * scale))
-
-
-def charts(growth: Table, proposals: Table) -> dict[str, Picture]:
-    """Pictures of both tables, by their files' names."""
-
-    def line(name: str, table: Table, x: str, y: str, size: str | None = None) -> Line:
-        heads = [column.name for column in table.columns]
-        rows = [row for row in table.rows if size is None or row[0] == size]
-        cells = [(row[heads.index(x)], row[heads.index(y)]) for row in rows]
+    def line(name: str, x: str, y: str) -> Line:
+        cells = [(row[heads.index(x)], row[heads.index(y)]) for row in growth.rows]
         known = [(float(a), float(b)) for a, b in cells if isinstance(a, int | float) and isinstance(b, int | float)]
         return Line(name, sorted(known))  # a full map loses points: it does not grow from row to row
 
-    sizes = dict.fromkeys(str(row[0]) for row in proposals.rows)
+    fusing = [line("median", "map points", "fuse ms"), line("p99", "map points", "fuse p99 ms")]
+    updates = [line("median", "frames", "update ms"), line("longest", "frames", "longest ms")]
     return {
-        "fusing": line_chart(
-            "fusing a frame against map size", "map points", "ms",
-            [line("median", growth, "map points", "fuse ms"), line("p99", growth, "map points", "fuse p99 ms")],
-        ),
-        "updates": line_chart(
-            "an update of the objects against the path", "frames", "ms",
-            [
-                line("median", growth, "frames", "update ms"),
-                line("longest", growth, "frames", "longest ms"),
-                line("DBSCAN of the hot points", growth, "frames", "DBSCAN ms"),
-            ],
-        ),
-        "proposals": line_chart(
-            "proposals against M", "M", "ms", [line(size, proposals, "M", "ms", size) for size in sizes]
-        ),
-    }  # fmt: skip
+        "fusing": line_chart("fusing a frame against map size", "map points", "ms", fusing),
+        "updates": line_chart("an update of the objects against the path", "frames", "ms", updates),
+    }

@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from spot3d.evaluate.table import Table
     from spot3d.settings import Settings
 
-SECTIONS = ("kernels", "pose", "messages", "pipeline", "live", "growth")
+SECTIONS = ("kernels", "pose", "messages", "live", "growth")
 SCENE = "scene"
-IN_MEMORY = 60
-"""Frames of each data set that are held in memory; the pipeline reads its own."""
+FRAMES = 60
+"""Frames of each data set."""
 FEW = 24
 """Frames that kernels go through, to and fro."""
 
@@ -24,9 +24,7 @@ FEW = 24
 def bench(
     json_file: Annotated[Path | None, typer.Option("--json", help="write the numbers and their record here")] = None,
     plots: Annotated[Path | None, typer.Option(help="folder for pictures of the growth")] = None,
-    frames: Annotated[
-        int | None, typer.Option(min=2, help="frames of a data set; default: 300 of the scene, all of a recording")
-    ] = None,
+    frames: Annotated[int, typer.Option(min=2, help="frames of a data set, which are held in memory")] = FRAMES,
     data: Annotated[
         list[Path] | None, typer.Option(help="recording with true poses to measure on too; may be repeated")
     ] = None,
@@ -37,7 +35,7 @@ def bench(
     rate: Annotated[float, typer.Option(min=0.1, help="frames per second of the live runs")] = 30.0,
     growth: Annotated[int, typer.Option(min=2, help="longest path of the growth, frames")] = 2000,
 ) -> None:
-    """Measure time and memory of every step, stage and process on the built-in scene; print Markdown."""
+    """Measure time and memory of every step and process on the built-in scene; print Markdown."""
     from spot3d.dataflow.process_use import stay_single_threaded
     from spot3d.evaluate.record import data_checksum, record
     from spot3d.evaluate.table import to_markdown, write_tables
@@ -67,7 +65,7 @@ def bench(
 def _tables(
     chosen: tuple[str, ...],
     names: list[str],
-    frames: int | None,
+    frames: int,
     live_seconds: float,
     rate: float,
     growth: int,
@@ -75,7 +73,7 @@ def _tables(
     settings: "Settings",
 ) -> Iterator["Table"]:
     """The chosen tables, each as soon as it is measured."""
-    materials = _materials(names, min(frames or IN_MEMORY, IN_MEMORY), settings) if chosen != ("pipeline",) else []
+    materials = _materials(names, frames, settings)
     if "kernels" in chosen:
         from spot3d.bench.kernels import kernels_table
 
@@ -88,23 +86,19 @@ def _tables(
         from spot3d.bench.messages import messages_table
 
         yield messages_table(materials, say)
-    if "pipeline" in chosen:
-        from spot3d.bench.whole import pipeline_tables
-
-        yield from pipeline_tables([(name, frames or (300 if name == SCENE else None)) for name in names], say)
     if "live" in chosen:
         from spot3d.bench.live import live_table
 
         yield live_table(materials, rate, live_seconds, say)
     if "growth" in chosen:
-        from spot3d.bench.growth import charts, map_growth, proposals_growth
+        from spot3d.bench.growth import charts, map_growth
         from spot3d.drawing.picture import write_picture
 
-        found = (map_growth(materials[1], growth, settings, say), proposals_growth(settings.proposals, say))
-        yield from found
+        table = map_growth(materials[1], growth, settings, say)
+        yield table
         if plots is not None:
             plots.mkdir(parents=True, exist_ok=True)
-            for name, picture in charts(*found).items():
+            for name, picture in charts(table).items():
                 write_picture(plots / f"growth-{name}.png", picture)
 
 
