@@ -14,10 +14,10 @@ from spot3d.cli import app as cli
 from spot3d.cli.options import CommandError, check_outputs, out_folder
 from spot3d.recorder.mcap_writer import McapWriter
 from spot3d.recorder.profile import PROFILE
-from spot3d.run.camera_frames import CameraFrames
 from spot3d.run.report import RunReport
 from spot3d.run.results import RunResult
 from spot3d.run.run import Finished
+from spot3d.source.sequence import FrameList
 from spot3d_schemas import MESSAGES, TOPICS
 
 runner = CliRunner()
@@ -238,7 +238,7 @@ def test_a_missing_package_is_named(monkeypatch, capsys, tmp_path):
 
 def test_a_run_says_that_its_camera_began_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     report = RunReport("scene", "processes", 9, (640, 480), fused=9, earlier_streams=[{"fused": 5}])
-    done = Finished(tmp_path, CameraFrames(), RunResult(), report)
+    done = Finished(tmp_path, FrameList(), RunResult(), report)
     monkeypatch.setattr("spot3d.run.run.run", lambda *_arguments: done)
     result = runner.invoke(cli.app, ["run", "scene", "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output

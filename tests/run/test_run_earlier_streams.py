@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zenoh
+from dataflow_stages import Recording, frame_message
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
-from spot3d.run.camera_frames import CameraFrames
 from spot3d.run.collector import Collector
 from spot3d.run.earlier_streams import MOST
 from spot3d.run.growing_files import GrowingFiles
+from spot3d.run.overview_frames import OverviewFrames
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import MapSnapshot, RunResult, empty_snapshot, read_ply, write_results
-from spot3d.source.scene.scene import Scene
 from spot3d.trajectory import read_tum
 from spot3d_schemas import Header, MapPoints, Message, Objects, Pose, Progress, encode, encoding, key
 
@@ -27,8 +27,12 @@ LIMIT_S = 20.0
 class Said:
     """What fusion and pose say of a stream, through a router to a run's collector."""
 
-    def __init__(self, session: zenoh.Session, collector: Collector) -> None:
-        self.session, self.collector = session, collector
+    def __init__(self, session: zenoh.Session, collector: Collector, seen: OverviewFrames) -> None:
+        self.session, self.collector, self.seen = session, collector, seen
+
+    def frame(self, stream: str, stamp_ns: int) -> None:
+        frame = frame_message(Recording(1)[0], ROBOT, 0)
+        self._put("source/frame", frame.model_copy(update={"header": self._header(stream, stamp_ns)}))
 
     def pose(self, stream: str, stamp_ns: int, lost: bool = False) -> None:
         status = "lost" if lost else "ok"
@@ -60,12 +64,13 @@ class Said:
 
 @pytest.fixture
 def said(tmp_path: Path) -> Iterator[Said]:
+    seen = OverviewFrames(ROBOT)
     with (
         open_router((free_loopback_endpoint(),)) as session,
         GrowingFiles(tmp_path) as files,
-        Collector(session, ROBOT, "first", files) as collector,
+        Collector(session, ROBOT, "first", files, seen) as collector,
     ):
-        yield Said(session, collector)
+        yield Said(session, collector, seen)
 
 
 def point(x: float) -> MapSnapshot:
@@ -166,11 +171,18 @@ def test_a_map_of_another_stream_is_not_taken(said: Said) -> None:
     assert said.collector.snapshot(LIMIT_S).total == 0
 
 
-def test_pictures_are_of_the_stream_that_is_followed() -> None:
-    frames, scene = CameraFrames(), Scene(frames=20)
-    frames.follow("first")
-    frames.add(scene[0])
-    frames.follow("first")
-    assert len(frames) == 1
-    frames.follow("second")
-    assert len(frames) == 0
+def test_pictures_are_of_the_stream_that_is_followed(said: Said) -> None:
+    def sent(stream: str) -> bool:
+        said.frame(stream, 5 * S)
+        return said.seen.first is not None
+
+    said.until(lambda: sent("first"))
+    assert said.seen.first is not None
+    assert said.seen.first.stamp_ns == 5 * S
+    assert said.seen.views == [], "its pose is not known"
+    said.pose("first", 5 * S)
+    said.until(lambda: len(said.seen.views) == 1)
+    said.progress("second", 5 * S, 2)
+    said.until(lambda: said.collector.stream == "second")
+    assert said.seen.views == []
+    assert said.seen.first is None

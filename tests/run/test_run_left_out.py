@@ -11,12 +11,12 @@ from spot3d.boxes import Box3D
 from spot3d.camera import Intrinsics
 from spot3d.found_object import FoundObject
 from spot3d.fusion.objects.reasons import REASONS
-from spot3d.run.camera_frames import CameraFrames
 from spot3d.run.left_out import first_depth, forgotten, why_so_few
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import RunResult
 from spot3d.settings import load_settings
 from spot3d.source.recording import RecordedFrame, Recording
+from spot3d.source.sequence import FrameList
 
 FOUND = FoundObject(1, Box3D(np.zeros(3), np.full(3, 0.1), np.eye(3)), 0.5, 12, 345)
 
@@ -128,4 +128,4 @@ def test_the_first_frame_s_depth_shows_a_wrong_unit(tmp_path: Path) -> None:
     )
     paths[1].unlink()
     assert not first_depth(Recording([RecordedFrame(0, *paths, None)], camera, 0.001))
-    assert not first_depth(CameraFrames())
+    assert not first_depth(FrameList())

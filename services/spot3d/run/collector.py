@@ -21,6 +21,7 @@ from spot3d.run.earlier_streams import EarlierStreams
 from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.heard import asked_map, found_objects
 from spot3d.run.lost_tracking import LostTracking
+from spot3d.run.overview_frames import OverviewFrames
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, empty_snapshot
 from spot3d.segments.upper_side import IMAGE_UP, event_of, told
@@ -60,11 +61,19 @@ class Collector:
     """Collects what a run reports of its stream; call `drain` often and read the attributes in between.
 
     A camera whose stamps go back begins another stream, which is followed as soon as fusion is in it: what was found
-    before is kept apart. What a second producer says is not this run's.
+    before is kept apart. What a second producer says is not this run's. seen: is to take frames, with their poses, of a
+    camera, which gives them only once.
     """
 
-    def __init__(self, session: zenoh.Session, robot: str, stream: str, files: GrowingFiles) -> None:
-        self._files = files
+    def __init__(
+        self,
+        session: zenoh.Session,
+        robot: str,
+        stream: str,
+        files: GrowingFiles,
+        seen: OverviewFrames | None = None,
+    ) -> None:
+        self._files, self._seen = files, seen
         self.objects: Objects | None = None
         self.progress: Progress | None = None
         self.health: dict[str, Health] = {}
@@ -92,6 +101,8 @@ class Collector:
             subscriber = self._session.declare_subscriber(key(self._robot, topic), FifoChannel(_WAITING))
             self._exit.callback(subscriber.undeclare)
             self._inputs[topic] = subscriber.handler
+        if self._seen is not None:
+            self._exit.callback(self._seen.close)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -99,6 +110,11 @@ class Collector:
 
     def drain(self) -> None:
         """Take in everything that has come since the last call, stream by stream."""
+        self._hear()
+        if self._seen is not None:
+            self._seen.look(self._session, self.stream, time.monotonic())
+
+    def _hear(self) -> None:
         heard, self._early = self._early, []
         for topic, handler in self._inputs.items():
             for message in arrived(handler, TOPICS[topic].message):
@@ -183,6 +199,10 @@ class Collector:
         unsent = report.drops.get("source", {})
         unsent = {why: count for why, count in unsent.items() if why in NOT_PLAYED or why.endswith(IN_THE_INPUT)}
         report.skipped |= unsent
+        if self._seen is not None:
+            # Of a camera it is known only once its frames have come.
+            report.played = report.fused + sum(report.skipped.values())
+            report.image = self._seen.image
         boxes = report.stages["heatmap"].events
         report.proposals = {kind: boxes[kind] for kind in _BOXES if kind in boxes}
         fusion = self.health.get("fusion")
@@ -196,6 +216,8 @@ class Collector:
         self.stream = stream
         self.objects, self.progress, self.lost = None, None, LostTracking()
         self.poses.clear()
+        if self._seen is not None:
+            self._seen.forget()
 
     def _take(self, message: Message) -> None:
         if isinstance(message, Objects):
@@ -227,6 +249,8 @@ class Collector:
             return
         self.poses.append(TrackedFrame(stamp, pose.T_world_camera, lost, pose.delay_s, calibration_of(pose)))
         self.lost.add(stamp, lost, pose.reason)
+        if self._seen is not None:
+            self._seen.pose(stamp, None if lost else pose.T_world_camera)
         if not lost:
             self._files.add_pose(stamp, pose.T_world_camera)
 

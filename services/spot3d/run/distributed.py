@@ -8,11 +8,11 @@ from pathlib import Path
 from threading import Event
 
 from spot3d.dataflow.streams import new_stream
-from spot3d.run.camera_frames import CameraFrames
 from spot3d.run.collector import Collector, relay_poses
 from spot3d.run.display import Watcher
 from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.meeting import open_meeting
+from spot3d.run.overview_frames import OverviewFrames
 from spot3d.run.report import RunReport
 from spot3d.run.results import RunResult, empty_snapshot
 from spot3d.run.supervisor import Supervisor
@@ -36,7 +36,7 @@ class Plan:
     """What to run, and into which folder. pose_topic: key of someone else's poses, or None.
 
     listen: endpoints for other programs; usual: one more, if it is free.
-    camera: keeps some frames of an input that is a camera; None: it is none. stream: the name of the frames' stream,
+    seen: takes some frames of an input that is a camera; None: it is none. stream: the name of the frames' stream,
     which a source that is started again goes on with.
     """
 
@@ -46,7 +46,7 @@ class Plan:
     pose_topic: str | None = None
     listen: tuple[str, ...] = ()
     usual: str | None = None
-    camera: CameraFrames | None = None
+    seen: OverviewFrames | None = None
     stream: str = field(default_factory=new_stream)
 
     @property
@@ -79,9 +79,7 @@ def run_distributed(
         apart = _stages_meet_apart(plan)
         meeting = stack.enter_context(open_meeting(plan.settings, plan.listen, plan.usual, apart, watcher))
         session, endpoint = meeting.session, meeting.endpoint
-        collector = stack.enter_context(Collector(session, robot, plan.stream, files))
-        if plan.camera is not None:
-            stack.enter_context(plan.camera.hear(session, robot))
+        collector = stack.enter_context(Collector(session, robot, plan.stream, files, plan.seen))
         if plan.pose_topic is not None and plan.pose_topic != key(robot, "pose/pose"):
             stack.enter_context(relay_poses(session, plan.pose_topic, robot))
         for stage in STAGES:
@@ -125,8 +123,6 @@ def _follow(
     while not stop.wait(_POLL_S):
         collector.drain()
         progress, objects = collector.progress, collector.objects
-        if plan.camera is not None:
-            plan.camera.follow(collector.stream)
         after_ns = None if progress is None else progress.last_stamp_ns
         again = {"source": _arguments(replace(plan, stream=collector.stream), "source", endpoint, after_ns)}
         for text in collector.news():

@@ -50,7 +50,7 @@ class _Keeper:
     def __init__(self, session: zenoh.Session, link: LinkSettings, out: Path, keep: int) -> None:
         self._session, self._robot, self._out, self._keep = session, link.robot, out, keep
         self._heartbeat = Heartbeat(link.heartbeat)
-        self._seen = OverviewFrames(session, link.robot)
+        self._seen = OverviewFrames(link.robot)
         self._streams = Streams()
         self._folder: StreamFolder | None = None
         self._written_s = float("-inf")
@@ -86,7 +86,7 @@ class _Keeper:
                     self._take(message)
         now_s = time.monotonic()
         if self._folder is not None:
-            self._seen.look(self._folder.stream, now_s)
+            self._seen.look(self._session, self._folder.stream, now_s)
             if now_s - self._written_s >= _WRITE_S:
                 self._write(self._folder)
 

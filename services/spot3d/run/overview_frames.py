@@ -11,7 +11,7 @@ from spot3d.run.one_sample import OneSample
 from spot3d.run.overview_file import View
 from spot3d_schemas import Frame, key
 
-_MOST = 24
+MOST = 24
 """So many are kept: 40 MB of VGA frames."""
 _FIRST_S = 0.5
 """Time between two of them, seconds; twice as long each time that there are too many."""
@@ -20,20 +20,24 @@ _POSES = 300
 
 
 class OverviewFrames:
-    """Takes a frame now and then. Between two it does not listen: nobody sends it frames that it would not keep."""
+    """Takes a frame now and then. Between two it does not listen: nobody sends it frames that it would not keep.
 
-    def __init__(self, session: zenoh.Session, robot: str) -> None:
-        self._session, self._where = session, key(robot, "source/frame")
+    views: the frames so far, in their order; first: that which was seen first, whether its pose is known or not.
+    """
+
+    def __init__(self, robot: str) -> None:
+        self._where = key(robot, "source/frame")
         self._listening: OneSample | None = None
         self.forget()
 
     def forget(self) -> None:
         """Another stream begins."""
         self.close()
+        self.first: RgbdFrame | None = None
         self._interval_s, self._due_s = _FIRST_S, float("-inf")
-        self._waiting: Frame | None = None
+        self._waiting: RgbdFrame | None = None
         self._poses: dict[int, NDArray[np.float64] | None] = {}
-        self._taken: list[View] = []
+        self.views: list[View] = []
 
     def close(self) -> None:
         """Listen no more."""
@@ -42,9 +46,9 @@ class OverviewFrames:
             self._listening = None
 
     @property
-    def views(self) -> list[View]:
-        """The frames so far, in their order."""
-        return list(self._taken)
+    def image(self) -> tuple[int, int]:
+        """Width and height in pixels; (0, 0) before the first frame."""
+        return (0, 0) if self.first is None else self.first.depth.shape[1::-1]
 
     def pose(self, stamp_ns: int, T_world_camera: NDArray[np.float64] | None) -> None:
         """The pose of a frame; None: its pose is lost."""
@@ -52,10 +56,10 @@ class OverviewFrames:
         while len(self._poses) > _POSES:
             del self._poses[next(iter(self._poses))]
 
-    def look(self, stream: str | None, now_s: float) -> None:
+    def look(self, session: zenoh.Session, stream: str | None, now_s: float) -> None:
         """Take a frame of this stream if one is due and there; call it often. Monotonic seconds."""
         if self._waiting is None and self._listening is None and now_s >= self._due_s:
-            self._listening = OneSample(self._session, self._where)
+            self._listening = OneSample(session, self._where)
         if self._listening is not None:
             sample = self._listening.sample
             if sample is None:
@@ -63,17 +67,20 @@ class OverviewFrames:
             self.close()
             self._due_s = now_s + self._interval_s
             frame = decoded(sample.payload, Frame)
-            self._waiting = frame if frame is not None and frame.header.stream == stream else None
+            if frame is not None and frame.header.stream == stream:
+                self._waiting = rgbd_frame(frame)
+                self.first = self.first or self._waiting
         if self._waiting is not None:
-            stamp_ns = self._waiting.header.stamp_ns
+            stamp_ns = self._waiting.stamp_ns
             if stamp_ns in self._poses or now_s >= self._due_s:
                 T_world_camera = self._poses.get(stamp_ns)
                 if T_world_camera is not None:
-                    self._keep(rgbd_frame(self._waiting), T_world_camera)
+                    self._keep(self._waiting, T_world_camera)
                 self._waiting = None
 
     def _keep(self, frame: RgbdFrame, T_world_camera: NDArray[np.float64]) -> None:
-        self._taken.append((frame, T_world_camera))
-        if len(self._taken) > _MOST:
-            self._taken = self._taken[::2]
+        self.views.append((frame, T_world_camera))
+        if len(self.views) > MOST:
+            self.views = self.views[::2]
+            self._due_s += self._interval_s
             self._interval_s *= 2

@@ -12,13 +12,13 @@ from rich.console import Console
 
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.drawing.overview import candidate_indices
-from spot3d.run.camera_frames import CameraFrames
 from spot3d.run.display import progress_bar
 from spot3d.run.distributed import Plan, run_distributed
 from spot3d.run.earlier_streams import forget_streams
 from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.input_doubts import input_doubts
 from spot3d.run.overview_file import View, write_overview
+from spot3d.run.overview_frames import OverviewFrames
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import RESULTS, RunResult, write_json, write_results
 from spot3d.run.sole_writer import sole_writer
@@ -27,7 +27,7 @@ from spot3d.settings import Settings, to_toml
 from spot3d.source.errors import NOT_PLAYED, SourceError
 from spot3d.source.image_limit import refuse_large_images
 from spot3d.source.selected import Selection, open_selection
-from spot3d.source.sequence import FrameSequence
+from spot3d.source.sequence import FrameList, FrameSequence
 from spot3d.source.sequences import is_stream
 
 _UNFINISHED = "the run goes on, was killed, or could not begin"
@@ -39,7 +39,8 @@ _SNAPSHOTS = "snapshots"
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """A run's result and report; `folder` holds the files, overview.png among them."""
+    """A run's result and report; `folder` holds the files, overview.png among them. sequence: of a camera its first
+    frame, if one came."""
 
     folder: Path
     sequence: FrameSequence
@@ -67,15 +68,15 @@ def run(
     _refuse_other_than_utf8(folder)
     with nullcontext() if in_process else Supervisor() as supervisor:
         name = selection.name
-        sequence = CameraFrames() if is_stream(name) else open_selection(selection, settings.source)
-        camera = sequence if isinstance(sequence, CameraFrames) else None
-        if not in_process and camera is None:
+        seen = OverviewFrames(settings.link.robot) if is_stream(name) else None
+        sequence = open_selection(selection, settings.source) if seen is None else FrameList()
+        if not in_process and seen is None:
             refuse_large_images(sequence.intrinsics, settings.source.halved)
         if settings.pose.provider == "given" and not sequence.has_true_poses and pose_topic is None:
             raise SourceError(f"{name} has no true poses; choose --pose kiss or --pose gicp")
         with sole_writer(folder):
             console.print(f"results go to {folder}", markup=False, highlight=False, soft_wrap=True)
-            plan = Plan(selection, settings, folder, pose_topic, tuple(listen), usual, camera)
+            plan = Plan(selection, settings, folder, pose_topic, tuple(listen), usual, seen)
             return _run(sequence, plan, console, supervisor)
 
 
@@ -88,15 +89,15 @@ def _refuse_other_than_utf8(folder: Path) -> None:
 
 
 def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supervisor | None) -> Finished:
-    selection, settings, folder, camera = plan.selection, plan.settings, plan.folder, plan.camera
+    selection, settings, folder, seen = plan.selection, plan.settings, plan.folder, plan.seen
     in_process = supervisor is None
     (folder / "settings.toml").write_text(to_toml(settings), encoding="utf-8")
-    size = (sequence.intrinsics.width, sequence.intrinsics.height) if camera is None else camera.image
+    size = (sequence.intrinsics.width, sequence.intrinsics.height) if seen is None else (0, 0)
     mode = "in process" if in_process else "processes"
-    played = len(sequence) if camera is None else selection.frames or 0
+    played = len(sequence) if seen is None else selection.frames or 0
     report = RunReport(selection.name, mode, played, size, asdict(selection))
     _begin(folder, report)
-    if camera is None:
+    if seen is None:
         for doubt in input_doubts(sequence, settings.pose.provider != "given" and plan.pose_topic is None):
             report.events.append(doubt)
             console.print(doubt, style="yellow", markup=False, highlight=False, soft_wrap=True)
@@ -115,7 +116,6 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
             _write_stages_settings(plan)
 
             def keep(result: RunResult) -> None:
-                _count(report, camera)
                 try:
                     _write_report(folder, result, replace(report, error=_UNFINISHED), time.perf_counter() - start_s)
                     write_results(folder, result)
@@ -123,7 +123,6 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
                     watcher.on_event(f"not kept so far: {error}")
 
             result = run_distributed(plan, supervisor, report, files, watcher, stop, keep)
-    _count(report, camera)
     for told in files.told():
         report.events.append(told)
         console.print(told, style="yellow", markup=False, highlight=False, soft_wrap=True)
@@ -140,9 +139,12 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
     name = Path(selection.name).name or selection.name
     camera_path = np.array([item.T_world_camera[:3, 3] for item in result.path()]).reshape(-1, 3)
     wall_s = time.perf_counter() - start_s
+    views = _views(sequence, result) if seen is None else seen.views
+    known = result.calibration()
+    views = [(replace(frame, intrinsics=known.camera(frame.intrinsics)), pose) for frame, pose in views]
     try:
         write_results(folder, result)
-        write_overview(folder / _OVERVIEW, name, _views(sequence, result), result, camera_path)
+        write_overview(folder / _OVERVIEW, name, views, result, camera_path)
     except OSError as error:
         report.error = report.error or f"not all results are written: {error}"
         with suppress(OSError):
@@ -151,13 +153,9 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
     # Last: whoever reads there that a run has ended well finds all of its files.
     _write_report(folder, result, report, wall_s)
     shutil.rmtree(folder / _SNAPSHOTS, ignore_errors=True)
+    if seen is not None and seen.first is not None:
+        sequence = FrameList([seen.first])
     return Finished(folder, sequence, result, report)
-
-
-def _count(report: RunReport, camera: CameraFrames | None) -> None:
-    """Enter what is known of a camera's frames only once they have come."""
-    if camera is not None:
-        report.image, report.played = camera.image, report.fused + sum(report.skipped.values())
 
 
 def _begin(folder: Path, report: RunReport) -> None:
@@ -187,10 +185,9 @@ def _views(sequence: FrameSequence, result: RunResult) -> list[View]:
     """Frames whose pose is trusted, over the whole run; a picture that no longer can be read is left out."""
     index_of = {stamp: index for index, stamp in enumerate(sequence.stamps_ns)}
     tracked = [item for item in result.path() if item.stamp_ns in index_of]
-    known, views = result.calibration(), list[View]()
+    views = list[View]()
     for chosen in candidate_indices(len(tracked)):
         with suppress(SourceError):
             item = tracked[chosen]
-            frame = sequence[index_of[item.stamp_ns]]
-            views.append((replace(frame, intrinsics=known.camera(frame.intrinsics)), item.T_world_camera))
+            views.append((sequence[index_of[item.stamp_ns]], item.T_world_camera))
     return views
