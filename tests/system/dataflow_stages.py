@@ -59,11 +59,10 @@ importlib.import_module(f"spot3d.{stage}.process").run(link, settings(**chosen))
 """
 
 
-class Recording:
+class Recording(FrameSequence):
     """Frames of a box that stands out of a wall, 160x120, true poses, stamps 50 ms apart."""
 
     intrinsics = CAMERA
-    rate_hz = 20.0
     has_true_poses = True
 
     def __init__(self, frames: int, start_ns: int = 0) -> None:
@@ -75,9 +74,6 @@ class Recording:
         T[0, 3] = 1e-3 * index
         return T
 
-    def __len__(self) -> int:
-        return len(self.stamps_ns)
-
     def __getitem__(self, index: int) -> RgbdFrame:
         rng = np.random.default_rng(index)
         colour = np.full((120, 160, 3), (90, 110, 130), np.uint8)
@@ -86,9 +82,6 @@ class Recording:
         depth = np.full((120, 160), 1200, np.uint16)
         depth[40:80, 60:100] = 1000
         return RgbdFrame(self.stamps_ns[index], colour, depth, 0.001, CAMERA, self.true_pose(index))
-
-    def __iter__(self) -> Iterator[RgbdFrame]:
-        return map(self.__getitem__, range(len(self)))
 
 
 @contextmanager

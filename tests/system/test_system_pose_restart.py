@@ -1,6 +1,5 @@
 """A pose stage that dies amid a live stream: its successor is lost, or right, and never begins anew without a word."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +12,7 @@ from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.snapshot_writer import snapshot_path
 from spot3d.frame import RgbdFrame
+from spot3d.source.sequence import FrameSequence
 from spot3d.source.sequences import open_source
 from spot3d_schemas import Health, Pose
 
@@ -21,7 +21,7 @@ OFF_M = 0.05
 """They are off by less than a millimetre here; the rest is for machines that drop frames."""
 
 
-class Camera:
+class Camera(FrameSequence):
     """A camera without an end that moves to and fro before the built-in scene, and waits for the pose of each frame.
 
     So it is as slow as the machine is busy. Its frames bring no poses: the world is that of the first one.
@@ -50,9 +50,6 @@ class Camera:
         there_and_back = index % (2 * SHOTS - 2)
         return min(there_and_back, 2 * SHOTS - 2 - there_and_back)
 
-    def __len__(self) -> int:
-        return len(self.stamps_ns)
-
     def __getitem__(self, index: int) -> RgbdFrame:
         poses: list[Pose] = self._ear.heard["pose/pose"]
         with self._ear.changed:
@@ -62,9 +59,6 @@ class Camera:
         if self.covered:
             shot = replace(shot, colour=np.zeros_like(shot.colour), depth=np.zeros_like(shot.depth))
         return replace(shot, stamp_ns=self.stamps_ns[index])
-
-    def __iter__(self) -> Iterator[RgbdFrame]:
-        return map(self.__getitem__, range(len(self)))
 
 
 def state(ear: Ear, stage: str) -> str:

@@ -60,13 +60,9 @@ class _Degraded(Derived):
     def __init__(self, sequence: FrameSequence, worse: Degradation) -> None:
         super().__init__(sequence)
         self._worse = worse
+        self.intrinsics = self._told_camera(sequence.intrinsics)
         poses = late([sequence.true_pose(index) for index in range(len(sequence))], worse.late)
         self._told = shaken(misplaced(poses, *worse.mount, SEED), worse.metres, worse.degrees, SEED)
-
-    @property
-    def intrinsics(self) -> Intrinsics:
-        """Intrinsics of all frames, as told."""
-        return self._told_camera(self.original.intrinsics)
 
     def __getitem__(self, index: int) -> RgbdFrame:
         frame, number = self.original[index], index % len(self)

@@ -3,9 +3,8 @@
 import cv2
 import numpy as np
 
-from spot3d.camera import Intrinsics
 from spot3d.frame import RgbdFrame
-from spot3d.source.sequence import Derived
+from spot3d.source.sequence import Derived, FrameSequence
 
 # Weights that average colour around each kept pixel, so that colour stays registered with the kept depth.
 AROUND = np.array([0.25, 0.5, 0.25])
@@ -27,10 +26,9 @@ def halve(frame: RgbdFrame) -> RgbdFrame:
 class Halved(Derived):
     """A sequence whose frames are those of another at half size."""
 
+    def __init__(self, original: FrameSequence) -> None:
+        super().__init__(original)
+        self.intrinsics = original.intrinsics.halved()
+
     def __getitem__(self, index: int) -> RgbdFrame:
         return halve(self.original[index])
-
-    @property
-    def intrinsics(self) -> Intrinsics:
-        """Intrinsics of the half-size frames."""
-        return self.original.intrinsics.halved()

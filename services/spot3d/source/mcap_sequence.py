@@ -11,13 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.camera import Intrinsics
 from spot3d.dataflow.conversion import rgbd_frame
 from spot3d.dataflow.order import RESTART_NS
 from spot3d.frame import RgbdFrame
 from spot3d.recorder.mcap_contents import BrokenRecordingError, McapContents, open_mcap
 from spot3d.source.errors import SourceError
-from spot3d.source.sequence import median_rate_hz
+from spot3d.source.sequence import FrameSequence
 from spot3d_schemas import CodecError, Frame, Heat, decode, peek_header
 
 log = logging.getLogger(__name__)
@@ -36,7 +35,7 @@ _MESSAGES: dict[str, type[Frame] | type[Heat]] = {"source/frame": Frame, "heatma
 """What holds an RGB-D frame. Where only heat has crossed a link, it brings its frame along."""
 
 
-class McapSequence:
+class McapSequence(FrameSequence):
     """A sequence of RgbdFrame, read on access; of a recording that holds several streams, the longest."""
 
     def __init__(self, contents: McapContents) -> None:
@@ -64,23 +63,10 @@ class McapSequence:
             told = ", ".join(str(len(stream)) for stream in streams)
             log.warning("%s holds %d streams of %s frames; the longest is played", contents.path, len(streams), told)
         self._chunk: tuple[int, list[bytes]] = (-1, [])
+        self.stamps_ns = [place.stamp_ns for place in self._places]
         first = self._first()
-        self._intrinsics, self._has_poses = first.intrinsics, first.T_world_camera is not None
-
-    @property
-    def intrinsics(self) -> Intrinsics:
-        """Intrinsics of the first frame that can be read; each frame brings its own, which may be others."""
-        return self._intrinsics
-
-    @property
-    def stamps_ns(self) -> list[int]:
-        """Capture times in integer nanoseconds."""
-        return [place.stamp_ns for place in self._places]
-
-    @property
-    def rate_hz(self) -> float:
-        """Recorded rate in frames per second, by the median gap between frames."""
-        return median_rate_hz(self.stamps_ns)
+        # Each frame brings its own, which may be others.
+        self.intrinsics, self._has_poses = first.intrinsics, first.T_world_camera is not None
 
     @property
     def has_true_poses(self) -> bool:
@@ -88,14 +74,7 @@ class McapSequence:
         return self._has_poses
 
     def true_pose(self, index: int) -> NDArray[np.float64] | None:
-        """T_world_camera (4, 4) float64 of a frame, or None."""
         return self[index].T_world_camera
-
-    def __len__(self) -> int:
-        return len(self._places)
-
-    def __iter__(self) -> Iterator[RgbdFrame]:
-        return (self[index] for index in range(len(self)))
 
     def __getitem__(self, index: int) -> RgbdFrame:
         """Reads one frame. Raises SourceError where the file is damaged there."""

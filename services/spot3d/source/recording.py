@@ -1,6 +1,5 @@
 """Frames of a recording on disk, read one at a time when asked for."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +15,7 @@ from spot3d.source.calibration import SEVEN_SCENES_COLOUR, ColourCamera
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import halve
 from spot3d.source.images import read_colour, read_depth
-from spot3d.source.sequence import median_rate_hz
+from spot3d.source.sequence import FrameSequence
 
 if TYPE_CHECKING:
     from spot3d.source.colour_registration import ColourRegistration
@@ -32,7 +31,7 @@ class RecordedFrame:
     T_world_camera: NDArray[np.float64] | None
 
 
-class Recording:
+class Recording(FrameSequence):
     """A sequence of RgbdFrame in the depth camera's geometry; images are read on access.
 
     depth_scale: metres per unit. invalid: depth value that means "nothing measured", besides 0.
@@ -50,6 +49,7 @@ class Recording:
         halved: bool = False,
     ) -> None:
         self.frames = frames
+        self.stamps_ns = [frame.stamp_ns for frame in frames]
         self.intrinsics = intrinsics.halved() if halved else intrinsics
         self.depth_scale = depth_scale
         self._image_intrinsics = intrinsics
@@ -71,29 +71,7 @@ class Recording:
         """The same recording with colour that is taken for registered already."""
         return Recording(self.frames, self._image_intrinsics, self.depth_scale, None, self.invalid, halved=self._halved)
 
-    def __len__(self) -> int:
-        return len(self.frames)
-
-    def __iter__(self) -> Iterator[RgbdFrame]:
-        return (self[index] for index in range(len(self)))
-
-    @property
-    def stamps_ns(self) -> list[int]:
-        """Capture times in integer nanoseconds."""
-        return [frame.stamp_ns for frame in self.frames]
-
-    @property
-    def rate_hz(self) -> float:
-        """Recorded rate in frames per second, by the median gap between frames."""
-        return median_rate_hz(self.stamps_ns)
-
-    @property
-    def has_true_poses(self) -> bool:
-        """Whether any frame comes with a true pose."""
-        return any(frame.T_world_camera is not None for frame in self.frames)
-
     def true_pose(self, index: int) -> NDArray[np.float64] | None:
-        """T_world_camera (4, 4) float64 of a frame, without reading its images."""
         return self.frames[index].T_world_camera
 
     @property

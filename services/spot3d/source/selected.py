@@ -7,7 +7,6 @@ from threading import Event
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.camera import Intrinsics
 from spot3d.depth_noise import DepthNoise, parse_noise
 from spot3d.frame import RgbdFrame
 from spot3d.source.errors import SourceError
@@ -101,18 +100,9 @@ class Selected(Derived):
         super().__init__(original)
         self._indices = indices
         self._noise = noise
-
-    @property
-    def intrinsics(self) -> Intrinsics:
-        """Intrinsics of all frames."""
-        camera = self.original.intrinsics
-        return camera if self._noise is None else replace(camera, noise=self._noise)
-
-    @property
-    def stamps_ns(self) -> list[int]:
-        """Capture times in integer nanoseconds."""
-        stamps = self.original.stamps_ns
-        return [stamps[index] for index in self._indices]
+        self.stamps_ns = [original.stamps_ns[index] for index in indices]
+        if noise is not None:
+            self.intrinsics = replace(original.intrinsics, noise=noise)
 
     @property
     def rate_hz(self) -> float:
@@ -120,11 +110,7 @@ class Selected(Derived):
         return self.original.rate_hz / self._indices.step
 
     def true_pose(self, index: int) -> NDArray[np.float64] | None:
-        """T_world_camera (4, 4) float64 of a frame, or None."""
         return self.original.true_pose(self._indices[index])
-
-    def __len__(self) -> int:
-        return len(self._indices)
 
     def __getitem__(self, index: int) -> RgbdFrame:
         frame = self.original[self._indices[index]]

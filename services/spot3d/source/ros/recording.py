@@ -1,7 +1,6 @@
 """A bag as a sequence of frames: colour paired with depth by stamp, and registered with it where it is not."""
 
 import logging
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from spot3d.source.ros.bag import Bag, BagTopic
 from spot3d.source.ros.images import MILLIMETRES, colour_image, depth_image
 from spot3d.source.ros.poses import PoseAt, poses_of, transform_tree
 from spot3d.source.ros.topics import CameraTopics, TopicNames, find_topics
-from spot3d.source.sequence import median_rate_hz
+from spot3d.source.sequence import FrameSequence
 from spot3d.source.tum import nearest_in_time
 
 log = logging.getLogger(__name__)
@@ -79,7 +78,7 @@ def open_bag(path: Path, names: TopicNames, intrinsics: FocalAndCentre | None = 
     )
 
 
-class BagRecording:
+class BagRecording(FrameSequence):
     """A sequence of RgbdFrame in the depth camera's geometry; images are read on access.
 
     rows: (n, 3) int64: a frame's stamp in ns (its depth image's), and which depth and which colour image it is.
@@ -95,7 +94,7 @@ class BagRecording:
         colour_camera: ColourCamera | None,
         pose_at: PoseAt | None,
     ) -> None:
-        self.intrinsics = intrinsics
+        self.intrinsics, self.stamps_ns = intrinsics, rows[:, 0].tolist()
         self.topics = (colours.name, depths.name)
         self._depths, self._colours, self._rows = depths, colours, rows
         self._pose_at = pose_at
@@ -105,30 +104,13 @@ class BagRecording:
 
             self._registration = ColourRegistration(intrinsics, colour_camera)
 
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    def __iter__(self) -> Iterator[RgbdFrame]:
-        return (self[index] for index in range(len(self)))
-
-    @property
-    def stamps_ns(self) -> list[int]:
-        """Capture times in integer nanoseconds."""
-        return [int(stamp) for stamp in self._rows[:, 0]]
-
-    @property
-    def rate_hz(self) -> float:
-        """Recorded rate in frames per second, by the median gap between frames."""
-        return median_rate_hz(self._rows[:, 0])
-
     @property
     def has_true_poses(self) -> bool:
         """Whether poses are taken from the bag."""
         return self._pose_at is not None
 
     def true_pose(self, index: int) -> NDArray[np.float64] | None:
-        """T_world_camera (4, 4) float64 of a frame, without reading its images."""
-        return None if self._pose_at is None else self._pose_at(int(self._rows[index, 0]))
+        return None if self._pose_at is None else self._pose_at(self.stamps_ns[index])
 
     def __getitem__(self, index: int) -> RgbdFrame:
         """Reads one frame. Raises SourceError if it cannot be read, or an image is of another size than the first."""

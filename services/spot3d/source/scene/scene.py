@@ -1,7 +1,5 @@
 """A built-in scene as a sequence of frames, with everything that is true about it."""
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,12 +10,13 @@ from spot3d.source.scene.name import DEFAULT_KIND, SceneKind
 from spot3d.source.scene.noise import measured_depth, noisy_colour
 from spot3d.source.scene.path import RATE_HZ, camera_pose
 from spot3d.source.scene.render import RenderedView, Renderer, empty_rendered_view
+from spot3d.source.sequence import FrameSequence
 
 KINECT = Intrinsics(585.0, 585.0, 320.0, 240.0, 640, 480)
 METRES_PER_UNIT = 0.001
 
 
-class Scene:
+class Scene(FrameSequence):
     """A built-in scene: `frames` RgbdFrame at 30 Hz, as a hand-held Kinect sees them; made when asked for.
 
     A frame depends on seed, kind and its index alone. `noisy=False` gives exact depth (float32
@@ -40,6 +39,7 @@ class Scene:
         self.kind: SceneKind = kind
         self.frames = frames
         self.intrinsics = intrinsics
+        self.stamps_ns = [index * 10**9 // RATE_HZ for index in range(frames)]
         self.noisy = noisy
         self._renderers = {
             first: Renderer(build_scene(seed, kind, first), intrinsics, seed)
@@ -63,19 +63,7 @@ class Scene:
         """The world's up direction (3,)."""
         return np.array(UP)
 
-    def __len__(self) -> int:
-        return self.frames
-
-    def __iter__(self) -> Iterator[RgbdFrame]:
-        return (self[index] for index in range(len(self)))
-
-    @property
-    def stamps_ns(self) -> list[int]:
-        """Capture times in integer nanoseconds."""
-        return [index * 10**9 // RATE_HZ for index in range(self.frames)]
-
     def true_pose(self, index: int) -> NDArray[np.float64]:
-        """T_world_camera (4, 4) float64 of a frame."""
         return camera_pose(self._index(index), self.seed, self.kind)
 
     def truth(self, index: int) -> RenderedView:
@@ -87,7 +75,7 @@ class Scene:
     def __getitem__(self, index: int) -> RgbdFrame:
         """Renders one frame. Raises IndexError beyond the sequence."""
         index = self._index(index)
-        stamp_ns, pose = index * 10**9 // RATE_HZ, self.true_pose(index)
+        stamp_ns, pose = self.stamps_ns[index], self.true_pose(index)
         if not self.noisy:
             view = self.truth(index)
             return RgbdFrame(stamp_ns, view.colour, view.depth, 1.0, self.intrinsics, pose)
