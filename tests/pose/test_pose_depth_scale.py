@@ -7,7 +7,7 @@ import pytest
 from test_pose_correction import CAMERA, FRAME_NS, recording, shaken, tracked
 
 from spot3d.pose.common_errors import CommonErrors
-from spot3d.pose.depth_scale import DepthScale
+from spot3d.pose.depth_scale import decided
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
@@ -80,27 +80,23 @@ def errors(log_scale: float, information: float) -> CommonErrors:
 
 def test_chance_changes_nothing() -> None:
     """What lies within a standard deviation of one may be chance; what is surely something else is followed."""
-    scale = DepthScale()
-    assert scale.decide(errors(0.005, 0.005**-2)) == 1
-    assert scale.decide(errors(0.03, 0.003**-2)) == pytest.approx(np.exp(0.03), rel=1e-4)
-    assert scale.decide(errors(0.0305, 0.003**-2)) == 1
-    assert scale.factor == pytest.approx(np.exp(0.03), rel=1e-4)
-    assert scale.decide(errors(0.001, 0.003**-2)) < 0.98
+    assert decided(errors(0.005, 0.005**-2), 1.0) == 1
+    found = decided(errors(0.03, 0.003**-2), 1.0)
+    assert found == pytest.approx(np.exp(0.03), rel=1e-4)
+    assert decided(errors(0.0305, 0.003**-2), found) == found
+    assert decided(errors(0.001, 0.003**-2), found) < 0.98 * found
 
 
 def test_a_scale_is_followed_as_far_as_it_is_probable() -> None:
     """And not at all where it is more probable that there is none."""
-    factors = []
+    shares = []
     for deviations in (1.5, 2.6, 3.0, 3.5):
-        scale = DepthScale()
-        scale.decide(errors(deviations * 0.006, 0.006**-2))
-        factors.append(np.log(scale.factor) / (deviations * 0.006))
-    assert np.diff(factors).min() > 0
-    assert factors[0] == 0.0
-    assert 0.5 < factors[1] < 0.9 < factors[-1] < 1
+        found = decided(errors(deviations * 0.006, 0.006**-2), 1.0)
+        shares.append(np.log(found) / (deviations * 0.006))
+    assert np.diff(shares).min() > 0
+    assert shares[0] == 0.0
+    assert 0.5 < shares[1] < 0.9 < shares[-1] < 1
 
 
 def test_no_camera_is_off_by_more_than_a_tenth() -> None:
-    scale = DepthScale()
-    scale.decide(errors(2.0, 0.001**-2))
-    assert np.log(scale.factor) == pytest.approx(0.1)
+    assert np.log(decided(errors(2.0, 0.001**-2), 1.0)) == pytest.approx(0.1)

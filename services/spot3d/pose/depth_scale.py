@@ -30,22 +30,13 @@ def told(factor: float) -> str:
     )
 
 
-class DepthScale:
-    """What depth has to be multiplied by to agree with the given poses."""
+def decided(errors: CommonErrors, factor: float) -> float:
+    """What depth has to be multiplied by to agree with the given poses, by what is known by now (see `believed`).
 
-    def __init__(self) -> None:
-        self.factor = 1.0
-
-    def decide(self, errors: CommonErrors) -> float:
-        """Follow what is known by now; returns by what `factor` has changed.
-
-        See `believed`.
-        """
-        if 0 not in errors.free:
-            return 1.0
-        most = _MOST * float(errors.sigmas[0])
-        log_scale = float(np.clip(believed(errors, np.array([0]), np.full(COMMON, np.nan))[0], -most, most))
-        if abs(log_scale - np.log(self.factor)) < _STEP:
-            return 1.0
-        before, self.factor = self.factor, float(np.exp(log_scale))
-        return self.factor / before
+    factor: as it was decided before; it stays where it would hardly change.
+    """
+    if 0 not in errors.free:
+        return factor
+    most = _MOST * float(errors.sigmas[0])
+    log_scale = float(np.clip(believed(errors, np.array([0]), np.full(COMMON, np.nan))[0], -most, most))
+    return factor if abs(log_scale - np.log(factor)) < _STEP else float(np.exp(log_scale))

@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from spot3d.calibration import Bend, Calibration
 from spot3d.camera import invert
+from spot3d.pose import depth_scale, orientation
 from spot3d.pose.adjustment import EVERY_NS, Adjustment, Seen
-from spot3d.pose.depth_scale import DepthScale
 from spot3d.pose.motion import turned, twist
-from spot3d.pose.orientation import Orientation
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose_corrections import PoseCorrections
 from spot3d.trajectory import rotation_angle
@@ -83,7 +82,8 @@ class Hindsight:
         self._adjustment, self._enough = adjustment, enough
         self._thread = ThreadPoolExecutor(1, "adjustment")
         self._running: Future[None] | None = None
-        self._scale, self._orientation = DepthScale(), Orientation()
+        # What depth is multiplied by; turn and centre; and what is bent.
+        self._factor, self._looks = 1.0, np.zeros(5)
         self._bend: Bend = ()
         self._due_ns = 0
         # Of the keyframes, without the turn.
@@ -106,11 +106,12 @@ class Hindsight:
 
     @property
     def calibration(self) -> Calibration:
-        return Calibration(self._scale.factor, self._orientation.turn, self._orientation.centre, self._bend)
+        x, y, z, *centre = self._looks.tolist()
+        return Calibration(self._factor, (x, y, z), (centre[0], centre[1]), self._bend)
 
     def turned(self, T_world_given: NDArray[np.float64]) -> NDArray[np.float64]:
         """The camera's pose (4, 4) by a given one."""
-        return self._orientation.applied(T_world_given)
+        return turned(T_world_given, self._looks[:3]) if self._looks[:3].any() else T_world_given
 
     def due(self, stamp_ns: int) -> bool:
         """Whether a frame is to be a keyframe."""
@@ -122,7 +123,7 @@ class Hindsight:
 
         T_map_camera: (4, 4), its corrected pose in the map.
         """
-        before = self._orientation.vector[:3]
+        before = self._looks[:3]
         learnt = self._take_over()
         self._due_ns = seen.stamp_ns + EVERY_NS
         place = turned(T_map_camera, -before)
@@ -168,19 +169,21 @@ class Hindsight:
         if not self._wait():
             return Learnt(1.0, np.zeros(5))
         errors, stamps = self._adjustment.common_errors(), self._adjustment.stamps_ns
-        grown = self._scale.decide(errors)
-        log_scale = float(np.log(self._scale.factor))
-        looks = self._orientation.decide(errors, log_scale)
-        poses, bend = self._adjustment.by(np.append(log_scale, self._orientation.vector))
+        factor, looks = self._factor, self._looks
+        self._factor = depth_scale.decided(errors, factor)
+        log_scale = float(np.log(self._factor))
+        self._looks = orientation.decided(errors, looks, log_scale)
+        learnt = Learnt(self._factor / factor, self._looks - looks)
+        poses, bend = self._adjustment.by(np.append(log_scale, self._looks))
         straighter = len(stamps) >= self._enough and self._straighten(bend)
         self._T_map_before = {stamp: self._T_map_before[stamp] for stamp in stamps}
         self._untold += 1
-        anew = grown != 1 or looks.any() or straighter or _TOLD_EVERY * self._untold >= len(stamps)
+        anew = learnt.grown != 1 or learnt.looks.any() or straighter or _TOLD_EVERY * self._untold >= len(stamps)
         if len(stamps) > 1 and anew:
             self._untold = 0
-            now = [turned(pose, -self._orientation.vector[:3]) for pose in poses]
+            now = [turned(pose, -self._looks[:3]) for pose in poses]
             self._news = Adjusted(stamps, list(self._T_map_before.values()), now)
-        return Learnt(grown, looks)
+        return learnt
 
     def _straighten(self, bend: NDArray[np.float64]) -> bool:
         """Follow what is known by now of what bends depth; returns whether that has changed."""

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from spot3d.calibration import Calibration
 from spot3d.pose.common_errors import COMMON, CommonErrors, believed
-from spot3d.pose.motion import turned
 
 # Depth that is bent looks more like a turn, or a centre that is off, than like another scale: so much of the share is
 # trusted that the scale is decided by. With 0.36 nothing is found of a tracker mounted 1 deg otherwise than told, on a
@@ -46,45 +45,18 @@ def told(known: Calibration) -> str:
     return f"{' and '.join(found)}, and that is corrected: check its intrinsics, and how it is mounted"
 
 
-class Orientation:
-    """The rotation from the frame that the given poses are of to the camera's, and its principal point's offset."""
+def decided(errors: CommonErrors, vector: NDArray[np.float64], log_scale: float) -> NDArray[np.float64]:
+    """The rotation vector (3,) from the frame that given poses are of to the camera's, radians about its axes, and the
+    offset (2,) of its principal point (see `Calibration`), by what is known by now.
 
-    def __init__(self) -> None:
-        self.vector = np.zeros(5)
-
-    @property
-    def turn(self) -> tuple[float, float, float]:
-        """Rotation vector about the camera's axes, radians."""
-        x, y, z = self.vector[:3].tolist()
-        return x, y, z
-
-    @property
-    def centre(self) -> tuple[float, float]:
-        """Offset of the principal point (see `Calibration`)."""
-        x, y = self.vector[3:].tolist()
-        return x, y
-
-    def applied(self, T_world_given: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The camera's pose (4, 4) by a given one."""
-        if not self.vector[:3].any():
-            return T_world_given
-        return turned(T_world_given, self.vector[:3])
-
-    def decide(self, errors: CommonErrors, log_scale: float) -> NDArray[np.float64]:
-        """Follow what is known by now; returns by what (5,) `vector` has changed.
-
-        log_scale: the logarithm of what depth is multiplied by. What is applied is what is believed (see there) of
-        turn and centre as they are if that is right.
-        """
-        free = errors.free[errors.free > 0]
-        if not len(free):
-            return np.zeros(5)
-        known = np.full(COMMON, np.nan)
-        known[0] = log_scale
-        vector = np.zeros(5)
-        vector[free - 1] = believed(errors, free, known, _ALIKE)
-        change = vector - self.vector
-        if np.linalg.norm(change) < _STEP:
-            return np.zeros(5)
-        self.vector = vector
-        return change
+    vector: (5,) as it was decided before; it stays where it would hardly change. log_scale: the logarithm of what depth
+    is multiplied by: what is believed (see there) of turn and centre is as they are if that is right.
+    """
+    free = errors.free[errors.free > 0]
+    if not len(free):
+        return vector
+    known = np.full(COMMON, np.nan)
+    known[0] = log_scale
+    now = np.zeros(5)
+    now[free - 1] = believed(errors, free, known, _ALIKE)
+    return vector if np.linalg.norm(now - vector) < _STEP else now

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, off_centre
 from spot3d.dataflow.conversion import corrections_message, rgbd_frame
@@ -87,7 +88,7 @@ class _Stage:
         self.lost_since: tuple[int, str] | None = None
         self.followed = False
         self.camera: Intrinsics | None = None
-        self.told_factor, self.told_delay_s, self.told_looks = 1.0, 0.0, np.zeros(5)
+        self.told: dict[str, NDArray[np.float64]] = {}
         self.node.state = ""
 
     def _answer(self, given: Received[Frame]) -> None:
@@ -99,9 +100,7 @@ class _Stage:
         self._tell_intrinsics(frame.intrinsics)
         self.last = self._track(frame)
         self._tell_if_lost(frame.stamp_ns, frame.intrinsics)
-        self._tell_depth()
-        self._tell_delay()
-        self._tell_orientation()
+        self._tell_errors()
         pose = Pose(
             header=self.node.header(_OUT, given),
             T_world_camera=self.last.T_world_camera,
@@ -182,27 +181,18 @@ class _Stage:
             self.node.note("intrinsics off centre", text)
         self.camera = camera
 
-    def _tell_depth(self) -> None:
-        """Say when depth turns out to be of another scale than the given poses, and when that has changed as much."""
-        factor = self.last.calibration.depth_factor
-        if abs(factor / self.told_factor - 1) >= depth_scale.TOLD and (text := depth_scale.told(factor)):
-            self.told_factor = factor
-            self.node.note("depth's scale", text)
-
-    def _tell_delay(self) -> None:
-        """Say when given poses turn out to be older or newer than their images, and when that has changed as much."""
-        delay_s = self.last.delay_s
-        if abs(delay_s - self.told_delay_s) >= delay.TOLD_S and (text := delay.told(delay_s)):
-            self.told_delay_s = delay_s
-            self.node.note("poses' delay", text)
-
-    def _tell_orientation(self) -> None:
-        """Say when the camera turns out to look elsewhere than the poses say, and when that has changed as much."""
-        known = self.last.calibration
-        looks = np.array((*known.turn, *known.centre))
-        if np.linalg.norm(looks - self.told_looks) >= orientation.TOLD and (text := orientation.told(known)):
-            self.told_looks = looks
-            self.node.note("where the camera looks", text)
+    def _tell_errors(self) -> None:
+        """Say what turns out to be wrong with given poses and the camera, and when that has changed as much again."""
+        known, delay_s = self.last.calibration, self.last.delay_s
+        scale, looks = np.log([known.depth_factor]), np.array((*known.turn, *known.centre))
+        for kind, now, least, text in (
+            ("depth's scale", scale, depth_scale.TOLD, depth_scale.told(known.depth_factor)),
+            ("poses' delay", np.array([delay_s]), delay.TOLD_S, delay.told(delay_s)),
+            ("where the camera looks", looks, orientation.TOLD, orientation.told(known)),
+        ):
+            if text and np.linalg.norm(now - self.told.get(kind, np.zeros(len(now)))) >= least:
+                self.told[kind] = now
+                self.node.note(kind, text)
 
     def _keep(self) -> None:
         """A snapshot of the tracker's map, where it has one and its stream has a name to find it by."""
