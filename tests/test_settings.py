@@ -63,16 +63,16 @@ def test_endpoints_have_an_address_and_a_port(section, name, endpoint, valid):
 
 def test_the_papers_preset_keeps_the_papers_values_in_nested_settings():
     assert load_settings(preset="paper").proposals.edges.min_magnitude == 0.1
-    edges = {"proposals": {"edges": {"noise_gate": 2.0}}}
+    edges = {"proposals": {"edges": {"colour_contrast": 40.0}}}
     assert load_settings(preset="paper", overrides=edges).proposals.edges.min_magnitude == 0.1
 
 
 def test_nested_and_listed_values_come_from_the_environment(monkeypatch):
-    monkeypatch.setenv("SPOT3D_PROPOSALS__EDGES__NOISE_GATE", "1.5")
+    monkeypatch.setenv("SPOT3D_PROPOSALS__EDGES__COLOUR_CONTRAST", "40.0")
     monkeypatch.setenv("SPOT3D_LINK__CONNECT", '["tcp/10.0.0.1:7447"]')
     monkeypatch.setenv("SPOT3D_PRESET", "paper")
     settings = load_settings()
-    assert settings.proposals.edges.noise_gate == 1.5
+    assert settings.proposals.edges.colour_contrast == 40.0
     assert settings.link.connect == ("tcp/10.0.0.1:7447",)
     assert settings.preset == "paper"
     assert settings.proposals.alpha == 0.65

@@ -12,6 +12,7 @@ from spot3d.kernel import kernel
 from spot3d.proposals.inverse_depth import depth_strength
 from spot3d.proposals.settings import EdgeSettings
 
+COLOUR_WEIGHT = np.float32(0.5)  # largest magnitude of a colour edge in a frame that has depth
 ALONG = 2.0  # standard deviation, pixels, of the smoothing whose ridges give the edges' orientation
 
 
@@ -40,12 +41,12 @@ def detect_edges(
     least = np.float32(settings.min_magnitude)
     has_depth = settings.depth and bool(depth.any())
     smooth = np.asarray(cv2.GaussianBlur(colour, (5, 5), 1.0), np.uint8)
-    weight = np.float32(settings.colour_weight if has_depth else 1)
+    weight = COLOUR_WEIGHT if has_depth else np.float32(1)
     strength = colour_strength(smooth, weight, np.float32(settings.colour_contrast), least)
     if has_depth:
         inverse = np.empty_like(depth)
         fill_inverse_depth(depth, inverse)
-        of_depth = depth_strength(inverse, focal_length, settings, noise)
+        of_depth = depth_strength(inverse, focal_length, noise)
         raise_to_depth(strength, of_depth, depth, least)
     ridges = np.asarray(cv2.GaussianBlur(strength, (0, 0), ALONG), np.float32)
     return thin(strength, ridges)

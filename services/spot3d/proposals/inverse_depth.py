@@ -6,10 +6,14 @@ from numpy.typing import NDArray
 
 from spot3d.depth_noise import DepthNoise
 from spot3d.kernel import kernel
-from spot3d.proposals.settings import EdgeSettings
 
 FINE, COARSE = 1.0, 2.0  # standard deviations of the two smoothings, pixels
 SUPPORT = 13  # width of the coarser filter, pixels
+# The jump that counts as a full edge: tangent of the angle between viewing ray and normal of a surface that would
+# bridge it, 80 degrees; and the bend that does: change of that tangent across it.
+JUMP_SLOPE, CREASE_SLOPE = 6.0, 1.0
+CONVEX = np.float32(0.5)  # weight of convex bends, within objects, against concave ones, between them
+NOISE_GATE = 3.0  # standard deviations of depth noise that are subtracted from an edge
 # What the filters answer, at their peak, to a unit step or a unit change of slope, and to noise of one (the
 # crease's is three times that of white noise: neighbouring pixels of a depth camera err together).
 JUMP_RESPONSE, JUMP_NOISE = np.float32(0.133), np.float32(0.15)
@@ -17,9 +21,7 @@ CREASE_RESPONSE, CREASE_NOISE = np.float32(0.2), np.float32(0.09)
 LOBES = np.float32(0.5)  # curvature beside a jump over the jump's own answer
 
 
-def depth_strength(
-    inverse: NDArray[np.float32], focal_length: float, settings: EdgeSettings, noise: DepthNoise
-) -> NDArray[np.float32]:
+def depth_strength(inverse: NDArray[np.float32], focal_length: float, noise: DepthNoise) -> NDArray[np.float32]:
     """Strength (h, w) float32 of the jump or crease at each pixel: v / sqrt(1 + v^2), v = 1 for a full edge.
 
     Inverse depth is linear on planes: a peak of its gradient above the slope around it is a jump, a peak of
@@ -29,12 +31,12 @@ def depth_strength(
     fine = np.asarray(cv2.GaussianBlur(inverse, (7, 7), FINE), np.float32)
     coarse = np.asarray(cv2.GaussianBlur(inverse, (SUPPORT, SUPPORT), COARSE), np.float32)
     jumps, creases = np.zeros_like(inverse), np.zeros_like(inverse)
-    _jumps_and_creases(fine, coarse, np.float32(settings.convex_weight), jumps, creases)
+    _jumps_and_creases(fine, coarse, jumps, creases)
     scale = (
-        focal_length / (JUMP_RESPONSE * settings.jump_slope),
-        focal_length / (CREASE_RESPONSE * settings.crease_slope),
-        settings.noise_gate * noise.floor,
-        settings.noise_gate * noise.growth,
+        focal_length / (JUMP_RESPONSE * JUMP_SLOPE),
+        focal_length / (CREASE_RESPONSE * CREASE_SLOPE),
+        NOISE_GATE * noise.floor,
+        NOISE_GATE * noise.growth,
         noise.at,
     )
     # Curvature has a lobe on either side of a jump: what is no stronger than that is no crease.
@@ -48,14 +50,13 @@ def depth_strength(
 def _jumps_and_creases(
     fine: NDArray[np.float32],
     coarse: NDArray[np.float32],
-    convex: np.float32,
     jumps: NDArray[np.float32],
     creases: NDArray[np.float32],
 ) -> None:
     """Answers (h, w) float32 of the filters for jumps and for creases, 1/m per pixel and per pixel squared.
 
-    fine, coarse: (h, w) float32 1/m, inverse depth smoothed with FINE and COARSE; convex: weight of convex
-    creases. jumps, creases: 0, and left so at the image's border.
+    fine, coarse: (h, w) float32 1/m, inverse depth smoothed with FINE and COARSE. jumps, creases: 0, and
+    left so at the image's border.
     """
     h, w = coarse.shape
     tiny, quarter, half, two = np.float32(1e-12), np.float32(0.25), np.float32(0.5), np.float32(2)
@@ -75,7 +76,7 @@ def _jumps_and_creases(
             cxy = quarter * (c2[x + 1] - c2[x - 1] - c0[x + 1] + c0[x - 1])
             mean, diff = half * (cxx + cyy), half * (cxx - cyy)
             spread = np.sqrt(diff * diff + cxy * cxy)
-            concave, weighted = mean + spread, convex * (spread - mean)
+            concave, weighted = mean + spread, CONVEX * (spread - mean)
             crease_row[x] = concave if concave > weighted else weighted
 
 

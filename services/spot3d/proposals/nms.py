@@ -1,4 +1,4 @@
-"""Non-maximum suppression of boxes by overlap, the threshold fixed or falling (EdgeBoxes, Sec. 3.4)."""
+"""Non-maximum suppression of boxes by overlap (EdgeBoxes, Sec. 3.4)."""
 
 from typing import NamedTuple
 
@@ -8,17 +8,14 @@ from numpy.typing import NDArray
 from spot3d.kernel import kernel
 
 
-def suppress(
-    windows: NDArray[np.int32], order: NDArray[np.int64], beta: float, eta: float, most: int
-) -> NDArray[np.int64]:
+def suppress(windows: NDArray[np.int32], order: NDArray[np.int64], beta: float, most: int) -> NDArray[np.int64]:
     """Indices, best first, of at most `most` windows, none overlapping a better one by an IoU above beta.
 
-    windows: (n, 4) int32 [x0, y0, x1, y1]; order: (n,) int64, best first. With eta < 1 beta is multiplied by
-    it after each window kept, while it is above 0.5.
+    windows: (n, 4) int32 [x0, y0, x1, y1]; order: (n,) int64, best first.
     """
     kept = np.empty(min(most, order.size), np.int64)
     sides = _Sides(*np.empty((5, kept.size), np.float32))
-    return kept[: _suppress(windows, order, np.float32(beta), np.float32(eta), kept, sides)]
+    return kept[: _suppress(windows, order, np.float32(beta), kept, sides)]
 
 
 class _Sides(NamedTuple):
@@ -36,7 +33,6 @@ def _suppress(
     windows: NDArray[np.int32],
     order: NDArray[np.int64],
     beta: np.float32,
-    eta: np.float32,
     kept: NDArray[np.int64],
     sides: _Sides,
 ) -> int:
@@ -60,6 +56,4 @@ def _suppress(
             kept[n] = order[k]
             left[n], top[n], right[n], bottom[n], areas[n] = x0, y0, x1, y1, area
             n += 1
-            if eta < 1 and beta > np.float32(0.5):
-                beta *= eta
     return n

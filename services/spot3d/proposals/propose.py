@@ -16,6 +16,9 @@ from spot3d.proposals.settings import ProposalSettings
 from spot3d.proposals.window_index import index_windows
 from spot3d.proposals.windows import refine, search, window_shapes
 
+# EdgeBoxes' own values: where a group of edges ends, units of pi; the exponent of a window's size that its score is
+# divided by; the largest ratio of its sides; and the score below which it is no proposal.
+_GROUP_TURN, _KAPPA, _ASPECT_MAX, _SCORE_MIN = 0.5, 1.5, 3.0, 0.01
 _POOL = 1000
 """Where fewer boxes are asked for, they are chosen from so many: the paper's M."""
 
@@ -76,23 +79,23 @@ def boxes_from_edges(edges: EdgeMap, ranges: DepthRange, settings: ProposalSetti
     groups = group_edges(
         edges.magnitude,
         edges.orientation,
-        merge_threshold=settings.edge_merge_threshold,
+        merge_threshold=_GROUP_TURN,
         min_group_magnitude=settings.cluster_min_magnitude,
         gamma=settings.gamma,
         min_affinity=MIN_AFFINITY,
     )
-    index = index_windows(edges.magnitude, groups, settings.kappa)
+    index = index_windows(edges.magnitude, groups, _KAPPA)
     min_area = settings.min_box_area * (width * height / (640 * 480) if settings.scaled_area else 1.0)
-    shapes = window_shapes(width, height, settings.alpha, settings.max_aspect_ratio, min_area)
-    windows, scores = search(index, ranges, shapes, settings.min_score)
+    shapes = window_shapes(width, height, settings.alpha, _ASPECT_MAX, min_area)
+    windows, scores = search(index, ranges, shapes, _SCORE_MIN)
     place_step = (1 - settings.alpha) / (1 + settings.alpha)
     best = np.argsort(-scores, kind="stable")[: settings.refined]
     refined, better = windows[best], scores[best]
     refine(index, refined, better, np.float32(place_step), settings.finest)
     windows[best], scores[best] = refined, better
     order = np.argsort(-scores, kind="stable")
-    kept = suppress(windows, order, settings.beta, settings.eta, max(settings.max_boxes, _POOL))
-    first = suppress(windows, kept, settings.apart, 1.0, kept.size)
+    kept = suppress(windows, order, settings.beta, max(settings.max_boxes, _POOL))
+    first = suppress(windows, kept, settings.apart, kept.size)
     kept = np.concatenate((first, kept[~np.isin(kept, first)]))[: settings.max_boxes]
     boxes = np.empty((kept.size, 5), np.float32)
     boxes[:, :2] = windows[kept, :2]

@@ -14,29 +14,8 @@ class EdgeSettings(BaseModel):
 
     depth: bool = Field(True, description="edges of depth beside those of colour; off: colour alone, at full weight")
     min_magnitude: float = Field(0.2, gt=0, lt=1, description="edges weaker than this are no edges")
-    colour_weight: float = Field(
-        0.5, ge=0, le=1, description="largest magnitude of a colour edge in a frame that has depth"
-    )
     colour_contrast: float = Field(
         20.0, gt=0, description="colour gradient that counts as a full edge, grey levels per pixel"
-    )
-    jump_slope: float = Field(
-        6.0,
-        gt=0,
-        description="depth jump that counts as a full edge: tangent of the angle between viewing ray and "
-        "normal of a surface that would bridge it (6: 80 degrees)",
-    )
-    crease_slope: float = Field(
-        1.0, gt=0, description="bend that counts as a full edge: change of that tangent across it"
-    )
-    convex_weight: float = Field(
-        0.5,
-        ge=0,
-        le=1,
-        description="weight of convex bends (within objects) against concave ones (between them)",
-    )
-    noise_gate: float = Field(
-        3.0, ge=0, description="standard deviations of depth noise that are subtracted from a depth edge"
     )
 
 
@@ -50,7 +29,6 @@ class ProposalSettings(BaseModel):
     max_boxes: int = Field(1000, ge=1, le=10_000, description="M, number of proposals a frame")
     alpha: float = Field(0.5, gt=0, lt=1, description="alpha, IoU of neighbouring windows of the search")
     beta: float = Field(0.75, gt=0, le=1, description="beta, IoU above which the weaker of two boxes is dropped")
-    eta: float = Field(1.0, gt=0, le=1, description="eta, factor on beta after each kept box (1: beta stays)")
     apart: float = Field(
         0.5,
         gt=0,
@@ -58,20 +36,14 @@ class ProposalSettings(BaseModel):
         description="a box with a larger IoU with a better one comes after all others: the first boxes are of many "
         "objects, since one that overlaps by 0.5 is of the same; 1: by score alone (EdgeBoxes)",
     )
-    min_score: float = Field(0.01, ge=0, description="boxes of a lower score are not proposals")
-    edge_merge_threshold: float = Field(
-        0.5, gt=0, description="sum of orientation differences in a group, units of pi (the paper's pi/2)"
-    )
     cluster_min_magnitude: float = Field(
         1.0, ge=0, description="groups of a lower sum of magnitudes join their neighbours"
     )
-    max_aspect_ratio: float = Field(3.0, ge=1, le=20, description="largest ratio of a window's sides")
     min_box_area: float = Field(1000.0, ge=16, description="smallest window at 640x480, square pixels")
     scaled_area: bool = Field(
         True, description="min_box_area follows the size of the searched image; off: its own pixels whatever the size"
     )
     gamma: float = Field(3.0, gt=0, description="gamma, exponent of the affinity of two edge groups")
-    kappa: float = Field(1.5, gt=0, description="kappa, exponent of the window's size that the score is divided by")
     refined: int = Field(150, ge=0, le=1_000_000, description="how many of the best windows of the search are refined")
     finest: int = Field(
         24,
@@ -99,16 +71,11 @@ ProposalSettings.PAPER = ProposalSettings(
     max_boxes=1000,
     alpha=0.65,
     beta=0.75,
-    eta=1.0,
     apart=1.0,
-    min_score=0.01,
-    edge_merge_threshold=0.5,
     cluster_min_magnitude=0.5,
-    max_aspect_ratio=3.0,
     min_box_area=1000.0,
     scaled_area=False,
     gamma=2.0,
-    kappa=1.5,
     refined=1_000_000,
     finest=0,
     search_width=100_000,
