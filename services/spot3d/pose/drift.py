@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from spot3d.camera import Intrinsics
 from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.kernel import kernel
-from spot3d.pose.features import FeatureDetector, Features
+from spot3d.pose.features import Features
 from spot3d.pose.landmark_map import LandmarkMap, Matches
 from spot3d.pose.motion import moved
 from spot3d.pose.relocalisation import meeting
@@ -46,12 +46,7 @@ class DriftCorrection:
 
     def __init__(self, settings: PoseSettings) -> None:
         self.map = LandmarkMap(settings.landmark_limit)
-        self._detector = FeatureDetector(settings.features, settings.range_max)
         self._correction = np.zeros(6)
-
-    def detect(self, colour: NDArray[np.uint8], depth_m: NDArray[np.float32], camera: Intrinsics) -> Features:
-        """Features of a frame: colour (h, w, 3) uint8 RGB registered with depth (h, w) float32 metres."""
-        return self._detector.detect(colour, depth_m, camera)
 
     def correct(
         self,

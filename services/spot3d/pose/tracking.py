@@ -1,6 +1,7 @@
 """Tracking over frames: prediction, loss, recovery; for every provider that registers to a local map."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from spot3d.camera import Intrinsics, invert
 from spot3d.pose.adjustment import Seen
 from spot3d.pose.drift import DriftCorrection
 from spot3d.pose.estimate import PoseEstimate
-from spot3d.pose.features import Features
+from spot3d.pose.features import FeatureDetector, Features
 from spot3d.pose.hindsight import Hindsight
 from spot3d.pose.landmark_map import Matches
 from spot3d.pose.motion import checked_pose, extrapolated
@@ -76,7 +77,7 @@ def implausible(
     return ""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class _View:
     """What one frame shows. information: (6, 6), which its surface has on the pose, in the camera's axes."""
 
@@ -85,6 +86,12 @@ class _View:
     camera: Intrinsics
     surface: Surface
     information: NDArray[np.float64]
+    detector: FeatureDetector
+
+    @cached_property
+    def features(self) -> Features:
+        """Its image features; no frame is searched for them twice."""
+        return self.detector.detect(self.colour, self.depth_m, self.camera)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +127,7 @@ class MapTracker:
         self._last: _Fix | None = None
         self._before: _Fix | None = None
         self._lost_frames = 0
+        self._detector = FeatureDetector(settings.features, settings.range_max)
         self._drift = DriftCorrection(settings)
         self._compared_ns: int | None = None
         self._hindsight = Hindsight.of_odometry(settings) if settings.depth_bend_sigma else None
@@ -181,7 +189,7 @@ class MapTracker:
         held = information(surface)
         if weakest_direction(held) > self._settings.weakness_max * float(np.median(surface.sigma)):
             return self._lose("the view does not hold the pose in every direction")
-        view = _View(colour, depth_m, intrinsics, surface, held)
+        view = _View(colour, depth_m, intrinsics, surface, held, self._detector)
         if last is None:
             anchor = checked_pose(given_T_world_camera)
             return self._accept(stamp_ns, view, np.eye(4) if anchor is None else anchor)
@@ -211,23 +219,21 @@ class MapTracker:
 
     def _follow_late(self, last: _Fix, stamp_ns: int, view: _View) -> PoseEstimate:
         """Where the landmarks have a frame long after the last, or else where its surface meets the map best."""
-        features = self._detected(view)
-        known_again = self._known_again(features, last, stamp_ns, view)
+        known_again = self._known_again(last, stamp_ns, view)
         if known_again is not None:
             return self._accept(stamp_ns, view, known_again)
         tried = self._searched(last, stamp_ns, view)
         possible = [other for other in tried if not self._doubt(other, last, stamp_ns, OVERLAP_MIN)]
         if not possible:
             return self._lose(self._doubt(_best(tried), last, stamp_ns, OVERLAP_MIN))
-        return self._accept(stamp_ns, view, self._likeliest(possible, features, view.camera).T_world_camera)
+        return self._accept(stamp_ns, view, self._likeliest(possible, view).T_world_camera)
 
-    def _likeliest(self, possible: list[Registration], features: Features | None, camera: Intrinsics) -> Registration:
+    def _likeliest(self, possible: list[Registration], view: _View) -> Registration:
         """The registration that most landmarks agree with, whatever the surface says; the best where few agree."""
-        if features is not None:
-            agreeing = [self._drift.agreeing(features, camera, other.T_world_camera) for other in possible]
-            most = max(agreeing)
-            if most >= _AGREE_MIN:
-                possible = [other for other, count in zip(possible, agreeing, strict=True) if count == most]
+        agreeing = [self._drift.agreeing(view.features, view.camera, other.T_world_camera) for other in possible]
+        most = max(agreeing)
+        if most >= _AGREE_MIN:
+            possible = [other for other, count in zip(possible, agreeing, strict=True) if count == most]
         return _best(possible)
 
     def _find_again(self, last: _Fix, stamp_ns: int, view: _View) -> PoseEstimate:
@@ -242,7 +248,7 @@ class MapTracker:
             doubt = "the view fits the map in two places"
         if not doubt:
             return self._accept(stamp_ns, view, best.T_world_camera)
-        known_again = self._known_again(self._detected(view), last, stamp_ns, view)
+        known_again = self._known_again(last, stamp_ns, view)
         if known_again is None:
             return self._lose(f"not found again: {doubt}")
         return self._accept(stamp_ns, view, known_again)
@@ -250,16 +256,9 @@ class MapTracker:
     def _searched(self, last: _Fix, stamp_ns: int, view: _View) -> list[Registration]:
         return [self._registrar.register(view.surface, guess, True) for guess in self._guesses(last, stamp_ns)]
 
-    def _detected(self, view: _View) -> Features | None:
-        return None if view.colour is None else self._drift.detect(view.colour, view.depth_m, view.camera)
-
-    def _known_again(
-        self, features: Features | None, last: _Fix, stamp_ns: int, view: _View
-    ) -> NDArray[np.float64] | None:
+    def _known_again(self, last: _Fix, stamp_ns: int, view: _View) -> NDArray[np.float64] | None:
         """The pose where the landmarks have it, wherever that is, if the surface proves it; None where it does not."""
-        if features is None:
-            return None
-        place = relocalised(features, self._drift.map.rows)
+        place = relocalised(view.features, self._drift.map.rows)
         if place is None:
             return None
         found = self._registrar.register(view.surface, place.T_world_camera, False)
@@ -319,16 +318,15 @@ class MapTracker:
         elif self._compared_ns is not None and elapsed < self._settings.landmark_interval:
             return self._drift.held(pose)
         self._compared_ns = stamp_ns
-        features = self._drift.detect(view.colour, view.depth_m, view.camera)
-        matches = self._drift.map.match(features, view.camera, pose)
-        place = self._slid_from(features, matches, stamp_ns, view, pose)
+        matches = self._drift.map.match(view.features, view.camera, pose)
+        place = self._slid_from(matches, stamp_ns, view, pose)
         if place is not None:
             self._drift.restart()
-            return self._drift.correct(features, view.camera, place, view.information, elapsed)
-        return self._drift.correct(features, view.camera, pose, view.information, elapsed, matches)
+            return self._drift.correct(view.features, view.camera, place, view.information, elapsed)
+        return self._drift.correct(view.features, view.camera, pose, view.information, elapsed, matches)
 
     def _slid_from(
-        self, features: Features, matches: Matches, stamp_ns: int, view: _View, pose: NDArray[np.float64]
+        self, matches: Matches, stamp_ns: int, view: _View, pose: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
         """Where the landmarks have a frame, if clearly more of them agree with that than with its registered pose, by
         which features are matched; None: it is where it was registered.
@@ -337,6 +335,7 @@ class MapTracker:
         """
         if self._last is None:
             return None
+        features = view.features
         agreeing = self._drift.agreeing_of(features, matches, pose)
         if agreeing >= _SEEN_AGAIN * len(features):
             return None
