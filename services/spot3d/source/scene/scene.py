@@ -19,9 +19,8 @@ METRES_PER_UNIT = 0.001
 class Scene(FrameSequence):
     """A built-in scene: `frames` RgbdFrame at 30 Hz, as a hand-held Kinect sees them; made when asked for.
 
-    A frame depends on seed, kind and its index alone. `noisy=False` gives exact depth (float32
-    metres) and colour. True poses are in every frame; `boxes`, `up` and `truth` hold the rest. World frame:
-    z up, metres. Of what changes, `truth` is of a frame's own moment, `boxes` of the last frame's.
+    A frame depends on seed, kind and its index alone. True poses are in every frame; `boxes`, `up` and `truth` hold the
+    rest. World frame: z up, metres. Of what changes, `truth` is of a frame's own moment, `boxes` of the last frame's.
     """
 
     has_true_poses = True
@@ -33,14 +32,12 @@ class Scene(FrameSequence):
         kind: SceneKind = DEFAULT_KIND,
         frames: int = 300,
         intrinsics: Intrinsics = KINECT,
-        noisy: bool = True,
     ) -> None:
         self.seed = seed
         self.kind: SceneKind = kind
         self.frames = frames
         self.intrinsics = intrinsics
         self.stamps_ns = [index * 10**9 // RATE_HZ for index in range(frames)]
-        self.noisy = noisy
         self._renderers = {
             first: Renderer(build_scene(seed, kind, first), intrinsics, seed)
             for first in first_frames(kind)
@@ -76,9 +73,6 @@ class Scene(FrameSequence):
         """Renders one frame. Raises IndexError beyond the sequence."""
         index = self._index(index)
         stamp_ns, pose = self.stamps_ns[index], self.true_pose(index)
-        if not self.noisy:
-            view = self.truth(index)
-            return RgbdFrame(stamp_ns, view.colour, view.depth, 1.0, self.intrinsics, pose)
         view = self._exact
         self._renderer(index).render(pose, view)
         depth = measured_depth(view.depth, view.cosine, self.intrinsics.fx, self.seed, index)
