@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import CORNERS, EDGES, Box3D, corners
-from spot3d.camera import Intrinsics
+from spot3d.camera import Intrinsics, invert
 from spot3d.drawing.picture import (
     Picture,
     draw_faint_lines,
@@ -33,7 +33,7 @@ def visibility(
 
     depth: (h, w) float32 metres, 0 = invalid; without it nothing counts as covered.
     """
-    T_camera_world = _camera_from_world(T_world_camera)
+    T_camera_world = invert(T_world_camera)
     scores = np.zeros(len(boxes))
     for row, box in enumerate(boxes):
         points = _moved(T_camera_world, np.vstack((box.centre, corners(box))))
@@ -83,7 +83,7 @@ def draw_view(
         cv2.resize(frame.colour, (width, height), interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC),
         np.uint8,
     )
-    T_camera_world = _camera_from_world(T_world_camera)
+    T_camera_world = invert(T_world_camera)
     drawn = []
     for number, box in boxes:
         centre = _moved(T_camera_world, box.centre[None])[0]
@@ -102,11 +102,6 @@ def draw_view(
             labels.append((number, anchor))
     draw_object_labels(picture, labels)
     return picture
-
-
-def _camera_from_world(T_world_camera: NDArray[np.float64]) -> NDArray[np.float64]:
-    T_camera_world: NDArray[np.float64] = np.linalg.inv(T_world_camera).astype(np.float64)
-    return T_camera_world
 
 
 def _moved(T_target_source: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
