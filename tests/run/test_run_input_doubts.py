@@ -1,5 +1,6 @@
 """What a run says of a recording before it is played."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -27,7 +28,7 @@ def recording(
 @pytest.mark.parametrize("halved", [False, True])
 def test_a_calibration_that_nobody_stated_is_told(tmp_path: Path, halved: bool) -> None:
     taken = recording(30, load_calibration(tmp_path, SEVEN_SCENES_DEPTH))
-    sequence = taken.halved() if halved else taken
+    sequence = replace(taken, halved=halved)
     for played in (sequence, Selected(sequence, range(0, 10, 2))):
         (said,) = input_doubts(played, True)
         assert "calibration.json" in said

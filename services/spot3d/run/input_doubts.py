@@ -1,6 +1,7 @@
 """What of a recording is in doubt before it is played, for people."""
 
 from contextlib import suppress
+from dataclasses import replace
 
 from spot3d.source.errors import SourceError
 from spot3d.source.recording import Recording
@@ -45,7 +46,7 @@ def _colour(recording: Recording) -> str:
     # OpenCV takes a while to import, and other recordings need none here.
     from spot3d.colour_alignment import ColourAlignment
 
-    moved, left_alone, as_it_is = ColourAlignment(), ColourAlignment(), recording.registered()
+    moved, left_alone, as_it_is = ColourAlignment(), ColourAlignment(), replace(recording, colour_camera=None)
     for index in range(0, len(recording), max(1, len(recording) // _LOOKED_AT)):
         with suppress(SourceError):  # the run counts what cannot be read
             frame = recording[index]

@@ -31,45 +31,25 @@ class RecordedFrame:
     T_world_camera: NDArray[np.float64] | None
 
 
+@dataclass(eq=False)
 class Recording(FrameSequence):
     """A sequence of RgbdFrame in the depth camera's geometry; images are read on access.
 
-    depth_scale: metres per unit. invalid: depth value that means "nothing measured", besides 0.
-    colour_camera: the calibration to register colour with, or None if colour is registered already.
-    halved: frames have half the size of the images; intrinsics and colour_camera are those of the images.
+    camera: intrinsics of the depth images. depth_scale: metres per unit. colour_camera: the calibration to register
+    colour with, or None if colour is registered already. invalid: depth value that means "nothing measured", besides 0.
+    halved: frames have half the size of the images.
     """
 
-    def __init__(
-        self,
-        frames: list[RecordedFrame],
-        intrinsics: Intrinsics,
-        depth_scale: float,
-        colour_camera: ColourCamera | None = None,
-        invalid: int = 0,
-        halved: bool = False,
-    ) -> None:
-        self.frames = frames
-        self.stamps_ns = [frame.stamp_ns for frame in frames]
-        self.intrinsics = intrinsics.halved() if halved else intrinsics
-        self.depth_scale = depth_scale
-        self._image_intrinsics = intrinsics
-        self._colour_camera = colour_camera
-        self.invalid = invalid
-        self._halved = halved
+    frames: list[RecordedFrame]
+    camera: Intrinsics
+    depth_scale: float
+    colour_camera: ColourCamera | None = None
+    invalid: int = 0
+    halved: bool = False
 
-    def halved(self) -> "Recording":
-        """The same recording at half size."""
-        return Recording(
-            self.frames, self._image_intrinsics, self.depth_scale, self._colour_camera, self.invalid, halved=True
-        )
-
-    def in_unit(self, metres: float) -> "Recording":
-        """The same recording with depth in units of so many metres."""
-        return Recording(self.frames, self._image_intrinsics, metres, self._colour_camera, self.invalid, self._halved)
-
-    def registered(self) -> "Recording":
-        """The same recording with colour that is taken for registered already."""
-        return Recording(self.frames, self._image_intrinsics, self.depth_scale, None, self.invalid, halved=self._halved)
+    def __post_init__(self) -> None:
+        self.stamps_ns = [frame.stamp_ns for frame in self.frames]
+        self.intrinsics = self.camera.halved() if self.halved else self.camera
 
     def true_pose(self, index: int) -> NDArray[np.float64] | None:
         return self.frames[index].T_world_camera
@@ -77,17 +57,17 @@ class Recording(FrameSequence):
     @property
     def colour_by_default(self) -> bool:
         """Whether colour is registered by 7-Scenes' calibration because the folder states none."""
-        return self._colour_camera is SEVEN_SCENES_COLOUR
+        return self.colour_camera is SEVEN_SCENES_COLOUR
 
     @cached_property
     def registration(self) -> "ColourRegistration | None":
         """Registers colour with depth, at the frames' size; None if it is registered already."""
-        if self._colour_camera is None:
+        if self.colour_camera is None:
             return None
         # Its kernels are slow to import, and who only asks for stamps and poses needs none.
         from spot3d.source.colour_registration import ColourRegistration
 
-        camera = self._colour_camera.averaged() if self._halved else self._colour_camera
+        camera = self.colour_camera.averaged() if self.halved else self.colour_camera
         return ColourRegistration(self.intrinsics, camera)
 
     def __getitem__(self, index: int) -> RgbdFrame:
@@ -95,11 +75,9 @@ class Recording(FrameSequence):
         entry = self.frames[index]
         depth, colour = self._images(entry)
         if self.registration is None:
-            frame = RgbdFrame(
-                entry.stamp_ns, colour, depth, self.depth_scale, self._image_intrinsics, entry.T_world_camera
-            )
-            return halve(frame) if self._halved else frame
-        if self._halved:
+            frame = RgbdFrame(entry.stamp_ns, colour, depth, self.depth_scale, self.camera, entry.T_world_camera)
+            return halve(frame) if self.halved else frame
+        if self.halved:
             # Halved first: registering all pixels and leaving out three of four takes four times as long.
             depth = depth[::2, ::2].copy()
             colour = _averaged(colour, self.registration.camera.intrinsics.shape)
@@ -112,9 +90,9 @@ class Recording(FrameSequence):
         depth = read_depth(entry.depth)
         if self.invalid:
             depth[depth == self.invalid] = 0
-        _require_size(entry.depth, depth.shape, self._image_intrinsics)
+        _require_size(entry.depth, depth.shape, self.camera)
         colour = read_colour(entry.colour)
-        camera = self._image_intrinsics if self._colour_camera is None else self._colour_camera.intrinsics
+        camera = self.camera if self.colour_camera is None else self.colour_camera.intrinsics
         _require_size(entry.colour, colour.shape[:2], camera)
         return depth, colour
 

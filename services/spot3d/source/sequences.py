@@ -1,5 +1,6 @@
 """Opens an input by its path or name."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from spot3d.recorder.profile import is_our_mcap
@@ -61,7 +62,7 @@ def open_source(
     if depth_unit:
         if not isinstance(sequence, Recording):
             raise SourceError(f"{path_or_name} tells its depth's unit itself; leave --depth-unit away")
-        sequence = sequence.in_unit(depth_unit)
+        sequence = replace(sequence, depth_scale=depth_unit)
     return at_half_size(sequence) if halved else sequence
 
 
@@ -83,7 +84,7 @@ def open_stream(name: str) -> FrameStream:
 
 def at_half_size(sequence: FrameSequence) -> FrameSequence:
     """The same frames at half size."""
-    return sequence.halved() if isinstance(sequence, Recording) else Halved(sequence)
+    return replace(sequence, halved=True) if isinstance(sequence, Recording) else Halved(sequence)
 
 
 def _open_path(folder: Path, intrinsics: FocalAndCentre | None, topics: TopicNames) -> FrameSequence:

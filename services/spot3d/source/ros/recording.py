@@ -78,6 +78,7 @@ def open_bag(path: Path, names: TopicNames, intrinsics: FocalAndCentre | None = 
     )
 
 
+@dataclass(eq=False)
 class BagRecording(FrameSequence):
     """A sequence of RgbdFrame in the depth camera's geometry; images are read on access.
 
@@ -85,44 +86,40 @@ class BagRecording(FrameSequence):
     colour_camera: the calibration to register colour with, or None if it is registered already.
     """
 
-    def __init__(
-        self,
-        depths: BagTopic,
-        colours: BagTopic,
-        rows: NDArray[np.int64],
-        intrinsics: Intrinsics,
-        colour_camera: ColourCamera | None,
-        pose_at: PoseAt | None,
-    ) -> None:
-        self.intrinsics, self.stamps_ns = intrinsics, rows[:, 0].tolist()
-        self.topics = (colours.name, depths.name)
-        self._depths, self._colours, self._rows = depths, colours, rows
-        self._pose_at = pose_at
+    depths: BagTopic
+    colours: BagTopic
+    rows: NDArray[np.int64]
+    intrinsics: Intrinsics
+    colour_camera: ColourCamera | None
+    pose_at: PoseAt | None
+
+    def __post_init__(self) -> None:
+        self.stamps_ns = self.rows[:, 0].tolist()
         self._registration = None
-        if colour_camera is not None:
+        if self.colour_camera is not None:
             from spot3d.source.colour_registration import ColourRegistration  # numba takes a second to import
 
-            self._registration = ColourRegistration(intrinsics, colour_camera)
+            self._registration = ColourRegistration(self.intrinsics, self.colour_camera)
 
     @property
     def has_true_poses(self) -> bool:
         """Whether poses are taken from the bag."""
-        return self._pose_at is not None
+        return self.pose_at is not None
 
     def true_pose(self, index: int) -> NDArray[np.float64] | None:
-        return None if self._pose_at is None else self._pose_at(self.stamps_ns[index])
+        return None if self.pose_at is None else self.pose_at(self.stamps_ns[index])
 
     def __getitem__(self, index: int) -> RgbdFrame:
         """Reads one frame. Raises SourceError if it cannot be read, or an image is of another size than the first."""
-        stamp_ns, of_depth, of_colour = (int(value) for value in self._rows[index])
-        depth, colour = depth_image(self._depths[of_depth]), colour_image(self._colours[of_colour])
+        stamp_ns, of_depth, of_colour = (int(value) for value in self.rows[index])
+        depth, colour = depth_image(self.depths[of_depth]), colour_image(self.colours[of_colour])
         scale = MILLIMETRES if depth.dtype == np.uint16 else 1.0
         if self._registration is not None:
             colour = self._registration.register(colour, depth.astype(np.float32) * np.float32(scale))
         try:
             return RgbdFrame(stamp_ns, colour, depth, scale, self.intrinsics, self.true_pose(index))
         except ValueError as error:
-            raise SourceError(f"{self._depths.name}, image {of_depth}: {error}") from error
+            raise SourceError(f"{self.depths.name}, image {of_depth}: {error}") from error
 
 
 def _paired(

@@ -1,5 +1,7 @@
 """A built-in scene as a sequence of frames, with everything that is true about it."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +18,7 @@ KINECT = Intrinsics(585.0, 585.0, 320.0, 240.0, 640, 480)
 METRES_PER_UNIT = 0.001
 
 
+@dataclass(eq=False)
 class Scene(FrameSequence):
     """A built-in scene: `frames` RgbdFrame at 30 Hz, as a hand-held Kinect sees them; made when asked for.
 
@@ -26,24 +29,19 @@ class Scene(FrameSequence):
     has_true_poses = True
     rate_hz = float(RATE_HZ)
 
-    def __init__(
-        self,
-        seed: int = 0,
-        kind: SceneKind = DEFAULT_KIND,
-        frames: int = 300,
-        intrinsics: Intrinsics = KINECT,
-    ) -> None:
-        self.seed = seed
-        self.kind: SceneKind = kind
-        self.frames = frames
-        self.intrinsics = intrinsics
-        self.stamps_ns = [index * 10**9 // RATE_HZ for index in range(frames)]
+    seed: int = 0
+    kind: SceneKind = DEFAULT_KIND
+    frames: int = 300
+    intrinsics: Intrinsics = KINECT
+
+    def __post_init__(self) -> None:
+        self.stamps_ns = [index * 10**9 // RATE_HZ for index in range(self.frames)]
         self._renderers = {
-            first: Renderer(build_scene(seed, kind, first), intrinsics, seed)
-            for first in first_frames(kind)
-            if first < max(frames, 1)
+            first: Renderer(build_scene(self.seed, self.kind, first), self.intrinsics, self.seed)
+            for first in first_frames(self.kind)
+            if first < max(self.frames, 1)
         }
-        self._exact = empty_rendered_view(intrinsics.shape)
+        self._exact = empty_rendered_view(self.intrinsics.shape)
 
     @property
     def boxes(self) -> tuple[TrueBox, ...]:
