@@ -28,6 +28,10 @@ class Selection:
     intrinsics: FocalAndCentre | None = None
     after_ns: int | None = None
 
+    def __post_init__(self) -> None:
+        if self.every < 1 or (self.frames is not None and self.frames < 1):
+            raise SourceError("--every and --frames must be at least 1")
+
 
 def selection(
     name: str, frames: int | None, every: int, intrinsics: str | None, after_ns: int | None = None
@@ -39,8 +43,6 @@ def selection(
 def open_selection(selection: Selection, settings: SourceSettings) -> FrameSequence:
     """The selected frames of the input, at half size where the settings say so. Raises SourceError."""
     name, every = selection.name, selection.every
-    if every < 1 or (selection.frames is not None and selection.frames < 1):
-        raise SourceError("--every and --frames must be at least 1")
     length = SCENE_FRAMES if selection.frames is None else selection.frames * every
     topics = TopicNames(settings.colour_topic, settings.depth_topic, settings.pose_topic)
     sequence = open_source(name, length, selection.intrinsics, settings.halved, topics, settings.depth_unit)
@@ -57,8 +59,6 @@ def open_selection(selection: Selection, settings: SourceSettings) -> FrameSeque
 
 def open_selected_stream(selection: Selection, settings: SourceSettings) -> FrameStream:
     """The selected frames of a camera, at half size where the settings say so. Raises SourceError."""
-    if selection.every < 1 or (selection.frames is not None and selection.frames < 1):
-        raise SourceError("--every and --frames must be at least 1")
     if selection.intrinsics is not None:
         raise SourceError(f"{selection.name} has its own intrinsics; leave --intrinsics away")
     if settings.depth_unit:
@@ -88,8 +88,7 @@ class _SelectedStream:
                 return
 
     def _prepared(self, frame: RgbdFrame) -> RgbdFrame:
-        if self._noise is not None:
-            frame = replace(frame, intrinsics=replace(frame.intrinsics, noise=self._noise))
+        frame = _with_noise(frame, self._noise)
         return halve(frame) if self._halved else frame
 
 
@@ -113,7 +112,9 @@ class Selected(Derived):
         return self.original.true_pose(self._indices[index])
 
     def __getitem__(self, index: int) -> RgbdFrame:
-        frame = self.original[self._indices[index]]
-        if self._noise is None:
-            return frame
-        return replace(frame, intrinsics=replace(frame.intrinsics, noise=self._noise))
+        return _with_noise(self.original[self._indices[index]], self._noise)
+
+
+def _with_noise(frame: RgbdFrame, noise: DepthNoise | None) -> RgbdFrame:
+    """The frame with this noise of its depth; None: with its own."""
+    return frame if noise is None else replace(frame, intrinsics=replace(frame.intrinsics, noise=noise))
