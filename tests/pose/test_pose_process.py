@@ -1,13 +1,13 @@
 """The pose stage amid a stream: what it says where it is lost, and where it goes on."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from spot3d.dataflow.conversion import intrinsics_message
+from spot3d.dataflow.conversion import frame_message
 from spot3d.dataflow.counters import Counters
 from spot3d.dataflow.node import Received
 from spot3d.dataflow.settings import LinkSettings
@@ -51,15 +51,9 @@ def frames(count: int, start_ns: int, metres: float = 1.0) -> Iterator[Frame]:
     scene = Scene(frames=count)
     for index in range(count):
         frame = halve(halve(scene[index]))
+        frame = replace(frame, depth_scale=metres * frame.depth_scale, T_world_camera=None)
         header = Header(robot="robot", seq=index, stamp_ns=start_ns + index * STEP_NS, frame_id="camera")
-        yield Frame(
-            header=header,
-            intrinsics=intrinsics_message(frame.intrinsics),
-            depth_scale=metres * frame.depth_scale,
-            colour=frame.colour,
-            depth=frame.depth,
-            T_world_camera=None,
-        )
+        yield frame_message(header, frame)
 
 
 def answer(stage: _Stage, given: Iterator[Frame], recording: int = 0, begins: bool = False) -> None:

@@ -10,12 +10,11 @@ from zenoh.handlers import FifoChannel
 
 from spot3d.bench.material import Material
 from spot3d.bench.timing import MEASURED, Timed, alternate, measured_row
-from spot3d.dataflow.conversion import intrinsics_message
+from spot3d.dataflow.conversion import frame_message
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.evaluate.table import Table
-from spot3d.frame import RgbdFrame
 from spot3d_schemas import Frame, Header, decode, encode
 
 REPEATS, ROUNDS = 10, 5
@@ -29,7 +28,8 @@ def messages_table(materials: Sequence[Material], say: Callable[[str], None]) ->
     table = Table("messages", "A frame's message", MEASURED)
     for material in materials:
         say(f"messages: {material.data}, {material.size} ...")
-        message = _message(material.frames[0])
+        frame = material.frames[0]
+        message = frame_message(Header(robot="robot", seq=0, stamp_ns=frame.stamp_ns, frame_id="camera"), frame)
         payload = encode(message)
         copy = partial(bytearray, payload)
         with loopback() as hop:
@@ -86,14 +86,3 @@ def _out_and_in(message: Frame) -> Frame:
 
 def _sent(message: Frame, hop: Callable[[bytes], bytes]) -> Frame:
     return decode(hop(encode(message)), Frame)
-
-
-def _message(frame: RgbdFrame) -> Frame:
-    return Frame(
-        header=Header(robot="robot", seq=0, stamp_ns=frame.stamp_ns, frame_id="camera"),
-        intrinsics=intrinsics_message(frame.intrinsics),
-        depth_scale=frame.depth_scale,
-        colour=frame.colour,
-        depth=frame.depth,
-        T_world_camera=frame.T_world_camera,
-    )

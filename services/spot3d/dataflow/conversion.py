@@ -26,6 +26,19 @@ def rgbd_frame(message: Frame | Heat) -> RgbdFrame:
     )
 
 
+def frame_message(header: Header, frame: RgbdFrame) -> Frame:
+    """A frame as a message. Raises ValueError where none holds it, such as one whose pose is no rotation."""
+    return Frame(
+        header=header,
+        intrinsics=intrinsics_message(frame.intrinsics),
+        depth_scale=frame.depth_scale,
+        colour=frame.colour,
+        depth=frame.depth,
+        depth_noise=noise_message(frame.intrinsics.noise),
+        T_world_camera=frame.T_world_camera,
+    )
+
+
 def intrinsics_message(camera: Intrinsics) -> CameraIntrinsics:
     """Intrinsics as messages state them."""
     return CameraIntrinsics(**{name: getattr(camera, name) for name in CameraIntrinsics.model_fields})

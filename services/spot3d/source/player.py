@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from pydantic import ValidationError
 
-from spot3d.dataflow.conversion import intrinsics_message, noise_message
+from spot3d.dataflow.conversion import frame_message
 from spot3d.dataflow.credit import Credit
 from spot3d.dataflow.node import Node
 from spot3d.dataflow.order import StreamOrder
@@ -18,7 +18,7 @@ from spot3d.source.image_limit import refuse_large_images
 from spot3d.source.pace import Pace
 from spot3d.source.sequence import CAMERA_GONE, FrameSequence, FrameStream
 from spot3d.source.settings import SourceSettings
-from spot3d_schemas import STAGES, End, Frame, Header, Progress
+from spot3d_schemas import STAGES, End, Header, Progress
 from spot3d_schemas.codec import first_problem
 
 log = logging.getLogger(__name__)
@@ -139,15 +139,7 @@ class Player:
     def _send(self, frame: RgbdFrame, read_ns: int) -> None:
         header = self._header(frame.stamp_ns)
         try:
-            message = Frame(
-                header=header.with_hop("source", read_ns, time.time_ns()),
-                intrinsics=intrinsics_message(frame.intrinsics),
-                depth_scale=frame.depth_scale,
-                colour=frame.colour,
-                depth=frame.depth,
-                depth_noise=noise_message(frame.intrinsics.noise),
-                T_world_camera=frame.T_world_camera,
-            )
+            message = frame_message(header.with_hop("source", read_ns, time.time_ns()), frame)
         except ValueError as error:
             self._unsendable(frame.stamp_ns, error)
             return
