@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from spot3d.camera import Intrinsics, invert
 from spot3d.cli.evaluate import evaluate
 from spot3d.depth_noise import KINECT_V1
+from spot3d.evaluate.colour_errors import blurred, darkened
 from spot3d.evaluate.degraded import SEED, Degradation
 from spot3d.evaluate.depth_errors import bent, fattened, mixed, noisier, torn
 from spot3d.evaluate.object_tables import OURS
@@ -20,11 +21,13 @@ from spot3d.evaluate.peer import PEER
 from spot3d.evaluate.pose_errors import Pose, late, misplaced, shaken
 from spot3d.evaluate.robustness import (
     BENT,
+    BLURRED,
     FATTENED,
     FOCALS,
     GROUPS,
     MIXED,
     MOUNTS,
+    PHOTONS,
     SCALES,
     SHAKES,
     groups,
@@ -152,6 +155,39 @@ def test_near_things_grow_over_what_is_behind_them_and_nothing_else_changes() ->
     np.testing.assert_array_equal(frame.depth, fattened(Scene(1, frames=1)[0].depth_metres(), 1))
 
 
+def test_darkened_colour_has_so_many_photons() -> None:
+    colour = np.full((200, 300, 3), 255, np.uint8)
+    colour[:, 100:] = 51
+    worse = darkened(colour, 20, (1, 7)).astype(np.float64)
+    dark = worse[:, 100:]
+    # Of 4 photons: as many in the mean, and a deviation of 2 (the darkest are not cut off, the brightest hardly).
+    assert dark.mean() == pytest.approx(51, rel=0.02)
+    assert dark.std() == pytest.approx(51 / 2, rel=0.05)
+    assert not np.array_equal(worse, darkened(colour, 20, (1, 8)))
+    assert not darkened(colour, 0, (1, 7)).any()
+    scene = Scene(1, frames=2)
+    frame = Degradation(photons=20).of(scene)[1]
+    np.testing.assert_array_equal(frame.colour, darkened(scene[1].colour, 20, (SEED, 1)))
+    np.testing.assert_array_equal(frame.depth, scene[1].depth_metres())
+
+
+def test_blurred_colour_is_smeared_along_a_line() -> None:
+    colour = np.zeros((101, 101, 3), np.uint8)
+    colour[50, 50] = 255
+    worse = blurred(colour, 15, (1, 7))
+    v, u = np.nonzero(worse[..., 0])
+    np.testing.assert_allclose((v.mean(), u.mean()), 50)
+    assert 10 < len(v) <= 15
+    assert worse[..., 0].sum(dtype=np.int64) == pytest.approx(255, abs=15)
+    across = np.linalg.svd(np.column_stack((v, u)) - 50.0)[1]
+    assert across[1] < 0.2 * across[0], "a line"
+    assert not np.array_equal(worse, blurred(colour, 15, (1, 8))), "in another direction"
+    scene = Scene(1, frames=2)
+    np.testing.assert_array_equal(
+        Degradation(blurred=1 / 40).of(scene)[1].colour, blurred(scene[1].colour, 16, (SEED, 1))
+    )
+
+
 def test_misplaced_poses_are_of_what_is_fixed_to_the_camera() -> None:
     poses = Scene(1, frames=4)
     true = [poses.true_pose(k) for k in range(4)]
@@ -229,6 +265,7 @@ def test_levels() -> None:
         "depth",
         "edges",
         "holes",
+        "colour",
         "every",
         "together",
         "half",
@@ -244,6 +281,8 @@ def test_levels() -> None:
     edges = [(0, 0), *((reach, 0) for reach in MIXED), *((0, reach) for reach in FATTENED)]
     assert [(level.mixed, level.fattened) for _, level in kinds["edges"]] == edges
     assert [level.missing for _, level in kinds["holes"]] == [0, 0.1, 0.3]
+    colour = [(np.inf, 0), *((photons, 0) for photons in PHOTONS), (np.inf, BLURRED)]
+    assert [(level.photons, level.blurred) for _, level in kinds["colour"]] == colour
     assert [level.every for _, level in kinds["every"]] == [1, 2, 3, 4, 5, 10, 20, 30]
     together = [level for _, level in kinds["together"]]
     assert [(level.metres, level.scale, level.late, level.noise, level.centre) for level in together] == [

@@ -47,7 +47,7 @@ def evaluate(
         str | None,
         typer.Option(
             metavar="KIND,..",
-            help="for robustness: poses, delay, mount, centre, focal, scale, bent, depth, edges, holes, every, "
+            help="for robustness: poses, delay, mount, centre, focal, scale, bent, depth, edges, holes, colour, every, "
             "together, half; default: all",
         ),
     ] = None,

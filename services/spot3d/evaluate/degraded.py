@@ -1,4 +1,4 @@
-"""A sequence made worse: its frames come with wrong poses or worse depth, while its true poses stay the truth."""
+"""A sequence made worse: wrong poses, worse depth or colour, while its true poses stay the truth."""
 
 from dataclasses import dataclass, replace
 
@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
+from spot3d.evaluate.colour_errors import blurred, darkened
 from spot3d.evaluate.depth_errors import bent, fattened, mixed, noisier, torn
 from spot3d.evaluate.pose_errors import late, misplaced, shaken
 from spot3d.frame import RgbdFrame
@@ -24,7 +25,8 @@ class Degradation:
     camera and what the poses are of; centre: share of the width by which the principal point is off; focal: how many
     times as long focal lengths are told; scale: of depth; bent: deviation of the camera's own distortion, as a share of
     depth; noise: times the sensor's; mixed: pixels over which depth is a mean; fattened: pixels by which near things
-    have grown; missing: share of depth; every: only each so-manieth frame; half: half size.
+    have grown; missing: share of depth; photons: of a white pixel; blurred: share of the width over which
+    colour is a mean; every: only each so-manieth frame; half: half size.
     """
 
     metres: float = 0.0
@@ -39,6 +41,8 @@ class Degradation:
     mixed: int = 0
     fattened: int = 0
     missing: float = 0.0
+    photons: float = np.inf
+    blurred: float = 0.0
     every: int = 1
     half: bool = False
 
@@ -51,7 +55,7 @@ class Degradation:
 
 
 class _Degraded(Derived):
-    """Frames of another sequence, told other poses or intrinsics, or with worse depth.
+    """Frames of another sequence, told other poses or intrinsics, or with worse depth or colour.
 
     `true_pose` is that of the other sequence: a run with given poses takes what its frames tell, and is judged by what
     is true. Errors depend on a frame's number.
@@ -68,6 +72,7 @@ class _Degraded(Derived):
         frame, number = self.original[index], index % len(self)
         return replace(
             frame,
+            colour=self._colour(frame, number),
             depth=self._depth(frame, number),
             depth_scale=1.0,
             intrinsics=self._told_camera(frame.intrinsics),
@@ -78,6 +83,12 @@ class _Degraded(Derived):
         worse = self._worse
         fx, fy = camera.fx * worse.focal, camera.fy * worse.focal
         return replace(camera, fx=fx, fy=fy, cy=camera.cy + worse.centre * camera.width)
+
+    def _colour(self, frame: RgbdFrame, number: int) -> NDArray[np.uint8]:
+        worse, colour = self._worse, frame.colour
+        if worse.blurred:
+            colour = blurred(colour, round(worse.blurred * frame.intrinsics.width), (SEED, number))
+        return darkened(colour, worse.photons, (SEED, number)) if np.isfinite(worse.photons) else colour
 
     def _depth(self, frame: RgbdFrame, number: int) -> NDArray[np.float32]:
         worse, camera = self._worse, frame.intrinsics

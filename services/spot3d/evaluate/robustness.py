@@ -1,4 +1,4 @@
-"""How far results fall where poses and depth are worse, frames fewer or smaller: what no tuned scene shows."""
+"""How far results fall where poses, depth and colour are worse, frames fewer or smaller: what no tuned scene shows."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -46,6 +46,10 @@ MIXED = (1, 2)
 FATTENED = (1, 2)
 """Pixels by which near things grow: stereo cameras match windows 5 to 9 pixels wide at VGA, half of it at half size."""
 HOLES = (0.1, 0.3)
+PHOTONS = (20, 0)
+"""Of a white pixel: of a small sensor in a room that is lit by a screen, and in the dark."""
+BLURRED = 1 / 40
+"""Share of the width over which colour is smeared: the camera turns by 45 degrees a second and exposes for 1/30 s."""
 TOGETHER = 0.01, 0.4
 """Metres and degrees of poses that are off while depth is of another scale: a hand-held camera under motion capture."""
 EVERY = (1, 2, 3, 4, 5, 10, 20, 30)
@@ -86,6 +90,11 @@ def groups(base: Degradation) -> dict[str, Levels]:
             *((f"{k} px fatter", replace(base, fattened=k)) for k in FATTENED),
         ],
         "holes": [("0 %", base), *((f"{100 * k:g} %", replace(base, missing=k)) for k in HOLES)],
+        "colour": [
+            ("as it is", base),
+            *((f"{k} photons", replace(base, photons=k)) for k in PHOTONS),
+            (f"blurred over {640 * BLURRED:g} of 640 px", replace(base, blurred=BLURRED)),
+        ],
         "every": [(f"every {k}", replace(base, every=k)) for k in EVERY],
         "together": [
             ("nothing", base),
@@ -147,8 +156,8 @@ def robustness_table(
         "too short in others, by this deviation, alike in all frames. Depth: "
         "noise added until its deviation is so many times that of a Kinect, 1.2 mm + 1.9 mm/m2 (z - 0.4 m)^2. Edges: "
         "depth is the mean of the pixels within so many, or near things have grown by so many. Together: several of "
-        "these at once. Holes: "
-        "share of the measured pixels lost in blobs, others in each frame. "
+        "these at once. Holes: share of the measured pixels lost in blobs, others in each frame. Colour: a white pixel "
+        "has so many photons, or colour is smeared along a line, another one in each frame. "
         f"All with seed {SEED}.",
         NOTE_NO_OBJECT,
         NOTE_CARRIED,
