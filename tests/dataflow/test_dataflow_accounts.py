@@ -62,6 +62,18 @@ def test_ledger_counts_what_never_arrived() -> None:
     assert (ledger.skipped[NEVER_ARRIVED], ledger.last_stamp_ns) == (3, 40)
 
 
+def test_ledger_waits_for_more_than_frames_while_it_comes() -> None:
+    ledger = Ledger(patience_s=5)
+    ledger.fuse(10, 0.0)
+    ledger.end(1, 10, 1.0)
+    assert not ledger.due(5.9, more=True)
+    ledger.heard(5.9)
+    assert not ledger.due(10.8, more=True)
+    assert ledger.due(10.8), "nothing more is to come"
+    assert ledger.due(10.9, more=True), "it has not come"
+    assert ledger.close() == 0
+
+
 def test_ledger_of_an_empty_stream() -> None:
     ledger = Ledger(patience_s=5)
     ledger.end(0, 0, 0.0)

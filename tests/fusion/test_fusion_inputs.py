@@ -89,6 +89,27 @@ def test_live_counts_the_frames_without_a_word_of_the_segments_stage() -> None:
     assert inputs.alone == 1
 
 
+@pytest.mark.parametrize(
+    ("items", "unanswered"),
+    [
+        ("", False),
+        ("P1", False),  # no frame yet
+        ("P1 H1", True),
+        ("P1 H1 P2 H2 K1", True),
+        ("P1 H1 P2 H2 K1 N2", False),
+        ("P1 H1 P2 H2 K2", False),  # 1 was left out: the newest wins
+        ("P1 H1 N2 P2 H2", False),
+        ("P1 H1 K2", False),  # whoever looks at frames without heat is ahead
+    ],
+)
+def test_live_knows_whether_segments_may_still_come(items: str, unanswered: bool) -> None:
+    inputs = LiveInputs()
+    feed(inputs, items)
+    assert inputs.unanswered == unanswered
+    inputs.clear()
+    assert not inputs.unanswered
+
+
 def test_live_keeps_few_early_segments() -> None:
     early = " ".join(f"K{stamp}" for stamp in range(100, 120))
     assert feed(LiveInputs(), early) == ["segments without their frame"] * 4

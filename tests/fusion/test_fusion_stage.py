@@ -7,6 +7,8 @@ from contextlib import closing
 import numpy as np
 import pytest
 
+from spot3d.dataflow.alive import Alive
+from spot3d.dataflow.conversion import segments_message
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.process_use import ProcessUse
 from spot3d.dataflow.settings import LinkSettings
@@ -15,10 +17,10 @@ from spot3d.fusion.inputs import Ready
 from spot3d.fusion.keeping import Keeping
 from spot3d.fusion.map_answers import MapAnswers
 from spot3d.fusion.settings import FusionSettings
-from spot3d.fusion.stage import FAILED, LOST, Stage
+from spot3d.fusion.stage import FAILED, LOST, OUTPUTS, Stage
 from spot3d.fusion.updates import Updates
 from spot3d.fusion.worlds import World, why_refused
-from spot3d_schemas import CameraIntrinsics, Header, Heat, Message, Pose
+from spot3d_schemas import CameraIntrinsics, End, Header, Heat, Message, Pose
 
 S = 10**9
 
@@ -34,7 +36,8 @@ class OffLine(Node):
 @pytest.fixture
 def stage() -> Iterator[Stage]:
     """A stage that is not on line."""
-    node = OffLine("fusion", LinkSettings(), threading.Event(), outputs=("fusion/objects",))
+    node = OffLine("fusion", LinkSettings(), threading.Event(), outputs=OUTPUTS)
+    node.alive = Alive()
     keeping = Keeping(node)
     with closing(Updates(node, keeping)) as updates, closing(MapAnswers(node)) as answers:
         yield Stage(node, Fusion(FusionSettings()), keeping, updates, answers, None)
@@ -90,6 +93,38 @@ def test_poses_that_name_another_world_begin_another_map(stage: Stage) -> None:
         stage._fuse(frame(stamp_s * S, epoch=epoch))
     assert drops(stage) == {"pose of an earlier epoch": 1}
     assert stage.fusion.frame_count == 2
+
+
+def played_to_its_end(stage: Stage) -> None:
+    """Two frames of a live stream, and its end; the segments stage has said nothing yet."""
+    for stamp_s in (1, 2):
+        ready = frame(stamp_s * S)
+        stage._take(stage.inputs.add_pose, ready.pose)
+        stage._take(stage.inputs.add_heat, ready.heat)
+    header = Header(robot="robot", seq=0, stamp_ns=2 * S, frame_id="camera")
+    stage._ended(Received(End(header=header, frames_sent=2), 0))
+    stage._complete_if_due()
+    assert stage.ledger.fused == 2
+
+
+def test_a_live_stream_that_has_ended_waits_for_the_segments_of_its_frames(stage: Stage) -> None:
+    stage.node.alive.note("segments", True)
+    played_to_its_end(stage)
+    for stamp_s, complete in ((1, False), (2, True)):
+        assert not stage.ledger.complete
+        header = Header(robot="robot", seq=0, stamp_ns=stamp_s * S, frame_id="camera")
+        stage._take_segments(Received(segments_message(header, None), 0))
+        stage._complete_if_due()
+        assert stage.ledger.complete == complete
+
+
+def test_a_live_stream_that_has_ended_waits_for_no_segments_stage_that_is_gone(stage: Stage) -> None:
+    stage.node.alive.note("segments", True)
+    played_to_its_end(stage)
+    assert not stage.ledger.complete
+    stage.node.alive.note("segments", False)
+    stage._complete_if_due()
+    assert stage.ledger.complete
 
 
 def test_a_world_that_is_forgotten_may_go_on_and_one_that_is_left_may_not() -> None:

@@ -13,7 +13,8 @@ class Ledger:
     """Counts of frames, and whether the stream is complete. Times are monotonic seconds.
 
     The stream is complete once its source has announced its end and the last frame is accounted for, or
-    nothing has come for `patience_s`: what is missing then never arrived. in_stream: frames of the stream so far.
+    nothing has come for `patience_s`: what is missing then never arrived. What belongs to frames that are accounted for
+    may be waited for as long. in_stream: frames of the stream so far.
     """
 
     def __init__(self, patience_s: float) -> None:
@@ -43,13 +44,17 @@ class Ledger:
             self._end, self._touched_s, self.complete = (frames_sent, stamp_ns), now_s, False
         return self.complete
 
-    def due(self, now_s: float) -> bool:
-        """Whether the announced end has been reached and is to be closed."""
+    def heard(self, now_s: float) -> None:
+        """Something has come that is no frame: patience begins anew."""
+        self._touched_s = now_s
+
+    def due(self, now_s: float, more: bool = False) -> bool:
+        """Whether the announced end has been reached and is to be closed; more: something else is still to come."""
         if self._end is None or self.complete:
             return False
         frames_sent, stamp_ns = self._end
         reached = frames_sent == 0 or (self.in_stream > 0 and self.last_stamp_ns >= stamp_ns)
-        return reached or now_s - self._touched_s >= self._patience_s
+        return (reached and not more) or now_s - self._touched_s >= self._patience_s
 
     def go_on(self, fused: int, skipped: Mapping[str, int], last_stamp_ns: int, in_stream: int) -> None:
         """Go on from the account of an earlier process."""

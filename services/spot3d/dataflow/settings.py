@@ -63,7 +63,10 @@ class LinkSettings(BaseModel):
         4, ge=1, le=64, description="lossless: most frames sent and not yet answered by fusion's progress"
     )
     credit_timeout_s: float = Field(
-        5.0, gt=0, description="lossless: without progress for this long the frames in flight count as lost"
+        5.0,
+        gt=0,
+        description="lossless: without progress for this long the frames in flight count as lost; at the end of any "
+        "stream, longest wait without a word for what is missing",
     )
     shared_memory: bool = Field(
         True, description="live: images go through shared memory on one host; a stalled reader's are dropped, counted"

@@ -53,6 +53,7 @@ class LiveInputs:
 
     def __init__(self) -> None:
         self.alone = 0
+        self._answered_ns: int | None = None
         self._pairs: HeatsAndPoses = Join(_HEATS_WAITING, _POSES_WAITING)
         self._early: dict[int, Received[Segments]] = {}
         self._last_ns: int | None = None
@@ -68,13 +69,18 @@ class LiveInputs:
     def add_segments(self, given: Received[Segments]) -> Arrival:
         """Take in a frame's segments; of a frame that is no keyframe there is nothing to keep."""
         self.alone = 0
-        stamp_ns = given.message.header.stamp_ns
+        self._answered_ns = stamp_ns = given.message.header.stamp_ns
         if not given.message.keyframe:
             return Arrival()
         if self._last_ns is not None and stamp_ns <= self._last_ns:
             return Arrival(late=given)
         self._early[stamp_ns] = given
         return Arrival(drops=self._forgotten(list(self._early)[:-_EARLY]))
+
+    @property
+    def unanswered(self) -> bool:
+        """Whether the segments stage has not come to the last frame yet: it may be looking at keyframes before it."""
+        return self._last_ns is not None and (self._answered_ns is None or self._answered_ns < self._last_ns)
 
     def rest(self) -> list[Ready]:
         """What still waits when the stream has ended: nothing."""
@@ -83,7 +89,7 @@ class LiveInputs:
     def clear(self) -> int:
         """Forget what waits: another stream begins. Returns how many frames that were."""
         self._early.clear()
-        self._last_ns = None
+        self._last_ns = self._answered_ns = None
         return _count(self._pairs.clear())
 
     def _paired(self, outcome: Outcome[Received[Heat], Received[Pose]]) -> Arrival:
@@ -104,10 +110,13 @@ class LiveInputs:
 
 
 class LosslessInputs:
-    """A frame is ready when heat, pose and the answer of the segments stage are there. alone: as it never is."""
+    """A frame is ready when heat, pose and the answer of the segments stage are there.
+
+    alone, unanswered: as no frame that was ready is.
+    """
 
     def __init__(self, in_flight: int) -> None:
-        self.alone = 0
+        self.alone, self.unanswered = 0, False
         self._pairs: HeatsAndPoses = Join(max(_HEATS_WAITING, 2 * in_flight), _POSES_WAITING)
         self._answers: Join[Pair, Received[Segments]] = Join(2 * in_flight, _POSES_WAITING)
         self._waiting: dict[int, Pair] = {}

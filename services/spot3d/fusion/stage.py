@@ -73,7 +73,7 @@ class Stage:
             self.node,
             On(_HEAT, Heat, partial(self._take, self.inputs.add_heat)),
             On(_POSE, Pose, partial(self._take, self.inputs.add_pose)),
-            On(_SEGMENTS, Segments, partial(self._take, self.inputs.add_segments)),
+            On(_SEGMENTS, Segments, self._take_segments),
             On(_END, End, self._ended),
             OnQuery(_MAP, self._answer_map),
             OnQuery(_CHANGES, self._answer_changes),
@@ -105,8 +105,14 @@ class Stage:
         self._begin_if_new(given)
         self._arrived(add(given), given)
 
+    def _take_segments(self, given: Received[Segments]) -> None:
+        self._take(self.inputs.add_segments, given)
+        self.ledger.heard(time.monotonic())
+
     def _complete_if_due(self) -> None:
-        if self.ledger.due(time.monotonic()):
+        """No frame waits for live segments, but the last objects do: a short stream may be over before its first."""
+        more = self.inputs.unanswered and "segments" in self.node.alive
+        if self.ledger.due(time.monotonic(), more):
             self._complete()
 
     def _begin_if_new(self, given: Received[Message]) -> None:
