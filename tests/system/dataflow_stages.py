@@ -171,6 +171,26 @@ class Ear:
             if not self.changed.wait_for(what, limit_s):
                 raise TimeoutError(f"not within {limit_s} s; the last progress: {self.progress}")
 
+    def wait_complete(self, recording: FrameSequence) -> Progress:
+        """Wait for fusion's word that a recording is complete, and return it: its source may have heard it before.
+
+        No other recording that is heard may have its last stamp.
+        """
+        end_ns, complete = recording.stamps_ns[-1], []
+
+        def said() -> bool:
+            complete[:] = [
+                word for word in self.heard["fusion/progress"] if word.complete and word.last_stamp_ns == end_ns
+            ]
+            return bool(complete)
+
+        self.wait(said)
+        return complete[-1]
+
+    def reached(self, stamp_ns: int) -> bool:
+        """Whether fusion is done with the frame of this stamp, and has said so."""
+        return any(word.last_stamp_ns == stamp_ns for word in self.heard["fusion/progress"])
+
     @property
     def progress(self) -> Progress | None:
         """The last progress, if there was any."""

@@ -65,11 +65,13 @@ def lossless(router: tuple[zenoh.Session, str]) -> Iterator[tuple[zenoh.Session,
         assert stages.stop() == dict.fromkeys(STAGES, 0), "SIGTERM ends every stage in order"
 
 
-def play(link: LinkSettings, recording: Recording) -> None:
-    """Play a recording to its end, with patience for a busy machine."""
+def play(link: LinkSettings, recording: Recording, ear: Ear) -> tuple[int, dict[str, int]]:
+    """Play a recording to its end, with patience for a busy machine; returns what was fused and skipped by then."""
     with playing(link.model_copy(update={"credit_timeout_s": 60.0}), recording) as thread:
         thread.join(120)
         assert not thread.is_alive()
+    complete = ear.wait_complete(recording)
+    return complete.fused, complete.skipped
 
 
 def counts(ear: Ear) -> tuple[int, dict[str, int]]:
@@ -80,10 +82,8 @@ def counts(ear: Ear) -> tuple[int, dict[str, int]]:
 def test_lossless_fuses_every_frame(lossless: tuple[zenoh.Session, Stages, Ear]) -> None:
     session, stages, ear = lossless
     recording = Recording(40)
-    play(stages.link, recording)
-    ear.wait(lambda: ear.progress is not None and ear.progress.complete)
+    assert play(stages.link, recording, ear) == (40, {})
     ear.wait(lambda: bool(ear.objects) and ear.objects[-1].complete)
-    assert counts(ear) == (40, {})
     progress: list[Progress] = ear.heard["fusion/progress"]
     # Each stamp once, or again where a first update compiles its kernels.
     assert list(dict.fromkeys(item.last_stamp_ns for item in progress)) == recording.stamps_ns
@@ -138,8 +138,7 @@ def test_malformed_messages_stop_nobody(lossless: tuple[zenoh.Session, Stages, E
         assert health is not None
         assert health.errors == before[stage] + refused
         assert "refused" in health.last_error
-    play(stages.link, Recording(5, HOUR_NS))
-    assert counts(ear) == (5, {})
+    assert play(stages.link, Recording(5, HOUR_NS), ear) == (5, {})
 
 
 def _header() -> Header:
@@ -175,7 +174,7 @@ def test_a_reader_that_is_stuck_and_dies_costs_nothing(
     router: tuple[zenoh.Session, str], lossless: tuple[zenoh.Session, Stages, Ear]
 ) -> None:
     _, stages, ear = lossless
-    before = ear.stream
+    recording = Recording(30, 3 * HOUR_NS)
     reader = subprocess.Popen(
         [sys.executable, "-c", SLOW_READER, router[1], key("calm", "source/frame")],
         stdin=subprocess.PIPE,
@@ -185,16 +184,17 @@ def test_a_reader_that_is_stuck_and_dies_costs_nothing(
     try:
         assert reader.stdout.readline() == b"ready\n"
         link = stages.link.model_copy(update={"credit_timeout_s": 60.0})
-        with playing(link, Recording(30, 3 * HOUR_NS)) as source:
+        with playing(link, recording) as source:
             assert reader.stdout.readline() == b"stuck\n"
-            ear.wait(lambda: ear.stream != before and ear.fused >= 3)
+            ear.wait(lambda: ear.reached(recording.stamps_ns[2]))
             reader.kill()
             source.join(120)
             assert not source.is_alive()
     finally:
         reader.kill()
         reader.communicate()
-    assert counts(ear) == (30, {})
+    complete = ear.wait_complete(recording)
+    assert (complete.fused, complete.skipped) == (30, {})
 
 
 def test_nobody_waits_for_an_onlooker_where_the_stages_have_a_socket_of_their_own(tmp_path: Path) -> None:
@@ -220,8 +220,7 @@ def test_nobody_waits_for_an_onlooker_where_the_stages_have_a_socket_of_their_ow
         stages.start(*STAGES)
         wait_alive(session, "spared", set(STAGES))
         # 14 MB of frames, more than the connection's buffers take on most machines.
-        play(link, Recording(150))
-        assert counts(ear) == (150, {})
+        assert play(link, Recording(150), ear) == (150, {})
         assert reader.stdout.readline() == b"stuck\n"
         assert reader.poll() is None
 
@@ -232,8 +231,7 @@ def test_reset_is_idempotent(lossless: tuple[zenoh.Session, Stages, Ear]) -> Non
         reply = next(iter(session.get(key("calm", "fusion/reset"), timeout=20)))
         progress = decode(reply.ok.payload.to_bytes(), Progress)
         assert (progress.fused, progress.skipped) == (0, {})
-    play(stages.link, Recording(10, 4 * HOUR_NS))
-    assert counts(ear) == (10, {})
+    assert play(stages.link, Recording(10, 4 * HOUR_NS), ear) == (10, {})
     ear.wait(lambda: ear.objects[-1].complete and ear.objects[-1].frame_count == 10)
 
 
@@ -266,10 +264,10 @@ def test_a_fusion_that_says_that_it_is_busy_is_waited_for(router: tuple[zenoh.Se
 
 def test_a_killed_fusion_does_not_hang_a_lossless_run(lossless: tuple[zenoh.Session, Stages, Ear]) -> None:
     session, stages, ear = lossless
-    before = ear.stream
+    recording = Recording(20, 5 * HOUR_NS)
     link = stages.link.model_copy(update={"credit_timeout_s": 1.0})
-    with playing(link, Recording(20, 5 * HOUR_NS), rate_hz=10.0) as source:
-        ear.wait(lambda: ear.stream != before and ear.fused >= 3)
+    with playing(link, recording, rate_hz=10.0) as source:
+        ear.wait(lambda: ear.reached(recording.stamps_ns[2]))
         stages.kill("fusion")
         wait_alive(session, "calm", {"source", *STAGES} - {"fusion"})
         heard = len(ear.heard["fusion/progress"])
@@ -278,9 +276,7 @@ def test_a_killed_fusion_does_not_hang_a_lossless_run(lossless: tuple[zenoh.Sess
         source.join(120)
         assert not source.is_alive()
     # The new fusion joined in: it answered the end.
-    assert ear.progress is not None
-    assert ear.progress.complete
-    assert ear.progress.last_stamp_ns == 5 * HOUR_NS + 19 * 50_000_000
+    ear.wait_complete(recording)
     wait_alive(session, "calm", set(STAGES))
 
 

@@ -92,9 +92,7 @@ def test_a_killed_segments_stage_does_not_hang_a_lossless_run(router: tuple[zeno
             stages.start("segments")
             source.join(120)
             assert not source.is_alive()
-        progress = ear.progress
-        assert progress is not None
-        assert progress.complete
+        progress = ear.wait_complete(recording)
         assert (progress.fused, progress.skipped) == (FRAMES, {}), "what has no segments is fused without them"
         ear.wait(lambda: (health := ear.health("fusion")) is not None and health.drops.get("no segments", 0) > 0)
 
