@@ -26,6 +26,7 @@ POSE = look_at((0, -0.95, 0.7))
 TABLE = transform_plane(np.array([0, 0, 1.0, 0]), invert(POSE))
 WALL = transform_plane(np.array([0, -1.0, 0, 1.5]), invert(POSE))
 POINTS = back_project(view(POSE, ROOM).depth, CAMERA)
+NORMALS = surface_normals(view(POSE, ROOM).depth, CAMERA)
 COLD = np.zeros(CAMERA.shape, np.uint8)
 
 
@@ -36,14 +37,19 @@ def heat_on(plane: NDArray[np.float64], value: int) -> NDArray[np.uint8]:
 def chosen(planes: list[NDArray[np.float64]], heat: NDArray[np.uint8], image_up: str = "top") -> int | None:
     """Which of the planes is chosen, by its number."""
     candidates = np.array(planes).reshape(-1, 4)
-    found = choose_support(candidates, held_heat(candidates, POINTS, heat, SETTINGS), IMAGE_UP[image_up])
+    found = choose_support(candidates, held_heat(candidates, POINTS, NORMALS, heat, SETTINGS), IMAGE_UP[image_up])
     return None if found is None else next(k for k, plane in enumerate(planes) if np.array_equal(plane, found))
 
 
 def test_of_two_tables_the_warmer_one_is_chosen() -> None:
-    floor = transform_plane(np.array([0, 0, 1.0, 0.75]), invert(POSE))
-    assert chosen([TABLE, floor], heat_on(TABLE, 20)) == 0
-    assert chosen([TABLE, floor], heat_on(floor, 20)) == 1
+    pose = look_at((0, -1.5, 0.9), (0, -0.3, 0))
+    depth = view(pose, ROOM).depth
+    points, normals = back_project(depth, CAMERA), surface_normals(depth, CAMERA)
+    planes = np.array([transform_plane(np.array((0, 0, 1.0, below)), invert(pose)) for below in (0, 0.75)])
+    for warmer in planes:
+        heat = np.where(on_plane(warmer, points, SETTINGS), 20, 0).astype(np.uint8)
+        held = held_heat(planes, points, normals, heat, SETTINGS)
+        np.testing.assert_array_equal(choose_support(planes, held, IMAGE_UP["top"]), warmer)
 
 
 def test_a_front_is_no_support_though_it_holds_more_heat() -> None:
@@ -66,8 +72,8 @@ def test_a_camera_may_be_mounted_on_any_side(image_up: str) -> None:
     np.testing.assert_allclose(turn @ (0, -1, 0), (x, y, 0), atol=1e-12)
     planes = np.array([np.append(turn @ plane[:3], plane[3]) for plane in (WALL, TABLE)])
     heat = np.maximum(heat_on(WALL, 250), heat_on(TABLE, 10))
-    turned = (POINTS @ turn.T).astype(np.float32)
-    support = choose_support(planes, held_heat(planes, turned, heat, SETTINGS), IMAGE_UP[image_up])
+    points, normals = ((seen @ turn.T).astype(np.float32) for seen in (POINTS, NORMALS))
+    support = choose_support(planes, held_heat(planes, points, normals, heat, SETTINGS), IMAGE_UP[image_up])
     assert support is not None
     np.testing.assert_array_equal(support, planes[1])
 
@@ -76,17 +82,38 @@ def test_from_straight_above_a_table_is_what_faces_the_camera() -> None:
     """The side of a box that faces the image's upper side is seen as well, and is hotter."""
     down = np.array([[1.0, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 1.0], [0, 0, 0, 1]])
     box = Cuboid((0, -0.3, 0.1), (0.3, 0.1, 0.2))
-    points = back_project(view(down, (ROOM[0], box)).depth, CAMERA)
+    depth = view(down, (ROOM[0], box)).depth
+    points, normals = back_project(depth, CAMERA), surface_normals(depth, CAMERA)
     planes = np.array([[0, 0, 1.0, 0], [0, 1.0, 0, 0.25]]) @ down
     heat = np.full(CAMERA.shape, 40, np.uint8)
     heat[on_plane(planes[1], points, SETTINGS)] = 255
-    held = held_heat(planes, points, heat, SETTINGS)
+    held = held_heat(planes, points, normals, heat, SETTINGS)
     support = choose_support(planes, held, expected_up("top"))
     assert support is not None
     np.testing.assert_array_equal(support, planes[0])
     wrong = choose_support(planes, held, IMAGE_UP["top"])
     assert wrong is not None
     np.testing.assert_array_equal(wrong, planes[1])
+
+
+def test_what_only_touches_the_edges_of_stairs_is_no_support() -> None:
+    """A plane through the edges of all steps is near to more pixels than any tread, and faces as none of them does."""
+    steps = tuple(Cuboid((0, -0.3 + 0.28 * k, 0.085 * (k + 1)), (2, 0.28, 0.17 * (k + 1))) for k in range(5))
+    pose = look_at((0, -1.4, 1.5), (0, 0.25, 0.4))
+    depth = view(pose, steps).depth
+    points, normals, heat = (
+        back_project(depth, CAMERA),
+        surface_normals(depth, CAMERA),
+        np.full(CAMERA.shape, 40, np.uint8),
+    )
+    across = np.array((0, -0.17, 0.28)) / np.hypot(0.17, 0.28)
+    through = [np.append(across, -across @ (0, -0.44, 0.17) + off) for off in (0.0, 0.01, 0.02)]
+    treads = [np.array((0, 0, 1.0, -0.17 * (k + 1))) for k in range(5)]
+    planes = np.array([transform_plane(plane, invert(pose)) for plane in through + treads])
+    near = [np.count_nonzero(on_plane(plane, points, SETTINGS)) for plane in planes]
+    assert max(near[:3]) > max(near[3:])
+    support = choose_support(planes, held_heat(planes, points, normals, heat, SETTINGS), expected_up("top"))
+    assert any(np.array_equal(support, plane) for plane in planes[3:])
 
 
 @pytest.mark.parametrize("looks_down", [0, 10, 30, 60, 85])

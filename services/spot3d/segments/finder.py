@@ -45,11 +45,12 @@ _SAMPLE = 500
 class CandidatePlanes:
     """The planes of a view among which heat decides what things stand on.
 
-    points: (h, w, 3) float32 metres, camera frame, z = 0 invalid; planes: (n, 4), normals towards the camera; heat:
-    (n,) what each of them holds (see `held_heat`).
+    points: (h, w, 3) float32 metres, camera frame, z = 0 invalid; normals: (h, w, 3) float32 unit, zeros where there is
+    none; planes: (n, 4), normals towards the camera; heat: (n,) what each of them holds (see `held_heat`).
     """
 
     points: NDArray[np.float32]
+    normals: NDArray[np.float32]
     planes: NDArray[np.float64]
     heat: NDArray[np.float64]
 
@@ -73,8 +74,9 @@ def find_segments(
 def candidate_planes(frame: LatticeFrame, settings: SegmentsSettings) -> CandidatePlanes:
     """What things may stand on in a frame that has been brought to its lattice."""
     points, noise = back_project(frame.depth, frame.camera), frame.camera.noise
+    normals = surface_normals(frame.depth, frame.camera)
     planes = dominant_planes(points, settings, np.random.default_rng(settings.seed), noise=noise)
-    return CandidatePlanes(points, planes, held_heat(planes, points, frame.heat, settings, noise))
+    return CandidatePlanes(points, normals, planes, held_heat(planes, points, normals, frame.heat, settings, noise))
 
 
 def find_on_lattice(
@@ -87,14 +89,13 @@ def find_on_lattice(
 
     upwards: (3,) unit, camera frame, None = all that is known is `settings.image_up`.
     """
-    points, planes, noise = among.points, among.planes, frame.camera.noise
+    points, normals, planes, noise = among.points, among.normals, among.planes, frame.camera.noise
     if upwards is None:
         upwards = expected_up(settings.image_up)
     support = choose_support(planes, among.heat, upwards)
     if support is None:
         nothing = np.zeros(frame.depth.shape, np.float32)
         return _segments([], frame, Levels(planes[:0], nothing.astype(np.int8), nothing, nothing), Counter(), settings)
-    normals = surface_normals(frame.depth, frame.camera)
     wanted = {step: step not in settings.skipped for step in get_args(Step)}
     height, up = heights(points, support, bent=wanted["bend"]), support[:3]
     tolerance = lift(frame.depth, support, settings, noise)
