@@ -17,7 +17,8 @@ from spot3d.evaluate.datasets import at_half_size, open_dataset
 from spot3d.evaluate.measured_run import Runs, world_alignment
 from spot3d.evaluate.object_tables import OURS, ablations
 from spot3d.evaluate.peer import PEER
-from spot3d.evaluate.tables import TABLES
+from spot3d.evaluate.robustness import SHAKES
+from spot3d.evaluate.tables import SHORT_TABLES
 from spot3d.found_object import FoundObject
 from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.results import RunResult, write_results
@@ -48,7 +49,7 @@ def all_tables(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict[str,
 
 def test_markdown_and_json_say_the_same(all_tables: tuple[str, dict[str, Any], Path]) -> None:
     markdown, document, _ = all_tables
-    assert [made["table"] for made in document["tables"]] == list(TABLES)
+    assert [made["table"] for made in document["tables"]] == SHORT_TABLES
     parts = markdown.split("### ")[1:]
     for part, made in zip(parts, document["tables"], strict=True):
         lines = [line for line in part.splitlines() if line.startswith("|")]
@@ -83,6 +84,19 @@ def test_rows_of_each_table(all_tables: tuple[str, dict[str, Any], Path]) -> Non
     assert {row["provider"] for row in rows["poses"]} >= {"kiss"}
     notes = {made["table"]: made["notes"] for made in all_tables[1]["tables"]}
     assert "ids given in 1 updates" in notes["stability"][0]
+
+
+def test_single_frames_as_a_moving_camera_sees_them(tmp_path: Path) -> None:
+    words = ["moving", "scene:2", "--frames", "1", "--half", "--json", str(tmp_path / "numbers.json")]
+    result = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert result.exit_code == 0
+    (made,) = json.loads((tmp_path / "numbers.json").read_text())["tables"]
+    shakes = [f"{1e3 * metres:g} mm {degrees:g} deg" for metres, degrees in SHAKES]
+    assert [row["poses"] for row in made["rows"]] == ["true", *shakes, "KISS-ICP"]
+    for row in made["rows"]:
+        assert row["ours DR"] > 0.5, row["poses"]
+    true, *_, worst, _ = made["rows"]
+    assert true["peer DR"] > worst["peer DR"], "its clusters are of points where the told poses have them"
 
 
 def test_record_and_plots(all_tables: tuple[str, dict[str, Any], Path]) -> None:

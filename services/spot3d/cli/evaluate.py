@@ -29,8 +29,8 @@ def evaluate(
     table: Annotated[
         str,
         typer.Argument(
-            help="proposals, still, filters, objects, ablations, points, time, poses, stability, steps; or: all, run, "
-            "robustness"
+            help="proposals, still, moving, steps, filters, objects, ablations, points, time, poses, stability; or: "
+            "all, run, robustness"
         ),
     ],
     path: Annotated[
@@ -60,8 +60,9 @@ def evaluate(
 ) -> None:
     """Measure as the paper does: print TABLE in Markdown for the data set at PATH, or all tables for all data.
 
-    The table `run` is of a run that is over, live ones included: spot3d evaluate run PATH --of FOLDER. The table
-    `robustness` is of runs on input that is made worse, a kind after the other; it is not among `all`, it takes long.
+    The table `run` is of a run that is over, live ones included: spot3d evaluate run PATH --of FOLDER. `robustness` is
+    of runs on input that is made worse, a kind after the other, `moving` of single frames as a camera that moves has
+    them; these two are not among `all`, they take long.
     """
     from spot3d.dataflow.process_use import stay_single_threaded
     from spot3d.evaluate.datasets import at_half_size, datasets_below, open_dataset, told_apart
@@ -69,7 +70,7 @@ def evaluate(
     from spot3d.evaluate.record import data_checksum, record
     from spot3d.evaluate.robustness import GROUPS, robustness_table
     from spot3d.evaluate.table import to_markdown, write_plots, write_tables
-    from spot3d.evaluate.tables import TABLES, make_tables, with_objects
+    from spot3d.evaluate.tables import SHORT_TABLES, TABLES, make_tables, with_objects
 
     if table not in (ALL, RUN, ROBUSTNESS, *TABLES):
         raise CommandError(f"there is no table {table!r}; there are {', '.join(TABLES)}, run, robustness, and all")
@@ -106,7 +107,7 @@ def evaluate(
     elif of is not None:
         tables = iter([finished_table(dataset, of, resolved) for dataset in datasets])
     else:
-        tables = make_tables(list(TABLES) if table == ALL else [table], datasets, resolved, say)
+        tables = make_tables(SHORT_TABLES if table == ALL else [table], datasets, resolved, say)
     for one in tables:
         made.append(one)
         typer.echo(to_markdown(one))

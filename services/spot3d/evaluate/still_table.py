@@ -1,22 +1,26 @@
-"""A single frame through every stage, as of a camera that has just begun, or stands still: its boxes in 3D."""
+"""A single frame through every stage, as of a camera that has just begun, stands still, or moves: its boxes in 3D."""
 
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.boxes import Box3D
+from spot3d.boxes import Box3D, moved
 from spot3d.camera import Intrinsics
+from spot3d.evaluate.degraded import Degradation
 from spot3d.evaluate.frame_tables import BOTH_METHODS, FoundInFrames
 from spot3d.evaluate.labelled import DataSet
+from spot3d.evaluate.measured_run import world_alignment
+from spot3d.evaluate.moved_views import moved_views
 from spot3d.evaluate.peer import PEER
 from spot3d.evaluate.peer_map import PeerMap
 from spot3d.evaluate.projection import box_surface, boxes_in_view
+from spot3d.evaluate.robustness import SHAKES
 from spot3d.evaluate.scores import recall_of
 from spot3d.evaluate.table import Column, Table
-from spot3d.pipeline import run_pipeline
+from spot3d.pipeline import PipelineStep, run_pipeline
 from spot3d.settings import Settings
-from spot3d.source.sequence import FrameList
+from spot3d.source.sequence import FrameList, FrameSequence
 
 
 def still_table(datasets: list[DataSet], settings: Settings) -> Table:
@@ -46,6 +50,52 @@ def still_table(datasets: list[DataSet], settings: Settings) -> Table:
         "corner may reach beyond the object's outline."
     )
     return table
+
+
+def moving_table(datasets: list[DataSet], settings: Settings) -> Table:
+    """The same for frames that a camera has which moves around what they show (see `moved_views`), by given poses, true
+    or shaken, or those that the system finds; drawn into the first frame. The peer has the run's poses.
+    """
+    title = "Single frame as a moving camera sees it: 3D boxes drawn into it"
+    table = Table("moving", title, (Column("data"), Column("poses"), *BOTH_METHODS))
+    ways = [
+        ("true", settings.changed("pose", provider="given"), Degradation()),
+        *(
+            (f"{1e3 * m:g} mm {d:g} deg", settings.changed("pose", provider="given"), Degradation(metres=m, degrees=d))
+            for m, d in SHAKES
+        ),
+        ("KISS-ICP", settings.changed("pose", provider="kiss"), Degradation()),
+    ]
+    for dataset in datasets:
+        found = {name: (FoundInFrames(), FoundInFrames()) for name, *_ in ways}
+        for item in dataset.frames:
+            views = FrameList(moved_views(item.frame))
+            for name, how, worse in ways:
+                ours, peer = found[name]
+                boxes = _found_in_run(worse.of(views), how)
+                for one, of_method in zip((ours, peer), boxes, strict=True):
+                    one.add(item, _drawn(of_method, item.frame.intrinsics))
+        for name, (ours, peer) in found.items():
+            table.add(dataset.name, name, *ours.cells(), *peer.cells(), peer.true)
+            table.notes += ours.behind(peer, f"{dataset.name}, poses {name}")
+    table.notes.append("Boxes are moved as the run's poses are off on average.")
+    return table
+
+
+def _found_in_run(sequence: FrameSequence, settings: Settings) -> tuple[list[Box3D], list[Box3D]]:
+    """The boxes that a run finds, and those of the peer with its poses, in the world of the true poses."""
+    cloud = PeerMap(len(sequence))
+
+    def follow(step: PipelineStep) -> None:
+        if not step.refused:
+            pose, frame = step.pose.T_world_camera, step.frame
+            cloud.add(frame.depth_metres(), frame.intrinsics, pose, settings.fusion.range_max)
+
+    result = run_pipeline(sequence, settings, follow)
+    T = world_alignment(sequence, [(stamp, pose.T_world_camera) for stamp, pose in result.trajectory])
+    boxes = [one.box for one in result.objects.objects], list(cloud.found(settings.fusion).boxes)
+    ours, peer = ([moved(box, T) for box in some] for some in boxes)
+    return ours, peer
 
 
 def _drawn(boxes: list[Box3D] | tuple[Box3D, ...], camera: Intrinsics) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from spot3d.evaluate.labelled import DataSet
 from spot3d.evaluate.measured_run import Runs
 from spot3d.evaluate.object_tables import ablations_table, objects_table, points_table, stability_table
 from spot3d.evaluate.step_tables import steps_table
-from spot3d.evaluate.still_table import still_table
+from spot3d.evaluate.still_table import moving_table, still_table
 from spot3d.evaluate.table import Table
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
@@ -27,10 +27,11 @@ class Need:
 
 @dataclass(frozen=True, slots=True)
 class TableKind:
-    """How a table is made, and what it needs."""
+    """How a table is made, and what it needs. long: it is made where it is asked for alone."""
 
     make: Callable[[list[DataSet], Settings, Runs, Say], Table]
     needs: Need
+    long: bool = False
 
 
 _ANY = Need(lambda dataset: True, "frames")
@@ -54,6 +55,7 @@ _POSES = Need(
 TABLES = {
     "proposals": TableKind(lambda data, settings, runs, say: proposals_table(data, settings), _FRAMES),
     "still": TableKind(lambda data, settings, runs, say: still_table(data, settings), _FRAMES),
+    "moving": TableKind(lambda data, settings, runs, say: moving_table(data, settings), _FRAMES, long=True),
     "steps": TableKind(lambda data, settings, runs, say: steps_table(data, settings), _FRAMES),
     "filters": TableKind(lambda data, settings, runs, say: filters_table(data, settings), _ANY),
     "objects": TableKind(lambda data, settings, runs, say: objects_table(data, settings, runs), _OBJECTS),
@@ -64,6 +66,7 @@ TABLES = {
     "stability": TableKind(lambda data, settings, runs, say: stability_table(data, settings, runs), _OBJECTS),
 }
 """In the order in which they are printed."""
+SHORT_TABLES = [name for name, kind in TABLES.items() if not kind.long]
 
 
 def with_objects(datasets: list[DataSet]) -> list[DataSet]:
