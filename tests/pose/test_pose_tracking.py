@@ -283,6 +283,34 @@ def test_a_bare_wall_holds_no_pose() -> None:
     assert (estimate.status, "every direction" in estimate.reason) == ("lost", True)
 
 
+@pytest.mark.parametrize("step_s", [1 / 30, 0.3])
+def test_what_is_painted_holds_the_pose_over_a_plain_table(step_s: float) -> None:
+    """No surface does: without colour nothing is tracked, with it everything from the first frame on."""
+    seen, unseen = make_tracker(PoseSettings()), make_tracker(PoseSettings())
+    for index in range(8):
+        along, stamp_ns = 0.02 * index, 1 + round(index * step_s * 1e9)
+        pose = look_at(np.array([along, -0.75, 1.2]), np.array([along - 0.1, 0.1, 0.0]))
+        depth = (pose[2, 3] / -rays(pose, LARGER)[..., 2]).astype(np.float32)
+        estimate = seen.track(stamp_ns, depth, LARGER, pose, painted(pose, depth))
+        assert estimate.status == "ok", estimate.reason
+        assert error(estimate, pose)[0] < 0.01
+        assert unseen.track(stamp_ns, depth, LARGER, pose).status == "lost"
+        grey = np.full((*LARGER.shape, 3), 128, np.uint8)
+        assert unseen.track(stamp_ns + 1, depth, LARGER, pose, grey).status == "lost"
+
+
+def test_the_view_of_a_plain_table_is_lost_where_its_landmarks_are_others() -> None:
+    """It is held by what is painted, but nothing tells where it is: another part of the table comes without warning."""
+    tracker = make_tracker(PoseSettings())
+    estimates = []
+    for number, along in enumerate((0.0, 0.02, 30.0)):
+        pose = look_at(np.array([along, -0.75, 1.2]), np.array([along - 0.1, 0.1, 0.0]))
+        depth = (pose[2, 3] / -rays(pose, LARGER)[..., 2]).astype(np.float32)
+        estimates.append(tracker.track(1 + number * FRAME_NS, depth, LARGER, pose, painted(pose, depth)))
+    assert [estimate.status for estimate in estimates] == ["ok", "ok", "lost"]
+    assert "nor do landmarks" in estimates[-1].reason
+
+
 def test_nothing_to_see_before_the_first_pose() -> None:
     tracker = make_tracker(PoseSettings())
     assert tracker.track(1, np.zeros(CAMERA.shape, np.float32), CAMERA, pose_at(0)).status == "lost"

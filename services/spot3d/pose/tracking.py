@@ -162,8 +162,8 @@ class MapTracker:
     ) -> PoseEstimate:
         """Pose of the frame; depth (h, w) float32 metres, 0 = invalid; colour (h, w, 3) uint8 RGB, if there is.
 
-        The first frame with enough surface starts the map; the world is anchored at its given pose, or at
-        identity without a valid one. Later given poses are not used. ValueError: depth of another size than
+        The first frame with enough surface, or with features beside, starts the map; the world is anchored at its given
+        pose, or at identity without a valid one. Later given poses are not used. ValueError: depth of another size than
         the intrinsics'.
         """
         if self._hindsight is None:
@@ -187,17 +187,24 @@ class MapTracker:
         if len(surface) < POINTS_MIN:
             return self._lose(why_few(depth_m, len(surface), self._settings))
         held = information(surface)
-        if weakest_direction(held) > self._settings.weakness_max * float(np.median(surface.sigma)):
-            return self._lose("the view does not hold the pose in every direction")
         view = _View(colour, depth_m, intrinsics, surface, held, self._detector)
+        weak = self._is_weak(held, surface)
+        if weak and self._is_weak(held + _SEEN_AGAIN * view.features.information(intrinsics), surface):
+            return self._lose("the view does not hold the pose in every direction")
         if last is None:
             anchor = checked_pose(given_T_world_camera)
             return self._accept(stamp_ns, view, np.eye(4) if anchor is None else anchor)
         if stamp_ns <= last.stamp_ns:
             return self._lose(f"stamp {stamp_ns} does not follow {last.stamp_ns}")
+        if weak:
+            return self._follow_landmarks(last, stamp_ns, view)
         if self._lost_frames:
             return self._find_again(last, stamp_ns, view)
         return self._follow(last, stamp_ns, view)
+
+    def _is_weak(self, held: NDArray[np.float64], surface: Surface) -> bool:
+        """Whether information (6, 6) leaves the pose free in some direction, beside the noise of a surface's points."""
+        return weakest_direction(held) > self._settings.weakness_max * float(np.median(surface.sigma))
 
     def _follow(self, last: _Fix, stamp_ns: int, view: _View) -> PoseEstimate:
         if (stamp_ns - last.stamp_ns) * 1e-9 > _COASTING:
@@ -227,6 +234,17 @@ class MapTracker:
         if not possible:
             return self._lose(self._doubt(_best(tried), last, stamp_ns, OVERLAP_MIN))
         return self._accept(stamp_ns, view, self._likeliest(possible, view).T_world_camera)
+
+    def _follow_landmarks(self, last: _Fix, stamp_ns: int, view: _View) -> PoseEstimate:
+        """Where landmarks alone have a frame whose surface would slide or spin, were it registered: a plain table."""
+        place = relocalised(view.features, self._drift.map.rows)
+        if place is None:
+            return self._lose("the view's surface does not hold the pose in every direction, nor do landmarks")
+        doubt = self._doubt(Registration(place.T_world_camera, 1.0, 0.0), last, stamp_ns, OVERLAP_MIN)
+        if doubt:
+            return self._lose(doubt)
+        self._drift.restart()  # it has no odometry's drift
+        return self._accept(stamp_ns, view, place.T_world_camera)
 
     def _likeliest(self, possible: list[Registration], view: _View) -> Registration:
         """The registration that most landmarks agree with, whatever the surface says; the best where few agree."""
