@@ -12,6 +12,7 @@ from spot3d.camera import back_project, invert
 from spot3d.frame import RgbdFrame
 
 VIEWS = 12
+"""As many as make an object four times over (`fusion.views_min`)."""
 INTERVAL_NS = 300_000_000
 """About as far apart as keyframes are."""
 SWING = np.radians((4.5, 9.0))

@@ -45,6 +45,7 @@ _LANDMARKS_OFF = 0.25
 # to 13 mm rms, to 56 to 242 where nobody asks: with 0.15, 0.25 and 0.4, and with 1.5, 2 and 3 alike (one 16). By 1 %:
 # 19 to 36 mm with 1.5, 22 to 36 with 2. Redkitchen, TUM, desks, clutter and near desks that are not bent stay as they
 # are, but TUM's cabinet with 0.4 (65 and 120 mm: few features, and by chance); asked is of no frame of most of them.
+# As many, too, are taken to be seen again where a view's features have to hold what its surface does not.
 _SEEN_AGAIN, _CLEARLY = 0.25, 1.5
 # So many points must meet the map of a frame that is found again, where a false match is likelier; and by so much more
 # than in any other place.
