@@ -145,6 +145,18 @@ def test_a_view_that_spills_turns_no_box(yaw: float) -> None:
     assert overlap(box_of(seen(places), UP, 0.005), yaw) > 0.85
 
 
+@pytest.mark.parametrize("yaw", [0.0, 0.4, 1.2])
+def test_two_sides_tell_how_a_box_is_turned(yaw: float) -> None:
+    """The front and one end of a thing whose top is out of sight: along the line from end to end a box is as small."""
+    rng = np.random.default_rng(0)
+    places = []
+    for _ in range(12):
+        sides = rng.uniform((-0.1, -0.05, 0), (0.1, 0.05, 0.12), (SAMPLE, 3))
+        sides[::3, 0], sides[1::3, 1], sides[2::3, 1] = 0.1, 0.05, 0.05
+        places.append(((sides + rng.normal(0, 0.002, sides.shape)) @ rotation_z(yaw).T).astype(np.float32))
+    assert overlap(box_of(seen(places), UP, 0.005), yaw) > 0.85
+
+
 def test_views_that_take_in_what_is_behind_make_nothing_thicker() -> None:
     """As three of thirty views do of a book, by five points that lie 3 cm above it."""
     rng = np.random.default_rng(0)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
-from spot3d.fusion.objects.rounded import unseen_ends
+from spot3d.fusion.objects.rounded import fronts_of, unseen_ends
 from spot3d.geometry.quantiles import quantiles
 from spot3d.geometry.upright import rotation_to_upright, with_bottom
 from spot3d.kernel import kernel
@@ -26,9 +26,13 @@ what they take in behind it, and a thin thing is soon twice as thick. With 0.97,
 KISS-ICP's poses 0.65, 0.65, 0.64, 0.63, 0.63: its boxes were drawn by hand around all points."""
 _TRIM = 2
 """Of a view's points so many may lie beyond a face: 1 % of them, where depth flies off edges."""
-_TURNS = ((15.0, 6), (5.0, 3), (5 / 3, 3), (5 / 9, 3))
-"""So many yaws, so many degrees apart, are tried, then others around the best: the area of a rectangle has one minimum
-within a few degrees, and a degree moves a keyboard's corner by 4 mm."""
+_TURNS = ((5.0, 18), (5 / 3, 3), (5 / 9, 3))
+"""So many yaws, so many degrees apart, are tried, then others around the best: a degree moves a keyboard's corner by 4
+mm. With 3, 5, 7.5, 15 degrees first the mean IoU of 229 things of redkitchen, TUM's cabinet and seventeen rendered
+scenes is 0.726, 0.726, 0.725, 0.722."""
+_TURNED_BY = 4
+"""One in this many of a segment's points tells how its box is turned: of the same things with 1, 2, 4, 8 IoU is 0.725,
+0.724, 0.725, 0.721."""
 _GUESSED = 0.8
 """An outline counts where more than this share of the views are torn: what a hole hides now and then, other views have
 seen. With 0.5, 0.7, 0.8, 0.9: where every second thing of five scenes lost the lower 70 % of its depth for good, their
@@ -73,7 +77,8 @@ def box_of(seen: Seen, up: NDArray[np.float64], clearance: float, rounded: bool 
     up: (3,) unit, world. clearance: what is no higher above a support belongs to it, metres. rounded: what is round
     goes on behind what was seen of it (see `rounded`).
     """
-    rotation = _axes_of(seen, up)
+    fronts = fronts_of(seen.places, up)
+    rotation = _axes_of(seen, up, fronts.are_round)
     lows, highs = ends_of(seen, rotation)
     low, high = faces(lows, highs)
     high[2] = faces(lows[2:], highs[2:], _TOP)[1][0]
@@ -82,27 +87,49 @@ def box_of(seen: Seen, up: NDArray[np.float64], clearance: float, rounded: bool 
     if len(guessed) > _GUESSED * len(seen.outline):
         low = np.minimum(low, np.median(guessed.min(axis=1), axis=0))
         high = np.maximum(high, np.median(guessed.max(axis=1), axis=0))
-    if rounded and (unseen := unseen_ends(seen.places, seen.eyes, rotation)) is not None:
+    if rounded and (unseen := unseen_ends(fronts, seen.places, seen.eyes, rotation)) is not None:
         low[:2], high[:2] = np.fmin(low[:2], unseen[0]), np.fmax(high[:2], unseen[1])
     high = np.maximum(high, low + THINNEST)
     box = Box3D(rotation @ ((low + high) / 2), high - low, rotation)
     return _standing(box, seen.support, up, clearance)
 
 
-def _axes_of(seen: Seen, up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The axes, as columns (3, 3), of the smallest upright box that most views have an object in; the third is `up`."""
+def _axes_of(seen: Seen, up: NDArray[np.float64], is_round: bool) -> NDArray[np.float64]:
+    """The axes, as columns (3, 3), of the upright box that most views have an object in; the third is `up`.
+
+    It is turned so that the lower half of what was seen is near to its sides, in the mean. Where two sides are seen and
+    not the top, the smallest box tells nothing: one along the line from end to end is as small (X. Zhang, W. Xu, C.
+    Dong, J. M. Dolan, Efficient L-Shape Fitting for Vehicle Detection Using Laser Scanners, IEEE IV 2017). What is
+    round has no sides, and the smallest box. With the smallest of all 0.87 of the things named above have an IoU of
+    0.5, so 0.92, and if what is round is turned by its sides, too; of OSD's single frames 0.97, 0.96 and 0.95.
+    """
     first, second = rotation_to_upright(up)[:2]
+    places = seen.places[:, ::_TURNED_BY].reshape(-1, 3)
+    height = places @ up.astype(np.float32)
+    places = places[height <= np.median(height)]
     yaw = 0.0
     for step, count in _TURNS:
         yaws = yaw + np.radians(step) * (np.arange(count) - count // 2)
         cosines, sines = np.cos(yaws), np.sin(yaws)
         along = np.outer(first, cosines) + np.outer(second, sines)
-        across = np.outer(second, cosines) - np.outer(first, sines)
-        low, high = faces(*ends_of(seen, np.hstack((along, across))))
-        size = np.maximum(high - low, THINNEST)
-        best = int(np.argmin(size[:count] * size[count:]))
-        yaw, axes = float(yaws[best]), np.column_stack((along[:, best], across[:, best], up))
-    return axes
+        axes = np.hstack((along, np.outer(second, cosines) - np.outer(first, sines)))
+        low, high = faces(*ends_of(seen, axes))
+        if is_round:
+            size = np.maximum(high - low, THINNEST)
+            off = size[:count] * size[count:]
+        else:
+            off = _off_sides(places @ axes.astype(np.float32), low.astype(np.float32), high.astype(np.float32))
+        best = int(np.argmin(off))
+        yaw, chosen = float(yaws[best]), axes[:, [best, count + best]]
+    return np.column_stack((chosen, up))
+
+
+def _off_sides(place: NDArray[np.float32], low: NDArray[np.float32], high: NDArray[np.float32]) -> NDArray[np.float64]:
+    """How far points are off the nearest of four sides, in the mean, (m,) metres, for m pairs of axes: (n, 2 m) where
+    they are, first along the one, then along the other axis of each pair, and (2 m,) where the sides are."""
+    off = np.minimum(np.abs(place - low), np.abs(high - place))
+    first, second = np.hsplit(off, 2)
+    return np.asarray(np.minimum(first, second).mean(axis=0, dtype=np.float64))
 
 
 def faces(
