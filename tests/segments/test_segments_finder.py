@@ -9,7 +9,7 @@ from fusion_room import CAMERA, ROOM, TABLE, THREE, Cuboid, View, look_at, stand
 from numpy.typing import NDArray
 
 from spot3d.boxes import iou_matrix_2d
-from spot3d.camera import Intrinsics, invert
+from spot3d.camera import Intrinsics, back_project, invert
 from spot3d.frame_segments import TOO_COLD, TOO_LONG, TOO_LOW, TOO_MANY, FrameSegments
 from spot3d.geometry.downsampling import LatticeFrame
 from spot3d.geometry.planes import transform_plane
@@ -116,6 +116,13 @@ def test_what_stands_on_the_floor_beside_the_table_is_found_as_what_is_on_the_ta
     np.testing.assert_allclose(floor, [0, 0, 1, 0.75], atol=0.02)
     without = find(frame, SETTINGS.model_copy(update={"skipped": ("levels",)}))
     assert iou_matrix_2d(true_boxes(frame, bag, carton), without.boxes(FINE_CAMERA)).max(initial=0) < 0.1
+
+
+@pytest.mark.parametrize(("pose", "stands_on"), [(look_at((0.0, -0.2, 1.0)), 0), (POSE, -1)])
+def test_what_is_looked_down_on_stands_on_what_it_hides(pose: NDArray[np.float64], stands_on: int) -> None:
+    """As a ball does, of which the upper half is seen; beneath a board in the air the table is seen from the side."""
+    board = Cuboid((0.0, 0.0, 0.13), (0.2, 0.2, 0.04), colour=(200, 40, 40), heat=1.0)
+    assert find(seen(board, pose=pose)).stands_on.tolist() == [stands_on]
 
 
 def test_the_same_frame_gives_the_same_segments() -> None:
@@ -339,7 +346,8 @@ def test_of_more_objects_than_a_message_takes_the_largest_are_kept() -> None:
     depth = np.ones(camera.shape, np.float32)
     colour, heat = np.zeros((*camera.shape, 3), np.uint8), np.full(camera.shape, 100, np.uint8)
     height = np.full(depth.size, 0.01, np.float32)
-    segments = _segments(parts, LatticeFrame(colour, depth, heat, camera), on_table(height), Counter(), SETTINGS)
+    frame, points = LatticeFrame(colour, depth, heat, camera), back_project(depth, camera)
+    segments = _segments(parts, frame, points, on_table(height), Counter(), SETTINGS)
     assert (len(segments), segments.left_out) == (255, {TOO_MANY: 45})
     assert np.unique(segments.labels).tolist() == list(range(256))
     assert not segments.labels.ravel()[parts[7]].any()

@@ -18,7 +18,7 @@ from spot3d.segments.contained import join_contained
 from spot3d.segments.creases import split_at_creases
 from spot3d.segments.foreground import long_pieces, standing_out
 from spot3d.segments.fragments import join_fragments
-from spot3d.segments.hanging import STANDS, join_hanging
+from spot3d.segments.hanging import STANDS, is_below_camera, join_hanging
 from spot3d.segments.holes import fill_holes
 from spot3d.segments.levels import Levels, with_lower
 from spot3d.segments.occlusion import join_occluded
@@ -95,7 +95,9 @@ def find_on_lattice(
     support = choose_support(planes, among.heat, upwards)
     if support is None:
         nothing = np.zeros(frame.depth.shape, np.float32)
-        return _segments([], frame, Levels(planes[:0], nothing.astype(np.int8), nothing, nothing), Counter(), settings)
+        return _segments(
+            [], frame, points, Levels(planes[:0], nothing.astype(np.int8), nothing, nothing), Counter(), settings
+        )
     wanted = {step: step not in settings.skipped for step in get_args(Step)}
     height, up = heights(points, support, bent=wanted["bend"]), support[:3]
     tolerance = lift(frame.depth, support, settings, noise)
@@ -140,7 +142,7 @@ def find_on_lattice(
         if wanted["contained"]:
             level = join_contained(level, points, normals, up)
         parts += level
-    return _segments(parts, frame, levels, left_out, settings)
+    return _segments(parts, frame, points, levels, left_out, settings)
 
 
 def _risen(labels: NDArray[np.int32], height: NDArray[np.float32]) -> NDArray[np.int32]:
@@ -219,6 +221,7 @@ def _by_level(parts: list[NDArray[np.int64]], levels: Levels) -> list[list[NDArr
 def _segments(
     parts: list[NDArray[np.int64]],
     frame: LatticeFrame,
+    points: NDArray[np.float32],
     levels: Levels,
     left_out: Counter[str],
     settings: SegmentsSettings,
@@ -231,11 +234,13 @@ def _segments(
     parts = sorted(parts, key=len, reverse=True)[:MAX_SEGMENTS]
     labels = np.zeros(frame.depth.shape, np.int32)
     clear = (levels.height - levels.tolerance).ravel()  # above what they stand on for certain
+    flat = points.reshape(-1, 3)
     heat, stands_on = np.zeros(len(parts), np.float32), np.full(len(parts), -1, np.int8)
     for number, pixels in enumerate(parts):
         labels.ravel()[pixels] = number + 1
         heat[number] = frame.heat.ravel()[pixels].mean() / 255
-        if abs(np.quantile(clear[pixels], 0.02)) < STANDS:
+        bottom = float(np.quantile(clear[pixels], 0.02))
+        if abs(bottom) < STANDS or (bottom > 0 and is_below_camera(flat[pixels], levels.planes[0, :3])):
             stands_on[number] = levels.of(pixels, _TRIM)
     if "holes" not in settings.skipped:
         labels = fill_holes(labels, frame.depth, frame.colour, frame.camera.fx)

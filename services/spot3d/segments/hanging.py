@@ -78,7 +78,7 @@ def join_hanging(
     known = [_part(pixels, points.reshape(-1, 3), height, up) for pixels in parts]
     held: dict[int, list[NDArray[np.int64]]] = {k: [part.pixels] for k, part in enumerate(known)}
     for k, part in enumerate(known):
-        if part.bottom < STANDS or _is_below_camera(part, points.reshape(-1, 3), up):
+        if part.bottom < STANDS or is_below_camera(points.reshape(-1, 3)[part.pixels], up):
             continue
         hidden, air = _beneath(part, points[..., 2], height, up)
         across = _across(part, points.reshape(-1, 3), up) if air > _AIR else None
@@ -86,6 +86,12 @@ def join_hanging(
         if holder is not None and not _is_carried(part, carriers, points.reshape(-1, 3), height, up):
             held[holder] += held.pop(k)  # nothing hangs on what hangs itself
     return [np.concatenate(pixels) for pixels in held.values()]
+
+
+def is_below_camera(places: NDArray[np.float32], up: NDArray[np.float64]) -> bool:
+    """Whether a camera looks down steeply on a part: (n, 3) metres, camera frame. It hides what it stands on."""
+    middle = places.mean(axis=0, dtype=np.float64)
+    return bool(-(middle @ up) > _STEEP * np.linalg.norm(middle))
 
 
 def _part(
@@ -101,12 +107,6 @@ def _in_plan(flat: NDArray[np.float32], pixels: NDArray[np.int64], up: NDArray[n
     upwards, places = up.astype(np.float32), taken(flat, pixels)
     plan: NDArray[np.float32] = places - (places @ upwards)[:, None] * upwards
     return plan
-
-
-def _is_below_camera(part: _Part, flat: NDArray[np.float32], up: NDArray[np.float64]) -> bool:
-    """Whether a camera looks down on a part steeply."""
-    middle = flat[part.pixels].mean(axis=0, dtype=np.float64)
-    return bool(-(middle @ up) > _STEEP * np.linalg.norm(middle))
 
 
 def _is_carried(

@@ -1,5 +1,7 @@
 """Boxes from what several views saw of one thing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fusion_room import rotation_z
@@ -92,6 +94,16 @@ def test_a_hidden_bottom_is_on_the_support_if_that_is_near(hidden: float, expect
     rng = np.random.default_rng(0)
     places = [segment(rng, low=hidden) for _ in range(5)]
     assert bottom(box_of(seen(places), UP, 0.005)) == pytest.approx(expected, abs=2e-3)
+
+
+def test_a_bottom_that_is_hidden_from_above_is_on_the_support() -> None:
+    """Of a ball the upper half is seen from above."""
+    rng = np.random.default_rng(0)
+    aside = seen([segment(rng, low=0.08) for _ in range(5)])
+    for above, expected in ((3, 0.005), (2, 0.08)):
+        eyes = np.array([(0.1, 0.2, 1.0)] * above + [(1.0, 0.0, 0.5)] * (5 - above))
+        box = box_of(replace(aside, eyes=eyes), UP, 0.005)
+        assert bottom(box) == pytest.approx(expected, abs=2e-3), above
 
 
 def test_what_stands_on_nothing_known_ends_where_it_ends() -> None:

@@ -44,6 +44,8 @@ desks and clutter, F 0.3 higher on redkitchen and 0.3 lower elsewhere; without a
 lower on redkitchen."""
 STANDS = 0.05
 """A box ends on the support beneath it that is no further away than this, metres: bottoms are hidden or blurred."""
+_STEEP = np.sin(np.radians(60))
+"""Looked down on more steeply, a thing hides what is beneath it (see `segments/hanging.py`): a ball its lower half."""
 THINNEST = 1e-3
 """No thing is thinner, metres: where noise is more than a thing is thick its faces cross."""
 
@@ -91,7 +93,7 @@ def box_of(seen: Seen, up: NDArray[np.float64], clearance: float, rounded: bool 
         low[:2], high[:2] = np.fmin(low[:2], unseen[0]), np.fmax(high[:2], unseen[1])
     high = np.maximum(high, low + THINNEST)
     box = Box3D(rotation @ ((low + high) / 2), high - low, rotation)
-    return _standing(box, seen.support, up, clearance)
+    return _standing(box, seen, up, clearance)
 
 
 def _axes_of(seen: Seen, up: NDArray[np.float64], is_round: bool) -> NDArray[np.float64]:
@@ -160,11 +162,13 @@ def ground_below(box: Box3D, support: NDArray[np.float64], up: NDArray[np.float6
     return float(np.median(below)) + float(up @ box.centre)
 
 
-def _standing(box: Box3D, support: NDArray[np.float64], up: NDArray[np.float64], clearance: float) -> Box3D:
-    """The box with its bottom on what most of its segments stand on, if that is near."""
-    ground = ground_below(box, support, up)
+def _standing(box: Box3D, seen: Seen, up: NDArray[np.float64], clearance: float) -> Box3D:
+    """The box with its bottom on what most of its segments stand on, if that is near, or hidden beneath it."""
+    ground = ground_below(box, seen.support, up)
     bottom = float(up @ box.centre) - float(box.size[2]) / 2
-    if not abs(bottom - ground) < STANDS:
+    towards = seen.eyes - box.centre
+    hidden = np.mean(towards @ up > _STEEP * np.linalg.norm(towards, axis=1)) > 0.5
+    if not -STANDS < bottom - ground < (np.inf if hidden else STANDS):
         return box
     top = bottom + float(box.size[2])
     return with_bottom(box, ground + min(clearance, _CLEAR_SHARE * (top - ground)))
