@@ -102,8 +102,8 @@ def _axes_of(seen: Seen, up: NDArray[np.float64], is_round: bool) -> NDArray[np.
     It is turned so that the lower half of what was seen is near to its sides, in the mean. Where two sides are seen and
     not the top, the smallest box tells nothing: one along the line from end to end is as small (X. Zhang, W. Xu, C.
     Dong, J. M. Dolan, Efficient L-Shape Fitting for Vehicle Detection Using Laser Scanners, IEEE IV 2017). What is
-    round has no sides, and the smallest box. With the smallest of all 0.87 of the things named above have an IoU of
-    0.5, so 0.92, and if what is round is turned by its sides, too; of OSD's single frames 0.97, 0.96 and 0.95.
+    round has no sides: it has the smallest box. Of the things of `_TURNS` 0.87 have an IoU of 0.5 with the smallest
+    box of all, 0.92 so, and as many if what is round is turned as others are; in OSD's single frames 0.97, 0.96, 0.95.
     """
     first, second = rotation_to_upright(up)[:2]
     places = seen.places[:, ::_TURNED_BY].reshape(-1, 3)
