@@ -20,6 +20,7 @@ from spot3d.segments.settings import SegmentsSettings
 POSE = look_at((0, -0.95, 0.7))
 FINE_CAMERA = Intrinsics(600.0, 600.0, 319.5, 239.5, 640, 480)
 SETTINGS = SegmentsSettings()
+BOARD = Cuboid((0.0, 0.0, 0.13), (0.2, 0.2, 0.04), colour=(200, 40, 40), heat=1.0)
 
 
 def seen(*things: Cuboid, room: tuple[Cuboid, ...] = ROOM, pose: NDArray[np.float64] = POSE) -> View:
@@ -121,8 +122,14 @@ def test_what_stands_on_the_floor_beside_the_table_is_found_as_what_is_on_the_ta
 @pytest.mark.parametrize(("pose", "stands_on"), [(look_at((0.0, -0.2, 1.0)), 0), (POSE, -1)])
 def test_what_is_looked_down_on_stands_on_what_it_hides(pose: NDArray[np.float64], stands_on: int) -> None:
     """As a ball does, of which the upper half is seen; beneath a board in the air the table is seen from the side."""
-    board = Cuboid((0.0, 0.0, 0.13), (0.2, 0.2, 0.04), colour=(200, 40, 40), heat=1.0)
-    assert find(seen(board, pose=pose)).stands_on.tolist() == [stands_on]
+    assert find(seen(BOARD, pose=pose)).stands_on.tolist() == [stands_on]
+
+
+def test_what_is_looked_down_on_does_not_stand_beneath_what_carries_it() -> None:
+    """The table is nowhere seen beside it, but what it stands on."""
+    carton = standing(0.0, 0.0, (0.3, 0.3, 0.11), colour=(40, 160, 60))
+    segments = find(seen(BOARD, carton, pose=look_at((0.0, -0.2, 1.0))))
+    assert segments.stands_on.tolist() == [0, -1]
 
 
 def test_the_same_frame_gives_the_same_segments() -> None:

@@ -4,6 +4,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import get_args
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,6 +36,8 @@ _HOT = 0.5
 _FACES = 2**0.5
 """A cube shows this many of its faces' area to a camera that looks down on it at 45 degrees. With 1, glare and
 fragments cost 0.03 of HOTS' success rate, and 0.01 of clutter's; nothing more is found."""
+_AROUND = 7
+"""What is up to three pixels aside is around a part: edges of depth wander by two, or have none."""
 _WALL_PIXELS = 20
 """A wall of a vessel of fewer pixels is not looked at. With 10, 20 and 40 as many vessels are whole in a view."""
 _SAMPLE = 500
@@ -240,9 +243,19 @@ def _segments(
         labels.ravel()[pixels] = number + 1
         heat[number] = frame.heat.ravel()[pixels].mean() / 255
         bottom = float(np.quantile(clear[pixels], 0.02))
-        if abs(bottom) < STANDS or (bottom > 0 and is_below_camera(flat[pixels], levels.planes[0, :3])):
+        hides = bottom > 0 and is_below_camera(flat[pixels], levels.planes[0, :3])
+        if abs(bottom) < STANDS or (hides and _height_around(pixels, clear, frame.depth) < STANDS):
             stands_on[number] = levels.of(pixels, _TRIM)
     if "holes" not in settings.skipped:
         labels = fill_holes(labels, frame.depth, frame.colour, frame.camera.fx)
     counts = {reason: count for reason, count in left_out.items() if count}
     return FrameSegments(labels.astype(np.uint8), heat, levels.planes, stands_on, frame.camera, counts)
+
+
+def _height_around(pixels: NDArray[np.int64], height: NDArray[np.float32], depth: NDArray[np.float32]) -> float:
+    """How high most of what is seen around a part is, metres; infinite where nothing is. pixels: (n,) flat; height: (h
+    * w,); depth: (h, w) metres, 0 = none."""
+    part = np.zeros(depth.shape, np.uint8)
+    part.ravel()[pixels] = 1
+    around = (cv2.dilate(part, np.ones((_AROUND, _AROUND), np.uint8)) > part) & (depth > 0)
+    return float(np.median(height[around.ravel()])) if around.any() else np.inf
