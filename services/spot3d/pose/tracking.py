@@ -18,7 +18,15 @@ from spot3d.pose.motion import checked_pose, extrapolated
 from spot3d.pose.registration import OVERLAP_MIN, RESIDUAL_MAX, Registrar, Registration
 from spot3d.pose.relocalisation import relocalised
 from spot3d.pose.settings import PoseSettings
-from spot3d.pose.surface import POINTS_MIN, Surface, information, sample_surface, weakest_direction, why_few
+from spot3d.pose.surface import (
+    POINTS_MIN,
+    Surface,
+    information,
+    information_of_structure,
+    sample_surface,
+    weakest_direction,
+    why_few,
+)
 from spot3d.trajectory import rotation_angle, rotation_from_vector
 
 # Turns of the camera, in degrees about its x and y axes, that a frame is searched for by, from the last good pose.
@@ -128,6 +136,7 @@ class MapTracker:
         self._last: _Fix | None = None
         self._before: _Fix | None = None
         self._lost_frames = 0
+        self._came_ns: int | None = None
         self._detector = FeatureDetector(settings.features, settings.range_max)
         self._drift = DriftCorrection(settings)
         self._compared_ns: int | None = None
@@ -184,7 +193,7 @@ class MapTracker:
     ) -> PoseEstimate:
         """See `track`; depth_m: as it is without what is known to bend it."""
         surface = sample_surface(depth_m, intrinsics, self._settings)
-        last = self._last
+        last, came_ns, self._came_ns = self._last, self._came_ns, stamp_ns
         if len(surface) < POINTS_MIN:
             return self._lose(why_few(depth_m, len(surface), self._settings))
         held = information(surface)
@@ -199,6 +208,8 @@ class MapTracker:
             return self._lose(f"stamp {stamp_ns} does not follow {last.stamp_ns}")
         if weak:
             return self._follow_landmarks(last, stamp_ns, view)
+        if came_ns is not None and (stamp_ns - came_ns) * 1e-9 < _COASTING and self._may_slide(view):
+            return self._lose("it may be noise that holds the view's pose in some direction")
         if self._lost_frames:
             return self._find_again(last, stamp_ns, view)
         return self._follow(last, stamp_ns, view)
@@ -206,6 +217,16 @@ class MapTracker:
     def _is_weak(self, held: NDArray[np.float64], surface: Surface) -> bool:
         """Whether information (6, 6) leaves the pose free in some direction, beside the noise of a surface's points."""
         return weakest_direction(held) > self._settings.weakness_max * float(np.median(surface.sigma))
+
+    def _may_slide(self, view: _View) -> bool:
+        """Whether but noise may hold the pose in some direction, as over a bare floor, where features do not either.
+
+        Of a camera of few frames a second it is not asked: each view is another, few are found again once one is lost.
+        """
+        held = information_of_structure(view.surface)
+        if not self._is_weak(held, view.surface):
+            return False
+        return self._is_weak(held + _SEEN_AGAIN * view.features.information(view.camera), view.surface)
 
     def _follow(self, last: _Fix, stamp_ns: int, view: _View) -> PoseEstimate:
         if (stamp_ns - last.stamp_ns) * 1e-9 > _COASTING:
