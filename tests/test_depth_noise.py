@@ -39,11 +39,16 @@ def test_noise_by_name_and_by_numbers(text: str, z: float, expected: float) -> N
 
 
 @pytest.mark.parametrize(
-    "text", ["", "d999", "stereo:0.05", "stereo:0,400", "1,2", "0,0.001,0.4", "nan,1,1", "x:1,2,3"]
+    "text",
+    [
+        *("", "d999", "stereo:0.05", "stereo:0,400", "1,2", "0,0.001,0.4", "nan,1,1", "x:1,2,3"),
+        *("1.2,1.9,400", "0.001,0.1,8", "1e-23,0,0", "stereo:0.05,0.424"),  # millimetres, and what no camera has
+    ],
 )
 def test_what_is_no_noise_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match=r"noise|baseline"):
+    with pytest.raises(ValueError, match=r"noise|baseline") as refused:
         parse_noise(text)
+    assert "\n" not in str(refused.value)
     if text:
         with pytest.raises(InvalidSettingsError, match="depth_noise"):
             load_settings(overrides={"source": {"depth_noise": text}})

@@ -36,6 +36,12 @@ BEND_SHAPE = 4, 6
 MAX_BEND = 0.1
 """Most that depth may be bent by, logarithm: a camera that is off by a tenth shows nothing."""
 
+MIN_DEPTH_NOISE, MAX_DEPTH_NOISE = 1e-6, 0.1
+"""Standard deviation of depth, metres: the least and the most that a camera's can be, the most at 1 m."""
+
+MAX_LEAST_NOISY_RANGE = 10.0
+"""Farthest that the range of least noise can be, metres."""
+
 MAX_PREVIEW_PIXELS = 320 * 320
 """Largest preview: dashboards over thin links get no more of a frame than this."""
 MAX_COUNT = 2**63 - 1

@@ -56,13 +56,16 @@ from spot3d_schemas.header import Header, Record
 from spot3d_schemas.limits import (
     MAX_BEND,
     MAX_CORRECTIONS,
+    MAX_DEPTH_NOISE,
     MAX_FIELD_BYTES,
     MAX_IMAGE_PIXELS,
     MAX_IMAGE_SIDE,
+    MAX_LEAST_NOISY_RANGE,
     MAX_OBJECTS,
     MAX_OBJECTS_BYTES,
     MAX_OBJECTS_VALUES,
     MAX_VALUES,
+    MIN_DEPTH_NOISE,
 )
 
 
@@ -91,13 +94,21 @@ class CameraIntrinsics(Record):
 class DepthNoise(Record):
     """How noisy depth is: sigma(z) = floor + growth * (z - at)^2 (`model` quadratic), all metres.
 
-    A stereo camera: at 0, growth = subpixel / (focal length * baseline); time of flight: little growth.
+    A stereo camera: at 0, growth = subpixel / (focal length * baseline); time of flight: little growth. What no camera
+    has, as millimetres in the place of metres, is refused.
     """
 
     model: Literal["quadratic"] = "quadratic"
-    floor: Positive
-    growth: NonNegative
-    at: Finite
+    floor: Annotated[float, Field(ge=MIN_DEPTH_NOISE, le=MAX_DEPTH_NOISE)]
+    growth: Annotated[float, Field(ge=0, le=MAX_DEPTH_NOISE)]
+    at: Annotated[float, Field(ge=0, le=MAX_LEAST_NOISY_RANGE)]
+
+    @model_validator(mode="after")
+    def _is_a_cameras(self) -> Self:
+        sigma = self.floor + self.growth * (1 - self.at) ** 2
+        if sigma > MAX_DEPTH_NOISE:
+            raise ValueError(f"{sigma:g} m at 1 m is more than a depth camera's noise: is it in metres?")
+        return self
 
 
 class Message(Record):

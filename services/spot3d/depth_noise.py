@@ -7,6 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from spot3d_schemas import DepthNoise as NoiseMessage
+from spot3d_schemas.limits import MAX_DEPTH_NOISE, MAX_LEAST_NOISY_RANGE, MIN_DEPTH_NOISE
+
 Metres = TypeVar("Metres", float, NDArray[np.float32], NDArray[np.float64])
 
 
@@ -30,10 +33,16 @@ class DepthNoise(NamedTuple):
 
 
 def checked_noise(floor: float, growth: float, at: float) -> DepthNoise:
-    """The noise of these coefficients. Raises ValueError where they are none."""
+    """The noise of these coefficients. Raises ValueError where no message may state them: no camera has them."""
     noise = DepthNoise(floor, growth, at)
-    if not (all(map(math.isfinite, noise)) and floor > 0 and growth >= 0):
-        raise ValueError(f"depth noise needs a floor above 0, growth of 0 or more and a range, metres; got {noise}")
+    try:
+        NoiseMessage(**noise._asdict())
+    except ValueError:
+        raise ValueError(
+            f"depth noise has a floor of {MIN_DEPTH_NOISE:g} to {MAX_DEPTH_NOISE:g} m, growth of 0 to "
+            f"{MAX_DEPTH_NOISE:g} and is least at 0 to {MAX_LEAST_NOISY_RANGE:g} m, and at 1 m it is no more than "
+            f"{MAX_DEPTH_NOISE:g} m; got {floor:g}, {growth:g}, {at:g}: are they in metres?"
+        ) from None
     return noise
 
 

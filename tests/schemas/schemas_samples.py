@@ -180,6 +180,7 @@ _names = st.text(
 )
 _finite = st.floats(allow_nan=False, allow_infinity=False)
 _non_negative = st.floats(0, allow_nan=False, allow_infinity=False)
+_small = st.floats(1e-6, 0.05)
 _positive = st.floats(0, exclude_min=True, allow_nan=False, allow_infinity=False)
 _texts = st.text(max_size=50)
 _reasons = st.dictionaries(st.text(max_size=16), _counts, max_size=4)
@@ -235,7 +236,7 @@ def _rgbd(draw: st.DrawFn) -> dict[str, Any]:
         "depth_scale": draw(_positive) if dtype == np.uint16 else 1.0,
         "colour": draw(hnp.arrays(np.uint8, (height, width, 3))),
         "depth": draw(hnp.arrays(dtype, (height, width))),
-        "depth_noise": draw(st.none() | st.builds(DepthNoise, floor=_positive, growth=_positive, at=_finite)),
+        "depth_noise": draw(st.none() | st.builds(DepthNoise, floor=_small, growth=_small, at=st.floats(0, 1))),
     }
 
 

@@ -225,7 +225,10 @@ def test_a_frame_of_an_older_sender_states_no_noise(name: str) -> None:
     del wire["depth_noise"]
     assert decode(msgpack.packb(wire), type(SAMPLES[name])).depth_noise is None
     wire["depth_noise"] = {"model": "quadratic", "floor": 0.0, "growth": 0.001, "at": 0.4}
-    with pytest.raises(CodecError, match=r"depth_noise\.floor: input should be greater than 0"):
+    with pytest.raises(CodecError, match=r"depth_noise\.floor: input should be greater than or equal to 0\.000001"):
+        decode(msgpack.packb(wire), type(SAMPLES[name]))
+    wire["depth_noise"] |= {"floor": 0.001, "growth": 0.1, "at": 8.0}
+    with pytest.raises(CodecError, match=r"depth_noise: 4\.901 m at 1 m is more .* is it in metres\?"):
         decode(msgpack.packb(wire), type(SAMPLES[name]))
 
 
