@@ -6,8 +6,11 @@ from spot3d_schemas import Header
 
 RESTART_NS = 1_000_000_000
 """A stamp this far back is no straggler: another recording begins."""
-_LEAP_NS = 10_000_000_000
-"""A stamp this far ahead, beyond twice the time that has passed, is in doubt."""
+_LEAP_NS = 1_000_000_000
+"""A stamp this far ahead, beyond twice the time that has passed and the step before, is in doubt. It is as much as
+`RESTART_NS`: were it believed, what follows it would begin another recording."""
+_CONFIRMED_NS = 10_000_000_000
+"""The next stamp follows a doubtful one, no further ahead than this: then both are right."""
 
 DUPLICATE, OUT_OF_ORDER, STRAY = "duplicate stamp", "out of order", "stray stamp"
 
@@ -27,15 +30,19 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
+    """step_ns: how much later its stamp is than the one before."""
+
     header: Header
     at_s: float
+    step_ns: int
 
 
 class StreamOrder:
     """Watches one input's streams, stamps and sequence numbers.
 
     confirm: for a live input. A stamp that leaps is refused alone, unless the next message follows it: a camera's clock
-    that slips once costs one frame. Recordings have no such clock, and may have gaps.
+    that slips once costs one frame, as does a recording's first step where it is sparse and played fast. Other
+    recordings have no such clock, and may have gaps.
     """
 
     def __init__(self, confirm: bool = False) -> None:
@@ -50,24 +57,25 @@ class StreamOrder:
         """
         last, suspect = self._last, self._suspect
         if last is None or header.stream != last.header.stream:
-            return self._accept(header, now_s)
+            return self._accept(header, now_s, 0)
         ahead_ns = header.stamp_ns - last.header.stamp_ns
         if -RESTART_NS < ahead_ns <= 0:
             return Verdict(OUT_OF_ORDER if ahead_ns else DUPLICATE)
         back = ahead_ns < 0
-        leaps = self._confirm and ahead_ns - 2e9 * (now_s - last.at_s) > _LEAP_NS
+        leaps = self._confirm and ahead_ns - last.step_ns - 2e9 * (now_s - last.at_s) > _LEAP_NS
         if not (back or leaps):
-            return self._accept(header, now_s)
+            return self._accept(header, now_s, ahead_ns)
         if not self._confirm:
             # A stream that has a name ends before its stamps go back.
-            return Verdict(OUT_OF_ORDER) if header.stream is not None else self._accept(header, now_s, restarted=True)
-        if suspect is not None and 0 < header.stamp_ns - suspect.stamp_ns < _LEAP_NS:
-            return self._accept(header, now_s, restarted=back)
+            return Verdict(OUT_OF_ORDER) if header.stream is not None else self._accept(header, now_s, 0, True)
+        step_ns = 0 if suspect is None else header.stamp_ns - suspect.stamp_ns
+        if 0 < step_ns < _CONFIRMED_NS:
+            return self._accept(header, now_s, step_ns, restarted=back)
         self._suspect = header
         return Verdict(STRAY)
 
-    def _accept(self, header: Header, now_s: float, restarted: bool = False) -> Verdict:
-        last, self._last, self._suspect = self._last, _Seen(header, now_s), None
+    def _accept(self, header: Header, now_s: float, step_ns: int, restarted: bool = False) -> Verdict:
+        last, self._last, self._suspect = self._last, _Seen(header, now_s, step_ns), None
         if last is None or header.sender != last.header.sender:
             return Verdict(restarted=restarted)
         return Verdict(missing=max(0, header.seq - last.header.seq - 1), restarted=restarted)
