@@ -18,7 +18,7 @@ from spot3d.run.overview_frames import OverviewFrames
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import MapSnapshot, RunResult, empty_snapshot, read_ply, write_results
 from spot3d.trajectory import read_tum
-from spot3d_schemas import Header, MapPoints, Message, Objects, Pose, Progress, encode, encoding, key
+from spot3d_schemas import Header, Health, MapPoints, Message, Objects, Pose, Progress, encode, encoding, key
 
 ROBOT, S = "rewound", 10**9
 LIMIT_S = 20.0
@@ -47,6 +47,13 @@ class Said:
         counts = {"frame_count": frames, "map_points": 1, "map_limit_reached": False, "complete": False}
         up, header = np.array([0.0, 0.0, 1.0]), self._header(stream, stamp_ns)
         self._put("fusion/objects", Objects(header=header, objects=(), up=up, **counts))
+
+    def health(self, topic: str, stage: str, pid: int) -> None:
+        known = {"uptime_s": 0.0, "received": 0, "published": 0, "drops": {}, "events": {}, "errors": 0}
+        unknown = dict.fromkeys(("rate_hz", "latency_ms_p50", "latency_ms_p99", "step_ms_p50", "step_ms_p99"))
+        used = {"last_error": "", "cpu_s": 0.0, "rss_bytes": 0, "threads": 1}
+        header = self._header("first", 1)
+        self._put(topic, Health(header=header, stage=stage, pid=pid, **known, **unknown, **used))
 
     def until(self, what: Callable[[], bool]) -> None:
         end_s = time.monotonic() + LIMIT_S
@@ -81,6 +88,16 @@ def point(x: float) -> MapSnapshot:
 
 def frame_counts(updates: Path) -> list[int]:
     return [json.loads(line)["frame_count"] for line in updates.read_text().splitlines()]
+
+
+def test_a_stage_of_another_name_is_no_stage_of_the_run(said: Said) -> None:
+    """Two processes, one after the other, that say they are a detector: neither is known, nor ends the run."""
+    collector = said.collector
+    for pid in (1, 2):
+        said.health("proposals/health", "detector", pid)
+    said.health("proposals/health", "proposals", 3)
+    said.until(lambda: "proposals" in collector.health)
+    assert list(collector.health) == ["proposals"]
 
 
 def test_what_came_before_and_what_comes_after_are_both_kept(said: Said, tmp_path: Path) -> None:

@@ -38,6 +38,15 @@ def test_lines_come_back_and_the_limit_is_told(tmp_path: Path) -> None:
     assert len(path.read_text().splitlines()) == 1
 
 
+def test_a_full_disk_ends_nothing(tmp_path: Path) -> None:
+    """Nor does one that not even takes back half a line, as a disk that is unplugged."""
+    (tmp_path / "trajectory.txt").symlink_to("/dev/full")
+    with GrowingFiles(tmp_path) as files:
+        for stamp_ns in (5, 6):
+            files.add_pose(stamp_ns, np.eye(4))
+        assert files.told() == ["trajectory.txt cannot be written: No space left on device: it lacks 2 poses"]
+
+
 def test_a_trajectory_is_written_as_it_goes_and_its_limit_is_told(tmp_path: Path) -> None:
     place, pose = tmp_path / "trajectory.txt", np.eye(4)
     with GrowingFiles(tmp_path, limit_bytes=300) as files:

@@ -1,5 +1,6 @@
 """A file that grows line by line, up to a limit."""
 
+from contextlib import suppress
 from pathlib import Path
 
 
@@ -43,8 +44,8 @@ class BoundedFile:
                 self._bytes += len(line)
                 return
             except OSError as error:
-                # No half line is left behind.
-                self._stream.truncate(self._bytes)
+                with suppress(OSError):  # no half line is left behind, where the disk still is
+                    self._stream.truncate(self._bytes)
                 self._reason = f"cannot be written: {error.strerror}"
         self._missing += 1
 

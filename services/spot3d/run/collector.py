@@ -235,7 +235,7 @@ class Collector:
             self.latency.add(message.header.trace)
         elif isinstance(message, Proposals):
             self.latency.add(message.header.trace)
-        elif isinstance(message, Health):
+        elif isinstance(message, Health) and message.stage in STAGES:
             last = self.health.get(message.stage)
             if last is not None and last.pid != message.pid:
                 self._earlier_drops[message.stage] += Counter(last.drops)
