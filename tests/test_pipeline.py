@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+import pytest
 from fusion_room import CAMERA, COARSE, ROOM, THREE, look_at, view
 from numpy.typing import NDArray
 
@@ -45,6 +46,21 @@ def test_frames_whose_stamps_are_not_later_are_skipped() -> None:
     assert result.fusion.frame_count == len(result.trajectory) == 4
 
 
+def test_a_frame_that_cannot_be_read_is_skipped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the error is: a disk that hiccups costs a frame."""
+    frames = recording((0, 33, 66), (0.0,) * 3)
+
+    def hiccup(_self: FrameList, index: int) -> RgbdFrame:
+        if index == 1:
+            raise OSError("the disk hiccups")
+        return frames.frames[index]
+
+    monkeypatch.setattr(FrameList, "__getitem__", hiccup)
+    result = run_pipeline(frames, SETTINGS)
+    assert (result.skipped, result.unreadable) == ({"cannot be read": 1}, "the disk hiccups")
+    assert result.fusion.frame_count == 2
+
+
 def test_frames_of_a_time_that_no_message_holds_are_skipped() -> None:
     result, steps = run((-20, 0, 33, 10**16))
     assert result.skipped == {"cannot be sent": 2}
@@ -58,6 +74,7 @@ def test_a_frame_with_a_pose_that_no_camera_can_have_is_not_fused() -> None:
     assert result.skipped == {"implausible pose": 1, "pose too far from the origin": 1}
     refused = ["", "", "implausible pose", "pose too far from the origin", "", ""]
     assert [step.refused for step in steps] == refused
+    assert result.keyframes == sum(step.segments is not None for step in steps if not step.refused)
     assert result.fusion.frame_count == 4
     assert len(result.trajectory) == 6, "what was said of them is told"
     assert np.abs(result.fusion.heatmap.points()[:, 0]).max() < 4.0

@@ -18,7 +18,7 @@ from spot3d.pose.providers import make_tracker
 from spot3d.proposals.propose import propose
 from spot3d.segments.keyframe_segments import KeyframeSegments
 from spot3d.settings import Settings
-from spot3d.source.errors import IN_THE_INPUT, UNREADABLE, UNSENDABLE, SourceError
+from spot3d.source.errors import IN_THE_INPUT, UNREADABLE, UNSENDABLE
 from spot3d.source.sequence import FrameSequence
 from spot3d_schemas.limits import MAX_COUNT
 
@@ -48,15 +48,15 @@ class PipelineStep:
 class PipelineResult:
     """Everything a run leaves behind.
 
-    trajectory: stamp in ns and pose of each frame. skipped: frames that were not fused, by reason; unreadable: why the
-    last of those could not be read.
-    step_s: seconds that each stage's core took for each of its frames; segments: for each
-    keyframe, and what is remembered until the next one. heat_counts: proposals accepted,
-    masked and rejected in all frames. fusion: the final map.
+    keyframes: those whose segments fusion has taken in. trajectory: stamp in ns and pose of each frame. skipped: frames
+    that were not fused, by reason; unreadable: why the last of those could not be read. step_s: seconds that each
+    stage's core took for each of its frames; segments: for each keyframe, and what is remembered until the next one.
+    heat_counts: proposals accepted, masked and rejected in all frames. fusion: the final map.
     """
 
     fusion: Fusion
     objects: FoundObjects
+    keyframes: int = 0
     trajectory: list[tuple[int, PoseEstimate]] = field(default_factory=list)
     skipped: Counter[str] = field(default_factory=Counter)
     unreadable: str = ""
@@ -86,7 +86,7 @@ def run_pipeline(
         try:
             with _timed(result.step_s, "source"):
                 frame = sequence[index]
-        except SourceError as error:
+        except Exception as error:  # a file that cannot be opened any more costs a frame, as in a distributed run
             result.skipped[UNREADABLE] += 1
             result.unreadable = str(error)
             continue
@@ -133,6 +133,7 @@ def run_pipeline(
                 )
                 if segments is not None:
                     fusion.observe(segments, frame.stamp_ns)
+                    result.keyframes += 1
             world.follow(None, pose.T_world_camera, frame.stamp_ns)
             if cadence.due(frame.stamp_ns):
                 with _timed(result.step_s, "objects"):

@@ -26,10 +26,10 @@ def recording(folder: Path, right: int) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(("right", "times"), [(0, 0), (16, 1)])
-def test_a_run_says_that_colour_lies_off_depth(tmp_path: Path, right: int, times: int) -> None:
+@pytest.mark.parametrize(("right", "times", "more"), [(0, 0, []), (16, 1, []), (16, 1, ["--in-process"])])
+def test_a_run_says_that_colour_lies_off_depth(tmp_path: Path, right: int, times: int, more: list[str]) -> None:
     out = tmp_path / "out"
-    arguments = ["run", str(recording(tmp_path / "in", right)), "--out", str(out), "--pose", "truth"]
+    arguments = ["run", str(recording(tmp_path / "in", right)), "--out", str(out), "--pose", "truth", *more]
     done = subprocess.run(
         [sys.executable, "-m", "spot3d", *arguments],
         capture_output=True,

@@ -1,11 +1,13 @@
 """A run of the composed cores in this process, without Zenoh."""
 
 import time
+from collections import Counter, defaultdict
 from dataclasses import replace
 from threading import Event
 
 import numpy as np
 
+from spot3d.colour_alignment import AlignmentWatch
 from spot3d.dataflow.process_use import process_use, stay_single_threaded
 from spot3d.fusion.fusion import FoundObjects
 from spot3d.pipeline import PipelineResult, PipelineStep, run_pipeline
@@ -16,6 +18,7 @@ from spot3d.run.report import FrameRate, RunReport, StageReport, statistics_ms
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame
 from spot3d.segments.upper_side import event_of, told
 from spot3d.settings import Settings
+from spot3d.source.errors import WITHOUT_POSE
 from spot3d.source.sequence import FrameSequence
 
 
@@ -30,7 +33,13 @@ def run_in_process(
     """Run every frame, or until `stop` is set; fills the report."""
     stay_single_threaded()
     fused, found, side_up = 0, 0, ""
-    rate, lost = FrameRate(), LostTracking()
+    rate, lost, alignment = FrameRate(), LostTracking(), AlignmentWatch()
+    events: defaultdict[str, Counter[str]] = defaultdict(Counter)
+
+    def tell(stage: str, event: str, text: str) -> None:
+        events[stage][event] += 1
+        report.events.append(text)
+        watcher.on_event(text)
 
     def follow(step: PipelineStep) -> None:
         nonlocal fused, found, side_up
@@ -44,8 +53,11 @@ def run_in_process(
             files.add_update(step.frame.stamp_ns, _found(step.objects), complete=False)
         if step.side_up and not side_up:
             side_up = step.side_up
-            report.events.append(told(side_up))
-            watcher.on_event(told(side_up))
+            tell("segments", event_of(side_up), told(side_up))
+        if off := alignment.look(step.frame):
+            tell("proposals", AlignmentWatch.EVENT, off)
+        if sequence.has_true_poses and step.frame.T_world_camera is None:
+            events["source"][WITHOUT_POSE] += 1
         rate.add(fused + lost.frames, time.monotonic())
         watcher.on_progress(fused, lost.frames, found)
 
@@ -54,17 +66,17 @@ def run_in_process(
         files.add_update(result.trajectory[-1][0], _found(result.objects), complete=not stop.is_set())
     use, run = process_use(), _run_result(result)
     report.proposals = dict(result.heat_counts)
-    report.keyframes = len(result.step_s.get("segments", ()))
+    report.keyframes = result.keyframes
     report.ms_per_frame = rate.ms_per_frame()
     report.interrupted = stop.is_set()
     report.fused, report.skipped = result.fusion.frame_count, dict(result.skipped)
     report.lost_poses, report.lost = lost.frames, lost.stretches()
     report.stages = {
-        stage: StageReport(step_ms=dict(statistics_ms([1e3 * seconds for seconds in times])))
+        stage: StageReport(
+            step_ms=dict(statistics_ms([1e3 * seconds for seconds in times])), events=dict(events[stage])
+        )
         for stage, times in result.step_s.items()
     }
-    if side_up:
-        report.stages["segments"].events[event_of(side_up)] = 1
     if result.unreadable:
         report.stages["source"].last_error = result.unreadable
     report.stages["all"] = StageReport(cpu_s=use.cpu_s, rss_mb=use.rss_bytes / 2**20)
