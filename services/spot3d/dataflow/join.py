@@ -8,6 +8,9 @@ from spot3d.dataflow.order import RESTART_NS
 L = TypeVar("L")
 R = TypeVar("R")
 
+NO_HEAT, NO_POSE = "no heat", "no pose"
+"""Why a frame is not worked on that waited for its other half in vain."""
+
 _EVICTED_REMEMBERED = 1000
 """Evicted stamps that are remembered until their partner comes, so that they count once."""
 

@@ -2,15 +2,14 @@
 
 from dataclasses import dataclass, field
 
-from spot3d.dataflow.join import Join, Outcome
+from spot3d.dataflow.join import NO_HEAT, NO_POSE, Join, Outcome
 from spot3d.dataflow.node import Received
 from spot3d.dataflow.settings import LinkSettings
 from spot3d_schemas import Heat, Pose, Segments
 
-NO_HEAT, NO_POSE = "no heat", "no pose"
-"""Why a frame is not fused."""
 NO_SEGMENTS, WITHOUT_FRAME = "no segments", "segments without their frame"
-"""What is missing: the segments of a lossless frame, or live the frame of segments: skipped, or fused too long ago."""
+"""What else may be missing: the segments of a lossless frame, or live the frame of segments, which was skipped, or
+fused too long ago."""
 
 _HEATS_WAITING = 8
 """Live: heats that wait for their poses, which mostly come first; 15 MB at VGA."""

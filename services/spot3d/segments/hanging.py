@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.geometry.upright import taken
+from spot3d.geometry.upright import are_below, taken
 from spot3d.kernel import kernel
 
 # Success and detection of single frames are the same, within 0.006 and 0.000, on HOTS, OSD and 60 cluttered frames with
@@ -41,9 +41,6 @@ it from the support. With 0.25 and 0.75 it is the same. Where nothing joins what
 that are seen from all sides are in pieces."""
 _END = 0.02
 """Share of a part's points that may lie beyond its top and its bottom."""
-_STEEP = np.sin(np.radians(60))
-"""A part that is looked down on more steeply than this shows less than half of the height of its sides, and hides what
-is beneath it. At 53 and at 64 degrees HOTS, OSD and near desks are the same."""
 _SAMPLE = 300
 """About so many of a part's points tell what is beneath it."""
 _NOTHING = np.zeros(0, np.int64)
@@ -90,8 +87,7 @@ def join_hanging(
 
 def is_below_camera(places: NDArray[np.float32], up: NDArray[np.float64]) -> bool:
     """Whether a camera looks down steeply on a part: (n, 3) metres, camera frame. It hides what it stands on."""
-    middle = places.mean(axis=0, dtype=np.float64)
-    return bool(-(middle @ up) > _STEEP * np.linalg.norm(middle))
+    return bool(are_below(-places.mean(axis=0, keepdims=True, dtype=np.float64), up)[0])
 
 
 def _part(

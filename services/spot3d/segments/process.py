@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from spot3d.dataflow.conversion import calibration_of, rgbd_frame, segments_message
-from spot3d.dataflow.join import Join, Outcome
+from spot3d.dataflow.join import NO_HEAT, NO_POSE, Join, Outcome
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.process_use import let_frames_go_first
 from spot3d.dataflow.serving import On, serve
@@ -121,5 +121,5 @@ class _Stage:
 
 
 def _count(node: Node, outcome: Outcome[Received[Heat], Received[Pose]]) -> None:
-    node.counters.drop("no heat", len(outcome.without_left))
-    node.counters.drop("no pose", len(outcome.without_right))
+    node.counters.drop(NO_HEAT, len(outcome.without_left))
+    node.counters.drop(NO_POSE, len(outcome.without_right))

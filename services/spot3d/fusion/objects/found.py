@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from spot3d.boxes import Box3D
 from spot3d.fusion.objects.rounded import fronts_of, unseen_ends
 from spot3d.geometry.quantiles import quantiles
-from spot3d.geometry.upright import rotation_to_upright, with_bottom
+from spot3d.geometry.upright import are_below, rotation_to_upright, with_bottom
 from spot3d.kernel import kernel
 
 _FACE = 0.98
@@ -44,8 +44,6 @@ desks and clutter, F 0.3 higher on redkitchen and 0.3 lower elsewhere; without a
 lower on redkitchen."""
 STANDS = 0.05
 """A box ends on the support beneath it that is no further away than this, metres: bottoms are hidden or blurred."""
-_STEEP = np.sin(np.radians(60))
-"""Looked down on more steeply, a thing hides what is beneath it (see `segments/hanging.py`): a ball its lower half."""
 THINNEST = 1e-3
 """No thing is thinner, metres: where noise is more than a thing is thick its faces cross."""
 
@@ -166,8 +164,7 @@ def _standing(box: Box3D, seen: Seen, up: NDArray[np.float64], clearance: float)
     """The box with its bottom on what most of its segments stand on, if that is near, or hidden beneath it."""
     ground = ground_below(box, seen.support, up)
     bottom = float(up @ box.centre) - float(box.size[2]) / 2
-    towards = seen.eyes - box.centre
-    hidden = np.mean(towards @ up > _STEEP * np.linalg.norm(towards, axis=1)) > 0.5
+    hidden = np.mean(are_below(seen.eyes - box.centre, up)) > 0.5
     if not -STANDS < bottom - ground < (np.inf if hidden else STANDS):
         return box
     top = bottom + float(box.size[2])
