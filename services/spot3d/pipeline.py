@@ -100,7 +100,7 @@ def run_pipeline(
         last_ns = frame.stamp_ns
         depth, camera = frame.depth_metres(), frame.intrinsics
         with _timed(result.step_s, "pose"):
-            pose = tracker.track(frame.stamp_ns, depth, camera, frame.T_world_camera, frame.colour)
+            pose = tracker.track(frame)
         with _timed(result.step_s, "proposals"):
             boxes = propose(frame.colour, depth, camera, settings.proposals)
         with _timed(result.step_s, "heatmap"):

@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from test_pose_correction import CAMERA, shaken
 
+from made_frame import frame_of
 from spot3d.calibration import AS_TOLD, Calibration, bend_at, bend_of_image
 from spot3d.camera import invert
 from spot3d.pose import adjustment
@@ -263,7 +264,9 @@ def before_and_after(seed: int) -> tuple[float, float]:
     true = np.array([made.true_pose(frame) for frame in frames])
     tracker, estimates = CorrectedPoses(SETTINGS), []
     for frame, pose in zip(frames, shaken(true, 0.01, 0.4, seed), strict=True):
-        estimates.append(tracker.track(1 + frame * 100_000_000 // 3, made[frame].depth_metres(), CAMERA, pose))
+        estimates.append(
+            tracker.track(frame_of(1 + frame * 100_000_000 // 3, made[frame].depth_metres(), CAMERA, pose))
+        )
     told = [estimate.corrections for estimate in estimates if estimate.corrections is not None]
     assert len(told) > 12
     last, now, off = told[-1], estimates[-1].T_world_map, []
@@ -294,7 +297,7 @@ def test_keyframes_are_told_where_given_poses_are_on_average(monkeypatch: pytest
     for frame, wrong in zip(frames, noise, strict=True):
         stamp_ns, true = 1 + frame * 100_000_000 // 3, made.true_pose(frame)
         given = moved(true, np.append(wrong, np.zeros(3)))
-        tracker.track(stamp_ns, made[frame].depth_metres(), CAMERA, given)
+        tracker.track(frame_of(stamp_ns, made[frame].depth_metres(), CAMERA, given))
         if frame > 100 and stamp_ns in told:
             off.append((np.linalg.norm(told[stamp_ns][:3, 3] - true[:3, 3]), np.linalg.norm(wrong)))
     averaged, own = np.mean(off, axis=0)
@@ -309,7 +312,9 @@ def test_corrections_after_a_jump_are_of_the_frames_after_it() -> None:
     elsewhere[0, 3] = 3.0
     for k in range(FRAMES):
         depth, pose = depths[k // 2], true[k // 2]
-        estimates.append(tracker.track(1 + k * STEP_NS, depth, CAMERA, elsewhere @ pose if k >= FRAMES // 2 else pose))
+        estimates.append(
+            tracker.track(frame_of(1 + k * STEP_NS, depth, CAMERA, elsewhere @ pose if k >= FRAMES // 2 else pose))
+        )
     assert estimates[FRAMES // 2].restarted
     last = estimates[-1].corrections
     assert last is not None
@@ -329,7 +334,7 @@ def test_an_adjustment_that_fails_costs_one_frame(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(adjustment, "plane_equations", failing_once)
     for k in range(FRAMES):
         try:
-            estimate = tracker.track(1 + k * STEP_NS, depths[k], CAMERA, true[k])
+            estimate = tracker.track(frame_of(1 + k * STEP_NS, depths[k], CAMERA, true[k]))
         except np.linalg.LinAlgError:
             failed.append(k)
             continue

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from test_pose_correction import CAMERA
 from test_pose_tracking import LARGER, TABLE, render
 
+from made_frame import frame_of
 from spot3d.calibration import AS_TOLD, bend_of_image
 from spot3d.evaluate.depth_errors import bent
 from spot3d.pose.estimate import PoseEstimate
@@ -36,7 +37,7 @@ def followed(settings: PoseSettings, field: NDArray[np.float32] | float) -> tupl
     assert isinstance(tracker, MapTracker)
     stamps = (1 + frame * EVERY * 100_000_000 // 3 for frame in range(FRAMES // EVERY))
     return tracker, [
-        tracker.track(stamp, (depth * field).astype(np.float32), CAMERA, None)
+        tracker.track(frame_of(stamp, (depth * field).astype(np.float32), CAMERA))
         for stamp, depth in zip(stamps, scene(), strict=True)
     ]
 
@@ -77,7 +78,7 @@ def test_a_tracker_that_is_started_again_knows_the_bend_at_once() -> None:
     before = left(estimates[-1], FIELD)
     stamp = 1 + FRAMES * 100_000_000 // 3
     for depth in scene()[-1:-20:-1]:
-        estimate = again.track(stamp, depth * FIELD, CAMERA, None)
+        estimate = again.track(frame_of(stamp, depth * FIELD, CAMERA))
         assert estimate.status == "ok"
         assert left(estimate, FIELD) < before + 0.001
         stamp += 200_000_000
@@ -100,7 +101,7 @@ def test_a_camera_that_stands_still_learns_no_bend() -> None:
     place, tracker = look_at(np.array([0, -0.75, 1.45]), np.array([0.1, 0.1, 0.7])), make_tracker(PoseSettings())
     for second in range(120):
         depth = render(place, second, TABLE, LARGER)
-        estimate = tracker.track(1 + second * 10**9, depth, LARGER, None, None)
+        estimate = tracker.track(frame_of(1 + second * 10**9, depth, LARGER))
         assert estimate.status == "ok"
     bend = estimate.calibration.bend
     assert np.abs(bend_of_image(np.array(bend), LARGER.shape)).max(initial=0.0) < 0.002 if bend else True

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from made_frame import frame_of
 from spot3d.camera import Intrinsics
 from spot3d.depth_noise import KINECT_V1
 from spot3d.pose.correction import CorrectedPoses, MeasuredNoise
@@ -46,7 +47,7 @@ def tracked(
     tracker: PoseTracker, depths: list[NDArray[np.float32]], given: NDArray[np.float64], first: int = 0
 ) -> list[PoseEstimate]:
     return [
-        tracker.track(1 + (first + index) * FRAME_NS, depth, CAMERA, pose)
+        tracker.track(frame_of(1 + (first + index) * FRAME_NS, depth, CAMERA, pose))
         for index, (depth, pose) in enumerate(zip(depths, given, strict=True))
     ]
 
@@ -212,7 +213,7 @@ def test_bad_poses_are_lost_and_harm_nothing() -> None:
     tracker = corrector()
     tracked(tracker, depths[:5], true[:5])
     for bad in (np.full((4, 4), np.nan), bent, None):
-        estimate = tracker.track(1 + 5 * FRAME_NS, depths[5], CAMERA, bad)
+        estimate = tracker.track(frame_of(1 + 5 * FRAME_NS, depths[5], CAMERA, bad))
         assert estimate.status == "lost"
         assert estimate.reason
     after = tracked(tracker, depths[5:10], true[5:10], first=5)
@@ -223,7 +224,7 @@ def test_a_stamp_that_goes_back_begins_anew() -> None:
     depths, true = recording(0)
     tracker = corrector()
     tracked(tracker, depths[:5], true[:5])
-    estimate = tracker.track(1, depths[0], CAMERA, true[0])
+    estimate = tracker.track(frame_of(1, depths[0], CAMERA, true[0]))
     assert (estimate.status, estimate.restarted) == ("ok", True)
     np.testing.assert_allclose(estimate.T_world_camera, true[0], atol=1e-12)
 
@@ -246,7 +247,7 @@ def test_after_a_pause_the_world_does_not_follow_a_single_pose(pause_s: int) -> 
         given, tracker, estimates = shaken(true[order], 0.01, 0.4, seed), corrector(), list[PoseEstimate]()
         for number, row in enumerate(order):
             stamp = 1 + number * FRAME_NS + (pause_s * 10**9 if number >= FRAMES else 0)
-            estimates.append(tracker.track(stamp, depths[row], CAMERA, given[number]))
+            estimates.append(tracker.track(frame_of(stamp, depths[row], CAMERA, given[number])))
         slid = distances(*(np.array([one.T_world_map for one in estimates[k : k + 1]]) for k in (FRAMES - 1, FRAMES)))
         left.append(float(slid[0]))
     assert np.mean(left) < 0.003
@@ -261,5 +262,5 @@ def test_noise_of_given_poses_is_no_jump_however_fast_frames_come(rate: int, met
         given = true[number // 20].copy()
         given[:3, 3] += metres * rng.normal(size=3)
         stamp = 1 + number * 10**9 // rate
-        restarts += tracker.track(stamp, depths[number // 20], CAMERA, given).restarted
+        restarts += tracker.track(frame_of(stamp, depths[number // 20], CAMERA, given)).restarted
     assert restarts == 0

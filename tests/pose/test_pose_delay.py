@@ -5,6 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from test_pose_correction import CAMERA, shaken
 
+from made_frame import frame_of
 from spot3d.pose.delay import PoseDelay, told
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.providers import make_tracker
@@ -31,7 +32,7 @@ def followed(
     given[2 * len(given) // 3 :, 0, 3] += jump
     tracker = make_tracker(PoseSettings(provider="given", given_delay_sigma=sigma))
     estimates = [
-        tracker.track(int(1e9 * frame / RATE), scene[frame].depth_metres(), CAMERA, pose)
+        tracker.track(frame_of(int(1e9 * frame / RATE), scene[frame].depth_metres(), CAMERA, pose))
         for frame, pose in zip(frames, given, strict=True)
     ]
     assert {estimate.status for estimate in estimates} == {"ok"}

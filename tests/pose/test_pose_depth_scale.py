@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from test_pose_correction import CAMERA, FRAME_NS, recording, shaken, tracked
 
+from made_frame import frame_of
 from spot3d.pose.common_errors import CommonErrors
 from spot3d.pose.depth_scale import decided
 from spot3d.pose.estimate import PoseEstimate
@@ -51,7 +52,7 @@ def test_most_of_the_scale_is_found_though_poses_are_shaken() -> None:
         given = shaken(np.array([scene.true_pose(frame) for frame in frames]), 0.01, 0.4)
         for frame, pose in zip(frames, given, strict=True):
             depth = scene[frame].depth_metres() * np.float32(factor)
-            last = tracker.track(1 + frame * FRAME_NS // 3, depth, CAMERA, pose)
+            last = tracker.track(frame_of(1 + frame * FRAME_NS // 3, depth, CAMERA, pose))
         left.append(abs(factor * last.calibration.depth_factor - 1))
     assert np.mean(left) <= 0.015
 
@@ -69,7 +70,7 @@ def test_depth_is_taken_as_it_is_where_it_is_told_to_be_exact() -> None:
 def test_odometry_has_the_scale_of_its_depth() -> None:
     depths, _ = recording(0)
     tracker = make_tracker(PoseSettings(provider="kiss"))
-    assert tracker.track(1, depths[0] * np.float32(1.04), CAMERA, None).calibration.depth_factor == 1
+    assert tracker.track(frame_of(1, depths[0] * np.float32(1.04), CAMERA)).calibration.depth_factor == 1
 
 
 def errors(log_scale: float, information: float) -> CommonErrors:

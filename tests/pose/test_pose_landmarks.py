@@ -1,11 +1,13 @@
 """Features with depth, the map of landmarks, and the drift that they correct."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from made_frame import frame_of
 from spot3d.camera import Intrinsics, invert
 from spot3d.depth_noise import KINECT_V1
 from spot3d.pose.drift import Agreement, DriftCorrection
@@ -226,7 +228,7 @@ def test_the_tracker_uses_colour_where_there_is_some() -> None:
     for frame in scene:
         depth, given = frame.depth_metres(), frame.T_world_camera
         estimates = [
-            tracker.track(frame.stamp_ns, depth, frame.intrinsics, given, colour).T_world_camera
+            tracker.track(frame_of(frame.stamp_ns, depth, frame.intrinsics, given, colour)).T_world_camera
             for tracker, colour in zip(trackers, (frame.colour, None), strict=True)
         ]
     assert (estimates[0] != estimates[1]).any()
@@ -267,6 +269,6 @@ def test_landmarks_are_looked_for_at_intervals_of_time(
     tracker = make_tracker(PoseSettings(landmark_interval=interval))
     for index in range(0, 12, every):
         frame = scene[index]
-        estimate = tracker.track(frame.stamp_ns, frame.depth_metres(), frame.intrinsics, None, frame.colour)
+        estimate = tracker.track(replace(frame, T_world_camera=None))
         assert estimate.status == "ok"
     assert len(seen_at) == compared

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from test_pose_correction import CAMERA, FRAME_NS, recording, shaken, tracked
 
+from made_frame import frame_of
 from spot3d.calibration import Calibration
 from spot3d.pose.common_errors import CommonErrors
 from spot3d.pose.orientation import decided, told
@@ -41,7 +42,7 @@ def way(
     if metres:
         given = shaken(given, metres, 40 * metres)
     estimates = [
-        tracker.track(1 + frame * FRAME_NS // 3, scene[frame].depth_metres(), CAMERA, pose)
+        tracker.track(frame_of(1 + frame * FRAME_NS // 3, scene[frame].depth_metres(), CAMERA, pose))
         for frame, pose in zip(frames, given, strict=True)
     ]
     assert {estimate.status for estimate in estimates} == {"ok"}
@@ -136,7 +137,7 @@ def test_a_principal_point_that_is_off_smears_half_as_much_at_most(rows: float) 
     told_camera = Calibration(centre=(0.0, -offset)).camera(CAMERA)
     scene, tracker = Scene(0, frames=600, intrinsics=CAMERA), make_tracker(GIVEN)
     estimates = [
-        tracker.track(1 + k * FRAME_NS // 3, scene[k].depth_metres(), told_camera, scene.true_pose(k))
+        tracker.track(frame_of(1 + k * FRAME_NS // 3, scene[k].depth_metres(), told_camera, scene.true_pose(k)))
         for k in range(0, 600, 6)
     ]
     known = estimates[-1].calibration
@@ -152,7 +153,7 @@ def test_depths_scale_and_the_principal_point_are_told_apart(factor: float, rows
     scene, tracker = Scene(0, frames=600, intrinsics=CAMERA), make_tracker(GIVEN)
     for k in range(0, 600, 6):
         depth = scene[k].depth_metres() * np.float32(factor)
-        known = tracker.track(1 + k * FRAME_NS // 3, depth, told_camera, scene.true_pose(k)).calibration
+        known = tracker.track(frame_of(1 + k * FRAME_NS // 3, depth, told_camera, scene.true_pose(k))).calibration
     assert abs(offset - known.centre[1] + known.turn[0]) < 0.5 * abs(offset)
     assert factor * known.depth_factor == pytest.approx(1, abs=0.011)
 

@@ -1,5 +1,6 @@
 """A tracker that is lost, or started again, finds itself in the map that is there."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ SCENE = Scene(0, frames=300)
 def track(tracker: MapTracker, index: int) -> PoseEstimate:
     frame = SCENE[index]
     given = frame.T_world_camera if index == 0 else None
-    return tracker.track(frame.stamp_ns, frame.depth_metres(), frame.intrinsics, given, frame.colour)
+    return tracker.track(replace(frame, T_world_camera=given))
 
 
 def off(estimate: PoseEstimate, index: int) -> float:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from made_frame import frame_of
 from spot3d.camera import Intrinsics, invert
 from spot3d.depth_noise import KINECT_V1
 from spot3d.pose.given import GivenPoses
@@ -84,6 +85,11 @@ def test_jumps_holes_range_and_grazing_views_give_no_points() -> None:
     cosines = -np.sum(surface.points * surface.normals, axis=1) / np.linalg.norm(surface.points, axis=1)
     assert len(surface) > 100
     assert cosines.min() >= GRAZING_COS - 1e-3
+
+
+def test_size_mismatch_is_refused() -> None:
+    with pytest.raises(ValueError, match="the intrinsics are for"):
+        sample_surface(np.ones((10, 10), np.float32), CAMERA, SETTINGS)
 
 
 def weakness(depth: NDArray[np.float32]) -> float:
@@ -171,10 +177,10 @@ def test_constant_velocity() -> None:
 def test_given_poses(bad: NDArray[np.float64] | None) -> None:
     tracker, depth = GivenPoses(), np.zeros(CAMERA.shape, np.float32)
     good = moved(np.eye(4), np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))
-    estimate = tracker.track(1, depth, CAMERA, good)
+    estimate = tracker.track(frame_of(1, depth, CAMERA, good))
     assert (estimate.status, estimate.reason) == ("ok", "")
     np.testing.assert_allclose(estimate.T_world_camera, good, atol=1e-12)
-    lost = tracker.track(2, depth, CAMERA, bad)
+    lost = tracker.track(frame_of(2, depth, CAMERA, bad))
     assert lost.status == "lost"
     assert lost.reason
     np.testing.assert_allclose(lost.T_world_camera, good, atol=1e-12)

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from kiss_icp.config import KISSConfig
@@ -44,7 +45,7 @@ def _pose_row(
     for index, frame in enumerate(material.frames):
         depth = material.depth[index]
         with ours:
-            estimate = tracker.track(frame.stamp_ns, depth, frame.intrinsics, None, frame.colour)
+            estimate = tracker.track(replace(frame, T_world_camera=None))
         with theirs:
             plain.register_frame(_every_second(depth, material), np.empty(0))
         with copy:

@@ -3,6 +3,7 @@
 import importlib.util
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -70,9 +71,8 @@ def _pose_cells(item: LabelledSequence, settings: PoseSettings) -> tuple[Cell, .
     tracker, true, found, times = make_tracker(settings), [], [], []
     for index in range(len(item.sequence)):
         frame = item.sequence[index]
-        depth = frame.depth_metres()
         start = time.perf_counter()
-        pose = tracker.track(frame.stamp_ns, depth, frame.intrinsics, None, frame.colour)
+        pose = tracker.track(replace(frame, T_world_camera=None))
         times.append(time.perf_counter() - start)
         if pose.status == "ok" and frame.T_world_camera is not None:
             true.append(frame.T_world_camera)

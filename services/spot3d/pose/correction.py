@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, invert
+from spot3d.frame import RgbdFrame
 from spot3d.pose.adjustment import WRONG_ALIKE_S, Seen
 from spot3d.pose.delay import PoseDelay
 from spot3d.pose.error_model import ErrorModel
@@ -93,23 +94,14 @@ class CorrectedPoses:
         self._offsets: list[NDArray[np.float64]] = []
         self._strangers, self._age, self._map_delay_s = 0, 0.0, self._delay.delay_s
 
-    def track(
-        self,
-        stamp_ns: int,
-        depth_m: NDArray[np.float32],
-        intrinsics: Intrinsics,
-        given_T_world_camera: NDArray[np.float64] | None,
-        colour: NDArray[np.uint8] | None = None,
-    ) -> PoseEstimate:
-        """The corrected pose; the given one as it is where depth does not meet the map, "lost" without a valid one.
-
-        depth_m: (h, w) float32 metres, 0 = invalid. ValueError: depth of another size than the intrinsics'.
-        """
-        given = self._given.track(stamp_ns, depth_m, intrinsics, given_T_world_camera, colour)
+    def track(self, frame: RgbdFrame) -> PoseEstimate:
+        """The corrected pose; the given one as it is where depth does not meet the map, "lost" without a valid one."""
+        given = self._given.track(frame)
         if given.status == "lost":
             return given
         known, news = self._hindsight.calibration, self._hindsight.news()
-        followed = self._followed(given, stamp_ns, known.metres(depth_m), known.camera(intrinsics))
+        metres, camera = known.metres(frame.depth_metres()), known.camera(frame.intrinsics)
+        followed = self._followed(given, frame.stamp_ns, metres, camera)
         corrections = None if news is None else news.corrections(self._T_world_map)
         return replace(followed, T_world_map=self._T_world_map, calibration=known, corrections=corrections)
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.calibration import AS_TOLD, Calibration
-from spot3d.camera import Intrinsics
+from spot3d.frame import RgbdFrame
 from spot3d.pose_corrections import PoseCorrections
 
 
@@ -40,16 +40,6 @@ class PoseEstimate:
 class PoseTracker(Protocol):
     """Any pose provider: one estimate for each frame, in the order of the stamps."""
 
-    def track(
-        self,
-        stamp_ns: int,
-        depth_m: NDArray[np.float32],
-        intrinsics: Intrinsics,
-        given_T_world_camera: NDArray[np.float64] | None,
-        colour: NDArray[np.uint8] | None = None,
-    ) -> PoseEstimate:
-        """Pose of the frame taken at `stamp_ns`.
-
-        depth_m: (h, w) float32 metres, 0 = invalid; colour: (h, w, 3) uint8 RGB, registered with depth.
-        """
+    def track(self, frame: RgbdFrame) -> PoseEstimate:
+        """Pose of the frame, which may bring a given one along."""
         ...

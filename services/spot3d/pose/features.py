@@ -58,13 +58,8 @@ class FeatureDetector:
         )
         self._range_max = range_max
 
-    def detect(self, colour: NDArray[np.uint8] | None, depth_m: NDArray[np.float32], camera: Intrinsics) -> Features:
-        """Features of a frame: colour (h, w, 3) uint8 RGB, registered with depth (h, w) float32 metres, 0 = invalid.
-
-        None where there is no colour.
-        """
-        if colour is None:
-            return Features(np.zeros((0, 2)), np.zeros((0, 3)), np.zeros((0, 4), np.uint64), np.zeros(0), camera.noise)
+    def detect(self, colour: NDArray[np.uint8], depth_m: NDArray[np.float32], camera: Intrinsics) -> Features:
+        """Features of a frame: colour (h, w, 3) uint8 RGB, registered with depth (h, w) float32 metres, 0 = invalid."""
         keypoints, found = self._orb.detectAndCompute(cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY), None)
         pixels = np.asarray(cv2.KeyPoint.convert(keypoints), np.float64).reshape(-1, 2)
         blur = _SCALE ** np.array([point.octave for point in keypoints], np.float64)

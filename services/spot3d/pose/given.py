@@ -1,9 +1,8 @@
 """The pass-through: poses that the frames bring along (data-set truth, a robot's own odometry)."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from spot3d.camera import Intrinsics
+from spot3d.frame import RgbdFrame
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.motion import checked_pose
 
@@ -14,18 +13,11 @@ class GivenPoses:
     def __init__(self) -> None:
         self._last = np.eye(4)
 
-    def track(
-        self,
-        stamp_ns: int,
-        depth_m: NDArray[np.float32],
-        intrinsics: Intrinsics,
-        given_T_world_camera: NDArray[np.float64] | None,
-        colour: NDArray[np.uint8] | None = None,
-    ) -> PoseEstimate:
+    def track(self, frame: RgbdFrame) -> PoseEstimate:
         """The given pose with its rotation made exact, or the last good one with status "lost"."""
-        if given_T_world_camera is None:
+        if frame.T_world_camera is None:
             return PoseEstimate(self._last, "lost", "the frame brings no pose along")
-        pose = checked_pose(given_T_world_camera)
+        pose = checked_pose(frame.T_world_camera)
         if pose is None:
             return PoseEstimate(self._last, "lost", "the given pose is no rigid transform")
         self._last = pose

@@ -4,6 +4,7 @@ import logging
 import threading
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -61,7 +62,7 @@ def track_all(tracker: PoseTracker, frames: Sequence[RgbdFrame]) -> None:
     close = len(frames) - 2 if isinstance(tracker, MapTracker) else 0
     for number, frame in enumerate(frames):
         stamp_ns = frame.stamp_ns * (1 if number < close else _SPREAD)
-        tracker.track(stamp_ns, frame.depth_metres(), frame.intrinsics, frame.T_world_camera, frame.colour)
+        tracker.track(replace(frame, stamp_ns=stamp_ns))
     # What a full map and a snapshot need, which few frames do.
     if isinstance(tracker, MapTracker) and (state := tracker.state()) is not None:
         tracker.resume(state)
@@ -143,9 +144,7 @@ class _Stage:
     def _track(self, frame: RgbdFrame) -> PoseEstimate:
         start_s = time.perf_counter()
         try:
-            estimate = self.tracker.track(
-                frame.stamp_ns, frame.depth_metres(), frame.intrinsics, frame.T_world_camera, frame.colour
-            )
+            estimate = self.tracker.track(frame)
         except Exception as error:
             self.node.crashed("pose", f"no pose of the frame at {frame.stamp_ns} ns", error)
             return PoseEstimate(self.last.T_world_camera, "lost", f"{type(error).__name__}: {error}")

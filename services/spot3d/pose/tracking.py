@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from spot3d.calibration import Bend
 from spot3d.camera import Intrinsics, invert
+from spot3d.frame import RgbdFrame
 from spot3d.pose.adjustment import Seen
 from spot3d.pose.drift import DriftCorrection
 from spot3d.pose.estimate import PoseEstimate
@@ -90,7 +91,7 @@ def implausible(
 class _View:
     """What one frame shows. information: (6, 6), which its surface has on the pose, in the camera's axes."""
 
-    colour: NDArray[np.uint8] | None
+    colour: NDArray[np.uint8]
     depth_m: NDArray[np.float32]
     camera: Intrinsics
     surface: Surface
@@ -162,47 +163,33 @@ class MapTracker:
         if self._hindsight is not None:
             self._hindsight.resume(state.bend)
 
-    def track(
-        self,
-        stamp_ns: int,
-        depth_m: NDArray[np.float32],
-        intrinsics: Intrinsics,
-        given_T_world_camera: NDArray[np.float64] | None,
-        colour: NDArray[np.uint8] | None = None,
-    ) -> PoseEstimate:
-        """Pose of the frame; depth (h, w) float32 metres, 0 = invalid; colour (h, w, 3) uint8 RGB, if there is.
+    def track(self, frame: RgbdFrame) -> PoseEstimate:
+        """Pose of the frame.
 
         The first frame with enough surface, or with features beside, starts the map; the world is anchored at its given
-        pose, or at identity without a valid one. Later given poses are not used. ValueError: depth of another size than
-        the intrinsics'.
+        pose, or at identity without a valid one. Later given poses are not used.
         """
         if self._hindsight is None:
-            return self._tracked(stamp_ns, depth_m, intrinsics, given_T_world_camera, colour)
+            return self._tracked(frame, frame.depth_metres())
         known = self._hindsight.calibration
-        estimate = self._tracked(stamp_ns, known.metres(depth_m), intrinsics, given_T_world_camera, colour)
+        estimate = self._tracked(frame, known.metres(frame.depth_metres()))
         news = self._hindsight.news() if estimate.status == "ok" else None
         return replace(estimate, calibration=known, corrections=None if news is None else news.where_the_last_is())
 
-    def _tracked(
-        self,
-        stamp_ns: int,
-        depth_m: NDArray[np.float32],
-        intrinsics: Intrinsics,
-        given_T_world_camera: NDArray[np.float64] | None,
-        colour: NDArray[np.uint8] | None,
-    ) -> PoseEstimate:
-        """See `track`; depth_m: as it is without what is known to bend it."""
+    def _tracked(self, frame: RgbdFrame, depth_m: NDArray[np.float32]) -> PoseEstimate:
+        """See `track`. depth_m: (h, w) float32 metres, 0 = invalid, without what is known to bend it."""
+        stamp_ns, intrinsics = frame.stamp_ns, frame.intrinsics
         surface = sample_surface(depth_m, intrinsics, self._settings)
         last, came_ns, self._came_ns = self._last, self._came_ns, stamp_ns
         if len(surface) < POINTS_MIN:
             return self._lose(why_few(depth_m, len(surface), self._settings))
         held = information(surface)
-        view = _View(colour, depth_m, intrinsics, surface, held, self._detector)
+        view = _View(frame.colour, depth_m, intrinsics, surface, held, self._detector)
         weak = self._is_weak(held, surface)
         if weak and self._is_weak(held + _SEEN_AGAIN * view.features.information(intrinsics), surface):
             return self._lose("the view does not hold the pose in every direction")
         if last is None:
-            anchor = checked_pose(given_T_world_camera)
+            anchor = checked_pose(frame.T_world_camera)
             return self._accept(stamp_ns, view, np.eye(4) if anchor is None else anchor)
         if stamp_ns <= last.stamp_ns:
             return self._lose(f"stamp {stamp_ns} does not follow {last.stamp_ns}")
@@ -350,8 +337,6 @@ class MapTracker:
 
     def _corrected(self, stamp_ns: int, view: _View, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """The registered pose without the drift that landmarks show."""
-        if view.colour is None:
-            return pose
         elapsed = 0.0 if self._compared_ns is None else (stamp_ns - self._compared_ns) * 1e-9
         if self._lost_frames:
             self._drift.restart()
