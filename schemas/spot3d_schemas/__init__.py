@@ -2,28 +2,20 @@
 
 from spot3d_schemas.codec import CodecError, WireHeader, decode, encode, encoding, peek_header, refuse_encoding
 from spot3d_schemas.header import Header, Hop
-from spot3d_schemas.json_schema import json_schema
-from spot3d_schemas.messages import (
-    MESSAGES,
-    About,
+from spot3d_schemas.image_messages import (
     CameraIntrinsics,
     DepthNoise,
-    End,
     Frame,
-    Health,
     Heat,
-    MapChanges,
-    MapPoints,
-    Message,
-    Object3D,
-    Objects,
-    Pose,
     Preview,
-    Progress,
     Proposals,
     Segments,
 )
+from spot3d_schemas.json_schema import json_schema
+from spot3d_schemas.message import Message
+from spot3d_schemas.messages import MESSAGES
 from spot3d_schemas.names import checked_name
+from spot3d_schemas.state_messages import About, End, Health, Progress
 from spot3d_schemas.topics import (
     BRIDGE,
     STAGES,
@@ -37,6 +29,7 @@ from spot3d_schemas.topics import (
     robot_of,
     token_of,
 )
+from spot3d_schemas.world_messages import MapChanges, MapPoints, Object3D, Objects, Pose
 
 __all__ = [
     "BRIDGE",

@@ -4,7 +4,7 @@ from typing import Any
 
 from spot3d_schemas.codec import encoding
 from spot3d_schemas.limits import MAX_MESSAGE_BYTES
-from spot3d_schemas.messages import Message
+from spot3d_schemas.message import Message
 
 
 def json_schema(message: type[Message]) -> dict[str, Any]:

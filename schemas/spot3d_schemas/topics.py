@@ -4,23 +4,11 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
-from spot3d_schemas.messages import (
-    About,
-    End,
-    Frame,
-    Health,
-    Heat,
-    MapChanges,
-    MapPoints,
-    Message,
-    Objects,
-    Pose,
-    Preview,
-    Progress,
-    Proposals,
-    Segments,
-)
+from spot3d_schemas.image_messages import Frame, Heat, Preview, Proposals, Segments
+from spot3d_schemas.message import Message
 from spot3d_schemas.names import checked_name, is_name
+from spot3d_schemas.state_messages import About, End, Health, Progress
+from spot3d_schemas.world_messages import MapChanges, MapPoints, Objects, Pose
 
 STAGES = ("source", "pose", "proposals", "heatmap", "segments", "fusion")
 """The processes of the dataflow, in its order."""
