@@ -71,6 +71,7 @@ def compile_segments(scene: Scene) -> None:
 
 def compile_fusion(scene: Scene) -> None:
     """Fuses the scene with true heat, poses and segments, and makes objects."""
+    from spot3d.camera_pose import CameraPose
     from spot3d.frame_segments import FrameSegments
     from spot3d.fusion.fusion import Fusion
     from spot3d.fusion.settings import FusionSettings
@@ -78,7 +79,8 @@ def compile_fusion(scene: Scene) -> None:
     fusion = Fusion(FusionSettings())
     for index, frame in enumerate(scene):
         heat = _true_heat(scene, index)
-        fusion.fuse(frame.colour, frame.depth_metres(), heat, frame.intrinsics, _pose(frame), frame.stamp_ns)
+        pose = CameraPose(_pose(frame))
+        fusion.fuse(frame.colour, frame.depth_metres(), heat, frame.intrinsics, pose, frame.stamp_ns)
         labels = scene.truth(index).instance.astype(np.uint8)
         confidence, stands_on = np.ones(labels.max(), np.float32), np.full(labels.max(), -1, np.int8)
         segments = FrameSegments(labels, confidence, np.zeros((0, 4)), stands_on, frame.intrinsics)

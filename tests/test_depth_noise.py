@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from spot3d.camera_pose import CameraPose
 from spot3d.dataflow.conversion import noise_message, rgbd_frame
 from spot3d.depth_noise import KINECT_V1, PRESETS, DepthNoise, parse_noise, stereo_noise
 from spot3d.fusion.fusion import Fusion
@@ -73,7 +74,7 @@ def _seen_with(noise: DepthNoise) -> list[object]:
     heat = weighted_heat(depth, camera, same_boxes, HeatmapSettings()).heat
     found = find_segments(frame.colour, depth, heat, camera, SegmentsSettings())
     fusion = Fusion(FusionSettings())
-    fusion.fuse(frame.colour, depth, heat, camera, np.eye(4))
+    fusion.fuse(frame.colour, depth, heat, camera, CameraPose(np.eye(4)))
     rows = fusion.heatmap.points()
     return [surface.sigma, features.noise, boxes, found.labels, rows]
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spot3d.dataflow.conversion import corrections_message, corrections_of
+from spot3d.dataflow.conversion import camera_pose, corrections_message
 from spot3d.pose_corrections import PoseCorrections
 from spot3d.trajectory import rotation_from_vector
 from spot3d_schemas import Header, Pose, decode, encode
@@ -46,8 +46,8 @@ def test_they_are_sent_along_with_a_pose() -> None:
         "provider": "given",
     }
     sent = decode(encode(Pose(**fields, **corrections_message(CORRECTIONS))), Pose)
-    received = corrections_of(sent)
+    received = camera_pose(sent).corrections
     assert received is not None
     np.testing.assert_array_equal(received.stamps_ns, CORRECTIONS.stamps_ns)
     np.testing.assert_allclose(received.twists, CORRECTIONS.twists)
-    assert corrections_of(Pose(**fields, **corrections_message(None))) is None
+    assert camera_pose(Pose(**fields, **corrections_message(None))).corrections is None

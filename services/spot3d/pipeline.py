@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
+from spot3d.camera_pose import CameraPose
 from spot3d.dataflow.cadence import Cadence
 from spot3d.dataflow.order import DUPLICATE, OUT_OF_ORDER
 from spot3d.frame import RgbdFrame
@@ -120,17 +121,10 @@ def run_pipeline(
             result.skipped[refused] += 1
         else:
             with _timed(result.step_s, "fusion"):
-                fusion.fuse(
-                    frame.colour,
-                    depth,
-                    heat.heat,
-                    camera,
-                    pose.T_world_camera,
-                    frame.stamp_ns,
-                    pose.T_world_map,
-                    calibration=pose.calibration,
-                    corrections=pose.corrections,
+                known = CameraPose(
+                    pose.T_world_camera, pose.T_world_map, calibration=pose.calibration, corrections=pose.corrections
                 )
+                fusion.fuse(frame.colour, depth, heat.heat, camera, known, frame.stamp_ns)
                 if segments is not None:
                     fusion.observe(segments, frame.stamp_ns)
                     result.keyframes += 1

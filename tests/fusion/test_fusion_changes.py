@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from spot3d.camera import Intrinsics
+from spot3d.camera_pose import CameraPose
 from spot3d.fusion.change_answers import changes_message
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.map.changes import ChangeLog
@@ -79,7 +80,7 @@ def test_whoever_asks_a_full_map_knows_where_its_points_are() -> None:
     header = Header(robot="robot", seq=0, stamp_ns=1, frame_id="camera")
     for place in range(6):
         pose[0, 3] = 2.0 * place
-        fusion.fuse(colour, depth, np.zeros(camera.shape, np.uint8), camera, pose)
+        fusion.fuse(colour, depth, np.zeros(camera.shape, np.uint8), camera, CameraPose(pose))
         parameters = {"generation": str(fusion.map_changes.generation), "since": str(since)}
         message = changes_message(fusion, parameters, header, "a")
         since = message.cursor

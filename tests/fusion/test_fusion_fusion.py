@@ -9,6 +9,7 @@ from voting_room import keyframe
 from spot3d.boxes import iou_matrix_3d, moved
 from spot3d.calibration import Calibration
 from spot3d.camera import Intrinsics
+from spot3d.camera_pose import CameraPose
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import FoundObjects, Fusion
 from spot3d.fusion.settings import MAP_ALONE, FusionSettings
@@ -58,7 +59,7 @@ def run(
         seen = view(pose, ROOM + objects, rng)
         T_world_map = np.eye(4) if maps is None else maps[stamp]
         by, told = ("first", T_world_map) if stamp < another_from else ("another", np.eye(4))
-        fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, T_world_map @ pose, stamp, told, by)
+        fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, CameraPose(T_world_map @ pose, told, by), stamp)
         true = keyframe(pose, objects)
         assert fusion.observe(FrameSegments(true.labels, true.heat, true.planes, true.stands_on, CAMERA), stamp)
     return fusion
@@ -83,7 +84,8 @@ def test_depth_of_another_scale_than_the_poses() -> None:
         seen, true = view(pose, ROOM + THREE, np.random.default_rng(stamp)), keyframe(pose, THREE)
         depth, factor = seen.depth / np.float32(1.04), 1.04 if 5 <= stamp < 8 else 1.0
         by = "first" if stamp < 8 else "another"
-        fusion.fuse(seen.colour, depth, seen.heat, CAMERA, pose, stamp, poses_of=by, calibration=Calibration(factor))
+        known = CameraPose(pose, given_by=by, calibration=Calibration(factor))
+        fusion.fuse(seen.colour, depth, seen.heat, CAMERA, known, stamp)
         planes = true.planes / (1, 1, 1, 1.04)
         fusion.observe(FrameSegments(true.labels, true.heat, planes, true.stands_on, CAMERA), stamp)
         if stamp in (3, 6):
@@ -109,7 +111,8 @@ def test_poses_that_are_known_better_later() -> None:
             told[:3, :3] = rotation_from_vector(off[stamp, 3:]) @ told[:3, :3]
             told[:3, 3] += off[stamp, :3]
             last = known if stamp == 9 else None
-            fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, told, stamp, T_world_map, corrections=last)
+            given = CameraPose(told, T_world_map, corrections=last)
+            fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, given, stamp)
             fusion.observe(FrameSegments(true.labels, true.heat, true.planes, true.stands_on, CAMERA), stamp)
             if stamp == 5:
                 fusion.objects()
@@ -129,7 +132,8 @@ def test_what_one_corrects_is_not_what_another_gives() -> None:
             seen, true = view(pose, ROOM + THREE), keyframe(pose, THREE)
             given_by, known = ("first" if stamp < 2 else by), PoseCorrections(np.arange(1), np.full((1, 6), 0.01))
             last = known if stamp == 1 else None
-            fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, pose, stamp, np.eye(4), given_by, corrections=last)
+            given = CameraPose(pose, np.eye(4), given_by, corrections=last)
+            fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, given, stamp)
             fusion.observe(FrameSegments(true.labels, true.heat, true.planes, true.stands_on, CAMERA), stamp)
             if stamp == 1:
                 fusion.objects()
@@ -145,9 +149,8 @@ def test_a_correction_is_taken_back_by_who_gave_it(then: str, expected: float) -
     seen = view(pose, ROOM)
 
     def fuse(factor: float, by: str) -> float:
-        fusion.fuse(
-            seen.colour, seen.depth, seen.heat, CAMERA, pose, poses_of=by, calibration=Calibration(depth_factor=factor)
-        )
+        known = CameraPose(pose, given_by=by, calibration=Calibration(depth_factor=factor))
+        fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, known)
         return fusion.map_state().calibration.depth_factor
 
     assert [fuse(factor, "first") for factor in (1.0, 1.04)] == [1.0, 1.04]
@@ -273,9 +276,9 @@ def test_frames_without_depth_and_read_only_frames_are_taken(width: int) -> None
     seen = view(pose, ROOM + THREE)
     for array in (seen.colour, seen.depth, seen.heat):
         array.setflags(write=False)
-    assert fusion.fuse(seen.colour, np.zeros_like(seen.depth), seen.heat, CAMERA, pose).appended == 0
+    assert fusion.fuse(seen.colour, np.zeros_like(seen.depth), seen.heat, CAMERA, CameraPose(pose)).appended == 0
     assert fusion.objects().objects == []
-    assert fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, pose).appended > 0
+    assert fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, CameraPose(pose)).appended > 0
     assert fusion.frame_count == 2
 
 
@@ -287,8 +290,8 @@ def test_who_gives_frames_may_use_their_memory_again() -> None:
     for reuse in (False, True):
         fusion = Fusion(FusionSettings(plane_removal=False, look_up=False))
         first = colours[0].copy()
-        fusion.fuse(first, depth, heat, camera, np.eye(4))
+        fusion.fuse(first, depth, heat, camera, CameraPose(np.eye(4)))
         if reuse:
             first[:] = colours[1]
-        counts.append(fusion.fuse(first if reuse else colours[1], depth, heat, camera, np.eye(4)).warped)
+        counts.append(fusion.fuse(first if reuse else colours[1], depth, heat, camera, CameraPose(np.eye(4))).warped)
     assert counts[0] == counts[1] < 0.1 * depth.size

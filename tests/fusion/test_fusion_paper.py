@@ -8,6 +8,7 @@ from fusion_room import CAMERA, COARSE_PAPER, ROOM, THREE, Cuboid, look_at, orbi
 
 from spot3d.boxes import iou_matrix_2d
 from spot3d.camera import Intrinsics, back_project, invert
+from spot3d.camera_pose import CameraPose
 from spot3d.evaluate.frame_tables import boxes_in_frame
 from spot3d.frame import RgbdFrame
 from spot3d.fusion.fusion import Fusion
@@ -58,7 +59,7 @@ def test_the_plane_is_found_anew_every_ten_frames() -> None:
     removed = []
     for pose in orbit(21):
         seen = view(pose, ROOM + THREE, rng)
-        fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, pose)
+        fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, CameraPose(pose))
         removed.append(len(fusion.map_state().removed))
     assert removed == [1] * 10 + [2] * 10 + [3]
     table = fusion.map_state().removed
@@ -100,7 +101,7 @@ def test_every_pixel_is_a_point_of_its_own(settings: FusionSettings, count: int)
     camera = Intrinsics(525.0, 525.0, 319.5, 239.5, 640, 480)
     black = np.zeros((*camera.shape, 3), np.uint8)
     near = np.full(camera.shape, 1.0, np.float32)
-    result = Fusion(settings).fuse(black, near, np.zeros(camera.shape, np.uint8), camera, np.eye(4))
+    result = Fusion(settings).fuse(black, near, np.zeros(camera.shape, np.uint8), camera, CameraPose(np.eye(4)))
     assert result.found + result.appended == count
 
 
@@ -119,7 +120,7 @@ def test_without_look_up_a_full_map_stays_within_its_limit() -> None:
     fusion, rng = Fusion(settings), np.random.default_rng(3)
     for pose in orbit(8, turn=4.0):
         seen = view(pose, ROOM + THREE, rng)
-        assert fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, pose).appended > 0
+        assert fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, CameraPose(pose)).appended > 0
         assert 0 < fusion.heatmap.count <= 30_000
     assert fusion.heatmap.evicted > 0
     assert fusion.heatmap.count == np.count_nonzero(fusion.heatmap.points()[:, FREQUENCY])
@@ -138,7 +139,7 @@ def test_what_is_seen_too_seldom_for_where_the_camera_looked_counts_all_the_same
     fusion, rng = Fusion(COARSE_PAPER.model_copy(update={"tau": 0.0})), np.random.default_rng(0)
     for number, pose in enumerate(orbit(60)):
         seen = view(pose, ROOM + (THREE if number < 5 else ()), rng)
-        fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, pose)
+        fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, CameraPose(pose))
     assert any(item.views < 6 for item in fusion.objects().objects)
 
 

@@ -8,6 +8,7 @@ from fusion_room import CAMERA, COARSE, ROOM, THREE, orbit, view
 from voting_room import keyframe
 
 from spot3d.boxes import iou_matrix_3d
+from spot3d.camera_pose import CameraPose
 from spot3d.dataflow.snapshot_file import SnapshotError, snapshot_bytes, write_snapshot
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import Fusion
@@ -22,7 +23,7 @@ def fuse(fusion: Fusion, frames: range) -> Fusion:
     """Fuse frames of an arc, each a keyframe with perfect labels, and find the objects after the last."""
     for stamp, pose in list(enumerate(orbit(FRAMES)))[frames.start : frames.stop]:
         seen = view(pose, ROOM + THREE, np.random.default_rng(stamp))
-        fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, T_WORLD_MAP @ pose, stamp, T_WORLD_MAP)
+        fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, CameraPose(T_WORLD_MAP @ pose, T_WORLD_MAP), stamp)
         true = keyframe(pose, THREE)
         assert fusion.observe(FrameSegments(true.labels, true.heat, true.planes, true.stands_on, CAMERA), stamp)
     return fusion

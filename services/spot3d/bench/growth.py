@@ -8,6 +8,7 @@ import numpy as np
 
 from spot3d.bench.material import Material, to_and_fro
 from spot3d.bench.timing import peak_memory_mb
+from spot3d.camera_pose import CameraPose
 from spot3d.dataflow.cadence import Cadence
 from spot3d.dataflow.process_use import process_use
 from spot3d.drawing.line_chart import Line, line_chart
@@ -53,7 +54,7 @@ def map_growth(material: Material, length: int, settings: Settings, say: Callabl
         pose[0, 3] += ROOM * (step // turn)
         segments = segments_of(index) if keyframes.is_keyframe(stamp_ns, pose) else None
         start = time.perf_counter()
-        fusion.fuse(colour, depth, heat, material.camera, pose, stamp_ns)
+        fusion.fuse(colour, depth, heat, material.camera, CameraPose(pose), stamp_ns)
         if segments is not None:
             fusion.observe(segments, stamp_ns)
         times.append(time.perf_counter() - start)

@@ -14,6 +14,7 @@ from spot3d.bench.consensus_steps import consensus_steps
 from spot3d.bench.material import Material, walking
 from spot3d.bench.timing import MEASURED, Timed, alternate, measured_row, peak_memory_mb
 from spot3d.camera import back_project, invert
+from spot3d.camera_pose import CameraPose
 from spot3d.evaluate.table import Table
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.map.heatmap3d import Heatmap3D
@@ -188,7 +189,7 @@ def _map_steps(steps: _Steps, m: Material, settings: FusionSettings) -> None:
     fusion = Fusion(settings)
 
     def fuse(index: int) -> object:
-        return fusion.fuse(m.frames[index].colour, m.depth[index], m.heat[index], m.camera, m.pose(index))
+        return fusion.fuse(m.frames[index].colour, m.depth[index], m.heat[index], m.camera, CameraPose(m.pose(index)))
 
     for index in range(count):
         fuse(index)

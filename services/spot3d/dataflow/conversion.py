@@ -6,6 +6,7 @@ import numpy as np
 
 from spot3d.calibration import Calibration
 from spot3d.camera import Intrinsics
+from spot3d.camera_pose import CameraPose
 from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
@@ -57,11 +58,13 @@ def calibration_of(pose: Pose) -> Calibration:
     return Calibration(pose.depth_factor, turn, centre, bend)
 
 
-def corrections_of(pose: Pose) -> PoseCorrections | None:
-    """What a pose says of how far off those of earlier frames were."""
-    if not pose.corrected_ns:
-        return None
-    return PoseCorrections(np.array(pose.corrected_ns, np.int64), pose.corrections.copy())
+def camera_pose(pose: Pose) -> CameraPose:
+    """A pose as fusion takes it."""
+    corrections = None
+    if pose.corrected_ns:
+        corrections = PoseCorrections(np.array(pose.corrected_ns, np.int64), pose.corrections.copy())
+    T_world_camera, given_by = pose.T_world_camera.copy(), pose.header.sender
+    return CameraPose(T_world_camera, pose.T_world_map, given_by, calibration_of(pose), corrections)
 
 
 def corrections_message(corrections: PoseCorrections | None) -> dict[str, Any]:

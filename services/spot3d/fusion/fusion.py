@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from spot3d.boxes import moved
 from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.camera import Intrinsics, back_project, invert
+from spot3d.camera_pose import CameraPose
 from spot3d.depth_noise import DepthNoise
 from spot3d.found_object import FoundObject
 from spot3d.frame_segments import FrameSegments
@@ -146,30 +147,22 @@ class Fusion:
         depth: NDArray[np.float32],
         heat: NDArray[np.uint8],
         camera: Intrinsics,
-        T_world_camera: NDArray[np.float64],
+        pose: CameraPose,
         stamp_ns: int | None = None,
-        T_world_map: NDArray[np.float64] | None = None,
-        poses_of: str | None = None,
-        calibration: Calibration = AS_TOLD,
-        corrections: PoseCorrections | None = None,
     ) -> MatchCounts:
         """Take in one frame: supporting plane, its removal from the heat, registration with the map.
 
-        colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths;
-        T_world_camera: (4, 4) float64. stamp_ns: by which `observe` finds the frame for a while; None: it does not.
-        T_world_map: (4, 4) float64, where the map of poses lies by now (see `PoseEstimate`), and the objects with it;
-        None: it stays. poses_of: who gives the poses: another one's map begins where that of before lay. calibration:
-        by which this frame and the keyframes before are to be seen, as far as is known by now; the pose is turned by it
-        already. As told: nothing is known but what somebody else said before. corrections: of the poses of frames
-        before; None: as they were with the frame before, if the same one gives the poses.
+        colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths. stamp_ns: by
+        which `observe` finds the frame for a while; None: it does not.
         """
-        if calibration != AS_TOLD or poses_of == self._calibrated_by:
+        T_world_camera = pose.T_world_camera.copy()
+        if pose.calibration != AS_TOLD or pose.given_by == self._calibrated_by:
             # Who gives poses anew does not know it at first; who gave it may take it back.
-            self._calibration, self._calibrated_by = calibration, poses_of
-        if corrections is not None or poses_of != self._poses_of:
+            self._calibration, self._calibrated_by = pose.calibration, pose.given_by
+        if pose.corrections is not None or pose.given_by != self._poses_of:
             # What one knew of its poses says nothing of another's, whose frames come after them.
-            self._corrections = corrections
-        known = replace(self._calibration, turn=calibration.turn)
+            self._corrections = pose.corrections
+        known = replace(self._calibration, turn=pose.calibration.turn)
         depth = known.metres(depth)
         frame = to_lattice(colour, depth, heat, camera, self.settings.lattice_width, self.settings.grazing_cos)
         frame = replace(frame, camera=known.camera(frame.camera))
@@ -183,16 +176,15 @@ class Fusion:
                 warm = np.where(on_plane(plane, points, self.settings, camera.noise), np.uint8(0), frame.heat)
         elif self._supporting is None:
             self._keyframe(back_project(frame.depth, frame.camera), frame.heat, T_world_camera, camera.noise)
-        self._follow_map(np.eye(4) if T_world_map is None else T_world_map, poses_of)
+        self._follow_map(np.eye(4) if pose.T_world_map is None else pose.T_world_map, pose.given_by)
         self.frame_count += 1
         # The images are kept until the next frame, and longer with a stamp; at full size they may be the caller's own.
         theirs = np.may_share_memory(frame.colour, colour) or np.may_share_memory(frame.depth, depth)
         seen = (frame.colour.copy(), frame.depth.copy()) if theirs else (frame.colour, frame.depth)
-        pose = T_world_camera.copy()
         if stamp_ns is not None:
             T_map_camera = invert(self._T_world_map) @ T_world_camera
-            self._fused.add(FusedFrame(stamp_ns, *seen, frame.camera, pose, T_map_camera, known))
-        return self._index_map.register(self.heatmap, self.frame_count, *seen, warm, frame.camera, pose)
+            self._fused.add(FusedFrame(stamp_ns, *seen, frame.camera, T_world_camera, T_map_camera, known))
+        return self._index_map.register(self.heatmap, self.frame_count, *seen, warm, frame.camera, T_world_camera)
 
     def _follow_map(self, T_world_theirs: NDArray[np.float64], poses_of: str | None) -> None:
         """Say where the map of poses lies by now, in which keyframes are; theirs: the map of who gives the poses."""

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from spot3d.camera_pose import CameraPose
 from spot3d.dataflow.node import Node
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
@@ -60,7 +61,7 @@ def _fuse_all(fusion: Fusion, frames: Sequence[RgbdFrame]) -> None:
         depth = frame.depth_metres()
         heat = np.where(np.abs(depth - 0.8) < 0.01, 255, 0).astype(np.uint8)
         pose = np.eye(4) if frame.T_world_camera is None else frame.T_world_camera
-        fusion.fuse(frame.colour, depth, heat, frame.intrinsics, pose, frame.stamp_ns)
+        fusion.fuse(frame.colour, depth, heat, frame.intrinsics, CameraPose(pose), frame.stamp_ns)
         labels, confidence = (heat > 0).astype(np.uint8), np.ones(1, np.float32)
         wall, on_it = np.array([[0.0, 0.0, -1.0, 1.2]]), np.zeros(1, np.int8)
         fusion.observe(FrameSegments(labels, confidence, wall, on_it, frame.intrinsics), frame.stamp_ns)

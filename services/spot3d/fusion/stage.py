@@ -9,7 +9,7 @@ from typing import TypeVar
 import zenoh
 
 from spot3d.dataflow.cadence import Cadence
-from spot3d.dataflow.conversion import calibration_of, corrections_of, frame_segments, rgbd_frame
+from spot3d.dataflow.conversion import camera_pose, frame_segments, rgbd_frame
 from spot3d.dataflow.ledger import Ledger
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.serving import On, OnQuery, serve
@@ -181,12 +181,8 @@ class Stage:
                 frame.depth_metres(),
                 message.heat.copy(),
                 frame.intrinsics,
-                pose.message.T_world_camera.copy(),
+                camera_pose(pose.message),
                 stamp_ns,
-                pose.message.T_world_map,
-                pose.message.header.sender,
-                calibration_of(pose.message),
-                corrections_of(pose.message),
             )
         except Exception as error:
             self.node.crashed("fuse", f"cannot fuse the frame at {stamp_ns} ns", error)

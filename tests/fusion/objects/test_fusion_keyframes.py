@@ -3,6 +3,7 @@
 import numpy as np
 from fusion_room import CAMERA, COARSE, ROOM, THREE, orbit, view
 
+from spot3d.camera_pose import CameraPose
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.objects.keyframes import FusedFrame, FusedFrames, without_spill
@@ -17,7 +18,7 @@ def fused(fusion: Fusion, count: int) -> None:
     """Frames with stamps 0, 1, 2, ..."""
     for stamp, pose in enumerate(POSES[:count]):
         seen = view(pose, ROOM + THREE)
-        fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, pose, stamp)
+        fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, CameraPose(pose), stamp)
 
 
 def segments(label: int = 1) -> FrameSegments:
@@ -49,7 +50,7 @@ def test_a_keyframe_is_what_was_fused_with_what_was_found() -> None:
 
 def test_a_frames_own_image_may_change_afterwards() -> None:
     fusion, seen = Fusion(COARSE), view(POSES[0], ROOM + THREE)
-    fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, POSES[0], 0)
+    fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, CameraPose(POSES[0]), 0)
     before = to_lattice(seen.colour.copy(), seen.depth.copy(), seen.heat, CAMERA, CAMERA.width)
     seen.depth.fill(0)
     seen.colour.fill(0)
@@ -62,7 +63,7 @@ def test_a_frames_own_image_may_change_afterwards() -> None:
 def test_segments_of_frames_that_are_not_known_are_refused() -> None:
     fusion = Fusion(COARSE)
     for stamp in range(62):
-        fusion.fuse(*BLANK, CAMERA, POSES[0], stamp)
+        fusion.fuse(*BLANK, CAMERA, CameraPose(POSES[0]), stamp)
     assert not fusion.observe(segments(), 1), "sixty frames are remembered"
     assert fusion.observe(segments(), 2)
     assert not fusion.observe(segments(), 2), "once"
