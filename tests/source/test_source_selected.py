@@ -44,3 +44,14 @@ def test_frames_are_counted_and_their_absence_is_passed_on(
     assert [frame.stamp_ns for frame in played] == stamps
     assert {frame.depth.shape for frame in played} == {(2, 2) if halved else (4, 4)}
     assert told.count(None) >= stamps[-1]
+
+
+@pytest.mark.parametrize(("name", "stamps"), [("walk.db3", [6, 8]), ("realsense", [0, 2, 4, 6, 8])])
+def test_a_recording_that_is_begun_again_goes_on_where_it_was(
+    name: str, stamps: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its frames count from its beginning; a camera has no others than new ones, whatever its clock says."""
+    monkeypatch.setattr(selected, "open_stream", lambda _name: HaltingCamera())
+    stream = open_selected_stream(Selection(name, frames=5, every=2, after_ns=5), SourceSettings())
+    given = [frame for frame in stream.stream(threading.Event(), lambda _kind, _text: None) if frame is not None]
+    assert [frame.stamp_ns for frame in given] == stamps

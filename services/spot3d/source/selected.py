@@ -12,6 +12,7 @@ from spot3d.frame import RgbdFrame
 from spot3d.source.errors import SourceError
 from spot3d.source.halving import halve
 from spot3d.source.intrinsics_files import FocalAndCentre, parse_intrinsics
+from spot3d.source.realsense.camera import is_camera
 from spot3d.source.ros.topics import TopicNames
 from spot3d.source.sequence import Derived, FrameSequence, FrameStream, Note
 from spot3d.source.sequences import SCENE_FRAMES, open_source, open_stream
@@ -20,7 +21,10 @@ from spot3d.source.settings import SourceSettings
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """frames: how many at most (None: all); every: only every n-th; after_ns: only those captured later."""
+    """frames: how many at most (None: all); every: only every n-th; after_ns: of a recording only those captured later.
+
+    So a source that was started again goes on where the one before was. A camera's clock may have been set by then.
+    """
 
     name: str
     frames: int | None = None
@@ -75,13 +79,15 @@ class _SelectedStream:
 
     def stream(self, stop: Event, note: Note) -> Iterator[RgbdFrame | None]:
         """The camera's frames, until there are as many as were asked for; None while none comes."""
+        after_ns = None if is_camera(self._selection.name) else self._selection.after_ns
         came = given = 0
         for frame in self._camera.stream(stop, note):
             if frame is None:
                 yield None
                 continue
             if came % self._selection.every == 0:
-                yield self._prepared(frame)
+                played = after_ns is not None and frame.stamp_ns <= after_ns
+                yield None if played else self._prepared(frame)
                 given += 1
             came += 1
             if given == self._selection.frames:
