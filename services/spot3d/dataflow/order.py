@@ -5,10 +5,8 @@ from dataclasses import dataclass
 from spot3d_schemas import Header
 
 RESTART_NS = 1_000_000_000
-"""A stamp this far back is no straggler: another recording begins."""
-_LEAP_NS = 1_000_000_000
-"""A stamp this far ahead, beyond twice the time that has passed and the step before, is in doubt. It is as much as
-`RESTART_NS`: were it believed, what follows it would begin another recording."""
+"""A stamp this far back is no straggler: another recording begins. One this far ahead, beyond twice the time that has
+passed and the step before, is in doubt: were it believed, what follows it would be as far back."""
 _CONFIRMED_NS = 10_000_000_000
 """The next stamp follows a doubtful one, no further ahead than this: then both are right."""
 
@@ -62,7 +60,7 @@ class StreamOrder:
         if -RESTART_NS < ahead_ns <= 0:
             return Verdict(OUT_OF_ORDER if ahead_ns else DUPLICATE)
         back = ahead_ns < 0
-        leaps = self._confirm and ahead_ns - last.step_ns - 2e9 * (now_s - last.at_s) > _LEAP_NS
+        leaps = self._confirm and ahead_ns - last.step_ns - 2e9 * (now_s - last.at_s) > RESTART_NS
         if not (back or leaps):
             return self._accept(header, now_s, ahead_ns)
         if not self._confirm:
