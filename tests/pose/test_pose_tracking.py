@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 from made_frame import frame_of
 from spot3d.camera import Intrinsics
 from spot3d.depth_noise import KINECT_V1
+from spot3d.evaluate.datasets import at_half_size, open_dataset
 from spot3d.evaluate.depth_errors import bent
 from spot3d.pose.estimate import PoseEstimate, PoseTracker
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.registration import Registration
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.tracking import implausible
+from spot3d.settings import load_settings
 from spot3d.trajectory import rotation_angle, rotation_from_vector, rpe
 
 CAMERA = Intrinsics(146.0, 146.0, 80.0, 60.0, 160, 120)
@@ -294,17 +296,14 @@ def test_a_bare_wall_holds_no_pose() -> None:
     assert (estimate.status, "every direction" in estimate.reason) == ("lost", True)
 
 
-@pytest.mark.parametrize("step", [3, 12])
-def test_noise_does_not_hold_a_camera_over_a_bare_floor(step: int) -> None:
+def test_noise_does_not_hold_a_camera_over_a_bare_floor() -> None:
     """It is lost where the crates leave the image, and found where they come back; noise of normals had it followed,
     and it slid by metres."""
     there = [0.06 * k for k in range(24)]
     tracker, lost = make_tracker(PoseSettings()), []
     for index, along in enumerate(there + there[::-1]):
         pose = look_at(np.array([along - 0.7, -0.9, 1.4]), np.array([along, 0.0, 0.1]))
-        estimate = tracker.track(
-            frame_of(1 + step * index * FRAME_NS, render(pose, index, CRATES, LARGER), LARGER, pose)
-        )
+        estimate = tracker.track(frame_of(1 + 3 * index * FRAME_NS, render(pose, index, CRATES, LARGER), LARGER, pose))
         lost.append(estimate.status == "lost")
         assert lost[-1] or error(estimate, pose)[0] < 0.005
     assert not any(lost[:8] + lost[-8:])
@@ -370,10 +369,30 @@ def test_gicp_without_its_package_says_what_to_install(monkeypatch: pytest.Monke
         make_tracker(PoseSettings(provider="gicp"))
 
 
-def test_redkitchen_poses() -> None:
-    data = Path(os.environ.get("SPOT3D_DATA", Path(__file__).parents[2] / "../shared/data")) / "redkitchen"
+def data_of(name: str) -> Path:
+    data = Path(os.environ.get("SPOT3D_DATA", Path(__file__).parents[2] / "../shared/data")) / name
     if not data.is_dir():
         pytest.skip(f"no data in {data}")
+    return data
+
+
+def test_no_frame_of_a_plain_cabinet_is_lost() -> None:
+    """TUM fr3/cabinet has 1.5 frames a second: of half its size a third was lost, and then found 2.5 m away, where its
+    frames were asked whether noise holds them as those of video rate are."""
+    settings = load_settings()
+    cabinet = at_half_size(open_dataset(str(data_of("tum_fr3_cabinet")), settings, 1, 12)).sequences[0].sequence
+    tracker, true, estimated = make_tracker(settings.pose), [], []
+    for index in range(12):
+        frame = cabinet[index]
+        estimate = tracker.track(frame)
+        assert estimate.status == "ok"
+        true.append(frame.T_world_camera)
+        estimated.append(estimate.T_world_camera)
+    assert rpe(np.array(true), np.array(estimated))[0]["rmse"] < 0.12
+
+
+def test_redkitchen_poses() -> None:
+    data = data_of("redkitchen")
     camera = Intrinsics(292.5, 292.5, 160.0, 120.0, 320, 240)
     tracker = make_tracker(PoseSettings())
     true, estimated = [], []
