@@ -193,16 +193,19 @@ def gradient(
     return total
 
 
-def test_the_twist_ends_where_the_plain_gradient_vanishes() -> None:
+@pytest.mark.parametrize("sure", [0.0, 1e6])
+def test_the_twist_ends_where_the_plain_gradient_vanishes(sure: float) -> None:
+    """Also with something that is expected; how sure that is: 1/m2 and 1/rad2."""
     rng = np.random.default_rng(5)
     T = moved(pose(0.3, 0.2), np.full(6, 0.01))
     points = rng.uniform((-1, -1, 1), (1, 1, 3), (40, 3))
     places = points @ T[:3, :3].T + T[:3, 3] + rng.normal(0, 0.003, (40, 3)) + (0.004, -0.003, 0.002)
     blur = rng.uniform(1, 2, 40)
-    twist = Agreement(points, blur, places, 1 / 525).twist(T, np.zeros((6, 6)))
-    left = gradient(moved(T, twist), points, places, blur)
+    expected = np.full(6, 0.003)
+    twist = Agreement(points, blur, places, 1 / 525).twist(T, sure * np.eye(6), expected)
+    left = gradient(moved(T, twist), points, places, blur) + sure * (twist - expected)
     assert np.linalg.norm(twist) > 2e-3
-    assert np.linalg.norm(left) < 0.02 * np.linalg.norm(gradient(T, points, places, blur))
+    assert np.linalg.norm(left) < 0.02 * np.linalg.norm(gradient(T, points, places, blur) - sure * expected)
 
 
 def test_a_few_landmarks_do_not_move_the_pose() -> None:
@@ -240,8 +243,21 @@ def test_landmarks_agree_with_a_pose_that_is_true_alone() -> None:
     drift = DriftCorrection(PoseSettings())
     drift.correct(seen(pose(0)), CAMERA, pose(0), INFORMATION, 0.0)
     features = seen(pose(0.3), seed=1, wrong=0.5)
-    assert drift.agreeing(features, CAMERA, pose(0.3)) > 0.3 * len(features)
-    assert drift.agreeing(features, CAMERA, pose(0.7)) < 5
+    assert np.count_nonzero(drift.seen_again(features, CAMERA, pose(0.3))) > 0.3 * len(features)
+    assert np.count_nonzero(drift.seen_again(features, CAMERA, pose(0.7))) < 5
+
+
+@pytest.mark.parametrize(("sure", "along"), [(np.diag([0, 0, 1e12, 0, 0, 0]), 0.05), (np.zeros((6, 6)), 0.0)])
+def test_a_pose_is_completed_by_landmarks_where_depth_does_not_hold_it(sure: NDArray[np.float64], along: float) -> None:
+    """Depth, if it knows, has the camera 5 cm further ahead; of all else the landmarks have the say."""
+    drift = DriftCorrection(PoseSettings())
+    for index in range(4):
+        drift.correct(seen(pose(0), seed=index), CAMERA, pose(0), INFORMATION, FRAME_S)
+    registered = pose(0.03)
+    registered[2, 3] = 0.05
+    completed = drift.completed(seen(pose(0), seed=9), CAMERA, pose(0.01), registered, sure)
+    assert abs(completed[2, 3] - along) < 0.005
+    assert abs(completed[0, 3]) < 0.005
 
 
 def test_frames_between_two_comparisons_keep_the_correction() -> None:

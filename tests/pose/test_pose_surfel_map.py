@@ -104,3 +104,33 @@ def test_of_too_many_landmarks_those_known_last_are_restored() -> None:
     landmarks.restore(rows)
     assert landmarks.rows["last"].tolist() == [30, 12]
     assert landmarks._frames == 30
+
+
+def noisy(normals: np.ndarray, seed: int) -> Surface:
+    """Points 5 mm apart on a plane a metre away for each normal, (n, 3), which noise turns by about 5 degrees."""
+    x, y = np.meshgrid(np.arange(-0.3, 0.3, 0.005), np.arange(-0.3, 0.3, 0.005))
+    points = np.stack((x, y, np.ones_like(x)), axis=-1).reshape(-1, 3)
+    turned = np.repeat(normals, len(points), axis=0)
+    turned = turned + np.random.default_rng(seed).normal(0, 0.09, turned.shape)
+    turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+    places = np.tile(points, (len(normals), 1)).astype(np.float32)
+    return Surface(places, turned.astype(np.float32), np.full(len(turned), 0.001, np.float32))
+
+
+@pytest.mark.parametrize(
+    ("normals", "least", "most"),
+    [(np.array([[0, 0, -1.0]]), 0.0, 0.15), (np.array([[0, 0, -1.0], [-1.0, 0, 0], [0, -1.0, 0]]), 0.9, 1.1)],
+)
+def test_what_two_views_have_in_common_is_structure_and_no_noise(
+    normals: np.ndarray, least: float, most: float
+) -> None:
+    """Of a shift that a plane leaves free the map's normals alone, squared, know something; both views' do not."""
+    planes = SurfelMap(VOXEL, 10_000)
+    planes.insert(noisy(normals, 0), np.eye(4))
+    seen = noisy(normals, 1)
+    squared, shared = (
+        planes.normal_equations(seen, np.eye(4), VOXEL, 4.5)[0],
+        planes.shared_information(seen, np.eye(4), VOXEL, 4.5),
+    )
+    assert np.array_equal(shared, shared.T)
+    assert least * squared[0, 0] <= abs(shared[0, 0]) <= most * squared[0, 0]

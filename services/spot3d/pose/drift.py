@@ -16,7 +16,7 @@ from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.kernel import kernel
 from spot3d.pose.features import Features
 from spot3d.pose.landmark_map import LandmarkMap, Matches
-from spot3d.pose.motion import moved
+from spot3d.pose.motion import moved, twist
 from spot3d.pose.relocalisation import meeting
 from spot3d.pose.settings import PoseSettings
 from spot3d.trajectory import nearest_rotation
@@ -64,14 +64,7 @@ class DriftCorrection:
         """
         if matches is None:
             matches = self.map.match(features, camera, T_world_registered)
-        matched = np.flatnonzero(matches.landmark >= 0)
-        agreement = Agreement(
-            features.points[matched],
-            features.blur[matched],
-            self.map.rows["position"][matches.landmark[matched]],
-            _PIXEL * 2 / (camera.fx + camera.fy),
-            features.noise,
-        )
+        agreement, matched = self._agreement(features, camera, matches)
         turn = np.kron(np.eye(2), T_world_registered[:3, :3])
         drift = agreement.drift(T_world_registered, _DEPTH_SHARE * turn @ information @ turn.T)
         if drift is not None:
@@ -82,22 +75,58 @@ class DriftCorrection:
         self.map.insert(features, matches, trusted, pose)
         return pose
 
-    def agreeing(self, features: Features, camera: Intrinsics, T_world_camera: NDArray[np.float64]) -> int:
-        """How many features lie, by a pose (4, 4), where their landmark is."""
-        return self.agreeing_of(features, self.map.match(features, camera, T_world_camera), T_world_camera)
+    def completed(
+        self,
+        features: Features,
+        camera: Intrinsics,
+        T_world_place: NDArray[np.float64],
+        T_world_registered: NDArray[np.float64],
+        information: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """The registered pose (4, 4) as far as depth holds it, and for the rest where the landmarks have the frame.
 
-    def agreeing_of(self, features: Features, matches: Matches, T_world_camera: NDArray[np.float64]) -> int:
-        """The same, where features are matched already."""
-        landmark = matches.landmark
-        known = landmark >= 0
-        points, places = features.points[known], self.map.rows["position"][landmark[known]]
-        return int(np.count_nonzero(meeting(T_world_camera, points, places, features.noise)))
+        It has no odometry's drift: the correction is forgotten. T_world_place: (4, 4) by which landmarks are matched;
+        information: see `correct`.
+        """
+        self.restart()
+        agreement, _ = self._agreement(features, camera, self.map.match(features, camera, T_world_place))
+        turn = np.kron(np.eye(2), T_world_registered[:3, :3])
+        expected = twist(T_world_place, T_world_registered)
+        motion = agreement.twist(T_world_place, _DEPTH_SHARE * turn @ information @ turn.T, expected)
+        return _moved(T_world_place, motion)
+
+    def _agreement(
+        self, features: Features, camera: Intrinsics, matches: Matches
+    ) -> tuple["Agreement", NDArray[np.int64]]:
+        """How features agree with their landmarks, and which do, (m,)."""
+        matched = np.flatnonzero(matches.landmark >= 0)
+        agreement = Agreement(
+            features.points[matched],
+            features.blur[matched],
+            self.map.rows["position"][matches.landmark[matched]],
+            _PIXEL * 2 / (camera.fx + camera.fy),
+            features.noise,
+        )
+        return agreement, matched
+
+    def seen_again(
+        self,
+        features: Features,
+        camera: Intrinsics,
+        T_world_camera: NDArray[np.float64],
+        matches: Matches | None = None,
+    ) -> NDArray[np.bool_]:
+        """Which features (n,) lie, by a pose (4, 4), where their landmark is; matches: by it, if they are known."""
+        if matches is None:
+            matches = self.map.match(features, camera, T_world_camera)
+        seen = matches.landmark >= 0
+        places = self.map.rows["position"][matches.landmark[seen]]
+        seen[seen] = meeting(T_world_camera, features.points[seen], places, features.noise)
+        return seen
 
     def held(self, T_world_registered: NDArray[np.float64]) -> NDArray[np.float64]:
         """The pose (4, 4) of a registered frame with the correction as it stands, for a frame that is not compared."""
-        pose = moved(T_world_registered, self._correction)
-        pose[:3, :3] = nearest_rotation(pose[:3, :3])
-        return pose
+        return _moved(T_world_registered, self._correction)
 
     def restart(self) -> None:
         """Forget the correction, not the landmarks: a pose that was found again is the map's own."""
@@ -129,13 +158,21 @@ class Agreement:
         square = self.displacement(T_world_camera, twist) ** 2
         return np.asarray(square / (square + _DOUBT**2) * twist)
 
-    def twist(self, T_world_camera: NDArray[np.float64], prior: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The motion (6,) from a pose to where the landmarks are met best; prior: (6, 6) information of the pose."""
+    def twist(
+        self,
+        T_world_camera: NDArray[np.float64],
+        prior: NDArray[np.float64],
+        expected: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.float64]:
+        """The motion (6,) from a pose to where the landmarks are met best; prior: (6, 6) information that it is the
+        expected one (6,), none unless given."""
         twist = np.zeros(6)
+        off = np.zeros(6) if expected is None else -expected
         for _ in range(_STEPS):
             H, g, _ = self._equations(moved(T_world_camera, twist))
-            step = np.linalg.solve(H + prior + _RIDGE * np.eye(6), g - prior @ twist)
+            step = np.linalg.solve(H + prior + _RIDGE * np.eye(6), g - prior @ off)
             twist += step
+            off += step
             if np.abs(step).max() < _STEP_MIN:
                 break
         return twist
@@ -158,6 +195,12 @@ class Agreement:
         pairs = _Pairs(self.points, self.landmarks, lateral, axial)
         _normal_equations(np.ascontiguousarray(T_world_camera), pairs, room, sums)
         return sums
+
+
+def _moved(T_world_camera: NDArray[np.float64], motion: NDArray[np.float64]) -> NDArray[np.float64]:
+    pose = moved(T_world_camera, motion)
+    pose[:3, :3] = nearest_rotation(pose[:3, :3])
+    return pose
 
 
 class _Pairs(NamedTuple):

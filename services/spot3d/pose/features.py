@@ -37,13 +37,14 @@ class Features:
     def __len__(self) -> int:
         return len(self.pixels)
 
-    def information(self, camera: Intrinsics) -> NDArray[np.float64]:
-        """Information (6, 6) on the pose, 1/m2 and 1/rad2, that they would have if all were seen again: for a shift and
-        a turn about the camera in its own axes.
+    def information(self, camera: Intrinsics, seen_again: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
+        """Information (6, 6) on the pose, 1/m2 and 1/rad2, of those that are seen again (n,), or that they would have
+        if all were: for a shift and a turn about the camera in its own axes.
         """
-        z = self.points[:, 2]
-        across, along = self.blur * z / camera.fx, self.noise.sigma(z)
-        J = np.concatenate((np.tile(np.eye(3), (len(self), 1, 1)), -_crossed(self.points)), axis=2)
+        chosen = slice(None) if seen_again is None else seen_again
+        points, z = self.points[chosen], self.points[chosen, 2]
+        across, along = self.blur[chosen] * z / camera.fx, self.noise.sigma(z)
+        J = np.concatenate((np.tile(np.eye(3), (len(points), 1, 1)), -_crossed(points)), axis=2)
         J /= np.stack((across, across, along), axis=1)[:, :, None]
         rows = J.reshape(-1, 6)
         return np.asarray(rows.T @ rows)

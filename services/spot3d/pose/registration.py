@@ -6,10 +6,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.camera import invert
 from spot3d.pose.motion import moved
+from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface
 from spot3d.pose.surfel_map import SurfelMap
-from spot3d.trajectory import nearest_rotation
+from spot3d.trajectory import nearest_rotation, rotation_angle
 
 DISTANCE = 0.05
 """Largest distance between a point and the plane that it meets, metres."""
@@ -21,6 +23,9 @@ OVERLAP_MIN = 0.5
 """Share of points that must meet the map."""
 RESIDUAL_MAX = 0.015
 """Largest root mean square distance of the matched points to the map, metres."""
+SAME_PLACE = 0.10
+"""Places this close to each other are one place, metres."""
+_SAME_TURN = np.radians(5.0)
 # Gauss-Newton steps at most.
 _STEPS = 8
 # The first Gauss-Newton steps are coarse: part of the points does.
@@ -81,6 +86,19 @@ def judged(
     return Registration(T_world_camera, matched / max(tried, 1), (squares / max(matched, 1)) ** 0.5)
 
 
+def information_of_structure(
+    planes: SurfelMap, surface: Surface, T_world_camera: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Information (6, 6) on the pose of what a surface and the map have in common, 1/m2 and 1/rad2.
+
+    For a shift and a turn about the camera in its own axes. What noise holds, as over a bare floor, is not in it.
+    """
+    turn = np.kron(np.eye(2), T_world_camera[:3, :3])
+    shared = planes.shared_information(surface, T_world_camera, DISTANCE, KERNEL)
+    values, directions = np.linalg.eigh(turn.T @ shared @ turn)
+    return np.asarray(directions * np.maximum(values, 0) @ directions.T)
+
+
 def refined(
     planes: SurfelMap, surface: Surface, T_world_camera: NDArray[np.float64], distance: float = DISTANCE
 ) -> NDArray[np.float64]:
@@ -104,3 +122,38 @@ def refined(
     pose = pose.copy()
     pose[:3, :3] = nearest_rotation(pose[:3, :3])
     return pose
+
+
+def implausible(
+    registration: Registration,
+    T_world_last: NDArray[np.float64],
+    elapsed: float,
+    overlap_min: float,
+    settings: PoseSettings,
+) -> str:
+    """Why a registration cannot be trusted, or an empty string.
+
+    T_world_last: (4, 4) last good pose, `elapsed` seconds before.
+    """
+    motion = invert(T_world_last) @ registration.T_world_camera
+    shift, turn = float(np.linalg.norm(motion[:3, 3])), float(rotation_angle(motion[:3, :3]))
+    if registration.overlap < overlap_min:
+        return f"{registration.overlap:.0%} of the points meet the map, {overlap_min:.0%} are needed"
+    if not registration.residual <= RESIDUAL_MAX:
+        return f"points lie {1e3 * registration.residual:.1f} mm off the map"
+    if shift > settings.speed_max * elapsed:
+        return f"a jump of {shift:.2f} m in {elapsed:.3f} s"
+    if turn > settings.turn_max * elapsed:
+        return f"a turn of {np.degrees(turn):.0f} deg in {elapsed:.3f} s"
+    return ""
+
+
+def best_of(tried: list[Registration]) -> Registration:
+    """That which meets the map with most of its points."""
+    return max(tried, key=lambda registration: registration.overlap)
+
+
+def elsewhere(T_world_a: NDArray[np.float64], T_world_b: NDArray[np.float64]) -> bool:
+    """Whether two poses (4, 4) are of two places."""
+    motion = invert(T_world_a) @ T_world_b
+    return bool(np.linalg.norm(motion[:3, 3]) > SAME_PLACE or rotation_angle(motion[:3, :3]) > _SAME_TURN)

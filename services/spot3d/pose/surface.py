@@ -13,11 +13,6 @@ from spot3d.sensor import axial_noise_kernel
 # Sums over a cell's valid pixels, u and v counted from its centre, q = 1/z: n u v uu uv vv q uq vq qq.
 _SUMS = 10
 _SHARE = 8
-# Normals within this angle, if so large a share of all are, may be of one plane: noise turns those of a floor 1.7 m
-# away by 5 degrees in the median, and 1 % of them by more than 14. With 10, 15, 20 degrees 0.64, 0.94, 0.72 of the
-# things on three such floors are found from straight above (0.64 where noise counts, too; with 20 the camera is lost
-# too often), with shares of 0.03, 0.05, 0.1 alike. Found from so many of them.
-_ALIKE, _ALIKE_SHARE, _ALIKE_TRIED = np.cos(np.radians(15)), 0.05, 100
 # Share of valid pixels that a plane fit needs.
 _FILL_MIN = 0.8
 # Largest residual of a plane fit, in standard deviations of the depth noise.
@@ -84,36 +79,10 @@ def why_few(depth_m: NDArray[np.float32], found: int, settings: PoseSettings) ->
 def information(surface: Surface) -> NDArray[np.float64]:
     """Information (6, 6) on the pose that a point-to-plane registration of these points has, 1/m2 and 1/rad2.
 
-    For a shift and a turn about the camera in its own axes, if the points had independent noise `sigma`.
+    For a shift and a turn about the camera in its own axes, if the points had independent noise `sigma`. Of a share of
+    the points, which tell the same and are quick.
     """
-    return _information(surface, surface.normals[::_SHARE].astype(np.float64))
-
-
-def information_of_structure(surface: Surface) -> NDArray[np.float64]:
-    """As `information`, without what may be noise of normals: those that may be of one plane count as its.
-
-    Beside the noise of points, a bare floor holds the pose as well as a kitchen does where noise counts (0.2 and 0.05
-    to 0.2, see `weakness_max`); so it does not (1.2 and more), and the kitchen as before.
-    """
-    normals = surface.normals[::_SHARE].astype(np.float64)
-    rest = np.arange(len(normals))
-    least = _ALIKE_SHARE * len(normals)
-    while len(rest) >= least:
-        directions = normals[rest]
-        alike = directions[:: -(-len(rest) // _ALIKE_TRIED)] @ directions.T > _ALIKE
-        shared = directions[alike[np.argmax(alike.sum(axis=1))]].sum(axis=0)
-        near = directions @ (shared / np.linalg.norm(shared)) > _ALIKE
-        if np.count_nonzero(near) < least:
-            break
-        shared = directions[near].sum(axis=0)
-        normals[rest[near]] = shared / np.linalg.norm(shared)
-        rest = rest[~near]
-    return _information(surface, normals)
-
-
-def _information(surface: Surface, normals: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of a share of a surface's points, which tell the same and are quick, with these normals (m, 3)."""
-    points = surface.points[::_SHARE].astype(np.float64)
+    points, normals = surface.points[::_SHARE].astype(np.float64), surface.normals[::_SHARE].astype(np.float64)
     J = np.hstack((normals, np.cross(points, normals))) / surface.sigma[::_SHARE, None]
     return np.asarray(_SHARE * (J.T @ J))
 

@@ -40,12 +40,16 @@ class _Points(NamedTuple):
 
 
 class _Sums(NamedTuple):
-    """What is summed up (see `SurfelMap.normal_equations`), and J (6,), room for the row of one point."""
+    """What is summed up, and room for the rows of one point by the map's normal and by its own, (2, 6).
+
+    See `SurfelMap.normal_equations` and `shared_information`, which is (0, 6) where it is not asked for.
+    """
 
     H: NDArray[np.float64]
     g: NDArray[np.float64]
     totals: NDArray[np.float64]
-    J: NDArray[np.float64]
+    shared: NDArray[np.float64]
+    rows: NDArray[np.float64]
 
 
 class SurfelMap:
@@ -103,10 +107,33 @@ class SurfelMap:
         Returns H (6, 6) and g (6,) of H x = g for the twist x (metres, radians; world axes, about the camera), and
         (points tried, points matched, sum of squared distances in m2).
         """
-        sums = _Sums(np.zeros((_POSE, _POSE)), np.zeros(_POSE), np.zeros(3), np.empty(_POSE))
+        sums = self._summed(surface, T_world_camera, distance, kernel, stride, False)
+        return sums.H, sums.g, sums.totals
+
+    def shared_information(
+        self, surface: Surface, T_world_camera: NDArray[np.float64], distance: float, kernel: float
+    ) -> NDArray[np.float64]:
+        """As H of `normal_equations`, but of each point's own normal by the map's in the place of the map's squared.
+
+        Noise of the one knows nothing of that of the other, and adds up to nothing; squared it adds up.
+        """
+        summed = self._summed(surface, T_world_camera, distance, kernel, 1, True).shared
+        return np.asarray(0.5 * (summed + summed.T))
+
+    def _summed(
+        self,
+        surface: Surface,
+        T_world_camera: NDArray[np.float64],
+        distance: float,
+        kernel: float,
+        stride: int,
+        asks_shared: bool,
+    ) -> _Sums:
+        square, shared = np.zeros((_POSE, _POSE)), np.zeros((_POSE if asks_shared else 0, _POSE))
+        sums = _Sums(square, np.zeros(_POSE), np.zeros(3), shared, np.empty((2, _POSE)))
         pose = np.ascontiguousarray(T_world_camera, np.float64)
         _normal_equations(self._arrays, _points_of(surface), pose, distance, kernel, stride, sums)
-        return sums.H, sums.g, sums.totals
+        return sums
 
     def rescale(self, factor: float) -> None:
         """Put every surfel where it would be had the depth been `factor` times as large."""
@@ -256,7 +283,8 @@ def _normal_equations(
     """Sum H, g and the totals over every stride-th point; Geman-McClure weights, inverse noise variance."""
     keys, surfels, voxel, beside = known
     points, normals, sigma = surface
-    H, g, totals, J = sums
+    H, g, totals, shared, rows = sums
+    J, own = rows[0], rows[1]
     for i in range(0, points.shape[0], stride):
         totals[0] += 1
         p, n = points[i], normals[i]
@@ -296,6 +324,13 @@ def _normal_equations(
             g[a] -= wj * r
             for b in range(a, _POSE):
                 H[a, b] += wj * J[b]
+        if len(shared):
+            own[0], own[1], own[2] = nx, ny, nz
+            own[3], own[4], own[5] = ly * nz - lz * ny, lz * nx - lx * nz, lx * ny - ly * nx
+            for a in range(_POSE):
+                wj = weight * J[a]
+                for b in range(_POSE):
+                    shared[a, b] += wj * own[b]
         totals[1] += 1
         totals[2] += r * r
     for a in range(_POSE):

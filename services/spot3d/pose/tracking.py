@@ -1,34 +1,34 @@
 """Tracking over frames: prediction, loss, recovery; for every provider that registers to a local map."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.calibration import Bend
-from spot3d.camera import Intrinsics, invert
 from spot3d.frame import RgbdFrame
 from spot3d.pose.adjustment import Seen
 from spot3d.pose.drift import DriftCorrection
 from spot3d.pose.estimate import PoseEstimate
-from spot3d.pose.features import FeatureDetector, Features
+from spot3d.pose.features import FeatureDetector
 from spot3d.pose.hindsight import Hindsight
 from spot3d.pose.landmark_map import Matches
 from spot3d.pose.motion import checked_pose, extrapolated
-from spot3d.pose.registration import OVERLAP_MIN, RESIDUAL_MAX, Registrar, Registration
+from spot3d.pose.registration import (
+    OVERLAP_MIN,
+    SAME_PLACE,
+    Registrar,
+    Registration,
+    best_of,
+    elsewhere,
+    implausible,
+    information_of_structure,
+)
 from spot3d.pose.relocalisation import relocalised
 from spot3d.pose.settings import PoseSettings
-from spot3d.pose.surface import (
-    POINTS_MIN,
-    Surface,
-    information,
-    information_of_structure,
-    sample_surface,
-    weakest_direction,
-    why_few,
-)
-from spot3d.trajectory import rotation_angle, rotation_from_vector
+from spot3d.pose.surface import POINTS_MIN, sample_surface, why_few
+from spot3d.pose.view import View
+from spot3d.trajectory import rotation_from_vector
 
 # Turns of the camera, in degrees about its x and y axes, that a frame is searched for by, from the last good pose.
 _TURNS = ((0, 12), (0, -12), (12, 0), (-12, 0), (0, 25), (0, -25), (12, 12), (-12, -12), (12, -12), (-12, 12))
@@ -36,8 +36,6 @@ _TURNS = ((0, 12), (0, -12), (12, 0), (-12, 0), (0, 25), (0, -25), (12, 12), (-1
 # that after the last is searched for. Redkitchen at two frames a second is off by 0.03 m then in the place of 0.2 to
 # 0.5, TUM fr3/cabinet (no texture, 0.16 m from frame to frame) by 0.05 to 0.16 m in the place of 0.3 to 0.4.
 _COASTING = 0.3
-# Places this close to each other are one place (metres, radians).
-_SAME_PLACE, _SAME_TURN = 0.10, np.radians(5.0)
 # Fewer landmarks than this agree with a wrong pose by chance: up to three do on redkitchen and on TUM fr3/cabinet. With
 # 3, 4 and 5 redkitchen at one to three frames a second is the same where all edges are mixed; where 30 % of its depth
 # is missing it is off by 0.1 to 0.3 m with each at two frames a second and fewer.
@@ -59,49 +57,9 @@ _SEEN_AGAIN, _CLEARLY = 0.25, 1.5
 # So many points must meet the map of a frame that is found again, where a false match is likelier; and by so much more
 # than in any other place.
 _RECOVERY_OVERLAP, _RECOVERY_MARGIN = 0.7, 0.1
+_MAY_BE_NOISE = "it may be noise that holds the view's pose in some direction"
 # After this many lost frames only every fifth is searched for: being lost for long must not cost a core.
 _PATIENCE, _SEARCH_INTERVAL = 60, 5
-
-
-def implausible(
-    registration: Registration,
-    T_world_last: NDArray[np.float64],
-    elapsed: float,
-    overlap_min: float,
-    settings: PoseSettings,
-) -> str:
-    """Why a registration cannot be trusted, or an empty string.
-
-    T_world_last: (4, 4) last good pose, `elapsed` seconds before.
-    """
-    motion = invert(T_world_last) @ registration.T_world_camera
-    shift, turn = float(np.linalg.norm(motion[:3, 3])), float(rotation_angle(motion[:3, :3]))
-    if registration.overlap < overlap_min:
-        return f"{registration.overlap:.0%} of the points meet the map, {overlap_min:.0%} are needed"
-    if not registration.residual <= RESIDUAL_MAX:
-        return f"points lie {1e3 * registration.residual:.1f} mm off the map"
-    if shift > settings.speed_max * elapsed:
-        return f"a jump of {shift:.2f} m in {elapsed:.3f} s"
-    if turn > settings.turn_max * elapsed:
-        return f"a turn of {np.degrees(turn):.0f} deg in {elapsed:.3f} s"
-    return ""
-
-
-@dataclass(frozen=True)
-class _View:
-    """What one frame shows. information: (6, 6), which its surface has on the pose, in the camera's axes."""
-
-    colour: NDArray[np.uint8]
-    depth_m: NDArray[np.float32]
-    camera: Intrinsics
-    surface: Surface
-    information: NDArray[np.float64]
-    detector: FeatureDetector
-
-    @cached_property
-    def features(self) -> Features:
-        """Its image features; no frame is searched for them twice."""
-        return self.detector.detect(self.colour, self.depth_m, self.camera)
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,114 +136,139 @@ class MapTracker:
 
     def _tracked(self, frame: RgbdFrame, depth_m: NDArray[np.float32]) -> PoseEstimate:
         """See `track`. depth_m: (h, w) float32 metres, 0 = invalid, without what is known to bend it."""
-        stamp_ns, intrinsics = frame.stamp_ns, frame.intrinsics
-        surface = sample_surface(depth_m, intrinsics, self._settings)
-        last, came_ns, self._came_ns = self._last, self._came_ns, stamp_ns
+        stamp_ns, last, came_ns = frame.stamp_ns, self._last, self._came_ns
+        self._came_ns = stamp_ns
+        surface = sample_surface(depth_m, frame.intrinsics, self._settings)
         if len(surface) < POINTS_MIN:
             return self._lose(why_few(depth_m, len(surface), self._settings))
-        held = information(surface)
-        view = _View(frame.colour, depth_m, intrinsics, surface, held, self._detector)
-        weak = self._is_weak(held, surface)
-        if weak and self._is_weak(held + _SEEN_AGAIN * view.features.information(intrinsics), surface):
+        view = View(
+            stamp_ns=stamp_ns,
+            at_video_rate=came_ns is not None and (stamp_ns - came_ns) * 1e-9 <= _COASTING,
+            colour=frame.colour,
+            depth_m=depth_m,
+            camera=frame.intrinsics,
+            surface=surface,
+            detector=self._detector,
+            weakness_max=self._settings.weakness_max,
+        )
+        weak = view.is_weak(view.information)
+        if weak and view.is_weak(view.information + _SEEN_AGAIN * view.features.information(view.camera)):
             return self._lose("the view does not hold the pose in every direction")
         if last is None:
             anchor = checked_pose(frame.T_world_camera)
-            return self._accept(stamp_ns, view, np.eye(4) if anchor is None else anchor)
+            return self._accept(view, np.eye(4) if anchor is None else anchor)
         if stamp_ns <= last.stamp_ns:
             return self._lose(f"stamp {stamp_ns} does not follow {last.stamp_ns}")
         if weak:
-            return self._follow_landmarks(last, stamp_ns, view)
-        if came_ns is not None and (stamp_ns - came_ns) * 1e-9 <= _COASTING and self._may_be_noise(view):
-            return self._lose("it may be noise that holds the view's pose in some direction")
+            return self._follow_landmarks(last, view)
         if self._lost_frames:
-            return self._find_again(last, stamp_ns, view)
-        return self._follow(last, stamp_ns, view)
+            return self._find_again(last, view)
+        return self._follow(last, view)
 
-    def _is_weak(self, held: NDArray[np.float64], surface: Surface) -> bool:
-        """Whether information (6, 6) leaves the pose free in some direction, beside the noise of a surface's points."""
-        return weakest_direction(held) > self._settings.weakness_max * float(np.median(surface.sigma))
-
-    def _may_be_noise(self, view: _View) -> bool:
-        """Whether noise alone may hold the pose in some direction: what is plain there, and has few features.
+    def _placed(self, view: View, T_world_camera: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """Where a frame is that is registered at a pose: there, if structure that meets the map holds it, or else where
+        features that are seen again have it as well; None where both together hold no pose.
 
         Asked at video rate, where odometry slides along what noise holds. Of TUM fr3/cabinet, which has 1.5 frames a
-        second, and which the same noise holds, it would lose a third of the frames.
+        second, and whose second frame nothing holds, it would lose the first third, and find it 2.6 m away.
         """
-        structure = information_of_structure(view.surface)
-        if not self._is_weak(structure, view.surface):
-            return False
-        seen_again = _SEEN_AGAIN * view.features.information(view.camera)
-        return self._is_weak(structure + seen_again, view.surface)
+        if not view.at_video_rate:
+            return T_world_camera
+        structure = self._structure(view, T_world_camera)
+        if not view.is_weak(structure):
+            return T_world_camera
+        seen_again = self._drift.seen_again(view.features, view.camera, T_world_camera)
+        if view.is_weak(structure + view.features.information(view.camera, seen_again)):
+            return None
+        return self._drift.completed(view.features, view.camera, T_world_camera, T_world_camera, structure)
 
-    def _follow(self, last: _Fix, stamp_ns: int, view: _View) -> PoseEstimate:
-        if (stamp_ns - last.stamp_ns) * 1e-9 > _COASTING:
-            return self._follow_late(last, stamp_ns, view)
-        predicted = self._predicted(last, stamp_ns)
+    def _by_landmarks(self, view: View, T_world_place: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The pose (4, 4) of a frame whose landmarks have a place for it, which its structure mends as far as it holds
+        a pose: few landmarks that are near to each other know little of the camera's tilt, a floor much."""
+        found = self._registrar.register(view.surface, T_world_place, False).T_world_camera
+        return self._drift.completed(view.features, view.camera, T_world_place, found, self._structure(view, found))
+
+    def _structure(self, view: View, T_world_camera: NDArray[np.float64]) -> NDArray[np.float64]:
+        return information_of_structure(self._registrar.planes, view.surface, T_world_camera)
+
+    def _follow(self, last: _Fix, view: View) -> PoseEstimate:
+        if (view.stamp_ns - last.stamp_ns) * 1e-9 > _COASTING:
+            return self._follow_late(last, view)
+        predicted = self._predicted(last, view.stamp_ns)
         registration = self._registrar.register(view.surface, predicted, False)
-        doubt = self._doubt(registration, last, stamp_ns, OVERLAP_MIN)
+        doubt = self._doubt(registration, last, view, OVERLAP_MIN)
         if not doubt:
-            return self._accept(stamp_ns, view, registration.T_world_camera)
+            placed = self._placed(view, registration.T_world_camera)
+            return self._follow_landmarks(last, view) if placed is None else self._accept(view, placed)
         # Frames were dropped or the motion was fast: once more, from afar, before giving up.
-        found = self._find_again(last, stamp_ns, view)
+        found = self._find_again(last, view)
         if found.status == "ok":
             return found
-        T_world_camera = registration.T_world_camera
-        if not (_elsewhere(T_world_camera, predicted) or self._doubt(registration, last, stamp_ns, _OVERLAP_EXPECTED)):
-            self._lost_frames = 0  # it was followed, and its velocity holds
-            return self._accept(stamp_ns, view, T_world_camera)
+        expected = not elsewhere(registration.T_world_camera, predicted)
+        if expected and not self._doubt(registration, last, view, _OVERLAP_EXPECTED):
+            placed = self._placed(view, registration.T_world_camera)
+            if placed is not None:
+                self._lost_frames = 0  # it was followed, and its velocity holds
+                return self._accept(view, placed)
         return PoseEstimate(found.T_world_camera, "lost", doubt)
 
-    def _follow_late(self, last: _Fix, stamp_ns: int, view: _View) -> PoseEstimate:
+    def _follow_late(self, last: _Fix, view: View) -> PoseEstimate:
         """Where the landmarks have a frame long after the last, or else where its surface meets the map best."""
-        known_again = self._known_again(last, stamp_ns, view)
+        known_again = self._known_again(last, view)
         if known_again is not None:
-            return self._accept(stamp_ns, view, known_again)
-        tried = self._searched(last, stamp_ns, view)
-        possible = [other for other in tried if not self._doubt(other, last, stamp_ns, OVERLAP_MIN)]
+            return self._accept(view, known_again)
+        tried = self._searched(last, view)
+        possible = [other for other in tried if not self._doubt(other, last, view, OVERLAP_MIN)]
         if not possible:
-            return self._lose(self._doubt(_best(tried), last, stamp_ns, OVERLAP_MIN))
-        return self._accept(stamp_ns, view, self._likeliest(possible, view).T_world_camera)
+            return self._lose(self._doubt(best_of(tried), last, view, OVERLAP_MIN))
+        placed = [self._placed(view, other.T_world_camera) for other in possible]
+        held = [replace(other, T_world_camera=at) for other, at in zip(possible, placed, strict=True) if at is not None]
+        if not held:
+            return self._lose(_MAY_BE_NOISE)
+        return self._accept(view, self._likeliest(held, view).T_world_camera)
 
-    def _follow_landmarks(self, last: _Fix, stamp_ns: int, view: _View) -> PoseEstimate:
+    def _follow_landmarks(self, last: _Fix, view: View) -> PoseEstimate:
         """Where landmarks alone have a frame whose surface would slide or spin, were it registered: a plain table."""
         place = relocalised(view.features, self._drift.map.rows)
         if place is None:
             return self._lose("the view's surface does not hold the pose in every direction, nor do landmarks")
-        doubt = self._doubt(Registration(place.T_world_camera, 1.0, 0.0), last, stamp_ns, OVERLAP_MIN)
+        doubt = self._doubt(Registration(place.T_world_camera, 1.0, 0.0), last, view, OVERLAP_MIN)
         if doubt:
             return self._lose(doubt)
-        self._drift.restart()  # it has no odometry's drift
-        return self._accept(stamp_ns, view, place.T_world_camera)
+        return self._accept(view, self._by_landmarks(view, place.T_world_camera))
 
-    def _likeliest(self, possible: list[Registration], view: _View) -> Registration:
+    def _likeliest(self, possible: list[Registration], view: View) -> Registration:
         """The registration that most landmarks agree with, whatever the surface says; the best where few agree."""
-        agreeing = [self._drift.agreeing(view.features, view.camera, other.T_world_camera) for other in possible]
+        agreeing = [self._agreeing(view, other.T_world_camera) for other in possible]
         most = max(agreeing)
         if most >= _AGREE_MIN:
             possible = [other for other, count in zip(possible, agreeing, strict=True) if count == most]
-        return _best(possible)
+        return best_of(possible)
 
-    def _find_again(self, last: _Fix, stamp_ns: int, view: _View) -> PoseEstimate:
+    def _find_again(self, last: _Fix, view: View) -> PoseEstimate:
         """Register from several starting poses; the best is trusted if no other place fits nearly as well."""
         if self._lost_frames > _PATIENCE and self._lost_frames % _SEARCH_INTERVAL:
             return self._lose(f"lost for {self._lost_frames} frames, searched for in every fifth")
-        tried = self._searched(last, stamp_ns, view)
-        best = _best(tried)
-        doubt = self._doubt(best, last, stamp_ns, _RECOVERY_OVERLAP)
+        tried = self._searched(last, view)
+        best = best_of(tried)
+        doubt = self._doubt(best, last, view, _RECOVERY_OVERLAP)
         rivals = (other for other in tried if other.overlap > best.overlap - _RECOVERY_MARGIN)
-        if not doubt and any(_elsewhere(best.T_world_camera, rival.T_world_camera) for rival in rivals):
+        if not doubt and any(elsewhere(best.T_world_camera, rival.T_world_camera) for rival in rivals):
             doubt = "the view fits the map in two places"
         if not doubt:
-            return self._accept(stamp_ns, view, best.T_world_camera)
-        known_again = self._known_again(last, stamp_ns, view)
+            placed = self._placed(view, best.T_world_camera)
+            if placed is not None:
+                return self._accept(view, placed)
+            doubt = _MAY_BE_NOISE
+        known_again = self._known_again(last, view)
         if known_again is None:
             return self._lose(f"not found again: {doubt}")
-        return self._accept(stamp_ns, view, known_again)
+        return self._accept(view, known_again)
 
-    def _searched(self, last: _Fix, stamp_ns: int, view: _View) -> list[Registration]:
-        return [self._registrar.register(view.surface, guess, True) for guess in self._guesses(last, stamp_ns)]
+    def _searched(self, last: _Fix, view: View) -> list[Registration]:
+        return [self._registrar.register(view.surface, guess, True) for guess in self._guesses(last, view.stamp_ns)]
 
-    def _known_again(self, last: _Fix, stamp_ns: int, view: _View) -> NDArray[np.float64] | None:
+    def _known_again(self, last: _Fix, view: View) -> NDArray[np.float64] | None:
         """The pose where the landmarks have it, wherever that is, if the surface proves it; None where it does not."""
         place = relocalised(view.features, self._drift.map.rows)
         if place is None:
@@ -293,10 +276,11 @@ class MapTracker:
         found = self._registrar.register(view.surface, place.T_world_camera, False)
         off = np.linalg.norm((found.T_world_camera - place.T_world_camera)[:3, 3])
         # Few landmarks, all on one side, place the camera roughly: then the surface must be all the surer.
-        overlap_min = _OVERLAP_EXPECTED if off < _SAME_PLACE else _RECOVERY_OVERLAP
-        if off > _LANDMARKS_OFF or self._doubt(found, last, stamp_ns, overlap_min):
+        overlap_min = _OVERLAP_EXPECTED if off < SAME_PLACE else _RECOVERY_OVERLAP
+        if off > _LANDMARKS_OFF or self._doubt(found, last, view, overlap_min):
             return None
-        return found.T_world_camera
+        placed = self._placed(view, found.T_world_camera)
+        return self._by_landmarks(view, place.T_world_camera) if placed is None else placed
 
     def _guesses(self, last: _Fix, stamp_ns: int) -> list[NDArray[np.float64]]:
         """Starting poses for a frame that is searched for, the likeliest first."""
@@ -317,44 +301,43 @@ class MapTracker:
         ratio = (stamp_ns - last.stamp_ns) / (last.stamp_ns - before.stamp_ns)
         return extrapolated(before.T_world_camera, last.T_world_camera, ratio)
 
-    def _doubt(self, registration: Registration, last: _Fix, stamp_ns: int, overlap_min: float) -> str:
-        elapsed = (stamp_ns - last.stamp_ns) * 1e-9
+    def _doubt(self, registration: Registration, last: _Fix, view: View, overlap_min: float) -> str:
+        elapsed = (view.stamp_ns - last.stamp_ns) * 1e-9
         return implausible(registration, last.T_world_camera, elapsed, overlap_min, self._settings)
 
-    def _accept(self, stamp_ns: int, view: _View, pose: NDArray[np.float64]) -> PoseEstimate:
+    def _accept(self, view: View, pose: NDArray[np.float64]) -> PoseEstimate:
         forgotten = self._forgotten()
-        pose = self._corrected(stamp_ns, view, pose)
+        pose = self._corrected(view, pose)
         self._registrar.insert(view.surface, pose)
         # After a loss the old velocity says nothing.
         self._before = None if self._lost_frames else self._last
-        self._last = _Fix(pose, stamp_ns)
+        self._last = _Fix(pose, view.stamp_ns)
         self._lost_frames = 0
-        if self._hindsight is not None and self._hindsight.due(stamp_ns):
+        if self._hindsight is not None and self._hindsight.due(view.stamp_ns):
             known = self._hindsight.calibration
-            self._hindsight.learn(Seen(stamp_ns, view.surface, view.camera, known, pose, 0.0, np.zeros(6), pose), pose)
+            seen = Seen(view.stamp_ns, view.surface, view.camera, known, pose, 0.0, np.zeros(6), pose)
+            self._hindsight.learn(seen, pose)
         return PoseEstimate(pose, "ok", forgotten=self._forgotten() - forgotten)
 
     def _forgotten(self) -> int:
         return self._registrar.planes.forgotten + self._drift.map.forgotten
 
-    def _corrected(self, stamp_ns: int, view: _View, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _corrected(self, view: View, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """The registered pose without the drift that landmarks show."""
-        elapsed = 0.0 if self._compared_ns is None else (stamp_ns - self._compared_ns) * 1e-9
+        elapsed = 0.0 if self._compared_ns is None else (view.stamp_ns - self._compared_ns) * 1e-9
         if self._lost_frames:
             self._drift.restart()
         elif self._compared_ns is not None and elapsed < self._settings.landmark_interval:
             return self._drift.held(pose)
-        self._compared_ns = stamp_ns
+        self._compared_ns = view.stamp_ns
         matches = self._drift.map.match(view.features, view.camera, pose)
-        place = self._slid_from(matches, stamp_ns, view, pose)
+        place = self._slid_from(matches, view, pose)
         if place is not None:
             self._drift.restart()
             return self._drift.correct(view.features, view.camera, place, view.information, elapsed)
         return self._drift.correct(view.features, view.camera, pose, view.information, elapsed, matches)
 
-    def _slid_from(
-        self, matches: Matches, stamp_ns: int, view: _View, pose: NDArray[np.float64]
-    ) -> NDArray[np.float64] | None:
+    def _slid_from(self, matches: Matches, view: View, pose: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """Where the landmarks have a frame, if clearly more of them agree with that than with its registered pose, by
         which features are matched; None: it is where it was registered.
 
@@ -363,27 +346,26 @@ class MapTracker:
         if self._last is None:
             return None
         features = view.features
-        agreeing = self._drift.agreeing_of(features, matches, pose)
+        agreeing = self._agreeing(view, pose, matches)
         if agreeing >= _SEEN_AGAIN * len(features):
             return None
         place = relocalised(features, self._drift.map.rows)
         if place is None or place.agreeing < _CLEARLY * agreeing:
             return None
         found = self._registrar.register(view.surface, place.T_world_camera, False)
-        if self._doubt(found, self._last, stamp_ns, _OVERLAP_EXPECTED):
+        if self._doubt(found, self._last, view, _OVERLAP_EXPECTED):
             return None
-        slides = _CLEARLY * self._drift.agreeing(features, view.camera, found.T_world_camera) < place.agreeing
+        slides = _CLEARLY * self._agreeing(view, found.T_world_camera) < place.agreeing
         return place.T_world_camera if slides else found.T_world_camera
+
+    def _agreeing(self, view: View, T_world_camera: NDArray[np.float64], matches: Matches | None = None) -> int:
+        """How many features lie, by a pose, where their landmark is; matches: by it, if they are known."""
+        return int(np.count_nonzero(self._drift.seen_again(view.features, view.camera, T_world_camera, matches)))
 
     def _lose(self, reason: str) -> PoseEstimate:
         self._lost_frames += 1
+        return self._skip(reason)
+
+    def _skip(self, reason: str) -> PoseEstimate:
+        """Pass over a frame: the next is followed as if this had not come."""
         return PoseEstimate(np.eye(4) if self._last is None else self._last.T_world_camera, "lost", reason)
-
-
-def _best(tried: list[Registration]) -> Registration:
-    return max(tried, key=lambda registration: registration.overlap)
-
-
-def _elsewhere(T_world_a: NDArray[np.float64], T_world_b: NDArray[np.float64]) -> bool:
-    motion = invert(T_world_a) @ T_world_b
-    return bool(np.linalg.norm(motion[:3, 3]) > _SAME_PLACE or rotation_angle(motion[:3, :3]) > _SAME_TURN)
