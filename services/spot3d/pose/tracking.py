@@ -364,8 +364,4 @@ class MapTracker:
 
     def _lose(self, reason: str) -> PoseEstimate:
         self._lost_frames += 1
-        return self._skip(reason)
-
-    def _skip(self, reason: str) -> PoseEstimate:
-        """Pass over a frame: the next is followed as if this had not come."""
         return PoseEstimate(np.eye(4) if self._last is None else self._last.T_world_camera, "lost", reason)
