@@ -20,7 +20,7 @@ from spot3d.pipeline import PipelineStep, run_pipeline
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
 from spot3d.source.sequence import FrameSequence
-from spot3d.trajectory import nearest_rotation
+from spot3d.trajectory import ate, nearest_rotation
 
 VIEWS_2D = 50
 """2D overlap is measured in about so many frames, evenly spread."""
@@ -45,12 +45,15 @@ class Measured:
 class MeasuredRun:
     """What a run found and cost, and what the peer makes of the same frames and poses.
 
-    updates: the objects of each update, in order of time, in the world of the true poses. step_s: seconds of each
-    stage for each of its frames, the first frame left out (it loads kernels).
+    ate: absolute trajectory error of the tracked poses, root mean square, metres, NaN where none has a true one; lost:
+    share of the frames without a pose. updates: the objects of each update, in order of time, in the world of the true
+    poses. step_s: seconds of each stage for each of its frames, the first frame left out (it loads kernels).
     """
 
     ours: Measured
     peer: Measured
+    ate: float
+    lost: float
     updates: list[Update]
     step_s: dict[str, list[float]]
     frames: int
@@ -111,6 +114,8 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
     tracked = [(stamp, pose.T_world_camera) for stamp, pose in result.trajectory if pose.status == "ok"]
     known = settings.pose.provider == "given" or not truth.boxes
     T = np.eye(4) if known else world_alignment(sequence, tracked)
+    pairs = _pairs(sequence, tracked)
+    true, estimated = (np.array([pair[which] for pair in pairs]) for which in (0, 1))
     boxes = tuple(found.box for found in result.objects.objects)
     xyz = result.fusion.frequent_points().xyz.astype(np.float64)
     cloud = SortedPoints(xyz)
@@ -119,6 +124,8 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
     return MeasuredRun(
         ours=measured(sequence, ours, truth, carried, T),
         peer=measured(sequence, peer.found(settings.fusion).moved(sightings.T_world_map), truth, carried, T),
+        ate=ate(true, estimated)["rmse"] if pairs else float("nan"),
+        lost=1 - len(tracked) / max(1, len(result.trajectory)),
         updates=[[(number, moved(box, T)) for number, box in update] for update in updates],
         step_s={stage: times[1:] if stage != "objects" else times for stage, times in result.step_s.items()},
         frames=len(sequence),
@@ -153,15 +160,22 @@ def world_alignment(sequence: FrameSequence, tracked: Sequence[tuple[int, NDArra
     tracked: stamps and (4, 4) T_world_camera of the trusted poses. The rotation is the mean of all frames' (chordal, by
     SVD), so it is well defined for a straight path too. Raises SourceError where no frame has both poses.
     """
-    index_of = {stamp: index for index, stamp in enumerate(sequence.stamps_ns)}
-    both = [(sequence.true_pose(index_of[stamp]), pose) for stamp, pose in tracked if stamp in index_of]
-    pairs = [(true, found) for true, found in both if true is not None]
+    pairs = _pairs(sequence, tracked)
     if not pairs:
         raise SourceError("no frame has both a true pose and a tracked one")
     T = np.eye(4)
     T[:3, :3] = nearest_rotation(np.sum([true[:3, :3] @ found[:3, :3].T for true, found in pairs], axis=0))
     T[:3, 3] = np.mean([true[:3, 3] - T[:3, :3] @ found[:3, 3] for true, found in pairs], axis=0)
     return T
+
+
+def _pairs(
+    sequence: FrameSequence, tracked: Sequence[tuple[int, NDArray[np.float64]]]
+) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """True and tracked pose, both (4, 4), of each stamp that has both."""
+    index_of = {stamp: index for index, stamp in enumerate(sequence.stamps_ns)}
+    both = [(sequence.true_pose(index_of[stamp]), pose) for stamp, pose in tracked if stamp in index_of]
+    return [(true, found) for true, found in both if true is not None]
 
 
 def views_2d(

@@ -22,10 +22,15 @@ OURS = "spot3d"
 OVERLAP = tuple(Column(f"{space} {name}") for space in ("2D", "3D") for name in ("IoU", "IoU_o", "SR", "DR"))
 OVERLAP += (Column("3D SR all"), Column("left out", 1), Column("no object", 1))
 CARRIED = tuple(Column(f"carried {name}") for name in ("IoU", "IoU_o", "SR", "DR"))
+POSES = (Column("ATE mm", 1), Column("lost %", 0))
 POINTS = ("AP", "AR", "F", "carried AP", "carried AR", "carried F")
 NOTE_CARRIED = (
     "Carried: judged in the run's own world, into which the frames that see a true object carry it (median), its "
     "points with it and every other point with the nearest object; beside it, the run's world moved as a whole."
+)
+NOTE_POSES = (
+    "ATE: root mean square distance of the run's tracked cameras to the true ones, moved onto them as a whole; lost: "
+    "frames without a pose. A world that jumps shows here, not in what is carried."
 )
 NOTE_NO_OBJECT = "No object: boxes that count, of a scene, and overlap every true object by less than IoU 0.25."
 NOTE_PEER = (
@@ -38,7 +43,7 @@ NOTE_PEER = (
 def objects_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Table:
     """2D and 3D overlap of the objects found, at VGA and half size, with recall curves (paper, Fig. 10)."""
     columns: tuple[Column, ...] = (Column("data"), Column("size"), Column("method"), *OVERLAP)
-    columns += (*CARRIED, Column("found", 1), Column("true", 1))
+    columns += (*CARRIED, Column("found", 1), Column("true", 1), *POSES)
     table = Table("objects", "Objects of whole runs: overlap with the true ones (paper, Fig. 10)", columns)
     for dataset, size in both_sizes(datasets):
         done = _runs_of(dataset, settings, runs)
@@ -46,14 +51,14 @@ def objects_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Ta
         for method, one in methods.items():
             found, true = (float(np.mean([each.fixed.iou.shape[axis] for each in one])) for axis in (1, 0))
             carried = object_scores([each.carried.iou for each in one])
-            table.add(dataset.name, size, method, *_overlap(one), *carried, found, true)
+            table.add(dataset.name, size, method, *_overlap(one), *carried, found, true, *pose_cells(done))
             table.curves += [
                 recall_of(dataset.name, f"2D {size} {method}", [matrix for each in one for matrix in each.iou_2d]),
                 recall_of(dataset.name, f"3D {size} {method}", [each.fixed.iou for each in one]),
             ]
         table.notes += behind_peer(f"{dataset.name} at {size}", overlap_measures(*methods.values()))
     _note_overlap(table, settings)
-    table.notes.append(NOTE_CARRIED)
+    table.notes += [NOTE_CARRIED, NOTE_POSES]
     return table
 
 
@@ -103,11 +108,16 @@ def ablations(settings: Settings) -> dict[str, Settings]:
     }
 
 
+def pose_cells(runs: list[MeasuredRun]) -> tuple[Cell, Cell]:
+    """Means over the runs, for POSES."""
+    return 1e3 * float(np.mean([run.ate for run in runs])), 100 * float(np.mean([run.lost for run in runs]))
+
+
 def points_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Table:
     """AP, AR and F of labelled points in the objects' boxes, and time (paper, Table IV)."""
     columns: tuple[Column, ...] = (Column("data"), Column("size"), Column("method"))
     columns += tuple(Column(name, 1) for name in POINTS)
-    columns += (Column("no object", 1), Column("ms a frame", 1))
+    columns += (Column("no object", 1), *POSES, Column("ms a frame", 1))
     table = Table("points", "Labelled points in the boxes, and time (paper, Table IV)", columns)
     for dataset, size in both_sizes(datasets):
         items = [item for item in dataset.sequences if item.truth is not None and len(item.truth.label)]
@@ -116,13 +126,15 @@ def points_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Tab
         for name, some in ({name: [run] for name, run in done.items()} | several).items():
             ours, peer = [run.ours for run in some], [run.peer for run in some]
             ms = float(np.mean([run.frame_ms() for run in some]))
-            table.add(name, size, OURS, *point_cells(ours), without_object([one.fixed.iou for one in ours]), ms)
-            table.add(name, size, PEER, *point_cells(peer), without_object([one.fixed.iou for one in peer]), None)
+            for method, one, time in ((OURS, ours, ms), (PEER, peer, None)):
+                no_object = without_object([each.fixed.iou for each in one])
+                table.add(name, size, method, *point_cells(one), no_object, *pose_cells(some), time)
             table.notes += behind_peer(f"{name} at {size}", point_measures(ours, peer))
     table.notes += [
         f"Poses: {settings.pose.provider}. Time: all stages but reading, one after the other.",
         NOTE_NO_OBJECT,
         NOTE_CARRIED,
+        NOTE_POSES,
     ]
     return table
 

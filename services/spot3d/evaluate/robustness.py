@@ -13,10 +13,13 @@ from spot3d.evaluate.object_tables import (
     NOTE_CARRIED,
     NOTE_NO_OBJECT,
     NOTE_PEER,
+    NOTE_POSES,
     OURS,
+    POSES,
     overlap_measures,
     point_cells,
     point_measures,
+    pose_cells,
 )
 from spot3d.evaluate.peer import PEER, behind_peer
 from spot3d.evaluate.scores import object_scores, without_object
@@ -61,6 +64,7 @@ COLUMNS = (
     *(Column(f"carried {name}") for name in ("IoU", "SR", "DR")),
     Column("carried F", 1),
     *(Column(name, 1) for name in ("found", "no object", "true")),
+    *POSES,
 )
 
 Levels = list[tuple[str, Degradation]]
@@ -161,6 +165,7 @@ def robustness_table(
         f"All with seed {SEED}.",
         NOTE_NO_OBJECT,
         NOTE_CARRIED,
+        NOTE_POSES,
         NOTE_PEER,
     ]
     return table
@@ -178,7 +183,7 @@ def _add(table: Table, data: str, worse: str, runs: list[MeasuredRun]) -> None:
         points = point_cells(done)
         found, true = (float(np.mean([iou.shape[axis] for iou in fixed])) for axis in (1, 0))
         cells = (a.iou, a.success, a.detection, *points[:3], b.iou, b.success, b.detection, points[5])
-        table.add(data, worse, method, *cells, found, without_object(fixed), true)
+        table.add(data, worse, method, *cells, found, without_object(fixed), true, *pose_cells(runs))
     table.notes += behind_peer(f"{data}, worse: {worse}", [*overlap_measures(ours, peer), *point_measures(ours, peer)])
 
 
