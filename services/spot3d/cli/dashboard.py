@@ -59,15 +59,20 @@ def dashboard(
 def beside(
     wanted: bool, in_process: bool, resolved: Settings, file: Path | None, out: Path, console: "Console"
 ) -> "AbstractContextManager[Beside | None]":
-    """The dashboard beside a run, if it is wanted. file: of the run's settings; out: folder of its results."""
+    """The dashboard beside a run, if it is wanted. file: of the run's settings; out: folder of its results.
+
+    Raises OSError where its page cannot be served: its own process would say so in its log alone.
+    """
     if not wanted:
         return nullcontext()
     if in_process:
         raise CommandError("--in-process has no messages to show; leave --in-process or --dashboard away")
     if find_spec("viser") is None:
         raise CommandError("the dashboard needs viser: pip install 'spot3d[dashboard]'")
+    from spot3d.dashboard.free_port import free_port
     from spot3d.run.beside import dashboard_beside
 
+    free_port(resolved.dashboard)
     return dashboard_beside(resolved.link.robot, file, out, console)
 
 

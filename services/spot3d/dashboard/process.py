@@ -12,6 +12,7 @@ from contextlib import closing, contextmanager, redirect_stdout
 
 import viser
 
+from spot3d.dashboard.free_port import free_port
 from spot3d.dashboard.link import Link
 from spot3d.dashboard.page import Page
 from spot3d.dashboard.settings import DashboardSettings
@@ -83,9 +84,10 @@ def open_browser(address: str) -> None:
 def open_server(settings: DashboardSettings) -> Iterator[viser.ViserServer]:
     """The server of the page. Raises OSError where it cannot be served at the address of the settings."""
     logging.getLogger("websockets").setLevel(logging.WARNING)
+    port = free_port(settings)
     # viser prints what it does; the address is told by whoever starts the dashboard.
     with redirect_stdout(io.StringIO()):
-        server = viser.ViserServer(host=settings.host, port=settings.port, label="spot3d", verbose=False)
+        server = viser.ViserServer(host=settings.host, port=port, label="spot3d", verbose=False)
     try:
         yield server
     finally:

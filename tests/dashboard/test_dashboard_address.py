@@ -1,0 +1,60 @@
+"""Where the page is served, and what is said where it cannot be."""
+
+import socket
+import sys
+from contextlib import closing, suppress
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("viser", reason="the dashboard's packages are not installed")
+
+from spot3d.cli import app as cli
+from spot3d.dashboard.free_port import free_port
+from spot3d.dashboard.process import open_server
+from spot3d.dashboard.settings import DashboardSettings
+
+FOREIGN = "192.0.2.1"
+"""An address of documentation (RFC 5737), which no device has."""
+
+
+@pytest.mark.parametrize("command", [["dashboard", "--no-browser"], ["run", "scene", "--frames", "1", "--dashboard"]])
+def test_an_address_that_is_not_ours_is_refused_in_one_line(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SPOT3D_DASHBOARD__HOST", FOREIGN)
+    monkeypatch.setattr(sys, "argv", ["spot3d", *command])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 2
+    assert capsys.readouterr().err == (
+        f"error: cannot serve the page at {FOREIGN}: Cannot assign requested address; "
+        "is that an address of this device? (dashboard.host)\n"
+    )
+    assert not list(tmp_path.iterdir()), "the run has not begun"
+
+
+def test_what_is_no_name_of_a_host_is_refused() -> None:
+    with pytest.raises(OSError, match=r"at a\.\.b: that is no name of a host; is that an address"):
+        free_port(DashboardSettings(host="a..b"))
+
+
+def test_a_port_that_is_taken_gives_way_to_the_next_free_one() -> None:
+    with closing(socket.create_server(("127.0.0.1", 0))) as taken:
+        port = taken.getsockname()[1]
+        with open_server(DashboardSettings(port=port)) as server:
+            assert port < server.get_port() < port + 1000
+
+
+def test_any_port_will_do() -> None:
+    with open_server(DashboardSettings(port=0)) as server:
+        assert server.get_port() > 0
+
+
+def test_no_port_beyond_the_last_is_tried() -> None:
+    with closing(socket.socket()) as taken:
+        with suppress(OSError):  # somebody else's, which is as well
+            taken.bind(("127.0.0.1", 65_535))
+        with pytest.raises(OSError, match=r"at 127\.0\.0\.1: no port from 65535 to 65535 is free"):
+            free_port(DashboardSettings(port=65_535))
