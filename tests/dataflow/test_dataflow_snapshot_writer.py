@@ -7,6 +7,7 @@ import pytest
 
 from spot3d.dataflow import snapshot_writer
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.snapshot_file import write_snapshot
 from spot3d.dataflow.snapshot_writer import SnapshotWriter, snapshot_path
 
 LIMIT_S = 20.0
@@ -34,6 +35,32 @@ def test_a_snapshot_that_takes_long_is_not_written_over(tmp_path: Path, monkeypa
     assert written == [[b"first"]]
     writer.write([b"fourth"], last=True)
     assert written == [[b"first"], [b"fourth"]]
+
+
+def test_a_snapshot_that_is_forgotten_while_it_is_written_does_not_stay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun, go, path = threading.Event(), threading.Event(), tmp_path / "fusion.snapshot"
+
+    def write_slowly(path: Path, pieces: list[bytes]) -> None:
+        begun.set()
+        assert go.wait(LIMIT_S)
+        write_snapshot(path, pieces)
+
+    writer = SnapshotWriter(path, 1.0, pytest.fail)
+    writer.forget()
+    writer.write([b"first"], last=True)
+    assert path.exists()
+    monkeypatch.setattr(snapshot_writer, "write_snapshot", write_slowly)
+    writer.write([b"second"])
+    assert begun.wait(LIMIT_S)
+    writer.forget()
+    assert not path.exists()
+    go.set()
+    writer._thread.join(LIMIT_S)
+    assert not path.exists()
+    writer.write([b"third"], last=True)
+    assert path.exists()
 
 
 def test_each_robot_has_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

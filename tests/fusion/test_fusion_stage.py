@@ -3,9 +3,13 @@
 import threading
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import zenoh
 
 from spot3d.dataflow.alive import Alive
 from spot3d.dataflow.conversion import segments_message
@@ -17,7 +21,8 @@ from spot3d.fusion.inputs import Ready
 from spot3d.fusion.keeping import Keeping
 from spot3d.fusion.map_answers import MapAnswers
 from spot3d.fusion.settings import FusionSettings
-from spot3d.fusion.stage import FAILED, LOST, OUTPUTS, Stage
+from spot3d.fusion.snapshot import keep
+from spot3d.fusion.stage import FAILED, LOST, OUTPUTS, QUERIES, Stage
 from spot3d.fusion.updates import Updates
 from spot3d.fusion.worlds import World, why_refused
 from spot3d_schemas import CameraIntrinsics, End, Header, Heat, Message, Pose
@@ -32,11 +37,15 @@ class OffLine(Node):
         """As if it had gone out."""
         return True
 
+    def reply(self, query: zenoh.Query, topic: str, message: Message) -> None:
+        """As if it had been answered."""
+
 
 @pytest.fixture
-def stage() -> Iterator[Stage]:
+def stage(tmp_path: Path) -> Iterator[Stage]:
     """A stage that is not on line."""
-    node = OffLine("fusion", LinkSettings(), threading.Event(), outputs=OUTPUTS)
+    link = LinkSettings(snapshot_folder=str(tmp_path))
+    node = OffLine("fusion", link, threading.Event(), outputs=OUTPUTS, queries=QUERIES)
     node.alive = Alive()
     keeping = Keeping(node)
     with closing(Updates(node, keeping)) as updates, closing(MapAnswers(node)) as answers:
@@ -93,6 +102,16 @@ def test_poses_that_name_another_world_begin_another_map(stage: Stage) -> None:
         stage._fuse(frame(stamp_s * S, epoch=epoch))
     assert drops(stage) == {"pose of an earlier epoch": 1}
     assert stage.fusion.frame_count == 2
+
+
+def test_a_map_that_was_reset_does_not_come_back_with_a_restart(stage: Stage) -> None:
+    stage._begin_stream("stream")
+    stage._fuse(frame(1 * S))
+    stage.keeping.write(keep(stage.fusion, replace(stage._account(), stream="stream")), last=True)
+    assert Keeping(stage.node).begin(Fusion(FusionSettings()), "stream") is not None
+    stage._answer_reset(SimpleNamespace(payload=None))
+    stage.keep_last()
+    assert Keeping(stage.node).begin(Fusion(FusionSettings()), "stream") is None
 
 
 def played_to_its_end(stage: Stage) -> None:

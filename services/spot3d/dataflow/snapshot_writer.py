@@ -9,6 +9,7 @@ from pathlib import Path
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.snapshot_file import write_snapshot
 from spot3d.dataflow.stopping import end_threads
+from spot3d.file_errors import why
 
 _PATIENCE_S = 60.0
 """Time until it is tried again to write where that has failed: a folder that is read-only mostly stays so."""
@@ -33,6 +34,8 @@ class SnapshotWriter:
         self._failed = failed
         self._last_s = float("-inf")
         self._thread: threading.Thread | None = None
+        self._wanted: list[bytes] | None = None
+        self._placing = threading.Lock()
 
     def due(self, now_s: float) -> bool:
         """Whether the next one is to be made, monotonic seconds; never while one is being written, or without any."""
@@ -46,12 +49,19 @@ class SnapshotWriter:
         """
         if self._busy_for_long():
             return
+        self._wanted = pieces
         if last:
             self._write(pieces)
             return
         self._last_s = time.monotonic()
         self._thread = threading.Thread(target=self._write, args=(pieces,), name="snapshot", daemon=True)
         self._thread.start()
+
+    def forget(self) -> None:
+        """Delete the file; what is being written now is deleted once it is there."""
+        with self._placing:
+            self._wanted = None
+            self._delete()
 
     def close(self) -> None:
         """Wait for what is being written."""
@@ -72,3 +82,13 @@ class SnapshotWriter:
         except OSError as error:
             self._last_s = time.monotonic() + _PATIENCE_S - self._interval_s
             self._failed(f"no snapshot in {self.path.parent}: {error.strerror or error}; a restart would begin anew")
+            return
+        with self._placing:
+            if self._wanted is not pieces:
+                self._delete()
+
+    def _delete(self) -> None:
+        try:
+            self.path.unlink(missing_ok=True)
+        except OSError as error:
+            self._failed(f"cannot delete {self.path}: {why(error)}; a restart would go on from what was forgotten")

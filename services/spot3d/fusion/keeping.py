@@ -52,6 +52,11 @@ class Keeping:
         log.debug("snapshot of %d bytes made in %.3f s", sum(map(len, pieces)), time.perf_counter() - start_s)
         self._writer.write(pieces, last)
 
+    def forget(self) -> None:
+        """Nothing goes on from the map that was kept last, nor from what is being written of it."""
+        if self._on:
+            self._writer.forget()
+
     def close(self) -> None:
         """Wait for what is being written."""
         self._writer.close()

@@ -309,6 +309,7 @@ class Stage:
         log.warning("%s", text)
         self.node.counters.event("reset")
         self._begin_map()
+        self.keeping.forget()
         self.ledger.reset()
         self.last = None
         self.node.reply(query, _RESET, self._progress(self._own_header(_RESET)))
