@@ -48,8 +48,8 @@ class Said:
         up, header = np.array([0.0, 0.0, 1.0]), self._header(stream, stamp_ns)
         self._put("fusion/objects", Objects(header=header, objects=(), up=up, **counts))
 
-    def health(self, topic: str, stage: str, pid: int) -> None:
-        known = {"uptime_s": 0.0, "received": 0, "published": 0, "drops": {}, "events": {}, "errors": 0}
+    def health(self, topic: str, stage: str, pid: int, **events: int) -> None:
+        known = {"uptime_s": 0.0, "received": 0, "published": 0, "drops": {}, "events": events, "errors": 0}
         unknown = dict.fromkeys(("rate_hz", "latency_ms_p50", "latency_ms_p99", "step_ms_p50", "step_ms_p99"))
         used = {"last_error": "", "cpu_s": 0.0, "rss_bytes": 0, "threads": 1}
         header = self._header("first", 1)
@@ -98,6 +98,18 @@ def test_a_stage_of_another_name_is_no_stage_of_the_run(said: Said) -> None:
     said.health("proposals/health", "proposals", 3)
     said.until(lambda: "proposals" in collector.health)
     assert list(collector.health) == ["proposals"]
+
+
+def test_what_stages_counted_before_they_were_started_again_counts(said: Said) -> None:
+    collector = said.collector
+    for stage, event in (("fusion", "keyframes"), ("heatmap", "accepted")):
+        said.health(f"{stage}/health", stage, 1, **{event: 120})
+        said.health(f"{stage}/health", stage, 2, **{event: 3})
+        said.health(f"{stage}/health", stage, 3)
+    said.until(lambda: [item.pid for item in collector.health.values()] == [3, 3])
+    report = RunReport("realsense", "processes", 0, (0, 0))
+    collector.fill(report, {})
+    assert (report.keyframes, report.proposals) == (123, {"accepted": 123})
 
 
 def test_what_came_before_and_what_comes_after_are_both_kept(said: Said, tmp_path: Path) -> None:

@@ -205,8 +205,7 @@ class Collector:
             report.image = self._seen.image
         boxes = report.stages["heatmap"].events
         report.proposals = {kind: boxes[kind] for kind in _BOXES if kind in boxes}
-        fusion = self.health.get("fusion")
-        report.keyframes = 0 if fusion is None else fusion.events.get("keyframes", 0)
+        report.keyframes = report.stages["fusion"].events.get("keyframes", 0)
 
     def _begin(self, stream: str) -> None:
         """Another stream: nothing of the one before is in its map, and its stamps may be any."""
