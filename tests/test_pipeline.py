@@ -1,16 +1,22 @@
 """All cores in one process: what a distributed run refuses is refused here, for the same reasons."""
 
+import itertools
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pytest
 from fusion_room import CAMERA, COARSE, ROOM, THREE, look_at, view
 from numpy.typing import NDArray
 
+from spot3d import pipeline
 from spot3d.boxes import Box3D, iou_matrix_3d
 from spot3d.camera import Intrinsics
 from spot3d.frame import RgbdFrame
+from spot3d.fusion.fusion import Fusion
 from spot3d.pipeline import PipelineResult, PipelineStep, run_pipeline
+from spot3d.pose.given import GivenPoses
+from spot3d.segments.keyframe_segments import KeyframeSegments
 from spot3d.settings import load_settings
 from spot3d.source.scene.model import TrueBox, build_scene
 from spot3d.source.scene.scene import Scene
@@ -59,6 +65,73 @@ def test_a_frame_that_cannot_be_read_is_skipped(monkeypatch: pytest.MonkeyPatch)
     result = run_pipeline(frames, SETTINGS)
     assert (result.skipped, result.unreadable) == ({"cannot be read": 1}, "the disk hiccups")
     assert result.fusion.frame_count == 2
+
+
+def failing(monkeypatch: pytest.MonkeyPatch, owner: object, name: str, call: int) -> None:
+    """Have a core fail once: the call of this number, from 1."""
+    works, calls = getattr(owner, name), itertools.count(1)
+
+    def fails_once(*given: Any, **more: Any) -> Any:
+        if next(calls) == call:
+            raise ValueError("one odd frame")
+        return works(*given, **more)
+
+    monkeypatch.setattr(owner, name, fails_once)
+
+
+@pytest.mark.parametrize(
+    ("owner", "name", "stage", "skipped", "said"),
+    [
+        (GivenPoses, "track", "pose", {"lost pose": 1}, "no pose of the frame at 33000000 ns"),
+        (pipeline, "propose", "proposals", {}, "no proposals for the frame at 33000000 ns"),
+        (pipeline, "weighted_heat", "heatmap", {}, "no heat for the frame at 33000000 ns"),
+        (Fusion, "fuse", "fusion", {"error": 1}, "cannot fuse the frame at 33000000 ns"),
+    ],
+)
+def test_a_frame_that_a_core_fails_on_costs_what_the_core_would_have_made_of_it(
+    owner: object, name: str, stage: str, skipped: dict[str, int], said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failing(monkeypatch, owner, name, 2)
+    result, steps = run((0, 33, 66, 100))
+    assert (result.skipped, result.failures.errors) == (skipped, {stage: 1})
+    assert result.failures.last_error == {stage: f"{said}: ValueError: one odd frame"}
+    assert [bool(step.refused) for step in steps] == [False, bool(skipped), False, False]
+    assert result.fusion.frame_count == 4 - len(skipped)
+    assert [pose.reason for _, pose in result.trajectory if pose.reason] == ["ValueError: one odd frame"] * (
+        stage == "pose"
+    )
+    assert [len(result.step_s[name]) for name in (stage, "source")] == [3, 4]
+    assert [bool(step.heat.heat.any()) for step in steps] == [True, stage not in ("proposals", "heatmap"), True, True]
+    assert result.complete
+
+
+@pytest.mark.parametrize(
+    ("owner", "name", "stage", "said"),
+    [
+        (KeyframeSegments, "find", "segments", "no segments of the frame at 0 ns"),
+        (Fusion, "observe", "fusion", "cannot use the segments of the frame at 0 ns"),
+    ],
+)
+def test_a_keyframe_that_a_core_fails_on_is_fused_without_its_segments(
+    owner: object, name: str, stage: str, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stamps = (0, 33, 66, 1100)
+    expected, _ = run(stamps)
+    failing(monkeypatch, owner, name, 1)
+    result, _ = run(stamps)
+    assert result.failures.last_error == {stage: f"{said}: ValueError: one odd frame"}
+    assert result.fusion.frame_count == 4
+    assert 0 < result.keyframes <= expected.keyframes
+
+
+def test_the_last_update_of_the_objects_may_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+    expected, _ = run((0, 33))
+    assert expected.complete
+    failing(monkeypatch, Fusion, "objects", 2)
+    result, steps = run((0, 33))
+    assert [step.objects for step in steps] == [None, None]
+    assert not result.complete
+    assert result.failures.last_error == {"fusion": "no objects after 2 frames: ValueError: one odd frame"}
 
 
 def test_frames_of_a_time_that_no_message_holds_are_skipped() -> None:

@@ -62,7 +62,7 @@ def run_in_process(
         watcher.on_progress(fused, lost.frames, found)
 
     result = run_pipeline(sequence, settings, follow, stop.is_set)
-    if result.trajectory:
+    if result.trajectory and result.complete:
         files.add_update(result.trajectory[-1][0], _found(result.objects), complete=not stop.is_set())
     use, run = process_use(), _run_result(result)
     report.proposals = dict(result.heat_counts)
@@ -71,16 +71,29 @@ def run_in_process(
     report.interrupted = stop.is_set()
     report.fused, report.skipped = result.fusion.frame_count, dict(result.skipped)
     report.lost_poses, report.lost = lost.frames, lost.stretches()
+    failures = result.failures
     report.stages = {
         stage: StageReport(
-            step_ms=dict(statistics_ms([1e3 * seconds for seconds in times])), events=dict(events[stage])
+            step_ms=dict(statistics_ms([1e3 * seconds for seconds in result.step_s.get(stage, ())])),
+            events=dict(events[stage]),
+            errors=failures.errors[stage],
+            last_error=failures.last_error.get(stage, ""),
         )
-        for stage, times in result.step_s.items()
+        for stage in dict.fromkeys(("source", *result.step_s, *failures.errors))
     }
     if result.unreadable:
         report.stages["source"].last_error = result.unreadable
+    report.error = _error(result)
     report.stages["all"] = StageReport(cpu_s=use.cpu_s, rss_mb=use.rss_bytes / 2**20)
     return run
+
+
+def _error(result: PipelineResult) -> str:
+    """What makes the result none that can be used; of single frames that a core failed on the report tells."""
+    for stage, last in result.failures.last_error.items():
+        if stage not in result.step_s:
+            return f"{stage} failed whenever it was asked: {last}"
+    return "" if result.complete else f"there are no last objects: {result.failures.last_error['fusion']}"
 
 
 def _found(objects: FoundObjects) -> RunResult:
