@@ -110,8 +110,23 @@ def test_a_map_that_was_reset_does_not_come_back_with_a_restart(stage: Stage) ->
     stage.keeping.write(keep(stage.fusion, replace(stage._account(), stream="stream")), last=True)
     assert Keeping(stage.node).begin(Fusion(FusionSettings()), "stream") is not None
     stage._answer_reset(SimpleNamespace(payload=None))
+    stage.updates.close()
     stage.keep_last()
     assert Keeping(stage.node).begin(Fusion(FusionSettings()), "stream") is None
+
+
+def test_a_map_whose_snapshot_could_not_be_written_is_kept_at_the_end(stage: Stage, tmp_path: Path) -> None:
+    stage._fuse(frame(1 * S))
+    in_the_way = tmp_path / "robot"
+    in_the_way.touch()  # as a disk that is full for a while
+    stage.keeping.write(keep(stage.fusion, stage._account()), last=True)
+    in_the_way.unlink()
+    stage.updates.close()
+    stage.keep_last()
+    assert [path.name for path in in_the_way.iterdir()] == ["fusion.snapshot"]
+    (in_the_way / "fusion.snapshot").unlink()
+    stage.keep_last()
+    assert list(in_the_way.iterdir()) == [], "what is kept is not kept again"
 
 
 def played_to_its_end(stage: Stage) -> None:

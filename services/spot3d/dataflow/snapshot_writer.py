@@ -42,19 +42,19 @@ class SnapshotWriter:
         busy = self._thread is not None and self._thread.is_alive()
         return self._interval_s > 0 and not busy and now_s - self._last_s >= self._interval_s
 
-    def write(self, pieces: list[bytes], last: bool = False) -> None:
+    def write(self, pieces: list[bytes], last: bool = False, written: Callable[[], None] = lambda: None) -> None:
         """Begin to write the content of a file (see `snapshot_bytes`), unless another is being written for long.
 
-        last: write it before this returns.
+        last: write it before this returns. written: called once it is there.
         """
         if self._busy_for_long():
             return
         self._wanted = pieces
         if last:
-            self._write(pieces)
+            self._write(pieces, written)
             return
         self._last_s = time.monotonic()
-        self._thread = threading.Thread(target=self._write, args=(pieces,), name="snapshot", daemon=True)
+        self._thread = threading.Thread(target=self._write, args=(pieces, written), name="snapshot", daemon=True)
         self._thread.start()
 
     def forget(self) -> None:
@@ -76,7 +76,7 @@ class SnapshotWriter:
             self._failed("the snapshot before is still being written: what came since is lost in a restart")
         return busy
 
-    def _write(self, pieces: list[bytes]) -> None:
+    def _write(self, pieces: list[bytes], written: Callable[[], None]) -> None:
         try:
             write_snapshot(self.path, pieces)
         except OSError as error:
@@ -84,7 +84,9 @@ class SnapshotWriter:
             self._failed(f"no snapshot in {self.path.parent}: {error.strerror or error}; a restart would begin anew")
             return
         with self._placing:
-            if self._wanted is not pieces:
+            if self._wanted is pieces:
+                written()
+            else:
                 self._delete()
 
     def _delete(self) -> None:

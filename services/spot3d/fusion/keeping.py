@@ -2,6 +2,7 @@
 
 import logging
 import time
+from functools import partial
 from pathlib import Path
 
 from spot3d.dataflow.node import Node
@@ -45,12 +46,14 @@ class Keeping:
 
     def write(self, kept: Kept, last: bool = False) -> None:
         """Write what was taken, in a thread of its own; last: before this returns."""
-        self._kept = kept.told
         start_s = time.perf_counter()
         pieces = snapshot_bytes(fusion_snapshot(kept))
-        self._node.counters.event("snapshots")
         log.debug("snapshot of %d bytes made in %.3f s", sum(map(len, pieces)), time.perf_counter() - start_s)
-        self._writer.write(pieces, last)
+        self._writer.write(pieces, last, partial(self._written, kept.told))
+
+    def _written(self, told: Account) -> None:
+        self._kept = told
+        self._node.counters.event("snapshots")
 
     def forget(self) -> None:
         """Nothing goes on from the map that was kept last, nor from what is being written of it."""
