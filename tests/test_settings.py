@@ -156,6 +156,27 @@ def test_a_greatest_size_below_the_least_is_refused() -> None:
         load_settings(overrides={"size_min": 2.0, "size_max": 1.0})
 
 
+@pytest.mark.parametrize("section", ["proposals", "heatmap", "segments", "fusion"])
+@pytest.mark.parametrize("sizes", [{"size_min": 0.4, "size_max": 0.3}, {"size_max": 0.02}, {"size_min": 3.0}])
+def test_a_stage_has_no_greatest_size_below_the_least_either(section: str, sizes: dict[str, float]) -> None:
+    with pytest.raises(InvalidSettingsError, match=rf"{section}\.size_max: nothing is as small as this and as large"):
+        load_settings(overrides={section: sizes})
+
+
+def test_sizes_for_every_stage_go_with_a_stages_own() -> None:
+    with pytest.raises(InvalidSettingsError, match=r"^size_max: nothing is .* size_min, 3 m, got 1\.0"):
+        load_settings(overrides={"size_min": 3.0})
+    with pytest.raises(InvalidSettingsError, match=r"^fusion\.size_max: nothing is .* size_min, 0\.3 m, got 0\.2"):
+        load_settings(overrides={"size_min": 0.3, "fusion": {"size_max": 0.2}})
+    assert load_settings(overrides={"size_min": 0.3, "fusion": {"size_max": 0.4}}).fusion.size_min == 0.3
+
+
+def test_a_bridge_between_stages_that_there_are_not_is_refused() -> None:
+    said = r"bridge\.stages\.1: there is no such stage; there are source, .*, fusion, got 'heatmpa'"
+    with pytest.raises(InvalidSettingsError, match=said):
+        load_settings(overrides={"bridge": {"stages": ("source", "heatmpa")}})
+
+
 def test_a_preset_that_is_no_name_is_refused(tmp_path):
     with pytest.raises(InvalidSettingsError, match=r"preset .* does not exist"):
         load_settings(written(tmp_path, 'preset = ["paper"]\n'))

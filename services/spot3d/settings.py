@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 from pydantic_settings import BaseSettings, EnvSettingsSource, SettingsConfigDict, SettingsError
 
 from spot3d.bridge.settings import BridgeSettings
@@ -18,7 +18,7 @@ from spot3d.fusion.settings import PAPER as PAPER_FUSION
 from spot3d.fusion.settings import FusionSettings
 from spot3d.heatmap.settings import PAPER as PAPER_HEATMAP
 from spot3d.heatmap.settings import HeatmapSettings
-from spot3d.object_size import SIZE_MAX, SIZE_MIN
+from spot3d.object_size import SIZE_MAX, SIZE_MIN, SizeMax
 from spot3d.pose.settings import PoseSettings
 from spot3d.proposals.settings import ProposalSettings
 from spot3d.security.access import AccessSettings
@@ -47,7 +47,7 @@ class Settings(BaseSettings):
         "default", description="what is not set otherwise: default (measured better) or paper (its method)"
     )
     size_min: float = Field(SIZE_MIN, ge=0, description="eps_min, metres: an object's least size, for every stage")
-    size_max: float = Field(SIZE_MAX, gt=0, description="eps_max, metres: an object's greatest size, for every stage")
+    size_max: SizeMax = Field(SIZE_MAX, gt=0, description="eps_max, metres: an object's greatest size, for every stage")
     source: SourceSettings = SourceSettings()
     pose: PoseSettings = PoseSettings()
     proposals: ProposalSettings = ProposalSettings()
@@ -62,13 +62,6 @@ class Settings(BaseSettings):
     def changed(self, section: str, **values: Any) -> "Settings":
         """The same settings but for these of one section, which are taken as they are."""
         return self.model_copy(update={section: getattr(self, section).model_copy(update=values)})
-
-    @field_validator("size_max")
-    @classmethod
-    def _above_the_least(cls, size_max: float, info: ValidationInfo) -> float:
-        if size_max <= info.data.get("size_min", 0.0):
-            raise ValueError(f"nothing is as small as this and as large as size_min, {info.data['size_min']:g} m")
-        return size_max
 
     @model_validator(mode="before")
     @classmethod

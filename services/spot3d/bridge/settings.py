@@ -1,8 +1,17 @@
 """Settings of the bridge over a thin link."""
 
-from pydantic import BaseModel, ConfigDict, Field
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from spot3d.dataflow.settings import Endpoint
+from spot3d_schemas import STAGES
+
+
+def _known(stage: str) -> str:
+    if stage not in STAGES:
+        raise ValueError(f"there is no such stage; there are {', '.join(STAGES)}")
+    return stage
 
 
 class BridgeSettings(BaseModel):
@@ -13,7 +22,7 @@ class BridgeSettings(BaseModel):
     ground: tuple[Endpoint, ...] = Field(
         ("tcp/ground-station:7447",), description="the router on the other side of the link; tried for ever"
     )
-    stages: tuple[str, ...] = Field(
+    stages: tuple[Annotated[str, AfterValidator(_known)], ...] = Field(
         ("source", "pose", "proposals", "heatmap"), description="stages on this side; all others are on the other one"
     )
     silence_s: float = Field(

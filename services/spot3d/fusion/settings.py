@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from spot3d.depth_noise import GRAZING_COS, GrazingCos
-from spot3d.object_size import SIZE_MAX, SIZE_MIN
+from spot3d.object_size import SIZE_MAX, SIZE_MIN, SizeMax
 
 Vote = Literal["parts", "disputed", "outline", "rounded", "balance", "gone"]
 """A rule of the views' consensus that can be left out, to see what it is worth."""
@@ -142,7 +142,7 @@ class FusionSettings(BaseModel):
     size_min: float = Field(
         SIZE_MIN, ge=0, description="an object's second longest edge is at least this, less `plane_distance`, metres"
     )
-    size_max: float = Field(SIZE_MAX, gt=0, description="an object's longest edge is at most this, metres")
+    size_max: SizeMax = Field(SIZE_MAX, gt=0, description="an object's longest edge is at most this, metres")
     volume_min: float = Field(1e-6, ge=0, description="boxes below this volume are dropped, cubic metres")
     seed: int = Field(0, ge=0, description="seed of RANSAC's choice of triples" + MAP_ALONE)
 

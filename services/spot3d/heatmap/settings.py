@@ -2,7 +2,7 @@
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from spot3d.object_size import SIZE_MAX, SIZE_MIN
+from spot3d.object_size import SIZE_MAX, SIZE_MIN, SizeMax
 
 
 class HeatmapSettings(BaseModel):
@@ -18,7 +18,7 @@ class HeatmapSettings(BaseModel):
     size_min: float = Field(
         SIZE_MIN, ge=0, description="eps_min: a proposal smaller than this (metres) both ways is rejected"
     )
-    size_max: float = Field(
+    size_max: SizeMax = Field(
         SIZE_MAX, gt=0, description="eps_max: a proposal larger than this (metres) both ways is rejected"
     )
     soft_filter: bool = Field(True, description="mask the background of proposals (off: ablation noSFilt)")

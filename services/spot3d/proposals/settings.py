@@ -4,7 +4,7 @@ from typing import ClassVar, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from spot3d.object_size import SIZE_MAX, SIZE_MIN
+from spot3d.object_size import SIZE_MAX, SIZE_MIN, SizeMax
 
 
 class EdgeSettings(BaseModel):
@@ -58,7 +58,7 @@ class ProposalSettings(BaseModel):
         True, description="skip windows that the hard filter (paper, Sec. IV-C, Eq. 5) would reject anyway"
     )
     size_min: float = Field(SIZE_MIN, ge=0, description="epsilon_min, smallest cross-section, metres")
-    size_max: float = Field(SIZE_MAX, gt=0, description="epsilon_max, largest cross-section, metres")
+    size_max: SizeMax = Field(SIZE_MAX, gt=0, description="epsilon_max, largest cross-section, metres")
     edges: EdgeSettings = EdgeSettings()
 
 

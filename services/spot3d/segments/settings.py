@@ -6,7 +6,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from spot3d.depth_noise import GRAZING_COS, GrazingCos
-from spot3d.object_size import SIZE_MAX, SIZE_MIN
+from spot3d.object_size import SIZE_MAX, SIZE_MIN, SizeMax
 
 Step = Literal[
     "support",
@@ -108,7 +108,7 @@ class SegmentsSettings(BaseModel):
         description="eps_min: an object shows at least what a cube of this edge does from above at an angle, metres; "
         "its lowest 5 mm count as its support",
     )
-    size_max: float = Field(SIZE_MAX, gt=0, description="eps_max: an object's longest edge is at most this, metres")
+    size_max: SizeMax = Field(SIZE_MAX, gt=0, description="eps_max: an object's longest edge is at most this, metres")
     skipped: tuple[Step, ...] = Field(
         (),
         description="steps to leave out, for ablations: removal of the support and other planes, its bend, its edge "
