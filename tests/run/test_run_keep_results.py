@@ -1,10 +1,12 @@
 """`spot3d results`: each stream of frames has a folder of its own, with all that was found in it."""
 
+import errno
 import json
 import queue
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from dataflow_stages import Recording, frame_message
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.run import keep_results as keep_results_module
 from spot3d.run import stream_folder
 from spot3d.run.keep_results import keep_results
 from spot3d.run.results import RunResult, read_ply
@@ -116,6 +119,43 @@ def test_every_stream_is_kept(router: zenoh.Session, tmp_path: Path) -> None:
     wait_until(lambda: any(out.glob("*-second/stream.json")))
     wait_until(lambda: len(list(out.iterdir())) == 2)
     assert json.loads(next(out.glob("*-second/stream.json")).read_text())["complete"] is False
+
+
+def test_a_folder_that_is_tried_again_is_that_of_the_present_stream(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not that of the stream before, whose last word comes late, nor one without a name."""
+    waiting: list[Message] = []
+    now_s = 0.0
+
+    def progress(stream: str | None) -> Progress:
+        named = header("any", 1).model_copy(update={"stream": stream})
+        return Progress(header=named, fused=1, skipped={}, last_stamp_ns=1, complete=False)
+
+    def hear(at_s: float, *streams: str | None) -> None:
+        nonlocal now_s
+        now_s = at_s
+        waiting[:] = map(progress, streams)
+        keeper._drain({"fusion/progress": None})
+
+    def full(*_: object) -> StreamFolder:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    clock = SimpleNamespace(monotonic=lambda: now_s, time=lambda: 1e9)
+    monkeypatch.setattr(keep_results_module, "time", clock)
+    monkeypatch.setattr(keep_results_module, "arrived", lambda *_: list(waiting))
+    keeper = keep_results_module._Keeper(None, LinkSettings(robot=ROBOT), tmp_path, 100)
+    keeper._seen = SimpleNamespace(look=lambda *_: None, forget=lambda: None, views=[])
+    keeper._producers = SimpleNamespace(admit=lambda *_: True)
+    with monkeypatch.context() as disk:
+        disk.setattr(keep_results_module, "StreamFolder", full)
+        hear(0, "first")
+        hear(1, "second")
+        hear(9, "second")
+    hear(12, "first", None, "second")
+    assert [path.name.rpartition("-")[2] for path in tmp_path.iterdir()] == ["second"]
+    assert keeper._folder.stream == "second"
+    keeper._folder.close()
 
 
 def test_a_stream_is_told_complete_when_all_of_it_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -79,11 +79,12 @@ class _Keeper:
                 if not self._producers.admit(topic, message.header.sender, now_s):
                     continue
                 verdict = self._streams.judge(message.header.stream, now_s)
+                if verdict == "earlier":
+                    continue
                 # A foreign source may name no stream; a folder that could not be made is tried again.
                 if verdict == "begins" or (self._folder is None and now_s - self._written_s >= _WRITE_S):
-                    self._begin(message.header.stream)
-                if verdict != "earlier":
-                    self._take(message)
+                    self._begin(self._streams.current)
+                self._take(message)
         now_s = time.monotonic()
         if self._folder is not None:
             self._seen.look(self._session, self._folder.stream, now_s)
