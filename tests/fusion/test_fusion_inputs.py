@@ -8,7 +8,7 @@ from spot3d.dataflow.conversion import segments_message
 from spot3d.dataflow.node import Received
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.frame_segments import FrameSegments
-from spot3d.fusion.inputs import Arrival, LiveInputs, LosslessInputs, inputs_of
+from spot3d.fusion.inputs import Arrival, LiveInputs, LosslessInputs, Skipped, inputs_of
 from spot3d_schemas import CameraIntrinsics, Header, Heat, Pose
 
 CAMERA = Intrinsics(2.0, 2.0, 0.5, 0.5, 2, 2)
@@ -37,8 +37,11 @@ def heat(stamp: int) -> Heat:
 
 def told(arrival: Arrival) -> list[str]:
     """`3` a frame without segments, `3s` one with, `s3` segments that come late, `-3` a skipped one; then drops."""
-    out = [f"-{stamp} {reason}" for stamp, reason in arrival.skipped]
-    for ready in arrival.ready:
+    out = []
+    for ready in arrival.frames:
+        if isinstance(ready, Skipped):
+            out.append(f"-{ready.stamp_ns} {ready.reason}")
+            continue
         stamp = ready.heat.message.header.stamp_ns
         assert ready.pose.message.header.stamp_ns == stamp
         if ready.segments is not None:
@@ -124,6 +127,9 @@ def test_live_keeps_few_early_segments() -> None:
         ("P1 H1 P2 H2 K2", ["1", "2s", "no segments"]),  # nobody answers 1 any more: it goes first
         ("H1 P2 H2 K2", ["-1 no pose", "2s"]),
         ("P1 H1 P2 H2 P3 H3", ["1", "no segments"]),  # two wait at most
+        ("P1 H1 H2 P3", []),  # that 2 has no pose waits for 1
+        ("P1 H1 H2 P3 K1", ["1s", "-2 no pose"]),
+        ("P1 H1 H2 P3 H3 H4 P5 K3", ["1", "-2 no pose", "3s", "-4 no pose", "no segments"]),
     ],
 )
 def test_lossless(items: str, expected: list[str]) -> None:
@@ -133,9 +139,11 @@ def test_lossless(items: str, expected: list[str]) -> None:
 def test_what_waits_at_the_end_is_not_lost() -> None:
     inputs = LosslessInputs(in_flight=4)
     assert feed(inputs, "P1 H1 P2 H2") == []
-    assert [ready.heat.message.header.stamp_ns for ready in inputs.rest()] == [1, 2]
+    assert told(Arrival(inputs.rest())) == ["1", "2"]
     assert inputs.rest() == []
-    assert feed(inputs, "P3 H3 K3") == ["3s"]
+    assert feed(inputs, "P3 H3 H4 P5 H5") == []
+    assert told(Arrival(inputs.rest())) == ["3", "-4 no pose", "5"]
+    assert feed(inputs, "P6 H6 K6") == ["6s"]
 
 
 def test_the_delivery_decides() -> None:

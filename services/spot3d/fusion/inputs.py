@@ -30,17 +30,24 @@ class Ready:
     segments: Received[Segments] | None
 
 
+@dataclass(frozen=True, slots=True)
+class Skipped:
+    """A frame that will not be fused, and why."""
+
+    stamp_ns: int
+    reason: str
+
+
 @dataclass(slots=True)
 class Arrival:
     """What one message led to.
 
-    ready: frames to be fused, in order. late: segments of a frame that was fused before. skipped: stamps of frames
-    that will not be fused, and why. drops: how often something else is missing, by reason.
+    frames: to be fused or skipped, in order: none before it is left. late: segments of a frame that was fused before.
+    drops: how often something else is missing, by reason.
     """
 
-    ready: list[Ready] = field(default_factory=list)
+    frames: list[Ready | Skipped] = field(default_factory=list)
     late: Received[Segments] | None = None
-    skipped: list[tuple[int, str]] = field(default_factory=list)
     drops: list[str] = field(default_factory=list)
 
 
@@ -81,7 +88,7 @@ class LiveInputs:
         """Whether the segments stage has not come to the last frame yet: it may be looking at keyframes before it."""
         return self._last_ns is not None and (self._answered_ns is None or self._answered_ns < self._last_ns)
 
-    def rest(self) -> list[Ready]:
+    def rest(self) -> list[Ready | Skipped]:
         """What still waits when the stream has ended: nothing."""
         return []
 
@@ -92,13 +99,13 @@ class LiveInputs:
         return _count(self._pairs.clear())
 
     def _paired(self, outcome: Outcome[Received[Heat], Received[Pose]]) -> Arrival:
-        arrival = Arrival(skipped=_skipped(outcome))
+        arrival = Arrival([*_skipped(outcome)])
         if outcome.pair is not None:
             heat, pose = outcome.pair
             self.alone += 1
             self._last_ns = heat.message.header.stamp_ns
             segments = self._early.pop(self._last_ns, None)
-            arrival.ready.append(Ready(heat, pose, segments))
+            arrival.frames.append(Ready(heat, pose, segments))
             arrival.drops = self._forgotten([stamp for stamp in self._early if stamp < self._last_ns])
         return arrival
 
@@ -111,6 +118,7 @@ class LiveInputs:
 class LosslessInputs:
     """A frame is ready when heat, pose and the answer of the segments stage are there.
 
+    One that is skipped waits for those before it: all frames up to the last that is told of are accounted for.
     alone, unanswered: as no frame that was ready is.
     """
 
@@ -119,6 +127,7 @@ class LosslessInputs:
         self._pairs: HeatsAndPoses = Join(max(_HEATS_WAITING, 2 * in_flight), _POSES_WAITING)
         self._answers: Join[Pair, Received[Segments]] = Join(2 * in_flight, _POSES_WAITING)
         self._waiting: dict[int, Pair] = {}
+        self._behind: dict[int, list[Skipped]] = {}
 
     def add_heat(self, given: Received[Heat]) -> Arrival:
         """Take in a frame's heat."""
@@ -134,18 +143,23 @@ class LosslessInputs:
         self._answered(arrival, self._answers.add_right(given.message.header.stamp_ns, given))
         return arrival
 
-    def rest(self) -> list[Ready]:
-        """What still waits for segments when the stream has ended, in order."""
-        pairs, self._waiting = self._waiting, {}
+    def rest(self) -> list[Ready | Skipped]:
+        """What still waits for segments when the stream has ended, and what waits for that, in order."""
+        frames: list[Ready | Skipped] = []
+        for stamp in list(self._waiting):
+            frames += self._leaving(stamp, None)
         self._answers.clear()
-        return [Ready(heat, pose, None) for heat, pose in pairs.values()]
+        return frames
 
     def clear(self) -> int:
         """Forget what waits: another stream begins. Returns how many frames that were."""
         return len(self.rest()) + _count(self._pairs.clear())
 
     def _paired(self, outcome: Outcome[Received[Heat], Received[Pose]]) -> Arrival:
-        arrival = Arrival(skipped=_skipped(outcome))
+        arrival = Arrival()
+        newest = next(reversed(self._waiting), None)
+        behind = arrival.frames if newest is None else self._behind.setdefault(newest, [])
+        behind += _skipped(outcome)
         if outcome.pair is not None:
             stamp_ns = outcome.pair[0].message.header.stamp_ns
             self._waiting[stamp_ns] = outcome.pair
@@ -155,13 +169,16 @@ class LosslessInputs:
     def _answered(self, arrival: Arrival, outcome: Outcome[Pair, Received[Segments]]) -> None:
         """Frames that will have no answer go first: they are older than the one that has."""
         for stamp in outcome.without_right:
-            heat, pose = self._waiting.pop(stamp)
-            arrival.ready.append(Ready(heat, pose, None))
+            arrival.frames += self._leaving(stamp, None)
             arrival.drops.append(NO_SEGMENTS)
         if outcome.pair is not None:
-            (heat, pose), segments = outcome.pair
-            del self._waiting[heat.message.header.stamp_ns]
-            arrival.ready.append(Ready(heat, pose, segments))
+            (heat, _), segments = outcome.pair
+            arrival.frames += self._leaving(heat.message.header.stamp_ns, segments)
+
+    def _leaving(self, stamp_ns: int, segments: Received[Segments] | None) -> list[Ready | Skipped]:
+        """A frame that waits no more, and those that were skipped behind it."""
+        heat, pose = self._waiting.pop(stamp_ns)
+        return [Ready(heat, pose, segments), *self._behind.pop(stamp_ns, ())]
 
 
 def inputs_of(link: LinkSettings) -> LiveInputs | LosslessInputs:
@@ -173,6 +190,7 @@ def _count(waiting: Outcome[Received[Heat], Received[Pose]]) -> int:
     return len(waiting.without_left) + len(waiting.without_right)
 
 
-def _skipped(outcome: Outcome[Received[Heat], Received[Pose]]) -> list[tuple[int, str]]:
-    skipped = [(stamp, NO_HEAT) for stamp in outcome.without_left]
-    return sorted(skipped + [(stamp, NO_POSE) for stamp in outcome.without_right])
+def _skipped(outcome: Outcome[Received[Heat], Received[Pose]]) -> list[Skipped]:
+    skipped = [Skipped(stamp, NO_HEAT) for stamp in outcome.without_left]
+    skipped += [Skipped(stamp, NO_POSE) for stamp in outcome.without_right]
+    return sorted(skipped, key=lambda frame: frame.stamp_ns)

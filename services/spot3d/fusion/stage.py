@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TypeVar
 
@@ -16,7 +16,7 @@ from spot3d.dataflow.serving import On, OnQuery, serve
 from spot3d.dataflow.streams import new_stream
 from spot3d.fusion.change_answers import ASKED, changes_message
 from spot3d.fusion.fusion import Fusion
-from spot3d.fusion.inputs import NO_SEGMENTS, WITHOUT_FRAME, Arrival, Ready, inputs_of
+from spot3d.fusion.inputs import NO_SEGMENTS, WITHOUT_FRAME, Arrival, Ready, Skipped, inputs_of
 from spot3d.fusion.keeping import Keeping
 from spot3d.fusion.map_answers import MapAnswers
 from spot3d.fusion.snapshot import Account, keep
@@ -146,18 +146,21 @@ class Stage:
         self.epoch, self.fused_ns = new_stream(), -1
 
     def _arrived(self, arrival: Arrival, given: Received[Message]) -> None:
-        now_s = time.monotonic()
-        for stamp_ns, reason in arrival.skipped:
-            self.ledger.skip(reason, stamp_ns, now_s)
-            self.node.counters.drop(reason)
         for reason in arrival.drops:
             self.node.counters.drop(reason)
-        for ready in arrival.ready:
-            self._fuse(ready)
+        self._account_for(arrival.frames)
         if arrival.late is not None:
             self._observe(arrival.late)
-        if arrival.skipped or arrival.ready:
+        if arrival.frames:
             self._publish_progress(self.node.header(_PROGRESS, given))
+
+    def _account_for(self, frames: Sequence[Ready | Skipped]) -> None:
+        for frame in frames:
+            if isinstance(frame, Ready):
+                self._fuse(frame)
+            else:
+                self.node.counters.drop(frame.reason)
+                self.ledger.skip(frame.reason, frame.stamp_ns, time.monotonic())
 
     def _fuse(self, ready: Ready) -> None:
         heat, pose = ready.heat, ready.pose
@@ -269,9 +272,9 @@ class Stage:
 
     def _complete(self) -> None:
         """Everything is in: the last objects, then the word that they are the last."""
-        for ready in self.inputs.rest():
-            self.node.counters.drop(NO_SEGMENTS)
-            self._fuse(ready)
+        rest = self.inputs.rest()
+        self.node.counters.drop(NO_SEGMENTS, sum(isinstance(frame, Ready) for frame in rest))
+        self._account_for(rest)
         if self.last is not None and self.updates.wait(self._say_progress):
             self._submit(self.last, complete=True)
             self.updates.wait(self._say_progress)
