@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spot3d.dataflow.join import Join
+from spot3d.dataflow.join import Join, images_waiting
+from spot3d.dataflow.settings import LinkSettings
 
 S = 1_000_000_000
 
@@ -77,3 +78,12 @@ def test_every_stamp_comes_out_once(left: set[int], right: set[int], turns: list
     stamps = [int(item.strip("-")) for item in out]
     assert sorted(stamps) == sorted(left | right | {99})
     assert {int(item) for item in out if "-" not in item} <= (left & right) | {99}
+
+
+@pytest.mark.parametrize(
+    ("delivery", "in_flight", "most"), [("live", 4, 16), ("live", 64, 16), ("lossless", 4, 16), ("lossless", 64, 128)]
+)
+def test_only_a_lossless_run_has_as_many_images_wait_as_are_on_their_way(
+    delivery: str, in_flight: int, most: int
+) -> None:
+    assert images_waiting(16, LinkSettings(delivery=delivery, in_flight=in_flight)) == most

@@ -3,11 +3,15 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+import pytest
 from fusion_room import CAMERA, ROOM, THREE, look_at, view
+from schemas_samples import SAMPLES
 
 from spot3d.dataflow.conversion import intrinsics_message
 from spot3d.dataflow.counters import Counters
+from spot3d.dataflow.join import NO_POSE
 from spot3d.dataflow.node import Received
+from spot3d.dataflow.process_use import ProcessUse
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.segments.process import _Stage
 from spot3d.segments.settings import SegmentsSettings
@@ -87,3 +91,17 @@ def test_where_the_settings_say_so_nothing_is_told() -> None:
     node = NodeOfTest()
     give(_Stage(node, SETTINGS.model_copy(update={"image_up": "bottom"})), 25)  # type: ignore[arg-type]
     assert (node.notes, node.state) == ([], "")
+
+
+@pytest.mark.parametrize(
+    ("delivery", "in_flight", "dropped"), [("live", 1, 2), ("live", 64, 2), ("lossless", 1, 2), ("lossless", 64, 0)]
+)
+def test_how_many_heats_wait_for_their_poses(delivery: str, in_flight: int, dropped: int) -> None:
+    """What a lossless run may have on its way does not go for a live one, whose images must not grow old."""
+    node, heat = NodeOfTest(LinkSettings(delivery=delivery, in_flight=in_flight)), SAMPLES["Heat"]
+    stage = _Stage(node, SETTINGS)
+    for number in range(10):
+        header = heat.header.model_copy(update={"stamp_ns": 1 + number})
+        stage.take_heat(Received(heat.model_copy(update={"header": header}), 0))
+    told = node.counters.health(heat.header, 1.0, ProcessUse(cpu_s=0.0, rss_bytes=1, threads=1))
+    assert told.drops.get(NO_POSE, 0) == dropped

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
 from spot3d.dataflow.order import RESTART_NS
+from spot3d.dataflow.settings import LinkSettings
 
 L = TypeVar("L")
 R = TypeVar("R")
@@ -13,6 +14,11 @@ NO_HEAT, NO_POSE = "no heat", "no pose"
 
 _EVICTED_REMEMBERED = 1000
 """Evicted stamps that are remembered until their partner comes, so that they count once."""
+
+
+def images_waiting(live: int, link: LinkSettings) -> int:
+    """Most images of a join that wait: `live`, and at least all that are on their way in a lossless run."""
+    return max(live, 2 * link.in_flight) if link.delivery == "lossless" else live
 
 
 @dataclass(frozen=True, slots=True)

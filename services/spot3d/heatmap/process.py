@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from spot3d.dataflow.conversion import intrinsics_message, rgbd_frame
-from spot3d.dataflow.join import Join, Outcome
+from spot3d.dataflow.join import Join, Outcome, images_waiting
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.previews import Previews
 from spot3d.dataflow.serving import On, attempted, serve
@@ -44,9 +44,8 @@ def _heat_first(settings: HeatmapSettings, frames: Sequence[RgbdFrame]) -> None:
 
 
 def _serve(node: Node, settings: HeatmapSettings) -> None:
-    frames = max(_FRAMES_WAITING, 2 * node.link.in_flight)
     previews = Previews(node, _PREVIEW)
-    join: Join[Received[Frame], Received[Proposals]] = Join(frames, _BOXES_WAITING)
+    join: Join[Received[Frame], Received[Proposals]] = Join(images_waiting(_FRAMES_WAITING, node.link), _BOXES_WAITING)
 
     def take(given: Received[Message], add: Callable[[], Outcome[Received[Frame], Received[Proposals]]]) -> None:
         if given.begins:

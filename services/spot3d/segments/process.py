@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from spot3d.dataflow.conversion import calibration_of, rgbd_frame, segments_message
-from spot3d.dataflow.join import NO_HEAT, NO_POSE, Join, Outcome
+from spot3d.dataflow.join import NO_HEAT, NO_POSE, Join, Outcome, images_waiting
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.process_use import let_frames_go_first
 from spot3d.dataflow.serving import On, serve
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from spot3d.segments.keyframe_segments import KeyframeSegments
 
 _HEAT, _POSE, _OUT = "heatmap/heat", "pose/pose", "segments/segments"
-_HEATS_WAITING = 4
-"""Live: heats that wait for their poses, which mostly come first; 7 MB at VGA."""
+_HEATS_WAITING = 8
+"""Live: heats that wait for their poses, which mostly come first; 15 MB at VGA."""
 _POSES_WAITING = 256
 
 _Pairs = Join[Received[Heat], Received[Pose]]
@@ -68,7 +68,7 @@ class _Stage:
     def __init__(self, node: Node, settings: SegmentsSettings) -> None:
         self.node, self.settings, self.recording = node, settings, 0
         self.keyframes = _keyframes(settings)
-        self.join: _Pairs = Join(max(_HEATS_WAITING, 2 * node.link.in_flight), _POSES_WAITING)
+        self.join: _Pairs = Join(images_waiting(_HEATS_WAITING, node.link), _POSES_WAITING)
 
     def take_heat(self, given: Received[Heat]) -> None:
         self._begin_if_new(given)
