@@ -134,9 +134,14 @@ def test_kernels_are_missing_until_they_are_compiled_and_when_they_change(
     exec(compile(module.read_text(), str(module), "exec"), scope)
     scope["twice"](2.0)
     assert kernels_missing(tmp_path) == []
+    namesake = tmp_path / "other" / "edges.py"
+    namesake.parent.mkdir()
+    namesake.write_text(module.read_text())
+    os.utime(namesake, (1, 1))
+    assert kernels_missing(tmp_path) == [namesake]
     later = time.time() + 10
     os.utime(module, (later, later))
-    assert kernels_missing(tmp_path) == [module]
+    assert kernels_missing(tmp_path) == [module, namesake]
 
 
 def test_kernels_of_other_inputs_are_not_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,6 @@
 """Whether the machine code of kernels is kept, so that the next start does not compile for ten seconds."""
 
+import hashlib
 import os
 import sys
 from pathlib import Path
@@ -21,19 +22,24 @@ def kernels_missing(folder: Path) -> list[Path]:
 
     Looked for where numba looks: in NUMBA_CACHE_DIR, else beside the modules, else in the user's own cache.
     """
-    kept: dict[str, float] = {}
-    for index in _indices(folder):
-        # module.function-line.py311.nbi
-        module = index.name.partition(".")[0]
-        kept[module] = max(kept.get(module, 0.0), index.stat().st_mtime)
     modules = [path for path in sorted(folder.rglob("*.py")) if _DECORATOR in path.read_text(encoding="utf-8")]
-    return [path for path in modules if kept.get(path.stem, 0.0) < path.stat().st_mtime]
+    return [path for path in modules if _compiled_s(path) < path.stat().st_mtime]
 
 
-def _indices(folder: Path) -> list[Path]:
-    pattern = f"*.py{sys.version_info.major}{sys.version_info.minor}.nbi"
+def _compiled_s(module: Path) -> float:
+    """When the newest of a module's kernels was compiled, seconds since 1970; 0 where none is kept."""
+    # module.function-line.py311.nbi
+    pattern = f"{module.stem}.*.py{sys.version_info.major}{sys.version_info.minor}.nbi"
+    indices = (index for place in _places(module.parent) for index in place.glob(pattern))
+    return max((index.stat().st_mtime for index in indices), default=0.0)
+
+
+def _places(folder: Path) -> list[Path]:
+    """Where numba keeps what it compiles of the modules in a folder."""
+    # As numba.core.caching names it; modules of one name in two folders are not told apart otherwise.
+    name = f"{folder.name}_{hashlib.sha1(str(folder.absolute()).encode()).hexdigest()}"
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     if chosen:
-        return list(Path(chosen).rglob(pattern))
+        return [Path(chosen) / name]
     own = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
-    return [*folder.rglob(f"__pycache__/{pattern}"), *own.rglob(pattern)]
+    return [folder / "__pycache__", own / name]
