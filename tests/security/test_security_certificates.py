@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import BestAvailableEncryption, Encoding, PrivateFormat
 from typer.testing import CliRunner
 
 from spot3d.cli.app import app
@@ -75,3 +77,28 @@ def test_half_an_authority_is_refused(tmp_path: Path) -> None:
     (tmp_path / "ca.key").unlink()
     with pytest.raises(CommandError, match=r"holds one of ca.pem and ca.key"):
         ask(tmp_path, "ground")
+
+
+PASSWORD = ec.generate_private_key(ec.SECP256R1()).private_bytes(
+    Encoding.PEM, PrivateFormat.PKCS8, BestAvailableEncryption(b"secret")
+)
+BROKEN = b"-----BEGIN CERTIFICATE-----\nAAAA\n-----END CERTIFICATE-----\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "kind"),
+    [
+        ("ca.key", b"", "private key without a password"),
+        ("ca.key", b"not in PEM", "private key without a password"),
+        ("ca.key", PASSWORD, "private key without a password"),
+        ("ca.pem", b"", "certificate"),
+        ("ca.pem", BROKEN, "certificate"),
+    ],
+)
+def test_a_file_of_the_authority_that_is_none_is_named(tmp_path: Path, name: str, content: bytes, kind: str) -> None:
+    ask(tmp_path, "drone")
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(CommandError) as refused:
+        ask(tmp_path, "ground")
+    remedy = "bring back the one there was, or begin in an empty folder"
+    assert str(refused.value) == f"{tmp_path / name} is no {kind} in PEM: {remedy}"

@@ -4,11 +4,13 @@ import datetime
 import ipaddress
 import os
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from cryptography import x509
+from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import (
@@ -20,6 +22,8 @@ from cryptography.hazmat.primitives.serialization import (
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from spot3d_schemas import checked_name
+
+T = TypeVar("T")
 
 CA = "ca"
 """Name of the authority's files."""
@@ -56,10 +60,19 @@ def open_authority(folder: Path, now: datetime.datetime) -> Authority:
         raise ValueError(f"{folder} holds one of {CA}.pem and {CA}.key: bring the other, or begin in an empty folder")
     if not certificate.exists():
         return _make_authority(folder, now)
-    private = load_pem_private_key(key.read_bytes(), None)
+    private = _read(key, "private key without a password", lambda data: load_pem_private_key(data, None))
     if not isinstance(private, ec.EllipticCurvePrivateKey):
         raise ValueError(f"{key} is no key of an elliptic curve; it was not made by this program")
-    return Authority(x509.load_pem_x509_certificate(certificate.read_bytes()), private)
+    return Authority(_read(certificate, "certificate", x509.load_pem_x509_certificate), private)
+
+
+def _read(file: Path, kind: str, load: Callable[[bytes], T]) -> T:
+    """What a PEM file holds. Raises ValueError, naming the file, where that is none of its kind."""
+    try:
+        return load(file.read_bytes())
+    except (ValueError, TypeError, UnsupportedAlgorithm) as error:
+        remedy = "bring back the one there was, or begin in an empty folder"
+        raise ValueError(f"{file} is no {kind} in PEM: {remedy}") from error
 
 
 def issue(
