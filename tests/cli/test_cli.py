@@ -76,7 +76,7 @@ def test_settings_prints_what_can_be_read_again(tmp_path):
         (["record", "{tmp}/new.mcap", "--topics", "sauce/*"], "no topic matches 'sauce/*'; there are source/frame"),
         (["record", "{tmp}/file"], "file exists already"),
         (["record", "{tmp}/none/new.mcap"], "none/new.mcap: it, or the folder that it is in, does not exist"),
-        (["play", "/nowhere.mcap"], "/nowhere.mcap does not exist"),
+        (["play", "/nowhere.mcap"], "/nowhere.mcap does not exist; give a file that spot3d record has written"),
         (["play", "{tmp}/file"], "file is no recording of spot3d"),
         (["export", "{tmp}", "{tmp}/new.mcap"], "report.json is missing"),
         (["evaluate", "points", "/nowhere", "--json", "{tmp}/file/x.json"], "cannot use {tmp}/file: it is a file"),

@@ -7,12 +7,14 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
+import pytest
 import zenoh
 
 from commands import router_process
 from spot3d.dataflow.router import free_loopback_endpoint
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.dataflow.stopping import StoppedError
 from waiting import wait_until
 
 ONLOOKER = """
@@ -27,6 +29,14 @@ with zenoh.open(config) as session:
 """
 MEGABYTES = 20
 """More than the buffers of a connection within one host take."""
+
+
+def test_a_router_that_is_not_there_is_told_of_in_words(caplog: pytest.LogCaptureFixture) -> None:
+    endpoint = free_loopback_endpoint()
+    with pytest.raises(StoppedError), open_session(LinkSettings(connect=(endpoint,)), patience_s=0.1):
+        pass
+    said = "trying again: nobody answers; does one run there (spot3d router)?"
+    assert caplog.messages == [f"no router at {endpoint} yet, {said}"]
 
 
 def test_it_waits_for_no_onlooker_that_stands_still(tmp_path: Path) -> None:

@@ -108,7 +108,7 @@ def _open(
                 remedy = _IN_USE if "in use" in reason else "is that an address of this device?"
                 raise ConnectionError(f"cannot listen at {where}: {reason}; {remedy}") from error
             if tries % 10 == 0:
-                reason = why_refused(link) or first_line(error)
+                reason = why_refused(link) or f"{first_line(error)}; does one run there (spot3d router)?"
                 log.warning("no router at %s yet, trying again: %s", ", ".join(link.connect), reason)
             tries += 1
             stop.wait(0.1)
@@ -116,5 +116,6 @@ def _open(
 
 
 def first_line(error: Exception) -> str:
-    """What Zenoh says, without where in its source it says so."""
-    return str(error).partition("\n")[0].partition(" at /")[0].strip()
+    """What Zenoh says, without where in its source it says so; of whoever does not answer it says only the endpoint."""
+    said = str(error).partition("\n")[0].partition(" at /")[0].strip()
+    return "nobody answers" if said.startswith("Unable to connect to any of") else said

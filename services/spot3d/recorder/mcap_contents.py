@@ -103,7 +103,7 @@ class McapContents:
 def open_mcap(path: Path) -> McapContents:
     """The contents of a recording; messages are read when asked for. Raises BrokenRecordingError, OSError."""
     if not path.exists():
-        raise BrokenRecordingError(f"{path} does not exist")
+        raise BrokenRecordingError(f"{path} does not exist; give a file that spot3d record has written")
     if not is_our_mcap(path):
         raise BrokenRecordingError(f"{path} is no recording of spot3d (an MCAP file with the profile {PROFILE!r})")
     contents = McapContents(path)

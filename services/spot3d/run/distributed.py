@@ -149,7 +149,8 @@ def _follow(
             if progress is None or progress.fused == 0 or (objects is not None and objects.complete):
                 return
             if time.monotonic() - ended_s > _FINAL_OBJECTS_S:
-                report.error = "the last update of the objects did not come"
+                waited = f"the last update of the objects did not come in {_FINAL_OBJECTS_S:g} s"
+                report.error = f"{waited}; {plan.logs / 'fusion.log'} may say why"
                 return
     report.interrupted = True
     supervisor.end("source")
