@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
 from spot3d.calibration import Calibration
-from spot3d.camera import Intrinsics
 from spot3d.dataflow.saved_objects import restored, same_fields, saved
 from spot3d.dataflow.snapshot_file import Snapshot, SnapshotError, read_snapshot
 from spot3d.found_object import FoundObject
@@ -19,7 +18,6 @@ from spot3d.fusion.objects.balance import Piece
 from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.growing import Growing
 from spot3d.fusion.objects.identity import Identities
-from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.recalibration import Placement
 from spot3d.fusion.objects.segment_graph import SegmentGraph
 from spot3d.fusion.objects.segment_table import SegmentTable
@@ -35,8 +33,6 @@ _CLASSES = {
         FoundObject,
         Growing,
         Identities,
-        Intrinsics,
-        Keyframe,
         MapState,
         Piece,
         Placement,
