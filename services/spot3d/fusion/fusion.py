@@ -22,6 +22,7 @@ from spot3d.fusion.map.selection import FrequentPoints, frequent_points
 from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.identity import Identities
 from spot3d.fusion.objects.keyframes import FusedFrame, FusedFrames, Keyframe, keyframe_of
+from spot3d.fusion.objects.untold import with_support
 from spot3d.fusion.paper.density import find_by_density
 from spot3d.fusion.paper.ransac import planes_by_ransac
 from spot3d.fusion.settings import FusionSettings
@@ -196,14 +197,17 @@ class Fusion:
     def observe(self, segments: FrameSegments, stamp_ns: int) -> bool:
         """Take in the objects of a single frame that has been fused with this stamp.
 
-        Returns False, and does nothing, where the frame is none of the last 60 fused, or has been observed already.
+        Segments that bring no planes stand on the supporting plane that is known here, as far as they do. Returns
+        False, and does nothing, where the frame is none of the last 60 fused, or has been observed already.
         """
         frame = self._fused.take(stamp_ns)
         if frame is None:
             return False
-        segments = segments.calibrated(frame.calibration)
-        self.consensus.add(keyframe_of(frame, segments))
-        for plane in segments.supports()[::-1]:
+        keyframe = keyframe_of(frame, segments.calibrated(frame.calibration))
+        if len(segments) and not len(segments.planes) and self._supporting is not None:
+            keyframe = with_support(keyframe, transform_plane(self._supporting, invert(frame.T_world_camera)))
+        self.consensus.add(keyframe)
+        for plane in keyframe.supports()[::-1]:
             self.supports.add(transform_plane(plane, frame.T_world_camera), frame.T_world_camera[:3, 3])
         return True
 

@@ -55,6 +55,10 @@ class Keyframe:
     left_out: dict[str, int] = field(default_factory=dict)
     calibration: Calibration = AS_TOLD
 
+    def supports(self) -> NDArray[np.float64]:
+        """(k, 4) the planes on which something stands, camera frame, the main one first."""
+        return self.planes[np.unique(self.stands_on[self.stands_on >= 0])]
+
 
 def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
     """The keyframe that a frame and its segments make, on the frame's lattice."""
