@@ -34,3 +34,9 @@ class Failures:
             yield
         except Exception as error:
             self.add(stage, text, error)
+
+    def refuse(self) -> None:
+        """Raise RuntimeError that says which stages failed, how often and what the last error was, unless none did."""
+        if self.errors:
+            said = [f"{count} of {stage}, the last: {self.last_error[stage]}" for stage, count in self.errors.items()]
+            raise RuntimeError(f"a run with failures is not measured: {'; '.join(said)}")

@@ -1,13 +1,17 @@
 """What a run over a labelled sequence is measured by, beside its objects."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from spot3d import pipeline
 from spot3d.evaluate.degraded import Degradation
-from spot3d.evaluate.labelled import LabelledSequence
+from spot3d.evaluate.labelled import DataSet, LabelledFrame, LabelledFrames, LabelledSequence
 from spot3d.evaluate.measured_run import measure
+from spot3d.evaluate.still_table import moving_table, still_table
 from spot3d.settings import Settings
 from spot3d.source.scene.scene import Scene
 from spot3d.source.sequence import FrameList
@@ -29,3 +33,33 @@ def test_given_poses_are_as_far_off_as_they_are() -> None:
     run = measure(LabelledSequence("shaken", sequence, None), settings)
     assert run.lost == 0
     assert 0.01 < run.ate < 0.05
+
+
+def of_frame(table: Callable[[list[DataSet], Settings], object]) -> Callable[[Scene, Settings], object]:
+    """The table of a scene's first frame."""
+
+    def made(scene: Scene, settings: Settings) -> object:
+        frames = LabelledFrames(1, lambda index: LabelledFrame(scene[index], np.zeros((0, 4))))
+        return table([DataSet("scene", "frames", frames)], settings)
+
+    return made
+
+
+@pytest.mark.parametrize(
+    "measured",
+    [
+        lambda scene, settings: measure(LabelledSequence("scene", scene, None), settings),
+        of_frame(still_table),
+        of_frame(moving_table),
+    ],
+    ids=["sequence", "still", "moving"],
+)
+def test_a_run_in_which_a_stage_fails_is_not_measured(
+    measured: Callable[[Scene, Settings], object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: Any) -> None:
+        raise ValueError("one odd frame")
+
+    monkeypatch.setattr(pipeline, "weighted_heat", fails)
+    with pytest.raises(RuntimeError, match=r"\d+ of heatmap, the last: no heat for .*: ValueError: one odd frame"):
+        measured(Scene(2, frames=2), Settings())

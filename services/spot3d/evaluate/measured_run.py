@@ -85,7 +85,8 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
 
     With odometry the found world is that of the first pose: it is moved into the true one by the rigid
     transform that agrees best with all true poses (`world_alignment`), and each true object is carried into it
-    by the frames that see it (`Sightings`). Raises SourceError where true objects have no true poses to be placed by.
+    by the frames that see it (`Sightings`). Raises SourceError where true objects have no true poses to be placed by,
+    and RuntimeError where a stage fails on a frame.
     """
     sequence, truth = item.sequence, item.truth or NO_TRUTH
     if item.truth is not None and not sequence.has_true_poses:
@@ -111,6 +112,7 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
             sightings.add(depth, camera, T_true_camera, pose.T_world_camera, pose.T_world_map, step.frame.stamp_ns)
 
     result = run_pipeline(sequence, settings, follow)
+    result.failures.refuse()
     tracked = [(stamp, pose.T_world_camera) for stamp, pose in result.trajectory if pose.status == "ok"]
     known = settings.pose.provider == "given" or not truth.boxes
     T = np.eye(4) if known else world_alignment(sequence, tracked)

@@ -27,7 +27,7 @@ def still_table(datasets: list[DataSet], settings: Settings) -> Table:
     """Success (SR) and detection rate (DR) at IoU 0.5 of the objects' 3D boxes, drawn into the frame that they are of.
 
     Unlike the finder's pixels (`proposals_table`), these boxes went through the votes, of one view here, and every
-    rule for objects; the peer's clusters are boxed in 3D too.
+    rule for objects; the peer's clusters are boxed in 3D too. Raises RuntimeError where a stage fails on a frame.
     """
     title = "Single frame through all stages: 3D boxes drawn into it"
     table = Table("still", title, (Column("data"), *BOTH_METHODS))
@@ -37,8 +37,9 @@ def still_table(datasets: list[DataSet], settings: Settings) -> Table:
         for item in dataset.frames:
             frame = item.frame
             alone = FrameList([replace(frame, T_world_camera=np.eye(4))])  # its camera is the world
-            found = run_pipeline(alone, given).objects.objects
-            ours.add(item, _drawn([one.box for one in found], frame.intrinsics))
+            result = run_pipeline(alone, given)
+            result.failures.refuse()
+            ours.add(item, _drawn([one.box for one in result.objects.objects], frame.intrinsics))
             cloud = PeerMap(1)
             cloud.add(frame.depth_metres(), frame.intrinsics, np.eye(4), settings.fusion.range_max)
             peer.add(item, _drawn(cloud.found(settings.fusion).boxes, frame.intrinsics))
@@ -54,7 +55,8 @@ def still_table(datasets: list[DataSet], settings: Settings) -> Table:
 
 def moving_table(datasets: list[DataSet], settings: Settings) -> Table:
     """The same for frames that a camera has which moves around what they show (see `moved_views`), by given poses, true
-    or shaken, or those that the system finds; drawn into the first frame. The peer has the run's poses.
+    or shaken, or those that the system finds; drawn into the first frame. The peer has the run's poses. Raises
+    RuntimeError where a stage fails on a frame.
     """
     title = "Single frame as a moving camera sees it: 3D boxes drawn into it"
     table = Table("moving", title, (Column("data"), Column("poses"), *BOTH_METHODS))
@@ -92,6 +94,7 @@ def _found_in_run(sequence: FrameSequence, settings: Settings) -> tuple[list[Box
             cloud.add(frame.depth_metres(), frame.intrinsics, pose, settings.fusion.range_max)
 
     result = run_pipeline(sequence, settings, follow)
+    result.failures.refuse()
     T = world_alignment(sequence, [(stamp, pose.T_world_camera) for stamp, pose in result.trajectory])
     boxes = [one.box for one in result.objects.objects], list(cloud.found(settings.fusion).boxes)
     ours, peer = ([moved(box, T) for box in some] for some in boxes)
