@@ -10,6 +10,7 @@ from schemas_samples import SAMPLES
 
 from spot3d.run import distributed
 from spot3d.run.distributed import Plan
+from spot3d.run.monitor import RunMonitor
 from spot3d.run.report import RunReport
 from spot3d.settings import load_settings
 from spot3d.source.selected import Selection
@@ -24,6 +25,7 @@ def test_objects_that_do_not_come_are_told_with_where_to_look(tmp_path: Path, mo
     supervisor = SimpleNamespace(poll=lambda _: [], finished=lambda stage: stage == "source")
     watcher = SimpleNamespace(on_progress=lambda *_: None)
     report, plan = RunReport("scene", "processes", 3, (1, 1)), Plan(Selection("scene", 3), load_settings(), tmp_path)
-    distributed._follow(plan, report, "", supervisor, collector, watcher, Event(), pytest.fail)
+    monitor = RunMonitor(report, SimpleNamespace(), watcher, Event())
+    distributed._follow(plan, "", supervisor, collector, monitor, pytest.fail)
     assert report.error.startswith("the last update of the objects did not come in ")
     assert report.error.endswith(f" s; {tmp_path / 'logs' / 'fusion.log'} may say why")

@@ -4,16 +4,14 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from math import inf
 from pathlib import Path
-from threading import Event
 
 from spot3d.dataflow.streams import new_stream
 from spot3d.run.collector import Collector, relay_poses
-from spot3d.run.display import Watcher
-from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.meeting import open_meeting
+from spot3d.run.monitor import RunMonitor
 from spot3d.run.overview_frames import OverviewFrames
-from spot3d.run.report import RunReport
 from spot3d.run.results import RunResult, empty_snapshot
 from spot3d.run.supervisor import Supervisor
 from spot3d.settings import Settings
@@ -29,6 +27,9 @@ _NO_POSE_S = 10.0
 """Somebody else's poses that have not come by then are told of: the stages are there after some four."""
 _MAP_S, _MAP_INTERRUPTED_S = 30.0, 2.0
 """Longest wait for the map, at the end and after Ctrl-C."""
+
+Keep = Callable[[RunResult], None]
+"""Keeps what there is so far."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,15 +61,7 @@ class Plan:
         return self.logs / "settings.toml"
 
 
-def run_distributed(
-    plan: Plan,
-    supervisor: Supervisor,
-    report: RunReport,
-    files: GrowingFiles,
-    watcher: Watcher,
-    stop: Event,
-    keep: Callable[[RunResult], None],
-) -> RunResult:
+def run_distributed(plan: Plan, supervisor: Supervisor, monitor: RunMonitor, keep: Keep) -> RunResult:
     """Run every stage as a process of the supervisor until the input ends, `stop` is set or a stage cannot go on.
 
     Fills the report (`error` says why a run ended that should have gone on). No process is left behind. keep: called
@@ -76,77 +69,55 @@ def run_distributed(
     """
     robot = plan.settings.link.robot
     with ExitStack() as stack:
-        apart = _stages_meet_apart(plan)
-        meeting = stack.enter_context(open_meeting(plan.settings, plan.listen, plan.usual, apart, watcher))
+        # A slow onlooker of a lossless run then holds nobody up; whoever gives the poses could not come in, either.
+        apart = plan.settings.link.delivery == "lossless" and plan.pose_topic is None
+        meeting = stack.enter_context(open_meeting(plan.settings, plan.listen, plan.usual, apart, monitor.watcher))
         session, endpoint = meeting.session, meeting.endpoint
-        collector = stack.enter_context(Collector(session, robot, plan.stream, files, plan.seen))
+        collector = stack.enter_context(Collector(session, robot, plan.stream, monitor.files, plan.seen))
         if plan.pose_topic is not None and plan.pose_topic != key(robot, "pose/pose"):
             stack.enter_context(relay_poses(session, plan.pose_topic, robot))
         for stage in STAGES:
             if stage != "pose" or plan.pose_topic is None:
                 supervisor.start(stage, _arguments(plan, stage, endpoint), plan.logs / f"{stage}.log")
-        _follow(plan, report, endpoint, supervisor, collector, watcher, stop, keep)
+        _follow(plan, endpoint, supervisor, collector, monitor, keep)
         points = empty_snapshot()
         if collector.progress is not None:
-            points = collector.snapshot(_MAP_INTERRUPTED_S if stop.is_set() else _MAP_S)
+            points = collector.snapshot(_MAP_INTERRUPTED_S if monitor.stop.is_set() else _MAP_S)
         supervisor.stop()
         # Each stage says its last counts when it leaves.
         collector.drain()
-        for text in collector.news():
-            _tell(report, watcher, text)
-        collector.fill(report, supervisor.restarts())
+        monitor.tell(*collector.news())
+        collector.fill(monitor.report, supervisor.restarts())
         return collector.result(points)
 
 
-def _stages_meet_apart(plan: Plan) -> bool:
-    """Whether the stages meet where nobody else does, so that a slow onlooker of a lossless run holds nobody up.
-
-    Not where somebody from elsewhere is a stage, as whoever gives the poses.
-    """
-    return plan.settings.link.delivery == "lossless" and plan.pose_topic is None
-
-
 def _follow(
-    plan: Plan,
-    report: RunReport,
-    endpoint: str,
-    supervisor: Supervisor,
-    collector: Collector,
-    watcher: Watcher,
-    stop: Event,
-    keep: Callable[[RunResult], None],
+    plan: Plan, endpoint: str, supervisor: Supervisor, collector: Collector, monitor: RunMonitor, keep: Keep
 ) -> None:
     """Watch the stages until the source has ended and the last objects are here."""
-    ended_s: float | None = None
-    began_s = kept_s = time.monotonic()
-    awaited = plan.pose_topic
-    while not stop.wait(_POLL_S):
+    report, awaited, began_s = monitor.report, plan.pose_topic, time.monotonic()
+    kept_s, ended_s = began_s, inf
+    while not monitor.stop.wait(_POLL_S):
         collector.drain()
-        progress, objects = collector.progress, collector.objects
-        after_ns = None if progress is None else progress.last_stamp_ns
-        again = {"source": _arguments(replace(plan, stream=collector.stream), "source", endpoint, after_ns)}
-        for text in collector.news():
-            _tell(report, watcher, text)
-        for death in supervisor.poll(again):
-            _tell(report, watcher, death.message)
+        monitor.tell(*collector.news())
+        for death in supervisor.poll({"source": _source_again(plan, endpoint, collector)}):
+            monitor.tell(death.message)
             if death.fatal:
                 report.error = death.message
                 return
         if awaited is not None and (collector.poses or time.monotonic() - began_s > _NO_POSE_S):
             if not collector.poses:
-                _tell(report, watcher, f"no pose has come on {awaited}: is it published, and does it reach this run?")
+                monitor.tell(f"no pose has come on {awaited}: is it published, and does it reach this run?")
             awaited = None
-        if progress is not None:
-            found = 0 if objects is None else len(objects.objects)
-            fused, skipped = collector.counts()
-            watcher.on_progress(fused, skipped.total(), found)
+        if collector.progress is not None:
+            _show(collector, monitor)
             if time.monotonic() - kept_s >= _KEEP_S:
                 collector.fill(report, supervisor.restarts())
                 keep(collector.result(collector.snapshot(_MAP_INTERRUPTED_S)))
                 kept_s = time.monotonic()
         if supervisor.finished("source"):
-            ended_s = ended_s or time.monotonic()
-            if progress is None or progress.fused == 0 or (objects is not None and objects.complete):
+            ended_s = min(ended_s, time.monotonic())
+            if _complete(collector):
                 return
             if time.monotonic() - ended_s > _FINAL_OBJECTS_S:
                 waited = f"the last update of the objects did not come in {_FINAL_OBJECTS_S:g} s"
@@ -156,9 +127,22 @@ def _follow(
     supervisor.end("source")
 
 
-def _tell(report: RunReport, watcher: Watcher, text: str) -> None:
-    report.events.append(text)
-    watcher.on_event(text)
+def _show(collector: Collector, monitor: RunMonitor) -> None:
+    """Show how far the run is."""
+    objects, (fused, skipped) = collector.objects, collector.counts()
+    monitor.watcher.on_progress(fused, skipped.total(), 0 if objects is None else len(objects.objects))
+
+
+def _complete(collector: Collector) -> bool:
+    """Whether nothing more is to come of a source that has ended: the last objects are here, if there are any."""
+    progress, objects = collector.progress, collector.objects
+    return progress is None or progress.fused == 0 or (objects is not None and objects.complete)
+
+
+def _source_again(plan: Plan, endpoint: str, collector: Collector) -> list[str]:
+    """Command line of a source that is started again: it goes on after the last frame that is accounted for."""
+    after_ns = None if collector.progress is None else collector.progress.last_stamp_ns
+    return _arguments(replace(plan, stream=collector.stream), "source", endpoint, after_ns)
 
 
 def _arguments(plan: Plan, stage: str, endpoint: str, after_ns: int | None = None) -> list[str]:

@@ -3,7 +3,6 @@
 import time
 from collections import Counter, defaultdict
 from dataclasses import replace
-from threading import Event
 
 import numpy as np
 
@@ -11,10 +10,9 @@ from spot3d.colour_alignment import AlignmentWatch
 from spot3d.dataflow.process_use import process_use, stay_single_threaded
 from spot3d.fusion.fusion import FoundObjects
 from spot3d.pipeline import PipelineResult, PipelineStep, run_pipeline
-from spot3d.run.display import Watcher
-from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.lost_tracking import LostTracking
-from spot3d.run.report import FrameRate, RunReport, StageReport, statistics_ms
+from spot3d.run.monitor import RunMonitor
+from spot3d.run.report import FrameRate, StageReport, statistics_ms
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame
 from spot3d.segments.upper_side import event_of, told
 from spot3d.settings import Settings
@@ -22,24 +20,17 @@ from spot3d.source.errors import WITHOUT_POSE
 from spot3d.source.sequence import FrameSequence
 
 
-def run_in_process(
-    sequence: FrameSequence,
-    settings: Settings,
-    report: RunReport,
-    files: GrowingFiles,
-    watcher: Watcher,
-    stop: Event,
-) -> RunResult:
+def run_in_process(sequence: FrameSequence, settings: Settings, monitor: RunMonitor) -> RunResult:
     """Run every frame, or until `stop` is set; fills the report."""
     stay_single_threaded()
+    report, files, stop = monitor.report, monitor.files, monitor.stop
     fused, found, side_up = 0, 0, ""
     rate, lost, alignment = FrameRate(), LostTracking(), AlignmentWatch()
     events: defaultdict[str, Counter[str]] = defaultdict(Counter)
 
     def tell(stage: str, event: str, text: str) -> None:
         events[stage][event] += 1
-        report.events.append(text)
-        watcher.on_event(text)
+        monitor.tell(text)
 
     def follow(step: PipelineStep) -> None:
         nonlocal fused, found, side_up
@@ -59,7 +50,7 @@ def run_in_process(
         if sequence.has_true_poses and step.frame.T_world_camera is None:
             events["source"][WITHOUT_POSE] += 1
         rate.add(fused + lost.frames, time.monotonic())
-        watcher.on_progress(fused, lost.frames, found)
+        monitor.watcher.on_progress(fused, lost.frames, found)
 
     result = run_pipeline(sequence, settings, follow, stop.is_set)
     if result.trajectory and result.complete:

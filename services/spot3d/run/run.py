@@ -17,6 +17,7 @@ from spot3d.run.distributed import Plan, run_distributed
 from spot3d.run.earlier_streams import forget_streams
 from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.input_doubts import input_doubts
+from spot3d.run.monitor import RunMonitor
 from spot3d.run.overview_file import View, write_overview
 from spot3d.run.overview_frames import OverviewFrames
 from spot3d.run.report import RunReport, report_document
@@ -97,21 +98,21 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
     played = len(sequence) if seen is None else selection.frames or 0
     report = RunReport(selection.name, mode, played, size, asdict(selection))
     _begin(folder, report)
-    if seen is None:
-        for doubt in input_doubts(sequence, settings.pose.provider != "given" and plan.pose_topic is None):
-            report.events.append(doubt)
-            console.print(doubt, style="yellow", markup=False, highlight=False, soft_wrap=True)
+    odometry = settings.pose.provider != "given" and plan.pose_topic is None
+    doubts = input_doubts(sequence, odometry) if seen is None else []
     start_s = time.perf_counter()
     with (
         stop_on_signals(None) as stop,
         progress_bar(played or None, console) as watcher,
         GrowingFiles(folder) as files,
     ):
+        monitor = RunMonitor(report, files, watcher, stop)
+        monitor.tell(*doubts)
         if supervisor is None:
             # The cores take a second to import, and the stages are not started before.
             from spot3d.run.in_process import run_in_process
 
-            result = run_in_process(sequence, settings, report, files, watcher, stop)
+            result = run_in_process(sequence, settings, monitor)
         else:
             _write_stages_settings(plan)
 
@@ -122,10 +123,8 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
                 except OSError as error:
                     watcher.on_event(f"not kept so far: {error}")
 
-            result = run_distributed(plan, supervisor, report, files, watcher, stop, keep)
-    for told in files.told():
-        report.events.append(told)
-        console.print(told, style="yellow", markup=False, highlight=False, soft_wrap=True)
+            result = run_distributed(plan, supervisor, monitor, keep)
+    monitor.tell(*files.told())
     skipped = report.skipped
     not_played = [f"{skipped[why]} of {report.played} frames {why}" for why in NOT_PLAYED if why in skipped]
     if not_played and not report.error:
