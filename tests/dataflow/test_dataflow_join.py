@@ -1,24 +1,35 @@
 """The join gives every stamp exactly once, in bounded memory."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from spot3d.dataflow.join import Join, images_waiting
+from spot3d.dataflow.node import Received
 from spot3d.dataflow.settings import LinkSettings
 
 S = 1_000_000_000
+NOTED = {"no left": "{}-", "no right": "-{}"}
 
 
-def feed(join: Join[str, str], items: str) -> list[str]:
+def message(stamp: int) -> SimpleNamespace:
+    return SimpleNamespace(header=SimpleNamespace(stamp_ns=stamp))
+
+
+def feed(join: Join[Any, Any], items: str) -> list[str]:
     """Feed items such as `L3 R3`; returns what came of them: `3` a pair, `-3` without right, `3-` without left."""
     out = []
     for item in items.split():
         side, stamp = item[0], int(item[1:])
-        outcome = (join.add_left if side == "L" else join.add_right)(stamp, item)
-        out += [f"{s}-" for s in outcome.without_left] + [f"-{s}" for s in outcome.without_right]
+        given = Received(message(stamp), 0)
+        outcome = (join.add_left if side == "L" else join.add_right)(given)
+        out += [NOTED[skipped.reason].format(skipped.stamp_ns) for skipped in outcome.skipped]
         if outcome.pair is not None:
-            assert outcome.pair == (f"L{stamp}", f"R{stamp}")
+            assert [half.message.header.stamp_ns for half in outcome.pair] == [stamp, stamp]
+            assert outcome.pair["LR".index(side)] is given
             out.append(str(stamp))
     return out
 
@@ -40,11 +51,11 @@ def feed(join: Join[str, str], items: str) -> list[str]:
     ],
 )
 def test_outcomes(items: str, expected: list[str]) -> None:
-    assert feed(Join(2, 2), items) == expected
+    assert feed(Join(2, 2, *NOTED), items) == expected
 
 
 def test_another_recording_begins() -> None:
-    join: Join[str, str] = Join(9, 9)
+    join: Join[Any, Any] = Join(9, 9, *NOTED)
     old, new = 5 * S, S
     assert feed(join, f"L{old} R{old} L{old + 1} R{old + 2}") == [f"{old}", f"-{old + 1}"]
     # The right stream goes first; what it left over of the old recording goes.
@@ -53,7 +64,7 @@ def test_another_recording_begins() -> None:
 
 
 def test_clear() -> None:
-    join: Join[str, str] = Join(2, 2)
+    join: Join[Any, Any] = Join(2, 2, *NOTED)
     assert feed(join, "L1 R3") == ["-1"]
     join.clear()
     assert feed(join, "R1 L1") == ["1"]
@@ -67,7 +78,7 @@ def test_clear() -> None:
 )
 def test_every_stamp_comes_out_once(left: set[int], right: set[int], turns: list[bool], size: int) -> None:
     lefts, rights = sorted(left), sorted(right)
-    join: Join[str, str] = Join(size, size)
+    join: Join[Any, Any] = Join(size, size, *NOTED)
     out: list[str] = []
     for turn in [*turns, *[True, False] * 60]:
         if not (lefts or rights):

@@ -5,16 +5,22 @@ import pytest
 
 from spot3d.camera import Intrinsics
 from spot3d.dataflow.conversion import segments_message
+from spot3d.dataflow.join import Skipped
 from spot3d.dataflow.node import Received
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.frame_segments import FrameSegments
-from spot3d.fusion.inputs import Arrival, LiveInputs, LosslessInputs, Skipped, inputs_of
+from spot3d.fusion.inputs import Arrival, LiveInputs, LosslessInputs, inputs_of
 from spot3d_schemas import CameraIntrinsics, Header, Heat, Pose
 
 CAMERA = Intrinsics(2.0, 2.0, 0.5, 0.5, 2, 2)
 FOUND = FrameSegments(
     np.ones((2, 2), np.uint8), np.ones(1, np.float32), np.zeros((0, 4)), np.full(1, -1, np.int8), CAMERA
 )
+LIVE = LinkSettings(delivery="live")
+
+
+def lossless(in_flight: int) -> LinkSettings:
+    return LinkSettings(delivery="lossless", in_flight=in_flight)
 
 
 def header(stamp: int) -> Header:
@@ -81,11 +87,11 @@ def feed(inputs: LiveInputs | LosslessInputs, items: str) -> list[str]:
     ],
 )
 def test_live(items: str, expected: list[str]) -> None:
-    assert feed(LiveInputs(), items) == expected
+    assert feed(LiveInputs(LIVE), items) == expected
 
 
 def test_live_counts_the_frames_without_a_word_of_the_segments_stage() -> None:
-    inputs = LiveInputs()
+    inputs = LiveInputs(LIVE)
     feed(inputs, "P1 H1 P2 H2 P3 H3")
     assert inputs.alone == 3
     feed(inputs, "N3 P4 H4")
@@ -106,7 +112,7 @@ def test_live_counts_the_frames_without_a_word_of_the_segments_stage() -> None:
     ],
 )
 def test_live_knows_whether_segments_may_still_come(items: str, unanswered: bool) -> None:
-    inputs = LiveInputs()
+    inputs = LiveInputs(LIVE)
     feed(inputs, items)
     assert inputs.unanswered == unanswered
     inputs.clear()
@@ -115,7 +121,7 @@ def test_live_knows_whether_segments_may_still_come(items: str, unanswered: bool
 
 def test_live_keeps_few_early_segments() -> None:
     early = " ".join(f"K{stamp}" for stamp in range(100, 120))
-    assert feed(LiveInputs(), early) == ["segments without their frame"] * 4
+    assert feed(LiveInputs(LIVE), early) == ["segments without their frame"] * 4
 
 
 @pytest.mark.parametrize(
@@ -133,11 +139,11 @@ def test_live_keeps_few_early_segments() -> None:
     ],
 )
 def test_lossless(items: str, expected: list[str]) -> None:
-    assert feed(LosslessInputs(in_flight=1), items) == expected
+    assert feed(LosslessInputs(lossless(1)), items) == expected
 
 
 def test_what_waits_at_the_end_is_not_lost() -> None:
-    inputs = LosslessInputs(in_flight=4)
+    inputs = LosslessInputs(lossless(4))
     assert feed(inputs, "P1 H1 P2 H2") == []
     assert told(Arrival(inputs.rest())) == ["1", "2"]
     assert inputs.rest() == []

@@ -1,17 +1,23 @@
-"""Joins two streams by capture stamp, in bounded memory."""
+"""Joins the messages of two topics by capture stamp, in bounded memory."""
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
+from spot3d.dataflow.node import Received
 from spot3d.dataflow.order import RESTART_NS
 from spot3d.dataflow.settings import LinkSettings
+from spot3d_schemas import Heat, Message, Pose
 
-L = TypeVar("L")
-R = TypeVar("R")
+L = TypeVar("L", bound=Message)
+R = TypeVar("R", bound=Message)
 
 NO_HEAT, NO_POSE = "no heat", "no pose"
 """Why a frame is not worked on that waited for its other half in vain."""
 
+_HEATS_WAITING = 8
+"""Live: heats that wait for their poses, which mostly come first; 15 MB at VGA."""
+_POSES_WAITING = 256
 _EVICTED_REMEMBERED = 1000
 """Evicted stamps that are remembered until their partner comes, so that they count once."""
 
@@ -21,51 +27,64 @@ def images_waiting(live: int, link: LinkSettings) -> int:
     return max(live, 2 * link.in_flight) if link.delivery == "lossless" else live
 
 
+@dataclass(frozen=True, slots=True, order=True)
+class Skipped:
+    """A frame that is not worked on, and why."""
+
+    stamp_ns: int
+    reason: str
+
+
 @dataclass(frozen=True, slots=True)
 class Outcome(Generic[L, R]):
-    """What one new item led to.
+    """What one new message led to.
 
-    pair: the two items of one stamp. without_left, without_right: stamps whose items stay without that side.
+    pair: the two messages of one stamp. skipped: the frames of those that stay without their other side.
     """
 
-    pair: tuple[L, R] | None = None
-    without_left: list[int] = field(default_factory=list)
-    without_right: list[int] = field(default_factory=list)
+    pair: tuple[Received[L], Received[R]] | None
+    skipped: list[Skipped]
 
 
 class Join(Generic[L, R]):
-    """Pairs items of equal stamp.
+    """Pairs messages of equal stamp.
 
-    Each stream's stamps ascend, so that an item whose partner's stream has passed it can go at once: every
+    Each stream's stamps ascend, so that a message whose partner's stream has passed it can go at once: every
     stamp that was seen on either side comes out exactly once, as a pair or as one without its partner.
-    Stamps that jump back by RESTART_NS begin another recording.
+    Stamps that jump back by RESTART_NS begin another recording. no_left, no_right: why a frame is skipped that stays
+    without that side.
     """
 
-    def __init__(self, left_size: int, right_size: int) -> None:
-        self._waiting: tuple[dict[int, L], dict[int, R]] = ({}, {})
+    def __init__(self, left_size: int, right_size: int, no_left: str, no_right: str) -> None:
+        self._waiting: tuple[dict[int, Received[L]], dict[int, Received[R]]] = ({}, {})
         self._sizes = (left_size, right_size)
+        self._no_left, self._no_right = no_left, no_right
         self._newest: list[int | None] = [None, None]
         self._evicted: dict[int, None] = {}
 
-    def add_left(self, stamp_ns: int, item: L) -> Outcome[L, R]:
-        """Take in an item of the left stream."""
-        partner, alone, others = self._add(0, stamp_ns, item)
-        return Outcome(None if partner is None else (item, partner), others, alone)
+    def add_left(self, given: Received[L]) -> Outcome[L, R]:
+        """Take in a message of the left stream."""
+        partner, alone, others = self._add(0, given.message.header.stamp_ns, given)
+        return Outcome(None if partner is None else (given, partner), self._skipped(others, alone))
 
-    def add_right(self, stamp_ns: int, item: R) -> Outcome[L, R]:
-        """Take in an item of the right stream."""
-        partner, alone, others = self._add(1, stamp_ns, item)
-        return Outcome(None if partner is None else (partner, item), alone, others)
+    def add_right(self, given: Received[R]) -> Outcome[L, R]:
+        """Take in a message of the right stream."""
+        partner, alone, others = self._add(1, given.message.header.stamp_ns, given)
+        return Outcome(None if partner is None else (partner, given), self._skipped(alone, others))
 
-    def clear(self) -> Outcome[L, R]:
+    def clear(self) -> list[Skipped]:
         """Forget what waits: another stream begins. Returns it as what stays without its other side."""
         left, right = self._waiting
-        outcome: Outcome[L, R] = Outcome(None, list(right), list(left))
+        skipped = self._skipped(right, left)
         left.clear()
         right.clear()
         self._evicted.clear()
         self._newest = [None, None]
-        return outcome
+        return skipped
+
+    def _skipped(self, without_left: Iterable[int], without_right: Iterable[int]) -> list[Skipped]:
+        skipped = [Skipped(stamp, self._no_left) for stamp in without_left]
+        return skipped + [Skipped(stamp, self._no_right) for stamp in without_right]
 
     def _add(self, side: int, stamp_ns: int, item: Any) -> tuple[Any | None, list[int], list[int]]:
         """Take in an item; returns its partner, and the stamps that stay without one: of this side, of the other."""
@@ -118,3 +137,8 @@ class Join(Generic[L, R]):
         for stamp in list(self._evicted)[:-_EVICTED_REMEMBERED]:
             del self._evicted[stamp]
         return oldest
+
+
+def heat_pose_join(link: LinkSettings) -> Join[Heat, Pose]:
+    """The join of each frame's heat with its pose."""
+    return Join(images_waiting(_HEATS_WAITING, link), _POSES_WAITING, NO_HEAT, NO_POSE)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from spot3d.dataflow.join import NO_HEAT, NO_POSE, Join, Outcome
+from spot3d.dataflow.join import Join, Outcome, Skipped, heat_pose_join
 from spot3d.dataflow.node import Received
 from spot3d.dataflow.settings import LinkSettings
 from spot3d_schemas import Heat, Pose, Segments
@@ -11,14 +11,10 @@ NO_SEGMENTS, WITHOUT_FRAME = "no segments", "segments without their frame"
 """What else may be missing: the segments of a lossless frame, or live the frame of segments, which was skipped, or
 fused too long ago."""
 
-_HEATS_WAITING = 8
-"""Live: heats that wait for their poses, which mostly come first; 15 MB at VGA."""
-_POSES_WAITING = 256
+_ANSWERS_WAITING = 256
+"""Lossless: answers of the segments stage that wait for heat and pose."""
 _EARLY = 16
 """Live: keyframes' segments that have come before their frame was fused; 0.1 MB each."""
-
-Pair = tuple[Received[Heat], Received[Pose]]
-HeatsAndPoses = Join[Received[Heat], Received[Pose]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,14 +24,6 @@ class Ready:
     heat: Received[Heat]
     pose: Received[Pose]
     segments: Received[Segments] | None
-
-
-@dataclass(frozen=True, slots=True)
-class Skipped:
-    """A frame that will not be fused, and why."""
-
-    stamp_ns: int
-    reason: str
 
 
 @dataclass(slots=True)
@@ -57,20 +45,20 @@ class LiveInputs:
     alone: frames that were ready since the segments stage last said anything.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, link: LinkSettings) -> None:
         self.alone = 0
         self._answered_ns: int | None = None
-        self._pairs: HeatsAndPoses = Join(_HEATS_WAITING, _POSES_WAITING)
+        self._pairs = heat_pose_join(link)
         self._early: dict[int, Received[Segments]] = {}
         self._last_ns: int | None = None
 
     def add_heat(self, given: Received[Heat]) -> Arrival:
         """Take in a frame's heat."""
-        return self._paired(self._pairs.add_left(given.message.header.stamp_ns, given))
+        return self._paired(self._pairs.add_left(given))
 
     def add_pose(self, given: Received[Pose]) -> Arrival:
         """Take in a frame's pose."""
-        return self._paired(self._pairs.add_right(given.message.header.stamp_ns, given))
+        return self._paired(self._pairs.add_right(given))
 
     def add_segments(self, given: Received[Segments]) -> Arrival:
         """Take in a frame's segments; of a frame that is no keyframe there is nothing to keep."""
@@ -96,10 +84,10 @@ class LiveInputs:
         """Forget what waits: another stream begins. Returns how many frames that were."""
         self._early.clear()
         self._last_ns = self._answered_ns = None
-        return _count(self._pairs.clear())
+        return len(self._pairs.clear())
 
-    def _paired(self, outcome: Outcome[Received[Heat], Received[Pose]]) -> Arrival:
-        arrival = Arrival([*_skipped(outcome)])
+    def _paired(self, outcome: Outcome[Heat, Pose]) -> Arrival:
+        arrival = Arrival([*sorted(outcome.skipped)])
         if outcome.pair is not None:
             heat, pose = outcome.pair
             self.alone += 1
@@ -122,25 +110,25 @@ class LosslessInputs:
     alone, unanswered: as no frame that was ready is.
     """
 
-    def __init__(self, in_flight: int) -> None:
+    def __init__(self, link: LinkSettings) -> None:
         self.alone, self.unanswered = 0, False
-        self._pairs: HeatsAndPoses = Join(max(_HEATS_WAITING, 2 * in_flight), _POSES_WAITING)
-        self._answers: Join[Pair, Received[Segments]] = Join(2 * in_flight, _POSES_WAITING)
-        self._waiting: dict[int, Pair] = {}
+        self._pairs = heat_pose_join(link)
+        self._answers = Join[Heat, Segments](2 * link.in_flight, _ANSWERS_WAITING, WITHOUT_FRAME, NO_SEGMENTS)
+        self._waiting: dict[int, tuple[Received[Heat], Received[Pose]]] = {}
         self._behind: dict[int, list[Skipped]] = {}
 
     def add_heat(self, given: Received[Heat]) -> Arrival:
         """Take in a frame's heat."""
-        return self._paired(self._pairs.add_left(given.message.header.stamp_ns, given))
+        return self._paired(self._pairs.add_left(given))
 
     def add_pose(self, given: Received[Pose]) -> Arrival:
         """Take in a frame's pose."""
-        return self._paired(self._pairs.add_right(given.message.header.stamp_ns, given))
+        return self._paired(self._pairs.add_right(given))
 
     def add_segments(self, given: Received[Segments]) -> Arrival:
         """Take in what the segments stage answers to a frame."""
         arrival = Arrival()
-        self._answered(arrival, self._answers.add_right(given.message.header.stamp_ns, given))
+        self._answered(arrival, self._answers.add_right(given))
         return arrival
 
     def rest(self) -> list[Ready | Skipped]:
@@ -153,26 +141,27 @@ class LosslessInputs:
 
     def clear(self) -> int:
         """Forget what waits: another stream begins. Returns how many frames that were."""
-        return len(self.rest()) + _count(self._pairs.clear())
+        return len(self.rest()) + len(self._pairs.clear())
 
-    def _paired(self, outcome: Outcome[Received[Heat], Received[Pose]]) -> Arrival:
+    def _paired(self, outcome: Outcome[Heat, Pose]) -> Arrival:
         arrival = Arrival()
         newest = next(reversed(self._waiting), None)
         behind = arrival.frames if newest is None else self._behind.setdefault(newest, [])
-        behind += _skipped(outcome)
+        behind += sorted(outcome.skipped)
         if outcome.pair is not None:
-            stamp_ns = outcome.pair[0].message.header.stamp_ns
-            self._waiting[stamp_ns] = outcome.pair
-            self._answered(arrival, self._answers.add_left(stamp_ns, outcome.pair))
+            heat = outcome.pair[0]
+            self._waiting[heat.message.header.stamp_ns] = outcome.pair
+            self._answered(arrival, self._answers.add_left(heat))
         return arrival
 
-    def _answered(self, arrival: Arrival, outcome: Outcome[Pair, Received[Segments]]) -> None:
+    def _answered(self, arrival: Arrival, outcome: Outcome[Heat, Segments]) -> None:
         """Frames that will have no answer go first: they are older than the one that has."""
-        for stamp in outcome.without_right:
-            arrival.frames += self._leaving(stamp, None)
-            arrival.drops.append(NO_SEGMENTS)
+        for frame in outcome.skipped:
+            if frame.reason == NO_SEGMENTS:
+                arrival.frames += self._leaving(frame.stamp_ns, None)
+                arrival.drops.append(NO_SEGMENTS)
         if outcome.pair is not None:
-            (heat, _), segments = outcome.pair
+            heat, segments = outcome.pair
             arrival.frames += self._leaving(heat.message.header.stamp_ns, segments)
 
     def _leaving(self, stamp_ns: int, segments: Received[Segments] | None) -> list[Ready | Skipped]:
@@ -183,14 +172,4 @@ class LosslessInputs:
 
 def inputs_of(link: LinkSettings) -> LiveInputs | LosslessInputs:
     """The inputs for a delivery."""
-    return LosslessInputs(link.in_flight) if link.delivery == "lossless" else LiveInputs()
-
-
-def _count(waiting: Outcome[Received[Heat], Received[Pose]]) -> int:
-    return len(waiting.without_left) + len(waiting.without_right)
-
-
-def _skipped(outcome: Outcome[Received[Heat], Received[Pose]]) -> list[Skipped]:
-    skipped = [Skipped(stamp, NO_HEAT) for stamp in outcome.without_left]
-    skipped += [Skipped(stamp, NO_POSE) for stamp in outcome.without_right]
-    return sorted(skipped, key=lambda frame: frame.stamp_ns)
+    return LosslessInputs(link) if link.delivery == "lossless" else LiveInputs(link)

@@ -10,13 +10,14 @@ import zenoh
 
 from spot3d.dataflow.cadence import Cadence
 from spot3d.dataflow.conversion import camera_pose, frame_segments, rgbd_frame
+from spot3d.dataflow.join import Skipped
 from spot3d.dataflow.ledger import Ledger
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.serving import On, OnQuery, serve
 from spot3d.dataflow.streams import new_stream
 from spot3d.fusion.change_answers import ASKED, changes_message
 from spot3d.fusion.fusion import Fusion
-from spot3d.fusion.inputs import NO_SEGMENTS, WITHOUT_FRAME, Arrival, Ready, Skipped, inputs_of
+from spot3d.fusion.inputs import NO_SEGMENTS, WITHOUT_FRAME, Arrival, Ready, inputs_of
 from spot3d.fusion.keeping import Keeping
 from spot3d.fusion.map_answers import MapAnswers
 from spot3d.fusion.snapshot import Account, keep

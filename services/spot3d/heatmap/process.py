@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
@@ -26,6 +27,7 @@ _FRAMES_WAITING = 16
 _BOXES_WAITING = 64
 
 Pair = tuple[Received[Frame], Received[Proposals]]
+M = TypeVar("M", bound=Message)
 
 
 def run(link: LinkSettings, settings: HeatmapSettings, stop: threading.Event | None = None) -> None:
@@ -45,28 +47,18 @@ def _heat_first(settings: HeatmapSettings, frames: Sequence[RgbdFrame]) -> None:
 
 def _serve(node: Node, settings: HeatmapSettings) -> None:
     previews = Previews(node, _PREVIEW)
-    join: Join[Received[Frame], Received[Proposals]] = Join(images_waiting(_FRAMES_WAITING, node.link), _BOXES_WAITING)
+    waiting = images_waiting(_FRAMES_WAITING, node.link), _BOXES_WAITING
+    join = Join[Frame, Proposals](*waiting, "no frame", "no boxes")
 
-    def take(given: Received[Message], add: Callable[[], Outcome[Received[Frame], Received[Proposals]]]) -> None:
-        if given.begins:
-            _count(node, join.clear())
-        outcome = add()
-        _count(node, outcome)
+    def take(add: Callable[[Received[M]], Outcome[Frame, Proposals]], given: Received[M]) -> None:
+        waited = join.clear() if given.begins else []
+        outcome = add(given)
+        for frame in (*waited, *outcome.skipped):
+            node.counters.drop(frame.reason)
         if outcome.pair is not None:
             _publish_heat(node, outcome.pair, settings, previews)
 
-    def take_frame(given: Received[Frame]) -> None:
-        take(given, lambda: join.add_left(given.message.header.stamp_ns, given))
-
-    def take_boxes(given: Received[Proposals]) -> None:
-        take(given, lambda: join.add_right(given.message.header.stamp_ns, given))
-
-    serve(node, On(_FRAME, Frame, take_frame), On(_BOXES, Proposals, take_boxes))
-
-
-def _count(node: Node, outcome: Outcome[Received[Frame], Received[Proposals]]) -> None:
-    node.counters.drop("no frame", len(outcome.without_left))
-    node.counters.drop("no boxes", len(outcome.without_right))
+    serve(node, On(_FRAME, Frame, partial(take, join.add_left)), On(_BOXES, Proposals, partial(take, join.add_right)))
 
 
 def _publish_heat(node: Node, pair: Pair, settings: HeatmapSettings, previews: Previews) -> None:

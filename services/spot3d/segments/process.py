@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from spot3d.dataflow.conversion import calibration_of, rgbd_frame, segments_message
-from spot3d.dataflow.join import NO_HEAT, NO_POSE, Join, Outcome, images_waiting
+from spot3d.dataflow.join import Outcome, Skipped, heat_pose_join
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.process_use import let_frames_go_first
 from spot3d.dataflow.serving import On, serve
@@ -26,11 +26,6 @@ if TYPE_CHECKING:
     from spot3d.segments.keyframe_segments import KeyframeSegments
 
 _HEAT, _POSE, _OUT = "heatmap/heat", "pose/pose", "segments/segments"
-_HEATS_WAITING = 8
-"""Live: heats that wait for their poses, which mostly come first; 15 MB at VGA."""
-_POSES_WAITING = 256
-
-_Pairs = Join[Received[Heat], Received[Pose]]
 
 
 def run(link: LinkSettings, settings: SegmentsSettings, stop: threading.Event | None = None) -> None:
@@ -68,18 +63,18 @@ class _Stage:
     def __init__(self, node: Node, settings: SegmentsSettings) -> None:
         self.node, self.settings, self.recording = node, settings, 0
         self.keyframes = _keyframes(settings)
-        self.join: _Pairs = Join(images_waiting(_HEATS_WAITING, node.link), _POSES_WAITING)
+        self.join = heat_pose_join(node.link)
 
     def take_heat(self, given: Received[Heat]) -> None:
         self._begin_if_new(given)
         if given.recording != self.recording:
             self.recording = given.recording
             self._begin()
-        self._answer(self.join.add_left(given.message.header.stamp_ns, given))
+        self._answer(self.join.add_left(given))
 
     def take_pose(self, given: Received[Pose]) -> None:
         self._begin_if_new(given)
-        self._answer(self.join.add_right(given.message.header.stamp_ns, given))
+        self._answer(self.join.add_right(given))
 
     def _begin_if_new(self, given: Received[Message]) -> None:
         if given.begins:
@@ -90,8 +85,8 @@ class _Stage:
         """Another recording: nothing of the one before is known of it."""
         self.keyframes, self.node.state = _keyframes(self.settings), ""
 
-    def _answer(self, outcome: Outcome[Received[Heat], Received[Pose]]) -> None:
-        _count(self.node, outcome)
+    def _answer(self, outcome: Outcome[Heat, Pose]) -> None:
+        _count(self.node, outcome.skipped)
         if outcome.pair is None:
             return
         heat, pose = outcome.pair
@@ -120,6 +115,6 @@ class _Stage:
         return found
 
 
-def _count(node: Node, outcome: Outcome[Received[Heat], Received[Pose]]) -> None:
-    node.counters.drop(NO_HEAT, len(outcome.without_left))
-    node.counters.drop(NO_POSE, len(outcome.without_right))
+def _count(node: Node, skipped: list[Skipped]) -> None:
+    for frame in skipped:
+        node.counters.drop(frame.reason)
