@@ -68,6 +68,13 @@ GrazingCos = Annotated[
 ]
 """The setting of those who leave out such depth."""
 
+RANGE_MAX = 2.5
+"""Depth beyond this shows no objects, metres: a Kinect's noise is half of eps_min there, and what it shows comes apart.
+With 2.5, 3 and 3.5 m detection is 0.77, 0.87 and 0.82 on two desks and on four floors that are seen from a robot's
+height and from a drone's, success 0.76, 0.75 and 0.69. With 3 m success on five desks is 0.75 for 0.84; on redkitchen F
+is the same, but 1.6 and not 1.3 numbers are given for each object, and with KISS-ICP's poses three of four are found.
+"""
+
 _MILLIMETRE_STEPS = 0.001 / math.sqrt(12)
 SUBPIXEL = 0.08
 """Disparity's standard deviation on textured surfaces, pixels: what Intel states for the D400 series."""

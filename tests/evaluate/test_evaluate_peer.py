@@ -90,7 +90,7 @@ def test_peer_boxes_what_stands_in_the_cloud_of_all_frames() -> None:
         pose[0, 3] += 0.03 * (number - frames / 2)
         depth, _ = table_depth(BLOCKS, pose)
         depth += rng.normal(0, 0.002, depth.shape).astype(np.float32)
-        peer.add(depth, CAMERA, pose, 2.5)
+        peer.add(depth, CAMERA, pose)
     found = peer.found(FusionSettings())
     true = [Box3D((np.array(a) + b) / 2, np.subtract(b, a), np.eye(3)) for a, b in BLOCKS]
     assert len(found.boxes) == len(found.points) == len(true)
@@ -104,11 +104,11 @@ def test_peer_boxes_what_stands_in_the_cloud_of_all_frames() -> None:
 def test_peer_takes_some_of_many_frames_and_what_they_see_often() -> None:
     many, depth = PeerMap(10 * FRAMES_MAX), table_depth()[0]
     for _ in range(11):
-        many.add(depth, CAMERA, T_WORLD_CAMERA, 2.5)
+        many.add(depth, CAMERA, T_WORLD_CAMERA)
     assert many.frames_taken == 2
     assert PeerMap(3).found(FusionSettings()).boxes == ()
     blinking = PeerMap(20)
     for number in range(20):
-        blinking.add(depth if number == 0 else table_depth(())[0], CAMERA, T_WORLD_CAMERA, 2.5)
+        blinking.add(depth if number == 0 else table_depth(())[0], CAMERA, T_WORLD_CAMERA)
     assert len(blinking.found(FusionSettings(frequency_share=0.2)).boxes) == 0
     assert len(blinking.found(FusionSettings(frequency_min=1)).boxes) == len(BLOCKS)

@@ -62,7 +62,7 @@ def finished_table(dataset: DataSet, folder: Path, settings: Settings) -> Table:
     for index, pose in played:
         frame, true_pose = item.sequence[index], item.sequence.true_pose(index)
         depth, camera = known.metres(frame.depth_metres()), known.camera(frame.intrinsics)
-        peer.add(depth, camera, pose, settings.fusion.range_max)
+        peer.add(depth, camera, pose)
         if true_pose is not None:
             sightings.add(depth, camera, true_pose, pose)
     carried = sightings.carried(invert(T))

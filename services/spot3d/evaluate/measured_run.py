@@ -106,7 +106,7 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
         pose, known = step.pose, step.pose.calibration
         depth, camera = known.metres(step.frame.depth_metres()), known.camera(step.frame.intrinsics)
         T_map_world = np.eye(4) if pose.T_world_map is None else invert(pose.T_world_map)
-        peer.add(depth, camera, T_map_world @ pose.T_world_camera, settings.fusion.range_max)
+        peer.add(depth, camera, T_map_world @ pose.T_world_camera)
         T_true_camera = true_of[step.frame.stamp_ns]
         if T_true_camera is not None:
             sightings.add(depth, camera, T_true_camera, pose.T_world_camera, pose.T_world_map, step.frame.stamp_ns)

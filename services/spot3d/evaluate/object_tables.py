@@ -9,7 +9,7 @@ from spot3d.evaluate.datasets import both_sizes
 from spot3d.evaluate.labelled import DataSet
 from spot3d.evaluate.measured_run import Measured, MeasuredRun, Runs
 from spot3d.evaluate.peer import PEER, RADIUS, behind_peer
-from spot3d.evaluate.peer_map import FRAMES_MAX, VOXEL
+from spot3d.evaluate.peer_map import FRAMES_MAX, RANGE_MAX, VOXEL
 from spot3d.evaluate.points import mean_point_scores
 from spot3d.evaluate.scores import object_scores, recall_of, without_object
 from spot3d.evaluate.stability import stability
@@ -34,9 +34,9 @@ NOTE_POSES = (
 )
 NOTE_NO_OBJECT = "No object: boxes that count, of a scene, and overlap every true object by less than IoU 0.25."
 NOTE_PEER = (
-    f"{PEER}: points of up to {FRAMES_MAX} frames with the run's poses, and depth as the run has corrected it, in "
-    f"voxels of {100 * VOXEL:g} cm, dominant planes taken away, clusters of radius {100 * RADIUS:g} cm, upright boxes "
-    "within the same limits of size."
+    f"{PEER}: points of up to {FRAMES_MAX} frames with the run's poses, and depth up to {RANGE_MAX:g} m as the run has "
+    f"corrected it, in voxels of {100 * VOXEL:g} cm, dominant planes taken away, clusters of radius {100 * RADIUS:g} "
+    "cm, upright boxes within the same limits of size."
 )
 
 

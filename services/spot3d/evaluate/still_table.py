@@ -41,7 +41,7 @@ def still_table(datasets: list[DataSet], settings: Settings) -> Table:
             result.failures.refuse()
             ours.add(item, _drawn([one.box for one in result.objects.objects], frame.intrinsics))
             cloud = PeerMap(1)
-            cloud.add(frame.depth_metres(), frame.intrinsics, np.eye(4), settings.fusion.range_max)
+            cloud.add(frame.depth_metres(), frame.intrinsics, np.eye(4))
             peer.add(item, _drawn(cloud.found(settings.fusion).boxes, frame.intrinsics))
         table.add(dataset.name, *ours.cells(), *peer.cells(), peer.true)
         table.curves += [recall_of(dataset.name, "ours", ours.iou), recall_of(dataset.name, PEER, peer.iou)]
@@ -91,7 +91,7 @@ def _found_in_run(sequence: FrameSequence, settings: Settings) -> tuple[list[Box
     def follow(step: PipelineStep) -> None:
         if not step.refused:
             pose, frame = step.pose.T_world_camera, step.frame
-            cloud.add(frame.depth_metres(), frame.intrinsics, pose, settings.fusion.range_max)
+            cloud.add(frame.depth_metres(), frame.intrinsics, pose)
 
     result = run_pipeline(sequence, settings, follow)
     result.failures.refuse()

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from spot3d.depth_noise import GRAZING_COS, GrazingCos
+from spot3d.depth_noise import GRAZING_COS, RANGE_MAX, GrazingCos
 from spot3d.object_size import SIZE_MAX, SIZE_MIN, SizeMax
 
 Vote = Literal["parts", "disputed", "outline", "rounded", "balance", "gone"]
@@ -83,7 +83,7 @@ class FusionSettings(BaseModel):
         200, ge=1, le=10_000, description="most keyframes whose segments are kept, the latest; 0.2 MB each"
     )
     range_max: float = Field(
-        2.5,
+        RANGE_MAX,
         gt=0,
         description="depth beyond this, where noise exceeds half of eps_min, is not fused, metres; what a keyframe has "
         "as no object there it does not see: it was not looked for (segments.range_max)",

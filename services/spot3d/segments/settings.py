@@ -5,7 +5,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from spot3d.depth_noise import GRAZING_COS, GrazingCos
+from spot3d.depth_noise import GRAZING_COS, RANGE_MAX, GrazingCos
 from spot3d.object_size import SIZE_MAX, SIZE_MIN, SizeMax
 
 Step = Literal[
@@ -74,7 +74,7 @@ class SegmentsSettings(BaseModel):
     )
     grazing_cos: GrazingCos = GRAZING_COS
     range_max: float = Field(
-        2.5, gt=0, description="depth beyond this, where noise exceeds half of eps_min, shows no objects, metres"
+        RANGE_MAX, gt=0, description="depth beyond this, where noise exceeds half of eps_min, shows no objects, metres"
     )
     image_up: Literal["top", "bottom", "left", "right"] = Field(
         "top",
