@@ -158,6 +158,18 @@ def test_a_lamp_is_put_together_from_above() -> None:
     assert groups(base, tube, pole) == {(0, 1, 2)}
 
 
+STOOL = piece((0.33, 0.33, 0.45))
+
+
+@pytest.mark.parametrize(("aside", "expected"), [(0.14, {(0, 1)}), (0.18, {(0,), (1,)})])
+def test_a_leg_belongs_to_the_stool_that_has_most_of_it_in_its_box(aside: float, expected: set[Numbers]) -> None:
+    assert groups(STOOL, piece((0.05, 0.05, 0.4), at=(aside, 0.14))) == expected
+
+
+def test_what_can_stand_within_anothers_box_is_its_own() -> None:
+    assert groups(STOOL, piece((0.08, 0.08, 0.2), at=(0.1, 0.1))) == {(0,), (1,)}
+
+
 def test_nothing_becomes_larger_than_an_object_can_be() -> None:
     assert groups(SCREEN, FOOT, size_max=0.5) == {(0,), (1,)}
 
