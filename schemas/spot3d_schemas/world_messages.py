@@ -135,9 +135,9 @@ class Objects(Message):
 
     complete: the source's stream has ended, and these are the objects of all its frames. Since 1.1, left_out: what
     was taken for an object and is none, counted by reason (`... in a keyframe`: what the segments stage said of single
-    keyframes, added up over all); keyframes_dropped: keyframes that were forgotten because there were too many, and
-    with them what no other keyframe shows. Since 1.2, epoch: of the map that they are from; the numbers of objects
-    mean the same in one epoch alone.
+    keyframes, added up over all, and which of their segments have no vote); keyframes_dropped: keyframes that were
+    forgotten because there were too many, and with them what no other keyframe shows. Since 1.2, epoch: of the map that
+    they are from; the numbers of objects mean the same in one epoch alone.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Objects"

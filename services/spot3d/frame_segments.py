@@ -14,7 +14,18 @@ TOO_SMALL, TOO_LOW, TOO_LONG, TOO_COLD, TOO_MANY = (
 )
 """Why a part of a frame is no segment: it covers less than the least object; rises hardly above its support; is longer
 than eps_max; is colder than a segment may be; or there are more, and larger ones, than a message holds."""
-KEYFRAME_REASONS = (TOO_SMALL, TOO_LOW, TOO_LONG, TOO_COLD, TOO_MANY)
+BELOW_SUPPORT, NO_SUPPORT = "below the support in a keyframe", "without a support in a keyframe"
+"""A part as large as an object rises nowhere above the support; or a keyframe, counted as one, shows nothing that
+things may stand on."""
+WITHOUT_DEPTH, SEVERAL, OTHER = (
+    f"{how} in a keyframe" for how in ("without depth", "several objects in one", "for another reason")
+)
+"""Why a segment, whoever found it, has no vote: it has too little depth for a shape; or most views divide it. And what
+whoever finds segments leaves out for reasons of its own."""
+KEYFRAME_REASONS = (
+    *(TOO_SMALL, TOO_LOW, TOO_LONG, TOO_COLD, TOO_MANY),
+    *(BELOW_SUPPORT, NO_SUPPORT, WITHOUT_DEPTH, SEVERAL, OTHER),
+)
 """All of them."""
 
 

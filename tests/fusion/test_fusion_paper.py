@@ -11,11 +11,13 @@ from spot3d.camera import Intrinsics, back_project, invert
 from spot3d.camera_pose import CameraPose
 from spot3d.evaluate.frame_tables import boxes_in_frame
 from spot3d.frame import RgbdFrame
+from spot3d.frame_segments import NO_SUPPORT
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.map.heatmap3d import Heatmap3D
 from spot3d.fusion.map.index_map import IndexMap, MatchCounts
 from spot3d.fusion.map.map_arrays import COLUMNS, FREQUENCY, HEAT, WEIGHT, X
 from spot3d.fusion.map.selection import frequent_points
+from spot3d.fusion.objects.reasons import TOO_SMALL
 from spot3d.fusion.paper.density_frame import find_by_density_in_frame
 from spot3d.fusion.settings import FusionSettings
 from spot3d.geometry.planes import on_plane, supporting_plane, transform_plane
@@ -141,6 +143,19 @@ def test_what_is_seen_too_seldom_for_where_the_camera_looked_counts_all_the_same
         seen = view(pose, ROOM + (THREE if number < 5 else ()), rng)
         fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, CameraPose(pose))
     assert any(item.views < 6 for item in fusion.objects().objects)
+
+
+def test_why_something_is_no_object_is_counted() -> None:
+    """Clusters below the least volume; and where no plane was found nothing says where up is."""
+    rng = np.random.default_rng(0)
+    fusion, blind = Fusion(COARSE_PAPER.model_copy(update={"volume_min": 1.0})), Fusion(COARSE_PAPER)
+    for pose in orbit(11):
+        seen = view(pose, ROOM + THREE, rng)
+        fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, CameraPose(pose))
+        blind.fuse(seen.colour, np.zeros_like(seen.depth), seen.heat, CAMERA, CameraPose(pose))
+    found, nothing = fusion.objects(), blind.objects()
+    assert (found.objects, list(found.left_out)) == ([], [TOO_SMALL])
+    assert (nothing.objects, nothing.left_out) == ([], {NO_SUPPORT: 2})
 
 
 FINE_CAMERA = Intrinsics(450.0, 450.0, 239.5, 179.5, 480, 360)

@@ -10,6 +10,7 @@ import pytest
 from spot3d.boxes import Box3D
 from spot3d.camera import Intrinsics
 from spot3d.found_object import FoundObject
+from spot3d.frame_segments import KEYFRAME_REASONS
 from spot3d.fusion.objects.reasons import REASONS
 from spot3d.run.left_out import first_depth, forgotten, why_so_few
 from spot3d.run.report import RunReport, report_document
@@ -84,16 +85,29 @@ def test_every_reason_has_words_of_its_own() -> None:
     [
         (None, 12, "nothing in 12 keyframes looked like one: an object rises 1 cm above a surface"),
         (None, 0, "no keyframe's segments reached fusion"),
-        ("paper", 0, "no part of the map was hot (fusion.heat_min 0.25) and dense enough (fusion.density_points 50)"),
+        (
+            "paper",
+            0,
+            "nothing that stands on a supporting plane was seen often enough (fusion.frequency_min 5), hot "
+            "(fusion.heat_min 0.25) and dense enough (fusion.density_points 50)",
+        ),
     ],
 )
 def test_where_nothing_was_so_much_as_a_candidate(preset: str | None, keyframes: int, said: str) -> None:
     assert why_so_few(result(0, {}), keyframes, load_settings(preset=preset)).startswith(f"no objects: {said}")
 
 
+def test_what_the_paper_s_way_found_too_small_is_told_by_its_own_rule() -> None:
+    said = why_so_few(result(0, {"too small": 2}), 0, load_settings(preset="paper"))
+    assert said == ("no objects: 2 candidates were smaller than 1 cm3; if these are objects, lower fusion.volume_min")
+
+
 def test_parts_of_keyframes_are_told_where_nothing_else_is() -> None:
-    parts = {"too long in a keyframe": 40, "too cold in a keyframe": 12}
-    assert why_so_few(result(0, parts), 12, load_settings()).endswith("; parts left out: 40 too long, 12 too cold")
+    parts = {name: count for count, name in enumerate(KEYFRAME_REASONS, start=1)}
+    assert why_so_few(result(0, parts), 12, load_settings()).endswith(
+        "; left out of keyframes: 1 too small, 2 too low, 3 too long, 4 too cold, 5 too many, 6 below the support, "
+        "7 without a support, 8 without depth, 9 several objects in one, 10 for another reason"
+    )
     assert why_so_few(result(1, parts), 12, load_settings()) == ""
 
 

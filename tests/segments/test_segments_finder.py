@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import iou_matrix_2d
 from spot3d.camera import Intrinsics, back_project, invert
-from spot3d.frame_segments import TOO_COLD, TOO_LONG, TOO_LOW, TOO_MANY, FrameSegments
+from spot3d.frame_segments import BELOW_SUPPORT, NO_SUPPORT, TOO_COLD, TOO_LONG, TOO_LOW, TOO_MANY, FrameSegments
 from spot3d.geometry.downsampling import LatticeFrame
 from spot3d.geometry.planes import transform_plane
-from spot3d.segments.finder import _by_level, _pixels, _segments, _warm, find_segments
+from spot3d.segments.faults import warm_parts
+from spot3d.segments.finder import _by_level, _pixels, _segments, find_segments
 from spot3d.segments.levels import Levels
 from spot3d.segments.settings import SegmentsSettings
 
@@ -90,8 +91,8 @@ def test_where_all_is_cold_what_is_as_hot_as_the_hottest_part_is_kept() -> None:
     """A frame's heat is a share of its maximum; of 0.1 in 0.5 that is 0.02 in 0.1."""
     heat = np.array([[26, 26, 6, 6, 4, 4]], np.uint8)
     parts = [np.array([0, 1]), np.array([2, 3]), np.array([4, 5])]
-    assert [part.tolist() for part in _warm(parts, heat, 0.1)] == [[0, 1], [2, 3]]
-    assert _warm([], heat, 0.1) == []
+    assert [part.tolist() for part in warm_parts(parts, heat, 0.1)] == [[0, 1], [2, 3]]
+    assert warm_parts([], heat, 0.1) == []
 
 
 def test_what_begins_a_little_below_the_support_stands_on_it() -> None:
@@ -217,7 +218,7 @@ def test_a_thin_thing_on_the_table_counts(tall: float) -> None:
     assert iou_matrix_2d(true_boxes(frame, book), segments.boxes(FINE_CAMERA))[0, 0] > 0.7
 
 
-def test_a_wall_is_no_object_however_warm() -> None:
+def test_a_wall_is_no_object_howeverwarm_parts() -> None:
     """A partition on the table, longer than eps_max."""
     partition = standing(0, 0.3, (1.3, 0.03, 0.7), colour=(1, 2, 3))
     frame = seen(*THREE, partition)
@@ -248,6 +249,24 @@ def test_what_is_no_segment_is_counted_by_reason() -> None:
     assert (len(cold), cold.left_out[TOO_COLD]) == (0, 3)
     assert (len(longer), longer.left_out[TOO_LONG]) == (0, 1)
     assert (len(low), low.left_out[TOO_LOW]) == (0, 1)
+
+
+def test_what_rises_nowhere_above_the_support_is_counted_if_it_may_be_an_object() -> None:
+    """A stool at the table, on which nothing is known to stand; and a pencil there."""
+    small, without = (
+        Cuboid((0, 0, -0.02), (0.7, 0.6, 0.04), colour=TABLE.colour),
+        SETTINGS.model_copy(update={"skipped": ("levels",)}),
+    )
+    for thing, count in ((Cuboid((0.6, 0, -0.4), (0.3, 0.3, 0.7)), 1), (Cuboid((0.6, 0, -0.74), (0.1, 0.01, 0.02)), 0)):
+        frame = seen(*THREE[:2], thing, room=(small, *ROOM[1:]), pose=look_at((0.1, -1.3, 0.8), (0.2, 0, -0.1)))
+        segments = find(frame, without)
+        assert (len(segments), segments.left_out.get(BELOW_SUPPORT, 0)) == (2, count)
+
+
+def test_a_frame_without_a_support_says_so() -> None:
+    frame = seen(*THREE)
+    nothing = find(dataclasses.replace(frame, depth=np.zeros_like(frame.depth)))
+    assert (len(nothing), nothing.left_out) == (0, {NO_SUPPORT: 1})
 
 
 def test_two_boxes_that_touch_are_two() -> None:

@@ -14,7 +14,7 @@ from spot3d.camera import Intrinsics, back_project, invert
 from spot3d.camera_pose import CameraPose
 from spot3d.depth_noise import DepthNoise
 from spot3d.found_object import FoundObject
-from spot3d.frame_segments import FrameSegments
+from spot3d.frame_segments import NO_SUPPORT, FrameSegments
 from spot3d.fusion.map.changes import ChangeLog
 from spot3d.fusion.map.heatmap3d import Heatmap3D
 from spot3d.fusion.map.index_map import IndexMap, MatchCounts
@@ -289,5 +289,7 @@ def _found_by_density(
     frame_count: int,
 ) -> FoundObjects:
     """The paper's way over the map's points."""
-    found, up = find_by_density(points, keyframe_planes, settings)
-    return FoundObjects(identities.assign(found), up, frame_count)
+    found, up, left_out = find_by_density(points, keyframe_planes, settings)
+    if len(keyframe_planes) == 0:
+        left_out[NO_SUPPORT] = -(-frame_count // settings.keyframe_interval)
+    return FoundObjects(identities.assign(found), up, frame_count, +left_out)

@@ -34,7 +34,7 @@ def why_so_few(result: RunResult, keyframes: int, settings: Settings) -> str:
         return ""
     if not reasons:
         counts = ", ".join(f"{count} {name.removesuffix(' in a keyframe')}" for name, count in parts.items())
-        left_out = f"; parts left out: {counts}" if counts else ""
+        left_out = f"; left out of keyframes: {counts}" if counts else ""
         return f"no objects: {_without_candidates(keyframes, settings)}{left_out}"
     ordered = sorted(reasons, key=lambda name: (name == TOO_SELDOM, -reasons[name], name))
     words = _words(settings.fusion)
@@ -44,6 +44,8 @@ def why_so_few(result: RunResult, keyframes: int, settings: Settings) -> str:
     said[0] = f"{first} {things}{'was' if first == 1 else 'were'} {words.get(ordered[0], ordered[0])}"
     head = f"only {found} of {candidates} candidates {'is an object' if found == 1 else 'are objects'}"
     advice = _ADVICE.get(ordered[0])
+    if settings.fusion.clustering == "density" and ordered[0] == TOO_SMALL:
+        advice = "if these are objects, lower fusion.volume_min"
     return f"{head if found else 'no objects'}: {', '.join(said)}" + (f"; {advice}" if advice else "")
 
 
@@ -92,7 +94,9 @@ def _words(settings: FusionSettings) -> dict[str, str]:
     return {
         TOO_LARGE: f"longer than {settings.size_max:g} m (eps_max)",
         TOO_COLD: f"colder than {settings.heat_min:g} (eps)",
-        TOO_SMALL: f"smaller than {100 * settings.size_min:g} cm (eps_min) or {volume}",
+        TOO_SMALL: f"smaller than {volume}"
+        if settings.clustering == "density"
+        else f"smaller than {100 * settings.size_min:g} cm (eps_min) or {volume}",
         TOO_THIN: f"thinner than {1000 * settings.plane_distance:g} mm (eps_p)",
         MOSTLY_BACKGROUND: "background in most views",
         GONE: "no longer there",
@@ -105,7 +109,8 @@ def _without_candidates(keyframes: int, settings: Settings) -> str:
     fusion, segments = settings.fusion, settings.segments
     if fusion.clustering == "density":
         return (
-            f"no part of the map was hot (fusion.heat_min {fusion.heat_min:g}) and dense enough "
+            "nothing that stands on a supporting plane was seen often enough (fusion.frequency_min "
+            f"{fusion.frequency_min}), hot (fusion.heat_min {fusion.heat_min:g}) and dense enough "
             f"(fusion.density_points {fusion.density_points})"
         )
     if not keyframes:

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, back_project
 from spot3d.depth_noise import DepthNoise
-from spot3d.frame_segments import TOO_COLD, TOO_LONG, TOO_LOW, TOO_MANY, TOO_SMALL, FrameSegments
+from spot3d.frame_segments import BELOW_SUPPORT, NO_SUPPORT, TOO_COLD, TOO_LONG, TOO_MANY, FrameSegments
 from spot3d.geometry.downsampling import LatticeFrame, to_lattice
 from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import dominant_planes
 from spot3d.geometry.upright import taken
 from spot3d.segments.contained import join_contained
 from spot3d.segments.creases import split_at_creases
+from spot3d.segments.faults import covers_least, fault_of, warm_parts
 from spot3d.segments.foreground import long_pieces, standing_out
 from spot3d.segments.fragments import join_fragments
 from spot3d.segments.hanging import STANDS, is_below_camera, join_hanging
@@ -31,11 +32,6 @@ from spot3d_schemas.limits import MAX_SEGMENTS
 
 _TRIM = 0.005
 """Share of a part's points that may lie beyond its bottom."""
-_HOT = 0.5
-"""The hottest part of a frame is mostly hotter than this; a frame's heat is a share of its maximum, which wanders."""
-_FACES = 2**0.5
-"""A cube shows this many of its faces' area to a camera that looks down on it at 45 degrees. With 1, glare and
-fragments cost 0.03 of HOTS' success rate, and 0.01 of clutter's; nothing more is found."""
 _AROUND = 7
 """What is up to three pixels aside is around a part: edges of depth wander by two, or have none."""
 _WALL_PIXELS = 20
@@ -98,9 +94,8 @@ def find_on_lattice(
     support = choose_support(planes, among.heat, upwards)
     if support is None:
         nothing = np.zeros(frame.depth.shape, np.float32)
-        return _segments(
-            [], frame, points, Levels(planes[:0], nothing.astype(np.int8), nothing, nothing), Counter(), settings
-        )
+        levels = Levels(planes[:0], nothing.astype(np.int8), nothing, nothing)
+        return _segments([], frame, points, levels, Counter({NO_SUPPORT: 1}), settings)
     wanted = {step: step not in settings.skipped for step in get_args(Step)}
     height, up = heights(points, support, bent=wanted["bend"]), support[:3]
     tolerance = lift(frame.depth, support, settings, noise)
@@ -123,18 +118,19 @@ def find_on_lattice(
     least = int(settings.region * frame.camera.fx * frame.camera.fy)
     colour = frame.colour if wanted["colour"] else None
     regions = split_at_creases(points, normals, out, colour, frame.camera.fx, settings.crease, least)
-    regions = _risen(regions, height)
+    regions, below = _risen(regions, height)
     if wanted["vessels"]:
         regions = _join_vessels(regions, points, normals, up, settings, noise)
     if wanted["torn"]:
         regions = join_torn(regions, points, normals, least, noise)
     if wanted["fragments"]:
         regions = join_fragments(regions, points, frame.camera.fx, least, settings.size_min)
-    candidates = [(part, _fault(part, frame, points, height, settings)) for part in _pixels(regions)]
+    candidates = [(part, fault_of(part, frame, points, height, settings)) for part in _pixels(regions)]
     left_out = Counter(fault for _, fault in candidates if fault)
+    left_out[BELOW_SUPPORT] = sum(covers_least(points.reshape(-1, 3)[part], frame, settings) for part in below)
     plausible = [part for part, fault in candidates if not fault]
     carriers = np.concatenate([np.flatnonzero(long), *(part for part, fault in candidates if fault == TOO_LONG)])
-    warm = _warm(plausible, frame.heat, settings.heat_min)
+    warm = warm_parts(plausible, frame.heat, settings.heat_min)
     left_out[TOO_COLD] = len(plausible) - len(warm)
     parts = []
     for level in _by_level(warm, levels):
@@ -148,11 +144,12 @@ def find_on_lattice(
     return _segments(parts, frame, points, levels, left_out, settings)
 
 
-def _risen(labels: NDArray[np.int32], height: NDArray[np.float32]) -> NDArray[np.int32]:
-    """The labels without those regions that rise nowhere above the support: they stand on something lower."""
+def _risen(labels: NDArray[np.int32], height: NDArray[np.float32]) -> tuple[NDArray[np.int32], list[NDArray[np.int64]]]:
+    """The labels without those regions that rise nowhere above the support, as they stand on something lower; and the
+    pixels of each of these."""
     risen = np.zeros(int(labels.max(initial=-1)) + 2, np.bool_)  # the last is of no region
     risen[labels[height > 0]] = True
-    return np.where(risen[labels], labels, -1).astype(np.int32)
+    return np.where(risen[labels], labels, -1).astype(np.int32), _pixels(np.where(risen[labels], -1, labels))
 
 
 def _pixels(labels: NDArray[np.int32]) -> list[NDArray[np.int64]]:
@@ -183,32 +180,6 @@ def _join_vessels(
         for other in others:
             joined.ravel()[parts[other]] = labels.ravel()[parts[first][0]]
     return joined
-
-
-def _fault(
-    pixels: NDArray[np.int64],
-    frame: LatticeFrame,
-    points: NDArray[np.float32],
-    height: NDArray[np.float32],
-    settings: SegmentsSettings,
-) -> str:
-    """Why a part is no object, if so: it covers less than the least one, is too low above the support, or too long."""
-    flat = points.reshape(-1, 3)[pixels]
-    area = float((flat[:, 2] ** 2).sum()) / (frame.camera.fx * frame.camera.fy)
-    if area < _FACES * settings.size_min**2:
-        return TOO_SMALL
-    if float(np.quantile(height.ravel()[pixels], 0.9)) < settings.height_min:
-        return TOO_LOW
-    centred = flat - flat.mean(axis=0)
-    longest = np.linalg.eigh(centred.T @ centred)[1][:, 2]
-    return TOO_LONG if float(np.ptp(centred @ longest)) > settings.size_max else ""
-
-
-def _warm(parts: list[NDArray[np.int64]], heat: NDArray[np.uint8], heat_min: float) -> list[NDArray[np.int64]]:
-    """The parts whose mean heat reaches `heat_min`, or less where even the hottest part is colder than `_HOT`."""
-    means = np.array([heat.ravel()[part].mean() / 255 for part in parts])
-    least = heat_min * min(1.0, means.max(initial=0.0) / _HOT)
-    return [part for part, mean in zip(parts, means.tolist(), strict=True) if mean >= least]
 
 
 def _by_level(parts: list[NDArray[np.int64]], levels: Levels) -> list[list[NDArray[np.int64]]]:

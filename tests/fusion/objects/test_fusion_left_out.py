@@ -4,9 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fusion_room import THREE, orbit
+from voting_room import agreed
+from voting_room import keyframe as view_of_three
 
 from spot3d.camera import Intrinsics
-from spot3d.frame_segments import TOO_LONG
+from spot3d.frame_segments import OTHER, SEVERAL, TOO_LONG, WITHOUT_DEPTH
 from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.reasons import (
@@ -81,10 +84,33 @@ def test_there_is_a_case_for_every_reason() -> None:
     assert {case[-1] for case in CASES} - {None} == set(REASONS)
 
 
-def test_what_the_finder_left_out_is_counted_over_all_keyframes() -> None:
+def test_what_was_left_out_of_single_keyframes_is_counted_over_all() -> None:
     keyframes = [keyframe(number, OBJECT, 0.8, 0.1) for number in range(3)]
     told = [replace(item, left_out={TOO_LONG: 2, "of their own": 9}) for item in keyframes]
-    assert ViewConsensus(FusionSettings()).update(told).left_out == {TOO_LONG: 6}
+    assert ViewConsensus(FusionSettings()).update(told).left_out == {TOO_LONG: 6, OTHER: 27}
+
+
+def test_segments_without_depth_are_counted() -> None:
+    """What is black, as a segmenter of colour finds it, and what has 19 pixels; 20 have a shape, label 5 has none."""
+    keyframes = []
+    for number in range(3):
+        seen = keyframe(number, OBJECT, 0.8, 0.1)
+        labels, depth = seen.labels.copy(), seen.depth.copy()
+        labels[90:100, 60:100], labels[110, 60:79], labels[110, 79:99] = 2, 3, 4
+        depth[90:100, 60:100] = 0
+        heat, stands_on = np.full(5, 0.8, np.float32), np.full(5, -1, np.int8)
+        keyframes.append(replace(seen, labels=labels, depth=depth, heat=heat, stands_on=stands_on))
+    assert ViewConsensus(FusionSettings()).update(keyframes).left_out[WITHOUT_DEPTH] == 6
+
+
+def test_segments_of_several_objects_are_counted() -> None:
+    """Of two views of eight a segmenter joins what stands apart."""
+    keyframes = [
+        view_of_three(pose, labels={0: 1, 1: 1, 2: 2} if number in (2, 5) else None, number=number)
+        for number, pose in enumerate(orbit(8))
+    ]
+    found = agreed(keyframes)
+    assert (len(found.objects), found.left_out) == (len(THREE), {SEVERAL: 2})
 
 
 def test_what_becomes_an_object_is_left_out_no_longer() -> None:

@@ -9,6 +9,7 @@ from fusion_room import COARSE_PAPER, STAGE, THREE, Cuboid, sampled, standing
 from spot3d.boxes import Box3D, iou_matrix_3d
 from spot3d.found_object import FoundObject
 from spot3d.fusion.map.selection import FrequentPoints
+from spot3d.fusion.objects.reasons import TOO_SMALL
 from spot3d.fusion.paper.density import (
     RemovedPlanes,
     cluster_by_density,
@@ -60,12 +61,12 @@ def test_planes_that_only_few_keyframes_removed_are_removed_at_the_end() -> None
     """The table was seen late and kept its heat: the few keyframes that removed it show it."""
     points = sampled((STAGE[0], *THREE), cold=0.4)
     points = points.take(points.xyz[:, 2] > -0.001)
-    few, _ = find_by_density(points, np.stack((FLOOR, FLOOR, FLOOR, TABLE)), COARSE_PAPER)
-    none, _ = find_by_density(points, np.stack((FLOOR, FLOOR, FLOOR)), COARSE_PAPER)
+    few, *_ = find_by_density(points, np.stack((FLOOR, FLOOR, FLOOR, TABLE)), COARSE_PAPER)
+    none, *_ = find_by_density(points, np.stack((FLOOR, FLOOR, FLOOR)), COARSE_PAPER)
     assert (iou_matrix_3d([thing.box() for thing in THREE], [item.box for item in few]).max(axis=1) > 0.4).all()
     assert len(few) == 3
     assert max(item.box.size.max() for item in none) > 1.39
-    kept, _ = find_by_density(points, TABLE[None], COARSE_PAPER.model_copy(update={"plane_removal": False}))
+    kept, *_ = find_by_density(points, TABLE[None], COARSE_PAPER.model_copy(update={"plane_removal": False}))
     assert max(item.box.size.max() for item in kept) > 1.39, "noPlRem"
 
 
@@ -82,6 +83,13 @@ def test_without_planes_or_points_there_are_no_objects() -> None:
     points = sampled(STAGE + THREE)
     assert find_by_density(points, np.zeros((0, 4)), COARSE_PAPER)[0] == []
     assert found_in(points.take(np.zeros(len(points), bool))) == []
+
+
+def test_boxes_below_the_least_volume_are_counted() -> None:
+    for least, count in ((1e-6, 0), (1.0, 3)):
+        settings = COARSE_PAPER.model_copy(update={"volume_min": least})
+        found, _, left_out = find_by_density(objects_only(*THREE), TABLE[None], settings)
+        assert (len(found), left_out) == (3 - count, {TOO_SMALL: count} if count else {})
 
 
 def test_separated_objects_are_found_most_confident_first() -> None:
@@ -153,7 +161,7 @@ def test_clusters_of_one_object_are_merged_by_their_boxes() -> None:
     block = sampled((standing(-0.05, 0.0, (0.08, 0.02, 0.04)),)).xyz + np.array([0.12, 0, 0.1])
     xyz = np.concatenate((stick, block)).astype(np.float32)
     labels = density_labels(xyz, COARSE_PAPER)
-    ((rows, box),) = cluster_by_density(xyz, UP, COARSE_PAPER)
+    ((rows, box),), _ = cluster_by_density(xyz, UP, COARSE_PAPER)
     assert set(labels.tolist()) == {0, 1}
     assert len(rows) == len(xyz)
     assert isinstance(box, Box3D)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spot3d.boxes import Box3D
 from spot3d.calibration import AS_TOLD, Calibration
 from spot3d.found_object import FoundObject
-from spot3d.frame_segments import KEYFRAME_REASONS
+from spot3d.frame_segments import KEYFRAME_REASONS, OTHER, SEVERAL, WITHOUT_DEPTH
 from spot3d.fusion.objects.agreement import clusters_of
 from spot3d.fusion.objects.balance import TILT, Numbers, Piece, put_together
 from spot3d.fusion.objects.disputed import without_disputed
@@ -67,7 +67,7 @@ class ViewConsensus:
         self._skipped = 0
         # Of the updates alone from here on: they may run in a thread of their own.
         self._dropped = 0
-        self._in_keyframes: Counter[str] = Counter()  # what the segments stage left out of keyframes, by reason
+        self._in_keyframes: Counter[str] = Counter()  # what was left out of single keyframes, by reason
         self._taken: deque[Keyframe] = deque()
         self._graph = SegmentGraph()
         # Of each cluster the object that it is, and how that stands, or why it is none; what is too cold has no number.
@@ -139,15 +139,17 @@ class ViewConsensus:
             self._some_gone = False
         objects, too_cold = self._whole_objects(up)
         left_out = Counter(reason for reason in self._verdicts.values() if isinstance(reason, str)) + self._in_keyframes
-        left_out += Counter({TOO_COLD: too_cold})
+        several = int(np.count_nonzero(graph.segments.cluster.rows < 0))
+        left_out += Counter({TOO_COLD: too_cold, SEVERAL: several})
         return Consensus(sorted(objects, key=lambda item: item.id), up, left_out, self.dropped)
 
     def _take_in(self, keyframe: Keyframe) -> None:
         graph, limit = self._graph, self._settings.keyframe_limit
         rules = self._rules()
-        graph.take_in(keyframe, self._settings.range_max)
-        # Whoever finds segments may have reasons of their own, but not ever new ones.
-        self._in_keyframes.update({k: n for k, n in keyframe.left_out.items() if k in KEYFRAME_REASONS})
+        self._in_keyframes[WITHOUT_DEPTH] += graph.take_in(keyframe, self._settings.range_max)
+        for reason, count in keyframe.left_out.items():
+            # Whoever finds segments may have reasons of their own, but not ever new ones.
+            self._in_keyframes[reason if reason in KEYFRAME_REASONS else OTHER] += count
         outdated = graph.outdated()
         excess = len(graph.views) - len(outdated) - limit
         if excess > 0:

@@ -44,10 +44,10 @@ class SegmentGraph:
     def said(self) -> NDArray[np.int32]:
         return self._said.rows
 
-    def take_in(self, keyframe: Keyframe, range_max: float = np.inf) -> None:
+    def take_in(self, keyframe: Keyframe, range_max: float = np.inf) -> int:
         """Ask the new view about the segments that there are, and the views that there are about the new segments.
 
-        range_max: see `view_of`.
+        range_max: see `view_of`. Returns how many of its segments have too little depth to be entered.
         """
         view, number, segments = view_of(keyframe, range_max), self._next_keyframe, self.segments
         old = len(segments)
@@ -66,6 +66,8 @@ class SegmentGraph:
         self._reaches.extend(np.append(view.centre, np.float32(view.reach))[None])
         if len(keyframe.planes):
             self._normals[number] = keyframe.T_map_camera[:3, :3] @ keyframe.planes[0, :3]
+        shown = np.bincount(keyframe.labels.ravel(), minlength=256)[1:] > 0
+        return int(np.count_nonzero(shown)) - count
 
     def _views_of(self, spheres: NDArray[np.float32]) -> list[int]:
         """The keyframes within whose reach one of these spheres, (k, 4), lies."""

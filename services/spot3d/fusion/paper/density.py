@@ -1,5 +1,6 @@
 """From ranked points to objects as the paper has it: plane clean-up, density clustering, upright boxes (Sec. V-D)."""
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 from spot3d.boxes import Box3D
 from spot3d.found_object import FoundObject
 from spot3d.fusion.map.selection import FrequentPoints
+from spot3d.fusion.objects.reasons import TOO_SMALL
 from spot3d.fusion.settings import FusionSettings
 from spot3d.geometry.upright import rotation_to_upright
 
@@ -25,22 +27,23 @@ class RemovedPlanes:
 
 def find_by_density(
     points: FrequentPoints, keyframe_planes: NDArray[np.float64], settings: FusionSettings
-) -> tuple[list[FoundObject], NDArray[np.float64]]:
-    """The objects among the map's frequent points, most confident first, not yet numbered; and up, (3,) unit.
+) -> tuple[list[FoundObject], NDArray[np.float64], Counter[str]]:
+    """The objects among the map's frequent points, most confident first, not yet numbered; up, (3,) unit; and what is
+    none, by reason.
 
     keyframe_planes: (k, 4) float64, world, the plane that each keyframe removed: the paper's matrix P*. Without any
     there are no objects: nothing says where up is.
     """
     if len(keyframe_planes) == 0:
-        return [], np.array([0.0, 0.0, 1.0])
+        return [], np.array([0.0, 0.0, 1.0]), Counter()
     removed = unique_planes(keyframe_planes)
     up = up_direction(removed, points.xyz, settings)
     top = np.flatnonzero(points.heat >= settings.heat_min)
     if settings.plane_removal:
         top = top[~on_planes(points.xyz[top], removed.planes, settings)]
-    clusters = cluster_by_density(points.xyz[top], up, settings)
+    clusters, too_small = cluster_by_density(points.xyz[top], up, settings)
     found = [_described(points, top[rows], box) for rows, box in clusters]
-    return sorted(found, key=lambda item: -item.confidence), up
+    return sorted(found, key=lambda item: -item.confidence), up, +Counter({TOO_SMALL: too_small})
 
 
 def unique_planes(keyframe_planes: NDArray[np.float64]) -> RemovedPlanes:
@@ -84,10 +87,10 @@ def on_planes(xyz: NDArray[np.float32], planes: NDArray[np.float64], settings: F
 
 def cluster_by_density(
     xyz: NDArray[np.float32], up: NDArray[np.float64], settings: FusionSettings
-) -> list[tuple[NDArray[np.int64], Box3D]]:
+) -> tuple[list[tuple[NDArray[np.int64], Box3D]], int]:
     """DBSCAN, a box in the direction of gravity around each cluster, merging, and the volume filter.
 
-    Returns the rows of each cluster's points and its box.
+    Returns the rows of each cluster's points and its box; and how many boxes the volume filter dropped.
     xyz: (n, 3) float32 metres, without planes; up: (3,) unit. A box is from the least to the largest coordinate along
     the axes of Eq. 16; clusters whose boxes intersect are one, and boxes below `volume_min` are none. No other rule.
     """
@@ -97,13 +100,13 @@ def cluster_by_density(
     upright = xyz @ R_upright_world.T
     low = [upright[rows].min(axis=0) for rows in clusters]
     high = [upright[rows].max(axis=0) for rows in clusters]
-    found = []
-    for group in intersecting(np.array(low).reshape(-1, 3), np.array(high).reshape(-1, 3)):
+    found, groups = [], intersecting(np.array(low).reshape(-1, 3), np.array(high).reshape(-1, 3))
+    for group in groups:
         least, largest = (np.min([low[k] for k in group], axis=0), np.max([high[k] for k in group], axis=0))
         box = Box3D(R_upright_world.T @ (least + largest) / 2, largest - least, R_upright_world.T)
         if box.volume >= settings.volume_min:
             found.append((np.concatenate([clusters[k] for k in group]), box))
-    return found
+    return found, len(groups) - len(found)
 
 
 def density_labels(xyz: NDArray[np.float32], settings: FusionSettings) -> NDArray[np.int64]:

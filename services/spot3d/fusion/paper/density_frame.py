@@ -32,7 +32,7 @@ def find_by_density_in_frame(
         top &= ~on_plane(chosen[0], points, settings, camera.noise).ravel()
     seen = np.flatnonzero(depth.ravel() > 0)
     xyz = points.reshape(-1, 3)
-    clusters = cluster_by_density(xyz[np.flatnonzero(top)], chosen[0][:3], settings)
+    clusters, _ = cluster_by_density(xyz[np.flatnonzero(top)], chosen[0][:3], settings)
     return [seen[_inside(xyz[seen], box)] for _, box in clusters]
 
 
