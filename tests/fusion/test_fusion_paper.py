@@ -69,6 +69,41 @@ def test_the_plane_is_found_anew_every_ten_frames() -> None:
     assert (np.abs(table[:, 3]) < 0.02).all()
 
 
+@pytest.mark.parametrize(("search", "points"), [("triples", 3), ("refined", 0)])
+def test_planes_go_through_three_points_each_and_are_not_fitted(search: str, points: int) -> None:
+    fusion = Fusion(PAPER.model_copy(update={"plane_search": search}))
+    seen = view(POSE, ROOM + THREE, np.random.default_rng(0))
+    fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, CameraPose(POSE))
+    supporting = fusion.map_state().supporting
+    assert supporting is not None
+    plane = transform_plane(supporting, invert(POSE))
+    xyz = back_project(seen.depth, CAMERA)[seen.depth > 0].astype(np.float64)
+    assert np.count_nonzero(np.abs(xyz @ plane[:3] + plane[3]) < 1e-9) == points
+
+
+def test_a_plane_is_found_anew_as_often_as_is_set() -> None:
+    fusion, removed = Fusion(PAPER.model_copy(update={"keyframe_interval": 3})), []
+    for pose in orbit(7):
+        seen = view(pose, ROOM + THREE)
+        fusion.fuse(seen.colour, seen.depth, seen.heat, CAMERA, CameraPose(pose))
+        removed.append(len(fusion.map_state().removed))
+    assert removed == [1, 1, 1, 2, 2, 2, 3]
+
+
+def test_surfaces_are_fused_however_aslant_they_are_seen() -> None:
+    """The floor 20 cm below a camera that looks straight ahead: its far part at less than 10 degrees."""
+    colour, heat = np.zeros((*CAMERA.shape, 3), np.uint8), np.zeros(CAMERA.shape, np.uint8)
+    depth = np.zeros(CAMERA.shape, np.float32)
+    rows = np.arange(62, 120)
+    depth[rows] = (0.2 * CAMERA.fy / (rows - CAMERA.cy))[:, None]
+    kept = []
+    for settings in (PAPER, PAPER.model_copy(update={"grazing_cos": DEFAULT.grazing_cos})):
+        result = Fusion(settings).fuse(colour, depth, heat, CAMERA, CameraPose(np.eye(4)))
+        kept.append((result.found + result.appended) / CAMERA.width)
+    assert kept[0] == len(rows)
+    assert kept[1] == pytest.approx(np.count_nonzero(rows - CAMERA.cy > np.tan(np.arcsin(0.17)) * CAMERA.fy), abs=3)
+
+
 @pytest.mark.parametrize(
     ("name", "samples", "paper", "default"),
     [

@@ -45,6 +45,56 @@ def test_the_smallest_window_has_so_many_pixels_whatever_the_image(settings: Pro
     assert (inner[:, 2] * inner[:, 3]).min() == pytest.approx(least, rel=0.1)
 
 
+def found(seed: int | None = None, **changes: object) -> np.ndarray:
+    """The paper's boxes of a square, in noise with a `seed`, as many as there are; changes: of the settings."""
+    colour, depth = squares(BOX)
+    if seed is not None:
+        noise = np.random.default_rng(seed).normal(0, 25, colour.shape)
+        colour = np.clip(colour + noise, 0, 255).astype(np.uint8)
+    return propose(colour, depth, camera(), PAPER.model_copy(update={"max_boxes": 10_000, "beta": 1.0, **changes}))
+
+
+def test_groups_of_less_than_the_least_magnitude_join_others() -> None:
+    assert len(found()) > 0
+    assert len(found(cluster_min_magnitude=1e6)) == 0, "nothing is left that they could join"
+
+
+def test_the_higher_gamma_the_less_contours_that_turn_hang_together() -> None:
+    """What crosses a window's border takes off less of what it continues."""
+    scores = []
+    for gamma in (1.0, 2.0, 4.0):
+        boxes = found(seed=0, refined=0, gamma=gamma)
+        scores.append({tuple(box[:4].tolist()): box[4] for box in boxes})
+    windows = set.intersection(*map(set, scores))
+    low, middle, high = (np.array([score[window] for window in windows]) for score in scores)
+    assert len(windows) > 100
+    assert ((low <= middle + 1e-6) & (middle <= high + 1e-6)).all()
+    assert low.sum() < 0.99 * middle.sum() < 0.98 * high.sum()
+
+
+def test_windows_are_refined_to_the_finest_move() -> None:
+    """By three pixels; with half of a side, which no move of the search reaches, not at all."""
+    grid, coarse, paper = found(refined=0), found(finest=2), found()
+    np.testing.assert_array_equal(coarse, grid)
+    assert overlaps(paper[:1], BOX)[0] > overlaps(grid[:1], BOX)[0]
+    assert paper[0, 4] > grid[0, 4]
+
+
+def test_a_score_is_divided_by_the_size_to_the_power_of_kappa() -> None:
+    """A square twice as large has twice the edges: that is its score times its size to the power of 1.5."""
+    edges = []
+    for side in (80, 160):
+        colour, depth = squares((60, 40, side, side))
+        _, _, w, h, score = propose(colour, depth, camera(), PAPER)[0]
+        edges.append(score * (w + h) ** 1.5)
+    assert edges[1] / edges[0] == pytest.approx(2.0, rel=0.03)
+
+
+def test_what_scores_less_than_the_least_score_is_no_proposal() -> None:
+    scores = found(seed=0, refined=0, alpha=0.5)[:, 4]
+    assert 0.01 < scores.min() < 0.011
+
+
 def test_the_values_are_those_of_edge_boxes() -> None:
     assert (PAPER.alpha, PAPER.beta, PAPER.gamma, PAPER.edges.min_magnitude) == (0.65, 0.75, 2.0, 0.1)
     assert (PAPER.cluster_min_magnitude, PAPER.min_box_area, PAPER.max_boxes) == (0.5, 1000.0, 1000)
