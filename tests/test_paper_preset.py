@@ -28,6 +28,7 @@ HEATMAP = {
     "depth_range_min": 0.5,
     "size_min": 0.02,
     "size_max": 1.0,
+    "size_depth": "foreground",
     "soft_filter": True,
     "hard_filter": True,
 }

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from spot3d.bench.reference import weighted_heat as reference_heat
 from spot3d.camera import Intrinsics
 from spot3d.heatmap.heat import weighted_heat
-from spot3d.heatmap.settings import HeatmapSettings
+from spot3d.heatmap.settings import PAPER, HeatmapSettings
 
 CAMERA = Intrinsics(60.0, 60.0, 31.5, 23.5, 64, 48)
 
@@ -52,6 +52,20 @@ def test_width_and_height_each_go_by_their_own_focal_length(fy: float, rejected:
     assert found.rejected == rejected
 
 
+@pytest.mark.parametrize(
+    ("name", "given", "rejected"),
+    [
+        ("as the paper has it, 32 px at 1 m, 0.53 m", PAPER, 0),
+        ("at the middle, 2 m, 1.07 m", HeatmapSettings(), 1),
+        ("with the background, 2 m", PAPER.model_copy(update={"soft_filter": False}), 1),
+    ],
+)
+def test_a_size_is_judged_at_the_mean_depth_of_the_foreground(name: str, given: HeatmapSettings, rejected: int) -> None:
+    depth = step_depth()
+    depth[20:30, 20:30] = 0
+    assert weighted_heat(depth, CAMERA, np.array([box(16, 8, 32, 32)], np.float32), given).rejected == rejected, name
+
+
 def test_what_lies_in_the_middle_of_a_proposals_depths_is_kept() -> None:
     depth = step_depth(1.0, 2.0)
     depth[10, 33] = 1.5
@@ -80,17 +94,18 @@ def test_switched_off_filters_keep_what_they_would_take() -> None:
     assert (found.accepted, found.masked, found.rejected) == (2, 0, 0)
 
 
+@pytest.mark.parametrize("chosen", [HeatmapSettings(), PAPER])
 @settings(max_examples=60)
 @given(seed=st.integers(0, 2**31), holes=st.floats(0, 0.5))
-def test_equals_the_plain_transcription(seed: int, holes: float) -> None:
+def test_equals_the_plain_transcription(chosen: HeatmapSettings, seed: int, holes: float) -> None:
     rng = np.random.default_rng(seed)
     depth = rng.choice([0.8, 1.0, 2.5], size=(6, 8)).repeat(8, 0).repeat(8, 1).astype(np.float32)
     depth += rng.uniform(0, 0.1, depth.shape).astype(np.float32)
     depth[rng.random(depth.shape) < holes] = 0
     xy = rng.integers(-4, 60, (40, 2))
     boxes = np.column_stack((xy, rng.integers(1, 50, (40, 2)), rng.random(40))).astype(np.float32)
-    expected = reference_heat(depth, CAMERA, boxes)
-    found = weighted_heat(depth, CAMERA, boxes, HeatmapSettings())
+    expected = reference_heat(depth, CAMERA, boxes, size_depth=chosen.size_depth)
+    found = weighted_heat(depth, CAMERA, boxes, chosen)
     peak = expected.max()
     assert np.abs(found.heat - 255 * expected / peak if peak > 0 else found.heat).max() <= 0.51
 

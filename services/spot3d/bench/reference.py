@@ -17,6 +17,7 @@ def weighted_heat(
     depth_range_min: float = 0.5,
     size_min: float = 0.02,
     size_max: float = 1.0,
+    size_depth: str = "middle",
 ) -> NDArray[np.float64]:
     """H_2D of Eqs. 2-6, not normalised: (h, w). depth: (h, w) metres, 0 = invalid; boxes: (M, 5)."""
     heat = np.zeros(depth.shape)
@@ -29,10 +30,11 @@ def weighted_heat(
             continue
         near, far = valid.min(), valid.max()
         middle = (near + far) / 2
-        size = np.array([w * middle / camera.fx, h * middle / camera.fy])
+        background = (depth > middle) & (far - near > depth_range_min)
+        z = middle if size_depth == "middle" else depth[inside & (depth > 0) & ~background].mean(dtype=np.float64)
+        size = np.array([w * z / camera.fx, h * z / camera.fy])
         if (size < size_min).all() or (size > size_max).all():
             continue
-        background = (depth > middle) & (far - near > depth_range_min)
         heat += c * (inside & ~background)
     return heat
 

@@ -49,21 +49,22 @@ def filter_proposals(
     A box without any valid depth is rejected, whichever filters are on.
     """
     windows = _pixel_windows(boxes, camera)
-    near, far = np.empty((2, len(windows)), np.float32)
+    near, far, size_depth = np.empty((3, len(windows)), np.float32)
     _depth_ranges(windows, tiles.pixels, tiles.near, tiles.far, near, far)
     middle = (near + far) / 2
-    width_m = boxes[:, 2] * middle / np.float32(camera.fx)
-    height_m = boxes[:, 3] * middle / np.float32(camera.fy)
+    masks = (far - near > settings.depth_range_min) & settings.soft_filter
+    cut = np.where(masks, middle, np.inf).astype(np.float32)
+    if settings.size_depth == "foreground":
+        _mean_depths(windows, tiles.pixels, cut, size_depth)
+    else:
+        size_depth[:] = middle
+    width_m = boxes[:, 2] * size_depth / np.float32(camera.fx)
+    height_m = boxes[:, 3] * size_depth / np.float32(camera.fy)
     rejected = ~np.isfinite(near) | ~(boxes[:, 4] > 0)
     if settings.hard_filter:
         rejected |= (width_m < settings.size_min) & (height_m < settings.size_min)
         rejected |= (width_m > settings.size_max) & (height_m > settings.size_max)
-    masks = (far - near > settings.depth_range_min) & settings.soft_filter
-    return FilteredProposals(
-        windows,
-        np.where(rejected, 0, boxes[:, 4]).astype(np.float32),
-        np.where(masks, middle, np.inf).astype(np.float32),
-    )
+    return FilteredProposals(windows, np.where(rejected, 0, boxes[:, 4]).astype(np.float32), cut)
 
 
 def _pixel_windows(boxes: NDArray[np.float32], camera: Intrinsics) -> NDArray[np.int32]:
@@ -113,3 +114,25 @@ def _depth_ranges(
                     z = z if z > 0 else none
                     lo = z if z < lo else lo
         smallest[j], largest[j] = lo, hi
+
+
+@kernel("void(i4[:,::1], f4[:,:,::1], f4[::1], f4[::1])")
+def _mean_depths(
+    windows: NDArray[np.int32], pixels: NDArray[np.float32], cut: NDArray[np.float32], mean: NDArray[np.float32]
+) -> None:
+    """Mean valid depth of every window, of what is no farther than its cut; 0 where there is none."""
+    for j in range(len(windows)):
+        u0, v0, u1, v1 = windows[j, 0], windows[j, 1], windows[j, 2], windows[j, 3]
+        total, count = np.float64(0), 0
+        for tile_v in range(v0 // TILE, (v1 + TILE - 1) // TILE):
+            top, bottom = v0 - tile_v * TILE, v1 - tile_v * TILE
+            for tile_u in range(u0 // TILE, (u1 + TILE - 1) // TILE):
+                left, right = u0 - tile_u * TILE, u1 - tile_u * TILE
+                tile = pixels[tile_v, tile_u]
+                for i in range(TILE * TILE):
+                    v, u = i // TILE, i % TILE
+                    inside = (v >= top) & (v < bottom) & (u >= left) & (u < right)
+                    taken = inside & (tile[i] > 0) & (tile[i] <= cut[j])
+                    total += np.float64(tile[i]) if taken else np.float64(0)
+                    count += 1 if taken else 0
+        mean[j] = total / max(count, 1)

@@ -1,5 +1,7 @@
 """Settings of the heatmap stage."""
 
+from typing import Literal
+
 from pydantic import BaseModel, ConfigDict, Field
 
 from spot3d.object_size import SIZE_MAX, SIZE_MIN, SizeMax
@@ -21,9 +23,14 @@ class HeatmapSettings(BaseModel):
     size_max: SizeMax = Field(
         SIZE_MAX, gt=0, description="eps_max: a proposal larger than this (metres) both ways is rejected"
     )
+    size_depth: Literal["middle", "foreground"] = Field(
+        "middle",
+        description="Z_mu by which a proposal's size is judged: middle: half of its nearest and farthest depth, by "
+        "which its background is masked; foreground: the mean depth of what is not masked (the paper)",
+    )
     soft_filter: bool = Field(True, description="mask the background of proposals (off: ablation noSFilt)")
     hard_filter: bool = Field(True, description="reject odd-sized proposals (off: ablation noHFilt)")
 
 
-PAPER = HeatmapSettings(depth_range_min=0.5, soft_filter=True, hard_filter=True)
+PAPER = HeatmapSettings(depth_range_min=0.5, size_depth="foreground", soft_filter=True, hard_filter=True)
 """The paper's values (Sec. VI-A)."""
