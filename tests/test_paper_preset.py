@@ -39,6 +39,7 @@ FUSION = {
     "plane_search": "triples",
     "plane_heat_max": 1.0,
     "keyframe_interval": 10,
+    "plane_pixels": "keyframe",
     "plane_removal": True,
     "colour_gate": 0.05,
     "depth_gate": 0.01,

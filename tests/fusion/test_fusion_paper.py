@@ -90,6 +90,25 @@ def test_a_plane_is_found_anew_as_often_as_is_set() -> None:
     assert removed == [1, 1, 1, 2, 2, 2, 3]
 
 
+def test_the_pixels_that_a_keyframe_s_points_project_to_lose_their_heat() -> None:
+    """A table, and half of it nearer in the next frame: the default asks each pixel whether it lies on the plane."""
+    colour, heat = np.zeros((*CAMERA.shape, 3), np.uint8), np.full(CAMERA.shape, 255, np.uint8)
+    table = np.full(CAMERA.shape, 1.0, np.float32)
+    table[:, 120:] = 0
+    later = np.full(CAMERA.shape, 1.0, np.float32)
+    later[:, :40] = 0.8
+    columns = {}
+    for pixels in ("keyframe", "own"):
+        fusion = Fusion(PAPER.model_copy(update={"plane_pixels": pixels, "plane_heat_max": 1.0}))
+        for depth in (table, later):
+            fusion.fuse(colour, depth, heat, CAMERA, CameraPose(np.eye(4)))
+        points = fusion.heatmap.points()
+        hot = points[(points[:, HEAT] > 0) & (points[:, FREQUENCY] > 0)]
+        columns[pixels] = np.unique(np.rint(hot[:, X] / hot[:, X + 2] * CAMERA.fx + CAMERA.cx))
+    assert columns["keyframe"].tolist() == list(range(120, 160)), "what comes into view; not what hides the table"
+    assert columns["own"].tolist() == list(range(40))
+
+
 def test_surfaces_are_fused_however_aslant_they_are_seen() -> None:
     """The floor 20 cm below a camera that looks straight ahead: its far part at less than 10 degrees."""
     colour, heat = np.zeros((*CAMERA.shape, 3), np.uint8), np.zeros(CAMERA.shape, np.uint8)

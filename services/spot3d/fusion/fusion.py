@@ -25,6 +25,7 @@ from spot3d.fusion.objects.keyframes import FusedFrame, FusedFrames, Keyframe, k
 from spot3d.fusion.objects.untold import with_support
 from spot3d.fusion.paper.density import find_by_density
 from spot3d.fusion.paper.ransac import planes_by_ransac
+from spot3d.fusion.paper.removal import project_inliers
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.supports import RecentSupports
 from spot3d.geometry.downsampling import to_lattice
@@ -107,6 +108,7 @@ class Fusion:
         self._removed: list[NDArray[np.float64]] = []
         self._candidates = np.zeros((0, 4))
         self._supporting: NDArray[np.float64] | None = None
+        self._inliers = np.zeros((0, 3), np.float32)  # the last keyframe's points on it, world
         self._T_world_map = self._T_theirs_map = np.eye(4)
         self._poses_of: str | None = None
         self._calibration = AS_TOLD
@@ -174,7 +176,10 @@ class Fusion:
                 self._keyframe(points, frame.heat, T_world_camera, camera.noise)
             if self._supporting is not None:
                 plane = transform_plane(self._supporting, invert(T_world_camera))
-                warm = np.where(on_plane(plane, points, self.settings, camera.noise), np.uint8(0), frame.heat)
+                on = on_plane(plane, points, self.settings, camera.noise)
+                if self.settings.plane_pixels == "keyframe" and len(self._inliers):  # a map that is resumed has none
+                    on = project_inliers(self._inliers, T_world_camera, frame.camera)
+                warm = np.where(on, np.uint8(0), frame.heat)
         elif self._supporting is None:
             self._keyframe(back_project(frame.depth, frame.camera), frame.heat, T_world_camera, camera.noise)
         self._follow_map(np.eye(4) if pose.T_world_map is None else pose.T_world_map, pose.given_by)
@@ -260,6 +265,9 @@ class Fusion:
         if chosen is None:
             return
         self._supporting = transform_plane(chosen[0], T_world_camera)
+        if self.settings.plane_pixels == "keyframe":
+            inliers = points[on_plane(chosen[0], points, self.settings, noise)]
+            self._inliers = (inliers @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]).astype(np.float32)
         self._removed.append(self._supporting)
         if len(self._removed) > _REMEMBERED:
             self._removed = self._removed[::2]

@@ -43,6 +43,11 @@ class FusionSettings(BaseModel):
     keyframe_interval: int = Field(
         10, ge=1, description="frames between two estimates of the supporting plane" + MAP_ALONE
     )
+    plane_pixels: Literal["own", "keyframe"] = Field(
+        "own",
+        description="what loses its heat in a frame after a keyframe: own: what of the frame itself lies on the "
+        "supporting plane; keyframe: the pixels that the keyframe's points on it project to (the paper)" + MAP_ALONE,
+    )
     plane_removal: bool = Field(True, description="remove supporting planes; off: ablation noPlRem" + MAP_ALONE)
 
     colour_gate: float = Field(
@@ -154,6 +159,7 @@ PAPER = FusionSettings(
     plane_search="triples",
     plane_heat_max=1.0,
     keyframe_interval=10,
+    plane_pixels="keyframe",
     colour_gate=0.05,
     depth_gate=0.01,
     noise_gate=0.0,
