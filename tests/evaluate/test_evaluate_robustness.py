@@ -311,6 +311,7 @@ def test_table_and_curves(tmp_path: Path) -> None:
     assert {row["lost %"] for row in table["rows"]} == {0}
     assert [path.name for path in tmp_path.glob("*.png")] == ["robustness-scene-2-poses.png"]
     assert "24 frames of 320x240, where nothing else is said every 12" in result.stdout
+    assert "scene:2: not once more at half size" in result.stdout
 
 
 def test_shaken_poses_are_given_ones(tmp_path: Path) -> None:

@@ -133,8 +133,9 @@ def robustness_table(
         done: dict[Degradation, list[MeasuredRun]] = {}
         kinds = {kind: levels for kind, levels in groups(base).items() if kind in only}
         chosen = {kind: levels for kind, levels in kinds.items() if not (own and kind in OF_GIVEN_POSES)}
-        if dataset.halved:
-            chosen.pop("half", None)
+        if dataset.halved and "half" in chosen:
+            del chosen["half"]
+            table.notes.append(f"{dataset.name}: not once more at half size, as its frames are so already.")
         camera = items[0].sequence.intrinsics
         table.notes.append(
             f"{dataset.name}: {len(items[0].sequence)} frames of {camera.width}x{camera.height}, "
