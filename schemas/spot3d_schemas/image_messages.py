@@ -168,7 +168,8 @@ class Segments(Message):
     k - 1. heat: (n,) float32 mean confidence of each segment in [0, 1]. planes: (p, 4) float64 [n_x, n_y, n_z, b],
     camera frame, metres, n.x + b = 0: the surfaces on which things stand, the main one first, unit normals up, in depth
     as it was measured but for the pose's `bend`.
-    stands_on: (n,) int8 row of `planes`, -1 = none is known. Since 1.2, left_out: what was taken for an object of this
+    stands_on: (n,) int8 row of `planes`, -1 = none is known. Whoever knows no plane sends none, and fusion takes the
+    supporting plane that it knows itself. Since 1.2, left_out: what was taken for an object of this
     frame and is no segment, counted by reason.
     """
 

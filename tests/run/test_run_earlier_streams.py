@@ -106,7 +106,7 @@ def test_what_stages_counted_before_they_were_started_again_counts(said: Said) -
         said.health(f"{stage}/health", stage, 1, **{event: 120})
         said.health(f"{stage}/health", stage, 2, **{event: 3})
         said.health(f"{stage}/health", stage, 3)
-    said.until(lambda: [item.pid for item in collector.health.values()] == [3, 3])
+    said.until(lambda: [totals.latest.pid for totals in collector.health.values()] == [3, 3])
     report = RunReport("realsense", "processes", 0, (0, 0))
     collector.fill(report, {})
     assert (report.keyframes, report.proposals) == (123, {"accepted": 123})

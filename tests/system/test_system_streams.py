@@ -95,7 +95,7 @@ def test_a_run_goes_on_with_a_camera_whose_stamps_go_back(live, tmp_path: Path) 
             collector.drain()
             time.sleep(0.02)
         collector.fill(report, {})
-        (earlier,), health = report.earlier_streams, collector.health["source"]
+        (earlier,), health = report.earlier_streams, collector.health["source"].latest
         points = collector.snapshot(20).total
         told = collector.news()
     assert told == ["another stream of the camera begins; what was found before is in streams/1"]

@@ -19,6 +19,7 @@ from spot3d.dataflow.settings import LinkSettings
 from spot3d.run.earlier_streams import MOST as EARLIER_MOST
 from spot3d.run.earlier_streams import EarlierStreams
 from spot3d.run.growing_files import GrowingFiles
+from spot3d.run.health_totals import HealthTotals
 from spot3d.run.heard import asked_map, found_objects
 from spot3d.run.lost_tracking import LostTracking
 from spot3d.run.overview_frames import OverviewFrames
@@ -76,7 +77,7 @@ class Collector:
         self._files, self._seen = files, seen
         self.objects: Objects | None = None
         self.progress: Progress | None = None
-        self.health: dict[str, Health] = {}
+        self.health: dict[str, HealthTotals] = {}
         self.poses: deque[TrackedFrame] = deque(maxlen=POSES_MOST)
         self.lost = LostTracking()
         self.latency = HopTimes()
@@ -89,8 +90,6 @@ class Collector:
         self._earlier = EarlierStreams(files)
         self._news: list[str] = []
         self._told: set[str] = set()
-        self._earlier_drops: dict[str, Counter[str]] = {stage: Counter() for stage in STAGES}
-        self._earlier_events: dict[str, Counter[str]] = {stage: Counter() for stage in STAGES}
         self._exit = ExitStack()
         self._inputs: dict[str, Handler[zenoh.Sample]] = {}
 
@@ -141,7 +140,8 @@ class Collector:
             topic: f"{topic} is said by another process as well, which is not listened to"
             for topic in self._producers.contested(time.monotonic())
         }
-        source, proposals, segments = (self.health.get(stage) for stage in ("source", "proposals", "segments"))
+        latest = {stage: totals.latest for stage, totals in self.health.items()}
+        source, proposals, segments = (latest.get(stage) for stage in ("source", "proposals", "segments"))
         if proposals is not None and AlignmentWatch.EVENT in proposals.events:
             kinds[AlignmentWatch.EVENT] = proposals.state or AlignmentWatch.EVENT
         if source is not None:
@@ -186,15 +186,10 @@ class Collector:
         report.ms_per_frame = self.rate.ms_per_frame()
         report.latency_ms = self.latency.statistics()
         for stage in STAGES:
-            health = self.health.get(stage)
-            item = StageReport(restarts=restarts.get(stage, 0))
-            if health is not None:
-                item.step_ms = {"p50": health.step_ms_p50, "p99": health.step_ms_p99}
-                item.cpu_s, item.rss_mb = health.cpu_s, health.rss_bytes / 2**20
-                item.errors, item.last_error = health.errors, health.last_error
-                report.drops[stage] = dict(self._earlier_drops[stage] + Counter(health.drops))
-                item.events = dict(self._earlier_events[stage] + Counter(health.events))
-            report.stages[stage] = item
+            totals, count = self.health.get(stage), restarts.get(stage, 0)
+            report.stages[stage] = StageReport(restarts=count) if totals is None else totals.report(count)
+            if totals is not None:
+                report.drops[stage] = totals.drops()
         # Fusion cannot know of frames that were never sent.
         unsent = report.drops.get("source", {})
         unsent = {why: count for why, count in unsent.items() if why in NOT_PLAYED or why.endswith(IN_THE_INPUT)}
@@ -235,11 +230,10 @@ class Collector:
         elif isinstance(message, Proposals):
             self.latency.add(message.header.trace)
         elif isinstance(message, Health) and message.stage in STAGES:
-            last = self.health.get(message.stage)
-            if last is not None and last.pid != message.pid:
-                self._earlier_drops[message.stage] += Counter(last.drops)
-                self._earlier_events[message.stage] += Counter(last.events)
-            self.health[message.stage] = message
+            if message.stage in self.health:
+                self.health[message.stage].add(message)
+            else:
+                self.health[message.stage] = HealthTotals(message)
 
     def _pose(self, pose: Pose) -> None:
         """A frame's pose; whoever gives poses may say one twice, and out of order."""

@@ -1,0 +1,45 @@
+"""What the processes of a stage counted, one after the other: one that is started again counts from nothing."""
+
+from collections import Counter
+
+from spot3d.run.report import StageReport
+from spot3d_schemas import Health
+
+
+class HealthTotals:
+    """Sums over one stage's processes. latest: what the present one said last."""
+
+    def __init__(self, first: Health) -> None:
+        self.latest = first
+        # Of the processes before the present one.
+        self._drops: Counter[str] = Counter()
+        self._events: Counter[str] = Counter()
+        self._cpu_s, self._errors, self._last_error = 0.0, 0, ""
+
+    def add(self, said: Health) -> None:
+        """Take in what the stage says by now."""
+        last, self.latest = self.latest, said
+        if said.pid == last.pid:
+            return
+        self._drops.update(last.drops)
+        self._events.update(last.events)
+        self._cpu_s += last.cpu_s
+        self._errors += last.errors
+        self._last_error = last.last_error or self._last_error
+
+    def drops(self) -> dict[str, int]:
+        """Messages that were not worked on, by reason."""
+        return dict(self._drops + Counter(self.latest.drops))
+
+    def report(self, restarts: int) -> StageReport:
+        """The stage's part of the run's report; times of a step and memory are those of the present process."""
+        latest = self.latest
+        return StageReport(
+            restarts=restarts,
+            step_ms={"p50": latest.step_ms_p50, "p99": latest.step_ms_p99},
+            cpu_s=self._cpu_s + latest.cpu_s,
+            rss_mb=latest.rss_bytes / 2**20,
+            errors=self._errors + latest.errors,
+            last_error=latest.last_error or self._last_error,
+            events=dict(self._events + Counter(latest.events)),
+        )
