@@ -7,6 +7,9 @@ from numpy.typing import NDArray
 
 from spot3d.geometry.upright import upright_box
 
+# Success and detection of single frames are the same, within 0.013, on OSD, HOTS, 30 cluttered frames and 24 of a room
+# with each of these half and twice as large (cosines, and what is hidden, half and twice as far from 1; `_SHARED` 0.25
+# and 0.8), but for `_SEEN` of 0.8: OSD 0.92, 0.97 for 0.96, 0.99.
 _LEVEL = 0.02
 """The tops of an object's parts agree within this many metres."""
 _IN_FRONT = 0.02

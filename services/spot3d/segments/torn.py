@@ -22,7 +22,8 @@ _STEEP = 3.0
 _CREASE = 0.17
 """Two surfaces meet in a crease where their normals lean towards each other by more than 10 degrees, in radians."""
 _RIM = 0.05
-"""Share of its rim along which a piece meets another across holes."""
+"""Share of its rim along which a piece meets another across holes. With this and `_CREASE` half and twice as large
+success and detection of single frames are the same, within 0.008, on OSD, HOTS, clutter and a room."""
 _WINDOW = 5
 """Normals at a hole are means over so many pixels each way: depth is worst at its rim."""
 

@@ -9,6 +9,9 @@ from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.geometry.upright import rotation_to_upright, taken
 from spot3d.kernel import kernel
 
+# On OSD, HOTS, 30 cluttered frames and 24 of a room success and detection of single frames are the same, within 0.008,
+# with `_LEVEL`, `_WALLS_MIN` and `_RIM` half and twice as large, `_WITHIN` half and twice as far from 1, `_FACING` and
+# `_WALL` half as large. With `_WALL` twice as large clutter's are 0.87, 0.86 for 0.87, 0.88.
 _LEVEL = 0.4
 """Normals with less than this of their length level are the bottom's, and say nothing of the axis."""
 _WALLS_MIN = 10
