@@ -28,7 +28,8 @@ detection is 0.88 and success 0.86 with 1, 2, 3 and 5 cm, and 0.83 and 0.74 with
 """
 _INSIDE = 0.5
 """What cannot stand by itself, and is carried by nothing, is a part of what has at least this share of it in its box: a
-leg of its stool. Two things never fill the same space."""
+leg of its stool. Two things never fill the same space. On two floors with stools success is 0.73 with 0.25, 0.5 and
+0.75, 0.61 without; on eleven other scenes nothing changes."""
 _LEVEL = np.array((1.0, 1.0, 0.0))
 Numbers = tuple[int, ...]
 """Of the pieces that are one thing, in ascending order."""
