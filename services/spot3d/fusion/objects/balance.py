@@ -1,5 +1,7 @@
 """What cannot stand by itself is a part of what it stands on: a screen of its foot, a lid of its laptop.
 
+Where nothing carries it, it is a part of what has it in its box: a leg of its stool.
+
 Seen from near, things come apart where they are creased, and all views agree on it. What stands on another thing is as
 creased there, but it can stand. How far it is carried is not asked: what carries it is hidden by it. Nor is how hot
 that is: a laptop's base is a flat thing without edges, which alone would be too cold for an object.
