@@ -39,3 +39,9 @@ def test_processes_are_added_up_each_with_what_it_said_last() -> None:
     assert (report.step_ms, report.rss_mb, report.restarts) == ({"p50": 3.0, "p99": 3.0}, 3.0, 1)
     totals.add(said(2, 4, "once more"))
     assert totals.report(1).last_error == "once more"
+
+
+def test_times_of_a_step_stay_where_the_last_process_has_made_none() -> None:
+    totals = HealthTotals(said(1, 5))
+    totals.add(said(2, 1).model_copy(update={"step_ms_p50": None, "step_ms_p99": None}))
+    assert totals.report(restarts=1).step_ms == {"p50": 5.0, "p99": 5.0}

@@ -74,17 +74,10 @@ def run_in_process(sequence: FrameSequence, settings: Settings, monitor: RunMoni
     }
     if result.unreadable:
         report.stages["source"].last_error = result.unreadable
-    report.error = _error(result)
+    if not result.complete:
+        report.error = report.useless_stage() or f"there are no last objects: {failures.last_error['fusion']}"
     report.stages["all"] = StageReport(cpu_s=use.cpu_s, rss_mb=use.rss_bytes / 2**20)
     return run
-
-
-def _error(result: PipelineResult) -> str:
-    """What makes the result none that can be used; of single frames that a core failed on the report tells."""
-    for stage, last in result.failures.last_error.items():
-        if stage not in result.step_s:
-            return f"{stage} failed whenever it was asked: {last}"
-    return "" if result.complete else f"there are no last objects: {result.failures.last_error['fusion']}"
 
 
 def _found(objects: FoundObjects) -> RunResult:

@@ -37,6 +37,11 @@ class StageReport:
     restarts: int = 0
     events: dict[str, int] = field(default_factory=dict)
 
+    @property
+    def only_failed(self) -> bool:
+        """Whether its core did nothing but fail."""
+        return self.errors > 0 and self.step_ms.get("p50") is None
+
 
 @dataclass(slots=True)
 class RunReport:
@@ -69,6 +74,11 @@ class RunReport:
     events: list[str] = field(default_factory=list)
     error: str = ""
     earlier_streams: list[dict[str, Any]] = field(default_factory=list)
+
+    def useless_stage(self) -> str:
+        """Which stage did nothing but fail, and how: results lack what it makes. Empty where none did."""
+        failed = (stage for stage, item in self.stages.items() if item.only_failed)
+        return next((f"{stage} failed whenever it was asked: {self.stages[stage].last_error}" for stage in failed), "")
 
 
 def report_document(report: RunReport, result: RunResult) -> dict[str, Any]:

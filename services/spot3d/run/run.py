@@ -129,6 +129,7 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
     not_played = [f"{skipped[why]} of {report.played} frames {why}" for why in NOT_PLAYED if why in skipped]
     if not_played and not report.error:
         report.error = f"{', '.join(not_played)}; the last that failed: {report.stages['source'].last_error}"
+    report.error = report.error or report.useless_stage()
     if not (report.fused or report.error or report.interrupted):
         reasons = ", ".join(f"{count} {reason}" for reason, count in report.skipped.items() if count)
         report.error = f"no frame was fused: {reasons or 'none came'}"
