@@ -4,7 +4,6 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import get_args
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,13 +13,14 @@ from spot3d.frame_segments import BELOW_SUPPORT, NO_SUPPORT, TOO_COLD, TOO_LONG,
 from spot3d.geometry.downsampling import LatticeFrame, to_lattice
 from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import dominant_planes
+from spot3d.geometry.standing import stands_on
 from spot3d.geometry.upright import taken
 from spot3d.segments.contained import join_contained
 from spot3d.segments.creases import split_at_creases
 from spot3d.segments.faults import covers_least, fault_of, warm_parts
 from spot3d.segments.foreground import long_pieces, standing_out
 from spot3d.segments.fragments import join_fragments
-from spot3d.segments.hanging import STANDS, is_below_camera, join_hanging
+from spot3d.segments.hanging import STANDS, join_hanging
 from spot3d.segments.holes import fill_holes
 from spot3d.segments.levels import Levels, with_lower
 from spot3d.segments.occlusion import join_occluded
@@ -32,8 +32,6 @@ from spot3d_schemas.limits import MAX_SEGMENTS
 
 _TRIM = 0.005
 """Share of a part's points that may lie beyond its bottom."""
-_AROUND = 7
-"""What is up to three pixels aside is around a part: edges of depth wander by two, or have none."""
 _WALL_PIXELS = 20
 """A wall of a vessel of fewer pixels is not looked at. With 10, 20 and 40 as many vessels are whole in a view."""
 _SAMPLE = 500
@@ -207,26 +205,14 @@ def _segments(
     left_out[TOO_MANY] = max(0, len(parts) - MAX_SEGMENTS)
     parts = sorted(parts, key=len, reverse=True)[:MAX_SEGMENTS]
     labels = np.zeros(frame.depth.shape, np.int32)
-    clear = (levels.height - levels.tolerance).ravel()  # above what they stand on for certain
-    flat = points.reshape(-1, 3)
-    heat, stands_on = np.zeros(len(parts), np.float32), np.full(len(parts), -1, np.int8)
+    clear = levels.height - levels.tolerance  # above what they stand on for certain
+    heat, stand_on = np.zeros(len(parts), np.float32), np.full(len(parts), -1, np.int8)
     for number, pixels in enumerate(parts):
         labels.ravel()[pixels] = number + 1
         heat[number] = frame.heat.ravel()[pixels].mean() / 255
-        bottom = float(np.quantile(clear[pixels], 0.02))
-        hides = bottom > 0 and is_below_camera(flat[pixels], levels.planes[0, :3])
-        if abs(bottom) < STANDS or (hides and _height_around(pixels, clear, frame.depth) < STANDS):
-            stands_on[number] = levels.of(pixels, _TRIM)
+        if stands_on(pixels, clear, points, levels.planes[0, :3], STANDS):
+            stand_on[number] = levels.of(pixels, _TRIM)
     if "holes" not in settings.skipped:
         labels = fill_holes(labels, frame.depth, frame.colour, frame.camera.fx)
     counts = {reason: count for reason, count in left_out.items() if count}
-    return FrameSegments(labels.astype(np.uint8), heat, levels.planes, stands_on, frame.camera, counts)
-
-
-def _height_around(pixels: NDArray[np.int64], height: NDArray[np.float32], depth: NDArray[np.float32]) -> float:
-    """How high most of what is seen around a part is, metres; infinite where nothing is. pixels: (n,) flat; height: (h
-    * w,); depth: (h, w) metres, 0 = none."""
-    part = np.zeros(depth.shape, np.uint8)
-    part.ravel()[pixels] = 1
-    around = (cv2.dilate(part, np.ones((_AROUND, _AROUND), np.uint8)) > part) & (depth > 0)
-    return float(np.median(height[around.ravel()])) if around.any() else np.inf
+    return FrameSegments(labels.astype(np.uint8), heat, levels.planes, stand_on, frame.camera, counts)

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.geometry.upright import are_below, taken
+from spot3d.geometry.standing import is_below_camera
+from spot3d.geometry.upright import taken
 from spot3d.kernel import kernel
 
 # Success and detection of single frames are the same, within 0.006 and 0.000, on HOTS, OSD and 60 cluttered frames with
@@ -83,11 +84,6 @@ def join_hanging(
         if holder is not None and not _is_carried(part, carriers, points.reshape(-1, 3), height, up):
             held[holder] += held.pop(k)  # nothing hangs on what hangs itself
     return [np.concatenate(pixels) for pixels in held.values()]
-
-
-def is_below_camera(places: NDArray[np.float32], up: NDArray[np.float64]) -> bool:
-    """Whether a camera looks down steeply on a part: (n, 3) metres, camera frame. It hides what it stands on."""
-    return bool(are_below(-places.mean(axis=0, keepdims=True, dtype=np.float64), up)[0])
 
 
 def _part(

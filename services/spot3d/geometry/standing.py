@@ -1,0 +1,42 @@
+"""Which parts of a view stand on a plane."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.geometry.upright import are_below
+
+_LOWEST = 0.02
+"""This share of a part's points may lie below its bottom: noise, and pixels at its edge."""
+_AROUND = np.ones((7, 7), np.uint8)
+"""What is up to three pixels aside is around a part: edges of depth wander by two, or have none."""
+
+
+def stands_on(
+    pixels: NDArray[np.int64],
+    height: NDArray[np.floating],
+    points: NDArray[np.float32],
+    up: NDArray[np.float64],
+    within: float,
+) -> bool:
+    """Whether a part begins on a plane, or hides where it begins, and most of what is seen around it lies there.
+
+    pixels: (n,) flat numbers of what has depth; height: (h, w) metres above the plane; points: (h, w, 3) metres, camera
+    frame, z = 0 invalid; up: (3,) unit, camera frame; within: metres that count as none.
+    """
+    if not len(pixels):
+        return False
+    bottom = float(np.quantile(height.ravel()[pixels], _LOWEST))
+    if abs(bottom) < within:
+        return True
+    if bottom < 0 or not is_below_camera(points.reshape(-1, 3)[pixels], up):
+        return False
+    part = np.zeros(height.shape, np.uint8)
+    part.ravel()[pixels] = 1
+    around = (cv2.dilate(part, _AROUND) > part) & (points[..., 2] > 0)
+    return bool(around.any() and np.median(height[around]) < within)
+
+
+def is_below_camera(places: NDArray[np.float32], up: NDArray[np.float64]) -> bool:
+    """Whether a camera looks down steeply on a part: (n, 3) metres, camera frame. It hides what it stands on."""
+    return bool(are_below(-places.mean(axis=0, keepdims=True, dtype=np.float64), up)[0])
