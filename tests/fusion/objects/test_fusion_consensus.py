@@ -12,7 +12,7 @@ from voting_room import POSES, SETTINGS, agreed, assert_found, assert_same, desc
 from spot3d.boxes import Box3D
 from spot3d.camera import Intrinsics
 from spot3d.frame_segments import FrameSegments
-from spot3d.fusion.objects import consensus
+from spot3d.fusion.objects import cluster_judge
 from spot3d.fusion.objects.consensus import Consensus, ViewConsensus
 from spot3d.fusion.objects.found import Seen, box_of
 from spot3d.fusion.objects.keyframes import FusedFrame, Keyframe, keyframe_of
@@ -44,7 +44,7 @@ def boxes_made(monkeypatch: pytest.MonkeyPatch) -> list[Box3D]:
         made.append(box_of(seen, up, clearance, rounded))
         return made[-1]
 
-    monkeypatch.setattr(consensus, "box_of", noted)
+    monkeypatch.setattr(cluster_judge, "box_of", noted)
     return made
 
 
@@ -442,7 +442,7 @@ def test_what_fails_in_an_update_is_made_good_in_the_next(monkeypatch: pytest.Mo
             raise ValueError("no box")
         return box_of(seen, up, clearance, rounded)
 
-    monkeypatch.setattr(consensus, "box_of", failing_once)
+    monkeypatch.setattr(cluster_judge, "box_of", failing_once)
     with pytest.raises(ValueError, match="no box"):
         votes.update(keyframes())
     assert_same(votes.update([]), agreed(keyframes()), numbered=True)

@@ -1,0 +1,129 @@
+"""Whether the segments of a cluster are an object, and what box they have together."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.boxes import Box3D
+from spot3d.fusion.objects.balance import TILT, Numbers, Piece
+from spot3d.fusion.objects.disputed import without_disputed
+from spot3d.fusion.objects.footing import lower_edge, narrow_foot
+from spot3d.fusion.objects.found import Seen, box_of, ground_below
+from spot3d.fusion.objects.reasons import GONE, MOSTLY_BACKGROUND, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
+from spot3d.fusion.objects.segment_graph import SegmentGraph
+from spot3d.fusion.objects.views import BACKGROUND, THROUGH
+from spot3d.fusion.settings import FusionSettings
+
+
+class Judged(NamedTuple):
+    """What a cluster is. confidence: the pseudo-average of Eq. 15, over views."""
+
+    piece: Piece
+    confidence: float
+
+
+class Least(NamedTuple):
+    """What an object takes: so many keyframes, and tau of its confidence. Both are less while there are few."""
+
+    views: int
+    tau: float
+
+
+class ClusterJudge:
+    """Judges clusters of a graph's segments. least: with as many keyframes as the graph has now."""
+
+    def __init__(self, graph: SegmentGraph, settings: FusionSettings) -> None:
+        self._graph, self._settings = graph, settings
+        count = len(graph.views)
+        tau = min(settings.views_tau, settings.tau_share * count) if settings.tau_share else settings.views_tau
+        self.least = Least(min(settings.views_min, count), tau)
+
+    def judged(self, members: NDArray[np.int64], said: NDArray[np.int32], up: NDArray[np.float64]) -> Judged | str:
+        """The box of a cluster's segments and its confidence, or why it is no object. said: of the members."""
+        settings, segments = self._settings, self._graph.segments
+        least, tau = self.least
+        if len(members) < least or len(own := np.unique(segments.frame.rows[members])) < least:
+            return TOO_SELDOM
+        # A view sees a cluster where it sees half of its segments, and an object where most of these say so.
+        frames, frame = np.unique(np.concatenate((own, said[:, 1])), return_inverse=True)
+        seen, through, background = (
+            np.bincount(frame[len(own) :], which, len(frames))
+            for which in (said[:, 2] > THROUGH, said[:, 2] == THROUGH, said[:, 2] == BACKGROUND)
+        )
+        mine = np.isin(frames, own)
+        sees = mine | (2 * seen > len(members))
+        looks_through = ~sees & (2 * through > len(members))
+        latest = looks_through[sees | looks_through][-least:]
+        if latest.all() and "gone" not in settings.skipped:
+            return GONE
+        agrees = mine | (sees & (2 * background < seen))
+        if agrees.sum() < settings.object_share * sees.sum():
+            return MOSTLY_BACKGROUND
+        confidence = float(segments.heat.rows[members].sum() / (max(len(members), sees.sum()) + tau))
+        views = self._seen(members)
+        # What is too large as its views have it is not made an object by leaving out what they disagree on.
+        low, high = views.places.min(axis=0).min(axis=0), views.places.max(axis=0).max(axis=0)
+        if np.linalg.norm(high - low) > settings.size_max < self._box_of(views, up).size.max():
+            return TOO_LARGE
+        views = self._undisputed(views, members)
+        box = self._box_of(views, up)
+        shortest, middle, _ = np.sort(box.size)
+        # A thing that is measured 2 cm across has a box that is less: its faces are trimmed and drawn in.
+        if middle < settings.size_min - settings.plane_distance or box.volume < settings.volume_min:
+            return TOO_SMALL
+        if shortest < settings.plane_distance:
+            return TOO_THIN
+        return Judged(self._piece(views, box, segments.support.rows[members], up), confidence)
+
+    def box_of_all(self, around: Box3D, pieces: Numbers, whole: NDArray[np.int64], up: NDArray[np.float64]) -> Box3D:
+        """The box of a thing in pieces, by all of their segments and by those (rows) that have it whole.
+
+        around: of all pieces; that is the box where hardly a view has them whole, or some see more than an object.
+        """
+        segments = self._graph.segments
+        if len(np.unique(segments.frame.rows[whole])) < self.least.views:
+            return around
+        rows = np.union1d(np.flatnonzero(np.isin(segments.cluster.rows, pieces)), whole)
+        box = self._box_of(self._undisputed(self._seen(rows), rows), up)
+        return box if box.size.max() <= self._settings.size_max else around
+
+    def _piece(self, views: Seen, box: Box3D, support: NDArray[np.float64], up: NDArray[np.float64]) -> Piece:
+        """How something stands. support: of all of its segments, with what is disputed."""
+        ground = ground_below(box, support, up)
+        edge = lower_edge(views, box, TILT)
+        if edge is not None:
+            return Piece(box, ground, edge, leans=True)
+        foot = None
+        # A foot that is narrower than the least thing is not told from noise.
+        if TILT * box.size[2] > self._settings.size_min:
+            foot = narrow_foot(views, box, TILT)
+        return Piece(box, ground, box if foot is None else foot, leans=False)
+
+    def _undisputed(self, views: Seen, rows: NDArray[np.int64]) -> Seen:
+        """What these segments saw of something, without what most of the other views that see it have elsewhere."""
+        if "disputed" in self._settings.skipped:
+            return views
+        graph = self._graph
+        mine = np.zeros(len(graph.segments) + 1, np.bool_)  # row -1: of no segment
+        mine[rows] = True
+        own = {number: (graph.views[number], mine[graph.rows_of[number]]) for number in np.unique(views.frame).tolist()}
+        places, kept = without_disputed(views.places, views.frame, own)
+        return views.with_places(places, kept)
+
+    def _seen(self, rows: NDArray[np.int64]) -> Seen:
+        """What was seen of something by these segments, in the order of their frames."""
+        segments, frame = self._graph.segments, self._graph.segments.frame.rows[rows]
+        outline = segments.outline.rows[rows]
+        poses = np.array([self._graph.views[number].pose for number in frame.tolist()], np.float64)
+        return Seen(
+            segments.places.rows[rows],
+            outline if "outline" not in self._settings.skipped else np.full_like(outline, np.nan),
+            segments.blur.rows[rows],
+            segments.support.rows[rows],
+            frame,
+            -np.einsum("nji,nj->ni", poses[:, :, :3], poses[:, :, 3]),
+        )
+
+    def _box_of(self, views: Seen, up: NDArray[np.float64]) -> Box3D:
+        return box_of(views, up, self._settings.plane_distance, "rounded" not in self._settings.skipped)
