@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
-from spot3d.fusion.objects.rounded import fronts_of, unseen_ends
+from spot3d.fusion.objects.rounded import unseen_ends
 from spot3d.geometry.quantiles import quantiles
 from spot3d.geometry.upright import are_below, rotation_to_upright, with_bottom
 from spot3d.kernel import kernel
@@ -77,8 +77,7 @@ def box_of(seen: Seen, up: NDArray[np.float64], clearance: float, rounded: bool 
     up: (3,) unit, world. clearance: what is no higher above a support belongs to it, metres. rounded: what is round
     goes on behind what was seen of it (see `rounded`).
     """
-    fronts = fronts_of(seen.places, up)
-    rotation = _axes_of(seen, up, fronts.are_round)
+    rotation = _axes_of(seen, up)
     lows, highs = ends_of(seen, rotation)
     low, high = faces(lows, highs)
     high[2] = faces(lows[2:], highs[2:], _TOP)[1][0]
@@ -87,21 +86,21 @@ def box_of(seen: Seen, up: NDArray[np.float64], clearance: float, rounded: bool 
     if len(guessed) > _GUESSED * len(seen.outline):
         low = np.minimum(low, np.median(guessed.min(axis=1), axis=0))
         high = np.maximum(high, np.median(guessed.max(axis=1), axis=0))
-    if rounded and (unseen := unseen_ends(fronts, seen.places, seen.eyes, rotation)) is not None:
+    if rounded and (unseen := unseen_ends(seen.places, seen.eyes, rotation)) is not None:
         low[:2], high[:2] = np.fmin(low[:2], unseen[0]), np.fmax(high[:2], unseen[1])
     high = np.maximum(high, low + THINNEST)
     box = Box3D(rotation @ ((low + high) / 2), high - low, rotation)
     return _standing(box, seen, up, clearance)
 
 
-def _axes_of(seen: Seen, up: NDArray[np.float64], is_round: bool) -> NDArray[np.float64]:
+def _axes_of(seen: Seen, up: NDArray[np.float64]) -> NDArray[np.float64]:
     """The axes, as columns (3, 3), of the upright box that most views have an object in; the third is `up`.
 
     It is turned so that the lower half of what was seen is near to its sides, in the mean. Where two sides are seen and
     not the top, the smallest box tells nothing: one along the line from end to end is as small (X. Zhang, W. Xu, C.
-    Dong, J. M. Dolan, Efficient L-Shape Fitting for Vehicle Detection Using Laser Scanners, IEEE IV 2017). What is
-    round has no sides: it has the smallest box. Of the things of `_TURNS` 0.87 have an IoU of 0.5 with the smallest
-    box of all, 0.92 so, and as many if what is round is turned as others are; in OSD's single frames 0.97, 0.96, 0.95.
+    Dong, J. M. Dolan, Efficient L-Shape Fitting for Vehicle Detection Using Laser Scanners, IEEE IV 2017). Of the
+    things of `_TURNS` 0.87 have an IoU of 0.5 with the smallest box, 0.92 so. What is round has no sides; turned by the
+    smallest box, IoU is 0.001 less in the mean of 37 runs, and success in single frames of OSD 0.94 for 0.93.
     """
     first, second = rotation_to_upright(up)[:2]
     places = seen.places[:, ::_TURNED_BY].reshape(-1, 3)
@@ -114,11 +113,7 @@ def _axes_of(seen: Seen, up: NDArray[np.float64], is_round: bool) -> NDArray[np.
         along = np.outer(first, cosines) + np.outer(second, sines)
         axes = np.hstack((along, np.outer(second, cosines) - np.outer(first, sines)))
         low, high = faces(*ends_of(seen, axes))
-        if is_round:
-            size = np.maximum(high - low, THINNEST)
-            off = size[:count] * size[count:]
-        else:
-            off = _off_sides(places @ axes.astype(np.float32), low.astype(np.float32), high.astype(np.float32))
+        off = _off_sides(places @ axes.astype(np.float32), low.astype(np.float32), high.astype(np.float32))
         best = int(np.argmin(off))
         yaw, chosen = float(yaws[best]), axes[:, [best, count + best]]
     return np.column_stack((chosen, up))

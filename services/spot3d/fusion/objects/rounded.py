@@ -6,12 +6,8 @@ height, as of cylinders, cones and spheres. The curves below are of all things o
 redkitchen: the sum of what they gain in IoU, and the most that one of them loses.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
-
-from spot3d.geometry.upright import rotation_to_upright
 
 _VIEWS = 10
 """So many segments are looked at, evenly spread over an object's views."""
@@ -52,40 +48,8 @@ _BETWEEN = 0.2
 """Weights: near the axis, in shares of half of its width, a fit of the radius' square would follow every error."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Fronts:
-    """What surface of revolution fits each of some of an object's segments, k of them, evenly spread over its views.
-
-    centre: (k, 2) where its axis is, along `level`, and radius: (k,), its largest, metres; fits: (k,) whether what was
-    seen is on it, and of most of its circumference; high: (k,) whether that is high enough to say that it is round
-    behind as well. level: (3, 2) two level axes, world.
-    """
-
-    level: NDArray[np.float64]
-    centre: NDArray[np.float64]
-    radius: NDArray[np.float64]
-    fits: NDArray[np.bool_]
-    high: NDArray[np.bool_]
-
-    @property
-    def are_round(self) -> bool:
-        """Whether most of them are."""
-        return bool(2 * np.count_nonzero(self.fits) > len(self.fits))
-
-
-def fronts_of(places: NDArray[np.float32], up: NDArray[np.float64]) -> Fronts:
-    """What fits the (n, k, 3) places of an object's segments, world. up: (3,) unit, world."""
-    upright = rotation_to_upright(up).T
-    points = places[:: -(-len(places) // _VIEWS), ::_TESTED].astype(np.float64) @ upright
-    middle, extent = points.mean(axis=1, keepdims=True), np.ptp(points, axis=1)
-    half = np.maximum(extent[:, :2].max(axis=1), _OFF) / 2
-    centre, radius, height, fits = _fitted((points - middle) / half[:, None, None], half)
-    high = (extent[:, 2] >= _TALL * half) & (height >= _TALL * radius)
-    return Fronts(upright[:, :2], middle[:, 0, :2] + half[:, None] * centre, half * radius, fits, high)
-
-
 def unseen_ends(
-    fronts: Fronts, places: NDArray[np.float32], eyes: NDArray[np.float64], rotation: NDArray[np.float64]
+    places: NDArray[np.float32], eyes: NDArray[np.float64], rotation: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """Where a round thing ends along the first two axes, (2,) each, metres, as half of its views have it; NaN at a side
     that was seen. None: most of its segments are not round, or there are too few.
@@ -93,14 +57,21 @@ def unseen_ends(
     places: (n, k, 3) of its segments, world; eyes: (n, 3) from where; rotation: (3, 3) axes as columns, the third
     upright.
     """
-    is_round = fronts.fits & fronts.high
-    if len(places) < _LEAST or 2 * np.count_nonzero(is_round) <= len(is_round):
+    if len(places) < _LEAST:
+        return None
+    points = places[:: -(-len(places) // _VIEWS), ::_TESTED].astype(np.float64) @ rotation
+    middle, extent = points.mean(axis=1, keepdims=True), np.ptp(points, axis=1)
+    half = np.maximum(extent[:, :2].max(axis=1), _OFF) / 2
+    centre, radius, height, fits = _fitted((points - middle) / half[:, None, None], half)
+    # What is lower is not told to be round behind as well.
+    is_round = fits & (extent[:, 2] >= _TALL * half) & (height >= _TALL * radius)
+    if 2 * np.count_nonzero(is_round) <= len(is_round):
         return None
     towards = (eyes - places[:, ::_TESTED].mean(axis=1)) @ rotation[:, :2]
     along = towards / np.maximum(np.linalg.norm(towards, axis=1), _OFF)[:, None]
     low_seen, high_seen = ((side > _GRAZING).mean(axis=0) > _SEEN for side in (-along, along))
-    centre = fronts.centre[is_round] @ fronts.level.T @ rotation[:, :2]
-    radius = fronts.radius[is_round, None]
+    centre = (middle[:, 0, :2] + half[:, None] * centre)[is_round]
+    radius = (half * radius)[is_round, None]
     low, high = np.median(centre - radius, axis=0), np.median(centre + radius, axis=0)
     return np.where(low_seen, np.nan, low), np.where(high_seen, np.nan, high)
 
