@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spot3d.calibration import AS_TOLD, Calibration, bend_at, bend_of_image
+from spot3d.calibration import NOMINAL, Calibration, bend_at, bend_of_image
 
 GRID = np.random.default_rng(0).uniform(-0.02, 0.02, (4, 6))
 BENT = Calibration(bend=tuple(tuple(row) for row in GRID.tolist()))
@@ -33,7 +33,7 @@ def test_depth_is_straightened_in_its_own_unit_and_then_of_the_right_length() ->
     np.testing.assert_allclose(straight, depth * np.exp(bend_of_image(GRID, depth.shape)), rtol=1e-6)
     known = Calibration(0.97, bend=BENT.bend)
     np.testing.assert_allclose(known.metres(depth), 0.97 * straight, rtol=1e-6)
-    assert AS_TOLD.metres(depth) is depth
+    assert NOMINAL.metres(depth) is depth
 
 
 def test_half_the_size_is_bent_alike() -> None:
@@ -43,6 +43,6 @@ def test_half_the_size_is_bent_alike() -> None:
 
 def test_what_is_to_be_straightened_is_what_is_not_yet() -> None:
     assert BENT.straighter(BENT) is None
-    assert AS_TOLD.straighter(AS_TOLD) is None
-    for before, now, change in ((AS_TOLD, BENT, GRID), (BENT, AS_TOLD, -GRID)):
+    assert NOMINAL.straighter(NOMINAL) is None
+    for before, now, change in ((NOMINAL, BENT, GRID), (BENT, NOMINAL, -GRID)):
         np.testing.assert_array_equal(before.straighter(now), change)

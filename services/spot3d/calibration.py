@@ -51,7 +51,7 @@ class Calibration:
         return np.subtract(now.bend or straight, self.bend or straight)
 
 
-AS_TOLD = Calibration()
+NOMINAL = Calibration()
 """Nothing is corrected."""
 
 

@@ -43,7 +43,7 @@ class Intrinsics:
         return self.thinned(2)
 
     def thinned(self, step: int) -> "Intrinsics":
-        """Intrinsics of the image that keeps every so-manieth pixel, starting with the first, of each axis."""
+        """Intrinsics of the image that keeps every nth pixel, starting with the first, of each axis."""
         return replace(
             self,
             fx=self.fx / step,

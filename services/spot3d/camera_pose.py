@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.calibration import AS_TOLD, Calibration
+from spot3d.calibration import NOMINAL, Calibration
 from spot3d.pose_corrections import PoseCorrections
 
 
@@ -23,5 +23,5 @@ class CameraPose:
     T_world_camera: NDArray[np.float64]
     T_world_map: NDArray[np.float64] | None = None
     given_by: str | None = None
-    calibration: Calibration = AS_TOLD
+    calibration: Calibration = NOMINAL
     corrections: PoseCorrections | None = None

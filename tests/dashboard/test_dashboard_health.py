@@ -43,7 +43,7 @@ def working(until_s: int, silent: tuple[str, ...] = ()) -> StageRecords:
     for second in range(until_s + 1):
         for stage in STAGES:
             if stage not in silent:
-                records.hear(health(stage, received=30 * second), float(second))
+                records.receive(health(stage, received=30 * second), float(second))
     return records
 
 
@@ -72,11 +72,11 @@ def test_a_stage_that_hangs_is_given_up_after_two_seconds() -> None:
     for second in (11, 12):
         for stage in others:
             rate_hz = 0.0 if stage in ("segments", "fusion") else 30.0
-            records.hear(health(stage, received=30 * second, rate_hz=rate_hz), float(second))
+            records.receive(health(stage, received=30 * second, rate_hz=rate_hz), float(second))
     assert said(records, "heatmap", 12.2, others) == f"bad: does not answer, {silent.format(4)}"
     assert said(records, "fusion", 12.2, others) == "waits: waits: no heat for 4.2 s, as heatmap does not answer"
     assert said(records, "heatmap", 13.0).startswith("bad: has said nothing for 5 s: it hangs")
-    records.hear(health("heatmap", received=300), 13.1)
+    records.receive(health("heatmap", received=300), 13.1)
     assert said(records, "heatmap", 13.2).startswith("good")
 
 
@@ -85,7 +85,7 @@ def test_who_waits_says_for_what_and_since_when() -> None:
     for second in (9, 10, 11):
         for stage in STAGES:
             idle = stage in ("pose", "fusion")
-            records.hear(health(stage, received=30 * second, rate_hz=0.0 if idle else 30.0), float(second))
+            records.receive(health(stage, received=30 * second, rate_hz=0.0 if idle else 30.0), float(second))
     assert said(records, "fusion", 11.2) == "waits: waits: no pose for 3.2 s"
     assert said(records, "pose", 11.2) == "bad: has its input, and has finished nothing for 3.2 s"
     assert said(records, "heatmap", 11.2).startswith("good")
@@ -96,7 +96,7 @@ def test_who_waits_says_for_what_and_since_when() -> None:
 def test_of_those_who_say_nothing_of_themselves_nothing_is_said() -> None:
     records = working(8, silent=("pose", "heatmap"))
     for second in (9, 10, 11):
-        records.hear(health("fusion", rate_hz=0.0), float(second))
+        records.receive(health("fusion", rate_hz=0.0), float(second))
     assert said(records, "fusion", 11.0) == "waits: has finished nothing for 3.0 s"
 
 
@@ -105,7 +105,7 @@ def test_a_camera_program_that_stops_is_waited_for() -> None:
     records = working(8, silent=("source",))
     for second in (9, 10, 11):
         for stage in STAGES[1:]:
-            records.hear(health(stage, rate_hz=0.0, received=240), float(second))
+            records.receive(health(stage, rate_hz=0.0, received=240), float(second))
     assert said(records, "pose", 11.0) == "waits: waits: no frame for 3.0 s"
     assert said(records, "source", 11.0) == "waits: is there, and has not said yet how it is"
     assert "as a program of yours need not" in said(records, "source", 16.0)
@@ -115,7 +115,7 @@ def test_at_the_end_of_a_recording_everybody_waits_for_frames() -> None:
     records = working(8)
     for second in (9, 10, 11):
         for stage in STAGES:
-            records.hear(health(stage, rate_hz=0.0), float(second))
+            records.receive(health(stage, rate_hz=0.0), float(second))
     assert said(records, "source", 11.0).startswith("waits: has sent no frame for 3.0 s")
     assert said(records, "pose", 11.0) == "waits: waits: no frame for 3.0 s"
     assert said(records, "segments", 11.0) == "waits: waits: no heat for 3.0 s"
@@ -125,7 +125,7 @@ def test_drops_are_told_by_second() -> None:
     records = StageRecords()
     for second in range(9):
         drops = {"source/frame busy": 12 * second, "older": 3}
-        records.hear(health("proposals", received=30 * second, drops=drops), float(second))
+        records.receive(health("proposals", received=30 * second, drops=drops), float(second))
     assert said(records, "proposals", 8.0) == "waits: drops 12 of 30 a second: source/frame busy"
     assert records.drops() == {"proposals": {"source/frame busy": 96, "older": 3}}
 
@@ -142,7 +142,7 @@ def test_drops_are_told_by_second() -> None:
 )
 def test_what_one_message_says(changes: dict[str, Any], expected: str) -> None:
     records = working(8)
-    records.hear(health("fusion", **changes), 9.0)
+    records.receive(health("fusion", **changes), 9.0)
     assert said(records, "fusion", 9.0) == expected
 
 
@@ -162,7 +162,7 @@ def test_a_stage_that_is_gone_after_the_last_objects_has_done_its_work() -> None
 
 def test_who_is_no_stage_is_not_listened_to() -> None:
     records = StageRecords()
-    records.hear(health("stranger"), 1.0)
+    records.receive(health("stranger"), 1.0)
     assert [word.stage for word in records.words((), 1.0)] == list(STAGES)
 
 
@@ -174,11 +174,11 @@ def test_a_bridge_is_told_of_where_there_is_one() -> None:
     assert said(records, BRIDGE, 8.0, both) == "waits: is there, and has not said yet how it is"
     for second in range(9):
         skipped = {"heatmap/heat skipped": 25 * second}
-        records.hear(health(BRIDGE, published=92 * second, drops=skipped, rate_hz=0.0), float(second))
+        records.receive(health(BRIDGE, published=92 * second, drops=skipped, rate_hz=0.0), float(second))
     assert said(records, BRIDGE, 8.0, both) == "good: 92 messages a second cross"
     assert records.drops() == {BRIDGE: {"heatmap/heat skipped": 200}}
     cut = "nothing crosses to tcp/10.0.0.2:7447, for 5 s: no answer"
-    records.hear(health(BRIDGE, state=cut), 9.0)
+    records.receive(health(BRIDGE, state=cut), 9.0)
     assert said(records, BRIDGE, 9.0, both) == f"bad: {cut}"
     assert said(records, BRIDGE, 14.0, both).startswith("bad: has said nothing for 5 s")
     assert said(records, BRIDGE, 14.0) == "bad: does not answer, for 5 s: it hangs, or the link to it is cut"

@@ -11,10 +11,10 @@ pytest.importorskip("viser", reason="the dashboard's packages are not installed"
 
 from schemas_samples import BOX, SAMPLES
 
+from spot3d.dashboard.panel_text import drop_table, health_table, summary, waiting_for
 from spot3d.dashboard.picture import live_picture
 from spot3d.dashboard.process import run
 from spot3d.dashboard.robot import Robot
-from spot3d.dashboard.said import drop_table, health_table, summary, waiting_for
 from spot3d.dashboard.saving import map_file, objects_file
 from spot3d.dashboard.settings import DashboardSettings
 from spot3d.dataflow.settings import LinkSettings
@@ -37,20 +37,20 @@ def seen(stamp_ns: int, width: int = 80, height: int = 60) -> Preview:
 def robot_with(*topics: str) -> Robot:
     robot = Robot("drone", 1000)
     for topic in topics:
-        robot.hear(topic, POSE if topic == "pose/pose" else SAMPLES[TOPICS[topic].message.__name__], 1.0)
+        robot.receive(topic, POSE if topic == "pose/pose" else SAMPLES[TOPICS[topic].message.__name__], 1.0)
     return robot
 
 
 def test_a_preview_waits_for_its_pose() -> None:
     robot = robot_with()
-    robot.hear("source/preview", seen(5), 1.0)
+    robot.receive("source/preview", seen(5), 1.0)
     assert robot.shown is None
-    robot.hear("pose/pose", at(POSE, 5), 1.1)
+    robot.receive("pose/pose", at(POSE, 5), 1.1)
     assert robot.shown is not None
     np.testing.assert_array_equal(robot.shown[1], POSE.T_world_camera)
     assert robot.shown[0].intrinsics.cy == pytest.approx(29.5 - 0.03 * 70), "boxes are drawn where things are seen"
-    robot.hear("source/preview", seen(6), 2.0)
-    robot.hear("fusion/health", SAMPLES["Health"], 3.5)
+    robot.receive("source/preview", seen(6), 2.0)
+    robot.receive("fusion/health", SAMPLES["Health"], 3.5)
     assert robot.shown[0].header.stamp_ns == 6
     assert robot.shown[1] is None, "its pose has not come in a second"
 
@@ -59,9 +59,9 @@ def test_a_preview_waits_for_its_pose() -> None:
 def test_pictures_go_on_while_poses_come_late_or_not_at_all(late: int | None) -> None:
     robot, shown = robot_with(), []
     for count in range(25):  # five a second, as the source sends them
-        robot.hear("source/preview", seen(count), 0.2 * count)
+        robot.receive("source/preview", seen(count), 0.2 * count)
         if late is not None and count >= late:
-            robot.hear("pose/pose", at(POSE, count - late), 0.2 * count + 0.1)
+            robot.receive("pose/pose", at(POSE, count - late), 0.2 * count + 0.1)
         if robot.shown is not None:
             shown.append((robot.shown[0].header.stamp_ns, robot.shown[1] is not None))
     assert len({stamp_ns for stamp_ns, _ in shown}) >= 15
@@ -71,41 +71,41 @@ def test_pictures_go_on_while_poses_come_late_or_not_at_all(late: int | None) ->
 def test_a_lost_pose_is_told_and_not_drawn() -> None:
     robot = robot_with("pose/pose")
     lost = Pose(**{**dict(POSE), "status": "lost", "reason": "too fast", "T_world_camera": np.eye(4)})
-    robot.hear("pose/pose", lost, 1.0)
+    robot.receive("pose/pose", lost, 1.0)
     assert robot.lost == "too fast"
     assert robot.pose is POSE
 
 
 def test_a_map_of_another_epoch_takes_the_objects_and_the_path_with_it() -> None:
     robot = robot_with("fusion/objects", "fusion/changes")
-    robot.hear("pose/pose", POSE, 1.0)
+    robot.receive("pose/pose", POSE, 1.0)
     assert [item.id for item in robot.objects_from(0.5)] == [BOX.id]
     assert robot.objects_from(0.51) == []
     again = SAMPLES["MapChanges"].model_copy(update={"generation": 5, "epoch": SAMPLES["Objects"].epoch})
-    robot.hear("fusion/changes", again, 2.0)
+    robot.receive("fusion/changes", again, 2.0)
     assert robot.objects is not None, "the last objects of a map come before its points, or fusion was started again"
-    robot.hear("fusion/changes", again.model_copy(update={"generation": 6, "epoch": "reset"}), 3.0)
+    robot.receive("fusion/changes", again.model_copy(update={"generation": 6, "epoch": "reset"}), 3.0)
     assert (robot.objects, len(robot.trail.segments()), robot.map.count) == (None, 0, 1)
 
 
 def test_up_is_the_cameras_until_objects_say_better() -> None:
     robot = robot_with()
     assert robot.up() is None
-    robot.hear("pose/pose", POSE, 1.0)
+    robot.receive("pose/pose", POSE, 1.0)
     np.testing.assert_array_equal(robot.up(), -POSE.T_world_camera[:3, 1])
     none = SAMPLES["Objects"].model_copy(update={"objects": (), "up": np.array((0.0, 0.0, 1.0))})
-    robot.hear("fusion/objects", none, 1.0)
+    robot.receive("fusion/objects", none, 1.0)
     np.testing.assert_array_equal(robot.up(), -POSE.T_world_camera[:3, 1], "without objects nobody knows better")
-    robot.hear("fusion/objects", SAMPLES["Objects"], 1.0)
+    robot.receive("fusion/objects", SAMPLES["Objects"], 1.0)
     np.testing.assert_array_equal(robot.up(), SAMPLES["Objects"].up)
-    robot.hear("fusion/objects", none, 2.0)
+    robot.receive("fusion/objects", none, 2.0)
     np.testing.assert_array_equal(robot.up(), SAMPLES["Objects"].up, "what is known stays")
 
 
 def test_heat_is_not_laid_over_the_picture_of_another_moment() -> None:
     robot = robot_with()
     assert robot.heat_of(seen(0)) is None
-    robot.hear("heatmap/preview", seen(3_000_000_000), 1.0)
+    robot.receive("heatmap/preview", seen(3_000_000_000), 1.0)
     assert robot.heat_of(seen(3_200_000_000)) is robot.heat is not None
     assert robot.heat_of(seen(9_000_000_000)) is None
 
@@ -142,7 +142,7 @@ def test_texts_are_told_and_escaped() -> None:
     robot.alive = frozenset(("fusion",))
     assert "has no source" in waiting_for(True, "tcp/a:1", ["drone"], robot, None)
     assert waiting_for(True, "tcp/a:1", ["drone"], robot, 0.1) == ""
-    robot.hear("fusion/progress", SAMPLES["Progress"], 1.0)
+    robot.receive("fusion/progress", SAMPLES["Progress"], 1.0)
     assert "no `source/preview`" in waiting_for(True, "tcp/a:1", ["drone"], robot, None)
     assert "<b>late" not in drop_table({"fusion": {"<b>late": 3}})
     words = robot.records.words(("fusion",), 1.0, "")
@@ -165,7 +165,7 @@ def test_the_panel_says_why_nothing_crosses() -> None:
     assert ">bridge<" not in health_table(robot.records.words(STAGES, 1.0))
     state = "nothing crosses to tcp/10.0.0.2:7447, for 5 s: no answer"
     cut = SAMPLES["Health"].model_copy(update={"stage": BRIDGE, "state": state, "drops": {"heatmap/heat skipped": 7}})
-    robot.hear("bridge/health", cut, 1.0)
+    robot.receive("bridge/health", cut, 1.0)
     table = health_table(robot.records.words((*STAGES, BRIDGE), 1.0))
     assert f"<b>bridge</b></td><td>{state}</td>" in table
     assert "<b>bridge</b></td><td>heatmap/heat skipped</td>" in drop_table(robot.records.drops())

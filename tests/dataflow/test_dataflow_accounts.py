@@ -67,7 +67,7 @@ def test_ledger_waits_for_more_than_frames_while_it_comes() -> None:
     ledger.fuse(10, 0.0)
     ledger.end(1, 10, 1.0)
     assert not ledger.due(5.9, more=True)
-    ledger.heard(5.9)
+    ledger.extend_patience(5.9)
     assert not ledger.due(10.8, more=True)
     assert ledger.due(10.8), "nothing more is to come"
     assert ledger.due(10.9, more=True), "it has not come"

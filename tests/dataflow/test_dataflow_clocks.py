@@ -50,22 +50,22 @@ def test_what_no_way_explains_is_the_clocks(way_ns: int, same: bool) -> None:
     assert one_clock(header.trace) == same
     clocks = Clocks()
     for _ in range(10):
-        clocks.heard(sent("source", HOUR), HOUR + way_ns, 0.0)
-    assert (clocks.told(1.0) == "") == same
+        clocks.observe(sent("source", HOUR), HOUR + way_ns, 0.0)
+    assert (clocks.notice(1.0) == "") == same
 
 
 def test_the_clock_that_differs_most_is_told_while_its_device_is_heard() -> None:
     clocks = Clocks()
-    assert clocks.told(0.0) == ""
+    assert clocks.notice(0.0) == ""
     for number in range(10):
-        clocks.heard(sent("pose", 5 * HOUR), 5 * HOUR + MS, 0.0)
-        clocks.heard(sent("heatmap", 5 * HOUR), 4 * HOUR, 0.0)
+        clocks.observe(sent("pose", 5 * HOUR), 5 * HOUR + MS, 0.0)
+        clocks.observe(sent("heatmap", 5 * HOUR), 4 * HOUR, 0.0)
         # One that is made up says nothing.
-        clocks.heard(sent("source", 5 * HOUR), 0 if number == 3 else 5 * HOUR, 0.0)
-        clocks.heard(sent("nobody", 5 * HOUR), 0, 0.0)
-    told = clocks.told(1.0)
+        clocks.observe(sent("source", 5 * HOUR), 0 if number == 3 else 5 * HOUR, 0.0)
+        clocks.observe(sent("nobody", 5 * HOUR), 0, 0.0)
+    told = clocks.notice(1.0)
     assert told.startswith("the clock where heatmap runs is about 1 hour ahead of this one,")
-    assert clocks.told(11.0) == ""
+    assert clocks.notice(11.0) == ""
 
 
 def test_a_stage_says_that_clocks_differ_by_an_hour_and_tells_no_lag() -> None:

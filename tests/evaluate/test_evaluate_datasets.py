@@ -9,7 +9,14 @@ import pytest
 from evaluate_samples import uw_cloud, write_osd, write_png, write_rgbd_scenes, write_uw_scenes
 
 from spot3d.camera import Intrinsics
-from spot3d.evaluate.datasets import at_half_size, both_sizes, dataset_kind, datasets_below, open_dataset, told_apart
+from spot3d.evaluate.datasets import (
+    at_half_size,
+    both_sizes,
+    dataset_kind,
+    datasets_below,
+    distinctly_named,
+    open_dataset,
+)
 from spot3d.evaluate.labelled import DataSet, joined
 from spot3d.evaluate.ply import read_ply_points
 from spot3d.evaluate.points import IGNORED
@@ -214,7 +221,7 @@ def test_data_sets_of_one_name_are_told_apart_by_their_folders(tmp_path: Path) -
     for place in places[:2]:
         write_uw_scenes(place)
     write_osd(places[2])
-    told = told_apart({str(place): open_dataset(str(place), Settings()) for place in places})
+    told = distinctly_named({str(place): open_dataset(str(place), Settings()) for place in places})
     assert [dataset.name for dataset in told] == ["chess/seq-01", "fire/seq-01", "desk"]
     assert [dataset.sequences[0].name for dataset in told[:2]] == ["chess/seq-01/scene_01", "fire/seq-01/scene_01"]
 

@@ -39,7 +39,7 @@ def test_every_change_is_told_once() -> None:
     assert told == [0, 2]
     assert asked(changes, rows, 0)[0] == [1, 0, 2], "who knows nothing gets all, the first to change first"
     assert asked(changes, rows, cursor)[0] == [0, 2], "and each asker goes by its own cursor"
-    assert changes.told(np.array([2]))[1].tolist() == [8]
+    assert changes.as_sent(np.array([2]))[1].tolist() == [8]
     assert asked(changes, rows, later)[0] == []
 
 
@@ -49,7 +49,7 @@ def test_heat_is_told_where_people_would_see_it(heat: float, told: bool) -> None
     cursor = asked(changes, rows, 0)[1]
     rows[:, HEAT] = 10 * heat
     assert bool(asked(changes, rows, cursor)[0]) == told
-    assert changes.told(np.array([0]))[0][0] == (153 if told else 128)
+    assert changes.as_sent(np.array([0]))[0][0] == (153 if told else 128)
 
 
 def test_a_point_that_is_no_more_and_one_in_its_place() -> None:
@@ -58,7 +58,7 @@ def test_a_point_that_is_no_more_and_one_in_its_place() -> None:
     rows[0, FREQUENCY] = 0
     gone, cursor, _ = asked(changes, rows, cursor)
     assert gone == [0]
-    assert changes.told(np.array([0]))[1][0] == 0
+    assert changes.as_sent(np.array([0]))[1][0] == 0
     rows[:, FREQUENCY] = (3, 4)
     assert asked(changes, rows, cursor)[0] == [0, 1], "both are other points than before"
 

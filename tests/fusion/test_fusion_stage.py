@@ -18,10 +18,10 @@ from spot3d.dataflow.process_use import ProcessUse
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.inputs import Ready
-from spot3d.fusion.keeping import Keeping
 from spot3d.fusion.map_answers import MapAnswers
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.snapshot import keep
+from spot3d.fusion.snapshot_keeper import SnapshotKeeper
 from spot3d.fusion.stage import FAILED, LOST, OUTPUTS, QUERIES, Stage
 from spot3d.fusion.updates import Updates
 from spot3d.fusion.worlds import World, why_refused
@@ -47,9 +47,9 @@ def stage(tmp_path: Path) -> Iterator[Stage]:
     link = LinkSettings(snapshot_folder=str(tmp_path))
     node = OffLine("fusion", link, threading.Event(), outputs=OUTPUTS, queries=QUERIES)
     node.alive = Alive()
-    keeping = Keeping(node)
-    with closing(Updates(node, keeping)) as updates, closing(MapAnswers(node)) as answers:
-        yield Stage(node, Fusion(FusionSettings()), keeping, updates, answers, None)
+    keeper = SnapshotKeeper(node)
+    with closing(Updates(node, keeper)) as updates, closing(MapAnswers(node)) as answers:
+        yield Stage(node, Fusion(FusionSettings()), keeper, updates, answers, None)
 
 
 def frame(stamp_ns: int, status: str = "ok", epoch: str | None = None, recording: int = 0, x: float = 0.0) -> Ready:
@@ -107,19 +107,19 @@ def test_poses_that_name_another_world_begin_another_map(stage: Stage) -> None:
 def test_a_map_that_was_reset_does_not_come_back_with_a_restart(stage: Stage) -> None:
     stage._begin_stream("stream")
     stage._fuse(frame(1 * S))
-    stage.keeping.write(keep(stage.fusion, replace(stage._account(), stream="stream")), last=True)
-    assert Keeping(stage.node).begin(Fusion(FusionSettings()), "stream") is not None
+    stage.keeper.write(keep(stage.fusion, replace(stage._account(), stream="stream")), last=True)
+    assert SnapshotKeeper(stage.node).begin(Fusion(FusionSettings()), "stream") is not None
     stage._answer_reset(SimpleNamespace(payload=None))
     stage.updates.close()
     stage.keep_last()
-    assert Keeping(stage.node).begin(Fusion(FusionSettings()), "stream") is None
+    assert SnapshotKeeper(stage.node).begin(Fusion(FusionSettings()), "stream") is None
 
 
 def test_a_map_whose_snapshot_could_not_be_written_is_kept_at_the_end(stage: Stage, tmp_path: Path) -> None:
     stage._fuse(frame(1 * S))
     in_the_way = tmp_path / "robot"
     in_the_way.touch()  # as a disk that is full for a while
-    stage.keeping.write(keep(stage.fusion, stage._account()), last=True)
+    stage.keeper.write(keep(stage.fusion, stage._account()), last=True)
     in_the_way.unlink()
     stage.updates.close()
     stage.keep_last()

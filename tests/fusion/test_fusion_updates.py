@@ -8,7 +8,7 @@ import numpy as np
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.fusion.fusion import FoundObjects
-from spot3d.fusion.keeping import Keeping
+from spot3d.fusion.snapshot_keeper import SnapshotKeeper
 from spot3d.fusion.updates import Update, Updates
 from spot3d_schemas import Header, Message, Progress
 
@@ -31,7 +31,7 @@ def test_who_waits_for_an_update_is_called_again_and_again() -> None:
         runs.append(1)
         raise RuntimeError("enough")
 
-    with closing(Updates(node, Keeping(node))) as updates:
+    with closing(Updates(node, SnapshotKeeper(node))) as updates:
         assert updates.wait(count, 0.01)
         assert not calls, "nothing to wait for"
         updates.submit(Update(fail_at_last, 0, Received(progress, 0), 0, False, False, "a"))
@@ -62,7 +62,7 @@ def test_objects_of_before_a_reset_are_sent_before_its_answer_or_not_at_all() ->
     node = SlowNode("fusion", LinkSettings(), threading.Event(), outputs=("fusion/objects",))
     header = Header(robot="robot", seq=0, stamp_ns=0, frame_id="camera")
     progress = Progress(header=header, fused=0, skipped={}, last_stamp_ns=0, complete=False)
-    with closing(Updates(node, Keeping(node))) as updates:
+    with closing(Updates(node, SnapshotKeeper(node))) as updates:
         updates.submit(Update(nothing_found, 1, Received(progress, 0), 0, False, False, "a"))
         assert node.begun.wait(LIMIT_S)
         reset = threading.Thread(target=updates.forget, daemon=True)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from test_pose_correction import CAMERA, shaken
 
 from made_frame import frame_of
-from spot3d.calibration import AS_TOLD, Calibration, bend_at, bend_of_image
+from spot3d.calibration import NOMINAL, Calibration, bend_at, bend_of_image
 from spot3d.camera import invert
 from spot3d.pose import adjustment
 from spot3d.pose.adjustment import Adjustment, Seen
@@ -58,7 +58,7 @@ def fresh(sigmas: NDArray[np.float64]) -> Adjustment:
 
 
 def adjusted(
-    given: NDArray[np.float64], sigmas: NDArray[np.float64] = EXACT, told: Calibration = AS_TOLD, bend: float = 0.0
+    given: NDArray[np.float64], sigmas: NDArray[np.float64] = EXACT, told: Calibration = NOMINAL, bend: float = 0.0
 ) -> Adjustment:
     """Of keyframes with these poses, as a camera tells them that is in truth so calibrated, and whose depth is bent."""
     depths, true = scene()
@@ -67,7 +67,7 @@ def adjusted(
     wrong = Calibration(centre=(-told.centre[0], -told.centre[1])).camera(CAMERA)
     for number, (depth, pose, tracked) in enumerate(zip(depths, given, true, strict=True)):
         surface = sample_surface(depth * field / np.float32(told.depth_factor), wrong, SETTINGS)
-        made.add(Seen(number * STEP_NS, surface, wrong, AS_TOLD, pose, *IN_TIME, tracked))
+        made.add(Seen(number * STEP_NS, surface, wrong, NOMINAL, pose, *IN_TIME, tracked))
     return made
 
 
@@ -104,7 +104,7 @@ def test_exact_poses_stay() -> None:
     [
         (Calibration(0.97), np.zeros(3)),
         (Calibration(1.03, centre=(0.0, 0.025)), np.zeros(3)),
-        (AS_TOLD, np.array((0.01, -0.015, 0.008))),
+        (NOMINAL, np.array((0.01, -0.015, 0.008))),
     ],
 )
 def test_what_is_wrong_alike_in_all_is_found_with_the_poses(
@@ -157,7 +157,7 @@ def test_a_keyframe_that_was_straightened_is_the_one_that_was_told() -> None:
     straightened = replace(surface, points=straight.astype(np.float32))
     told, seen = (
         adjustment._keyframe(Seen(0, one, CAMERA, by, here, *IN_TIME, here))
-        for one, by in ((surface, AS_TOLD), (straightened, known))
+        for one, by in ((surface, NOMINAL), (straightened, known))
     )
     np.testing.assert_allclose(seen.points, told.points, atol=1e-5)
 
@@ -185,7 +185,7 @@ def look_from_one_place(made: Adjustment, times: int) -> None:
         made.begin_anew()
         assert made.stamps_ns == []
         for number in range(FRAMES + 2 * time, FRAMES + 2 * time + 2):
-            made.add(Seen(number * STEP_NS, surface, CAMERA, AS_TOLD, true[0], *IN_TIME, true[0]))
+            made.add(Seen(number * STEP_NS, surface, CAMERA, NOMINAL, true[0], *IN_TIME, true[0]))
 
 
 def test_what_was_learnt_counts_once_however_often_keyframes_begin_anew() -> None:
@@ -200,7 +200,7 @@ def test_what_was_learnt_counts_once_however_often_keyframes_begin_anew() -> Non
 def test_a_first_keyframe_stays_where_it_was_given() -> None:
     depths, true = scene()
     made = fresh(UNSURE)
-    made.add(Seen(0, sample_surface(depths[0], CAMERA, SETTINGS), CAMERA, AS_TOLD, true[0], *IN_TIME, np.eye(4)))
+    made.add(Seen(0, sample_surface(depths[0], CAMERA, SETTINGS), CAMERA, NOMINAL, true[0], *IN_TIME, np.eye(4)))
     np.testing.assert_allclose(made.by(EXACT)[0], true[:1])
     estimate, information = estimated(made.common_errors())
     np.testing.assert_allclose(estimate, np.zeros(COMMON))
@@ -217,14 +217,14 @@ def test_a_delay_that_is_found_later_counts_for_the_keyframes_before() -> None:
         given = pose if found else moved(pose, -0.05 * velocity)
         late.append(given)
         surface = sample_surface(depth, CAMERA, SETTINGS)
-        made.add(Seen(number * STEP_NS, surface, CAMERA, AS_TOLD, given, 0.05 * found, velocity, pose))
+        made.add(Seen(number * STEP_NS, surface, CAMERA, NOMINAL, given, 0.05 * found, velocity, pose))
     offsets = np.array([twist(*pair) for pair in zip(made.by(EXACT)[0], true, strict=True)])
     assert np.linalg.norm(offsets[:, :3], axis=1).max() < 0.1 * np.linalg.norm(np.array(late) - true, axis=(1, 2)).max()
 
 
 def test_each_point_lies_in_cells_whose_shares_are_one() -> None:
     surface = sample_surface(scene()[0][0], CAMERA, SETTINGS)
-    keyframe = adjustment._keyframe(Seen(0, surface, CAMERA, AS_TOLD, np.eye(4), *IN_TIME, np.eye(4)))
+    keyframe = adjustment._keyframe(Seen(0, surface, CAMERA, NOMINAL, np.eye(4), *IN_TIME, np.eye(4)))
     np.testing.assert_allclose(keyframe.shares.sum(axis=1), 1.0)
     columns, rows = CELLS
     u = (keyframe.shares * (keyframe.cells % columns)).sum(axis=1) / (columns - 1) * CAMERA.width
@@ -240,7 +240,7 @@ def test_what_is_corrected_already_is_taken_back() -> None:
     told, seen = (
         adjustment._keyframe(Seen(0, sample_surface(image, camera, SETTINGS), camera, by, pose, *IN_TIME, np.eye(4)))
         for image, camera, by, pose in (
-            (depth, CAMERA, AS_TOLD, true),
+            (depth, CAMERA, NOMINAL, true),
             (known.metres(depth), known.camera(CAMERA), known, turned(true, np.array(known.turn))),
         )
     )

@@ -10,7 +10,7 @@ from test_pose_correction import CAMERA
 from test_pose_tracking import LARGER, TABLE, render
 
 from made_frame import frame_of
-from spot3d.calibration import AS_TOLD, bend_of_image
+from spot3d.calibration import NOMINAL, bend_of_image
 from spot3d.evaluate.depth_errors import bent
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.hindsight import Adjusted
@@ -64,7 +64,7 @@ def test_straight_depth_stays_as_it_is() -> None:
 
 def test_where_nothing_is_asked_depth_is_taken_as_it_is() -> None:
     _, estimates = followed(PoseSettings(depth_bend_sigma=0.0), FIELD)
-    assert all(estimate.calibration == AS_TOLD for estimate in estimates)
+    assert all(estimate.calibration == NOMINAL for estimate in estimates)
     assert all(estimate.corrections is None for estimate in estimates)
 
 

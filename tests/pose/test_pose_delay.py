@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from test_pose_correction import CAMERA, shaken
 
 from made_frame import frame_of
-from spot3d.pose.delay import PoseDelay, told
+from spot3d.pose.delay import PoseDelay, notice
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
@@ -198,6 +198,6 @@ def test_frames_that_see_too_little_tell_nothing() -> None:
 
 
 def test_what_is_said() -> None:
-    assert told(0.004) == ""
-    assert "33 ms older than their images" in told(0.033)
-    assert "33 ms newer than their images" in told(-0.033)
+    assert notice(0.004) == ""
+    assert "33 ms older than their images" in notice(0.033)
+    assert "33 ms newer than their images" in notice(-0.033)

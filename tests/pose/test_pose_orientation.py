@@ -7,7 +7,7 @@ from test_pose_correction import CAMERA, FRAME_NS, recording, shaken, tracked
 from made_frame import frame_of
 from spot3d.calibration import Calibration
 from spot3d.pose.common_errors import CommonErrors
-from spot3d.pose.orientation import decided, told
+from spot3d.pose.orientation import decided, notice
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.registration import judged
 from spot3d.pose.settings import PoseSettings
@@ -159,10 +159,10 @@ def test_depths_scale_and_the_principal_point_are_told_apart(factor: float, rows
 
 
 def test_a_turn_is_told_in_degrees_about_the_cameras_axes() -> None:
-    assert told(Calibration(turn=(0.004, 0.005, 0.0), centre=(0.0, 0.008))) == ""
+    assert notice(Calibration(turn=(0.004, 0.005, 0.0), centre=(0.0, 0.008))) == ""
     x, y, z = TURN.tolist()
     turned_by = "turned by 1.7 deg against the given poses (1.5, -0.5, 0.5 about its x, y, z)"
-    assert turned_by in told(Calibration(turn=(x, y, z)))
-    both = told(Calibration(turn=(x, y, z), centre=(0.001, -0.03)))
+    assert turned_by in notice(Calibration(turn=(x, y, z)))
+    both = notice(Calibration(turn=(x, y, z), centre=(0.001, -0.03)))
     assert turned_by in both
     assert "cx and cy are too large by +0.1 and -3.0 % of the focal length" in both

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from spot3d.run.beside import dashboard_beside
+from spot3d.run.dashboard_process import dashboard_of_run
 from spot3d.run.run import run
 from spot3d.run.sole_writer import sole_writer
 from spot3d.settings import load_settings
@@ -69,7 +69,7 @@ def test_a_dashboard_of_a_run_that_is_refused_leaves_the_others_log(tmp_path: Pa
     with (
         sole_writer(tmp_path),
         pytest.raises(SourceError, match="another run writes into"),
-        dashboard_beside("robot", None, tmp_path, Console(quiet=True)),
+        dashboard_of_run("robot", None, tmp_path, Console(quiet=True)),
     ):
         pass
     assert (tmp_path / "dashboard.log").read_text() == "of the run that goes on"

@@ -23,7 +23,7 @@ def test_lines_come_back_and_the_limit_is_told(tmp_path: Path) -> None:
     with GrowingFiles(tmp_path) as files:
         files.add_update(5, FOUND, complete=False)
         files.add_update(6, FOUND, complete=True)
-        assert files.told() == []
+        assert files.notices() == []
     whole = path.read_bytes()
     documents = [json.loads(line) for line in whole.splitlines()]
     assert [(item["stamp_ns"], item["complete"]) for item in documents] == [(5, False), (6, True)]
@@ -34,7 +34,7 @@ def test_lines_come_back_and_the_limit_is_told(tmp_path: Path) -> None:
     with GrowingFiles(tmp_path, limit_bytes=len(whole) - 1) as files:
         for stamp_ns in (5, 6, 7):
             files.add_update(stamp_ns, FOUND, complete=False)
-        assert files.told() == [f"objects.jsonl is at its limit of {len(whole) - 1} bytes: it lacks 2 updates"]
+        assert files.notices() == [f"objects.jsonl is at its limit of {len(whole) - 1} bytes: it lacks 2 updates"]
     assert len(path.read_text().splitlines()) == 1
 
 
@@ -44,7 +44,7 @@ def test_a_full_disk_ends_nothing(tmp_path: Path) -> None:
     with GrowingFiles(tmp_path) as files:
         for stamp_ns in (5, 6):
             files.add_pose(stamp_ns, np.eye(4))
-        assert files.told() == ["trajectory.txt cannot be written: No space left on device: it lacks 2 poses"]
+        assert files.notices() == ["trajectory.txt cannot be written: No space left on device: it lacks 2 poses"]
 
 
 def test_a_trajectory_is_written_as_it_goes_and_its_limit_is_told(tmp_path: Path) -> None:
@@ -57,7 +57,7 @@ def test_a_trajectory_is_written_as_it_goes_and_its_limit_is_told(tmp_path: Path
         stamps, path = read_tum(place)
         assert stamps == [0, 33_333_333, 66_666_666], "each once"
         np.testing.assert_allclose(path[2, :3, 3], (2, 0, 0))
-        assert files.told() == []
+        assert files.notices() == []
         files.add_pose(10**9, np.eye(4))
-        assert files.told() == ["trajectory.txt is at its limit of 300 bytes: it lacks 1 poses"]
+        assert files.notices() == ["trajectory.txt is at its limit of 300 bytes: it lacks 1 poses"]
     assert read_tum(place)[0] == stamps

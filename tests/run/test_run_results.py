@@ -6,7 +6,7 @@ import pytest
 from spot3d.boxes import Box3D
 from spot3d.evaluate.truth import read_found_objects
 from spot3d.found_object import FoundObject
-from spot3d.run.lost_tracking import LostTracking, told
+from spot3d.run.lost_tracking import LostTracking, notice
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport, report_document, statistics_ms
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, write_json, write_ply, write_results
 from spot3d_schemas import Hop
@@ -126,9 +126,9 @@ def test_stretches_of_lost_tracking_are_told():
     found = tracking.stretches()
     assert tracking.frames == sum(lost)
     assert [(item.from_ns, item.to_ns, item.frames) for item in found] == [(10, 10, 1), (200, 340, 15), (800, 990, 20)]
-    text = told(found)
+    text = notice(found)
     assert text.startswith("tracking was lost in 35 frames, in 2 stretches, the last 20 of them to the end")
-    assert told(found[:1]) == told([]) == ""
+    assert notice(found[:1]) == notice([]) == ""
     tracking.add(1000, False)
     assert not tracking.stretches()[-1].to_the_end
 
@@ -137,7 +137,7 @@ def test_why_tracking_was_lost_is_told_and_reported():
     tracking = LostTracking()
     for index in range(40):
         tracking.add(index, index >= 10, "a jump of 2 m" if index < 12 else "the depth image is empty")
-    assert told(tracking.stretches()).endswith("(the depth image is empty)")
+    assert notice(tracking.stretches()).endswith("(the depth image is empty)")
     report = RunReport("desk", "processes", 40, (640, 480), lost=tracking.stretches())
     lost = report_document(report, RunResult())["frames"]["lost"]
     assert [item["reason"] for item in lost] == ["the depth image is empty"]
@@ -147,7 +147,7 @@ def test_who_was_never_followed_had_nowhere_to_move_back_to():
     tracking = LostTracking()
     for index in range(40):
         tracking.add(index, True, "the depth image is empty")
-    assert told(tracking.stretches()) == "none of the 40 frames could be followed (the depth image is empty)"
+    assert notice(tracking.stretches()) == "none of the 40 frames could be followed (the depth image is empty)"
 
 
 def test_of_very_many_stretches_the_longest_are_kept():

@@ -7,7 +7,7 @@ import pytest
 from fusion_room import ROOM, THREE, Cuboid, View, look_at, standing, view
 from numpy.typing import NDArray
 
-from spot3d.calibration import AS_TOLD, Calibration
+from spot3d.calibration import NOMINAL, Calibration
 from spot3d.camera import Intrinsics
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
@@ -53,7 +53,7 @@ def test_a_torn_keyframe_has_what_the_frames_before_saw(factor: float, away: flo
             frame = torn(frame)
         pose[0, 3] += away
         if finder.wants(frame.stamp_ns, pose):
-            found = finder.find(frame, heat, pose, Calibration(factor) if ms == 330 else AS_TOLD)
+            found = finder.find(frame, heat, pose, Calibration(factor) if ms == 330 else NOMINAL)
             keyframes += [] if found is None else [(ms, found)]
     assert [ms for ms, _ in keyframes] == [0, 330]
     whole, heat, _ = frame_at(330, 1 / factor)
@@ -68,7 +68,7 @@ def test_a_torn_keyframe_has_what_the_frames_before_saw(factor: float, away: flo
 def test_what_bends_depth_is_taken_out_of_keyframes_and_of_what_is_remembered() -> None:
     known = Calibration(bend=((0.01, 0.02, -0.01, 0.0, 0.03, 0.0), (0.0, 0.0, 0.02, 0.02, 0.0, -0.03)) * 2)
     found = []
-    for bends, by in ((False, AS_TOLD), (True, known), (True, AS_TOLD)):
+    for bends, by in ((False, NOMINAL), (True, known), (True, NOMINAL)):
         finder = KeyframeSegments(SETTINGS)
         for ms in (0, 230, 330):
             frame, heat, pose = frame_at(ms)

@@ -19,7 +19,7 @@ FACTOR, LATE = 1.04, 3
 
 
 def recorded(folder: Path, seconds: int, step: int = 1, factor: float = 1.0, late: int = 0) -> Path:
-    """The built-in scene in the layout of 7-Scenes, every so-manieth frame.
+    """The built-in scene in the layout of 7-Scenes, every nth frame.
 
     Its depth is times `factor`, its poses are those of so many frames before.
     """

@@ -7,7 +7,7 @@ from contextlib import suppress
 import zenoh
 from zenoh.handlers import Handler, RingChannel
 
-from spot3d.dataflow.endpoints import declare_publisher, is_heard, waiting
+from spot3d.dataflow.endpoints import declare_publisher, has_subscribers, waiting
 from spot3d.dataflow.payload import intact_bytes
 from spot3d.dataflow.settings import LinkSettings
 from spot3d_schemas import Topic, alive_key, key, token_of
@@ -35,7 +35,7 @@ class Flow:
 
     def follow(self) -> None:
         """Subscribe where somebody listens on the other side, and only then: nothing else is to cross the link."""
-        wanted = is_heard(self._publisher)
+        wanted = has_subscribers(self._publisher)
         if wanted and self._unsubscribe is None:
             # Never a FIFO: while one is full, nothing else of the session is received.
             channel: RingChannel[zenoh.Sample] = RingChannel(waiting(self._topic.name, self._link))

@@ -12,7 +12,7 @@ from spot3d import missing_package
 from spot3d.cli import recordings, stages
 from spot3d.cli.bench import bench
 from spot3d.cli.certificates import certificates
-from spot3d.cli.dashboard import DashboardOption, beside, dashboard, own_command
+from spot3d.cli.dashboard import DashboardOption, dashboard, dashboard_if_wanted, own_command
 from spot3d.cli.doctor import doctor
 from spot3d.cli.evaluate import evaluate
 from spot3d.cli.options import (
@@ -141,7 +141,7 @@ def run(
     from spot3d.source.selected import selection
 
     chosen, console, folder = selection(input_name, frames, every, intrinsics), Console(), out or out_folder(input_name)
-    with beside(show, in_process, resolved, settings, folder, console) as page:
+    with dashboard_if_wanted(show, in_process, resolved, settings, folder, console) as page:
         endpoints = (*(listen or ()), *(() if page is None else (page.endpoint,)))
         usual = None if listen else USUAL_ENDPOINT
         _conclude(run_input(chosen, resolved, folder, console, in_process, topic, endpoints, usual), resolved)
@@ -172,7 +172,7 @@ def demo(
     overrides = play_overrides(half, None) | {"link": {"delivery": "lossless"}, "pose": {"provider": "kiss"}}
     resolved = load_settings(settings, preset, overrides)
     console = Console()
-    with beside(show, in_process, resolved, settings, out, console) as page:
+    with dashboard_if_wanted(show, in_process, resolved, settings, out, console) as page:
         endpoints = () if page is None else (page.endpoint,)
         chosen = selection(f"scene:{seed}", frames, 1, None)
         done = run_input(chosen, resolved, out, console, in_process, listen=endpoints)
@@ -257,7 +257,7 @@ def _conclude(done: "Finished", settings: Settings) -> None:
     from spot3d.pose import delay, depth_scale, orientation
     from spot3d.run.earlier_streams import FOLDER as EARLIER
     from spot3d.run.left_out import first_depth, forgotten, why_so_few
-    from spot3d.run.lost_tracking import told
+    from spot3d.run.lost_tracking import notice
 
     report, result = done.report, done.result
     dropped = sum(report.skipped.values())
@@ -270,9 +270,9 @@ def _conclude(done: "Finished", settings: Settings) -> None:
     few = why_so_few(result, report.keyframes, settings)
     seen = "" if result.objects else first_depth(done.sequence)
     known = result.calibration()
-    given = depth_scale.told(known.depth_factor), delay.told(result.delay_s()), orientation.told(known)
+    given = depth_scale.notice(known.depth_factor), delay.notice(result.delay_s()), orientation.notice(known)
     anew = f"the camera began anew: what it saw before is in {done.folder / EARLIER}" if report.earlier_streams else ""
-    for line in (anew, few, seen, told(report.lost), *given, forgotten(result.keyframes_dropped, settings)):
+    for line in (anew, few, seen, notice(report.lost), *given, forgotten(result.keyframes_dropped, settings)):
         if line:
             typer.echo(line)
     typer.echo(f"picture: {done.folder / 'overview.png'}")

@@ -23,7 +23,8 @@ from spot3d.settings import Settings, load_settings
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from spot3d.run.beside import Beside
+    from spot3d.run.dashboard_process import DashboardProcess
+
 
 HostOption = Annotated[str | None, typer.Option(help="address to serve the page on; default: 127.0.0.1")]
 PortOption = Annotated[int | None, typer.Option(help="port to serve the page on; default: 8080, or the next free one")]
@@ -56,9 +57,9 @@ def dashboard(
     run(resolved.link, resolved.dashboard, stop, robot, always=supervised, on_ready=tell)
 
 
-def beside(
+def dashboard_if_wanted(
     wanted: bool, in_process: bool, resolved: Settings, file: Path | None, out: Path, console: "Console"
-) -> "AbstractContextManager[Beside | None]":
+) -> "AbstractContextManager[DashboardProcess | None]":
     """The dashboard beside a run, if it is wanted. file: of the run's settings; out: folder of its results.
 
     Raises OSError where its page cannot be served: its own process would say so in its log alone.
@@ -70,10 +71,10 @@ def beside(
     if find_spec("viser") is None:
         raise CommandError("the dashboard needs viser: pip install 'spot3d[dashboard]'")
     from spot3d.dashboard.free_port import free_port
-    from spot3d.run.beside import dashboard_beside
+    from spot3d.run.dashboard_process import dashboard_of_run
 
     free_port(resolved.dashboard)
-    return dashboard_beside(resolved.link.robot, file, out, console)
+    return dashboard_of_run(resolved.link.robot, file, out, console)
 
 
 def own_command() -> str:

@@ -65,7 +65,7 @@ def evaluate(
     them; these two are not among `all`, they take long.
     """
     from spot3d.dataflow.process_use import stay_single_threaded
-    from spot3d.evaluate.datasets import at_half_size, datasets_below, open_dataset, told_apart
+    from spot3d.evaluate.datasets import at_half_size, datasets_below, distinctly_named, open_dataset
     from spot3d.evaluate.finished_run import finished_table
     from spot3d.evaluate.record import data_checksum, record
     from spot3d.evaluate.robustness import GROUPS, robustness_table
@@ -100,7 +100,7 @@ def evaluate(
             say(f"left out: {error}")
             continue
         opened[name] = at_half_size(dataset) if half else dataset
-    datasets = told_apart(opened)
+    datasets = distinctly_named(opened)
     made = []
     if table == ROBUSTNESS:
         tables = iter([robustness_table(with_objects(datasets), resolved, every, kinds, say)])

@@ -33,7 +33,7 @@ DeliveryOption = Annotated[
     typer.Option("--lossless/--live", help="lossless: nothing is dropped; live: the latest frame wins"),
 ]
 FramesOption = Annotated[int | None, typer.Option(min=1, help="play at most so many frames")]
-EveryOption = Annotated[int, typer.Option(min=1, help="play only every so-manieth frame")]
+EveryOption = Annotated[int, typer.Option(min=1, help="play only every nth frame")]
 HalfOption = Annotated[bool, typer.Option("--half", help="frames at half size")]
 IntrinsicsOption = Annotated[
     str | None, typer.Option(metavar="FX,FY,CX,CY", help="depth camera's intrinsics, pixels, for any input folder")

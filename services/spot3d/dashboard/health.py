@@ -62,7 +62,7 @@ class StageRecords:
         self._gone_s: dict[str, float] = {}
         self._there_s: dict[str, float] = {}
 
-    def hear(self, health: Health, now_s: float) -> None:
+    def receive(self, health: Health, now_s: float) -> None:
         """A stage has said how it is. Who is no stage of ours is not listened to."""
         records = self._heard.get(health.stage)
         if records is None:

@@ -12,7 +12,7 @@ import zenoh
 from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dashboard.health import HEARD
-from spot3d.dataflow.endpoints import end_subscription, hear_kept
+from spot3d.dataflow.endpoints import end_subscription, subscribe_kept
 from spot3d.dataflow.payload import intact_bytes
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
@@ -207,7 +207,7 @@ def _hear_fleet(session: zenoh.Session, topic: str, stack: ExitStack) -> Handler
     """Subscribe to a topic of every robot until the stack ends."""
     size = _WAITING.get(topic, _HEALTHS_WAITING)
     if TOPICS[topic].kept:
-        return hear_kept(session, fleet_key(topic), size, stack)
+        return subscribe_kept(session, fleet_key(topic), size, stack)
     channel: RingChannel[zenoh.Sample] = RingChannel(size)
     subscriber = session.declare_subscriber(fleet_key(topic), channel)
     stack.callback(subscriber.undeclare)

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from spot3d.dashboard.camera_flight import fly, overview, place_before
 from spot3d.dashboard.link import ROBOTS_MAX, Interest, Link
 from spot3d.dashboard.panel import Actions, Panel
+from spot3d.dashboard.panel_text import drop_table, health_table, hop_table, summary, waiting_for
 from spot3d.dashboard.picture import live_picture
 from spot3d.dashboard.robot import Robot
-from spot3d.dashboard.said import drop_table, health_table, hop_table, summary, waiting_for
 from spot3d.dashboard.saving import map_file, objects_file
 from spot3d.dashboard.scene import RobotScene
 from spot3d.dashboard.settings import DashboardSettings
@@ -64,7 +64,7 @@ class Page:
         for name, topic, message in self._link.drain():
             robot = self._robot(name)
             if robot is not None:
-                robot.hear(topic, message, now_s)
+                robot.receive(topic, message, now_s)
         alive = self._link.alive
         for name in alive:
             self._make_room(name, alive)

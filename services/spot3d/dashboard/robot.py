@@ -61,10 +61,10 @@ class Robot:
         if stages:
             self.alive_s = now_s
 
-    def hear(self, topic: str, message: Message, now_s: float) -> None:
+    def receive(self, topic: str, message: Message, now_s: float) -> None:
         """Take in a message of this robot."""
         if isinstance(message, Health):
-            self.records.hear(message, now_s)
+            self.records.receive(message, now_s)
         elif isinstance(message, Objects):
             self._found(message)
         elif isinstance(message, Pose):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from spot3d.dashboard.robot import Robot
-from spot3d.run.heard import found_objects
+from spot3d.run.from_messages import found_objects
 from spot3d.run.results import MapSnapshot, RunResult, json_bytes, objects_document, ply_bytes
 from spot3d_schemas import MapPoints
 

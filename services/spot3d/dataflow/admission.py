@@ -39,7 +39,7 @@ class Admission:
             return Verdict(refused=SECOND)
         if topic == _CAPTURES:
             for pace in self._paces:
-                pace.heard(header, now_s)
+                pace.observe(header, now_s)
         order = self._orders.get(topic)
         if order is None:
             return Verdict()
@@ -55,7 +55,7 @@ class Admission:
 
     def stamps(self, now_s: float) -> str:
         """What is wrong with the stamps of a camera's frames, or how late they are sent; empty where nothing is."""
-        return next(filter(None, (pace.told(now_s) for pace in self._paces)), "")
+        return next(filter(None, (pace.notice(now_s) for pace in self._paces)), "")
 
     def contested(self, now_s: float) -> list[str]:
         """The topics that somebody else has said as well, of late."""

@@ -28,7 +28,7 @@ class CaptureLag:
         self._stream: str | None = None
         self._lock = threading.Lock()
 
-    def heard(self, header: Header, now_s: float) -> None:
+    def observe(self, header: Header, now_s: float) -> None:
         """A frame has come, at a monotonic time in seconds; without a trace it says nothing."""
         if not header.trace:
             return
@@ -46,7 +46,7 @@ class CaptureLag:
                 self._least_s, self._stream = lag_s, header.stream
             self._lags.append((now_s, lag_s))
 
-    def told(self, now_s: float) -> str:
+    def notice(self, now_s: float) -> str:
         """How much later frames are sent than they once were, and what to do, in words; else empty."""
         with self._lock:
             lags, least_s = list(self._lags), self._least_s

@@ -38,7 +38,7 @@ def spoken(seconds: float) -> str:
     return f"about {1000 * abs(seconds):.0f} ms"
 
 
-def beside(ahead_s: float, whose: str) -> str:
+def offset_in_words(ahead_s: float, whose: str) -> str:
     """How far a clock is ahead of another one, whose that is said, or behind it: about 2 hours ahead of this one."""
     return f"{spoken(ahead_s)} {'ahead of' if ahead_s > 0 else 'behind'} {whose}"
 
@@ -51,14 +51,14 @@ class Clocks:
         self._heard_s: dict[str, float] = {}
         self._lock = threading.Lock()
 
-    def heard(self, header: Header, received_ns: int, now_s: float) -> None:
+    def observe(self, header: Header, received_ns: int, now_s: float) -> None:
         """A message has come at `received_ns`, wall clock."""
         if header.trace and (sender := header.trace[-1]).stage in self._ways_ns:
             with self._lock:
                 self._ways_ns[sender.stage].append(received_ns - sender.sent_ns)
                 self._heard_s[sender.stage] = now_s
 
-    def told(self, now_s: float) -> str:
+    def notice(self, now_s: float) -> str:
         """Whose clock differs most from this one's, in words; empty where none surely does."""
         with self._lock:
             recent = [stage for stage, heard_s in self._heard_s.items() if now_s - heard_s < _RECENT_S]
@@ -67,5 +67,5 @@ class Clocks:
         if not apart:
             return ""
         stage = max(apart, key=lambda name: abs(apart[name]))
-        text = f"the clock where {stage} runs is {beside(-1e-9 * apart[stage], 'this one')}"
+        text = f"the clock where {stage} runs is {offset_in_words(-1e-9 * apart[stage], 'this one')}"
         return f"{text}, and lags say nothing: synchronise the clocks (spot3d doctor)"

@@ -74,7 +74,7 @@ def declare_publisher(session: zenoh.Session, topic: str, link: LinkSettings) ->
     )
 
 
-def is_heard(publisher: zenoh.Publisher | AdvancedPublisher) -> bool:
+def has_subscribers(publisher: zenoh.Publisher | AdvancedPublisher) -> bool:
     """Whether anybody subscribes; what is kept for those who come late counts as heard, as that is not known."""
     if not isinstance(publisher, zenoh.Publisher):
         return True
@@ -92,7 +92,7 @@ def declare_subscriber(
     return session.declare_subscriber(key(link.robot, topic), channel)
 
 
-def hear_kept(session: zenoh.Session, where: str, size: int, stack: ExitStack) -> Handler[zenoh.Sample]:
+def subscribe_kept(session: zenoh.Session, where: str, size: int, stack: ExitStack) -> Handler[zenoh.Sample]:
     """The newest `size` messages of a kept topic until the stack ends, the last one from before first."""
     channel: RingChannel[zenoh.Sample] = RingChannel(size)
     history = HistoryConfig(detect_late_publishers=True, max_samples=1)

@@ -44,7 +44,7 @@ class Ledger:
             self._end, self._touched_s, self.complete = (frames_sent, stamp_ns), now_s, False
         return self.complete
 
-    def heard(self, now_s: float) -> None:
+    def extend_patience(self, now_s: float) -> None:
         """Something has come that is no frame: patience begins anew."""
         self._touched_s = now_s
 

@@ -16,7 +16,7 @@ from spot3d.dataflow.admission import PER_FRAME, Admission
 from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.clocks import Clocks, one_clock
 from spot3d.dataflow.counters import Counters
-from spot3d.dataflow.endpoints import declare_publisher, declare_subscriber, is_heard, keeps_newest, waiting
+from spot3d.dataflow.endpoints import declare_publisher, declare_subscriber, has_subscribers, keeps_newest, waiting
 from spot3d.dataflow.heartbeat import STUCK_S, Heartbeat
 from spot3d.dataflow.inbox import Inbox, Tray
 from spot3d.dataflow.payload import intact_bytes
@@ -175,8 +175,8 @@ class Node:
         return header.model_copy(update={"robot": self.link.robot, "seq": seq, "sender": self.sender})
 
     def wanted(self, topic: str) -> bool:
-        """Whether anybody subscribes to an output; see `is_heard`."""
-        return is_heard(self._publishers[topic])
+        """Whether anybody subscribes to an output; see `has_subscribers`."""
+        return has_subscribers(self._publishers[topic])
 
     def publish(self, topic: str, message: Message, jpeg_quality: int | None = None) -> bool:
         """Send a message; returns whether it went out. What cannot be sent is counted as an error.
@@ -248,7 +248,7 @@ class Node:
             self.counters.received()
             arrival = self._admission.judge(topic, message.header, time.monotonic())
             if not arrival.refused:
-                self._clocks.heard(message.header, received_ns, time.monotonic())
+                self._clocks.observe(message.header, received_ns, time.monotonic())
                 recording += arrival.restarted
                 pushed_out = self._inbox.put(topic, Received(message, received_ns, recording))
                 self.counters.drop(f"{topic} busy", pushed_out)
@@ -292,7 +292,7 @@ class Node:
             wrong.append(f"{count} processes of {self.stage} are running for {self.link.robot}: end all but one")
         now_s = time.monotonic()
         wrong += [f"{topic} is said by more than one process" for topic in self._admission.contested(now_s)]
-        for about_what, text in (("stamps", self._admission.stamps(now_s)), ("clocks", self._clocks.told(now_s))):
+        for about_what, text in (("stamps", self._admission.stamps(now_s)), ("clocks", self._clocks.notice(now_s))):
             if text:
                 self._limited_log.say(about_what, text, now_s)
                 wrong.append(text)

@@ -24,7 +24,7 @@ class StampPace:
         self._stream: str | None = None
         self._lock = threading.Lock()
 
-    def heard(self, header: Header, now_s: float) -> None:
+    def observe(self, header: Header, now_s: float) -> None:
         """A frame has come, whether or not it is refused."""
         with self._lock:
             back = bool(self._heard) and header.stamp_ns <= self._heard[-1][1] - RESTART_NS
@@ -33,7 +33,7 @@ class StampPace:
             self._stream = header.stream
             self._heard.append((now_s, header.stamp_ns))
 
-    def told(self, now_s: float) -> str:
+    def notice(self, now_s: float) -> str:
         """What is wrong with the stamps and what to do, in words; empty where nothing is, or too few have come."""
         with self._lock:
             if len(self._heard) < _ENOUGH or now_s - self._heard[-1][0] > _RECENT_S:

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 import zenoh
 from zenoh.handlers import FifoChannel, Handler
 
-from spot3d.dataflow.endpoints import hear_kept
+from spot3d.dataflow.endpoints import subscribe_kept
 from spot3d.dataflow.payload import arrived, decoded
 from spot3d.doctor.others import Answer, TopicRate, flows
 from spot3d_schemas import STAGES, About, Health, Objects, key
@@ -46,16 +46,18 @@ def _ask(session: zenoh.Session, where: str) -> list[Answer]:
         back_ns = time.time_ns()
         if reply.ok is None:
             continue
-        told = decoded(reply.ok.payload, About)
-        if told is None:
+        about = decoded(reply.ok.payload, About)
+        if about is None:
             continue  # someone else's answer; `stages` says that none came
-        answers.append(Answer(told, 1e-6 * (told.time_ns - (asked_ns + back_ns) / 2), 1e-6 * (back_ns - asked_ns) / 2))
+        answers.append(
+            Answer(about, 1e-6 * (about.time_ns - (asked_ns + back_ns) / 2), 1e-6 * (back_ns - asked_ns) / 2)
+        )
     return answers
 
 
-def hear_health(session: zenoh.Session, robot: str, seconds: float) -> dict[str, list[Health]]:
+def collect_health(session: zenoh.Session, robot: str, seconds: float) -> dict[str, list[Health]]:
     """What each stage says of itself for so long."""
-    told: dict[str, list[Health]] = {stage: [] for stage in STAGES}
+    health: dict[str, list[Health]] = {stage: [] for stage in STAGES}
     with ExitStack() as stack:
         handlers: dict[str, Handler[zenoh.Sample]] = {}
         for stage in STAGES:
@@ -64,15 +66,15 @@ def hear_health(session: zenoh.Session, robot: str, seconds: float) -> dict[str,
         deadline_s = time.monotonic() + seconds
         while time.monotonic() < deadline_s:
             for stage, handler in handlers.items():
-                told[stage] += arrived(handler, Health)  # `spot3d status` lists stages that nobody understands
+                health[stage] += arrived(handler, Health)  # `spot3d status` lists stages that nobody understands
             time.sleep(0.01)
-    return told
+    return health
 
 
 def is_complete(session: zenoh.Session, robot: str) -> bool:
     """Whether the objects that fusion has kept are of all frames of a recording that has ended."""
     with ExitStack() as stack:
-        ear = hear_kept(session, key(robot, "fusion/objects"), 1, stack)
+        ear = subscribe_kept(session, key(robot, "fusion/objects"), 1, stack)
         deadline_s = time.monotonic() + _ANSWER_S
         while time.monotonic() < deadline_s:
             if (objects := next(arrived(ear, Objects), None)) is not None:
@@ -81,12 +83,12 @@ def is_complete(session: zenoh.Session, robot: str) -> bool:
     return False
 
 
-def flows_told(told: Mapping[str, Sequence[Health]]) -> list[TopicRate]:
+def topic_rates(health: Mapping[str, Sequence[Health]]) -> list[TopicRate]:
     """What every stage sends, by what they count themselves: listening would fill the link that is looked at."""
-    return [flow for told_by in told.values() if told_by for flow in _between(told_by)]
+    return [flow for by_stage in health.values() if by_stage for flow in _between(by_stage)]
 
 
-def _between(told: Sequence[Health]) -> list[TopicRate]:
+def _between(by_stage: Sequence[Health]) -> list[TopicRate]:
     """From the first to the last of one process: two of one name count each for itself."""
-    own = [health for health in told if health.pid == told[0].pid]
+    own = [one for one in by_stage if one.pid == by_stage[0].pid]
     return flows(own[0], own[-1]) if len(own) > 1 else []

@@ -5,7 +5,7 @@ from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import StoppedError
 from spot3d.dataflow.tls import TlsError, probe, why_refused
-from spot3d.doctor.asking import ask_all, flows_told, hear_health, is_complete
+from spot3d.doctor.asking import ask_all, collect_health, is_complete, topic_rates
 from spot3d.doctor.finding import Finding
 from spot3d.doctor.others import TopicRate, look_at, states
 from spot3d.doctor.this_device import look_here
@@ -21,11 +21,11 @@ def examine(link: LinkSettings, seconds: float) -> tuple[list[Finding], list[Top
         with open_session(link, patience_s=_CONNECT_S) as session, watch_alive(session, link.robot) as alive:
             findings += reached(link)
             # The first second of measuring is also the time for the tokens to come.
-            told = hear_health(session, link.robot, seconds)
+            health = collect_health(session, link.robot, seconds)
             there = {stage: stage in alive for stage in STAGES}
             ended = not there["source"] and is_complete(session, link.robot)
             findings += look_at(ask_all(session, link.robot), there, ended)
-            return findings + states(told), flows_told(told)
+            return findings + states(health), topic_rates(health)
     except TlsError:
         return [*findings, Finding("problem", "router", "not tried without a certificate", "see above")], []
     except StoppedError:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from spot3d import __version__
 from spot3d.dataflow.about import zenoh_version
-from spot3d.dataflow.clocks import beside
+from spot3d.dataflow.clocks import offset_in_words
 from spot3d.dataflow.tls import EXPIRES_SOON
 from spot3d.doctor.finding import Finding
 from spot3d.doctor.this_device import disk, kernels, shared_memory
@@ -81,18 +81,18 @@ def stages(alive: Mapping[str, bool], answers: Sequence[Answer], ended: bool = F
     return Finding("ok", "stages", f"{text}; the source has ended, with its recording" if ended else text)
 
 
-def states(told: Mapping[str, Sequence[Health]]) -> list[Finding]:
+def states(by_stage: Mapping[str, Sequence[Health]]) -> list[Finding]:
     """What each stage said last that is wrong with it, and what to do."""
-    wrong = [(stage, health[-1].state) for stage, health in told.items() if health and health[-1].state]
+    wrong = [(stage, health[-1].state) for stage, health in by_stage.items() if health and health[-1].state]
     return [Finding("problem", stage, state, "status --watch follows it; its log has more") for stage, state in wrong]
 
 
 def versions(host: str, there: Sequence[Answer]) -> Finding:
     """The same on both sides?"""
     here = (__version__, zenoh_version())
-    told = sorted({(answer.about.spot3d, answer.about.zenoh) for answer in there})
-    text = "; ".join(f"spot3d {spot3d}, zenoh {zenoh}" for spot3d, zenoh in told)
-    if told == [here]:
+    versions = sorted({(answer.about.spot3d, answer.about.zenoh) for answer in there})
+    text = "; ".join(f"spot3d {spot3d}, zenoh {zenoh}" for spot3d, zenoh in versions)
+    if versions == [here]:
         return Finding("ok", f"versions on {host}", text)
     text += f" (here: spot3d {here[0]}, zenoh {here[1]})"
     return Finding("problem", f"versions on {host}", text, "install the same version on every device")
@@ -106,7 +106,7 @@ def clock(host: str, there: Sequence[Answer]) -> Finding:
         best = worst  # two devices may have one name
     text = f"{best.offset_ms:+.1f} ms beside this device's, +- {best.within_ms:.1f} ms"
     if abs(best.offset_ms) - best.within_ms > CLOCK_MS:
-        text = beside(best.offset_ms / 1000, "this device's") + f": {text}"
+        text = offset_in_words(best.offset_ms / 1000, "this device's") + f": {text}"
         remedy = "synchronise the clocks: chrony or systemd-timesyncd on both, the drone from the ground station"
         return Finding("problem", f"clock on {host}", text, remedy)
     if best.within_ms > CLOCK_MS:

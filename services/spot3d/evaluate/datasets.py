@@ -37,7 +37,7 @@ def open_dataset(
 ) -> DataSet:
     """The data set in a folder, by its layout, or the built-in scene: `scene:SEED`, `scenes:COUNT` (seeds 0 ..).
 
-    every: only each so-manieth frame of a sequence; frames: at most so many of what is left of it. intrinsics: fx, fy,
+    every: only each nth frame of a sequence; frames: at most so many of what is left of it. intrinsics: fx, fy,
     cx, cy in pixels of a folder in the layout of OSD, 7-Scenes or TUM RGB-D, instead of those it states. Truth of
     7-Scenes is `labels.json` with `labelled_cloud.npz`, that of TUM RGB-D `truth_objects.txt`; without it, poses
     are compared only. At half size where the settings say so. Raises SourceError, saying what is missing.
@@ -100,7 +100,7 @@ def datasets_below(root: Path) -> list[Path]:
     return found
 
 
-def told_apart(datasets: dict[str, DataSet]) -> list[DataSet]:
+def distinctly_named(datasets: dict[str, DataSet]) -> list[DataSet]:
     """Data sets by the paths they were opened with, those of one name with their parent folders before it."""
     parts = {path: Path(path).resolve().parts for path in datasets}
     told = []

@@ -26,7 +26,7 @@ class Degradation:
     times as long focal lengths are told; scale: of depth; bent: deviation of the camera's own distortion, as a share of
     depth; noise: times the sensor's; mixed: pixels over which depth is a mean; fattened: pixels by which near things
     have grown; missing: share of depth; photons: of a white pixel; blurred: share of the width over which
-    colour is a mean; every: only each so-manieth frame; half: half size.
+    colour is a mean; every: only each nth frame; half: half size.
     """
 
     metres: float = 0.0
@@ -47,7 +47,7 @@ class Degradation:
     half: bool = False
 
     def of(self, sequence: FrameSequence) -> FrameSequence:
-        """The sequence made worse. Errors come first, one frame after the other, then every so-manieth is chosen."""
+        """The sequence made worse. Errors come first, one frame after the other, then every nth is chosen."""
         worse = at_half_size(sequence) if self.half else sequence
         if replace(self, every=1, half=False) != Degradation():
             worse = _Degraded(worse, self)

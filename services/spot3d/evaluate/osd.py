@@ -30,7 +30,7 @@ def is_osd(folder: Path) -> bool:
 def open_osd(
     folder: Path, every: int = 1, frames: int | None = None, intrinsics: FocalAndCentre | None = None
 ) -> LabelledFrames:
-    """Frames with boxes around their instance masks (label 2 and up), every so-manieth, at most `frames`.
+    """Frames with boxes around their instance masks (label 2 and up), every nth, at most `frames`.
 
     Layout: `image_color/NAME.png`, `annotation/NAME.png`, and `depth/NAME.png` or `disparity/NAME.png`, 16-bit
     millimetres registered with colour. Label 0 is not judged, 1 the table and all else that is no object.

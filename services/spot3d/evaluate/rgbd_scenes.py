@@ -24,7 +24,7 @@ def is_rgbd_scenes(folder: Path) -> bool:
 
 
 def open_rgbd_scenes(folder: Path, every: int = 1, frames: int | None = None) -> LabelledFrames:
-    """Frames with their annotated boxes, every so-manieth of each sequence, at most `frames` of each.
+    """Frames with their annotated boxes, every nth of each sequence, at most `frames` of each.
 
     Layout, as it unpacks: `desk/desk_1/desk_1_N.png` and `desk_1_N_depth.png`, and beside the folder
     `desk/desk_1.mat`. Its `bboxes` is a 1 x frames cell array of struct arrays with category, instance, top,

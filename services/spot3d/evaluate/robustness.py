@@ -122,7 +122,7 @@ def robustness_table(
 ) -> Table:
     """Whole runs on sequences that are made worse, ours and the peer's, with curves over each kind (not in the paper).
 
-    datasets: with all frames of the stretch; every: of which the undegraded run takes each so-manieth. only: which
+    datasets: with all frames of the stretch; every: of which the undegraded run takes each nth. only: which
     of GROUPS. Shaken and late poses are those that are given: left out where the system finds its own.
     """
     table = Table("robustness", "Objects of whole runs where input is worse", COLUMNS)

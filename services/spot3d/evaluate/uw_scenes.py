@@ -37,7 +37,7 @@ def is_uw_scenes(folder: Path) -> bool:
 
 
 def open_uw_scenes(folder: Path, every: int = 1, frames: int | None = None) -> tuple[LabelledSequence, ...]:
-    """Every scene with its frames (every so-manieth, at most `frames`), poses and labelled cloud.
+    """Every scene with its frames (every nth, at most `frames`), poses and labelled cloud.
 
     Layout: `imgs/scene_NN/NNNNN-{color,depth}.png`, `pc/NN.ply`, `pc/NN.label`, `pc/NN.pose`. By the data set's
     README: a pose is a quaternion, real part first, and the camera's position, one line a frame; the first number

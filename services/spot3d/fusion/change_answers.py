@@ -27,7 +27,7 @@ def changes_message(fusion: Fusion, parameters: Mapping[str, str], header: Heade
     least, tau = counting(fusion.frame_count, fusion.settings)
     known = since if generation == changes.generation else 0
     chosen, cursor, behind = changes.after(known, limit, rows, heatmap.limit, least, tau)
-    heat, frequency = changes.told(chosen)
+    heat, frequency = changes.as_sent(chosen)
     points = rows[chosen]
     return MapChanges(
         header=header,

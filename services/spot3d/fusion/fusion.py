@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import moved
-from spot3d.calibration import AS_TOLD, Calibration
+from spot3d.calibration import NOMINAL, Calibration
 from spot3d.camera import Intrinsics, back_project, invert
 from spot3d.camera_pose import CameraPose
 from spot3d.depth_noise import DepthNoise
@@ -19,10 +19,10 @@ from spot3d.fusion.map.changes import ChangeLog
 from spot3d.fusion.map.heatmap3d import Heatmap3D
 from spot3d.fusion.map.index_map import IndexMap, MatchCounts
 from spot3d.fusion.map.selection import FrequentPoints, frequent_points
+from spot3d.fusion.objects.added_support import with_support
 from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.identity import Identities
 from spot3d.fusion.objects.keyframes import FusedFrame, FusedFrames, Keyframe, keyframe_of
-from spot3d.fusion.objects.untold import with_support
 from spot3d.fusion.paper.density import find_by_density
 from spot3d.fusion.paper.ransac import planes_by_ransac
 from spot3d.fusion.paper.removal import project_inliers
@@ -111,7 +111,7 @@ class Fusion:
         self._inliers = np.zeros((0, 3), np.float32)  # the last keyframe's points on it, world
         self._T_world_map = self._T_theirs_map = np.eye(4)
         self._poses_of: str | None = None
-        self._calibration = AS_TOLD
+        self._calibration = NOMINAL
         self._calibrated_by: str | None = None
         self._corrections: PoseCorrections | None = None
 
@@ -159,7 +159,7 @@ class Fusion:
         which `observe` finds the frame for a while; None: it does not.
         """
         T_world_camera = pose.T_world_camera.copy()
-        if pose.calibration != AS_TOLD or pose.given_by == self._calibrated_by:
+        if pose.calibration != NOMINAL or pose.given_by == self._calibrated_by:
             # Who gives poses anew does not know it at first; who gave it may take it back.
             self._calibration, self._calibrated_by = pose.calibration, pose.given_by
         if pose.corrections is not None or pose.given_by != self._poses_of:

@@ -16,9 +16,9 @@ from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import Fusion
-from spot3d.fusion.keeping import Keeping, resumed
 from spot3d.fusion.map_answers import MapAnswers
 from spot3d.fusion.settings import FusionSettings
+from spot3d.fusion.snapshot_keeper import SnapshotKeeper, resumed
 from spot3d.fusion.stage import INPUTS, OUTPUTS, QUERIES, Stage
 from spot3d.fusion.updates import Updates
 
@@ -46,11 +46,11 @@ def run(
     with stop_on_signals(stop) as stopped:
         with (
             Node("fusion", link, stopped, INPUTS, OUTPUTS, QUERIES) as node,
-            closing(Keeping(node)) as keeping,
-            closing(Updates(node, keeping)) as updates,
+            closing(SnapshotKeeper(node)) as keeper,
+            closing(Updates(node, keeper)) as updates,
             closing(MapAnswers(node)) as answers,
         ):
-            stage = Stage(node, fusion, keeping, updates, answers, told)
+            stage = Stage(node, fusion, keeper, updates, answers, told)
             stage.serve()
         if keep_last:
             stage.keep_last()

@@ -18,9 +18,9 @@ from spot3d.dataflow.streams import new_stream
 from spot3d.fusion.change_answers import ASKED, changes_message
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.inputs import NO_SEGMENTS, WITHOUT_FRAME, Arrival, Ready, inputs_of
-from spot3d.fusion.keeping import Keeping
 from spot3d.fusion.map_answers import MapAnswers
 from spot3d.fusion.snapshot import Account, keep
+from spot3d.fusion.snapshot_keeper import SnapshotKeeper
 from spot3d.fusion.updates import Update, Updates
 from spot3d.fusion.worlds import World, why_refused
 from spot3d_schemas import CameraIntrinsics, End, Header, Heat, Message, Pose, Progress, Segments
@@ -51,12 +51,12 @@ class Stage:
         self,
         node: Node,
         fusion: Fusion,
-        keeping: Keeping,
+        keeper: SnapshotKeeper,
         updates: Updates,
         answers: MapAnswers,
         told: Account | None,
     ) -> None:
-        self.node, self.fusion, self.keeping = node, fusion, keeping
+        self.node, self.fusion, self.keeper = node, fusion, keeper
         self.updates, self.answers = updates, answers
         self.inputs = inputs_of(node.link)
         self.cadence = Cadence(fusion.settings.object_interval_s)
@@ -85,7 +85,7 @@ class Stage:
     def keep_last(self) -> None:
         """Keep what was fused since the last snapshot, once all else is closed: who is stopped may be started again."""
         if self.updates.ended:
-            self.keeping.keep_last(self.fusion, self._account())
+            self.keeper.keep_last(self.fusion, self._account())
         else:
             log.warning("stopped amid an update of the objects: the last snapshot stays as it is")
 
@@ -108,7 +108,7 @@ class Stage:
 
     def _take_segments(self, given: Received[Segments]) -> None:
         self._take(self.inputs.add_segments, given)
-        self.ledger.heard(time.monotonic())
+        self.ledger.extend_patience(time.monotonic())
 
     def _complete_if_due(self) -> None:
         """No frame waits for live segments, but the last objects do: a short stream may be over before its first."""
@@ -131,7 +131,7 @@ class Stage:
             return
         self._begin_map()
         self.world = World(self.fusion.settings.speed_max)
-        told = self.keeping.begin(self.fusion, stream)
+        told = self.keeper.begin(self.fusion, stream)
         if told is not None:
             self.epoch, self.fused_ns = told.epoch, told.fused_ns
             self.world.go_on(told.world)
@@ -250,7 +250,7 @@ class Stage:
     def _submit(self, given: Received[Message], complete: bool) -> None:
         """Have the objects found, and the map kept where that is due."""
         fusion, heatmap, kept = self.fusion, self.fusion.heatmap, None
-        if self.keeping.due(complete) and fusion.frame_count:
+        if self.keeper.due(complete) and fusion.frame_count:
             kept = keep(fusion, self._account())
         update = Update(
             task=fusion.snapshot(),
@@ -313,7 +313,7 @@ class Stage:
         log.warning("%s", text)
         self.node.counters.event("reset")
         self._begin_map()
-        self.keeping.forget()
+        self.keeper.forget()
         self.ledger.reset()
         self.last = None
         self.node.reply(query, _RESET, self._progress(self._own_header(_RESET)))

@@ -12,8 +12,8 @@ from spot3d.dataflow.process_use import let_frames_go_first
 from spot3d.dataflow.stopping import end_threads
 from spot3d.found_object import FoundObject
 from spot3d.fusion.fusion import FoundObjects, ObjectsTask
-from spot3d.fusion.keeping import Keeping
 from spot3d.fusion.snapshot import Kept
+from spot3d.fusion.snapshot_keeper import SnapshotKeeper
 from spot3d_schemas import Message, Object3D, Objects
 
 _OUT = "fusion/objects"
@@ -41,8 +41,8 @@ class Update:
 class Updates:
     """One thread that computes and publishes one update at a time, in their order."""
 
-    def __init__(self, node: Node, keeping: Keeping) -> None:
-        self._node, self._keeping = node, keeping
+    def __init__(self, node: Node, keeper: SnapshotKeeper) -> None:
+        self._node, self._keeper = node, keeper
         self._waiting: Update | None = None
         self._busy = False
         self._wanted: Update | None = None
@@ -122,7 +122,7 @@ class Updates:
             if wanted:
                 self._node.publish(_OUT, message)
                 if update.kept is not None:
-                    self._keeping.write(update.kept)
+                    self._keeper.write(update.kept)
 
 
 def _message(node: Node, update: Update, found: FoundObjects) -> Objects:

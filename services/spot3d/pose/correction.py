@@ -52,7 +52,7 @@ _HELD = 1e-4
 _JUMP = 6.0
 # So many frames in a row that do not meet the map: the map is of another place.
 _PATIENCE = 5
-# Every so-manieth point tells the information of a registration.
+# Every nth point tells the information of a registration.
 _STRIDE = 4
 # The mean of the given poses, and their noise, are known after about so long, seconds: many times as long as
 # neighbouring poses are wrong alike (a third of a second). From 2 to 6 the results are the same.

@@ -36,7 +36,7 @@ _APART_S = 0.3
 _EVERY_S = 0.12
 # So many seconds once it is known: a pair costs a millisecond, a quarter of the pose of a frame.
 _KNOWN_EVERY_S = 0.5
-# Every so-manieth of some 5,000 points is registered: with all of them, or half, the delay is the same.
+# Every nth of some 5,000 points is registered: with all of them, or half, the delay is the same.
 _STRIDE = 4
 # Voxels, and the distance within which a point meets its plane, are so many times those of a map: poses that are late
 # are as far off at first. With 1 delays of 133 ms are known to 10 ms later, after up to 8 seconds in place of 2.
@@ -62,13 +62,13 @@ _SURE = 2.0
 _STEP_S = 0.002
 # More than so many standard deviations no tracker is late.
 _MOST = 5.0
-TOLD_S = 0.01
+NOTABLE_S = 0.01
 """A delay of less is not spoken of."""
 
 
-def told(delay_s: float) -> str:
+def notice(delay_s: float) -> str:
     """What is wrong with the given poses, in words; empty where that is not worth a word."""
-    if abs(delay_s) < TOLD_S:
+    if abs(delay_s) < NOTABLE_S:
         return ""
     side = "older" if delay_s > 0 else "newer"
     return f"given poses are {1e3 * abs(delay_s):.0f} ms {side} than their images, and are corrected: check the stamps"
@@ -214,5 +214,5 @@ def _motion(first: _Moving, second: _Moving, delay_s: float) -> NDArray[np.float
 
 
 def _thinned(surface: Surface) -> Surface:
-    """Every so-manieth point."""
+    """Every nth point."""
     return Surface(*(array[::_STRIDE].copy() for array in (surface.points, surface.normals, surface.sigma)))

@@ -15,14 +15,14 @@ from spot3d.pose.common_errors import COMMON, CommonErrors, believed
 _STEP = 0.001
 # Further off than so many standard deviations no camera is, and no message says so: it is the poses that are wrong.
 _MOST = 5.0
-TOLD = 0.01
+NOTABLE = 0.01
 """A scale that is off by less is not spoken of: data sheets promise no more."""
 
 
-def told(factor: float) -> str:
+def notice(factor: float) -> str:
     """What is wrong with depth that is to be multiplied by this, in words; empty where that is not worth a word."""
     off = 1 / factor - 1
-    if abs(off) < TOLD:
+    if abs(off) < NOTABLE:
         return ""
     return (
         f"depth is {abs(off):.1%} too {'long' if off > 0 else 'short'} for the given poses, and is corrected: "

@@ -6,7 +6,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.calibration import AS_TOLD, Calibration
+from spot3d.calibration import NOMINAL, Calibration
 from spot3d.frame import RgbdFrame
 from spot3d.pose_corrections import PoseCorrections
 
@@ -33,7 +33,7 @@ class PoseEstimate:
     restarted: bool = False
     T_world_map: NDArray[np.float64] | None = None
     delay_s: float = 0.0
-    calibration: Calibration = AS_TOLD
+    calibration: Calibration = NOMINAL
     corrections: PoseCorrections | None = None
 
 

@@ -23,21 +23,21 @@ from spot3d.pose.common_errors import COMMON, CommonErrors, believed
 _ALIKE = 0.45
 # Steps smaller than this, radians, move what is a metre away by less than twice the noise of a pixel.
 _STEP = 0.002
-TOLD = math.radians(0.5)
+NOTABLE = math.radians(0.5)
 """A turn, or an offset of the principal point in focal lengths, that is less is not spoken of: half a degree is what a
 bracket is mounted to."""
 
 
-def told(known: Calibration) -> str:
+def notice(known: Calibration) -> str:
     """What is wrong with the given poses or the intrinsics, in words; empty where that is not worth a word."""
     angle, offset = math.hypot(*known.turn), math.hypot(*known.centre)
     found = []
-    if angle >= TOLD:
+    if angle >= NOTABLE:
         about = ", ".join(f"{math.degrees(part):.1f}" for part in known.turn)
         found.append(
             f"the camera is turned by {math.degrees(angle):.1f} deg against the given poses ({about} about its x, y, z)"
         )
-    if offset >= TOLD:
+    if offset >= NOTABLE:
         x, y = (f"{100 * part:+.1f}" for part in known.centre)
         found.append(f"cx and cy are too large by {x} and {y} % of the focal length")
     if not found:

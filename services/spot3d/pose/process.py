@@ -185,9 +185,9 @@ class _Stage:
         known, delay_s = self.last.calibration, self.last.delay_s
         scale, looks = np.log([known.depth_factor]), np.array((*known.turn, *known.centre))
         for kind, now, least, text in (
-            ("depth's scale", scale, depth_scale.TOLD, depth_scale.told(known.depth_factor)),
-            ("poses' delay", np.array([delay_s]), delay.TOLD_S, delay.told(delay_s)),
-            ("where the camera looks", looks, orientation.TOLD, orientation.told(known)),
+            ("depth's scale", scale, depth_scale.NOTABLE, depth_scale.notice(known.depth_factor)),
+            ("poses' delay", np.array([delay_s]), delay.NOTABLE_S, delay.notice(delay_s)),
+            ("where the camera looks", looks, orientation.NOTABLE, orientation.notice(known)),
         ):
             if text and np.linalg.norm(now - self.told.get(kind, np.zeros(len(now)))) >= least:
                 self.told[kind] = now

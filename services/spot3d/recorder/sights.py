@@ -13,8 +13,8 @@ from spot3d.camera import back_project
 from spot3d.dataflow.conversion import rgbd_frame
 from spot3d.frame import RgbdFrame
 from spot3d.recorder.mcap_contents import McapContents
+from spot3d.run.from_messages import found_objects
 from spot3d.run.growing_files import TRAJECTORY, UPDATES
-from spot3d.run.heard import found_objects
 from spot3d.run.results import RunResult, found_in, read_ply
 from spot3d.settings import load_settings
 from spot3d.source.errors import SourceError
@@ -24,7 +24,7 @@ from spot3d_schemas import TOPICS, CodecError, Frame, Heat, Objects, Pose, decod
 
 _CLOUD_INTERVAL_NS = 500_000_000
 _CLOUD_STEP = 4
-"""Of a frame every so-manieth pixel of each row and column becomes a point."""
+"""Of a frame every nth pixel of each row and column becomes a point."""
 
 
 @dataclass(frozen=True, slots=True)

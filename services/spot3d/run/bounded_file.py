@@ -49,6 +49,6 @@ class BoundedFile:
                 self._reason = f"cannot be written: {error.strerror}"
         self._missing += 1
 
-    def told(self) -> str | None:
+    def notice(self) -> str | None:
         """What to tell people where lines are missing."""
         return f"{self._path.name} {self._reason}: it lacks {self._missing} {self._what}" if self._missing else None

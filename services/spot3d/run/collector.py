@@ -18,14 +18,14 @@ from spot3d.dataflow.producers import Producers
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.run.earlier_streams import MOST as EARLIER_MOST
 from spot3d.run.earlier_streams import EarlierStreams
+from spot3d.run.from_messages import asked_map, found_objects
 from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.health_totals import HealthTotals
-from spot3d.run.heard import asked_map, found_objects
 from spot3d.run.lost_tracking import LostTracking
 from spot3d.run.overview_frames import OverviewFrames
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, empty_snapshot
-from spot3d.segments.upper_side import IMAGE_UP, event_of, told
+from spot3d.segments.upper_side import IMAGE_UP, event_of, notice
 from spot3d.source.errors import IN_THE_INPUT, NOT_PLAYED
 from spot3d.source.sequence import CAMERA_GONE
 from spot3d_schemas import (
@@ -149,7 +149,7 @@ class Collector:
             kinds |= {kind: f"{kind}: it is waited for (logs/source.log)" for kind in gone}
         if segments is not None:
             sides = [side for side in IMAGE_UP if event_of(side) in segments.events]
-            kinds |= {event_of(side): told(side) for side in sides}
+            kinds |= {event_of(side): notice(side) for side in sides}
         news = [*self._news, *(text for kind, text in kinds.items() if kind not in self._told)]
         self._news.clear()
         self._told.update(kinds)

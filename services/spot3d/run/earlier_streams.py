@@ -52,7 +52,7 @@ class EarlierStreams:
         """The stream of now is over: keep what it has come to, its map as it was last kept; returns what to tell."""
         self._count += 1
         place = self._run / FOLDER / str(self._count)
-        told = self._files.told()
+        told = self._files.notices()
         told.append(f"another stream of the camera begins; what was found before is in {place.relative_to(self._run)}")
         try:
             place.mkdir(parents=True, exist_ok=True)

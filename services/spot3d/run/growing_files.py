@@ -55,6 +55,6 @@ class GrowingFiles:
         """One update: the objects after the frame of this stamp. complete: those of all frames."""
         self._updates.add(json.dumps({"stamp_ns": stamp_ns, "complete": complete, **objects_document(found)}))
 
-    def told(self) -> list[str]:
+    def notices(self) -> list[str]:
         """What to tell people where lines are missing."""
-        return [text for file in (self._updates, self._poses) if (text := file.told())]
+        return [text for file in (self._updates, self._poses) if (text := file.notice())]

@@ -14,7 +14,7 @@ from spot3d.run.lost_tracking import LostTracking
 from spot3d.run.monitor import RunMonitor
 from spot3d.run.report import FrameRate, StageReport, statistics_ms
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame
-from spot3d.segments.upper_side import event_of, told
+from spot3d.segments.upper_side import event_of, notice
 from spot3d.settings import Settings
 from spot3d.source.errors import WITHOUT_POSE
 from spot3d.source.sequence import FrameSequence
@@ -44,7 +44,7 @@ def run_in_process(sequence: FrameSequence, settings: Settings, monitor: RunMoni
             files.add_update(step.frame.stamp_ns, _found(step.objects), complete=False)
         if step.side_up and not side_up:
             side_up = step.side_up
-            tell("segments", event_of(side_up), told(side_up))
+            tell("segments", event_of(side_up), notice(side_up))
         if off := alignment.look(step.frame):
             tell("proposals", AlignmentWatch.EVENT, off)
         if sequence.has_true_poses and step.frame.T_world_camera is None:

@@ -55,7 +55,7 @@ class LostTracking:
         return sorted(longest, key=lambda stretch: stretch.from_ns)
 
 
-def told(found: Sequence[Stretch]) -> str:
+def notice(found: Sequence[Stretch]) -> str:
     """One line for people; empty where tracking was never lost for long."""
     long = [stretch for stretch in found if stretch.frames >= _TOLD]
     if not long:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
-from spot3d.calibration import AS_TOLD, Calibration
+from spot3d.calibration import NOMINAL, Calibration
 from spot3d.found_object import FoundObject
 from spot3d.whole_file import whole_file
 
@@ -60,7 +60,7 @@ class TrackedFrame:
     T_world_camera: NDArray[np.float64]
     lost: bool
     delay_s: float = 0.0
-    calibration: Calibration = AS_TOLD
+    calibration: Calibration = NOMINAL
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,7 @@ class RunResult:
 
     def calibration(self) -> Calibration:
         """What had to be corrected of the camera to agree with the given poses, as far as was known in the end."""
-        return next((item.calibration for item in reversed(self.trajectory) if not item.lost), AS_TOLD)
+        return next((item.calibration for item in reversed(self.trajectory) if not item.lost), NOMINAL)
 
 
 def write_results(folder: Path, result: RunResult) -> None:

@@ -124,7 +124,7 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
                     watcher.on_event(f"not kept so far: {error}")
 
             result = run_distributed(plan, supervisor, monitor, keep)
-    monitor.tell(*files.told())
+    monitor.tell(*files.notices())
     skipped = report.skipped
     not_played = [f"{skipped[why]} of {report.played} frames {why}" for why in NOT_PLAYED if why in skipped]
     if not_played and not report.error:

@@ -14,7 +14,7 @@ from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dashboard.health import StageRecords, Word
 from spot3d.dataflow.alive import watch_alive
-from spot3d.dataflow.endpoints import hear_kept
+from spot3d.dataflow.endpoints import subscribe_kept
 from spot3d.dataflow.payload import arrived
 from spot3d.dataflow.rate_limited_log import printable
 from spot3d.dataflow.session import open_session
@@ -43,7 +43,7 @@ class _Robot:
         for stage in (*STAGES, BRIDGE):
             ear = session.declare_subscriber(key(name, f"{stage}/health"), RingChannel(1))
             self._ears.append(stack.enter_context(ear).handler)
-        self._objects_ear = hear_kept(session, key(name, "fusion/objects"), 1, stack)
+        self._objects_ear = subscribe_kept(session, key(name, "fusion/objects"), 1, stack)
         self._records = StageRecords()
         self._health: dict[str, Health] = {}
         self._objects: Objects | None = None
@@ -56,7 +56,7 @@ class _Robot:
             for ear in self._ears:
                 for health in arrived(ear, Health):
                     self._health[health.stage] = health
-                    self._records.hear(health, time.monotonic())
+                    self._records.receive(health, time.monotonic())
             for objects in arrived(self._objects_ear, Objects):
                 self._objects = objects
             time.sleep(0.02)

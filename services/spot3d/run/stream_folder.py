@@ -70,7 +70,7 @@ class StreamFolder:
             "lost_because": self._lost_because or None,
             "objects": len(self.result.objects),
             "left_out": self.result.left_out,
-            "events": self._files.told(),
+            "events": self._files.notices(),
         }
         if points is not None:
             write_ply(self.path / "heatmap.ply", points)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.calibration import AS_TOLD, Calibration
+from spot3d.calibration import NOMINAL, Calibration
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
 from spot3d.geometry.downsampling import to_lattice
@@ -52,7 +52,7 @@ class KeyframeSegments:
         frame: RgbdFrame,
         heat: NDArray[np.uint8],
         T_world_camera: NDArray[np.float64],
-        calibration: Calibration = AS_TOLD,
+        calibration: Calibration = NOMINAL,
     ) -> FrameSegments | None:
         """The objects of a frame that is wanted; None where it is no keyframe.
 

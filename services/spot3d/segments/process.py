@@ -19,7 +19,7 @@ from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
 from spot3d.segments.settings import SegmentsSettings
-from spot3d.segments.upper_side import event_of, told
+from spot3d.segments.upper_side import event_of, notice
 from spot3d_schemas import Heat, Message, Pose
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ class _Stage:
             self.node.counters.step(time.perf_counter() - start_s)
         side = keyframes.side_up
         if side and not self.node.state:
-            self.node.state = told(side)
+            self.node.state = notice(side)
             self.node.note(event_of(side), self.node.state)
         return found
 

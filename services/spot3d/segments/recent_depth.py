@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.calibration import AS_TOLD, Calibration
+from spot3d.calibration import NOMINAL, Calibration
 from spot3d.camera import Intrinsics, invert
 from spot3d.frame import RgbdFrame
 from spot3d.geometry.downsampling import LatticeFrame, block_size
@@ -66,11 +66,11 @@ class RecentDepth:
         frame: RgbdFrame,
         heat: NDArray[np.uint8],
         T_world_camera: NDArray[np.float64],
-        calibration: Calibration = AS_TOLD,
+        calibration: Calibration = NOMINAL,
     ) -> None:
         """Take in a frame, and its (h, w) heat, as it was measured but for what bends depth; the oldest makes room.
 
-        Every so-manieth pixel is kept: a mean of them all, as for the lattice, takes ten times as long.
+        Every nth pixel is kept: a mean of them all, as for the lattice, takes ten times as long.
         """
         step = block_size(frame.intrinsics, self._settings.lattice_width)
         kept, camera = np.s_[::step, ::step], frame.intrinsics.thinned(step)

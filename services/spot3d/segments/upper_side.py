@@ -30,7 +30,7 @@ _ALIKE = math.cos(math.radians(15))
 """A plane that is this near to level in the world (see `upward`) faces up, wherever that is in the image by now."""
 
 
-def told(side: str) -> str:
+def notice(side: str) -> str:
     """That another side of the image seems to be up than the settings say, and what to do about it, in words."""
     return (
         f"the {side} side of the image seems to be up: if the camera is mounted so, set segments.image_up = "

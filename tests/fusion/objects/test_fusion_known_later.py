@@ -7,7 +7,7 @@ import pytest
 from fusion_room import look_at, orbit, standing
 from voting_room import SETTINGS, agreed, assert_found, assert_same, keyframe, keyframes, overlaps
 
-from spot3d.calibration import AS_TOLD, Calibration, moved_planes, sheared
+from spot3d.calibration import NOMINAL, Calibration, moved_planes, sheared
 from spot3d.fusion.objects.consensus import Consensus, ViewConsensus
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.pose_corrections import PoseCorrections
@@ -21,7 +21,7 @@ def wrong_by(factor: float) -> list[Keyframe]:
         depth = frames[row].depth * np.float32(factor)
         frames[row] = replace(frames[row], depth=depth, planes=frames[row].planes * (1, 1, 1, factor))
     known = Calibration(1 / factor)
-    return [replace(frame, calibration=AS_TOLD if row < 6 else known) for row, frame in enumerate(frames)]
+    return [replace(frame, calibration=NOMINAL if row < 6 else known) for row, frame in enumerate(frames)]
 
 
 def assert_better(found: Consensus, unaware: Consensus, by: float, off: float) -> None:
@@ -37,7 +37,7 @@ def test_keyframes_of_before_the_scale_of_depth_was_known(factor: float) -> None
     votes, frames = ViewConsensus(SETTINGS), wrong_by(factor)
     votes.update(frames[:6])
     found = votes.update(frames[6:], Calibration(1 / factor))
-    assert_better(found, agreed([replace(frame, calibration=AS_TOLD) for frame in frames]), 0.1, 0.03)
+    assert_better(found, agreed([replace(frame, calibration=NOMINAL) for frame in frames]), 0.1, 0.03)
 
 
 @pytest.mark.parametrize("known", [Calibration(turn=(0.03, -0.01, 0.02)), Calibration(centre=(0.02, -0.04))])
@@ -55,7 +55,7 @@ def test_keyframes_of_before_it_was_known_where_the_camera_looks(known: Calibrat
     votes = ViewConsensus(SETTINGS)
     votes.update(frames[:6])
     found = votes.update(frames[6:], known)
-    assert_better(found, agreed([replace(frame, calibration=AS_TOLD) for frame in frames]), 0.1, 0.03)
+    assert_better(found, agreed([replace(frame, calibration=NOMINAL) for frame in frames]), 0.1, 0.03)
 
 
 STEP_NS = 1_700_000_000_000_000_000 // 12

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from voting_room import keyframes
 
-from spot3d.calibration import AS_TOLD, Bend, Calibration, moved_planes, sheared
+from spot3d.calibration import NOMINAL, Bend, Calibration, moved_planes, sheared
 from spot3d.fusion.objects.recalibration import Change, Placement, change_segments, changed_view
 from spot3d.fusion.objects.segment_table import SegmentTable
 from spot3d.fusion.objects.views import FAR, view_of
@@ -48,9 +48,9 @@ def test_a_keyframe_that_is_straightened_is_one_that_was_seen_straight() -> None
     grid = 0.03 * np.random.default_rng(0).random((4, 6))
     bend: Bend = tuple(tuple(row) for row in grid.tolist())
     for then, now, step in (
-        (AS_TOLD, Calibration(bend=bend), Calibration(bend=bend)),
-        (known, AS_TOLD, Calibration(bend=((0.0, -0.01, -0.02, -0.01, 0.0, -0.01),) * 4)),
-        (AS_TOLD, Calibration(bend=((float(np.log(1.03)),) * 6,) * 4), Calibration(1.03)),
+        (NOMINAL, Calibration(bend=bend), Calibration(bend=bend)),
+        (known, NOMINAL, Calibration(bend=((0.0, -0.01, -0.02, -0.01, 0.0, -0.01),) * 4)),
+        (NOMINAL, Calibration(bend=((float(np.log(1.03)),) * 6,) * 4), Calibration(1.03)),
     ):
         changed, seen = SegmentTable(), SegmentTable()
         planes = moved_planes(first.planes, step.depth_factor * np.eye(3), np.zeros(3))
@@ -87,7 +87,7 @@ def test_a_keyframe_whose_pose_is_corrected_is_one_that_was_posed_like_that() ->
     first = replace(first, T_map_camera=placed)
     changed.extend(first, 0)
     seen.extend(then, 0)
-    by_then, by_now = Placement(0, AS_TOLD, tuple(before)), Placement(0, known, tuple(twist))
+    by_then, by_now = Placement(0, NOMINAL, tuple(before)), Placement(0, known, tuple(twist))
     change = Change.of(view_of(first), by_then, by_now)
     change_segments(changed, np.arange(len(changed)), change)
     for name, within in (("places", 1e-4), ("support", 2e-3), ("blur", 1e-3)):
@@ -103,7 +103,7 @@ def test_the_outline_of_what_is_torn_moves_with_its_places() -> None:
     outline = segments.outline.rows
     outline[0] = segments.places.rows[0, : outline.shape[1]]
     now = Placement(0, Calibration(1.05), (0.1, 0.0, -0.2, 0.5, -0.4, 0.3))
-    change_segments(segments, np.arange(len(segments)), Change.of(view_of(first), Placement(0, AS_TOLD), now))
+    change_segments(segments, np.arange(len(segments)), Change.of(view_of(first), Placement(0, NOMINAL), now))
     np.testing.assert_array_equal(outline[0], segments.places.rows[0, : outline.shape[1]])
     assert np.isnan(outline[1:]).all()
 
@@ -113,7 +113,7 @@ def test_noise_scatters_along_the_rays_however_far_a_keyframe_turns() -> None:
     segments.extend(first, 0)
     scatter = np.linalg.norm(segments.blur.rows, axis=1)
     now = Placement(0, Calibration(1.05), (0.1, 0.0, -0.2, 0.5, -0.4, 0.3))
-    change = Change.of(view_of(first), Placement(0, AS_TOLD), now)
+    change = Change.of(view_of(first), Placement(0, NOMINAL), now)
     change_segments(segments, np.arange(len(segments)), change)
     rays = segments.places.rows.mean(axis=1) - change.camera - change.step
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
@@ -124,18 +124,18 @@ def test_noise_scatters_along_the_rays_however_far_a_keyframe_turns() -> None:
 def test_what_comes_to_lie_beyond_16_bits_of_millimetres_or_was_is_far(depth: int) -> None:
     view = replace(view_of(keyframes()[0]), depth=np.full((2, 2), depth, np.uint16))
     for factor in (1.02, 0.98):
-        change = Change.of(view, Placement(0, AS_TOLD), Placement(0, Calibration(factor)))
+        change = Change.of(view, Placement(0, NOMINAL), Placement(0, Calibration(factor)))
         is_far = changed_view(view, change).depth == FAR
         assert is_far.all() == (factor > 1 or depth == FAR)
 
 
 def test_a_pose_is_corrected_by_more_than_a_share_of_a_pixels_noise_alone() -> None:
-    placed = Placement(5, AS_TOLD, (0.01, 0.0, 0.0, 0.0, 0.0, 0.0))
+    placed = Placement(5, NOMINAL, (0.01, 0.0, 0.0, 0.0, 0.0, 0.0))
     for shift, follows in ((0.0103, False), (0.0107, True), (-0.01, True)):
         told = PoseCorrections(np.array([0]), np.array([[shift, 0, 0, 0, 0, 0]]))
-        assert (placed.by_now(AS_TOLD, told) != placed) == follows
+        assert (placed.by_now(NOMINAL, told) != placed) == follows
     later = PoseCorrections(np.array([6]), np.ones((1, 6)))
-    assert placed.by_now(AS_TOLD, later) == placed.by_now(AS_TOLD, None) == placed
+    assert placed.by_now(NOMINAL, later) == placed.by_now(NOMINAL, None) == placed
     assert placed.by_now(Calibration(1.1), later) == Placement(5, Calibration(1.1), placed.twist)
 
 
@@ -146,7 +146,7 @@ def test_changes_back_and_forth_end_where_they_began() -> None:
     segments.extend(first, 0)
     tables = {name: getattr(segments, name).rows.copy() for name in ("places", "support", "blur")}
     view = view_of(first)
-    told, placed = Placement(0, AS_TOLD), Placement(0, known, (0.02, -0.01, 0.03, 0.01, 0.02, -0.01))
+    told, placed = Placement(0, NOMINAL), Placement(0, known, (0.02, -0.01, 0.03, 0.01, 0.02, -0.01))
     for before, now in [(told, placed), (placed, told)] * 20:
         change = Change.of(view, before, now)
         change_segments(segments, np.arange(len(segments)), change)

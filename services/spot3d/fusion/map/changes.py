@@ -60,7 +60,7 @@ class ChangeLog:
         cursor = int(change[chosen[-1]]) if len(chosen) else self.last
         return chosen, cursor, len(changed) - len(chosen)
 
-    def told(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.uint8], NDArray[np.uint32]]:
+    def as_sent(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.uint8], NDArray[np.uint32]]:
         """Heat in 255ths and frequency (0: the point is no more) of rows, as of their last change."""
         return self._heat[rows], self._frequency[rows].astype(np.uint32)
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
-from spot3d.calibration import AS_TOLD, Calibration
+from spot3d.calibration import NOMINAL, Calibration
 from spot3d.found_object import FoundObject
 from spot3d.frame_segments import KEYFRAME_REASONS, OTHER, SEVERAL, WITHOUT_DEPTH
 from spot3d.fusion.objects.agreement import clusters_of
@@ -118,7 +118,7 @@ class ViewConsensus:
     def update(
         self,
         keyframes: list[Keyframe],
-        calibration: Calibration = AS_TOLD,
+        calibration: Calibration = NOMINAL,
         corrections: PoseCorrections | None = None,
     ) -> Consensus:
         """Take in keyframes, in their order, and find the objects. Updates run one at a time.

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.calibration import AS_TOLD, Calibration
+from spot3d.calibration import NOMINAL, Calibration
 from spot3d.camera import Intrinsics
 from spot3d.frame_segments import FrameSegments
 
@@ -30,7 +30,7 @@ class FusedFrame:
     camera: Intrinsics
     T_world_camera: NDArray[np.float64]
     T_map_camera: NDArray[np.float64]
-    calibration: Calibration = AS_TOLD
+    calibration: Calibration = NOMINAL
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Keyframe:
     planes: NDArray[np.float64]
     stands_on: NDArray[np.int8]
     left_out: dict[str, int] = field(default_factory=dict)
-    calibration: Calibration = AS_TOLD
+    calibration: Calibration = NOMINAL
 
     def supports(self) -> NDArray[np.float64]:
         """(k, 4) the planes on which something stands, camera frame, the main one first."""

@@ -22,7 +22,7 @@ _MAP_RATE = "20"
 
 
 @dataclass(frozen=True, slots=True)
-class Beside:
+class DashboardProcess:
     """A dashboard's process. endpoint: where it looks for the run's router."""
 
     endpoint: str
@@ -37,7 +37,7 @@ class Beside:
 
 
 @contextmanager
-def dashboard_beside(robot: str, settings: Path | None, folder: Path, console: Console) -> Iterator[Beside]:
+def dashboard_of_run(robot: str, settings: Path | None, folder: Path, console: Console) -> Iterator[DashboardProcess]:
     """A dashboard that shows `robot`, and ends with the block; it prints its address as soon as there is one.
 
     settings: the run's settings file; folder: of the run's results, for the dashboard's log.
@@ -61,7 +61,7 @@ def dashboard_beside(robot: str, settings: Path | None, folder: Path, console: C
         )
     threading.Thread(target=_echo, args=(process.stdout, console), daemon=True).start()
     try:
-        yield Beside(endpoint, process)
+        yield DashboardProcess(endpoint, process)
     finally:
         if process.stdin is not None:
             process.stdin.close()

@@ -17,7 +17,7 @@ BEFORE = "before"
 """The map of the stream before has a file of its own: fusion-before.snapshot."""
 
 
-class Keeping:
+class SnapshotKeeper:
     """The snapshots of one robot's map: one of its present stream, and one of the stream before."""
 
     def __init__(self, node: Node) -> None:
