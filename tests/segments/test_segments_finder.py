@@ -13,8 +13,7 @@ from spot3d.camera import Intrinsics, back_project, invert
 from spot3d.frame_segments import BELOW_SUPPORT, NO_SUPPORT, TOO_COLD, TOO_LONG, TOO_LOW, TOO_MANY, FrameSegments
 from spot3d.geometry.downsampling import LatticeFrame
 from spot3d.geometry.planes import transform_plane
-from spot3d.segments.faults import warm_parts
-from spot3d.segments.finder import _by_level, _pixels, _segments, find_segments
+from spot3d.segments.finder import _pixels, _segments, find_segments
 from spot3d.segments.levels import Levels
 from spot3d.segments.settings import SegmentsSettings
 
@@ -85,21 +84,6 @@ def test_the_side_of_the_image_that_is_up_tells_which_plane_is_the_support() -> 
     turned = View(*(np.ascontiguousarray(image[::-1, ::-1]) for image in (frame.colour, frame.depth, heat)))
     plane = find(turned, SETTINGS.model_copy(update={"image_up": "bottom"})).planes[0] * (-1, -1, 1, 1)
     assert transform_plane(plane, POSE)[2] > 0.99
-
-
-def test_where_all_is_cold_what_is_as_hot_as_the_hottest_part_is_kept() -> None:
-    """A frame's heat is a share of its maximum; of 0.1 in 0.5 that is 0.02 in 0.1."""
-    heat = np.array([[26, 26, 6, 6, 4, 4]], np.uint8)
-    parts = [np.array([0, 1]), np.array([2, 3]), np.array([4, 5])]
-    assert [part.tolist() for part in warm_parts(parts, heat, 0.1)] == [[0, 1], [2, 3]]
-    assert warm_parts([], heat, 0.1) == []
-
-
-def test_what_begins_a_little_below_the_support_stands_on_it() -> None:
-    height = np.array([-0.02, 0.1, -0.04, 0.1, 0.05, 0.1], np.float32)
-    parts = [np.array([0, 1]), np.array([2, 3]), np.array([4, 5])]
-    levels = on_table(height)
-    assert [[part.tolist() for part in level] for level in _by_level(parts, levels)] == [[[0, 1], [4, 5]], [[2, 3]]]
 
 
 def test_what_stands_on_the_floor_beside_the_table_is_found_as_what_is_on_the_table_is() -> None:
@@ -218,7 +202,7 @@ def test_a_thin_thing_on_the_table_counts(tall: float) -> None:
     assert iou_matrix_2d(true_boxes(frame, book), segments.boxes(FINE_CAMERA))[0, 0] > 0.7
 
 
-def test_a_wall_is_no_object_howeverwarm_parts() -> None:
+def test_a_wall_is_no_object_however_warm() -> None:
     """A partition on the table, longer than eps_max."""
     partition = standing(0, 0.3, (1.3, 0.03, 0.7), colour=(1, 2, 3))
     frame = seen(*THREE, partition)

@@ -3,12 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.frame_segments import TOO_LONG, TOO_LOW, TOO_SMALL
+from spot3d.frame_segments import TOO_COLD, TOO_LONG, TOO_LOW, TOO_SMALL
 from spot3d.geometry.downsampling import LatticeFrame
 from spot3d.segments.settings import SegmentsSettings
 
-_HOT = 0.5
-"""The hottest part of a frame is mostly hotter than this; a frame's heat is a share of its maximum, which wanders."""
 _FACES = 2**0.5
 """A cube shows this many of its faces' area to a camera that looks down on it at 45 degrees. With 1, glare and
 fragments cost 0.03 of HOTS' success rate, and 0.01 of clutter's; nothing more is found."""
@@ -21,7 +19,7 @@ def fault_of(
     height: NDArray[np.float32],
     settings: SegmentsSettings,
 ) -> str:
-    """Why a part is no object, if so: it covers less than the least one, is too low above the support, or too long.
+    """Why a part is no object, if so: it covers less than the least one, is too low above the support, long or cold.
 
     pixels: (n,) flat numbers of the part's; points: (h, w, 3) metres, camera frame; height: (h, w) metres above the
     support.
@@ -33,20 +31,12 @@ def fault_of(
         return TOO_LOW
     centred = flat - flat.mean(axis=0)
     longest = np.linalg.eigh(centred.T @ centred)[1][:, 2]
-    return TOO_LONG if float(np.ptp(centred @ longest)) > settings.size_max else ""
+    if float(np.ptp(centred @ longest)) > settings.size_max:
+        return TOO_LONG
+    return TOO_COLD if float(frame.heat.ravel()[pixels].mean()) / 255 < settings.heat_min else ""
 
 
 def covers_least(flat: NDArray[np.float32], frame: LatticeFrame, settings: SegmentsSettings) -> bool:
     """Whether these (n, 3) points of a frame cover as much as the least object."""
     area = float((flat[:, 2] ** 2).sum()) / (frame.camera.fx * frame.camera.fy)
     return area >= _FACES * settings.size_min**2
-
-
-def warm_parts(parts: list[NDArray[np.int64]], heat: NDArray[np.uint8], heat_min: float) -> list[NDArray[np.int64]]:
-    """The parts whose mean heat reaches `heat_min`, or less where even the hottest part is colder than `_HOT`.
-
-    parts: flat pixel numbers of each; heat: (h, w) uint8, 255ths.
-    """
-    means = np.array([heat.ravel()[part].mean() / 255 for part in parts])
-    least = heat_min * min(1.0, means.max(initial=0.0) / _HOT)
-    return [part for part, mean in zip(parts, means.tolist(), strict=True) if mean >= least]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, back_project
 from spot3d.depth_noise import DepthNoise
-from spot3d.frame_segments import BELOW_SUPPORT, NO_SUPPORT, TOO_COLD, TOO_LONG, TOO_MANY, FrameSegments
+from spot3d.frame_segments import BELOW_SUPPORT, NO_SUPPORT, TOO_LONG, TOO_MANY, FrameSegments
 from spot3d.geometry.downsampling import LatticeFrame, to_lattice
 from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import dominant_planes
@@ -17,7 +17,7 @@ from spot3d.geometry.standing import stands_on
 from spot3d.geometry.upright import taken
 from spot3d.segments.contained import join_contained
 from spot3d.segments.creases import split_at_creases
-from spot3d.segments.faults import covers_least, fault_of, warm_parts
+from spot3d.segments.faults import covers_least, fault_of
 from spot3d.segments.foreground import long_pieces, standing_out
 from spot3d.segments.fragments import join_fragments
 from spot3d.segments.hanging import STANDS, join_hanging
@@ -86,7 +86,7 @@ def find_on_lattice(
 
     upwards: (3,) unit, camera frame, None = all that is known is `settings.image_up`.
     """
-    points, normals, planes, noise = among.points, among.normals, among.planes, frame.camera.noise
+    points, planes = among.points, among.planes
     if upwards is None:
         upwards = expected_up(settings.image_up)
     support = choose_support(planes, among.heat, upwards)
@@ -95,51 +95,76 @@ def find_on_lattice(
         levels = Levels(planes[:0], nothing.astype(np.int8), nothing, nothing)
         return _segments([], frame, points, levels, Counter({NO_SUPPORT: 1}), settings)
     wanted = {step: step not in settings.skipped for step in get_args(Step)}
-    height, up = heights(points, support, bent=wanted["bend"]), support[:3]
+    levels, out, long = _standing_out(frame, among, support, wanted, settings)
+    regions, below = _surfaces(frame, among, support, levels.height, out, wanted, settings)
+    candidates = [(part, fault_of(part, frame, points, levels.height, settings)) for part in _pixels(regions)]
+    left_out = Counter(fault for _, fault in candidates if fault)
+    left_out[BELOW_SUPPORT] = sum(covers_least(points.reshape(-1, 3)[part], frame, settings) for part in below)
+    parts, up = [part for part, fault in candidates if not fault], support[:3]
+    if wanted["occluded"]:
+        parts = join_occluded(parts, points, among.normals, up)
+    if wanted["hanging"]:
+        too_long = (part for part, fault in candidates if fault == TOO_LONG)
+        parts = join_hanging(parts, points, levels.height.ravel(), up, np.concatenate([long, *too_long]))
+    if wanted["contained"]:
+        parts = join_contained(parts, points, among.normals, up)
+    return _segments(parts, frame, points, levels, left_out, settings)
+
+
+def _standing_out(
+    frame: LatticeFrame,
+    among: CandidatePlanes,
+    support: NDArray[np.float64],
+    wanted: dict[Step, bool],
+    settings: SegmentsSettings,
+) -> tuple[Levels, NDArray[np.bool_], NDArray[np.int64]]:
+    """What things stand on, (h, w) which pixels are above it or beside it, and the flat numbers of those on other
+    planes that are longer than an object."""
+    points, normals, noise = among.points, among.normals, frame.camera.noise
+    height = heights(points, support, bent=wanted["bend"])
     tolerance = lift(frame.depth, support, settings, noise)
     levels = Levels(support[None], np.zeros(height.shape, np.int8), height, tolerance)
     others = [
-        (plane, long_pieces(points, normals, plane, settings, noise)) for plane in planes if (plane != support).any()
+        (plane, long_pieces(points, normals, plane, settings, noise))
+        for plane in among.planes
+        if (plane != support).any()
     ]
-    beside = long = np.zeros(height.shape, np.bool_)
+    beside = np.zeros(height.shape, np.bool_)
     if wanted["beside"]:
-        beside = beside_support(points, normals, height, tolerance, up, settings)
+        beside = beside_support(points, normals, height, tolerance, support[:3], settings)
     if wanted["levels"]:
         levels = with_lower(levels, beside, others, points, settings, noise)
-        beside, height, tolerance = beside & (levels.number == 0), levels.height, levels.tolerance
-    if wanted["support"]:
-        long = np.logical_or.reduce([long, *(pieces for _, pieces in others)])
-        out = standing_out(points, height, tolerance, beside, long, settings)
-    else:
-        out = (frame.depth > 0) & (frame.depth <= settings.range_max)
+        beside &= levels.number == 0
+    if not wanted["support"]:
+        return levels, (frame.depth > 0) & (frame.depth <= settings.range_max), np.zeros(0, np.int64)
+    long = np.logical_or.reduce([np.zeros_like(beside), *(pieces for _, pieces in others)])
+    out = standing_out(points, levels.height, levels.tolerance, beside, long, settings)
+    return levels, out, np.flatnonzero(long)
 
-    least = int(settings.region * frame.camera.fx * frame.camera.fy)
+
+def _surfaces(
+    frame: LatticeFrame,
+    among: CandidatePlanes,
+    support: NDArray[np.float64],
+    height: NDArray[np.float32],
+    out: NDArray[np.bool_],
+    wanted: dict[Step, bool],
+    settings: SegmentsSettings,
+) -> tuple[NDArray[np.int32], list[NDArray[np.int64]]]:
+    """The (h, w) regions, from 0, of the pixels that stand out: split at creases, then joined where nothing but a rim,
+    a hole in depth or their smallness parts them. And those that rise nowhere above the support (see `_risen`)."""
+    points, normals, camera = among.points, among.normals, frame.camera
+    least = int(settings.region * camera.fx * camera.fy)
     colour = frame.colour if wanted["colour"] else None
-    regions = split_at_creases(points, normals, out, colour, frame.camera.fx, settings.crease, least)
+    regions = split_at_creases(points, normals, out, colour, camera.fx, settings.crease, least)
     regions, below = _risen(regions, height)
     if wanted["vessels"]:
-        regions = _join_vessels(regions, points, normals, up, settings, noise)
+        regions = _join_vessels(regions, points, normals, support[:3], settings, camera.noise)
     if wanted["torn"]:
-        regions = join_torn(regions, points, normals, least, noise)
+        regions = join_torn(regions, points, normals, least, camera.noise)
     if wanted["fragments"]:
-        regions = join_fragments(regions, points, frame.camera.fx, least, settings.size_min)
-    candidates = [(part, fault_of(part, frame, points, height, settings)) for part in _pixels(regions)]
-    left_out = Counter(fault for _, fault in candidates if fault)
-    left_out[BELOW_SUPPORT] = sum(covers_least(points.reshape(-1, 3)[part], frame, settings) for part in below)
-    plausible = [part for part, fault in candidates if not fault]
-    carriers = np.concatenate([np.flatnonzero(long), *(part for part, fault in candidates if fault == TOO_LONG)])
-    warm = warm_parts(plausible, frame.heat, settings.heat_min)
-    left_out[TOO_COLD] = len(plausible) - len(warm)
-    parts = []
-    for level in _by_level(warm, levels):
-        if wanted["occluded"]:
-            level = join_occluded(level, points, normals, up)
-        if wanted["hanging"]:
-            level = join_hanging(level, points, height.ravel(), up, carriers)
-        if wanted["contained"]:
-            level = join_contained(level, points, normals, up)
-        parts += level
-    return _segments(parts, frame, points, levels, left_out, settings)
+        regions = join_fragments(regions, points, camera.fx, least, settings.size_min)
+    return regions, below
 
 
 def _risen(labels: NDArray[np.int32], height: NDArray[np.float32]) -> tuple[NDArray[np.int32], list[NDArray[np.int64]]]:
@@ -178,16 +203,6 @@ def _join_vessels(
         for other in others:
             joined.ravel()[parts[other]] = labels.ravel()[parts[first][0]]
     return joined
-
-
-def _by_level(parts: list[NDArray[np.int64]], levels: Levels) -> list[list[NDArray[np.int64]]]:
-    """The parts by what they stand on or are above, and those that stand lower: a cup is no part of a chair."""
-    found: dict[int, list[NDArray[np.int64]]] = {}
-    for pixels in parts:
-        number = levels.of(pixels, _TRIM)
-        bottom = float(np.quantile(levels.height.ravel()[pixels], _TRIM))
-        found.setdefault(number if bottom > -STANDS else -1, []).append(pixels)
-    return list(found.values())
 
 
 def _segments(
