@@ -22,6 +22,7 @@ from spot3d.fusion.objects.recalibration import Placement
 from spot3d.fusion.objects.segment_graph import SegmentGraph
 from spot3d.fusion.objects.segment_table import SegmentTable
 from spot3d.fusion.objects.views import View
+from spot3d.fusion.pose_frame import PoseFrame
 from spot3d.fusion.settings import FusionSettings
 
 _KIND = "fusion"
@@ -37,6 +38,7 @@ _CLASSES = {
         MapState,
         Piece,
         Placement,
+        PoseFrame,
         SegmentGraph,
         SegmentTable,
         View,
@@ -114,7 +116,7 @@ def resume(fusion: Fusion, kept: Snapshot, path: Path) -> None:
         as_here = state.rows.dtype == np.float32 and state.rows.shape[1:] == fusion.heatmap.arrays.rows.shape[1:]
         if not as_here or state.keys.shape != state.rows.shape[:1]:
             raise SnapshotError(f"{path} has points of another version of spot3d")
-        if not state.T_world_map.shape == state.T_theirs_map.shape == (4, 4):
+        if not state.poses.T_world_map.shape == state.poses.T_theirs_map.shape == (4, 4):
             raise SnapshotError(f"{path} has no place of its map in the world")
     except SnapshotError:
         raise

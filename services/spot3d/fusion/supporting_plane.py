@@ -1,0 +1,93 @@
+"""The supporting plane, estimated anew in keyframes, and taken out of the heat of every frame (paper, Sec. V-A)."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot3d.camera import back_project, invert
+from spot3d.depth_noise import DepthNoise
+from spot3d.fusion.paper.ransac import planes_by_ransac
+from spot3d.fusion.paper.removal import project_inliers
+from spot3d.fusion.settings import FusionSettings
+from spot3d.geometry.downsampling import LatticeFrame
+from spot3d.geometry.planes import dominant_planes, on_plane, supporting_plane, transform_plane
+
+_REMEMBERED = 10_000
+"""Most removed planes kept; beyond, every second one goes."""
+
+
+class SupportingPlane:
+    """What things stand on as the latest keyframe has it, and each one before.
+
+    plane: (4,) world, None as long as there is none; candidates: (k, 4) world, the latest keyframe's dominant planes;
+    removed: those that were chosen, one a keyframe.
+    """
+
+    def __init__(self, settings: FusionSettings) -> None:
+        self._settings = settings
+        self.plane: NDArray[np.float64] | None = None
+        self.candidates = np.zeros((0, 4))
+        self.removed: list[NDArray[np.float64]] = []
+        self._inliers = np.zeros((0, 3), np.float32)  # the latest keyframe's points on it, world
+
+    def resume(
+        self, plane: NDArray[np.float64] | None, candidates: NDArray[np.float64], removed: NDArray[np.float64]
+    ) -> None:
+        """Go on from what another one knew; removed: (k, 4)."""
+        self.plane, self.candidates, self.removed = plane, candidates, [*removed]
+
+    def seen_from(self, T_world_camera: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """The plane (4,) in the frame of a camera at (4, 4)."""
+        return None if self.plane is None else transform_plane(self.plane, invert(T_world_camera))
+
+    def remaining_heat(
+        self, frame: LatticeFrame, T_world_camera: NDArray[np.float64], number: int, noise: DepthNoise
+    ) -> NDArray[np.uint8]:
+        """The (h, w) heat of a frame without what lies on the plane, which is estimated anew if that is a keyframe.
+
+        T_world_camera: (4, 4); number: of the frame, from 0; noise: of its depth.
+        """
+        settings = self._settings
+        if not settings.plane_removal:
+            if self.plane is None:
+                self._estimate(back_project(frame.depth, frame.camera), frame.heat, T_world_camera, number, noise)
+            return frame.heat
+        points = back_project(frame.depth, frame.camera)
+        if number % settings.keyframe_interval == 0:
+            self._estimate(points, frame.heat, T_world_camera, number, noise)
+        plane = self.seen_from(T_world_camera)
+        if plane is None:
+            return frame.heat
+        if settings.plane_pixels == "keyframe" and len(self._inliers):  # a map that is resumed has none
+            on = project_inliers(self._inliers, T_world_camera, frame.camera)
+        else:
+            on = on_plane(plane, points, settings, noise)
+        return np.where(on, np.uint8(0), frame.heat)
+
+    def _estimate(
+        self,
+        points: NDArray[np.float32],
+        heat: NDArray[np.uint8],
+        T_world_camera: NDArray[np.float64],
+        number: int,
+        noise: DepthNoise,
+    ) -> None:
+        """Estimate the plane anew, from the planes known here. points: (h, w, 3) camera frame, z = 0 invalid."""
+        settings, T_camera_world = self._settings, invert(T_world_camera)
+        known = np.array([transform_plane(plane, T_camera_world) for plane in self.candidates]).reshape(-1, 4)
+        known = known[known[:, 3] > 0]  # what the camera has passed through faces away
+        rng = np.random.default_rng((settings.seed, number))
+        if settings.plane_search == "triples":
+            planes = planes_by_ransac(points, settings, rng)
+        else:
+            planes = dominant_planes(points, settings, rng, known, noise)
+        chosen = supporting_plane(planes, points, heat, settings, noise)
+        self.candidates = np.array([transform_plane(plane, T_world_camera) for plane in planes]).reshape(-1, 4)
+        if chosen is None:
+            return
+        self.plane = transform_plane(chosen[0], T_world_camera)
+        if settings.plane_pixels == "keyframe":
+            inliers = points[on_plane(chosen[0], points, settings, noise)]
+            self._inliers = (inliers @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]).astype(np.float32)
+        self.removed.append(self.plane)
+        if len(self.removed) > _REMEMBERED:
+            self.removed = self.removed[::2]
