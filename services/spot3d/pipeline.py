@@ -17,7 +17,7 @@ from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import FoundObjects, Fusion
 from spot3d.fusion.worlds import World
 from spot3d.heatmap.heat import Heatmap, weighted_heat
-from spot3d.pose.estimate import PoseEstimate, PoseTracker
+from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.providers import make_tracker
 from spot3d.proposals.propose import propose
 from spot3d.segments.keyframe_segments import KeyframeSegments
@@ -84,83 +84,130 @@ def run_pipeline(
     boxes, no heat or no segments, or is not fused.
     `on_frame` is called after each frame; once `stopped` says so, the run ends early with what there is.
     """
-    tracker, fusion = make_tracker(settings.pose), Fusion(settings.fusion)
-    keyframes, world = KeyframeSegments(settings.segments), World(settings.fusion.speed_max)
-    cadence = Cadence(settings.fusion.object_interval_s)
-    result, last_ns = PipelineResult(fusion, fusion.objects()), -1
-    failures, step_s, pose = result.failures, result.step_s, PoseEstimate(np.eye(4), "lost")
+    cores = _Cores(settings)
     for index in range(len(sequence)):
         if stopped():
             break
-        try:
-            with _timed(step_s, "source"):
-                frame = sequence[index]
-        except Exception as error:  # a file that cannot be opened any more costs a frame, as in a distributed run
-            result.skipped[UNREADABLE] += 1
-            result.unreadable = str(error)
-            continue
-        if not 0 <= frame.stamp_ns <= MAX_COUNT:
-            result.skipped[UNSENDABLE] += 1
-            result.unreadable = f"the frame of {frame.stamp_ns} ns {UNSENDABLE}: no message holds such a time"
-            continue
-        if frame.stamp_ns <= last_ns:
-            result.skipped[f"{DUPLICATE if frame.stamp_ns == last_ns else OUT_OF_ORDER} {IN_THE_INPUT}"] += 1
-            continue
-        last_ns = frame.stamp_ns
-        depth, camera, where = frame.depth_metres(), frame.intrinsics, f"the frame at {frame.stamp_ns} ns"
-        pose = _tracked(tracker, frame, pose, result)
-        boxes = np.zeros((0, 5), np.float32)
-        with failures.of("proposals", f"no proposals for {where}"), _timed(step_s, "proposals"):
-            boxes = propose(frame.colour, depth, camera, settings.proposals)
-        heat = Heatmap(np.zeros(depth.shape, np.uint8), 0, 0, len(boxes))
-        with failures.of("heatmap", f"no heat for {where}"), _timed(step_s, "heatmap"):
-            heat = weighted_heat(depth, camera, boxes, settings.heatmap)
-        result.trajectory.append((frame.stamp_ns, pose))
-        result.heat_counts.update(accepted=heat.accepted, masked=heat.masked, rejected=heat.rejected)
+        frame = _next_frame(sequence, index, cores.result, cores.last_ns)
+        if frame is not None:
+            step = cores.take(frame)
+            if on_frame is not None:
+                on_frame(step)
+    cores.end()
+    return cores.result
+
+
+def _next_frame(sequence: FrameSequence, index: int, result: PipelineResult, last_ns: int) -> RgbdFrame | None:
+    """A frame that a source would send, later than that of `last_ns`; else why not is counted."""
+    try:
+        with _timed(result.step_s, "source"):
+            frame = sequence[index]
+    except Exception as error:  # a file that cannot be opened any more costs a frame, as in a distributed run
+        result.skipped[UNREADABLE] += 1
+        result.unreadable = str(error)
+        return None
+    if not 0 <= frame.stamp_ns <= MAX_COUNT:
+        result.skipped[UNSENDABLE] += 1
+        result.unreadable = f"the frame of {frame.stamp_ns} ns {UNSENDABLE}: no message holds such a time"
+        return None
+    if frame.stamp_ns <= last_ns:
+        result.skipped[f"{DUPLICATE if frame.stamp_ns == last_ns else OUT_OF_ORDER} {IN_THE_INPUT}"] += 1
+        return None
+    return frame
+
+
+class _Cores:
+    """The stages' cores, one frame after the other. last_ns: stamp of the last one."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._tracker, self._fusion = make_tracker(settings.pose), Fusion(settings.fusion)
+        self._keyframes, self._world = KeyframeSegments(settings.segments), World(settings.fusion.speed_max)
+        self._cadence = Cadence(settings.fusion.object_interval_s)
+        self._pose = PoseEstimate(np.eye(4), "lost")
+        self.result, self.last_ns = PipelineResult(self._fusion, self._fusion.objects()), -1
+
+    def take(self, frame: RgbdFrame) -> PipelineStep:
+        """Hand a frame from core to core."""
+        self.last_ns = frame.stamp_ns
+        pose = self._pose = self._tracked(frame)
+        heat = self._heat(frame)
+        self.result.trajectory.append((frame.stamp_ns, pose))
         segments, update, refused = None, None, LOST
         if pose.status == "ok":
-            if keyframes.wants(frame.stamp_ns, pose.T_world_camera):
-                with failures.of("segments", f"no segments of {where}"):
-                    with _timed(step_s, "segments"):
-                        segments = keyframes.find(frame, heat.heat, pose.T_world_camera, pose.calibration)
-                    if segments is None:
-                        _join_last_two(step_s["segments"])
-            verdict = world.judge(None, pose.T_world_camera, frame.stamp_ns)
-            refused = "" if verdict == "same" else verdict
-        if not refused:
-            refused = FAILED
-            known = CameraPose(
-                pose.T_world_camera, pose.T_world_map, calibration=pose.calibration, corrections=pose.corrections
-            )
-            with failures.of("fusion", f"cannot fuse {where}"), _timed(step_s, "fusion"):
-                fusion.fuse(frame.colour, depth, heat.heat, camera, known, frame.stamp_ns)
-                refused = ""
-                if segments is not None:
-                    with failures.of("fusion", f"cannot use the segments of {where}"):
-                        fusion.observe(segments, frame.stamp_ns)
-                        result.keyframes += 1
+            segments = self._segments(frame, heat, pose)
+            refused = self._fuse(frame, heat, pose, segments)
         if refused:
-            result.skipped[refused] += 1
-        else:
-            world.follow(None, pose.T_world_camera, frame.stamp_ns)
-            if cadence.due(frame.stamp_ns):
-                with failures.of("fusion", f"no objects after {fusion.frame_count} frames"), _timed(step_s, "objects"):
-                    update = result.objects = fusion.objects()
-        if on_frame is not None:
-            on_frame(PipelineStep(frame, pose, heat, segments, update, refused, keyframes.side_up))
-    with failures.of("fusion", f"no objects after {fusion.frame_count} frames"):
-        result.objects, result.complete = fusion.objects(), True
-    return result
+            self.result.skipped[refused] += 1
+        elif self._cadence.due(frame.stamp_ns):
+            update = self._objects()
+        return PipelineStep(frame, pose, heat, segments, update, refused, self._keyframes.side_up)
 
+    def end(self) -> None:
+        """The last objects."""
+        self.result.complete = self._objects() is not None
 
-def _tracked(tracker: PoseTracker, frame: RgbdFrame, last: PoseEstimate, result: PipelineResult) -> PoseEstimate:
-    """The frame's pose: a lost one, where the last was, if the tracker fails on it."""
-    try:
-        with _timed(result.step_s, "pose"):
-            return tracker.track(frame)
-    except Exception as error:
-        why = result.failures.add("pose", f"no pose of the frame at {frame.stamp_ns} ns", error)
-        return PoseEstimate(last.T_world_camera, "lost", why)
+    def _tracked(self, frame: RgbdFrame) -> PoseEstimate:
+        """The frame's pose: a lost one, where the last was, if the tracker fails on it."""
+        try:
+            with _timed(self.result.step_s, "pose"):
+                return self._tracker.track(frame)
+        except Exception as error:
+            why = self.result.failures.add("pose", f"no pose of the frame at {frame.stamp_ns} ns", error)
+            return PoseEstimate(self._pose.T_world_camera, "lost", why)
+
+    def _heat(self, frame: RgbdFrame) -> Heatmap:
+        """The heat of a frame's proposals; none where either core fails."""
+        depth, camera, where = frame.depth_metres(), frame.intrinsics, f"the frame at {frame.stamp_ns} ns"
+        failures, step_s = self.result.failures, self.result.step_s
+        boxes = np.zeros((0, 5), np.float32)
+        with failures.of("proposals", f"no proposals for {where}"), _timed(step_s, "proposals"):
+            boxes = propose(frame.colour, depth, camera, self._settings.proposals)
+        heat = Heatmap(np.zeros(depth.shape, np.uint8), 0, 0, len(boxes))
+        with failures.of("heatmap", f"no heat for {where}"), _timed(step_s, "heatmap"):
+            heat = weighted_heat(depth, camera, boxes, self._settings.heatmap)
+        self.result.heat_counts.update(accepted=heat.accepted, masked=heat.masked, rejected=heat.rejected)
+        return heat
+
+    def _segments(self, frame: RgbdFrame, heat: Heatmap, pose: PoseEstimate) -> FrameSegments | None:
+        """The segments of a keyframe; None where the core fails, and of other frames."""
+        segments, step_s = None, self.result.step_s
+        if self._keyframes.wants(frame.stamp_ns, pose.T_world_camera):
+            with self.result.failures.of("segments", f"no segments of the frame at {frame.stamp_ns} ns"):
+                with _timed(step_s, "segments"):
+                    segments = self._keyframes.find(frame, heat.heat, pose.T_world_camera, pose.calibration)
+                if segments is None:
+                    _join_last_two(step_s["segments"])
+        return segments
+
+    def _fuse(self, frame: RgbdFrame, heat: Heatmap, pose: PoseEstimate, segments: FrameSegments | None) -> str:
+        """Fuse a frame whose pose is trusted, and its segments; returns why it was not fused, empty where it was."""
+        verdict = self._world.judge(None, pose.T_world_camera, frame.stamp_ns)
+        if verdict != "same":
+            return verdict
+        refused, fusion, failures = FAILED, self._fusion, self.result.failures
+        depth, where = frame.depth_metres(), f"the frame at {frame.stamp_ns} ns"
+        known = CameraPose(
+            pose.T_world_camera, pose.T_world_map, calibration=pose.calibration, corrections=pose.corrections
+        )
+        with failures.of("fusion", f"cannot fuse {where}"), _timed(self.result.step_s, "fusion"):
+            fusion.fuse(frame.colour, depth, heat.heat, frame.intrinsics, known, frame.stamp_ns)
+            refused = ""
+            if segments is not None:
+                with failures.of("fusion", f"cannot use the segments of {where}"):
+                    fusion.observe(segments, frame.stamp_ns)
+                    self.result.keyframes += 1
+        if not refused:
+            self._world.follow(None, pose.T_world_camera, frame.stamp_ns)
+        return refused
+
+    def _objects(self) -> FoundObjects | None:
+        """An update of the objects; None where it fails."""
+        said = f"no objects after {self._fusion.frame_count} frames"
+        with self.result.failures.of("fusion", said), _timed(self.result.step_s, "objects"):
+            self.result.objects = self._fusion.objects()
+            return self.result.objects
+        return None
 
 
 @contextmanager
