@@ -11,6 +11,10 @@ from spot3d.dataflow.rate_limited_log import RateLimitedLog
 log = logging.getLogger(__name__)
 
 
+class StageFailedError(Exception):
+    """A stage failed on frames of a run whose results must lack nothing."""
+
+
 class Failures:
     """errors: how many there were of each stage; last_error: what the last one of each was."""
 
@@ -36,7 +40,7 @@ class Failures:
             self.add(stage, text, error)
 
     def refuse(self) -> None:
-        """Raise RuntimeError that says which stages failed, how often and what the last error was, unless none did."""
+        """Raise StageFailedError with which stages failed, how often and what the last error was, unless none did."""
         if self.errors:
             said = [f"{count} of {stage}, the last: {self.last_error[stage]}" for stage, count in self.errors.items()]
-            raise RuntimeError(f"a run with failures is not measured: {'; '.join(said)}")
+            raise StageFailedError(f"a run with failures is not measured: {'; '.join(said)}")

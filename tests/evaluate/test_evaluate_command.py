@@ -10,8 +10,10 @@ import typer
 from evaluate_samples import write_osd, write_uw_scenes
 from typer.testing import CliRunner
 
+from spot3d import pipeline
 from spot3d.boxes import moved
 from spot3d.cli.evaluate import evaluate
+from spot3d.cli.options import CommandError
 from spot3d.evaluate.cost_tables import TIMED
 from spot3d.evaluate.datasets import at_half_size, open_dataset
 from spot3d.evaluate.measured_run import Runs, world_alignment
@@ -226,3 +228,14 @@ def test_a_run_is_asked_for_in_one_way(words: list[str]) -> None:
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SourceError, match=r"holds no finished run: cannot use .*trajectory.txt: it, or"):
         CliRunner().invoke(app, ["run", "scene:3", "--of", str(tmp_path)], catch_exceptions=False)
+
+
+@pytest.mark.parametrize("table", ["objects", "robustness"])
+def test_a_stage_that_fails_is_told_in_a_line(table: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: Any) -> None:
+        raise ValueError("one odd frame")
+
+    monkeypatch.setattr(pipeline, "weighted_heat", fails)
+    failed = CliRunner().invoke(app, [table, "scene:2", "--frames", "2", "--half"]).exception
+    assert isinstance(failed, CommandError)
+    assert "2 of heatmap, the last: no heat for" in str(failed)

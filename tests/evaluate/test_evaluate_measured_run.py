@@ -12,6 +12,7 @@ from spot3d.evaluate.degraded import Degradation
 from spot3d.evaluate.labelled import DataSet, LabelledFrame, LabelledFrames, LabelledSequence
 from spot3d.evaluate.measured_run import measure
 from spot3d.evaluate.still_table import moving_table, still_table
+from spot3d.failures import StageFailedError
 from spot3d.settings import Settings
 from spot3d.source.scene.scene import Scene
 from spot3d.source.sequence import FrameList
@@ -61,5 +62,5 @@ def test_a_run_in_which_a_stage_fails_is_not_measured(
         raise ValueError("one odd frame")
 
     monkeypatch.setattr(pipeline, "weighted_heat", fails)
-    with pytest.raises(RuntimeError, match=r"\d+ of heatmap, the last: no heat for .*: ValueError: one odd frame"):
+    with pytest.raises(StageFailedError, match=r"\d+ of heatmap, the last: no heat for .*: ValueError: one odd frame"):
         measured(Scene(2, frames=2), Settings())

@@ -71,6 +71,7 @@ def evaluate(
     from spot3d.evaluate.robustness import GROUPS, robustness_table
     from spot3d.evaluate.table import to_markdown, write_plots, write_tables
     from spot3d.evaluate.tables import SHORT_TABLES, TABLES, make_tables, with_objects
+    from spot3d.failures import StageFailedError
 
     if table not in (ALL, RUN, ROBUSTNESS, *TABLES):
         raise CommandError(f"there is no table {table!r}; there are {', '.join(TABLES)}, run, robustness, and all")
@@ -102,15 +103,18 @@ def evaluate(
         opened[name] = at_half_size(dataset) if half else dataset
     datasets = distinctly_named(opened)
     made = []
-    if table == ROBUSTNESS:
-        tables = iter([robustness_table(with_objects(datasets), resolved, every, kinds, say)])
-    elif of is not None:
-        tables = iter([finished_table(dataset, of, resolved) for dataset in datasets])
-    else:
-        tables = make_tables(SHORT_TABLES if table == ALL else [table], datasets, resolved, say)
-    for one in tables:
-        made.append(one)
-        typer.echo(to_markdown(one))
+    try:
+        if table == ROBUSTNESS:
+            tables = iter([robustness_table(with_objects(datasets), resolved, every, kinds, say)])
+        elif of is not None:
+            tables = iter([finished_table(dataset, of, resolved) for dataset in datasets])
+        else:
+            tables = make_tables(SHORT_TABLES if table == ALL else [table], datasets, resolved, say)
+        for one in tables:
+            made.append(one)
+            typer.echo(to_markdown(one))
+    except StageFailedError as error:
+        raise CommandError(str(error)) from error
     options = {"table": table, "every": every, "frames": frames, "half": half, "pose": pose, "of": of and str(of)}
     options |= {"intrinsics": intrinsics, "only": only}
     kept = record(resolved, {name: data_checksum(name) for name in names}, options)

@@ -86,7 +86,7 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
     With odometry the found world is that of the first pose: it is moved into the true one by the rigid
     transform that agrees best with all true poses (`world_alignment`), and each true object is carried into it
     by the frames that see it (`Sightings`). Raises SourceError where true objects have no true poses to be placed by,
-    and RuntimeError where a stage fails on a frame.
+    and StageFailedError where a stage fails on a frame.
     """
     sequence, truth = item.sequence, item.truth or NO_TRUTH
     if item.truth is not None and not sequence.has_true_poses:

@@ -27,7 +27,7 @@ def still_table(datasets: list[DataSet], settings: Settings) -> Table:
     """Success (SR) and detection rate (DR) at IoU 0.5 of the objects' 3D boxes, drawn into the frame that they are of.
 
     Unlike the finder's pixels (`proposals_table`), these boxes went through the votes, of one view here, and every
-    rule for objects; the peer's clusters are boxed in 3D too. Raises RuntimeError where a stage fails on a frame.
+    rule for objects; the peer's clusters are boxed in 3D too. Raises StageFailedError where a stage fails on a frame.
     """
     title = "Single frame through all stages: 3D boxes drawn into it"
     table = Table("still", title, (Column("data"), *BOTH_METHODS))
@@ -56,7 +56,7 @@ def still_table(datasets: list[DataSet], settings: Settings) -> Table:
 def moving_table(datasets: list[DataSet], settings: Settings) -> Table:
     """The same for frames that a camera has which moves around what they show (see `moved_views`), by given poses, true
     or shaken, or those that the system finds; drawn into the first frame. The peer has the run's poses. Raises
-    RuntimeError where a stage fails on a frame.
+    StageFailedError where a stage fails on a frame.
     """
     title = "Single frame as a moving camera sees it: 3D boxes drawn into it"
     table = Table("moving", title, (Column("data"), Column("poses"), *BOTH_METHODS))
