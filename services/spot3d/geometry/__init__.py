@@ -1,1 +1,1 @@
-"""What several stages know of surfaces: lattices of depth, normals, planes."""
+"""Surface geometry shared by several stages: lattices of depth, normals, planes."""

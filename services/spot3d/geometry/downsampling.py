@@ -1,4 +1,4 @@
-"""The lattice on which a frame is fused: blocks of pixels about as large as what the map resolves."""
+"""The lattice on which a frame is fused: blocks of pixels about as large as the map's resolution."""
 
 import math
 from dataclasses import dataclass, replace
@@ -12,20 +12,21 @@ from spot3d.geometry.flying_pixels import without_flying
 from spot3d.kernel import kernel
 from spot3d.sensor import axial_noise_kernel
 
-# Success rate in 40 rendered views of clutter by the samples to the radian: 0.48 of 131 (VGA), 0.53 of 141 (848x480, 90
-# degrees across), 0.68 of 203 (848x480, 70), 0.69 of 212, 0.76 of 229 (1280x720), 0.79 of 262 (VGA), 0.82 and 0.84 of
-# 305, 0.86 of 525, which takes four times as long; on Kinect's own frames 0.91 and 0.96 of 262 to 285 (HOTS, OSD), 0.87
-# and 0.96 of 525 to 570: its pixels are not as fine as that.
+# Success rate in 40 rendered views of clutter by samples per radian: 0.48 with 131 (VGA), 0.53 with 141 (848x480, 90
+# degrees across), 0.68 with 203 (848x480, 70), 0.69 with 212, 0.76 with 229 (1280x720), 0.79 with 262 (VGA), 0.82 and
+# 0.84 with 305, 0.86 with 525, which takes four times as long. On Kinect's own frames (HOTS, OSD) 0.91 and 0.96 with
+# 262 to 285, 0.87 and 0.96 with 525 to 570: its pixels are not as fine as that.
 _FOCAL = 0.9
-"""Focal length of the cameras that the rest was made on, Kinects, in image widths."""
+"""Focal length, in image widths, of Kinects, the cameras for which the rest was developed."""
 _WIDEST = 1.5
-"""A wide camera has at most so many times the samples of those along an edge: time goes with their number."""
+"""A wide-angle camera has at most this many times `width` samples along an edge: time grows with their number."""
 
 
 def block_size(camera: Intrinsics, width: int) -> int:
-    """Pixels along the edge of a block: the whole number that brings the samples nearest to as many a radian as a
-    Kinect has with `width` of them across, whatever the angle that the camera sees: creases and seams are told on
-    neighbouring samples. One that sees less has about `width` of them all the same."""
+    """Pixels along the edge of a block.
+
+    The whole number that brings the samples per radian nearest to those of a Kinect with `width` samples across, since
+    creases and seams are found on neighbouring samples. A camera that sees a smaller angle has about `width`, too."""
     longest = max(camera.width, camera.height)
     alike = round(min(camera.fx / _FOCAL, longest) / width)
     return max(1, alike, math.ceil(longest / (_WIDEST * width)))
@@ -33,7 +34,7 @@ def block_size(camera: Intrinsics, width: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class LatticeFrame:
-    """A frame reduced to one sample a block.
+    """A frame reduced to one sample per block.
 
     colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths;
     camera: intrinsics of this lattice.
@@ -55,9 +56,9 @@ def to_lattice(
 ) -> LatticeFrame:
     """Reduce a frame to one sample for each block of pixels, about `width` across (see `block_size`).
 
-    Depth is the mean of a block's pixels on its nearest surface, so that noise falls; what floats between two surfaces
-    all the same is moved to one of them or left out (`without_flying`; grazing_cos 0: it is not). Colour and heat are
-    the block's first pixel's.
+    Depth is the mean of a block's pixels on its nearest surface, so that noise falls. Depth that still floats between
+    two surfaces is moved to one of them or left out (`without_flying`; not if grazing_cos is 0). Colour and heat are
+    those of the block's first pixel.
     """
     factor = block_size(camera, width)
     # Decoded messages are read-only views, which compiled kernels refuse.
@@ -104,7 +105,7 @@ def _mean_within_noise(
     count: NDArray[np.float32],
     mean: NDArray[np.float32],
 ) -> None:
-    """Add up the blocks' means in `mean`, which is zero. limit, count: room for a row of blocks."""
+    """Write the blocks' means to `mean`, which is zero. limit, count: buffers for a row of blocks."""
     # Every loop over u does the same to all blocks of a row, so that several are computed at once.
     none, one, far = np.float32(0), np.float32(1), np.float32(np.inf)
     h, w = depth.shape

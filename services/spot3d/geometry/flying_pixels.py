@@ -1,7 +1,7 @@
-"""Depth between two surfaces, where there is none: a pixel that sees the edge of one and what is behind it.
+"""Flying pixels: depth between two surfaces, at pixels that see the edge of one and what is behind it.
 
-Time-of-flight cameras mix both, stereo and whoever smooths or resizes depth bridge them: veils hang from all outlines,
-join what is apart and make boxes too large.
+Time-of-flight cameras mix both depths; stereo, smoothing and resizing bridge them. Veils of such pixels hang from all
+outlines, join separate objects and make boxes too large.
 """
 
 import numpy as np
@@ -10,22 +10,22 @@ from numpy.typing import NDArray
 from spot3d.kernel import kernel, part
 
 _FLANK = np.float32(np.tan(np.radians(70)))
-"""Depth that changes, within a few pixels, as that of a surface seen at more than 70 degrees is an edge. Detection in
-two cluttered scenes whose depth is a mean over 1; 2 pixels to each side (0.73; 0.30 where nothing is moved), with 60,
-65, 68, 70 degrees: 0.85, 0.87, 0.91, 0.91; 0.60, 0.64, 0.64, 0.62."""
+"""Depth that changes over a few pixels like that of a surface seen at more than 70 degrees is an edge. Detection with
+60, 65, 68, 70 degrees in two cluttered scenes: 0.85, 0.87, 0.91, 0.91 if depth is a mean over 1 pixel to each side
+(0.73 if nothing is moved), 0.60, 0.64, 0.64, 0.62 over 2 (0.30)."""
 _WIDTH = 6
-"""So many steps wide a flank is at most: that of a mean over two pixels to each side. With 8, things that are as narrow
-begin to go: detection 0.83; 0.60 (as above, of 65 degrees)."""
+"""Largest width of a flank, steps: that of a mean over two pixels to each side. With 8, objects as narrow begin to be
+lost: detection 0.83 and 0.60 (scenes as above, 65 degrees)."""
 _EDGE = np.float32(0.04)
 """An edge is where depth rises by this share of it: 4 cm at 1 m, several times its noise."""
 _SHARP = 0.8
-"""An edge of which one step is this share is sharp. So are, of a frame's edges (medians), 69 to 100 % in four real data
-sets of Kinects, with twice the noise 49 % or more; where depth is mixed over a pixel or more, 2 to 32 %."""
+"""An edge is sharp if one step is this share of it. Sharp edges of a frame (medians): 69 to 100 % in four real data
+sets of Kinects, 49 % or more with twice the noise, 2 to 32 % where depth is mixed over a pixel or more."""
 
 
 def without_flying(depth: NDArray[np.float32], focal: float, grazing_cos: float) -> NDArray[np.float32]:
-    """Depth without pixels that lie between their neighbours of two sides, steeper to both than a surface that is seen
-    at `grazing_cos`; if most edges are mixed, what is between two surfaces is moved to the nearer of them before.
+    """Depth without flying pixels: those between two opposite neighbours, steeper to both than a surface seen at
+    `grazing_cos`. If most edges are mixed, pixels between two surfaces are moved to the one nearer to them before.
 
     depth: (h, w) float32 metres, 0 = invalid, of a lattice of about 320 pixels across; focal: its, pixels.
     """
@@ -50,7 +50,7 @@ def _between(before: np.float32, here: np.float32, after: np.float32, step: np.f
 
 @part()
 def _foot(depth: NDArray[np.float32], at: tuple[int, int], towards: tuple[int, int], slope: np.float32) -> int:
-    """Steps from a pixel of a flank to where it ends: at a hole, or where depth goes on less steeply, or turns."""
+    """Steps from a pixel of a flank to its foot: at a hole, or where depth changes less steeply or turns."""
     h, w = depth.shape
     y, x = at[0] + towards[0], at[1] + towards[1]
     here, after = depth[at], depth[y, x]
@@ -65,7 +65,7 @@ def _foot(depth: NDArray[np.float32], at: tuple[int, int], towards: tuple[int, i
 
 @kernel("UniTuple(i8, 2)(f4[:,::1], f4)")
 def _count_edges(depth: NDArray[np.float32], slope: np.float32) -> tuple[int, int]:
-    """How many edges are sharp, and how many there are, in rows and columns of pixels. slope: as in `_move`."""
+    """The numbers of sharp edges and of all edges in rows and columns of pixels. slope: as in `_move`."""
     sharp, edges = 0, 0
     h, w = depth.shape
     for y, x in ((0, 1), (1, 0)):
@@ -90,9 +90,9 @@ def _count_edges(depth: NDArray[np.float32], slope: np.float32) -> tuple[int, in
 
 @kernel("void(f4[:,::1], f4, f4[:,::1])")
 def _move(depth: NDArray[np.float32], slope: np.float32, moved: NDArray[np.float32]) -> None:
-    """Give pixels on a flank the depth of its nearer foot. slope: depth's change from pixel to pixel, as a share of it.
+    """Give pixels on a flank the depth of its nearer foot. slope: change of depth per pixel, as a share of depth.
 
-    Of the four directions in which a pixel is on one, that of the largest step decides.
+    If a pixel is on flanks in several of four directions, the one with the largest step decides.
     """
     diagonal = slope * np.float32(np.sqrt(2))
     h, w = depth.shape
@@ -112,12 +112,12 @@ def _move(depth: NDArray[np.float32], slope: np.float32, moved: NDArray[np.float
 
 @kernel("void(f4[:,::1], f4, f4[:,::1])")
 def _leave_out(depth: NDArray[np.float32], slope: np.float32, clear: NDArray[np.float32]) -> None:
-    """Clear the pixels between two surfaces. slope: as above."""
+    """Copy depth to `clear`, with 0 at pixels between two surfaces. slope: as in `_move`."""
     diagonal = slope * np.float32(np.sqrt(2))
     h, w = depth.shape
     for v in range(h):
         above, row, below = depth[max(v - 1, 0)], depth[v], depth[min(v + 1, h - 1)]
-        # Of the pixels' left, own and right columns, so that several pixels are looked at at once.
+        # Left, own and right columns of all pixels, so that several are computed at once.
         a0, a1, a2 = above[:-2], above[1:-1], above[2:]
         r0, r1, r2 = row[:-2], row[1:-1], row[2:]
         b0, b1, b2 = below[:-2], below[1:-1], below[2:]

@@ -1,7 +1,7 @@
 """Kernels of `upright`: the direction of the sides of a footprint's smallest rectangle.
 
-`cv2.minAreaRect` finds the same to 3e-7 rad, but in three times as long for 200 and 1000 points, in eight times for
-10,000; `scipy.spatial.ConvexHull` alone takes 18 times as long and more.
+`cv2.minAreaRect` finds the same to 3e-7 rad, but takes three times as long for 200 and 1000 points and eight times for
+10,000. `scipy.spatial.ConvexHull` alone takes 18 times as long and more.
 """
 
 import numpy as np
@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from spot3d.kernel import kernel, part
 
 _OCTAGON_OF = 256
-"""About so many points tell well enough what is within."""
+"""The octagon is found among about this many points."""
 
 
 @kernel("f8[:,::1](f8[:,:])")
 def outer_points(footprint: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Those of (2, n) points that may be corners of their convex hull, from the first one: (m, 2).
+    """Those of (2, n) points that may be corners of their convex hull, relative to the first one: (m, 2).
 
-    Left out are those within the octagon of the points that are outermost, of some of all, along the axes and the
-    diagonals: a hull takes far longer than this for many points.
+    Points within an octagon are left out. Its corners are the outermost points, of a sample, along the axes and the
+    diagonals. The hull of many points takes far longer than this.
     """
     n = footprint.shape[1]
     outermost = np.zeros(8, np.int64)  # counter-clockwise

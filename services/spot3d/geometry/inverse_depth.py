@@ -8,9 +8,9 @@ from spot3d.kernel import kernel
 
 @kernel()
 def fill_inverse_depth(depth: NDArray[np.float32], inverse: NDArray[np.float32]) -> None:
-    """Writes inverse depth whose holes take the farther of their two ends along the row.
+    """Write inverse depth whose holes take the farther of their two ends along the row.
 
-    A hole beside an object is background that the projector or the second eye does not see, so the farther
+    A hole beside an object is background that the projector or the second camera does not see, so the farther
     end is right and the object keeps its outline. Rows without any depth repeat the nearest row above, or
     below at the top. depth: (h, w) float32 metres, 0 = invalid; inverse: (h, w) float32 1/m, 0 if all is 0.
     """

@@ -10,17 +10,17 @@ from spot3d.kernel import kernel
 
 _NEIGHBOUR_SHARE = 1 / 16
 """The points of a triple lie within this share of the image's width: 7 cm at 1 m, fifty times the noise there. The
-paper does not say how near; between adjacent pixels, 2 mm apart, the noise alone would tell the normal."""
+paper does not say how near; between adjacent pixels, 2 mm apart, noise alone would determine the normal."""
 _COARSE, _FINE = 200, 4000
-"""Points on which every triple, and then the best of them, are scored."""
+"""Number of points on which all triples are scored, and then the best of them."""
 _SHORTLIST = 50
-"""Triples that are scored on the fine sample."""
+"""Number of triples that are scored on the fine sample."""
 _LEAST_SHARE = 0.02
 """A dominant plane holds at least this share of the valid points."""
 
 
 class PlaneSettings(Protocol):
-    """What a stage's settings say of planes."""
+    """The settings about planes that a stage has."""
 
     @property
     def plane_distance(self) -> float:
@@ -36,11 +36,11 @@ class PlaneSettings(Protocol):
 
     @property
     def plane_candidates(self) -> int:
-        """Most dominant planes of a frame."""
+        """Largest number of dominant planes of a frame."""
 
 
 class SupportSettings(PlaneSettings, Protocol):
-    """What a stage's settings say of planes, and of the one among them that supports objects."""
+    """The settings that a stage has about planes and about the one that supports objects."""
 
     @property
     def plane_heat_max(self) -> float:
@@ -50,7 +50,7 @@ class SupportSettings(PlaneSettings, Protocol):
 def plane_tolerance(
     depth: NDArray[np.float32], settings: PlaneSettings, noise: DepthNoise = KINECT_V1
 ) -> NDArray[np.float32]:
-    """eps_p, but never below what the noise at that depth allows. depth: metres; the same shape back."""
+    """eps_p, or `noise_gate` deviations of the noise at that depth if more; in the shape of `depth`, both in metres."""
     gate = np.float32(settings.noise_gate) * noise.sigma(depth)
     tolerance: NDArray[np.float32] = np.maximum(np.float32(settings.plane_distance), gate)
     return tolerance
@@ -116,7 +116,7 @@ def supporting_plane(
 ) -> tuple[NDArray[np.float64], float] | None:
     """The plane whose inliers hold most heat (paper, Eq. 10), with that heat (sum of H_2D); None if none holds any.
 
-    What supports objects is mostly bare: a plane hotter than `plane_heat_max` on average is left out.
+    A support is mostly bare: a plane hotter than `plane_heat_max` on average is left out.
     planes: (n, 4); points: (h, w, 3) float32, camera frame, z = 0 invalid; heat: (h, w) uint8, 255ths.
     """
     best, most = None, 0.0
@@ -220,7 +220,7 @@ def _count_inliers(
     tolerance: NDArray[np.float32],
     counts: NDArray[np.int32],
 ) -> None:
-    """See `count_inliers`; axis by axis, so that several points are looked at at once."""
+    """See `count_inliers`; axis by axis, so that several points are computed at once."""
     for j in range(len(planes)):
         a, b, c, d = planes[j, 0], planes[j, 1], planes[j, 2], planes[j, 3]
         inliers = 0

@@ -1,6 +1,6 @@
-"""Quantiles within kernels, by halving: counting is done for several values at once, sorting for one.
+"""Quantiles within kernels, by bisection: counting handles several values at once, sorting only one.
 
-Of three rows of 200 to 10,000 values `np.partition` takes 1.5 to 4 times as long, `np.quantile` 5 to 28 times.
+For three rows of 200 to 10,000 values `np.partition` takes 1.5 to 4 times as long, `np.quantile` 5 to 28 times.
 """
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from spot3d.kernel import kernel
 
 _HALVINGS = 40
-"""Values that are nearer to each other than this power of two of their range need not be told apart."""
+"""Values nearer to each other than their range over two to this power need not be told apart."""
 
 
 @kernel("i8(f8[::1], f8)")
@@ -61,7 +61,7 @@ def _value_between(values: NDArray[np.float64], position: float, low: float, hig
             low = middle
         else:
             high = middle
-    return float(_beside(values, low)[1])  # several times the same value
+    return float(_beside(values, low)[1])  # several values are equal
 
 
 @kernel("f8[:,::1](f8[:,::1], f8)")

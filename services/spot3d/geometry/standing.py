@@ -9,7 +9,7 @@ from spot3d.geometry.upright import are_below
 _LOWEST = 0.02
 """This share of a part's points may lie below its bottom: noise, and pixels at its edge."""
 _AROUND = np.ones((7, 7), np.uint8)
-"""What is up to three pixels aside is around a part: edges of depth wander by two, or have none."""
+"""Pixels up to three away are around a part: edges of depth wander by two, or have none."""
 
 
 def stands_on(
@@ -19,10 +19,10 @@ def stands_on(
     up: NDArray[np.float64],
     within: float,
 ) -> bool:
-    """Whether a part begins on a plane, or hides where it begins, and most of what is seen around it lies there.
+    """Whether a part's bottom is on a plane, or is hidden by the part while most pixels around it are on the plane.
 
-    pixels: (n,) flat numbers of what has depth; height: (h, w) metres above the plane; points: (h, w, 3) metres, camera
-    frame, z = 0 invalid; up: (3,) unit, camera frame; within: metres that count as none.
+    pixels: (n,) flat indices of those with depth; height: (h, w) metres above the plane; points: (h, w, 3) metres,
+    camera frame, z = 0 invalid; up: (3,) unit, camera frame; within: heights that count as zero, metres.
     """
     if not len(pixels):
         return False
@@ -38,5 +38,5 @@ def stands_on(
 
 
 def is_below_camera(places: NDArray[np.float32], up: NDArray[np.float64]) -> bool:
-    """Whether a camera looks down steeply on a part: (n, 3) metres, camera frame. It hides what it stands on."""
+    """Whether a camera looks down so steeply on a part that it hides its support: (n, 3) metres, camera frame."""
     return bool(are_below(-places.mean(axis=0, keepdims=True, dtype=np.float64), up)[0])

@@ -10,14 +10,14 @@ from spot3d.kernel import kernel, part
 from spot3d.trajectory import rotation_to_z
 
 _SAMPLE = 1000
-"""About as many points of a cluster tell its rough box."""
+"""About this many points of a cluster determine its rough box."""
 _STEEP = np.sin(np.radians(60))
-"""Looked down on more steeply than this, a thing shows less than half of the height of its sides, and hides what it
+"""Seen from more steeply above than this, an object shows less than half of the height of its sides and hides what it
 stands on: a ball its lower half. With 53 and 64 degrees HOTS, OSD and near desks are the same."""
 
 
 rotation_to_upright = kernel("f8[:,::1](f8[:])")(rotation_to_z)
-"""Rotation R_upright_world (3, 3) that turns `up` (unit, world) into +z by the shortest way (paper, Eq. 16).
+"""Rotation R_upright_world (3, 3) that turns `up` (unit, world) into +z by the smallest angle (paper, Eq. 16).
 
 The paper turns the normal into y; z is the robot world's up.
 """
@@ -44,7 +44,7 @@ def _turn_level(columns: NDArray[np.float64], cosine: float, sine: float) -> Non
 
 @kernel("f8[:,::1](f4[:,::1], f8[:], f8)")
 def _enclosed(points: NDArray[np.float32], up: NDArray[np.float64], trim: float) -> NDArray[np.float64]:
-    """Centre, size and rotation of the box around points (see `upright_box`), one below the other: (5, 3)."""
+    """Centre, size and rotation of the box around points (see `upright_box`), stacked: (5, 3)."""
     R = rotation_to_upright(up)
     upright = _turned(points, R)
     yaw = footprint_yaw(upright[:2])
@@ -74,9 +74,9 @@ def upright_box(points: NDArray[np.float32], up: NDArray[np.float64], trim: floa
 
 
 def are_below(towards: NDArray[np.floating], up: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(n,) whether things are looked down on so steeply that they hide what they stand on.
+    """(n,) bool: whether the camera looks down on objects so steeply that they hide what they stand on.
 
-    towards: (n, 3) from them to the camera; up: (3,) unit; in the same axes.
+    towards: (n, 3) vectors from them to the camera; up: (3,) unit; in the same frame.
     """
     return np.asarray(towards @ up > _STEEP * np.linalg.norm(towards, axis=1))
 
@@ -92,7 +92,7 @@ def with_bottom(box: Box3D, height: float) -> Box3D:
 
 @kernel("f4[:,::1](f4[:,:], i8[:])")
 def taken(values: NDArray[np.float32], rows: NDArray[np.int64]) -> NDArray[np.float32]:
-    """These rows of (n, 3) values: what `take` does, which is several times slower for rows as short."""
+    """These rows of (n, 3) values, as from `take`, which is several times slower for rows this short."""
     found = np.empty((len(rows), 3), np.float32)
     for k in range(len(rows)):
         for axis in range(3):
@@ -101,7 +101,7 @@ def taken(values: NDArray[np.float32], rows: NDArray[np.int64]) -> NDArray[np.fl
 
 
 def sampled(points: NDArray[np.float32], rows: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Of these rows of (n, 3) points as many, evenly spread, as tell a rough box."""
+    """An evenly spread sample of these rows of (n, 3) points, enough for a rough box."""
     return taken(points, rows[:: max(1, len(rows) // _SAMPLE)])
 
 

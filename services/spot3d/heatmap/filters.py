@@ -85,7 +85,7 @@ def _depth_ranges(
 ) -> None:
     """Smallest and largest valid depth of every window; (inf, 0) where it has none.
 
-    Tiles wholly inside are read first: then most tiles on the rim can add nothing and are passed over.
+    Tiles wholly inside are read first, so that most tiles on the rim can add nothing and are skipped.
     """
     none = np.float32(np.inf)
     for j in range(len(windows)):
@@ -120,7 +120,7 @@ def _depth_ranges(
 def _mean_depths(
     windows: NDArray[np.int32], pixels: NDArray[np.float32], cut: NDArray[np.float32], mean: NDArray[np.float32]
 ) -> None:
-    """Mean valid depth of every window, of what is no farther than its cut; 0 where there is none."""
+    """Mean of every window's valid depths that are no farther than its cut; 0 where there are none."""
     for j in range(len(windows)):
         u0, v0, u1, v1 = windows[j, 0], windows[j, 1], windows[j, 2], windows[j, 3]
         total, count = np.float64(0), 0

@@ -85,12 +85,12 @@ def _sum_masked(
     whole: NDArray[np.bool_],
     beyond: NDArray[np.int32],
 ) -> NDArray[np.int32]:
-    """What the soft filter takes back: all that lies beyond a window's cut (invalid depth, 0, does not: Eq. 4).
+    """The amounts that the soft filter removes at pixels beyond a window's cut (invalid depth, 0, is not: Eq. 4).
 
-    Returns the sums of single pixels, in tiles as `pixels`, and adds to `beyond`, which is 0, for tiles wholly inside a
-    window and wholly beyond its cut: pixels are visited only where a window's rim or its cut runs through a tile.
+    Returns the sums of single pixels, in tiles as `pixels`. Tiles wholly inside a window and wholly beyond its cut are
+    added to `beyond`, which is 0: pixels are visited only where a window's rim or its cut runs through a tile.
     """
-    masked = np.zeros(pixels.shape, np.int32)  # were it given, each tile would ask whether it overlaps with `pixels`
+    masked = np.zeros(pixels.shape, np.int32)  # as an argument, each tile would be checked for overlap with `pixels`
     for j in range(len(windows)):
         u0, v0, u1, v1 = windows[j, 0], windows[j, 1], windows[j, 2], windows[j, 3]
         limit, c = cut[j], amount[j]
@@ -122,10 +122,10 @@ def _heat_image(
     above: NDArray[np.int32],
     heat: NDArray[np.uint8],
 ) -> None:
-    """All windows less what is masked, in 255ths of the largest sum.
+    """The sum of all windows less what is masked, in 255ths of the largest sum.
 
-    Windows go into the corners of a difference image `total`, (h + 1, w + 1), which is integrated once, with `above`,
-    (w,), the sums of the row above. Both are 0 before.
+    Windows are added at the corners of a difference image `total`, (h + 1, w + 1), which is integrated once. `above`,
+    (w,), holds the sums of the row above. Both are 0 before.
     """
     h, w = heat.shape
     for j in range(len(windows)):

@@ -1,4 +1,4 @@
-"""The heatmap stage's process: joins frames with their boxes, and passes both on as heat."""
+"""The heatmap stage's process: joins frames with their boxes, and publishes their heat."""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -23,7 +23,7 @@ from spot3d_schemas import Frame, Heat, Message, Proposals
 
 _FRAME, _BOXES, _OUT, _PREVIEW = "source/frame", "proposals/boxes", "heatmap/heat", "heatmap/preview"
 _FRAMES_WAITING = 16
-"""Live: frames that wait for their boxes, so that proposals may take half a second; 24 MB at VGA."""
+"""Live: number of frames that wait for their boxes, so that proposals may take half a second; 24 MB at VGA."""
 _BOXES_WAITING = 64
 
 Pair = tuple[Received[Frame], Received[Proposals]]
@@ -31,9 +31,9 @@ M = TypeVar("M", bound=Message)
 
 
 def run(link: LinkSettings, settings: HeatmapSettings, stop: threading.Event | None = None) -> None:
-    """Publish the heat of every frame whose boxes come, until stopped by `stop`, SIGINT or SIGTERM.
+    """Publish the heat of every frame whose boxes arrive, until stopped by `stop`, SIGINT or SIGTERM.
 
-    A frame that fails counts as an error; in a lossless run its heat is empty, so that nobody waits for it.
+    A frame that fails counts as an error; in a lossless run its heat is empty, so that no subscriber waits for it.
     """
     warm_up("heatmap", partial(_heat_first, settings))
     with stop_on_signals(stop) as stopped, Node("heatmap", link, stopped, (_FRAME, _BOXES), (_OUT, _PREVIEW)) as node:

@@ -11,7 +11,7 @@ TILE = 8
 """Side of a tile in pixels."""
 
 ORDERED = {"nnan", "nsz"}
-"""What numba may take for granted of depths: none is nan, so that minima run over several values at once."""
+"""What numba may assume of depths: none is nan, so that minima run over several values at once."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""What a thin link carries of a frame: no more than segments and fusion look at, no finer than the sensor knows it."""
+"""Frames for a thin link: no more samples than segments and fusion use, and depth no finer than the sensor's noise."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -13,14 +13,14 @@ from spot3d.frame import RgbdFrame
 from spot3d.geometry.downsampling import to_lattice
 
 _FARTHEST, _GRID = 32.0, 0.001
-"""The noise is summed up in steps of a millimetre, to this range; what is farther stays as it is."""
+"""Noise is summed up to this range in steps of a millimetre, metres; farther depth stays as it is."""
 _PAYS = 0.75
-"""Rounding that leaves more than this share of the distinct values saves nothing worth it."""
+"""Rounding that leaves this share of the distinct values or more saves too little to be used."""
 
 
 @dataclass(frozen=True, slots=True)
 class ThinFrame:
-    """The images of a heat message, as RgbdFrame has them, and their heat (h, w) uint8, 255ths."""
+    """The images of a heat message, as an RgbdFrame, and their heat (h, w) uint8, 255ths."""
 
     frame: RgbdFrame
     heat: NDArray[np.uint8]
@@ -30,7 +30,7 @@ DepthImage = NDArray[np.uint16] | NDArray[np.float32]
 
 
 def thinned(frame: RgbdFrame, heat: NDArray[np.uint8], link: LinkSettings) -> ThinFrame:
-    """A frame and its heat (h, w) uint8 as `link` lets them through: on the lattice of `thin_width`, rounded."""
+    """A frame and its heat (h, w) uint8, reduced to the lattice of `link.thin_width` and rounded as `link` says."""
     small = to_lattice(frame.colour, frame.depth_metres(), heat, frame.intrinsics, link.thin_width)
     if small.camera != frame.intrinsics:
         frame = replace(frame, colour=small.colour, depth=small.depth, depth_scale=1.0, intrinsics=small.camera)
@@ -38,14 +38,14 @@ def thinned(frame: RgbdFrame, heat: NDArray[np.uint8], link: LinkSettings) -> Th
     if link.thin_depth_share > 0:
         noise = frame.intrinsics.noise
         rounded = rounded_depth(frame.depth, frame.depth_scale, link.thin_depth_share, noise)
-        # What a sensor tells in steps of its own that are as coarse costs no more as it is.
+        # Depth that a sensor gives in steps as coarse costs no more unrounded.
         if _values(rounded) < _PAYS * _values(frame.depth):
             frame = replace(frame, depth=rounded)
     return ThinFrame(frame, rounded_heat(heat, link.thin_heat_levels))
 
 
 def rounded_depth(depth: DepthImage, depth_scale: float, share: float, noise: DepthNoise) -> DepthImage:
-    """Depth rounded to steps of `share` of its `noise`, which leaves few distinct values to tell apart.
+    """Depth rounded to steps of `share` of its `noise`, which leaves few distinct values.
 
     depth: (h, w) uint16 in units of `depth_scale` metres, or float32 metres; 0 = invalid stays 0. It moves by half a
     step at most (and half a unit). Rounding adds share² / 12 to the noise's variance: for a half 2 %, 1 % of sigma.

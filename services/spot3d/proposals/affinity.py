@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from spot3d.kernel import kernel
 
 REACH = 2  # groups that come this close, in pixels along both axes, have an affinity
-PAIRS = 16  # pairs for each group that there is room for at first
+PAIRS = 16  # pairs per group for which memory is allocated at first
 
 
 def affinities(
@@ -22,9 +22,8 @@ def affinities(
     """Affinity |cos(t_i - t_ij) cos(t_j - t_ij)|^gamma of groups that come within REACH (EdgeBoxes, Eq. 1).
 
     t_i, t_j: directions of the groups, across their normals, t_ij: of the line between their means. label: (h, w)
-    int32, -1 = no group; edges: (e,) int64, the pixels, counted in reading order, that may have one; mean, normal:
-    (n, 2) float32. Returns the sparse rows `first`, `neighbour` and `affinity` of EdgeGroups: those of at least
-    `least`, which is above 0.
+    int32, -1 = no group; edges: (e,) int64, flat indices of the pixels that may have one; mean, normal: (n, 2) float32.
+    Returns the sparse rows `first`, `neighbour` and `affinity` of EdgeGroups: those of at least `least`, above 0.
     """
     group = label.reshape(-1)[edges]
     pixels = edges[group >= 0]
@@ -63,7 +62,7 @@ class _Rows(NamedTuple):
 def _sort_by_group(
     label: NDArray[np.int32], pixels: NDArray[np.int64], start: NDArray[np.int64], sorted_pixels: NDArray[np.int64]
 ) -> None:
-    """Counting sort. start: (n + 1,), where each group ends, and then where it starts."""
+    """Counting sort. start: (n + 1,), where each group ends, afterwards where it starts."""
     for i in range(pixels.size - 1, -1, -1):
         g = label[pixels[i]]
         start[g] -= 1
@@ -79,9 +78,9 @@ def _affinities(
     met: NDArray[np.int32],
     rows: _Rows,
 ) -> int:
-    """Write the sparse rows as far as there is room for them, and say how much they need.
+    """Write the sparse rows as far as they fit; returns the number of entries that they need.
 
-    met: -1 of each group, then the last that met it.
+    met: -1 for each group, then the last group that met it.
     """
     pixels, start, mean, normal = groups
     first, neighbour, affinity = rows
@@ -99,7 +98,7 @@ def _affinities(
                         continue
                     met[q] = g
                     dx, dy = mean[q, 0] - mean[g, 0], mean[q, 1] - mean[g, 1]
-                    # Products of normals with the line's, whose length is the means' distance.
+                    # Dot products of the groups' directions with the line between their means.
                     ours, theirs = normal[g, 1] * dx - normal[g, 0] * dy, normal[q, 1] * dx - normal[q, 0] * dy
                     squared = dx * dx + dy * dy
                     if squared < np.float32(1e-12):

@@ -36,7 +36,7 @@ def detect_edges(
     """Thin edges of a registered RGB-D frame: the stronger of colour and depth at each pixel, thinned.
 
     colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; focal_length: pixels. Colour alone
-    counts, at full weight, where no pixel has depth or depth is not asked for (`settings.depth`).
+    counts, at full weight, where no pixel has depth or `settings.depth` is off.
     """
     least = np.float32(settings.min_magnitude)
     has_depth = settings.depth and bool(depth.any())
@@ -96,7 +96,7 @@ def raise_to_depth(
 ) -> None:
     """Raise `strength` to `other` (both (h, w) float32) where that is `least` or more and depth was measured.
 
-    Edges further than a pixel from measured depth belong to what was filled in.
+    Edges further than a pixel from measured depth belong to filled holes.
     """
     h, w = strength.shape
     for y in range(1, h - 1):
@@ -110,7 +110,7 @@ def raise_to_depth(
 
 
 def thin(strength: NDArray[np.float32], smooth: NDArray[np.float32]) -> EdgeMap:
-    """Keep the pixels that are maxima across their edge; its normal is the sharpest bend of the smoothed map.
+    """Keep the pixels that are maxima across their edge; its normal is along the sharpest bend of the smoothed map.
 
     strength, smooth: (h, w) float32. The outermost pixels have no edges.
     """

@@ -13,7 +13,7 @@ FREE, NONE = -2, -1  # labels of edge pixels without a group yet, and of pixels 
 
 
 class EdgePixels(NamedTuple):
-    """An edge map whose pixels are counted in reading order, and which of them are edges.
+    """An edge map with its pixels in reading order, and the indices of those that are edges.
 
     magnitude, orientation: (h * w,) float32; edges: (e,) int64, the pixels above 0, the image's border excepted;
     width: w.
@@ -107,7 +107,7 @@ def _cluster(
 ) -> int:
     """Label the pixels that are FREE; returns the number of groups.
 
-    seen_by: NONE everywhere, then the last group that has the pixel on its border; border, turns: room for the
+    seen_by: NONE everywhere, then the last group that has the pixel on its border; border, turns: buffers for the
     growing group's border.
     """
     _, orientation, edges, width = pixels
@@ -142,7 +142,7 @@ def _cluster(
 
 
 def absorb_small(pixels: EdgePixels, label: NDArray[np.int32], count: int, min_total: float) -> int:
-    """Give the pixels of weak groups to the bordering group of least turn, and number the others anew.
+    """Give the pixels of weak groups to the bordering group of least turn, and renumber the other groups.
 
     label: (h * w,) int32, changed in place; pixels that border on no other group end as -1. Returns the new
     number of groups.
@@ -161,7 +161,7 @@ def _absorb_small(
     number: NDArray[np.int32],
     pending: NDArray[np.int64],
 ) -> int:
-    """As `absorb_small`. total, number: 0 and NONE of each group; pending: room for pixels without a group."""
+    """See `absorb_small`. total, number: 0 and NONE for each group; pending: buffer for pixels without a group."""
     magnitude, orientation, edges, width = pixels
     for i in range(edges.size):
         total[label[edges[i]]] += magnitude[edges[i]]

@@ -14,11 +14,11 @@ SUPPORT = 13  # width of the coarser filter, pixels
 JUMP_SLOPE, CREASE_SLOPE = 6.0, 1.0
 CONVEX = np.float32(0.5)  # weight of convex bends, within objects, against concave ones, between them
 NOISE_GATE = 3.0  # standard deviations of depth noise that are subtracted from an edge
-# What the filters answer, at their peak, to a unit step or a unit change of slope, and to noise of one (the
-# crease's is three times that of white noise: neighbouring pixels of a depth camera err together).
+# Peak responses of the filters to a unit step or a unit change of slope, and to noise of one (the crease's is three
+# times that of white noise: errors of neighbouring pixels of a depth camera are correlated).
 JUMP_RESPONSE, JUMP_NOISE = np.float32(0.133), np.float32(0.15)
 CREASE_RESPONSE, CREASE_NOISE = np.float32(0.2), np.float32(0.09)
-LOBES = np.float32(0.5)  # curvature beside a jump over the jump's own answer
+LOBES = np.float32(0.5)  # curvature beside a jump over the jump's own response
 
 
 def depth_strength(inverse: NDArray[np.float32], focal_length: float, noise: DepthNoise) -> NDArray[np.float32]:
@@ -39,7 +39,7 @@ def depth_strength(inverse: NDArray[np.float32], focal_length: float, noise: Dep
         NOISE_GATE * noise.growth,
         noise.at,
     )
-    # Curvature has a lobe on either side of a jump: what is no stronger than that is no crease.
+    # Curvature has a lobe on either side of a jump: a response no stronger than that is no crease.
     near_jumps = np.asarray(cv2.dilate(jumps, np.ones((SUPPORT, SUPPORT), np.uint8)), np.float32)
     strength = np.empty_like(inverse)
     _judge(jumps, creases, near_jumps, coarse, np.array(scale, np.float32), strength)
@@ -53,7 +53,7 @@ def _jumps_and_creases(
     jumps: NDArray[np.float32],
     creases: NDArray[np.float32],
 ) -> None:
-    """Answers (h, w) float32 of the filters for jumps and for creases, 1/m per pixel and per pixel squared.
+    """Responses (h, w) float32 of the filters for jumps and for creases, 1/m per pixel and per pixel squared.
 
     fine, coarse: (h, w) float32 1/m, inverse depth smoothed with FINE and COARSE. jumps, creases: 0, and
     left so at the image's border.
@@ -89,10 +89,10 @@ def _judge(
     scale: NDArray[np.float32],
     strength: NDArray[np.float32],
 ) -> None:
-    """Strength (h, w) float32 of edges from the filters' answers, their noise taken off.
+    """Strength (h, w) float32 of edges from the filters' responses, less their noise.
 
-    jumps, creases, near_jumps (largest jump around), coarse: (h, w) float32; scale: (5,) float32 = what one
-    jump and one crease are multiplied by, the noise's floor and growth, both gated, and its `at`.
+    jumps, creases, near_jumps (largest jump around), coarse: (h, w) float32; scale: (5,) float32 = the factors
+    of jumps and of creases, the noise's floor and growth, both gated, and its `at`.
     """
     h, w = jumps.shape
     jump_scale, crease_scale, floor, growth, at = scale[0], scale[1], scale[2], scale[3], scale[4]

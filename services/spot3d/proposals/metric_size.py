@@ -1,4 +1,4 @@
-"""Which windows cannot be objects for their metric size: the hard filter, asked before anything is scored."""
+"""Which windows the hard filter will surely reject for their metric size, known before they are scored."""
 
 from typing import NamedTuple
 
@@ -37,7 +37,7 @@ def depth_range(depth: NDArray[np.float32], fx: float, fy: float, min_size: floa
 
 @kernel()
 def _depth_range(depth: NDArray[np.float32], nearest: NDArray[np.float32], farthest: NDArray[np.float32]) -> None:
-    """Fill the levels of DepthRange, which are inf and 0: the finest from the image, each other from the last."""
+    """Fill the levels of DepthRange, which are inf and 0: the finest from the image, each other from the one before."""
     h, w = depth.shape
     for y in range(h):
         for x in range(w):
@@ -62,7 +62,7 @@ def surely_rejected(ranges: DepthRange, x0: int, y0: int, x1: int, y1: int) -> b
     """Whether Eq. 5 (paper, Sec. IV-C) rejects the window x0..x1 - 1, y0..y1 - 1 whatever its mean depth is.
 
     The mean lies between the nearest and farthest depth of the cells that cover the window, so a window that
-    is too small at the farthest, too big at the nearest, or without any depth, can be left out unseen.
+    is too small at the farthest, too big at the nearest, or without any depth, can be skipped.
     """
     nearest, farthest, limits = ranges
     fx, fy, min_size, max_size = limits[0], limits[1], limits[2], limits[3]

@@ -36,7 +36,7 @@ def _suppress(
     kept: NDArray[np.int64],
     sides: _Sides,
 ) -> int:
-    """Write the indices and say how many they are; sides: room for those boxes'."""
+    """Write the indices of the windows kept; returns their number. sides: buffers for theirs."""
     left, top, right, bottom, areas = sides
     zero = np.float32(0)
     n = 0

@@ -1,4 +1,4 @@
-"""The proposals stage's process: the boxes of each frame."""
+"""The proposals stage's process: publishes the boxes of each frame."""
 
 import threading
 from collections.abc import Sequence
@@ -23,10 +23,9 @@ _IN, _OUT = "source/frame", "proposals/boxes"
 
 
 def run(link: LinkSettings, settings: ProposalSettings, stop: threading.Event | None = None) -> None:
-    """Publish the boxes of every frame that comes, until stopped by `stop`, SIGINT or SIGTERM.
+    """Publish the boxes of every frame that arrives, until stopped by `stop`, SIGINT or SIGTERM.
 
-    A frame that cannot be searched counts as an error; in a lossless run it has no boxes, so that nobody
-    waits for it.
+    A frame that fails counts as an error; in a lossless run it has no boxes, so that no subscriber waits for it.
     """
     warm_up("proposals", partial(_propose_first, settings))
     with stop_on_signals(stop) as stopped, Node("proposals", link, stopped, (_IN,), (_OUT,)) as node:
@@ -47,7 +46,7 @@ class _Stage:
         _answer(self.node, self.settings, given, frame)
         if given.begins or given.recording != self.recording:
             self.recording, self.watch, self.node.state = given.recording, AlignmentWatch(), ""
-        # Behind the answer, which others wait for.
+        # After the boxes are published, for which other stages wait.
         if told := self.watch.look(frame):
             self.node.state = told
             self.node.note(AlignmentWatch.EVENT, told)

@@ -20,7 +20,7 @@ from spot3d.proposals.windows import refine, search, window_shapes
 # divided by; the largest ratio of its sides; and the score below which it is no proposal.
 _GROUP_TURN, _KAPPA, _ASPECT_MAX, _SCORE_MIN = 0.5, 1.5, 3.0, 0.01
 _POOL = 1000
-"""Where fewer boxes are asked for, they are chosen from so many: the paper's M."""
+"""If fewer boxes are asked for, they are chosen from this many: the paper's M."""
 
 
 def propose(
@@ -68,7 +68,7 @@ def _reduced(
 
 
 def metric_limits(depth: NDArray[np.float32], intrinsics: Intrinsics, settings: ProposalSettings) -> DepthRange:
-    """Depth ranges for culling windows by metric size; they let all pass without depth or by the settings."""
+    """Depth ranges for culling windows by metric size; all windows pass without depth or with culling off."""
     wanted = settings.metric_culling and bool(depth.any())
     return depth_range(depth, intrinsics.fx if wanted else 0, intrinsics.fy, settings.size_min, settings.size_max)
 

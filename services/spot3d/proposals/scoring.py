@@ -5,14 +5,14 @@ import numpy as np
 from spot3d.kernel import part
 from spot3d.proposals.window_index import WindowIndex
 
-Pixel = int | np.int64  # one type when compiled: other whole numbers would compile everything once more
+Pixel = int | np.int64  # one type when compiled: other integers would compile everything once more
 
 MIN_AFFINITY = 0.05  # paths of a lower affinity do not connect
 
 
 @part()
 def score_limit(index: WindowIndex, x0: Pixel, y0: Pixel, x1: Pixel, y1: Pixel) -> np.float32:
-    """Most that the window x0..x1 - 1, y0..y1 - 1 can score: as if no contour crossed its border."""
+    """The highest score of the window x0..x1 - 1, y0..y1 - 1: as if no contour crossed its border."""
     sums = index.sums
     w, h = x1 - x0, y1 - y0
     inside = sums[y1, x1, 0] - sums[y0, x1, 0] - sums[y1, x0, 0] + sums[y0, x0, 0]
@@ -25,7 +25,7 @@ def score_limit(index: WindowIndex, x0: Pixel, y0: Pixel, x1: Pixel, y1: Pixel) 
 
 @part()
 def anchored(index: WindowIndex, g: int, x0: Pixel, y0: Pixel, x1: Pixel, y1: Pixel) -> bool:
-    """Whether group g has its anchor in the window; without branches, which would be guessed wrong."""
+    """Whether group g has its anchor in the window; without branches, which would be mispredicted."""
     x, y = index.anchor[g, 0], index.anchor[g, 1]
     inside: bool = (x0 <= x) & (x < x1) & (y0 <= y) & (y < y1)
     return inside

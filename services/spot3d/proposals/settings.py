@@ -64,9 +64,9 @@ class ProposalSettings(BaseModel):
 
 # The paper's 2D proposals (Sec. III): EdgeBoxes on colour alone, at full size, with the values of Zitnick and Dollar's
 # own release; every window that scores is refined, and none is left out for its metric size. What differs is the edge
-# detector: theirs is learned, and its model is not to be had here, so that the edges are thinned colour gradients.
-# Their least magnitude, 0.1, is one of sharp edges: with a contrast of 20, 40, 80, 160 grey levels a pixel the 100 best
-# boxes detect 0.86, 0.86, 0.90, 0.79 of the objects of OSD's learning split and 0.27, 0.69, 0.75, 0.71 of HOTS'.
+# detector: theirs is learned, and its model is not available here, so that the edges are thinned colour gradients.
+# Their least magnitude, 0.1, is one of sharp edges. With a contrast of 20, 40, 80, 160 grey levels per pixel the 100
+# best boxes detect 0.86, 0.86, 0.90, 0.79 of the objects of OSD's learning split and 0.27, 0.69, 0.75, 0.71 of HOTS'.
 ProposalSettings.PAPER = ProposalSettings(
     max_boxes=1000,
     alpha=0.65,

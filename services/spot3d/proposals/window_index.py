@@ -1,4 +1,4 @@
-"""Tables that answer a window's questions without looking at its pixels."""
+"""Tables from which a window is scored without reading its pixels."""
 
 from typing import NamedTuple
 
@@ -21,9 +21,9 @@ class WindowIndex(NamedTuple):
     anchor: (n, 2) int32, x and y of the pixel that stands for the group's place. magnitude: (n,) float32.
     first: (n + 1,) uint32, start of each group's row in neighbour: (k,) uint32 and affinity: (k,) float32,
     strongest first.
-    met: (n + 1,) int32, queue: (n + 1,) uint32, waits: (n,) uint8, removed: (n,) float32, working memory: the
-    last window that met the group, at the end the count of windows; groups whose neighbours are to be
-    weighed; whether the group is one of them; 1 - the group's weight in that window.
+    Working memory: met: (n + 1,) int32, the last window that met the group, at the end the count of windows; queue:
+    (n + 1,) uint32, groups whose neighbours are to be weighted; waits: (n,) uint8, whether the group is one of them;
+    removed: (n,) float32, 1 - the group's weight in that window.
     """
 
     sums: NDArray[np.float32]
@@ -94,7 +94,7 @@ def _build_tables(
     starts: NDArray[np.uint32],
     lines: NDArray[np.uint32],
 ) -> None:
-    """One pass over the image. column: (w,) place in `lines` where each column starts, and then where it ends."""
+    """One pass over the image. column: (w,) place in `lines` where each column starts, afterwards where it ends."""
     h, w = label.shape
     n = 0
     for y in range(h):

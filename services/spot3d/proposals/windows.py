@@ -1,4 +1,4 @@
-"""The search: a grid of window places, sizes and shapes; refinement of the best (EdgeBoxes, Sec. 3.3)."""
+"""Search over a grid of window places, sizes and shapes, and refinement of the best (EdgeBoxes, Sec. 3.3)."""
 
 import math
 
@@ -60,7 +60,7 @@ def _search(
     windows: NDArray[np.int32],
     scores: NDArray[np.float32],
 ) -> int:
-    """Write the windows and their scores, and say how many they are.
+    """Write the windows and their scores; returns their number.
 
     They are visited place by place, so that neighbours find the tables in the cache.
     """
@@ -86,10 +86,10 @@ def _search(
 def refine(
     index: WindowIndex, windows: NDArray[np.int32], scores: NDArray[np.float32], place_step: np.float32, finest: int
 ) -> None:
-    """Move each window's four sides wherever its score gains, by steps that halve down to 1 / `finest` of it.
+    """Move each window's four sides where that raises its score, by steps that halve down to 1 / `finest` of it.
 
     windows: (n, 4) int32 [x0, y0, x1, y1]; scores: (n,) float32; place_step: the search's step by side. finest:
-    closer than that part of a window boxes mean the same object; 0: as close as EDGE_BOXES_FINEST.
+    boxes that differ by less than that part of a window mean the same object; 0: steps down to EDGE_BOXES_FINEST.
     """
     h, w = index.sums.shape[0] - 1, index.sums.shape[1] - 1
     for i in range(scores.size):

@@ -1,1 +1,1 @@
-"""Objects of single keyframes (paper, Sec. VI-A), the segments that fusion lets vote."""
+"""Segments: the objects of single keyframes (paper, Sec. VI-A), which vote in fusion."""

@@ -1,8 +1,8 @@
-"""What lies in another part's box is a part of the same thing: two things never fill the same space.
+"""Join a part that lies in another part's box: two objects never fill the same space.
 
 The inside of a bowl and its outside are one object, though no surface connects them, and so are the top of a book and
-its sides. But the box of a crate or of a shelf has room for things, and a camera sees them through that, or the floor
-that they stand on.
+its sides. But the box of a crate or of a shelf has room for other objects. A camera sees them through that room, or
+sees the floor that they stand on.
 """
 
 from dataclasses import dataclass
@@ -16,38 +16,37 @@ from spot3d.geometry.upright import rotation_to_upright, sampled, share_inside, 
 from spot3d.segments.hanging import STANDS
 
 _SHARE = 0.5
-"""A part with this share of its points in another's box joins it. With 0.25 and 1 success of single frames is 0.97 and
-0.95 on OSD for 0.96, 0.86 and 0.83 in a room for 0.85, and the same on HOTS and in clutter."""
+"""A part with this share of its points in another's box joins it. Success of single frames with 0.25, 0.5, 1: on OSD
+0.97, 0.96, 0.95, in a room 0.86, 0.85, 0.83, on HOTS and in clutter the same."""
 _TRIM = 0.005
 """Share of a part's points that may lie beyond each face of its box."""
 _MARGIN = 0.005
-"""The two faces of a thin wall (a bowl's, a mug's) lie about this far apart, metres. With this, and `_TRIM`, half and
-twice as large success and detection are within 0.008."""
+"""The two faces of a thin wall (a bowl's, a mug's) lie about this far apart, metres. With this and `_TRIM` halved and
+doubled, success and detection are within 0.008."""
 _BULGES = 0.3
-"""A part whose normals lean away from its middle by this much of its size is a body of its own: those of half a ball do
-by 0.7, those of a cube seen from above at an angle by 0.4 to 0.5, a flat part's not, a hollow's the other way. With
-0.15, 0.2 and 0.3, and 0.25, 0.5 and 1 of `_ROOM`, three workbenches with things in a crate have a detection of 0.85,
-three shelves of 0.88 to 0.91: 0.73 and 0.70 where whatever lies in a box is joined. Below 0.3 a pot of OSD and its
-handle are two."""
+"""A part whose normals point away from its middle by this share of its size is an object of its own. Half a ball has
+0.7, a cube seen from above at an angle 0.4 to 0.5, a flat part none, a hollow a negative one. Detection with 0.15, 0.2
+and 0.3, and 0.25, 0.5 and 1 for `_ROOM`: 0.85 on three workbenches with objects in a crate, 0.88 to 0.91 on three
+shelves; 0.73 and 0.70 if every part in a box is joined. Below 0.3 a pot of OSD and its handle are two."""
 _ROOM = 1.0
-"""... if another's box has so much room in front of it, as a multiple of its size (rms from its middle)."""
+"""Room in front of such a part that another's box must have, as a multiple of its size (rms from its middle)."""
 _AROUND = (3, 7)
-"""What is within the larger of these squares around a part's pixels, but not within the smaller, is seen beside it: at
-an edge depth is not to be trusted. With (3, 5) and (5, 9) five bins have the same detection, 0.92."""
+"""Pixels within the larger of these squares around a part's pixels, but not within the smaller, are beside the part:
+depth at an edge is unreliable. With (3, 5) and (5, 9) five bins have the same detection, 0.92."""
 _FLOOR = 0.6
-"""More than this share of what is seen beside a thing that stands within another is one floor. Six bins seen from above
-with six things in each have a detection of 0.85, 0.85, 0.82 and 0.80 with 0.5, 0.6, 0.67 and 0.75, of 0.60 (three of
-them) without; with 0.5 the neck of a screen, above its foot, is a thing in ten keyframes of three desks, with 0.6 in
-three."""
+"""More than this share of the pixels beside an object that stands within another is one floor. Detection with 0.5, 0.6,
+0.67 and 0.75: 0.85, 0.85, 0.82 and 0.80 (six bins seen from above, six objects in each); without this rule 0.60 (three
+of them). The neck of a screen, above its foot, is an object in ten keyframes of three desks with 0.5, in three with
+0.6."""
 _LOWEST = 0.1
-"""This share of what is seen beside a part may lie lower than the floor: noise, and flying pixels. With 0.05 and 0.2
-it is the same."""
+"""This share of the pixels beside a part may lie lower than the floor: noise, and flying pixels. With 0.05 and 0.2 it
+is the same."""
 _UP = np.array((0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _View:
-    """points, normals: (h, w, 3) float32, camera frame; R: (3, 3) float32, turns rows of them upright."""
+    """points, normals: (h, w, 3) float32, camera frame; R: (3, 3) float32, rows of both times R are upright."""
 
     points: NDArray[np.float32]
     normals: NDArray[np.float32]
@@ -56,8 +55,8 @@ class _View:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Part:
-    """pixels: (n,) flat numbers; places, normals: (m, 3) float32, of some of them, upright, seen from the origin;
-    box: around these."""
+    """pixels: (n,) flat indices; places, normals: (m, 3) float32, of some of them, upright, the camera at the origin;
+    box: around these places."""
 
     pixels: NDArray[np.int64]
     places: NDArray[np.float32]
@@ -71,11 +70,11 @@ def join_contained(
     normals: NDArray[np.float32],
     up: NDArray[np.float64],
 ) -> list[NDArray[np.int64]]:
-    """Join a part with the larger one in whose upright box at least half of its points lie, or the other way round.
+    """The parts after joining each with a larger one if half of the points of one lie in the other's upright box.
 
-    Parts that only touch stay apart, and so does what is seen in the room that another's box has, or on its floor. The
-    smallest joins first, into the box that holds most of it.
-    parts: flat pixel numbers; points, normals: (h, w, 3) float32, camera frame, metres and unit; up: (3,) unit.
+    Parts that only touch stay apart, and so does a part in the room that another's box has, or on its floor. The
+    smallest joins first, with the part of the largest share.
+    parts: flat pixel indices; points, normals: (h, w, 3) float32, camera frame, metres and unit; up: (3,) unit.
     """
     view = _View(points, normals, rotation_to_upright(up).T.astype(np.float32))
     known = [_part(pixels, view) for pixels in sorted(parts, key=len)]
@@ -103,7 +102,7 @@ def _part(pixels: NDArray[np.int64], view: _View) -> _Part:
 
 
 def _inside(part: _Part, other: _Part, view: _View) -> float:
-    """Share of a part's points in another's box; 0 where the part is a thing in the other's room, or on its floor."""
+    """Share of a part's points in another's box; 0 if the part is an object in the other's room, or on its floor."""
     inside = share_inside(part.places, other.box, _MARGIN)
     if inside < _SHARE:
         return inside
@@ -116,16 +115,16 @@ def _inside(part: _Part, other: _Part, view: _View) -> float:
 
 
 def _room(part: _Part, box: Box3D) -> float:
-    """Metres before a part, on the way to the camera, that are within the box: the median."""
+    """Median length, metres, that the lines from a part to the camera are within the box."""
     towards, at = -part.places @ box.rotation, (part.places - box.centre) @ box.rotation
-    # The share of the way to the camera that is within the box, face by face.
+    # The share of each line that is within the box, by the faces of each axis.
     within = (box.size / 2 - np.sign(towards) * at) / np.maximum(np.abs(towards), 1e-9)
     return float(np.median(within.min(axis=1) * np.linalg.norm(part.places, axis=1)))
 
 
 def _stands_in(part: _Part, box: Box3D, size: float, view: _View) -> bool:
-    """Whether most of what is seen beside a part is one floor within the box's outline, farther below its top than its
-    size."""
+    """Whether most pixels beside a part show one floor within the box's outline, farther below the part's top than the
+    part's size."""
     flat = view.points.reshape(-1, 3)
     beside = _beside(part.pixels, view.points.shape[:2])
     beside = beside[flat[beside, 2] > 0]
@@ -140,7 +139,7 @@ def _stands_in(part: _Part, box: Box3D, size: float, view: _View) -> bool:
 
 
 def _beside(pixels: NDArray[np.int64], shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """The flat numbers of what is seen beside these pixels; see `_AROUND`."""
+    """The flat indices of the pixels beside these; see `_AROUND`."""
     (h, w), reach = shape, _AROUND[1] // 2
     v, u = np.divmod(pixels, w)
     top, left = max(0, int(v.min()) - reach), max(0, int(u.min()) - reach)

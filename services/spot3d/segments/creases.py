@@ -1,9 +1,9 @@
-"""Split what stands out at its concave creases: where two objects touch, or one stands on another.
+"""Split the foreground at concave creases: where two objects touch, or one stands on another.
 
 Real objects are mostly convex, and the seam between two that touch is concave (Stein et al., *Convexity based object
-partitioning for robot applications*, ICRA 2014). All lengths here are shares of the range, so that a camera
-sees the same of a thing from near and from far: pixels and the noise of depth grow with the range. One with fewer
-pixels to the radian sees creases blunter: normals are of pixels side by side.
+partitioning for robot applications*, ICRA 2014). All lengths here are shares of the range, so that an object is split
+alike from near and from far: pixels and the noise of depth grow with the range. A camera with fewer pixels per radian
+sees blunter creases, because normals come from neighbouring pixels.
 """
 
 import numpy as np
@@ -14,27 +14,27 @@ from spot3d.segments.nearness import apart, within
 from spot3d.segments.seams import join_at_seams
 
 _NEAR = np.float32(0.01)
-"""Pixels within this share of the range tell each other's curvature: 1 cm at 1 m, several times the noise there."""
+"""Pixels within this share of the range count for each other's curvature: 1 cm at 1 m, several times the noise."""
 _LINK = np.float32(0.008)
 """Neighbouring pixels within this share of the range lie on one surface."""
 _ALONG, _LEVEL = np.float32(0.025), np.float32(0.2)
-"""... and so do the very next within this share that lie in each other's tangent planes to 12 degrees: the more a
-surface is seen along, the farther apart are its pixels, at 8 degrees this far on a lattice of 320 across."""
+"""Adjacent pixels within this share lie on one surface, too, if they are in each other's tangent planes to 12 degrees:
+seen at 8 degrees the pixels of a surface are this far apart on a lattice of 320 across."""
 _LIKE = np.float32(0.9)
-"""Normals within this cosine (26 degrees) smooth each other."""
+"""Normals within this cosine (26 degrees) are averaged."""
 _CONVEX = np.float32(-20.0)
 """A pair counts as no more convex than this, so that a convex edge does not hide the crease that it meets."""
 _FAINT = 0.7
-"""A pixel parts from so much of a crease's concavity on, and what only pixels part is joined again by the mean along
-the seam: else two things are one where noise leaves a gap of a pixel in the crease between them. On four cluttered
-scenes that nobody tuned on, single frames, with 1, 0.8, 0.7, 0.6, 0.5: detection 0.873, 0.878, 0.884, 0.884, 0.885,
-success 0.826, 0.826, 0.826, 0.824, 0.823; OSD is the same with all of them, HOTS to one thing in 288."""
+"""Pixels with this share of a crease's concavity separate regions, and the mean concavity along a seam decides whether
+to join them again. Otherwise a gap of one pixel in a crease, left by noise, would join two objects. With 1, 0.8, 0.7,
+0.6, 0.5: detection 0.873, 0.878, 0.884, 0.884, 0.885, success 0.826, 0.826, 0.826, 0.824, 0.823 (single frames of four
+cluttered scenes not used for tuning); OSD is the same with all of them, HOTS to one object in 288."""
 _SHARP = 3.0
-"""A crease that is so many times as concave parts what is of one colour, too: boxes that touch at a right angle. Of
-4100 views of things on ten rendered desks 79.6, 80.0, 80.2, 80.3 % are whole with 2, 2.5, 3, 4, and 79.2 % where colour
-is not looked at; from 4 on such boxes become one."""
+"""A crease this many times as concave separates regions of one colour, too: boxes that touch at a right angle. Whole
+with 2, 2.5, 3, 4, of 4100 views of objects on ten rendered desks: 79.6, 80.0, 80.2, 80.3 %, and 79.2 % without colour.
+From 4 on such boxes become one."""
 _ROUNDS = 12
-"""Pixels of a crease join the regions beside it within twice as many pixels."""
+"""Rounds in which pixels of a crease join the regions beside it, by two pixels each."""
 
 
 def split_at_creases(
@@ -46,14 +46,15 @@ def split_at_creases(
     crease: float,
     least: int,
 ) -> NDArray[np.int32]:
-    """Regions of the pixels in `mask`: connected without a crease, however faint, then the creases' pixels shared out,
-    and those that no crease parts as a whole joined again, of one colour no sharp one.
+    """Regions of the pixels in `mask`, split at creases, however faint.
+
+    The creases' pixels join the nearest region. Then regions are joined whose seam as a whole is no crease, or no sharp
+    one if they have one colour.
 
     points, normals: (h, w, 3) float32, camera frame, metres and unit (zero = unknown); mask: (h, w) bool, of valid
-    pixels; colour: (h, w, 3) uint8 RGB, None = it is not looked at; focal: pixels; crease: concavity, as the range
-    times the mean curvature, from which a pixel is a crease; least: a region of fewer pixels is shared out as creases
-    are.
-    Returns (h, w) int32: regions from 0, -1 = not in `mask`. What is near no region is one of its own.
+    pixels; colour: (h, w, 3) uint8 RGB, None = ignored; focal: pixels; crease: concavity, as the range times the
+    mean curvature, from which a pixel is a crease; least: pixels of smaller regions join another as those of creases.
+    Returns (h, w) int32: regions from 0, -1 = not in `mask`. Pixels near no region form regions of their own.
     """
     reach = max(1, int(_NEAR * focal))
     smooth = np.empty_like(normals)
@@ -77,7 +78,7 @@ def _smooth(
     reach: int,
     smooth: NDArray[np.float32],
 ) -> None:
-    """The mean of each pixel's normal and those near it that face alike: noise falls, creases stay."""
+    """The mean of each pixel's normal and similar normals near it: noise falls, creases stay."""
     h, w = mask.shape
     for v in range(h):
         for u in range(w):
@@ -130,7 +131,7 @@ def _concavity(
 
 @part()
 def _root(root: NDArray[np.int32], pixel: int) -> int:
-    """The root of a pixel's tree; the way there is halved."""
+    """The root of a pixel's tree; the path to it is halved."""
     while root[pixel] != pixel:
         root[pixel] = root[root[pixel]]
         pixel = root[pixel]
@@ -155,9 +156,9 @@ def _connect(
     least: int,
     labels: NDArray[np.int32],
 ) -> int:
-    """Number the connected components of at least so many pixels, from 0, others -1; returns their count.
+    """Label connected components of at least `least` pixels from 0 on, all others -1; returns their number.
 
-    normals: smooth unit normals, zero = unknown.
+    normals: smoothed unit normals, zero = unknown.
     """
     h, w = mask.shape
     root, size = np.empty(h * w, np.int32), np.zeros(h * w, np.int32)
@@ -167,7 +168,7 @@ def _connect(
         for u in range(w):
             if not mask[v, u]:
                 continue
-            # Half of the pixels no more than two away: the other half has this one as its neighbour.
+            # Half of the pixels within two of this one: the other half visits the pair.
             for y in range(v, min(h, v + 3)):
                 for x in range(max(0, u - 2), min(w, u + 3)):
                     if mask[y, x] and (y > v or x > u):
@@ -184,7 +185,7 @@ def _connect(
     count = 0
     for i in range(h * w):
         if mask[i // w, i % w]:
-            root[i] = root[root[i]]  # a root comes before its pixels
+            root[i] = root[root[i]]  # a root precedes its pixels
             size[root[i]] += 1
     for i in range(h * w):
         v, u = i // w, i % w
@@ -200,7 +201,7 @@ def _connect(
 
 @kernel("void(f4[:,:,::1], b1[:,::1], i4[:,::1])")
 def _share_out(points: NDArray[np.float32], mask: NDArray[np.bool_], labels: NDArray[np.int32]) -> None:
-    """Give pixels without a label that of the nearest labelled pixel beside them, ring by ring."""
+    """Give each pixel without a label that of the nearest labelled pixel around it, ring by ring."""
     h, w = mask.shape
     open_v, open_u = np.empty(h * w, np.int32), np.empty(h * w, np.int32)
     found = np.empty(h * w, np.int32)

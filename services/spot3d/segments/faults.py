@@ -1,4 +1,4 @@
-"""Which parts of a frame are no objects, and why."""
+"""Which parts of a frame (candidate segments) are no objects, and why."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,8 +8,8 @@ from spot3d.geometry.downsampling import LatticeFrame
 from spot3d.segments.settings import SegmentsSettings
 
 _FACES = 2**0.5
-"""A cube shows this many of its faces' area to a camera that looks down on it at 45 degrees. With 1, glare and
-fragments cost 0.03 of HOTS' success rate, and 0.01 of clutter's; nothing more is found."""
+"""A camera that looks down on a cube at 45 degrees sees this many times the area of one face. With 1, glare and
+fragments cost 0.03 of HOTS' success rate and 0.01 of clutter's, and no more objects are found."""
 
 
 def fault_of(
@@ -19,9 +19,9 @@ def fault_of(
     height: NDArray[np.float32],
     settings: SegmentsSettings,
 ) -> str:
-    """Why a part is no object, if so: it covers less than the least one, is too low above the support, long or cold.
+    """Why a part is no object: too small, too low above the support, too long or too cold; empty if it is one.
 
-    pixels: (n,) flat numbers of the part's; points: (h, w, 3) metres, camera frame; height: (h, w) metres above the
+    pixels: (n,) flat indices of its pixels; points: (h, w, 3) metres, camera frame; height: (h, w) metres above the
     support.
     """
     flat = points.reshape(-1, 3)[pixels]
@@ -37,6 +37,6 @@ def fault_of(
 
 
 def covers_least(flat: NDArray[np.float32], frame: LatticeFrame, settings: SegmentsSettings) -> bool:
-    """Whether these (n, 3) points of a frame cover as much as the least object."""
+    """Whether these (n, 3) points of a frame cover at least the visible area of the smallest object."""
     area = float((flat[:, 2] ** 2).sum()) / (frame.camera.fx * frame.camera.fy)
     return area >= _FACES * settings.size_min**2

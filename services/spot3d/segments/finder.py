@@ -31,19 +31,19 @@ from spot3d.segments.vessels import hollow_groups
 from spot3d_schemas.limits import MAX_SEGMENTS
 
 _TRIM = 0.005
-"""Share of a part's points that may lie beyond its bottom."""
+"""Share of a part's pixels that may lie above a lower support than the part's own."""
 _WALL_PIXELS = 20
-"""A wall of a vessel of fewer pixels is not looked at. With 10, 20 and 40 as many vessels are whole in a view."""
+"""A part of fewer pixels is not tried as a vessel's wall. With 10, 20 and 40 as many vessels are whole in a view."""
 _SAMPLE = 500
-"""About so many of a part's pixels tell whether it is bent around an axis."""
+"""About this many of a part's pixels decide whether it is bent around an axis."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CandidatePlanes:
-    """The planes of a view among which heat decides what things stand on.
+    """The planes of a view among which heat decides which one is the support.
 
     points: (h, w, 3) float32 metres, camera frame, z = 0 invalid; normals: (h, w, 3) float32 unit, zeros where there is
-    none; planes: (n, 4), normals towards the camera; heat: (n,) what each of them holds (see `held_heat`).
+    none; planes: (n, 4), normals towards the camera; heat: (n,) heat that each plane holds (see `held_heat`).
     """
 
     points: NDArray[np.float32]
@@ -61,15 +61,15 @@ def find_segments(
 ) -> FrameSegments:
     """The objects of one frame, on its lattice of about `lattice_width` samples across.
 
-    colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths; camera: theirs.
-    Without a supporting plane there are none: nothing is known to stand on anything.
+    colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths; camera: their
+    intrinsics. Without a supporting plane there are no objects: nothing is known to stand on anything.
     """
     frame = to_lattice(colour, depth, heat, camera, settings.lattice_width, settings.grazing_cos)
     return find_on_lattice(frame, candidate_planes(frame, settings), settings)
 
 
 def candidate_planes(frame: LatticeFrame, settings: SegmentsSettings) -> CandidatePlanes:
-    """What things may stand on in a frame that has been brought to its lattice."""
+    """The planes of a frame on its lattice that may be the support."""
     points, noise = back_project(frame.depth, frame.camera), frame.camera.noise
     normals = surface_normals(frame.depth, frame.camera)
     planes = dominant_planes(points, settings, np.random.default_rng(settings.seed), noise=noise)
@@ -82,9 +82,9 @@ def find_on_lattice(
     settings: SegmentsSettings,
     upwards: NDArray[np.float64] | None = None,
 ) -> FrameSegments:
-    """The objects of one frame that has been brought to its lattice; see `find_segments` and `candidate_planes`.
+    """The objects of one frame on its lattice; see `find_segments` and `candidate_planes`.
 
-    upwards: (3,) unit, camera frame, None = all that is known is `settings.image_up`.
+    upwards: (3,) unit, camera frame; None = only `settings.image_up` is known.
     """
     points, planes = among.points, among.planes
     if upwards is None:
@@ -118,7 +118,7 @@ def _standing_out(
     wanted: dict[Step, bool],
     settings: SegmentsSettings,
 ) -> tuple[Levels, NDArray[np.bool_], NDArray[np.int64]]:
-    """What things stand on, (h, w) which pixels are above it or beside it, and the flat numbers of those on other
+    """The supports; (h, w) bool, the pixels above or beside them; and the flat indices of pixels on pieces of other
     planes that are longer than an object."""
     points, normals, noise = among.points, among.normals, frame.camera.noise
     height = heights(points, support, bent=wanted["bend"])
@@ -151,8 +151,9 @@ def _surfaces(
     wanted: dict[Step, bool],
     settings: SegmentsSettings,
 ) -> tuple[NDArray[np.int32], list[NDArray[np.int64]]]:
-    """The (h, w) regions, from 0, of the pixels that stand out: split at creases, then joined where nothing but a rim,
-    a hole in depth or their smallness parts them. And those that rise nowhere above the support (see `_risen`)."""
+    """The (h, w) region labels, from 0, of the pixels `out`, and the regions below the support (see `_risen`).
+
+    Regions are split at creases. Then the sides of vessels, pieces beside a hole in depth and fragments are joined."""
     points, normals, camera = among.points, among.normals, frame.camera
     least = int(settings.region * camera.fx * camera.fy)
     colour = frame.colour if wanted["colour"] else None
@@ -168,15 +169,15 @@ def _surfaces(
 
 
 def _risen(labels: NDArray[np.int32], height: NDArray[np.float32]) -> tuple[NDArray[np.int32], list[NDArray[np.int64]]]:
-    """The labels without those regions that rise nowhere above the support, as they stand on something lower; and the
+    """The labels without regions that nowhere rise above the support, since they stand on something lower; and the
     pixels of each of these."""
-    risen = np.zeros(int(labels.max(initial=-1)) + 2, np.bool_)  # the last is of no region
+    risen = np.zeros(int(labels.max(initial=-1)) + 2, np.bool_)  # the last entry is for label -1
     risen[labels[height > 0]] = True
     return np.where(risen[labels], labels, -1).astype(np.int32), _pixels(np.where(risen[labels], -1, labels))
 
 
 def _pixels(labels: NDArray[np.int32]) -> list[NDArray[np.int64]]:
-    """The flat numbers of each label's pixels, from label 0 on; -1 = none."""
+    """The flat indices of each label's pixels, from label 0 on; -1 = none."""
     labelled = np.flatnonzero(labels >= 0)
     number = labels.ravel()[labelled]
     order = labelled[np.argsort(number, kind="stable")]
@@ -192,7 +193,7 @@ def _join_vessels(
     settings: SegmentsSettings,
     noise: DepthNoise,
 ) -> NDArray[np.int32]:
-    """The inside and the outside of a vessel have one label: no visible surface connects them."""
+    """The labels after joining the inside and the outside of a vessel, which no visible surface connects."""
     parts = [pixels for pixels in _pixels(labels) if len(pixels) >= _WALL_PIXELS]
     rows = [pixels[:: max(1, len(pixels) // _SAMPLE)] for pixels in parts]
     flat = points.reshape(-1, 3)
@@ -213,14 +214,14 @@ def _segments(
     left_out: Counter[str],
     settings: SegmentsSettings,
 ) -> FrameSegments:
-    """The parts as segments, the largest first if there are too many, with the holes in them filled.
+    """The parts as segments, the largest first and at most MAX_SEGMENTS, with their holes filled.
 
-    levels: what they may stand on.
+    levels: the supports that they may stand on.
     """
     left_out[TOO_MANY] = max(0, len(parts) - MAX_SEGMENTS)
     parts = sorted(parts, key=len, reverse=True)[:MAX_SEGMENTS]
     labels = np.zeros(frame.depth.shape, np.int32)
-    clear = levels.height - levels.tolerance  # above what they stand on for certain
+    clear = levels.height - levels.tolerance  # height above the support beyond noise
     heat, stand_on = np.zeros(len(parts), np.float32), np.full(len(parts), -1, np.int8)
     for number, pixels in enumerate(parts):
         labels.ravel()[pixels] = number + 1

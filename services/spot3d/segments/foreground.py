@@ -1,4 +1,4 @@
-"""Which pixels of a single view stand out: above what things stand on or beside it, on no wall, floor or ceiling."""
+"""Foreground pixels of a single view: above the support or beside it, and on no wall, floor or ceiling."""
 
 import cv2
 import numpy as np
@@ -11,7 +11,7 @@ from spot3d.segments.settings import SegmentsSettings
 from spot3d.segments.supports import FACING
 
 _PIXELS = 200
-"""A piece of a plane of fewer pixels is not looked at: as long as eps_max it would be a line."""
+"""Pieces of a plane with fewer pixels are ignored: one as long as eps_max would be a line."""
 _KERNEL = np.ones((2, 2), np.uint8)
 
 
@@ -23,11 +23,11 @@ def standing_out(
     long: NDArray[np.bool_],
     settings: SegmentsSettings,
 ) -> NDArray[np.bool_]:
-    """(h, w) bool: valid pixels above the support by more than noise, or beside it, that are on no plane which is
-    longer than an object.
+    """(h, w) bool: valid pixels above the support by more than noise, or beside it, and on no plane longer than an
+    object.
 
-    points: (h, w, 3) float32, camera frame; height, tolerance: (h, w) float32 metres above the support, and what of it
-    may be noise (see `lift`); beside, long: (h, w) bool, see `beside_support` and `long_pieces`.
+    points: (h, w, 3) float32, camera frame; height, tolerance: (h, w) float32 metres above the support, and how much
+    of it may be noise (see `lift`); beside, long: (h, w) bool, see `beside_support` and `long_pieces`.
     """
     depth = points[..., 2]
     free = beside | (height > tolerance)
@@ -41,7 +41,7 @@ def long_pieces(
     settings: SegmentsSettings,
     noise: DepthNoise = KINECT_V1,
 ) -> NDArray[np.bool_]:
-    """(h, w) bool: pixels on connected pieces of a plane, facing as it does, that are longer than an object.
+    """(h, w) bool: pixels on connected pieces of a plane that are longer than an object, with normals like its own.
 
     points, normals: (h, w, 3) float32, camera frame; plane: (4,).
     """
@@ -50,11 +50,11 @@ def long_pieces(
 
 
 def _long_pieces(on: NDArray[np.bool_], points: NDArray[np.float32], size_max: float) -> NDArray[np.bool_]:
-    """The connected pieces of a plane, (h, w) bool, that are longer than `size_max` metres."""
+    """(h, w) bool: pixels of those connected pieces of `on` that are longer than `size_max` metres."""
     count, pieces, boxes, _ = cv2.connectedComponentsWithStats(on.astype(np.uint8), connectivity=4)
     piece = np.asarray(pieces, np.int32)
     looked_at = boxes[:, cv2.CC_STAT_AREA] >= _PIXELS
-    looked_at[0] = False  # what is on no piece
+    looked_at[0] = False  # pixels on no piece
     sums = np.zeros((count, 9))
     _add_up(piece, points, looked_at, sums)
     sums /= np.maximum(boxes[:, cv2.CC_STAT_AREA :], 1)
@@ -94,7 +94,7 @@ def _reach(
     low: NDArray[np.float64],
     high: NDArray[np.float64],
 ) -> None:
-    """The least and the largest coordinate of each piece's points along two axes, (n, 3, 2) its own."""
+    """The smallest and the largest coordinate of each piece's points along its own two axes, (n, 3, 2)."""
     h, w = piece.shape
     for v in range(h):
         for u in range(w):
@@ -108,6 +108,6 @@ def _reach(
 
 
 def _opened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Without what is narrower than two pixels: single pixels of noise and of glare."""
+    """The mask without what is narrower than two pixels: single pixels of noise and of glare."""
     eroded = cv2.erode(mask.astype(np.uint8), _KERNEL, anchor=(0, 0))
     return np.asarray(cv2.dilate(eroded, _KERNEL, anchor=(1, 1)) > 0) & mask

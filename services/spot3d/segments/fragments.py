@@ -1,4 +1,4 @@
-"""Join fragments, too small to have a shape, with what they lie beside."""
+"""Join fragments, regions too small to have a shape, with the region beside them."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,16 +6,16 @@ from numpy.typing import NDArray
 from spot3d.kernel import kernel
 
 _ROUNDS = 3
-"""Fragments join fragments first: a pen that is torn in five is one after three rounds."""
+"""Fragments join fragments first: a pen torn into five is one region after three rounds."""
 
 
 def join_fragments(
     labels: NDArray[np.int32], points: NDArray[np.float32], focal: float, least: int, gap: float
 ) -> NDArray[np.int32]:
-    """Regions of fewer than `least` pixels joined with the nearest other region within `gap` metres, if there is one.
+    """The labels after joining regions of fewer than `least` pixels with the nearest one within `gap` metres, if any.
 
-    labels: (h, w) int32 from 0, -1 = no object; points: (h, w, 3) float32, camera frame; focal: pixels. What is apart
-    by less than the least object is one, as in density clustering, where nothing else can be known of it.
+    labels: (h, w) int32 from 0, -1 = no object; points: (h, w, 3) float32, camera frame; focal: pixels. If nothing else
+    is known of a region, a gap smaller than the smallest object does not separate it, as in density clustering.
     """
     for _ in range(_ROUNDS):
         count = int(labels.max(initial=-1)) + 1
@@ -42,9 +42,9 @@ def _find_nearest(
     nearest: NDArray[np.int32],
     square: NDArray[np.float32],
 ) -> None:
-    """For each region smaller than `least` the one with the nearest point, no further than the root of `square`.
+    """For each region smaller than `least`, find the one with the nearest point, nearer than the root of `square`.
 
-    reach: pixels at the range of 1 m.
+    reach: search radius at the range of 1 m, pixels.
     """
     h, w = labels.shape
     for v in range(h):

@@ -1,10 +1,10 @@
-"""Join what hangs in the air with what holds it up, in a single view: a screen and its foot, a lid and its base.
+"""Join parts that hang in the air with the parts that hold them, in one view: screen and foot, lid and base.
 
-Nothing hangs in the air. What begins well above the support, hidden by nothing in front, and has nothing beneath it
-that reaches up to it, is held by something that is not seen: behind it, or in a hole of depth. It belongs to what
-stands beneath it. Where the air beneath it is seen, it belongs to what reaches up beside it as well: a screen, from
-behind, to its neck; and to what it would fall off, its middle not above it: a pan's handle to the pan. What is too long
-for an object, as a shelf, carries things as well.
+A part hangs if it begins well above the support, its bottom is not hidden by something in front, and no part beneath
+reaches up to it. What holds it is not seen: it is behind the part, or in a hole of depth. The part belongs to the one
+that stands beneath it. If air is seen beneath it, it also belongs to a part that reaches up beside it (a screen, from
+behind, to its neck), or that it would fall off, since its middle is not above it (a pan's handle to the pan). A part
+may also rest on something too long for an object, such as a shelf.
 """
 
 from dataclasses import dataclass
@@ -16,41 +16,41 @@ from spot3d.geometry.standing import is_below_camera
 from spot3d.geometry.upright import taken
 from spot3d.kernel import kernel
 
-# Success and detection of single frames are the same, within 0.006 and 0.000, on HOTS, OSD and 60 cluttered frames with
-# each of these from a half to twice its value, but for `_BESIDE` of 0.06: things that stand close are joined (cluttered
-# 0.86, 0.87 to 0.84, 0.83). Without the step HOTS falls from 0.92, 0.92 to 0.85, 0.90; the others stay.
+# With each of these from half to twice its value success and detection of single frames on HOTS, OSD and 60 cluttered
+# frames are the same, within 0.006 and 0.000. Only `_BESIDE` of 0.06 joins objects that stand close (cluttered: 0.86,
+# 0.87 to 0.84, 0.83). Without this step HOTS falls from 0.92, 0.92 to 0.85, 0.90; the others stay.
 STANDS = 0.03
-"""What begins within this height above a support, or above what carries it, stands on it, metres: a rim that depth
-misses, and noise."""
+"""A part that begins within this height above a support or a carrier stands on it, metres: depth misses its rim, and is
+noisy."""
 _BESIDE = 0.03
-"""What carries something lies beneath it, or as near to that, seen from above, metres: the depth of an edge wanders."""
+"""The holder of a part lies beneath it, or this near, seen from above, metres: the depth of an edge wanders."""
 _TOUCHES = 0.01
-"""What is this near touches, metres: some pixels, or the noise of two. On six rendered workbenches and six kitchen
-counters that are not built in detection is 0.91 and 0.79 where what would fall off what it touches is a part of that,
-0.88 and 0.77 where it is not; with 0.03 near desks, shaken or with skipped frames, lose a screen. On three of these
-counters and three with a sink it is 0.83 and 0.76 where what hangs before it would fall off as well, to the camera or
-by 1 or 3 cm more, and 0.77 and 0.69 where only what hangs beside it would."""
+"""Parts this near touch, metres: some pixels, or the noise of two. Detection on six rendered workbenches and six
+kitchen counters that are not built in: 0.91 and 0.79 if a part joins one that it touches and would fall off, 0.88 and
+0.77 if not. With 0.03 near desks, shaken or with skipped frames, lose a screen. Detection on three of these counters
+and three with a sink: 0.83 and 0.76 if a part in front of its holder would fall off as well, at once or from 1 or 3 cm
+on, 0.77 and 0.69 if only one beside it would."""
 _IN_FRONT = 0.02
-"""What is this much nearer than its neighbour hides what is behind, metres."""
+"""A pixel this much nearer than its neighbour hides what is behind, metres."""
 _LOW, _HIDDEN = 0.25, 0.5
-"""Of the lower edge of a part, in its lower quarter, more than this share has something in front of it, or is the
-image's border: then its bottom is hidden. With 0.25 and 0.75 it is the same; where the edge to all sides has to be seen
-but for a tenth, screens that something stands before part from their feet (two of four on rendered desks)."""
+"""The bottom of a part is hidden if more than this share of its lower edge, in its lower quarter, is behind something
+in front or at the image's border. With 0.25 and 0.75 it is the same. If nine tenths of its whole edge had to be seen,
+screens behind something else would be split from their feet (two of four on rendered desks)."""
 _AIR = 0.5
-"""Beneath more than this share of the lower edge something farther away is seen: then it is no hole in depth that parts
-it from the support. With 0.25 and 0.75 it is the same. Where nothing joins what reaches up to it, three of five screens
-that are seen from all sides are in pieces."""
+"""If something farther away is seen beneath more than this share of the lower edge, air and no hole in depth separates
+the part from the support. With 0.25 and 0.75 it is the same. If no part joins one that reaches up to it, three of five
+screens that are seen from all sides are in pieces."""
 _END = 0.02
 """Share of a part's points that may lie beyond its top and its bottom."""
 _SAMPLE = 300
-"""About so many of a part's points tell what is beneath it."""
+"""About this many of a part's points are compared with those of other parts."""
 _NOTHING = np.zeros(0, np.int64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Part:
-    """pixels: (n,) flat numbers; plan: (m, 3) float32, some of their points, moved along up to one height; low, high:
-    (3,) its corners; bottom, top: heights above the support; metres."""
+    """pixels: (n,) flat indices; plan: (m, 3) float32, some of their points, projected along up to one height; low,
+    high: (3,) corners of the plan; bottom, top: heights above the support; metres."""
 
     pixels: NDArray[np.int64]
     plan: NDArray[np.float32]
@@ -67,11 +67,11 @@ def join_hanging(
     up: NDArray[np.float64],
     carriers: NDArray[np.int64] = _NOTHING,
 ) -> list[NDArray[np.int64]]:
-    """Parts of one view, those that hang in the air joined with what is beneath them.
+    """The parts of one view after joining those that hang in the air with the part beneath them.
 
-    parts: flat pixel numbers; points: (h, w, 3) float32 metres, camera frame; height: (h * w,) float32 metres above
-    the support; up: (3,) unit, camera frame; carriers: flat pixel numbers of what is too long for an object. What hangs
-    above nothing stays as it is.
+    parts: flat pixel indices; points: (h, w, 3) float32 metres, camera frame; height: (h * w,) float32 metres above
+    the support; up: (3,) unit, camera frame; carriers: flat pixel indices of what is too long for an object. A part
+    that hangs above nothing stays as it is.
     """
     known = [_part(pixels, points.reshape(-1, 3), height, up) for pixels in parts]
     held: dict[int, list[NDArray[np.int64]]] = {k: [part.pixels] for k, part in enumerate(known)}
@@ -82,7 +82,7 @@ def join_hanging(
         across = _across(part, points.reshape(-1, 3), up) if air > _AIR else None
         holder = _holder(part, known, across, up) if hidden <= _HIDDEN else None
         if holder is not None and not _is_carried(part, carriers, points.reshape(-1, 3), height, up):
-            held[holder] += held.pop(k)  # nothing hangs on what hangs itself
+            held[holder] += held.pop(k)  # a holder never hangs itself
     return [np.concatenate(pixels) for pixels in held.values()]
 
 
@@ -95,7 +95,7 @@ def _part(
 
 
 def _in_plan(flat: NDArray[np.float32], pixels: NDArray[np.int64], up: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(n, 3) float32: these pixels' points, moved along up to one height."""
+    """(n, 3) float32: these pixels' points, projected along up to one height."""
     upwards, places = up.astype(np.float32), taken(flat, pixels)
     plan: NDArray[np.float32] = places - (places @ upwards)[:, None] * upwards
     return plan
@@ -108,21 +108,21 @@ def _is_carried(
     height: NDArray[np.float32],
     up: NDArray[np.float64],
 ) -> bool:
-    """Whether some of the carriers' pixels are where a part begins."""
+    """Whether some of the carriers' pixels are at the bottom of a part."""
     plan = _in_plan(flat, carriers[np.abs(height[carriers] - part.bottom) < STANDS], up)
     near = ((plan > part.low - _BESIDE) & (plan < part.high + _BESIDE)).all(axis=1)
     return bool(_square(part.plan, plan[near]) < _BESIDE**2)
 
 
 def _across(part: _Part, flat: NDArray[np.float32], up: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(3,) unit: level, and across the view of a part. A part's extent along it is seen whole, however little of its
-    depth is."""
+    """(3,) unit: the level direction across the view of a part. A part's extent along it is seen whole, however little
+    of its depth is."""
     across = np.cross(flat[part.pixels].mean(axis=0, dtype=np.float64), up)
     return np.asarray(across / np.linalg.norm(across), np.float32)
 
 
 def _is_above(part: _Part, other: _Part, across: NDArray[np.float32], up: NDArray[np.float64]) -> bool:
-    """Whether a part's middle is above another, as far as is seen across the view, and not before it."""
+    """Whether a part's middle is above another part: within its extent across the view, and not in front of it."""
     own, below = part.plan @ across, other.plan @ across
     if not below.min() <= (own.min() + own.max()) / 2 <= below.max():
         return False
@@ -134,10 +134,10 @@ def _is_above(part: _Part, other: _Part, across: NDArray[np.float32], up: NDArra
 def _holder(
     part: _Part, others: list[_Part], across: NDArray[np.float32] | None, up: NDArray[np.float64]
 ) -> int | None:
-    """The number of what stands beneath a part, or, where it is seen to be in the air, beside its lower end.
+    """The number of the part that stands beneath a part or, if that is seen to be in the air, beside its lower end.
 
-    across: see `_across`; None where the part is not seen to be in the air. None where there is nothing, where the part
-    may rest on something, or where something reaches up to it that it may stand beside.
+    across: see `_across`; None if the part is not seen to be in the air. Returns None if there is no such part, if the
+    part may rest on another one, or if one reaches up to it that it may stand beside.
     """
     found, nearest = None, _BESIDE
     for number, other in enumerate(others):
@@ -158,7 +158,7 @@ def _holder(
 def _beneath(
     part: _Part, depth: NDArray[np.float32], height: NDArray[np.float32], up: NDArray[np.float64]
 ) -> tuple[float, float]:
-    """Of where a part ends below, the shares that something in front, or the image's border, hides, and beneath which
+    """The shares of a part's lower edge that something in front or the image's border hides, and beneath which
     something farther away is seen.
 
     depth: (h, w) metres; height: (h * w,); up: (3,) unit, camera frame.

@@ -1,7 +1,7 @@
-"""Holes in depth that colour and borders say belong to an object: things that shine or are dark.
+"""Fill holes in depth that belong to an object by its colour and borders: shiny or dark surfaces.
 
-What differs in colour from the support around a hole is a part of the object beside it; the rest of the hole is
-shared out along the edges of the colour image (F. Meyer, *Color image segmentation*, 1992: watershed).
+Pixels of a hole that differ in colour from the support around it belong to the object beside them. The rest of the hole
+is divided along the edges of the colour image by watershed (F. Meyer, *Color image segmentation*, 1992).
 """
 
 import cv2
@@ -9,25 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 _COLOUR = 0.2
-"""What differs by this from a support is not the support, RGB in [0, 1], L2 norm: eps_I. 0.3 gives the same boxes."""
+"""Pixels that differ by this from a support are not of it, RGB in [0, 1], L2 norm: eps_I. 0.3 gives the same boxes."""
 _PIXELS = 20
-"""A smaller hole has too few pixels to be judged by colour, and too few around it."""
+"""A hole, or the support around it, with fewer pixels is not judged by colour."""
 _AROUND = 5
-"""The colour of the support is that of its pixels so near to the hole."""
+"""The colour of the support is taken this near to the hole, pixels."""
 _DEEP = 0.05
-"""Watershed reaches so far into a hole from an object, metres: beyond, as at an image's border, nothing is known. With
-2.5 and 10 cm success and detection on HOTS are 0.90, 0.93 and 0.92, 0.94 for 0.91, 0.94; in a room 0.85, 0.83 and 0.84,
-0.83 for 0.85, 0.83; on OSD and in clutter the same."""
+"""Watershed fills a hole this far from an object, metres: beyond, as at an image's border, nothing is known. Success
+and detection with 2.5, 5, 10 cm: on HOTS 0.90, 0.93; 0.91, 0.94; 0.92, 0.94; in a room 0.85, 0.83; 0.85, 0.83; 0.84,
+0.83; on OSD and in clutter the same."""
 
 
 def fill_holes(
     labels: NDArray[np.int32], depth: NDArray[np.float32], colour: NDArray[np.uint8], focal: float
 ) -> NDArray[np.int32]:
-    """The labels with those pixels without depth added that belong to an object.
+    """The labels extended to pixels without depth that belong to an object.
 
     labels: (h, w) int32, 0 = no object; depth: (h, w) float32 metres, 0 = invalid; colour: (h, w, 3) uint8;
-    focal: pixels. Pixels with depth keep their labels. Where depth is missing up to the image's rim, what is behind
-    all objects is out of the sensor's range.
+    focal: pixels. Pixels with depth keep their labels. Pixels without depth at the image's border are background, which
+    is out of the sensor's range.
     """
     valid = depth > 0
     if valid.all() or not labels.any():
@@ -39,7 +39,7 @@ def fill_holes(
     within = cv2.distanceTransform((~objects).astype(np.uint8), cv2.DIST_L2, 5)
     deep = _DEEP * focal / float(np.median(depth[(labels > 0) & valid]))
     bare = (valid & ~near) | (within > deep)
-    for rim in (np.s_[1], np.s_[-2], np.s_[:, 1], np.s_[:, -2]):  # watershed does not look at the outermost pixels
+    for rim in (np.s_[1], np.s_[-2], np.s_[:, 1], np.s_[:, -2]):  # watershed ignores the outermost pixels
         bare[rim] |= ~valid[rim]
     flooded = cv2.watershed(np.ascontiguousarray(colour), np.where(objects, seeds + 1, bare).astype(np.int32))
     return np.where(valid, labels, np.maximum(flooded - 1, 0)).astype(np.int32)
@@ -64,7 +64,7 @@ def _add_other_colours(labels: NDArray[np.int32], valid: NDArray[np.bool_], colo
         pieces, piece = cv2.connectedComponents(other.astype(np.uint8), connectivity=4)
         for index in range(1, pieces):
             beside = np.unique(mine[_grown(piece == index, 1) & (mine > 0)])
-            if len(beside) == 1:  # between two objects, the edges of colour tell
+            if len(beside) == 1:  # between two objects watershed decides
                 mine[piece == index] = beside[0]
 
 

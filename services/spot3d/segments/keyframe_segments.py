@@ -1,4 +1,4 @@
-"""The objects of one keyframe after the other, each with what the frames before it tell."""
+"""The objects of successive keyframes, found with the help of the frames before each."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,9 @@ from spot3d.segments.upward import Upward
 
 
 class KeyframeSegments:
-    """Finds the objects of those frames that are keyframes; of all it remembers depth, of keyframes which way is up.
+    """Finds the objects of keyframes; remembers the depth of recent frames, and from keyframes which way is up.
 
-    For every frame with a pose, in their order, `wants` comes first, then `find` where it says so.
+    For every frame with a pose, in order, call `wants`, and `find` if that returns True.
     """
 
     def __init__(self, settings: SegmentsSettings) -> None:
@@ -38,9 +38,9 @@ class KeyframeSegments:
         return self._upper_side.found
 
     def wants(self, stamp_ns: int, T_world_camera: NDArray[np.float64], world: str | None = None) -> bool:
-        """Whether the images of the frame with this stamp and (4, 4) pose are of use.
+        """Whether `find` needs the images of the frame with this timestamp and (4, 4) pose.
 
-        world: which one the pose is in; another one has nothing to do with that of before.
+        world: name of the pose's world frame. When it changes, earlier frames and keyframes are forgotten.
         """
         if world != self._world:
             self._begin(world)
@@ -54,10 +54,10 @@ class KeyframeSegments:
         T_world_camera: NDArray[np.float64],
         calibration: Calibration = NOMINAL,
     ) -> FrameSegments | None:
-        """The objects of a frame that is wanted; None where it is no keyframe.
+        """The objects of a frame for which `wants` was True; None if it is no keyframe.
 
-        heat: (h, w) uint8, 255ths; T_world_camera: (4, 4) float64; calibration: by which the frame is to be seen to
-        agree with the poses: what bends depth is taken out, lengths stay in the unit of depth as it was measured.
+        heat: (h, w) uint8, 255ths; T_world_camera: (4, 4) float64; calibration: makes the frame agree with the poses.
+        The bend of depth is removed; lengths stay in the unit of depth as it was measured.
         """
         settings, found = self._settings, None
         if self._is_keyframe:

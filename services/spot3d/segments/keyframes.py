@@ -1,4 +1,4 @@
-"""Which frames are worth looking at by themselves: those that show something new, and now and then another."""
+"""Choice of keyframes: frames that show something new, and one now and then from a camera that stands still."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,7 +7,7 @@ from spot3d.segments.settings import SegmentsSettings
 
 
 class Keyframes:
-    """Chooses keyframes by capture time and by the camera's motion since the last one."""
+    """Chooses keyframes by capture time and by the camera's motion since the last keyframe."""
 
     def __init__(self, settings: SegmentsSettings) -> None:
         self._settings = settings
@@ -16,10 +16,10 @@ class Keyframes:
         self._latest_ns = 0
 
     def is_keyframe(self, stamp_ns: int, T_world_camera: NDArray[np.float64]) -> bool:
-        """Whether the frame with this stamp and pose is one; call it for every frame with a pose, in their order.
+        """Whether the frame with this timestamp and pose is a keyframe. Call it for every frame with a pose, in order.
 
-        T_world_camera: (4, 4) float64. The first frame is one, and so is that whose stamp goes back: another
-        recording begins.
+        T_world_camera: (4, 4) float64. The first frame is a keyframe, and so is one whose timestamp goes back, where
+        another recording begins.
         """
         if not self._settings.enabled:
             return False

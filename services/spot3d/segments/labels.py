@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 
 def united(labels: NDArray[np.int32], pairs: NDArray[np.int64], count: int) -> NDArray[np.int32]:
-    """The labels with these pairs (k, 2) of `count` regions made one, which takes the lowest number; -1 = none."""
+    """The labels after merging these pairs (k, 2) of `count` regions, which keep their lowest label; -1 = none."""
     root = np.arange(count)
     for a, b in pairs.tolist():
         low, high = sorted((int(root[a]), int(root[b])))

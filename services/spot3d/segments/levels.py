@@ -1,4 +1,4 @@
-"""What things stand on beside the main support of a view: the floor about a table, with a bag and a chest on it."""
+"""Supports of a view below the main one: the floor around a table, with a bag and a chest on it."""
 
 from dataclasses import dataclass
 
@@ -11,19 +11,19 @@ from spot3d.segments.settings import SegmentsSettings
 from spot3d.segments.supports import above_extent, heights, lift
 
 _LEVEL = np.cos(np.radians(15))
-"""Supports that face the same way to 15 degrees are level alike (see `upward`). Walls are long, too."""
+"""Supports whose normals agree to 15 degrees are level alike (see `upward`). Walls are long, too."""
 
 LongPieces = tuple[NDArray[np.float64], NDArray[np.bool_]]
-"""A plane (4,), camera frame, and the (h, w) pixels of its pieces that are longer than an object."""
+"""A plane (4,), camera frame, and (h, w) bool, the pixels of its pieces that are longer than an object."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Levels:
-    """What each pixel of a view is above, of the main support and those that are lower.
+    """The support that each pixel of a view is above: the main one or a lower one.
 
-    planes: (p, 4) camera frame, the main one first, then from the highest to the lowest. number: (h, w) int8, the row
-    of `planes` that a pixel is above. height, tolerance: (h, w) float32 metres above it, and what of that may be noise
-    (see `lift`). What is above none is told by the main one, below which it is.
+    planes: (p, 4) camera frame, the main support first, then from the highest to the lowest. number: (h, w) int8, the
+    row of `planes` that a pixel is above. height, tolerance: (h, w) float32 metres above it, and how much of that may
+    be noise (see `lift`). A pixel above none of them is assigned to the main one, below which it is.
     """
 
     planes: NDArray[np.float64]
@@ -32,7 +32,7 @@ class Levels:
     tolerance: NDArray[np.float32]
 
     def of(self, pixels: NDArray[np.int64], trim: float) -> int:
-        """The row of the plane that (n,) flat pixels are above: of the lowest one that more than `trim` of them are."""
+        """The row of the lowest plane that more than a share `trim` of (n,) flat pixel indices are above."""
         counts = np.bincount(self.number.ravel()[pixels], minlength=len(self.planes))
         return int(np.flatnonzero(counts > trim * len(pixels))[-1])
 
@@ -47,8 +47,8 @@ def with_lower(
 ) -> Levels:
     """The main support together with the lower ones: level planes with pieces that are longer than an object.
 
-    beside: (h, w) bool, what is lower than the main support and not beneath it (see `beside_support`): only that stands
-    on a lower one, and on the highest that reaches there; points: (h, w, 3) float32, camera frame.
+    beside: (h, w) bool, pixels lower than the main support and not beneath it (see `beside_support`): only these are
+    assigned to a lower one, the highest that reaches there; points: (h, w, 3) float32, camera frame.
     """
     up = main.planes[0, :3]
     lower = []

@@ -7,31 +7,31 @@ from numpy.typing import NDArray
 
 from spot3d.geometry.upright import upright_box
 
-# Success and detection of single frames are the same, within 0.013, on OSD, HOTS, 30 cluttered frames and 24 of a room
-# with each of these half and twice as large (cosines, and what is hidden, half and twice as far from 1; `_SHARED` 0.25
-# and 0.8), but for `_SEEN` of 0.8: OSD 0.92, 0.97 for 0.96, 0.99.
+# With each of these halved and doubled (cosines and `_HIDDEN` half and twice as far from 1; `_SHARED` 0.25 and 0.8)
+# success and detection of single frames on OSD, HOTS, 30 cluttered frames and 24 of a room are the same, within 0.013.
+# Only `_SEEN` of 0.8 changes them: 0.92, 0.97 on OSD instead of 0.96, 0.99.
 _LEVEL = 0.02
 """The tops of an object's parts agree within this many metres."""
 _IN_FRONT = 0.02
-"""What is this much nearer than the line between two parts hides what is there, metres."""
+"""A pixel this much nearer than the line between two parts hides what is there, metres."""
 _HIDDEN = 0.9
 """Share of the pixels between two parts that must be hidden."""
 _SEEN = 0.4
-"""Share of the length of what is joined that must be seen."""
+"""Share of the joined parts' length that must be seen."""
 _UPRIGHT = 0.87
-"""A wall's normal is level to 30 degrees: so much of its length is."""
+"""A wall's normal is level to 30 degrees: its level component is at least this long."""
 _FLUSH, _ALIKE = 0.01, 0.85
 """Points on one wall lie in its plane within this many metres, and their normals agree to this cosine."""
 _SHARED = 0.5
-"""Share of a part's wall points that lie on one wall of the other's; of its own, half of that make a wall."""
+"""Share of a part's wall points that must lie on one wall of the other part, which has half this share of its own."""
 _TRIED, _SAMPLE = 50, 500
-"""So many of a part's points are tried as a wall's, on about so many points."""
+"""About how many of a part's points are tried as walls, and on how many points they are tested."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Part:
-    """pixels: (n,) flat numbers; middle: (2,) their median row and column; places: (m, 3) float32, some of their
-    points; top: of these, along up; depth: of their middle; metres."""
+    """pixels: (n,) flat indices; middle: (2,) their median row and column; places: (m, 3) float32, some of their
+    points; top: their height along up; depth: their median depth; metres."""
 
     pixels: NDArray[np.int64]
     middle: NDArray[np.float64]
@@ -46,11 +46,11 @@ def join_occluded(
     normals: NDArray[np.float32],
     up: NDArray[np.float64],
 ) -> list[NDArray[np.int64]]:
-    """Clusters of pixels of one view, those joined that continue each other behind something nearer.
+    """The clusters of one view after joining those that continue each other behind something nearer.
 
-    clusters: flat pixel numbers; points: (h, w, 3) float32 metres, camera frame, z = 0 invalid; normals: their unit
+    clusters: flat pixel indices; points: (h, w, 3) float32 metres, camera frame, z = 0 invalid; normals: their unit
     normals; up: (3,) unit, camera frame. Two parts continue each other when their tops are level, one wall runs
-    through both, a good part of it is seen, and all that is seen between them is nearer than both.
+    through both, a good part of it is seen, and the pixels between them are nearer than both.
     """
     flat, facing, width = points.reshape(-1, 3), normals.reshape(-1, 3), points.shape[1]
     parts = [_part(cluster, flat, width, up) for cluster in sorted(clusters, key=len, reverse=True)]
@@ -70,7 +70,7 @@ def join_occluded(
         )
 
     i = 0
-    kept = list(parts)  # numbers of objects that are gone would be given again
+    kept = list(parts)  # keeps replaced parts alive, whose id() would be given again
     while i < len(parts):
         partner = next((j for j in range(i + 1, len(parts)) if continues(parts[i], parts[j])), None)
         if partner is None:
@@ -88,7 +88,7 @@ def _part(pixels: NDArray[np.int64], flat: NDArray[np.float32], width: int, up: 
 
 
 def _mostly_seen(a: _Part, b: _Part, up: NDArray[np.float64]) -> bool:
-    """Whether the places of two parts fill most of the length of both together."""
+    """Whether the lengths of two parts add up to at least `_SEEN` of the length of both together."""
     both = np.concatenate((a.places, b.places))
     lengths = [upright_box(places, up, trim=0.01).size[:2].max() for places in (a.places, b.places, both)]
     return bool(lengths[0] + lengths[1] >= _SEEN * lengths[2])
@@ -97,7 +97,7 @@ def _mostly_seen(a: _Part, b: _Part, up: NDArray[np.float64]) -> bool:
 def _walls(
     points: NDArray[np.float32], normals: NDArray[np.float32], up: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """A sample of those points that lie on walls, and their normals made level: two (n, 3)."""
+    """A sample of the points on walls, and the directions of their normals' level components: two (n, 3)."""
     level = normals - (normals @ up)[:, None] * up
     length = np.linalg.norm(level, axis=1)
     rows = np.flatnonzero(length > _UPRIGHT)
@@ -124,13 +124,13 @@ def _one_wall(
 def _on_walls(
     points: NDArray[np.float64], normals: NDArray[np.float64], place: NDArray[np.float64], normal: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """(n, k): which of n points, by their normals too, lie on which of k walls, given by a place and a normal each."""
+    """(n, k): which of n points, by place and normal, lie on which of k walls, given by a place and a normal each."""
     height = points @ normal.T - np.sum(place * normal, axis=1)
     return np.asarray((np.abs(height) < _FLUSH) & (normals @ normal.T > _ALIKE))
 
 
 def _hidden_between(a: _Part, b: _Part, points: NDArray[np.float32], width: int) -> bool:
-    """Whether the straight line of pixels between the middles of two parts is hidden outside of both."""
+    """Whether the line of pixels between the middles of two parts is hidden where it is outside both."""
     way = b.middle - a.middle
     steps = np.linspace(0, 1, int(np.abs(way).max()) + 2)
     v, u = np.rint(a.middle[:, None] + way[:, None] * steps).astype(int)

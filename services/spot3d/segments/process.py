@@ -1,4 +1,4 @@
-"""The segments stage's process: joins heat with poses, and tells the objects of each keyframe."""
+"""The segments stage's process: joins heat with poses, and publishes the segments of each keyframe."""
 
 import threading
 import time
@@ -29,10 +29,10 @@ _HEAT, _POSE, _OUT = "heatmap/heat", "pose/pose", "segments/segments"
 
 
 def run(link: LinkSettings, settings: SegmentsSettings, stop: threading.Event | None = None) -> None:
-    """Answer every frame whose heat and pose come, until stopped by `stop`, SIGINT or SIGTERM.
+    """Publish a message for every frame whose heat and pose arrive, until stopped by `stop`, SIGINT or SIGTERM.
 
-    A frame that is no keyframe, has a lost pose or cannot be searched (an error) is answered with keyframe False, so
-    that nobody waits for it.
+    For a frame that is no keyframe, has a lost pose or fails (an error), the message says keyframe False, so that no
+    subscriber waits for it.
     """
     if link.delivery == "live":
         let_frames_go_first()
@@ -53,7 +53,7 @@ def _find_first(settings: SegmentsSettings, frames: Sequence[RgbdFrame]) -> None
 def _keyframes(settings: SegmentsSettings) -> "KeyframeSegments | None":
     if not settings.enabled:
         return None
-    # Loaded here, so that its kernels are compiled behind the frames of a live run, and that is told.
+    # Imported here, so that its kernels are compiled at low priority in a live run, and `warm_up` logs that.
     from spot3d.segments.keyframe_segments import KeyframeSegments
 
     return KeyframeSegments(settings)
@@ -82,7 +82,7 @@ class _Stage:
             self._begin()
 
     def _begin(self) -> None:
-        """Another recording: nothing of the one before is known of it."""
+        """Forget everything about the previous recording."""
         self.keyframes, self.node.state = _keyframes(self.settings), ""
 
     def _answer(self, outcome: Outcome[Heat, Pose]) -> None:

@@ -1,4 +1,4 @@
-"""Depth that a keyframe lacks and frames just before it have: what shines or is dark comes and goes with the view."""
+"""Fill holes in a keyframe's depth from the frames before it: shiny and dark surfaces have depth in some views only."""
 
 from collections import deque
 from dataclasses import replace
@@ -16,27 +16,27 @@ from spot3d.geometry.flying_pixels import without_flying
 from spot3d.kernel import kernel
 from spot3d.segments.settings import SegmentsSettings
 
-# On built-in clutter with 30 % of its depth lost in blobs, five seeds, this brings detection from 0.74 to 0.90 and
-# success from 0.78 to 0.89, as they are without holes (0.91, 0.89); elsewhere it changes little. One frame of the past:
-# 0.89, with 0.02 less IoU; three, or five that are 50 ms apart: as two. The mean of all frames that see a surface, in
-# place of filling alone: 0.92, but 0.03 less on rendered desks.
+# Built-in clutter with 30 % of its depth lost in blobs, five seeds: filling brings detection from 0.74 to 0.90 and
+# success from 0.78 to 0.89; without holes they are 0.91 and 0.89. Elsewhere it changes little. With one past frame:
+# 0.89, with 0.02 less IoU; with three, or five that are 50 ms apart: as with two. The mean of all frames that see a
+# surface, instead of filling holes only: 0.92, but 0.03 less on rendered desks.
 _APART_NS = 100_000_000
-"""Frames are remembered so far apart: a third of the time between keyframes."""
+"""Least time between two remembered frames: a third of the time between keyframes."""
 _OLD_NS = 1_000_000_000
-"""What was seen longer ago than this may have changed: frames are that old only at a rate of 1 Hz."""
+"""Older frames are ignored: the scene may have changed. Frames are that old only at a rate of 1 Hz."""
 _WINDOW = 31
-"""Pixels across, a tenth of the lattice, in which two frames are compared; a row of them must agree. With 15 and 61 it
-is the same to an object in fifty."""
+"""Side of the square in which two frames are compared, pixels: a tenth of the lattice. As many pixels as one of its
+rows must agree. With 15 and 61 it is the same to one object in fifty."""
 _STEP = 0.02
-"""Surfaces further apart than this, beyond the noise, are not the same, metres: eps_min. 0.01 and 0.04: as above."""
+"""Depths that differ by more than this, beyond noise, are different surfaces, metres: eps_min. 0.01, 0.04: as above."""
 _ALIKE = 0.5
-"""Around what is filled, most pixels are of the same surface in both frames. 0.3 and 0.8: the same."""
+"""Share of the pixels around a filled one that must show the same surface in both frames. 0.3 and 0.8: the same."""
 _NEAREST_M = 0.05
-"""What is nearer than this to a camera is behind it, or as good as that."""
+"""Points nearer to the camera than this, or behind it, are left out, metres."""
 
 
 class _Seen(NamedTuple):
-    """What is remembered of a frame, and where it was: stamp, depth and heat (h, w), (4, 4) pose."""
+    """A remembered frame: timestamp, depth and heat (h, w), intrinsics, (4, 4) pose."""
 
     stamp_ns: int
     depth: NDArray[np.float32]
@@ -46,9 +46,9 @@ class _Seen(NamedTuple):
 
 
 class RecentDepth:
-    """Remembers the depth of some frames, thinned, and fills with it what the next keyframe lacks.
+    """Remembers the depth of some frames, thinned, and fills the holes in the next keyframe's depth with it.
 
-    settings: `recent_frames` of about `lattice_width` pixels across are remembered, 0.4 MB each.
+    settings: `recent_frames` frames of about `lattice_width` pixels across are remembered, 0.4 MB each.
     """
 
     def __init__(self, settings: SegmentsSettings) -> None:
@@ -56,7 +56,7 @@ class RecentDepth:
         self._seen: deque[_Seen] = deque(maxlen=settings.recent_frames)
 
     def wants(self, stamp_ns: int) -> bool:
-        """Whether a frame of this time is worth remembering: it is some time after the last one that is."""
+        """Whether to remember a frame with this timestamp: it is long enough after the last one, or before it."""
         if not self._seen:
             return self._seen.maxlen != 0
         return not 0 <= stamp_ns - self._seen[-1].stamp_ns < _APART_NS
@@ -68,9 +68,9 @@ class RecentDepth:
         T_world_camera: NDArray[np.float64],
         calibration: Calibration = NOMINAL,
     ) -> None:
-        """Take in a frame, and its (h, w) heat, as it was measured but for what bends depth; the oldest makes room.
+        """Remember a frame and its (h, w) heat, and forget the oldest. Depth is kept as measured, without its bend.
 
-        Every nth pixel is kept: a mean of them all, as for the lattice, takes ten times as long.
+        Every nth pixel is kept: a mean of all, as for the lattice, takes ten times as long.
         """
         step = block_size(frame.intrinsics, self._settings.lattice_width)
         kept, camera = np.s_[::step, ::step], frame.intrinsics.thinned(step)
@@ -83,11 +83,11 @@ class RecentDepth:
     def filled(
         self, frame: LatticeFrame, T_world_camera: NDArray[np.float64], stamp_ns: int, depth_factor: float = 1.0
     ) -> LatticeFrame:
-        """The frame, its depth and heat taken from the remembered ones, the last one first, where it has no depth.
+        """The frame with depth and heat of the remembered frames, the latest first, where it has no depth itself.
 
-        depth_factor: what depth has to be multiplied by to agree with the poses. Depth that was measured stays. What is
-        filled is shifted along the rays by what both frames differ around it, for poses are a bit wrong; where they
-        differ more than that, as where something moves, nothing is.
+        depth_factor: depth times this agrees with the poses. Measured depth stays. Filled depth is shifted along the
+        rays by the mean difference of both frames around it, because poses are slightly wrong. Where they differ more
+        than that, as where something moves, nothing is filled.
         """
         depth, heat = frame.depth, frame.heat
         for seen in reversed(self._seen):
@@ -103,7 +103,7 @@ class RecentDepth:
 
 
 def _fitted(other: NDArray[np.float32], depth: NDArray[np.float32], camera: Intrinsics) -> NDArray[np.float32]:
-    """Another frame's depth, seen from here, shifted to what is measured here around each pixel; 0 where it is not."""
+    """Another frame's depth, seen from here, shifted to match the depth around each pixel; 0 where it does not."""
     both = (depth > 0) & (other > 0)
     difference = np.where(both, depth - other, np.float32(0))
     alike = both & (np.abs(difference) < _STEP + 3 * camera.noise.sigma(other))
@@ -114,7 +114,7 @@ def _fitted(other: NDArray[np.float32], depth: NDArray[np.float32], camera: Intr
 
 
 def _around(values: NDArray[np.generic]) -> NDArray[np.float32]:
-    """The sum of the pixels around each."""
+    """The sum over the square window around each pixel."""
     sums = cv2.boxFilter(values.astype(np.float32), -1, (_WINDOW, _WINDOW), normalize=False)
     return np.asarray(sums, np.float32)
 
@@ -122,7 +122,7 @@ def _around(values: NDArray[np.generic]) -> NDArray[np.float32]:
 def _seen_from(
     camera: Intrinsics, T: NDArray[np.float64], seen: _Seen
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """The depth and the heat of another frame, moved by T (4, 4), as this camera sees them; 0 where it does not."""
+    """Depth and heat of a remembered frame, moved by T (4, 4) and projected into this camera; 0 where it sees none."""
     depth, heat = np.full(camera.shape, np.inf, np.float32), np.zeros(camera.shape, np.uint8)
     own = _matrix(camera)
     turned = own @ T[:3, :3] @ np.linalg.inv(_matrix(seen.camera))
@@ -143,7 +143,7 @@ def _splat(
     seen_depth: NDArray[np.float32],
     seen_heat: NDArray[np.uint8],
 ) -> None:
-    """Write each pixel to the four around where it is seen, where nothing nearer is.
+    """Write the depth and heat of each pixel to the four pixels around its projection, unless those are nearer.
 
     to_pixel: (3, 4) from (z u, z v, z, 1) to the other image's (z u, z v, z).
     """

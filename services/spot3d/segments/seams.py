@@ -1,4 +1,4 @@
-"""Join regions that meet in no crease after all, or are of one colour: the neck of a thing, not the seam of two."""
+"""Join regions whose seam as a whole is no crease, or that share a colour: a neck of one object, not two objects."""
 
 import cv2
 import numpy as np
@@ -9,10 +9,10 @@ from spot3d.segments.labels import united
 from spot3d.segments.nearness import within
 
 _CHROMA, _LIGHTNESS = 6.0, 15.0
-"""Mean colours that differ by less, CIE L*a*b*, are one in two lights: how a surface is turned changes its lightness
-most. Success, detection and boxes of no object on ten rendered desks: 0.70, 0.73, 2.3 a desk where colour is not looked
-at, 0.73, 0.74, 1.7 with half of both, 0.75, 0.74, 1.5 with these and with half more. Clutter, OSD, HOTS, redkitchen and
-TUM's cabinet are alike in all of these, to a box in a hundred; with twice both, OSD's success falls by 0.001."""
+"""Mean colours (CIE L*a*b*) that differ by less are one colour in different light: a surface's direction changes its
+lightness most. Success, detection and boxes of no object per desk on ten rendered desks: 0.70, 0.73, 2.3 without
+colour; 0.73, 0.74, 1.7 with half of both; 0.75, 0.74, 1.5 with these and with 1.5 times both. Clutter, OSD, HOTS,
+redkitchen and TUM's cabinet: the same, to one box in a hundred; with twice both, OSD's success falls by 0.001."""
 
 
 def join_at_seams(
@@ -24,12 +24,11 @@ def join_at_seams(
     sharp: float,
     link: float,
 ) -> NDArray[np.int32]:
-    """The labels with those regions made one whose seam is no crease as a whole, or no sharp one and they are of one
-    colour.
+    """The labels after joining regions whose seam as a whole is no crease, or no sharp one if they have one colour.
 
     labels: (h, w) int32 from 0 without gaps, -1 = none; points: (h, w, 3) float32, camera frame; bend: (h, w) float32,
-    concavity; colour: (h, w, 3) uint8 RGB, None = it is not looked at; crease, sharp: mean concavity along a seam from
-    which it parts anything, and what is of one colour; link: pixels meet within this share of their range.
+    concavity; colour: (h, w, 3) uint8 RGB, None = ignored; crease, sharp: mean concavity along a seam from which it
+    separates regions of different colours, and of one colour; link: pixels meet within this share of their range.
     """
     count = int(labels.max(initial=-1)) + 1
     if count < 2:
@@ -46,7 +45,7 @@ def join_at_seams(
 
 
 def _alike(labels: NDArray[np.int32], colour: NDArray[np.uint8], count: int) -> NDArray[np.bool_]:
-    """(count, count): which regions are of one colour. labels: (n,) of pixels; colour: (n, 3) RGB."""
+    """(count, count) bool: which regions have one colour. labels, colour: (n,) and (n, 3) RGB of the same pixels."""
     lab = cv2.cvtColor(colour[None].astype(np.float32) / 255, cv2.COLOR_RGB2LAB)[0]
     size = np.bincount(labels, minlength=count)
     mean = np.stack([np.bincount(labels, lab[:, k], count) / size for k in range(3)], axis=1)
@@ -63,9 +62,9 @@ def _meet(
     met: NDArray[np.int32],
     total: NDArray[np.float32],
 ) -> None:
-    """Add up, for each two regions, the pairs of near pixels in which they meet, and the concavity there.
+    """For each two regions, count the pairs of near pixels in which they meet, and sum the concavity there.
 
-    met, total: (n, n), of which those above the diagonal are used.
+    met, total: (n, n), used above the diagonal.
     """
     h, w = labels.shape
     for v in range(h):

@@ -22,11 +22,11 @@ Step = Literal[
     "contained",
     "holes",
 ]
-"""A step of the finder that can be left out, to see what it is worth."""
+"""A step of the finder that can be skipped, for ablations."""
 
 
 class SegmentsSettings(BaseModel):
-    """Which frames are keyframes, and how the objects of one are found (paper, Sec. VI-A, single frames)."""
+    """Which frames are keyframes, and how the objects of a keyframe are found (paper, Sec. VI-A, single frames)."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -120,4 +120,4 @@ class SegmentsSettings(BaseModel):
 
 
 PAPER = SegmentsSettings(enabled=False, plane_distance=0.005, noise_gate=0.0, grazing_cos=0.0, recent_frames=0)
-"""The paper's values (Sec. VI-A). Its fusion clusters the map's points alone."""
+"""The paper's values (Sec. VI-A). Its fusion clusters only the map's points."""

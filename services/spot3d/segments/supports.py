@@ -1,4 +1,4 @@
-"""What things stand on in one view: the plane that holds the heat, how high the rest is above it, what is beside."""
+"""The support of one view: the plane that holds most heat, the heights above it, and the pixels beside it."""
 
 import cv2
 import numpy as np
@@ -11,40 +11,40 @@ from spot3d.segments.settings import SegmentsSettings
 from spot3d.segments.upper_side import CLEARLY, IMAGE_UP
 
 FACING = np.float32(0.8)
-"""Cosine (37 degrees) of a pixel's normal to that of the plane it lies on; noise tilts normals by less."""
+"""Cosine (37 degrees) between a pixel's normal and that of the plane it lies on; noise tilts normals by less."""
 _FACES = np.float32(np.cos(np.radians(25)))
-"""... of a pixel that shows what things stand on: few do near a plane through the edges of stairs, which rise by 30
-degrees and more. Of things on three rendered stairs 0.85 are found with 15 and 25 degrees, 0.33 where all pixels do; on
-other scenes it is the same, to one thing in 60."""
+"""The same for a pixel that counts for a support: few do near a plane through the edges of stairs, which rise by 30
+degrees and more. Objects found on three rendered stairs: 0.85 with 15 and 25 degrees, 0.33 if all pixels count; on
+other scenes the same, to one object in 60."""
 
 _FROM_BELOW = 0.02
-"""What a plane counts that the camera sees along its surface or from below: little, but it may be the only one."""
+"""Weight of a plane that does not face up: little, but it may be the only one."""
 _REACH = 0.02
-"""Pixels this near to a plane show how it is bent, metres: twice what Kinect-type sensors bend a plane at 2 m."""
+"""The bend is fitted to pixels this near to the plane, metres: twice what Kinect-type sensors bend a plane at 2 m."""
 _SAMPLE = 5000
-"""About so many of a plane's pixels are fitted."""
+"""The bend is fitted to about this many pixels."""
 _FITS, _ROBUST = 8, 1.5
-"""Rounds of the fit; a pixel this many deviations off weighs little: what stands on the plane does not lift it."""
+"""Rounds of the fit; a pixel this many deviations off weighs little, so that objects on the plane do not lift it."""
 _CELL = 0.01
-"""Cells of the plan on which a support is drawn, metres: a pixel of the lattice at 3 m."""
-# With 0.02, 0.05 and 0.1 m, and with 50, 200 and 800 pixels, what is found on redkitchen, clutter (with holes too) and
-# TUM's cabinet is the same, to one thing in 120.
+"""Cell size of the plan on which a support is drawn, metres: a pixel of the lattice at 3 m."""
+# With 0.02, 0.05 and 0.1 m, and with 50, 200 and 800 pixels, detections on redkitchen, clutter (with holes too) and
+# TUM's cabinet are the same, to one object in 120.
 _BEYOND = 0.05
-"""A support counts so far beyond the edge that is seen of it, metres: depth ends early there, and things overhang."""
+"""A support extends this far beyond its seen edge, metres: depth ends early there, and objects overhang."""
 _PIECE = 200
-"""What lies in a support's plane in fewer connected pixels is none of it: a rung of a chair, noise."""
+"""Fewer connected pixels than this in a support's plane are not part of it: a rung of a chair, noise."""
 
-# In 1620 rendered views of tables with things or cartons, looking down by 5 to 30, 45 to 75 and 80 to 95 degrees,
-# the table is chosen in 100, 100, 98.6 % with 0 degrees, 100, 100, 99.7 % with 15, 99.7, 100, 99.8 % with 20 and 95,
-# 100, 100 % with 45, where the front of a large box counts too much. From 80 on, rolled by 90 and 180 degrees: in 76,
-# 53 % with 0 degrees, 98, 89 % with 15.
+# In 1620 rendered views of tables with objects or cartons that look down by 5 to 30, 45 to 75 and 80 to 95 degrees, the
+# table is chosen in 100, 100, 98.6 % with 0 degrees, in 100, 100, 99.7 % with 15, in 99.7, 100, 99.8 % with 20 and in
+# 95, 100, 100 % with 45, where the front of a large box counts too much. In views from 80 degrees on, rolled by 90 and
+# 180 degrees: in 76, 53 % with 0 degrees, in 98, 89 % with 15.
 _LOOKS_DOWN = np.radians(15)
-"""A camera is taken to look so far down: what one from straight above sees of its table faces the camera, not the side
-of the image that is up."""
+"""Assumed downward tilt of a camera: seen from straight above, a table faces the camera, not the upper side of the
+image."""
 
 
 def expected_up(image_up: str) -> NDArray[np.float64]:
-    """(3,) unit vector up in the frame of a camera of which only the upper side of the image is known."""
+    """(3,) unit vector up in the camera frame if only the upper side of the image is known."""
     return np.asarray(np.cos(_LOOKS_DOWN) * IMAGE_UP[image_up] - np.sin(_LOOKS_DOWN) * np.array((0.0, 0.0, 1.0)))
 
 
@@ -61,10 +61,10 @@ def held_heat(
     settings: PlaneSettings,
     noise: DepthNoise = KINECT_V1,
 ) -> NDArray[np.float64]:
-    """(n,) the heat that each plane's inliers hold, 255ths (paper, Eq. 10), times the share that face as it does.
+    """(n,) heat of each plane's inliers, 255ths (paper, Eq. 10), times the share of them with the plane's normal.
 
     planes: (n, 4) camera frame; points, normals: (h, w, 3) float32, camera frame, z = 0 invalid; heat: (h, w) uint8,
-    255ths. A plane through the edges of stairs has more inliers than any of the treads; few of them face as it does.
+    255ths. A plane through the edges of stairs has more inliers than any of the treads, but few have its normal.
     """
     held = []
     for plane in planes:
@@ -78,13 +78,13 @@ def held_heat(
 def choose_support(
     planes: NDArray[np.float64], held: NDArray[np.float64], up: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
-    """The plane whose inliers hold most heat (paper, Eq. 10), each as much as the plane faces up.
+    """The plane whose inliers hold most heat (paper, Eq. 10), weighted by how much it faces up; None without heat.
 
-    A hot object's front holds much heat as well, but what things stand on shows its upper side. Where only the upper
-    side of the image is known, its normal points there, or towards a camera that looks straight down, while fronts
-    point level or, seen from above, downwards.
-    planes: (n, 4) camera frame, normals towards the camera; held: (n,) what each holds (see `held_heat`); up: (3,)
-    unit, camera frame: `expected_up`, or the true one. None where no plane holds heat.
+    A hot object's front holds much heat as well, but a support shows its upper side. If only the upper side of the
+    image is known, the support's normal points there, or towards a camera that looks straight down. Those of fronts are
+    level or, seen from above, point downwards.
+    planes: (n, 4) camera frame, normals towards the camera; held: (n,) heat of each (see `held_heat`); up: (3,) unit,
+    camera frame: `expected_up`, or the true one.
     """
     best, most = None, 0.0
     for plane, heat in zip(planes, held.tolist(), strict=True):
@@ -95,9 +95,9 @@ def choose_support(
 
 
 def heights(points: NDArray[np.float32], plane: NDArray[np.float64], bent: bool = True) -> NDArray[np.float32]:
-    """(h, w) float32 metres above a plane, which is bent slowly over the image as lenses and depth sensors bend it.
+    """(h, w) float32 metres above a plane, corrected for the slow bend over the image by lenses and depth sensors.
 
-    points: (h, w, 3) float32 metres, camera frame, z = 0 invalid; bent: whether the plane is.
+    points: (h, w, 3) float32 metres, camera frame, z = 0 invalid; bent: whether to correct the bend.
     The bend is a quadratic of the pixel, fitted robustly to the pixels near the plane.
     """
     height = points @ plane[:3].astype(np.float32) + np.float32(plane[3])
@@ -116,27 +116,26 @@ def heights(points: NDArray[np.float32], plane: NDArray[np.float64], bent: bool 
         error = measured - terms @ bend
         spread = max(1.4826 * float(np.median(np.abs(error))), 1e-3)
         weight = 1 / (1 + (error / (_ROBUST * spread)) ** 2) ** 2
-    # Of each row, what does not grow with x, and what does; all six terms at every pixel take far longer.
+    # Constant and linear terms of each row: computing all six terms at every pixel takes far longer.
     middle, slope = bend[0] + y * (bend[2] + y * bend[5]), bend[1] + y * bend[4]
     grid = middle[:, None] + x * (slope[:, None] + x * bend[3])
     above: NDArray[np.float32] = height - grid.astype(np.float32)
     return above
 
 
-# Of rendered desks 2.4 m away 65 % are found where noise is all taken for height, 81 % so; of desks 1.7 m away 97 % and
-# 97 %. With 7.5, 12.5 and 15 mm in the place of `height_min` it is 84, 76 and 70 %, and success on HOTS 0.89,
-# 0.91 and 0.91 for 0.91.
+# Found on rendered desks 2.4 m away: 65 % if all noise counts as height, 81 % with this; 1.7 m away: 97 and 97 %. With
+# 7.5, 12.5 and 15 mm instead of `height_min`: 84, 76 and 70 %, and success on HOTS 0.89, 0.91 and 0.91 (0.91 with it).
 def lift(
     depth: NDArray[np.float32],
     plane: NDArray[np.float64],
     settings: SegmentsSettings,
     noise: DepthNoise = KINECT_V1,
 ) -> NDArray[np.float32]:
-    """How high above a support, at most, noise may lift what lies on it, metres: the shape of depth.
+    """Largest height above a support, metres, to which noise may lift points on it, in the shape of `depth`.
 
-    depth: metres, 0 = invalid; plane: (4,) camera frame. Noise scatters along the ray, which a support that is seen
-    along its surface crosses aslant: the further a table is, the less of its noise is height. What is below
-    `height_min` is lift in any case, as far as noise reaches: glare and bends are no noise of this kind.
+    depth: metres, 0 = invalid; plane: (4,) camera frame. Noise scatters along the ray, which crosses a support seen at
+    a grazing angle obliquely: the farther a table is, the less of its noise is height. Up to `height_min` all noise
+    counts as height: glare and bends are no noise of this kind.
     """
     scatter = np.float32(settings.noise_gate) * noise.sigma(depth)
     aslant = np.float32(plane[3]) / np.maximum(depth, np.float32(1e-3))  # the ray's part along the normal
@@ -153,19 +152,18 @@ def beside_support(
     up: NDArray[np.float64],
     settings: SegmentsSettings,
 ) -> NDArray[np.bool_]:
-    """(h, w) bool: pixels no higher than a support that it is not above, as those of a chair at a table.
+    """(h, w) bool: pixels no higher than a support and outside its extent, such as those of a chair at a table.
 
     points, normals: (h, w, 3) float32, camera frame, z = 0 invalid; height, tolerance: (h, w) float32 metres above the
-    support, and what of it may be noise (see `lift`); up: (3,) its unit normal. A support reaches over the convex hull
-    of what is seen of it: what stands on it hides some of it. What lies in its plane and faces up is of it, wherever it
-    is.
+    support, and how much of it may be noise (see `lift`); up: (3,) its unit normal. A support covers the convex hull of
+    its seen points, because objects on it hide others. Pixels in its plane that face up belong to it anywhere.
     """
     low = (points[..., 2] > 0) & (points[..., 2] <= settings.range_max) & (height <= tolerance)
     on = low & (height >= -tolerance) & (normals @ up.astype(np.float32) > FACING)
     low &= ~on
     _, piece, sizes, _ = cv2.connectedComponentsWithStats(on.astype(np.uint8), connectivity=4)
     large = sizes[:, cv2.CC_STAT_AREA] >= _PIECE
-    large[0] = False  # what is on no piece
+    large[0] = False  # pixels on no piece
     seen = points[large[piece]]
     if not len(seen):
         return np.zeros_like(low)
@@ -174,13 +172,13 @@ def beside_support(
 
 
 def above_extent(asked: NDArray[np.float32], seen: NDArray[np.float32], up: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(n,) bool: which of (n, 3) points are above or below the convex hull of (m, 3) points, m > 0, seen from above.
+    """(n,) bool: which of (n, 3) points `asked` are above or below the convex hull, seen from above, of (m, 3) `seen`.
 
-    The hull reaches a little further than they do: depth ends early at an edge, and things overhang.
+    m > 0. The hull is extended by `_BEYOND`: depth ends early at an edge, and objects overhang.
     """
     across = (rotation_to_upright(up)[:2].T / _CELL).astype(np.float32)
     seen, asked = seen @ across, asked @ across
-    # The plan, and which of its cells are the support's.
+    # The plan, and which of its cells the support covers.
     margin = round(_BEYOND / _CELL)
     corner = seen.min(axis=0) - np.float32(margin + 1)
     w, h = (np.ceil(seen.max(axis=0) - corner) + margin + 2).astype(int)
@@ -188,7 +186,7 @@ def above_extent(asked: NDArray[np.float32], seen: NDArray[np.float32], up: NDAr
     cv2.fillConvexPoly(extent, np.rint(cv2.convexHull(seen - corner)).astype(np.int32), 1)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * margin + 1, 2 * margin + 1))
     extent = cv2.dilate(extent, disc)
-    x, y = np.clip(np.rint(asked - corner), 0, (w - 1, h - 1)).astype(np.int32).T  # the rim is no support's
+    x, y = np.clip(np.rint(asked - corner), 0, (w - 1, h - 1)).astype(np.int32).T  # cells at the rim are free
     return np.asarray(extent[y, x] != 0)
 
 

@@ -1,7 +1,7 @@
 """Join the pieces of one object that holes in depth tear apart.
 
-Depth is missing where things shine or are dark. Two pieces beside one hole are one where their surfaces are near to
-each other there and do not form a crease (Stein et al., ICRA 2014).
+Depth is missing on shiny and dark surfaces. Two pieces beside a hole are joined if their surfaces are near each other
+there and form no crease (Stein et al., ICRA 2014).
 """
 
 from dataclasses import dataclass
@@ -16,22 +16,22 @@ from spot3d.segments.labels import united
 from spot3d.sensor import axial_noise_kernel
 
 _GAP = 0.05
-"""Surfaces farther apart than this across a hole are not one, metres: holes of glare are mostly narrower."""
+"""Surfaces farther apart than this across a hole are not joined, metres: holes of glare are mostly narrower."""
 _STEEP = 3.0
-"""A surface slopes by less than this against the line of sight (72 degrees); what a nearer thing hides is steeper."""
+"""Largest slope of depth across a hole in one surface (72 degrees); the step behind a nearer object is steeper."""
 _CREASE = 0.17
 """Two surfaces meet in a crease where their normals lean towards each other by more than 10 degrees, in radians."""
 _RIM = 0.05
-"""Share of its rim along which a piece meets another across holes. With this and `_CREASE` half and twice as large
+"""Share of its rim along which a piece must face another across holes. With this and `_CREASE` halved and doubled,
 success and detection of single frames are the same, within 0.008, on OSD, HOTS, clutter and a room."""
 _WINDOW = 5
-"""Normals at a hole are means over so many pixels each way: depth is worst at its rim."""
+"""Normals at a hole are means over a square of this many pixels a side: depth is worst at the hole's rim."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Meetings:
-    """Pairs of regions that meet across holes. regions: (m, 2), lower first; pair: (n,) of each link, row of
-    `regions`; pixels: (n, 2) flat numbers of the pixels that face each other, in the order of `regions`."""
+    """Pairs of regions that meet across holes. regions: (m, 2) labels, lower first; pair: (n,) each link's row of
+    `regions`; pixels: (n, 2) flat indices of the pixels that face each other, in the order of `regions`."""
 
     regions: NDArray[np.int64]
     pair: NDArray[np.int64]
@@ -45,10 +45,10 @@ def join_torn(
     least: int,
     noise: DepthNoise = KINECT_V1,
 ) -> NDArray[np.int32]:
-    """Regions joined that are one surface but for a hole in depth between them.
+    """The labels after joining regions of one surface that a hole in depth divides.
 
     labels: (h, w) int32 from 0, -1 = no object; points, normals: (h, w, 3) float32, camera frame, z = 0 invalid;
-    least: regions of fewer pixels have no reliable normal: they join whatever they meet.
+    least: regions of fewer pixels have no reliable normal and join any region that they meet.
     """
     count = int(labels.max(initial=-1)) + 1
     met = _meetings(labels, points, noise)
@@ -68,7 +68,7 @@ def join_torn(
 
 
 def _meetings(labels: NDArray[np.int32], points: NDArray[np.float32], noise: DepthNoise) -> _Meetings:
-    """Where two regions face each other across pixels without depth, each such pixel being its nearest valid one's."""
+    """Links between regions across pixels without depth, each of which belongs to its nearest valid pixel."""
     h, w = labels.shape
     valid = points[..., 2] > 0
     _, nearest = cv2.distanceTransformWithLabels(
@@ -91,9 +91,9 @@ def _link(
     links: NDArray[np.int64],
     regions: NDArray[np.int64],
 ) -> int:
-    """Write the links across holes between pixels whose surfaces are near, and their regions; returns their count.
+    """Write the links across holes between pixels whose surfaces are near, and their regions; returns their number.
 
-    owner: (h, w), the flat number of the valid pixel that is nearest to each; links, regions: (4 h w, 2), room.
+    owner: (h, w), flat index of the valid pixel nearest to each pixel; links, regions: (4 h w, 2) buffers.
     """
     h, w = labels.shape
     near, steep, noises = np.float32(_GAP**2), np.float32(_STEEP), np.float32(3)
@@ -122,7 +122,7 @@ def _link(
 
 
 def _means(values: NDArray[np.floating], met: _Meetings) -> NDArray[np.float64]:
-    """(m, 2, 3): the mean of (pixels, 3) values on either side of each meeting."""
+    """(m, 2, 3): the mean of (pixels, 3) values on either side of each pair of regions."""
     count = np.bincount(met.pair, minlength=len(met.regions))
     sums = [
         [np.bincount(met.pair, values[met.pixels[:, side], axis], len(met.regions)) / count for axis in range(3)]
@@ -136,7 +136,7 @@ def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _shares_of_rim(labels: NDArray[np.int32], met: _Meetings, count: int) -> NDArray[np.float64]:
-    """(m,) share of its rim with which the one of two regions that has more of it faces the other."""
+    """(m,) share of a region's rim that faces the other one of the pair: the larger share of both."""
     padded = np.pad(labels, 1, constant_values=-1)
     rim = np.zeros(labels.shape, np.bool_)
     for v, u in ((0, 1), (2, 1), (1, 0), (1, 2)):

@@ -1,4 +1,4 @@
-"""Which side of the image is up: what the settings say, and whether what is hot in the keyframes agrees."""
+"""Which side of the image is up: checks the settings against the hot planes of keyframes."""
 
 import math
 from collections import Counter, deque
@@ -12,26 +12,26 @@ IMAGE_UP = {
     "left": np.array((-1.0, 0.0, 0.0)),
     "right": np.array((1.0, 0.0, 0.0)),
 }
-"""The direction in the camera frame, x right and y down, of the side of the image that is up."""
+"""The direction of each side of the image in the camera frame, x right and y down."""
 CLEARLY = 0.3
-"""A support whose normal has this cosine to the upper side of the image is no wall: a wall has it in a camera that
-looks up by 17 degrees, a table in every one that looks down by less than 72."""
+"""A support whose normal has this cosine to the direction of the image's upper side is no wall. A wall reaches it if
+the camera looks up by 17 degrees, a table whenever the camera looks down by less than 72."""
 
-# Of redkitchen, TUM's cabinet and 42 built-in scenes at most 40 % of any 30 keyframes in a row, and 60 % of any 20,
-# name one wrong side: those of bookcases; 33 and 50 % of redkitchen's do. With a roll of 15 degrees it is 57 and 80 %,
-# with 20 degrees 63 and 95 %. Of the first 30 at least 80 % name the right one in all but bookcases and one bin.
+# In redkitchen, TUM's cabinet and 42 built-in scenes at most 40 % of any 30 successive keyframes, and 60 % of any 20,
+# name the same wrong side (in bookcases; in redkitchen 33 and 50 %). With `_ROLL` of 15 degrees: 57 and 80 %, of 20
+# degrees: 63 and 95 %. Of the first 30 at least 80 % name the right side in all scenes but bookcases and one bin.
 _ROLL = math.sin(math.radians(10))
-"""What things stand on faces a side of the image to this sine; walls mostly lie aslant if a side is taken for up."""
+"""A support's normal points to a side of the image within this sine. Walls that could be taken for one seldom do."""
 _REMEMBERED, _FEWEST = 30, 20
-"""So many keyframes are remembered, ten seconds, and fewer say nothing."""
+"""Number of keyframes remembered, ten seconds, and the fewest that decide."""
 _SURE = 0.8
-"""Share of the keyframes that name the same other side."""
+"""Share of the keyframes that must name the same other side."""
 _ALIKE = math.cos(math.radians(15))
-"""A plane that is this near to level in the world (see `upward`) faces up, wherever that is in the image by now."""
+"""A plane whose normal has this cosine to the known up (see `upward`) is level, whichever side it faces by now."""
 
 
 def notice(side: str) -> str:
-    """That another side of the image seems to be up than the settings say, and what to do about it, in words."""
+    """Message that another side of the image seems to be up than the settings say, and what to do about it."""
     return (
         f"the {side} side of the image seems to be up: if the camera is mounted so, set segments.image_up = "
         f'"{side}", or objects are missed'
@@ -39,14 +39,14 @@ def notice(side: str) -> str:
 
 
 def event_of(side: str) -> str:
-    """How it is counted among a stage's events that this side seems to be up."""
+    """Name of the stage's event that this side seems to be up."""
     return f"{side} side seems up"
 
 
 class UpperSide:
-    """Remembers which side of the image what is hot and may be level faced in keyframes; no pose is needed for that.
+    """Remembers which side of the image the hottest, possibly level plane of each keyframe faced; it needs no poses.
 
-    found: the side that seems to be up, in the place of `image_up`; empty as long as none does. Once found it stays.
+    found: the side that seems to be up instead of `image_up`; empty while none does. Once found it stays.
     """
 
     def __init__(self, image_up: str) -> None:
@@ -57,8 +57,8 @@ class UpperSide:
     def learn(self, planes: NDArray[np.float64], heat: NDArray[np.float64], up: NDArray[np.float64] | None) -> None:
         """Take a keyframe into account.
 
-        planes: (n, 4) camera frame, normals towards the camera; heat: (n,) what each holds; up: (3,) unit, camera
-        frame: what is known to be up. A camera that has been rolled since it began is mounted as the settings say.
+        planes: (n, 4) camera frame, normals towards the camera; heat: (n,) heat that each holds; up: (3,) unit,
+        camera frame, None = unknown. A plane that faces it counts for `image_up`: the camera has been rolled since.
         """
         level = _faced(planes, heat)
         side = "" if level is None else max(IMAGE_UP, key=lambda name: float(IMAGE_UP[name] @ level))
@@ -72,10 +72,10 @@ class UpperSide:
 
 
 def _faced(planes: NDArray[np.float64], heat: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """(3,) the normal of the hottest plane that may be level: it faces a side of the image, and that side would be up.
+    """(3,) normal of the hottest plane that may be level: it faces a side of the image, and that side would be up.
 
-    None where there is none, or what faces the camera itself is hotter: seen from straight above that is the table, and
-    what faces a side is the front of something on it.
+    None if there is no such plane, or one that faces the camera is hotter: seen from straight above, that is the table,
+    and a plane that faces a side is the front of an object on it.
     """
     less, more = np.sort(np.abs(planes[:, :2]), axis=1).T
     aside, ahead = (less <= _ROLL) & (more >= CLEARLY), np.hypot(less, more) < CLEARLY

@@ -1,4 +1,4 @@
-"""Which way is up, however the camera is held: by what the keyframes before stood on."""
+"""Which way is up, however the camera is rolled: by the supports of earlier keyframes."""
 
 from collections import deque
 
@@ -7,24 +7,24 @@ from numpy.typing import NDArray
 
 from spot3d.frame_segments import FrameSegments
 
-# With 10 to 100 votes, 3 to 10 at least and 8 to 30 degrees up comes out within 5 degrees in every keyframe of
-# redkitchen (some with a wall for their support), TUM's cabinet and clutter.
+# With 10 to 100 votes, at least 3 to 10 of them and 8 to 30 degrees, up is right within 5 degrees in every keyframe of
+# redkitchen (some have a wall as their support), TUM's cabinet and clutter.
 _VOTES = 30
-"""So many keyframes are remembered, ten seconds: of these some may have stood on something else."""
+"""Number of keyframes remembered, ten seconds: some of them may have a wrong support."""
 _FEWEST = 5
-"""Fewer keyframes than this say nothing."""
+"""With fewer keyframes than this, up is unknown."""
 _ALIKE = float(np.cos(np.radians(15)))
-"""Supports that face the same way to 15 degrees agree: tables and floors are level, walls are 90 degrees off."""
+"""Supports whose normals agree to 15 degrees agree on up: tables and floors are level, walls are 90 degrees off."""
 
 
 class Upward:
-    """Remembers which way the supports of keyframes faced; a camera may roll, what is up in the world stays."""
+    """Remembers the normals of keyframes' supports in the world frame, where up stays when the camera rolls."""
 
     def __init__(self) -> None:
         self._normals: deque[NDArray[np.float64]] = deque(maxlen=_VOTES)
 
     def in_camera(self, T_world_camera: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """(3,) unit vector up in the camera frame of this (4, 4) pose; None as long as no majority says so."""
+        """(3,) unit vector up in the camera frame of this (4, 4) pose; None unless a majority of keyframes agrees."""
         if len(self._normals) < _FEWEST:
             return None
         normals = np.array(self._normals)
@@ -36,6 +36,6 @@ class Upward:
         return np.asarray(T_world_camera[:3, :3].T @ (up / np.linalg.norm(up)))
 
     def learn(self, found: FrameSegments, T_world_camera: NDArray[np.float64]) -> None:
-        """Take a keyframe's main support into account."""
+        """Add the normal of a keyframe's main support."""
         if len(found.planes):
             self._normals.append(T_world_camera[:3, :3] @ found.planes[0, :3])

@@ -10,27 +10,27 @@ from spot3d.geometry.upright import rotation_to_upright, taken
 from spot3d.kernel import kernel
 
 # On OSD, HOTS, 30 cluttered frames and 24 of a room success and detection of single frames are the same, within 0.008,
-# with `_LEVEL`, `_WALLS_MIN` and `_RIM` half and twice as large, `_WITHIN` half and twice as far from 1, `_FACING` and
-# `_WALL` half as large. With `_WALL` twice as large clutter's are 0.87, 0.86 for 0.87, 0.88.
+# with `_LEVEL`, `_WALLS_MIN` and `_RIM` halved and doubled, `_WITHIN` half and twice as far from 1, `_FACING` and
+# `_WALL` halved. With `_WALL` doubled clutter's are 0.87, 0.86 instead of 0.87, 0.88.
 _LEVEL = 0.4
-"""Normals with less than this of their length level are the bottom's, and say nothing of the axis."""
+"""Normals whose level component is shorter than this belong to the bottom and are not compared with the axis."""
 _WALLS_MIN = 10
-"""Fewer points tell no axis."""
+"""Fewer points of walls do not tell whether these face the axis."""
 _RING, _NOISES = 0.12, 2.0
-"""The walls of a ring are this share of its radius thick, each way, or as much as so many deviations of depth's noise;
-a square's corners are farther out. Without the noise 0.67 of the mugs and 0.77 of the bowls on a rendered table 1.5 to
-2 m away are whole in a view, with it 0.74 and 0.87."""
+"""Points of a ring deviate from its radius by at most this share of it, or this many deviations of depth noise; a
+square's corners are farther out. Mugs and bowls on a rendered table 1.5 to 2 m away that are whole in a view: 0.67 and
+0.77 without the noise, 0.74 and 0.87 with it."""
 _THICK = 1 / 3
-"""A ring whose walls noise makes thicker than this share of its radius is not told from a flat thing: of faces 4 to 15
-cm wide, 1.2 to 2.4 m away, up to one in five is taken for one, up to nine in ten where there is no limit."""
+"""A ring whose walls are thicker by noise than this share of its radius is not told from a flat surface. Of faces 4 to
+15 cm wide, 1.2 to 2.4 m away, up to one in five is taken for a ring, without this limit up to nine in ten."""
 _SIDE, _SIDES, _ARC = np.pi / 6, 7, 4
-"""A ring is seen in so many of the twelve directions that are so wide, radians; of one that faces its axis, an arc."""
+"""Width of the twelve sectors around an axis, radians; in how many a ring is seen, and an arc that faces its axis."""
 _FACING = 0.5
-"""... in the mean with this cosine: places tell the axis, normals but the inside from the outside."""
+"""Least mean cosine of an arc's normals to the axis: places determine it, normals only tell inside from outside."""
 _WALL = 0.03
-"""The outside of a vessel lies no further outside its inside than this: its wall, and the axis' error, metres."""
+"""The outside of a vessel is at most this far from its inside, metres: its wall's thickness and the axis' error."""
 _WITHIN = 0.8
-"""Share of the outside's points within that: a handle may stick out."""
+"""Share of the outside's points that must be within that: a handle may stick out."""
 _RIM = 0.02
 """The outside of a vessel reaches up to its rim, less what depth at an edge may miss, metres."""
 
@@ -39,7 +39,7 @@ _RIM = 0.02
 class Hollow:
     """A surface around an upright axis, seen from inside or from both sides.
 
-    axis: (2,) its place; radius: its largest distance from there; rim: height of its top; all in metres.
+    axis: (2,) its level position; radius: its largest distance from the axis; rim: height of its top; all in metres.
     """
 
     axis: NDArray[np.float64]
@@ -55,10 +55,10 @@ def hollow_groups(
     size_max: float,
     noise: DepthNoise = KINECT_V1,
 ) -> list[list[int]]:
-    """Which parts belong together: what is bent around an upright axis, and all around the same axis no further away.
+    """Groups of parts of one object: a part bent around an upright axis, and all parts around that axis no farther out.
 
-    parts: rows of points; samples: (m, 3) places of each part's, camera frame, metres; normals: (n, 3)
-    unit normals of all points, which point to the camera; size_max: a hollow wider than this, metres, is no vessel's.
+    parts: each part's rows of `normals`; samples: (m, 3) points of each part, camera frame, metres; normals: (n, 3)
+    unit normals of all points, towards the camera; size_max: a hollow wider than this, metres, is no vessel.
     Each part's number is in one group; the largest hollow chooses first.
     """
     R = rotation_to_upright(up).T.astype(np.float32)
@@ -95,8 +95,8 @@ def _share_near(places: NDArray[np.float32], axis: NDArray[np.float64], radius: 
 
 
 def _hollow(places: NDArray[np.float32], normals: NDArray[np.float32], scatter: float) -> Hollow | None:
-    """What (n, 3) upright places stand around: on most sides, as thin walls do seen from both sides, or in an arc
-    whose walls, by their (n, 3) normals, face the axis, as a vessel's inside does. scatter: by noise, metres."""
+    """The hollow that (n, 3) upright places surround: on most sides, as thin walls seen from both sides do, or in an
+    arc whose (n, 3) normals face the axis, as a vessel's inside does. scatter: of the places by noise, metres."""
     x, y, share, sides = _ring_of(places, scatter)
     if share < _WITHIN or sides < _ARC:
         return None
