@@ -1,1 +1,1 @@
-"""Metrics of the paper (Sec. VI), the truth they compare with, and how steady a run is."""
+"""Metrics of the paper (Sec. VI), the ground truth they need, and the stability of a run."""

@@ -1,7 +1,7 @@
-"""True objects where the camera saw them: carried into the world of a run's own poses, however that is bent.
+"""Maps true objects into the world of a run's own poses, by the frames that see them.
 
-Odometry bends the world by centimetres over metres, and so do recorded poses that count as true. One rigid
-transform for all then charges a good box for the path that led to it. Where the camera was, the box can be right.
+Odometry bends the world by centimetres over metres, and so do recorded poses that count as true. A single rigid
+transform would then charge a box with the errors of the path before it, although the box fits where the camera was.
 """
 
 from typing import NamedTuple
@@ -18,17 +18,18 @@ from spot3d.pose_corrections import PoseCorrections
 from spot3d.trajectory import nearest_rotation
 
 _POINTS = 300
-"""So many points of an object tell whether a frame sees it."""
+"""About this many points of an object are tested for visibility in a frame."""
 _SEEN = 0.2
-"""A frame sees an object if it measures this share of its points: of a box, two sides of six make a third.
+"""A frame sees an object if it measures this share of its points. Two of a box's six sides make a third.
 
-On redkitchen with KISS-ICP 0.1 to 0.3, and 1 to 3 cm below, carry the objects alike (F within 0.3), 0.5 does not."""
+On redkitchen with KISS-ICP, 0.1 to 0.3, and 1 to 3 cm for `_AGREES`, give F within 0.3. 0.5 does not."""
 _AGREES = 0.02
-"""Depth agrees with a point within this and three sigma of its noise, metres: labels and poses are no better."""
+"""Depth agrees with a point within this plus three sigma of its noise, metres: labels and poses are no more accurate.
+"""
 
 
 class _Carrier(NamedTuple):
-    """A frame that sees an object: when, and where it is (4, 4), in the map of the run's poses and truly."""
+    """A frame that sees an object: stamp, pose (4, 4) in the map of the run's poses, and inverse true pose (4, 4)."""
 
     stamp_ns: int
     T_map_camera: NDArray[np.float64]
@@ -36,9 +37,9 @@ class _Carrier(NamedTuple):
 
 
 class Sightings:
-    """Which frames see each true object, and where each of them puts it in the world of the run.
+    """The frames that see each true object, and the transform into the run's world that each of them gives.
 
-    T_world_map: (4, 4) where the last frame knows the map of the run's poses to lie: it moves as it is better known.
+    T_world_map: (4, 4), the pose of the run's map as the last frame knows it. It changes as it is refined.
     """
 
     def __init__(self, truth: LabelledScene) -> None:
@@ -49,7 +50,7 @@ class Sightings:
             for label, box in zip(truth.labels, truth.boxes, strict=True)
         ]
         self._carriers: list[list[_Carrier]] = [[] for _ in truth.boxes]
-        # By the stamp that they reach back to, which rises from one to the next.
+        # By their first stamp, which rises from one to the next.
         self._corrections: dict[int, PoseCorrections] = {}
 
     def add(
@@ -61,9 +62,9 @@ class Sightings:
         T_world_map: NDArray[np.float64] | None = None,
         stamp_ns: int = 0,
     ) -> None:
-        """Look for the objects in a frame. depth: (h, w) float32 metres, 0 = invalid; poses (4, 4) float64.
+        """Test which objects a frame sees. depth: (h, w) float32 metres, 0 = invalid; poses (4, 4) float64.
 
-        T_world_map: where the map of the run's poses lay by then; None: the map stays. stamp_ns: of the frame, for
+        T_world_map: the pose of the run's map at that time; None: the map does not move. stamp_ns: of the frame, for
         `correct`.
         """
         self.T_world_map = np.eye(4) if T_world_map is None else T_world_map
@@ -73,11 +74,11 @@ class Sightings:
                 carriers.append(carrier)
 
     def correct(self, corrections: PoseCorrections) -> None:
-        """Take in what the run knows by now that its poses lack."""
+        """Add the run's later corrections of poses that are added already."""
         self._corrections[int(corrections.stamps_ns[0])] = corrections
 
     def transforms(self, T_run_true: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-        """T_run_true (4, 4) of each object: the median of the frames that see it; the given one where none does."""
+        """T_run_true (4, 4) of each object: the median over the frames that see it, or the given one if none does."""
         pairs = zip(self._truth.boxes, self._carriers, strict=True)
         return [
             _median(np.array([self._carried(carrier) for carrier in carriers]), box.centre) if carriers else T_run_true
@@ -85,7 +86,7 @@ class Sightings:
         ]
 
     def _carried(self, carrier: _Carrier) -> NDArray[np.float64]:
-        """T_run_true (4, 4) by a frame, as its pose is known in the end."""
+        """T_run_true (4, 4) by one frame, from its finally corrected pose."""
         T_run_camera = self.T_world_map @ carrier.T_map_camera
         for corrections in reversed(self._corrections.values()):
             if (twist := corrections.at(carrier.stamp_ns)) is not None:
@@ -94,10 +95,11 @@ class Sightings:
         return T_run_camera @ carrier.T_camera_true
 
     def carried(self, T_run_true: NDArray[np.float64]) -> LabelledScene:
-        """The truth in the run's world: each object's box and points by its own transform.
+        """The truth in the run's world: each object's box and points are moved by its own transform.
 
-        Points of no object (background, ignored) go with the object whose centre is nearest, so that a box is
-        judged by the table that stands under it; T_run_true (4, 4) of the whole carries what has no object near.
+        Points of no object (background, ignored) move with the object whose centre is nearest, so that a box is judged
+        with the table under it. T_run_true (4, 4) moves objects that no frame sees, and the points of a scene without
+        objects.
         """
         truth, transforms = self._truth, self.transforms(T_run_true)
         xyz = truth.xyz.astype(np.float64)
@@ -123,7 +125,7 @@ def _some(points: NDArray[np.float32]) -> NDArray[np.float64]:
 def _share_seen(
     points: NDArray[np.float64], depth: NDArray[np.float32], camera: Intrinsics, T_camera_world: NDArray[np.float64]
 ) -> float:
-    """Share of (n, 3) world points that project into the image where its depth agrees with theirs."""
+    """Share of (n, 3) world points that project into the image and agree with its depth."""
     local = points @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]
     expected, measured = measured_at(local, depth, camera)
     agrees = (measured > 0) & (np.abs(measured - expected) <= _AGREES + 3 * camera.noise.sigma(expected))
@@ -131,10 +133,10 @@ def _share_seen(
 
 
 def _median(transforms: NDArray[np.float64], centre: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The median (4, 4) of (n, 4, 4) transforms: of where they put `centre` (3,), and of how they turn it.
+    """Median (4, 4) of (n, 4, 4) transforms: of their rotations, and of where they move `centre` (3,).
 
-    About the object's own centre: about the world's origin, a turn and a shift that belong together would come
-    from different frames.
+    The translation is taken at the object's own centre. At the world's origin, rotation and translation would come from
+    different frames and not fit together.
     """
     T = np.eye(4)
     T[:3, :3] = nearest_rotation(np.median(transforms[:, :3, :3], axis=0))

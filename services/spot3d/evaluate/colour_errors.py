@@ -1,4 +1,4 @@
-"""Colour that is worse than the camera's: of a dark room, or of a camera that moves while it exposes."""
+"""Degrades colour: a dark room, or motion blur."""
 
 import cv2
 import numpy as np
@@ -6,10 +6,10 @@ from numpy.typing import NDArray
 
 
 def darkened(colour: NDArray[np.uint8], photons: float, seed: tuple[int, int]) -> NDArray[np.uint8]:
-    """Colour of which a white pixel has so many photons, and others as many fewer, raised to the brightness it had.
+    """Colour with photon noise, at the brightness that it had.
 
-    colour: (h, w, 3) uint8. Photons come by chance (Poisson); of none all is black. seed: of the recording, and the
-    frame.
+    colour: (h, w, 3) uint8. photons: of a white pixel; others have fewer in proportion, all Poisson distributed; with 0
+    the image is black. seed: of the recording, and the frame.
     """
     if not photons:
         return np.zeros_like(colour)
@@ -19,7 +19,7 @@ def darkened(colour: NDArray[np.uint8], photons: float, seed: tuple[int, int]) -
 
 
 def blurred(colour: NDArray[np.uint8], length: int, seed: tuple[int, int]) -> NDArray[np.uint8]:
-    """Colour that is the mean along a line of so many pixels, in another direction in each frame.
+    """Colour averaged along a line of `length` pixels, in another direction in each frame.
 
     colour: (h, w, 3) uint8. seed: of the recording, and the frame.
     """

@@ -25,7 +25,7 @@ from spot3d.source.tum import is_tum
 
 LAYOUTS = "7-Scenes, TUM RGB-D, OSD, RGB-D Scenes 2011 or RGB-D Scenes v2"
 DEPTH = 2
-"""Folders below a root in which data sets are looked for."""
+"""Data sets are searched up to this many folders below a root."""
 
 
 def open_dataset(
@@ -37,10 +37,10 @@ def open_dataset(
 ) -> DataSet:
     """The data set in a folder, by its layout, or the built-in scene: `scene:SEED`, `scenes:COUNT` (seeds 0 ..).
 
-    every: only each nth frame of a sequence; frames: at most so many of what is left of it. intrinsics: fx, fy,
-    cx, cy in pixels of a folder in the layout of OSD, 7-Scenes or TUM RGB-D, instead of those it states. Truth of
-    7-Scenes is `labels.json` with `labelled_cloud.npz`, that of TUM RGB-D `truth_objects.txt`; without it, poses
-    are compared only. At half size where the settings say so. Raises SourceError, saying what is missing.
+    every: only each nth frame of a sequence; frames: at most this many of those. intrinsics: fx, fy, cx, cy in pixels
+    for a folder in the layout of OSD, 7-Scenes or TUM RGB-D, instead of its own. Truth of 7-Scenes is `labels.json`
+    with `labelled_cloud.npz`, that of TUM RGB-D `truth_objects.txt`. Without it, only poses are compared. At half size
+    if the settings say so. Raises SourceError, saying what is missing.
     """
     source = settings.source.model_copy(update={"halved": False})
     opened = _opened(name, source, every, frames, intrinsics)
@@ -75,7 +75,7 @@ def _opened(
 
 
 def dataset_kind(folder: Path) -> str | None:
-    """Which data set's layout a folder has, complete or not; None: none of those known."""
+    """Which data set's layout a folder has, complete or not. None if it has no known one."""
     if is_osd(folder):
         return "OSD"
     if is_uw_scenes(folder):
@@ -101,7 +101,7 @@ def datasets_below(root: Path) -> list[Path]:
 
 
 def distinctly_named(datasets: dict[str, DataSet]) -> list[DataSet]:
-    """Data sets by the paths they were opened with, those of one name with their parent folders before it."""
+    """Data sets by the paths they were opened with. Equal names get their parent folders as a prefix."""
     parts = {path: Path(path).resolve().parts for path in datasets}
     told = []
     for path, dataset in datasets.items():
@@ -116,7 +116,7 @@ def distinctly_named(datasets: dict[str, DataSet]) -> list[DataSet]:
 
 
 def at_half_size(dataset: DataSet) -> DataSet:
-    """The same data set with every second pixel, unless it is so already; 3D truth stays as it is."""
+    """The same data set with every second pixel, unless it is halved already. 3D truth is unchanged."""
     if dataset.halved:
         return dataset
 
@@ -131,7 +131,7 @@ def at_half_size(dataset: DataSet) -> DataSet:
 
 
 def both_sizes(datasets: list[DataSet]) -> list[tuple[DataSet, str]]:
-    """Each data set with sequences as it is and at half size (unless it is halved already), with its image size."""
+    """Each data set with sequences, as it is and at half size (unless it is halved already), with its image size."""
     pairs = []
     for dataset in datasets:
         for sized in (dataset,) if dataset.halved else (dataset, at_half_size(dataset)):

@@ -1,4 +1,4 @@
-"""A sequence made worse: wrong poses, worse depth or colour, while its true poses stay the truth."""
+"""A sequence with degraded poses, intrinsics, depth or colour. Its true poses remain the truth."""
 
 from dataclasses import dataclass, replace
 
@@ -19,14 +19,15 @@ SEED = 1
 
 @dataclass(frozen=True, slots=True)
 class Degradation:
-    """What is worse than as recorded: several at once, if need be.
+    """The errors to add to a sequence. Several can be combined.
 
-    metres, degrees: of the poses' smooth error; late: frames by which poses lag; mount: metres and degrees between the
-    camera and what the poses are of; centre: share of the width by which the principal point is off; focal: how many
-    times as long focal lengths are told; scale: of depth; bent: deviation of the camera's own distortion, as a share of
-    depth; noise: times the sensor's; mixed: pixels over which depth is a mean; fattened: pixels by which near things
-    have grown; missing: share of depth; photons: of a white pixel; blurred: share of the width over which
-    colour is a mean; every: only each nth frame; half: half size.
+    metres, degrees: deviation of the poses' smooth error; late: frames by which poses lag; mount: metres and degrees
+    between the camera and the body whose poses are given; centre: share of the width by which the stated principal
+    point is too low in the image; focal: factor on the stated focal lengths; scale: factor on depth; bent: deviation of
+    the camera's own distortion, as a share of depth; noise: factor on the sensor's noise; mixed: radius in pixels over
+    which depth is averaged; fattened: pixels by which near surfaces grow; missing: share of depth that is lost;
+    photons: of a white pixel; blurred: share of the width over which colour is averaged; every: only each nth frame;
+    half: half size.
     """
 
     metres: float = 0.0
@@ -47,7 +48,7 @@ class Degradation:
     half: bool = False
 
     def of(self, sequence: FrameSequence) -> FrameSequence:
-        """The sequence made worse. Errors come first, one frame after the other, then every nth is chosen."""
+        """The degraded sequence. Halving comes first, then errors frame by frame, then every nth frame is chosen."""
         worse = at_half_size(sequence) if self.half else sequence
         if replace(self, every=1, half=False) != Degradation():
             worse = _Degraded(worse, self)
@@ -55,10 +56,10 @@ class Degradation:
 
 
 class _Degraded(Derived):
-    """Frames of another sequence, told other poses or intrinsics, or with worse depth or colour.
+    """Frames of another sequence with wrong poses or intrinsics, or with degraded depth or colour.
 
-    `true_pose` is that of the other sequence: a run with given poses takes what its frames tell, and is judged by what
-    is true. Errors depend on a frame's number.
+    `true_pose` is that of the other sequence: a run with given poses takes those of the frames, and is judged by the
+    true ones. Errors depend on a frame's number.
     """
 
     def __init__(self, sequence: FrameSequence, worse: Degradation) -> None:

@@ -1,4 +1,4 @@
-"""Depth that is worse than the sensor's: noisier, mixed or moved at edges, bent, or torn by holes."""
+"""Degrades depth: more noise, mixed or moved edges, distortion, holes."""
 
 import cv2
 import numpy as np
@@ -8,23 +8,24 @@ from spot3d.camera import Intrinsics
 from spot3d.source.scene.noise import FOCAL_PX, block_noise
 
 HOLE_M = 0.03
-"""Holes are made of patches about this wide at 1 m, so 3 to 10 cm across: glare on a can, a dark label, a wet spot."""
+"""Holes are made of patches about this wide at 1 m, so they are 3 to 10 cm across: glare on a can, a dark label, a wet
+spot."""
 
 EDGE = 0.02
-"""Depth that is nearer by this share of itself is another surface's: no slope is as steep within a few pixels."""
+"""Depth that is nearer by more than this share belongs to another surface: no slope is as steep within a few pixels."""
 
 BENDS = 4
-"""Depth is bent alike over a part of the image about so many times smaller than its width: as by a lens, whose
-distortion is a polynomial of a few terms over the image."""
+"""The distortion varies over about the image width divided by this, as a lens's does: a polynomial of a few terms over
+the image."""
 
 
 def noisier(
     depth: NDArray[np.float32], camera: Intrinsics, factor: float, seed: tuple[int, int]
 ) -> NDArray[np.float32]:
-    """Depth whose noise has `factor` times the deviation that the sensor's already has (`depth_noise.py`).
+    """Depth with `factor` times the sensor's standard deviation of noise (`depth_noise.py`).
 
-    depth: (h, w) float32 metres, 0 = invalid and stays so. Noise of a Kinect is alike within its 7 px blocks, and so
-    is what is added; of an image at half size, the blocks are half as wide. seed: of the recording, and the frame.
+    depth: (h, w) float32 metres, 0 = invalid and stays so. The added noise, like a Kinect's, is alike within blocks of
+    7 px, which are half as wide at half size. seed: of the recording, and the frame.
     """
     if factor <= 1:
         return depth
@@ -37,7 +38,7 @@ def noisier(
 
 
 def mixed(depth: NDArray[np.float32], reach: int) -> NDArray[np.float32]:
-    """Depth that is the mean of the valid pixels within `reach` pixels: what edges are to cameras that mix or smooth.
+    """Depth averaged over the valid pixels within `reach` pixels, as at edges of cameras that mix or smooth depth.
 
     depth: (h, w) float32 metres, 0 = invalid and stays so.
     """
@@ -47,7 +48,7 @@ def mixed(depth: NDArray[np.float32], reach: int) -> NDArray[np.float32]:
 
 
 def fattened(depth: NDArray[np.float32], reach: int) -> NDArray[np.float32]:
-    """Depth in which what is nearer has grown over what is behind it: what block matching makes of an edge.
+    """Depth in which near surfaces grow over what is behind them, as block matching does at edges.
 
     depth: (h, w) float32 metres, 0 = invalid and stays so. reach: pixels, half of a stereo camera's window.
     """
@@ -57,10 +58,10 @@ def fattened(depth: NDArray[np.float32], reach: int) -> NDArray[np.float32]:
 
 
 def bent(depth: NDArray[np.float32], deviation: float, seed: int) -> NDArray[np.float32]:
-    """Depth with a distortion of the camera's own: too long in parts of the image, too short in others, by a share.
+    """Depth with a distortion by a share that varies over the image: too long in some parts, too short in others.
 
-    depth: (h, w) float32 metres, 0 = invalid and stays so. deviation: of the share over the image, whose mean is none:
-    what is alike in all of it is a scale. seed: of the camera; the same in each of its frames.
+    depth: (h, w) float32 metres, 0 = invalid and stays so. deviation: of the share over the image; its mean is 0, as a
+    common share is a scale. seed: of the camera; the distortion is the same in each of its frames.
     """
     field = _smooth(depth.shape, depth.shape[1] // BENDS, np.random.default_rng((seed, 5)))
     share = deviation * (field - field.mean()) / field.std()
@@ -70,8 +71,8 @@ def bent(depth: NDArray[np.float32], deviation: float, seed: int) -> NDArray[np.
 def torn(depth: NDArray[np.float32], camera: Intrinsics, share: float, seed: tuple[int, int]) -> NDArray[np.float32]:
     """Depth without `share` of its valid pixels, which are lost in blobs.
 
-    depth: (h, w) float32 metres, 0 = invalid. Smooth random noise decides, highest first, so that the share is exact
-    to a pixel. seed: of the recording, and the frame: other blobs in each frame.
+    depth: (h, w) float32 metres, 0 = invalid. The pixels with the highest smooth random noise are lost, so that the
+    share is exact to a pixel. seed: of the recording, and the frame: each frame has other blobs.
     """
     valid = np.flatnonzero(depth > 0)
     lost = round(share * len(valid))
@@ -85,7 +86,7 @@ def torn(depth: NDArray[np.float32], camera: Intrinsics, share: float, seed: tup
 
 
 def _smooth(shape: tuple[int, ...], cell: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Smooth random noise (h, w), alike over about `cell` pixels."""
+    """Smooth random noise (h, w) that varies over about `cell` pixels."""
     height, width = shape
     coarse = rng.normal(size=(height // cell + 2, width // cell + 2))
     return np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC), np.float64)

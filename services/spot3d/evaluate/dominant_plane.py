@@ -1,16 +1,17 @@
-"""The plane that holds most points of a cloud, by RANSAC: of the references and the layouts, not of the method."""
+"""The plane with most points of a cloud, by RANSAC. Used by the peer and the data sets' readers, not by the method."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 ON_PLANE = 0.01
-"""Points this near lie on a plane, metres: three sigma of a Kinect's depth at 1.4 m (depth_noise.KINECT_V1)."""
+"""Points within this distance lie on a plane, metres: three sigma of a Kinect's depth at 1.4 m (depth_noise.KINECT_V1).
+"""
 _TRIPLES = 1000
-"""A plane with a fifth of the points is among so many triples with a chance of 0.9997."""
+"""Number of random triples: with a probability of 0.9997, one of them is on a plane that has a fifth of the points."""
 _SAMPLE = 4000
-"""Points on which the triples are scored: shares are good to 0.8 %."""
+"""Number of points on which the triples are scored: shares are accurate to 0.8 %."""
 _REFITS = 3
-"""Least squares on all points near the plane, so that it does not hang on the triple's noise."""
+"""Least-squares fits to all points near the plane, which remove the noise of the triple."""
 
 
 def dominant_plane(
@@ -18,8 +19,8 @@ def dominant_plane(
 ) -> NDArray[np.float64]:
     """The plane with most of (n, 3) points, n >= 3: (4,) float64, unit normal and offset, n.x + b = 0 on it.
 
-    The normal points to the side of `towards` (3,). Points within `tolerance` lie on a plane. All metres, in one frame;
-    always the same for the same points.
+    The normal points to the side of `towards` (3,). Points within `tolerance` lie on a plane. All metres, in one frame.
+    The result is deterministic.
     """
     rng = np.random.default_rng(0)
     sample = xyz[rng.permutation(len(xyz))[:_SAMPLE]].astype(np.float64)
@@ -32,7 +33,7 @@ def dominant_plane(
     best = int(np.argmax([np.count_nonzero(np.abs(sample @ plane[:3] + plane[3]) < tolerance) for plane in planes]))
     normal, middle = planes[best, :3], sample.mean(axis=0)
     if not np.isfinite(planes[best, 3]):
-        normal = np.array((0.0, 0.0, 1.0))  # all triples lie on a line each: there is no plane
+        normal = np.array((0.0, 0.0, 1.0))  # every triple is collinear: there is no plane
     else:
         middle = -planes[best, 3] * normal
         for _ in range(_REFITS):

@@ -1,4 +1,4 @@
-"""A run that is over, live ones with their dropped frames included: what it wrote, beside the truth and the peer."""
+"""Evaluates a finished run, also a live one with dropped frames: its results against the truth and the peer's."""
 
 import json
 from pathlib import Path
@@ -39,9 +39,9 @@ COLUMNS = (
 def finished_table(dataset: DataSet, folder: Path, settings: Settings) -> Table:
     """Overlap and points (paper, Fig. 10 and Table IV) of the objects in a run's folder, and of the peer.
 
-    At most 300 of the run's frames are read again, for the peer's cloud and to see where the true objects are;
-    `settings` have the limits of the peer's. Raises SourceError where the data set has not one sequence with true
-    objects and poses, and where the folder holds no run of it.
+    At most 300 of the run's frames are read again, for the peer's cloud and to find the frames that see the true
+    objects. `settings` give the peer's limits. Raises SourceError if the data set has not exactly one sequence with
+    true objects and poses, or the folder holds no run of it.
     """
     item, truth = _labelled(dataset)
     try:

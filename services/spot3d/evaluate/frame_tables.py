@@ -31,11 +31,11 @@ BOTH_METHODS = (
     ),
     Column("true a frame", 1),
 )
-"""The cells of ours, the cells of the peer, and the true objects."""
+"""Columns of ours, of the peer, and of the true objects."""
 
 
 def proposals_table(datasets: list[DataSet], settings: Settings) -> Table:
-    """Success (SR) and detection rate (DR) at IoU 0.5 of the bare boxes, of ours (paper, Table I), and of the peer.
+    """Success (SR) and detection rate (DR) at IoU 0.5 of the proposals, of ours (paper, Table I), and of the peer.
 
     Ours: filter the proposals by depth, remove the supporting plane, cluster, and box each cluster's pixels.
     """
@@ -71,7 +71,7 @@ def proposals_table(datasets: list[DataSet], settings: Settings) -> Table:
 
 @dataclass(slots=True)
 class FoundInFrames:
-    """What a method found in a data set's frames: IoU matrices (true, counted), and how many boxes were left out."""
+    """A method's results in a data set's frames: IoU matrices (true, counted), and the number of boxes left out."""
 
     iou: list[NDArray[np.float64]] = field(default_factory=list)
     left_out: int = 0
@@ -91,22 +91,22 @@ class FoundInFrames:
 
     @property
     def true(self) -> float:
-        """True objects a frame."""
+        """True objects per frame."""
         return float(np.mean([matrix.shape[0] for matrix in self.iou]))
 
     def behind(self, peer: "FoundInFrames", where: str) -> list[str]:
-        """The sentence on the measures in which the peer is ahead, if any."""
+        """A sentence on the measures in which the peer is better, if any."""
         measures = [("success", self.success, peer.success), ("detection", self.detection, peer.detection)]
         return behind_peer(where, measures)
 
     def cells(self) -> tuple[Cell, ...]:
-        """Success, detection, boxes, boxes without an object and boxes left out, the last three a frame."""
+        """Success and detection rate; boxes, boxes without an object and boxes left out, each per frame."""
         found = float(np.mean([matrix.shape[1] for matrix in self.iou]))
         return self.success, self.detection, found, without_object(self.iou), self.left_out / len(self.iou)
 
 
 def filters_table(datasets: list[DataSet], settings: Settings) -> Table:
-    """Shares of proposals that the depth filters accept whole, mask in part, reject (paper, Sec. VI-A)."""
+    """Shares of proposals that the depth filters accept, mask in part, or reject (paper, Sec. VI-A)."""
     columns: tuple[Column, ...] = (Column("data"), Column("metric culling"), Column("proposals a frame", 0))
     columns += (Column("accepted %", 1), Column("masked in part %", 1), Column("rejected %", 1))
     table = Table("filters", "What the depth filters do with the proposals (paper, Sec. VI-A)", columns)
@@ -127,14 +127,14 @@ def filters_table(datasets: list[DataSet], settings: Settings) -> Table:
 
 
 def proposals_and_heat(frame: RgbdFrame, settings: Settings) -> tuple[NDArray[np.float32], Heatmap]:
-    """The first two stages on one frame: (M, 5) boxes, and the heat of what the filters leave of them."""
+    """The first two stages on one frame: (M, 5) boxes, and the heat of those that the filters keep."""
     depth, camera = frame.depth_metres(), frame.intrinsics
     boxes = propose(frame.colour, depth, camera, settings.proposals)
     return boxes, weighted_heat(depth, camera, boxes, settings.heatmap)
 
 
 def boxes_in_frame(frame: RgbdFrame, heat: Heatmap, settings: Settings) -> NDArray[np.float64]:
-    """(n, 4) [x, y, w, h] boxes of the objects of one frame alone, found as fusion finds them over time."""
+    """(n, 4) [x, y, w, h] boxes of the objects of a single frame, found by the method that fusion uses over time."""
     depth, camera = frame.depth_metres(), frame.intrinsics
     if settings.fusion.clustering == "density":
         parts = find_by_density_in_frame(depth, heat.heat, camera, settings.fusion)

@@ -1,4 +1,4 @@
-"""Found boxes beside true ones: which of them count, how well they fit, which points they hold."""
+"""Compares found boxes with true ones: which of them count, how well they fit, which points they contain."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,13 +14,13 @@ from spot3d.evaluate.truth import LabelledScene
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What a method found: boxes, and the (n, 3) float64 points of each, in one world."""
+    """A method's boxes, and the (n, 3) float64 points of each, in one world."""
 
     boxes: tuple[Box3D, ...]
     points: tuple[NDArray[np.float64], ...]
 
     def moved(self, T_target_source: NDArray[np.float64]) -> "Found":
-        """The same in another world."""
+        """The same objects in another world."""
         R, t = T_target_source[:3, :3], T_target_source[:3, 3]
         points = tuple(points @ R.T + t for points in self.points)
         return Found(tuple(moved(box, T_target_source) for box in self.boxes), points)
@@ -28,10 +28,10 @@ class Found:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judged:
-    """Boxes beside the truth of the same world.
+    """Found boxes compared with the truth in the same world.
 
-    boxes: those that count; left_out: how many others meet no true object and lie on points that no label speaks of.
-    iou: (true, counted) float64. points: of the boxes that count; points_of_all: of the others as well.
+    boxes: those that count; left_out: number of the others, which overlap no true object and lie on unlabelled points.
+    iou: (true, counted) float64. points: scores of the boxes that count; points_of_all: scores of all boxes.
     """
 
     boxes: tuple[Box3D, ...]
@@ -41,22 +41,22 @@ class Judged:
     points_of_all: PointScores
 
     def success_of_all(self) -> tuple[int, int]:
-        """Found boxes that hit a true one at IoU 0.5, and all found boxes, those left out included."""
+        """Number of found boxes that hit a true one at IoU 0.5, and of all found boxes, those left out included."""
         hits = int(np.count_nonzero(self.iou.max(axis=0, initial=0.0) >= HIT))
         return hits, len(self.boxes) + self.left_out
 
 
 def judge(found: Sequence[Box3D], truth: LabelledScene) -> Judged:
-    """The found boxes, in the world of the truth, beside it (paper, Sec. VI)."""
+    """Compares found boxes with the truth in the same world (paper, Sec. VI)."""
     boxes = that_count(found, truth)
     scores = [point_scores(truth.xyz, truth.label, chosen) for chosen in (boxes, found)]
     return Judged(boxes, len(found) - len(boxes), iou_matrix_3d(truth.boxes, boxes), *scores)
 
 
 def that_count(found: Sequence[Box3D], truth: LabelledScene) -> tuple[Box3D, ...]:
-    """The boxes that meet a true object, or lie where the labels tell that there is none.
+    """The boxes that overlap a true object, or lie where the labels say that there is none.
 
-    Where most labelled points in a box are ignored ones, nothing tells whether an object is there.
+    If most labelled points in a box are ignored ones, it is unknown whether an object is there.
     """
     meets = iou_matrix_3d(truth.boxes, found).max(axis=0, initial=0.0) >= MEETS
     points = SortedPoints(truth.xyz)

@@ -1,4 +1,4 @@
-"""What a data set for evaluation offers: single frames with true 2D boxes, sequences with true 3D boxes."""
+"""Data sets for evaluation: single frames with true 2D boxes, sequences with true 3D boxes."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from spot3d.source.sequence import FrameSequence
 class LabelledFrame:
     """One frame and the (n, 4) float64 boxes [x, y, w, h] around its true objects, pixels.
 
-    unjudged: (h, w) bool, pixels of which the annotation says nothing; None: it speaks of all.
+    unjudged: (h, w) bool, pixels that are not annotated; None: all are annotated.
     """
 
     frame: RgbdFrame
@@ -25,7 +25,7 @@ class LabelledFrame:
 
 @dataclass(frozen=True, slots=True)
 class LabelledFrames:
-    """`count` frames, each read when asked for by its number, or one after the other."""
+    """`count` frames, read on access by number or by iteration."""
 
     count: int
     read: Callable[[int], LabelledFrame]
@@ -35,7 +35,7 @@ class LabelledFrames:
 
 
 def joined(parts: list[LabelledFrames]) -> LabelledFrames:
-    """Several sets of frames as one, in their order."""
+    """Concatenates several sets of frames."""
     ends = np.cumsum([part.count for part in parts])
 
     def read(index: int) -> LabelledFrame:
@@ -50,7 +50,7 @@ NO_FRAMES = joined([])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelledSequence:
-    """A sequence with the truth of its scene, in the world of the sequence's true poses; None: poses only."""
+    """A sequence with its scene's truth in the world of its true poses. Truth None: only poses can be compared."""
 
     name: str
     sequence: FrameSequence
@@ -59,7 +59,7 @@ class LabelledSequence:
 
 @dataclass(frozen=True, slots=True)
 class DataSet:
-    """A data set with what it offers; halved: its images are those of another at half size."""
+    """A data set's frames and sequences. halved: they are at half size already."""
 
     name: str
     kind: str

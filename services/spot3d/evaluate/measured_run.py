@@ -1,4 +1,4 @@
-"""One run of the whole method over a labelled sequence, with all that the tables need of it."""
+"""Runs the whole method over a labelled sequence and measures what the tables need."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -23,17 +23,17 @@ from spot3d.source.sequence import FrameSequence
 from spot3d.trajectory import ate, nearest_rotation
 
 VIEWS_2D = 50
-"""2D overlap is measured in about so many frames, evenly spread."""
+"""2D overlap is measured in about this many frames, evenly spread."""
 NO_TRUTH = LabelledScene((), (), (), np.array((0.0, 0.0, 1.0)), np.zeros((0, 3), np.float32), np.zeros(0, np.uint8))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """What one method found, judged.
+    """A method's objects, compared with the truth.
 
-    fixed: in the world of the true poses, into which the run's world is moved as a whole. carried: in the run's
-    world, into which each true object is carried by the frames that see it. iou_2d: (true, found) in each of the
-    views, in the fixed world.
+    fixed: in the world of the true poses, into which the run's world is moved as a whole. carried: in the run's world,
+    into which each true object is moved by the frames that see it. iou_2d: (true, found) in each view, in the fixed
+    world.
     """
 
     fixed: Judged
@@ -43,11 +43,11 @@ class Measured:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredRun:
-    """What a run found and cost, and what the peer makes of the same frames and poses.
+    """Results and cost of a run, and the peer's results on the same frames and poses.
 
-    ate: absolute trajectory error of the tracked poses, root mean square, metres, NaN where none has a true one; lost:
-    share of the frames without a pose. updates: the objects of each update, in order of time, in the world of the true
-    poses. step_s: seconds of each stage for each of its frames, the first frame left out (it loads kernels).
+    ate: absolute trajectory error of the tracked poses, root mean square, metres, NaN without true poses; lost: share
+    of the frames without a pose. updates: the objects of each update, in order of time, in the world of the true poses.
+    step_s: seconds of each stage for each of its frames, without the first frame (it loads kernels).
     """
 
     ours: Measured
@@ -59,13 +59,13 @@ class MeasuredRun:
     frames: int
 
     def frame_ms(self) -> float:
-        """Mean time of all stages for a frame, reading it not included; objects count by their share of frames."""
+        """Mean time of all stages per frame, without reading. Object updates are averaged over all frames."""
         total = sum(sum(times) for stage, times in self.step_s.items() if stage != "source")
         return 1e3 * total / max(1, self.frames - 1)
 
 
 class Runs:
-    """Runs the method, once for each sequence and settings: tables share runs."""
+    """Runs the method once for each sequence and settings, so that tables share runs."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
@@ -81,12 +81,12 @@ class Runs:
 
 
 def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
-    """Run the whole method over the sequence and compare what it finds with the truth.
+    """Run the whole method over the sequence and compare its results with the truth.
 
-    With odometry the found world is that of the first pose: it is moved into the true one by the rigid
-    transform that agrees best with all true poses (`world_alignment`), and each true object is carried into it
-    by the frames that see it (`Sightings`). Raises SourceError where true objects have no true poses to be placed by,
-    and StageFailedError where a stage fails on a frame.
+    With odometry the found world is that of the first pose. It is moved into the true one by the rigid transform that
+    agrees best with all true poses (`world_alignment`). Each true object is also moved into the found world by the
+    frames that see it (`Sightings`). Raises SourceError if true objects have no true poses to be placed by, and
+    StageFailedError if a stage fails on a frame.
     """
     sequence, truth = item.sequence, item.truth or NO_TRUTH
     if item.truth is not None and not sequence.has_true_poses:
@@ -141,7 +141,7 @@ def measured(
     carried: LabelledScene,
     T_true_found: NDArray[np.float64],
 ) -> Measured:
-    """What was found in the run's world, beside the truth, and beside the truth carried into the run's world."""
+    """Compares objects in the run's world with the truth, and with the truth carried into the run's world."""
     fixed = found.moved(T_true_found)
     judged = judge(fixed.boxes, truth)
     counted = set(judged.boxes)
@@ -150,17 +150,17 @@ def measured(
 
 
 def with_poses_there_are(settings: Settings, sequence: FrameSequence) -> Settings:
-    """The same settings, but KISS-ICP where they ask for given poses and the sequence has none."""
+    """The settings, with KISS-ICP in place of given poses if the sequence has none."""
     if settings.pose.provider != "given" or sequence.has_true_poses:
         return settings
     return settings.changed("pose", provider="kiss")
 
 
 def world_alignment(sequence: FrameSequence, tracked: Sequence[tuple[int, NDArray[np.float64]]]) -> NDArray[np.float64]:
-    """T_true_found (4, 4): mean rotation and shift that bring poses onto the true ones of the same stamps.
+    """T_true_found (4, 4): mean rotation and shift that align poses with the true ones of the same stamps.
 
-    tracked: stamps and (4, 4) T_world_camera of the trusted poses. The rotation is the mean of all frames' (chordal, by
-    SVD), so it is well defined for a straight path too. Raises SourceError where no frame has both poses.
+    tracked: stamps and (4, 4) T_world_camera of the trusted poses. The rotation is the mean over all frames (chordal,
+    by SVD), so it is well defined for a straight path too. Raises SourceError if no frame has both poses.
     """
     pairs = _pairs(sequence, tracked)
     if not pairs:
@@ -183,7 +183,7 @@ def _pairs(
 def views_2d(
     sequence: FrameSequence, truth: LabelledScene, found: list[NDArray[np.float64]]
 ) -> list[NDArray[np.float64]]:
-    """IoU matrices (true, found) of the projections in evenly spread frames; found: world points of each object."""
+    """IoU matrices (true, found) of projections into evenly spread frames. found: world points of each object."""
     true = [
         thinned(points) if len(points := truth.xyz[truth.label == label]) else box_surface(box)
         for label, box in zip(truth.labels, truth.boxes, strict=True)

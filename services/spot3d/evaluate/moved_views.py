@@ -1,4 +1,4 @@
-"""A frame as a camera has it that moves: what it shows, with its noise and its holes, seen from other places."""
+"""Renders a single frame, with its noise and holes, from other poses, as if its camera moved."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -12,18 +12,18 @@ from spot3d.camera import back_project, invert
 from spot3d.frame import RgbdFrame
 
 VIEWS = 12
-"""As many as make an object four times over (`fusion.views_min`)."""
+"""Four times the views that make an object (`fusion.views_min`)."""
 INTERVAL_NS = 300_000_000
-"""About as far apart as keyframes are."""
+"""About the interval between keyframes."""
 SWING = np.radians((4.5, 9.0))
-"""So far the camera goes up and down, and to each side, around the middle of what it sees: 13 cm at 0.85 m."""
+"""Angles by which the camera swings up and down, and to each side, around the middle of its view: 13 cm at 0.85 m."""
 
 
 def moved_views(frame: RgbdFrame) -> list[RgbdFrame]:
-    """The frame, and what cameras on a figure of eight before the same scene see, with their poses.
+    """The frame, and views of the same scene from cameras on a figure of eight, with their poses.
 
-    The frame's camera is the world. What no pixel of the frame shows has no depth in the others, and the colour beside
-    it; a pixel without depth moves as if it were as far away as the nearest one that has some.
+    The frame's camera is the world. Where no pixel of the frame is visible, the other views have no depth and the
+    colour beside it. A pixel without depth moves with the depth of the nearest pixel that has some.
     """
     shown = _Surface.of(frame)
     depth = frame.depth_metres()
@@ -42,7 +42,7 @@ def moved_views(frame: RgbdFrame) -> list[RgbdFrame]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Surface:
-    """What a frame's pixels show: points (n, 3) float64 metres, its camera's frame, and which were measured, (n,)."""
+    """A frame's pixels as points (n, 3) float64 metres in its camera's frame, and which of them were measured, (n,)."""
 
     points: NDArray[np.float64]
     measured: NDArray[np.bool_]
@@ -55,7 +55,7 @@ class _Surface:
         return cls(back_project(filled, frame.intrinsics).reshape(-1, 3).astype(np.float64), measured.ravel())
 
     def seen_from(self, frame: RgbdFrame, T_world_camera: NDArray[np.float64]) -> RgbdFrame:
-        """The frame that a camera has there. Each point covers the four pixels around it; the nearest are seen."""
+        """The frame of a camera at this pose. Each point covers the four pixels around it; the nearest is visible."""
         camera, T = frame.intrinsics, invert(T_world_camera)
         h, w = camera.shape
         x, y, z = (self.points @ T[:3, :3].T + T[:3, 3]).T
@@ -80,5 +80,5 @@ class _Surface:
 
 
 def _nearest(known: NDArray[np.bool_]) -> tuple[NDArray[np.int32], ...]:
-    """For each pixel of (h, w) the row and the column of the nearest one that is known."""
+    """Row and column of the nearest known pixel for each pixel of (h, w)."""
     return tuple(distance_transform_edt(~known, return_distances=False, return_indices=True))

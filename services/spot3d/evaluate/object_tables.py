@@ -1,4 +1,4 @@
-"""Tables of the objects that a whole run finds: overlap, ablations (Table III), points (Table IV), stability."""
+"""Tables of the objects that whole runs find: overlap, ablations (Table III), points (Table IV), stability."""
 
 from typing import get_args
 
@@ -63,7 +63,7 @@ def objects_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Ta
 
 
 def ablations_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Table:
-    """2D and 3D overlap without one step each, and with all (paper, Table III), and that of the peer."""
+    """2D and 3D overlap without one step at a time, of the whole method (paper, Table III), and of the peer."""
     columns: tuple[Column, ...] = (Column("data"), Column("method"), *OVERLAP)
     table = Table("ablations", "Ablations: overlap without one step each (paper, Table III)", columns)
     for dataset in datasets:
@@ -84,10 +84,10 @@ def ablations_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> 
 
 
 def ablations(settings: Settings) -> dict[str, Settings]:
-    """The paper's ablations by name, those of what the default does besides, and the whole method last."""
+    """The paper's ablations by name, those of additional steps, and the whole method last."""
 
     def without(soft: bool, hard: bool) -> Settings:
-        # Culling applies the hard filter's limits to the search already: it goes with it.
+        # Culling applies the hard filter's limits to the search, so it is switched off with it.
         culling = hard and settings.proposals.metric_culling
         filtered = settings.changed("heatmap", soft_filter=soft, hard_filter=hard)
         return filtered.changed("proposals", metric_culling=culling)
@@ -109,7 +109,7 @@ def ablations(settings: Settings) -> dict[str, Settings]:
 
 
 def pose_cells(runs: list[MeasuredRun]) -> tuple[Cell, Cell]:
-    """Means over the runs, for POSES."""
+    """Means over the runs, for the columns POSES."""
     return 1e3 * float(np.mean([run.ate for run in runs])), 100 * float(np.mean([run.lost for run in runs]))
 
 
@@ -140,7 +140,7 @@ def points_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Tab
 
 
 def stability_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Table:
-    """Switches of id and jitter of boxes over a run, for each true object (not in the paper)."""
+    """Id switches and jitter of boxes over a run, for each true object (not in the paper)."""
     columns: tuple[Column, ...] = (Column("data"), Column("object"), Column("id switches"), Column("matched %", 0))
     columns += (Column("centre jitter mm", 1), Column("size jitter mm", 1))
     table = Table("stability", "How steady the objects are over a run", columns)
@@ -172,7 +172,7 @@ def _runs_of(dataset: DataSet, settings: Settings, runs: Runs) -> list[MeasuredR
 
 
 def overlap_measures(ours: list[Measured], peer: list[Measured]) -> list[tuple[str, float, float]]:
-    """Success and detection in both worlds, ours and the peer's, for `behind_peer`."""
+    """Success and detection rate in both worlds, of ours and of the peer, for `behind_peer`."""
     measures = []
     for world, matrices in (("", _fixed), ("carried ", _carried)):
         a, b = object_scores(matrices(ours)), object_scores(matrices(peer))
@@ -181,7 +181,7 @@ def overlap_measures(ours: list[Measured], peer: list[Measured]) -> list[tuple[s
 
 
 def point_measures(ours: list[Measured], peer: list[Measured]) -> list[tuple[str, float, float]]:
-    """F of the labelled points in both worlds, ours and the peer's, for `behind_peer`."""
+    """F of the labelled points in both worlds, of ours and of the peer, for `behind_peer`."""
     (*_, fixed, _, _, carried), (*_, peer_fixed, _, _, peer_carried) = point_cells(ours), point_cells(peer)
     return [("F", fixed, peer_fixed), ("carried F", carried, peer_carried)]
 
@@ -195,7 +195,7 @@ def _carried(done: list[Measured]) -> list[NDArray[np.float64]]:
 
 
 def point_cells(done: list[Measured]) -> list[float]:
-    """In the order of POINTS."""
+    """Mean point scores in the order of POINTS."""
     cells = list[float]()
     for scores in ([one.fixed.points for one in done], [one.carried.points for one in done]):
         mean = scores[0] if len(scores) == 1 else mean_point_scores(scores)

@@ -18,7 +18,7 @@ CAMERA_FILE = "camera-intrinsics.txt"
 METRES_PER_UNIT = 0.001
 # Label 1 is the table.
 UNJUDGED, FIRST_OBJECT = 0, 2
-# The published `disparity` images hold millimetres all the same; the folder's name is the data set's own.
+# The data set's folder `disparity` holds depth in millimetres as well, despite its name.
 DEPTH_FOLDERS = ("depth", "disparity")
 
 
@@ -33,9 +33,9 @@ def open_osd(
     """Frames with boxes around their instance masks (label 2 and up), every nth, at most `frames`.
 
     Layout: `image_color/NAME.png`, `annotation/NAME.png`, and `depth/NAME.png` or `disparity/NAME.png`, 16-bit
-    millimetres registered with colour. Label 0 is not judged, 1 the table and all else that is no object.
-    intrinsics: fx, fy, cx, cy; else those of `camera-intrinsics.txt` (a 3x3 matrix, as 7-Scenes has it) where it is
-    there, else OSD's own. Raises SourceError for what is missing or malformed.
+    millimetres registered with colour. Label 0 is unannotated, 1 the table and everything else that is no object.
+    intrinsics: fx, fy, cx, cy; by default those of `camera-intrinsics.txt` (a 3x3 matrix, as in 7-Scenes) if it is
+    there, else OSD's own. Raises SourceError for missing or malformed files.
     """
     for needed in ("image_color", "annotation"):
         if not (folder / needed).is_dir():
@@ -80,5 +80,5 @@ def _read_annotation(path: Path) -> NDArray[np.integer]:
 
 
 def _natural(name: str) -> tuple[int, str]:
-    """learn2 before learn10."""
+    """Sort key that puts learn2 before learn10."""
     return len(name), name

@@ -1,6 +1,6 @@
-"""The peer that every table of objects shows beside ours: take the plane away, DBSCAN the rest, box the clusters.
+"""The peer, a baseline beside ours in every table of objects: remove the plane, DBSCAN the rest, box the clusters.
 
-What anyone would write first, in the same run and with the same poses; where it is better, the tables say so.
+It is the obvious first approach, in the same run and with the same poses. Where it is better, the tables say so.
 """
 
 from collections.abc import Sequence
@@ -14,18 +14,18 @@ from spot3d.evaluate.dominant_plane import ON_PLANE, dominant_plane
 
 PEER = "plane + DBSCAN"
 RADIUS = 0.02
-"""Of 2 and 3 cm the better one on the learning splits of OSD (detection 0.86, not 0.85) and HOTS (0.84, not 0.80)."""
+"""Better than 3 cm on the learning splits of OSD (detection 0.86, not 0.85) and HOTS (0.84, not 0.80)."""
 CORE = 5
-"""Least voxels within the radius of one that a cluster grows from; with 10 the rates change by less than 0.01."""
+"""Least voxels within the radius of a core point. With 10 the rates change by less than 0.01."""
 VOXEL = 0.005
 VOXELS_MIN = 100
-"""A cluster of fewer is no object: 100 voxels of 5 mm are 25 cm2 of surface."""
+"""A smaller cluster is no object: 100 voxels of 5 mm are 25 cm2 of surface."""
 
 
 def peer_in_frame(depth: NDArray[np.float32], camera: Intrinsics) -> NDArray[np.float64]:
     """2D boxes (n, 4) [x, y, w, h] around the pixels of each cluster above the dominant plane of one frame.
 
-    depth: (h, w) float32 metres, 0 = invalid. The plane goes with everything beneath it.
+    depth: (h, w) float32 metres, 0 = invalid. The plane and everything beneath it are removed.
     """
     points = back_project(depth, camera).reshape(-1, 3)
     pixels = np.flatnonzero(points[:, 2] > 0)
@@ -44,7 +44,7 @@ def peer_in_frame(depth: NDArray[np.float32], camera: Intrinsics) -> NDArray[np.
 
 
 def dbscan_clusters(points: NDArray[np.float64], least: int) -> list[NDArray[np.int64]]:
-    """Rows of each cluster of at least so many of (n, 3) points, metres."""
+    """Rows of each cluster of at least `least` of (n, 3) points, metres."""
     if not len(points):
         return []
     label = DBSCAN(eps=RADIUS, min_samples=CORE).fit_predict(points)
@@ -53,22 +53,22 @@ def dbscan_clusters(points: NDArray[np.float64], least: int) -> list[NDArray[np.
 
 
 def voxel_keys(points: NDArray[np.floating], voxel: float) -> NDArray[np.int64]:
-    """(n,) int64, one number for each voxel that (n, 3) points fall in, within 10 km of the origin at 1 cm."""
+    """(n,) int64, a key of the voxel of each of (n, 3) points, unique within 10 km of the origin at 1 cm."""
     i, j, k = (np.floor(points / voxel).astype(np.int64) + (1 << 20)).T
     return np.asarray((i << 42) | (j << 21) | k)
 
 
 def voxel_means(points: NDArray[np.floating], voxel: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """The mean (m, 3) of the points in each voxel, and which of these each of the (n, 3) points belongs to (n,)."""
+    """The mean (m, 3) of the points in each voxel, and the index (n,) of the voxel of each of the (n, 3) points."""
     _, of_point, count = np.unique(voxel_keys(points, voxel), return_inverse=True, return_counts=True)
     sums = [np.bincount(of_point, points[:, axis], minlength=len(count)) for axis in range(3)]
     return np.stack(sums, axis=1) / count[:, None], of_point.reshape(-1)
 
 
 def behind_peer(where: str, measures: Sequence[tuple[str, float, float]]) -> list[str]:
-    """A sentence on the measures (name, ours, the peer's; the larger the better) in which the peer is ahead, if any.
+    """A sentence on the measures (name, ours, the peer's; larger is better) in which the peer is ahead, if any.
 
-    What rounds to the same two decimals is the same; undefined (nothing found) is nothing.
+    Values that round to the same two decimals are equal. Undefined ones (nothing found) count as 0.
     """
     worse = [
         f"{name} ({'-' if np.isnan(ours) else f'{ours:.2f}'}, it {theirs:.2f})"

@@ -1,4 +1,4 @@
-"""The peer on the fused cloud: the frames' points in one grid, its planes taken away, DBSCAN, upright boxes."""
+"""The peer on the fused cloud: voxels of the frames' points, planes removed, DBSCAN, upright boxes."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,29 +11,29 @@ from spot3d.fusion.settings import FusionSettings
 from spot3d.geometry.upright import upright_box
 
 FRAMES_MAX = 300
-"""So many of a run's frames, evenly spread, are enough for a cloud and cost little."""
+"""Most frames of a run, evenly spread, that are used: they are enough for a cloud and cost little."""
 VOXEL = 0.01
 SAMPLES = 320
-"""A frame is sampled at about so many points across: at 1 m they lie 3.4 mm apart, nearer than a voxel is wide."""
+"""About this many points are sampled across a frame: at 1 m they are 3.4 mm apart, less than a voxel's width."""
 RANGE_MAX = 2.5
-"""Depth beyond this is left out, metres: with 2.5, 3, 3.5 m the peer's F on redkitchen is 50, 38, 39."""
+"""Depth beyond this is dropped, metres. With 2.5, 3, 3.5 m: the peer's F on redkitchen 50, 38, 39."""
 PLANES, PLANE_SHARE = 5, 0.05
-"""At most so many planes are taken away, as many as the paper's candidates, while one holds this share of the cloud."""
+"""Most planes to remove, as many as the paper's candidates, and the least share of the cloud on each of them."""
 ON_PLANE = 0.015
-"""Metres: fused layers are thicker than a frame's. Of 1, 1.5, 2 cm the best over redkitchen, fr3/cabinet and scenes."""
+"""Metres: fused layers are thicker than a frame's. The best of 1, 1.5, 2 cm over redkitchen, fr3/cabinet and scenes."""
 VOXELS_MIN = 25
-"""As on a single frame: 25 voxels of 1 cm are 25 cm2 of surface."""
+"""The same surface as on a single frame: 25 voxels of 1 cm are 25 cm2."""
 _MERGED_AT = 50
 
 Cells = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]
-"""Of each voxel: its key (n,), the sum of its points and their number (n, 4), the frames that hit it (n,)."""
+"""For each voxel: its key (n,), the sum and number of its points (n, 4), the number of frames that hit it (n,)."""
 
 
 class PeerMap:
-    """Points of frames with the poses of a run, as voxels that count how many frames hit them."""
+    """Voxels of the frames' points by the poses of a run, with the number of frames that hit each."""
 
     def __init__(self, frames: int) -> None:
-        """frames: how many will be offered; of these, at most about 300 are taken, evenly spread."""
+        """frames: how many will be added. At most about 300 of them are used, evenly spread."""
         self._step = max(1, -(-frames // FRAMES_MAX))
         self._offered = self.frames_taken = 0
         self._eye = np.zeros(3)
@@ -57,9 +57,9 @@ class PeerMap:
             self._pending = [self._all()]
 
     def found(self, settings: FusionSettings) -> Found:
-        """Upright boxes around the clusters between the size limits of `settings`, with their points."""
+        """Upright boxes around the clusters within the size limits of `settings`, with their points."""
         _, sums, hits = self._all()
-        # Seen as often as the paper asks of its points.
+        # Hit by as many frames as the paper asks of its points.
         kept = sums[hits >= min(settings.frequency_min, settings.frequency_share * self.frames_taken)]
         points = kept[:, :3] / kept[:, 3:]
         up, cloud = np.array((0.0, 0.0, 1.0)), len(points)
@@ -86,7 +86,7 @@ class PeerMap:
 
 
 def _merged(keys: NDArray[np.int64], sums: NDArray[np.float64], hits: NDArray[np.int64]) -> Cells:
-    """One entry for each key, of the sums of its entries."""
+    """Sums the entries of each key."""
     different, entry = np.unique(keys, return_inverse=True)
     entry, count = entry.reshape(-1), len(different)
     added = np.stack([np.bincount(entry, column, minlength=count) for column in sums.T], axis=1).astype(np.float64)

@@ -1,4 +1,4 @@
-"""Positions of a PLY file's vertices."""
+"""Reads the vertex positions of a PLY file."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ LONGEST_HEADER = 65_536
 
 
 def read_ply_points(path: Path) -> NDArray[np.float32]:
-    """(n, 3) float32 x, y, z of all vertices; ASCII or binary, vertices before all other elements.
+    """(n, 3) float32 x, y, z of all vertices of an ASCII or binary file, in which vertices come first.
 
     Raises SourceError if the file is missing or malformed.
     """

@@ -24,7 +24,7 @@ class PointScores(NamedTuple):
 
 
 class SortedPoints:
-    """(N, 3) points, metres, sorted along x once: each box looks at its own contiguous stretch of them only."""
+    """(N, 3) points, metres, sorted along x once, so that each box tests only a contiguous range of them."""
 
     def __init__(self, xyz: NDArray[np.floating]) -> None:
         if xyz.ndim != 2 or xyz.shape[1] != 3:
@@ -33,7 +33,7 @@ class SortedPoints:
         self._xyz = np.ascontiguousarray(xyz[self._order].T, dtype=np.float64)
 
     def rows_in(self, box: Box3D) -> NDArray[np.int64]:
-        """Rows of the points in the box, its surface included; points that are not finite lie nowhere."""
+        """Rows of the points in the box, its surface included. Points that are not finite are in no box."""
         half, x = box.size / 2, self._xyz[0]
         low, high = box.centre[0] + np.array((-1, 1)) * (np.abs(box.rotation[0]) @ half + ROUNDING)
         stretch = slice(np.searchsorted(x, low), np.searchsorted(x, high))
@@ -45,7 +45,7 @@ class SortedPoints:
 def points_in_boxes(xyz: NDArray[np.floating], boxes: Sequence[Box3D]) -> NDArray[np.bool_]:
     """Which points lie in at least one box, its surface included.
 
-    xyz: (N, 3) metres, in the boxes' frame; points that are not finite lie nowhere. Returns (N,) bool.
+    xyz: (N, 3) metres, in the boxes' frame; points that are not finite are in no box. Returns (N,) bool.
     """
     points, inside = SortedPoints(xyz), np.zeros(len(xyz), dtype=np.bool_)
     for box in boxes:

@@ -1,4 +1,4 @@
-"""Poses that are wrong in the ways of odometry and motion capture: smoothly off, late, or not of the camera."""
+"""Degrades poses like odometry and motion capture do: smooth errors, a delay, or a wrong mount."""
 
 from collections.abc import Sequence
 
@@ -8,15 +8,15 @@ from numpy.typing import NDArray
 
 Pose = NDArray[np.float64] | None
 CORRELATION_FRAMES = 10.0
-"""Errors stay alike for about a third of a second at 30 Hz, as drift and a marker's misfit do."""
+"""Correlation time of errors: about a third of a second at 30 Hz, like drift and the misfit of a marker."""
 
 
 def shaken(poses: Sequence[Pose], metres: float, degrees: float, seed: int) -> list[Pose]:
-    """Poses T_world_camera (4, 4) float64, each turned and shifted in its camera's frame by a smooth random error.
+    """Poses T_world_camera (4, 4) float64, each rotated and shifted in its camera's frame by a smooth random error.
 
     The six components of the error are Ornstein-Uhlenbeck processes that start from no error: standard deviation
-    `metres` and `degrees` along each axis, correlation time ten frames. A frame without a pose has none after. Always
-    the same for the same seed.
+    `metres` and `degrees` along each axis, correlation time ten frames. A frame without a pose stays without. The same
+    seed gives the same errors.
     """
     rng, state = np.random.default_rng(seed), np.zeros(6)
     keep = np.exp(-1 / CORRELATION_FRAMES)
@@ -31,13 +31,15 @@ def shaken(poses: Sequence[Pose], metres: float, degrees: float, seed: int) -> l
 
 
 def late(poses: Sequence[Pose], frames: int) -> list[Pose]:
-    """Each frame's pose is that of so many frames before; the first ones keep the first pose."""
+    """Gives each frame the pose of `frames` frames before. The first ones keep the first pose."""
     return [poses[max(0, number - frames)] for number in range(len(poses))]
 
 
 def misplaced(poses: Sequence[Pose], metres: float, degrees: float, seed: int) -> list[Pose]:
-    """Poses of what lies `metres` away from the camera and is turned by `degrees` against it, each in some direction:
-    a tracker is mounted otherwise than is known. Always the same for the same seed."""
+    """Poses of a body that is `metres` from the camera and rotated by `degrees` against it, in random directions.
+
+    It stands for a tracker whose mounting is not known exactly. The same seed gives the same error.
+    """
     directions = np.random.default_rng(seed).normal(size=(2, 3))
     shift, axis = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     error = np.eye(4)

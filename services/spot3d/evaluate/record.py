@@ -1,4 +1,4 @@
-"""What a measurement depends on: settings, data, version, machine."""
+"""Records what a measurement depends on: settings, data, version, machine."""
 
 import hashlib
 from pathlib import Path
@@ -13,7 +13,7 @@ BYTES_READ = 65_536
 
 
 def record(settings: Settings, data: dict[str, str], options: dict[str, Any]) -> dict[str, Any]:
-    """The record of a run of tables; data: checksum of each data set by its name; options: the command line's."""
+    """The record of a run of tables. data: checksum of each data set by name; options: those of the command line."""
     return {
         "version": spot3d.__version__,
         "machine": machine(),
@@ -24,10 +24,10 @@ def record(settings: Settings, data: dict[str, str], options: dict[str, Any]) ->
 
 
 def data_checksum(name: str) -> str:
-    """A checksum that changes with the data, in bounded time; `name` is a folder, or a built-in scene.
+    """A checksum that changes with the data, in bounded time. `name` is a folder, or a built-in scene.
 
-    SHA-256 over the relative path and size of every file, in order, and over the first 64 KiB of at most 256
-    of them, evenly chosen. No dates: a copy has the same checksum. A built-in scene is what the version says.
+    SHA-256 over the relative path and size of every file, in order, and over the first 64 KiB of at most 256 of them,
+    evenly chosen. It ignores dates, so a copy has the same checksum. A built-in scene depends on the version alone.
     """
     folder = Path(name)
     if not folder.is_dir():

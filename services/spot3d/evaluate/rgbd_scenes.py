@@ -19,18 +19,18 @@ SIDES = ("left", "top", "right", "bottom")
 
 
 def is_rgbd_scenes(folder: Path) -> bool:
-    """Whether the folder holds sequences of the data set: `NAME/NAME_1_depth.png`, here or one folder below."""
+    """Whether the folder is a sequence of the data set (`NAME/NAME_1_depth.png`), or holds one up to two below."""
     return next(iter(_depth_images(folder)), None) is not None
 
 
 def open_rgbd_scenes(folder: Path, every: int = 1, frames: int | None = None) -> LabelledFrames:
     """Frames with their annotated boxes, every nth of each sequence, at most `frames` of each.
 
-    Layout, as it unpacks: `desk/desk_1/desk_1_N.png` and `desk_1_N_depth.png`, and beside the folder
-    `desk/desk_1.mat`. Its `bboxes` is a 1 x frames cell array of struct arrays with category, instance, top,
-    bottom, left and right, in pixels that count from 1. Depth is in millimetres, colour registered; focal
-    length 570.3 and centre (320, 240) are those of the data set's own depthToCloud.m. Frames count from 1, as
-    the boxes do. Raises SourceError for what is missing.
+    Layout, as unpacked: `desk/desk_1/desk_1_N.png` and `desk_1_N_depth.png`, and beside the folder `desk/desk_1.mat`.
+    Its `bboxes` is a 1 x frames cell array of struct arrays with category, instance, top, bottom, left and right, in
+    pixels that count from 1. Depth is in millimetres, colour registered. Focal length 570.3 and centre (320, 240) are
+    those of the data set's own depthToCloud.m. Frames count from 1, as the boxes do. Raises SourceError for missing
+    files.
     """
     sequences = sorted({path.parent for path in _depth_images(folder)})
     if not sequences:
@@ -56,13 +56,13 @@ def open_rgbd_scenes(folder: Path, every: int = 1, frames: int | None = None) ->
 
 
 def _depth_images(folder: Path) -> list[Path]:
-    """The first depth image of each sequence: of this one, or of those up to two folders below."""
+    """The first depth image of each sequence: in this folder, or up to two folders below."""
     found = [path for pattern in ("", "*/", "*/*/") for path in folder.glob(f"{pattern}*_1_depth.png")]
     return [path for path in found if re.fullmatch(rf"{re.escape(path.parent.name)}_1_depth\.png", path.name)]
 
 
 def _read_boxes(path: Path) -> list[NDArray[np.float64]]:
-    """(n, 4) [x, y, w, h] for each frame, pixels counted from 0."""
+    """(n, 4) [x, y, w, h] of each frame, with pixels counted from 0."""
     if not path.is_file():
         raise SourceError(f"{path} is missing: it holds the true boxes of the frames in {path.with_suffix('')}")
     from scipy.io import loadmat

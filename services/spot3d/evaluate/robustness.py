@@ -1,4 +1,4 @@
-"""How far results fall where poses, depth and colour are worse, frames fewer or smaller: what no tuned scene shows."""
+"""How results degrade with poses, depth, colour, frame rate and image size, which tuned scenes do not show."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,36 +27,38 @@ from spot3d.evaluate.table import Column, Table
 from spot3d.settings import Settings
 
 SHAKES = ((0.005, 0.2), (0.010, 0.4), (0.020, 0.8))
-"""Metres and degrees along each axis: from the best motion capture to a phone's odometry."""
+"""Pose errors in metres and degrees along each axis: from the best motion capture to a phone's odometry."""
 DELAYS = (1, 2)
 MOUNTS = ((0.010, 0.5), (0.020, 1.0))
-"""Metres and degrees by which a tracker is mounted otherwise than is known: measured with a ruler, or by eye."""
+"""Errors of a tracker's mounting in metres and degrees: measured with a ruler, or by eye."""
 CENTRES = (0.0125, -0.025)
-"""Shares of the width by which the principal point is told too low: 16 pixels at VGA lie between the driver's and a
-calibrated one of the Kinect of TUM's freiburg1."""
+"""Shares of the width by which the stated principal point is too low. 16 pixels at VGA are the difference between the
+driver's and a calibrated one of the Kinect of TUM's freiburg1."""
 FOCALS = (1.015, 1.03)
-"""Focal length times this: the driver's 525 pixels lie 1.5 % off the 517 of TUM's freiburg1 as it was calibrated;
-and twice that."""
+"""Factors on the focal length: the driver's 525 pixels are 1.5 % off the calibrated 517 of TUM's freiburg1; and twice
+that."""
 NOISES = (2.0,)
 SCALES = (0.985, 1.015, 0.97, 1.03)
-"""Depth times this: data sheets promise 2 % at two metres; ORB-SLAM2's authors (IEEE Trans. Robotics, 2017)
-found 4 % on the Kinect of TUM's freiburg2."""
+"""Factors on depth: data sheets promise 2 % at two metres; ORB-SLAM2's authors (IEEE Trans. Robotics, 2017) found 4 %
+on the Kinect of TUM's freiburg2."""
 BENT = (0.006, 0.01)
-"""Deviation of a camera's own distortion over its image, as a share of depth: with the first, odometry on rendered
+"""Deviation of a camera's own distortion over its image, as a share of depth. With the first, odometry on rendered
 desks drifts about half as much as on redkitchen, whose depth is 0.7 to 2.4 % too short for odometry left to itself."""
 MIXED = (1, 2)
-"""Pixels to each side: what resizing, and what a usual smoothing filter makes of an edge."""
+"""Radius in pixels over which resizing, and a usual smoothing filter, average depth at an edge."""
 FATTENED = (1, 2)
-"""Pixels by which near things grow: stereo cameras match windows 5 to 9 pixels wide at VGA, half of it at half size."""
+"""Pixels by which near surfaces grow: stereo cameras match windows 5 to 9 pixels wide at VGA, half of it at half size.
+"""
 HOLES = (0.1, 0.3)
 PHOTONS = (20, 0)
-"""Of a white pixel: of a small sensor in a room that is lit by a screen, and in the dark."""
+"""Photons of a white pixel: a small sensor in a room that is lit by a screen, and in the dark."""
 BLURRED = 1 / 40
 """Share of the width over which colour is smeared: the camera turns by 45 degrees a second and exposes for 1/30 s."""
 TOGETHER = 0.01, 0.4
-"""Metres and degrees of poses that are off while depth is of another scale: a hand-held camera under motion capture."""
+"""Pose errors in metres and degrees that are combined with wrong depth scales: a hand-held camera under motion capture.
+"""
 EVERY = (1, 2, 3, 4, 5, 10, 20, 30)
-"""Down to what a thin link or a slow computer leaves of 30 a second: one."""
+"""Every nth frame, down to the one of 30 a second that a slow link or computer leaves."""
 
 COLUMNS = (
     *(Column(name) for name in ("data", "worse", "method", "3D IoU", "3D SR", "3D DR")),
@@ -69,14 +71,14 @@ COLUMNS = (
 
 Levels = list[tuple[str, Degradation]]
 OF_GIVEN_POSES = ("poses", "delay", "mount", "together")
-"""Groups that say nothing where the system finds its own poses."""
+"""Groups that do not apply if the system estimates its own poses."""
 
 
 def groups(base: Degradation) -> dict[str, Levels]:
-    """The levels of each kind of degradation by the kind's name, each with a name, the undegraded `base` among them."""
+    """The levels of each kind of degradation, by kind: names and degradations, the undegraded `base` among them."""
     together = replace(base, metres=TOGETHER[0], degrees=TOGETHER[1])
     worst = replace(together, scale=SCALES[2], late=DELAYS[0], noise=NOISES[0])
-    # Of these two each makes the other look true.
+    # These two errors mask each other.
     masked = replace(base, scale=SCALES[2], centre=-CENTRES[1])
     shakes = [(f"{1e3 * m:g} mm {d:g} deg", replace(base, metres=m, degrees=d)) for m, d in SHAKES]
     return {
@@ -120,10 +122,10 @@ def robustness_table(
     only: tuple[str, ...],
     say: Callable[[str], None],
 ) -> Table:
-    """Whole runs on sequences that are made worse, ours and the peer's, with curves over each kind (not in the paper).
+    """Whole runs of ours and of the peer on degraded sequences, with curves over each kind (not in the paper).
 
-    datasets: with all frames of the stretch; every: of which the undegraded run takes each nth. only: which
-    of GROUPS. Shaken and late poses are those that are given: left out where the system finds its own.
+    datasets: with all frames of the sequences; every: the undegraded run takes each nth of them. only: which of GROUPS.
+    Errors of given poses are left out if the system estimates its own.
     """
     table = Table("robustness", "Objects of whole runs where input is worse", COLUMNS)
     own = settings.pose.provider != "given"
@@ -189,7 +191,7 @@ def _add(table: Table, data: str, worse: str, runs: list[MeasuredRun]) -> None:
 
 
 def _curves(data: str, levels: list[tuple[str, list[MeasuredRun]]]) -> list[Curve]:
-    """Detection, and F over 100, of both methods over the levels; none where there is but one level."""
+    """Detection rate, and F over 100, of both methods over the levels. Empty for a single level."""
     if len(levels) < 2:
         return []
     names = tuple(name for name, _ in levels)

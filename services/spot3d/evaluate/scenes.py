@@ -1,4 +1,4 @@
-"""The built-in scene as a data set: what the renderer knows becomes boxes and a labelled cloud."""
+"""The built-in scene as a data set: boxes and a labelled cloud from the renderer's ground truth."""
 
 import numpy as np
 
@@ -16,18 +16,18 @@ from spot3d.source.settings import SourceSettings
 TRUTH_VIEWS = 20
 TRUTH_VOXEL = 0.005
 SINGLE_FRAMES = 30
-"""So many of a scene's frames, evenly spread, are looked at one by one: neighbours show nearly the same."""
+"""About this many of a scene's frames, evenly spread, are evaluated one by one: neighbours are nearly the same."""
 PIXELS_MIN = 200
-"""An object with fewer visible pixels in a VGA frame is not there to be found."""
+"""An object with fewer visible pixels in a VGA frame does not count as a true object."""
 
 
 def open_scene(
     name: str, source: SourceSettings, every: int = 1, frames: int | None = None
 ) -> tuple[LabelledSequence, LabelledFrames]:
-    """The scene of this name as a labelled sequence, and some of its frames with boxes around the true masks."""
+    """The named scene as a labelled sequence, and some of its frames with boxes around the true masks."""
     sequence = open_selection(Selection(name, frames, every), source)
     named = parse_scene_name(name) or SceneName()
-    # Its last frame is the last that is played: that one's truth is the end's.
+    # It ends with the last frame that is played, whose truth is the final one.
     scene = Scene(named.seed, named.kind, every * (len(sequence) - 1) + 1)
 
     looked_at = range(0, len(sequence), max(1, len(sequence) // SINGLE_FRAMES))
@@ -41,8 +41,10 @@ def open_scene(
 
 
 def _scene_truth(scene: Scene, indices: range) -> LabelledScene:
-    """Boxes of the objects that the frames show, and exact points of evenly spread frames, one in 5 mm; both of frames
-    after the last change."""
+    """Boxes of the objects that the frames show, and exact points of evenly spread frames, one in 5 mm.
+
+    Both are of frames after the last change.
+    """
     indices = indices[-(-scene.settled_from // indices.step) :]
     xyz, label = [np.zeros((0, 3), np.float32)], [np.zeros(0, np.uint8)]
     pixels = np.zeros(256, np.int64)
@@ -54,9 +56,9 @@ def _scene_truth(scene: Scene, indices: range) -> LabelledScene:
         label.append(view.instance[::2, ::2].ravel().astype(np.uint8))
     boxes = [box for box in scene.boxes if pixels[box.id] >= PIXELS_MIN]
     points, labels = np.concatenate(xyz), np.concatenate(label)
-    # Of what is hardly seen there is no box: nothing tells whether its points are found.
+    # An object that is hardly visible has no box, so its points are ignored.
     labels[(labels > 0) & ~np.isin(labels, [box.id for box in boxes])] = IGNORED
-    # A voxel's point of interest wins over background, which would eat the rims of thin objects.
+    # In a voxel, points of interest win over background, which would erode the rims of thin objects.
     order = np.argsort(labels == 0, kind="stable")
     _, first = np.unique(voxel_keys(points[order], TRUTH_VOXEL), return_index=True)
     rows = order[first]

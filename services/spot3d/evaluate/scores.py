@@ -1,4 +1,4 @@
-"""The numbers that say how well boxes fit true ones (paper, Sec. VI-A and Table III)."""
+"""Scores of found boxes against true ones (paper, Sec. VI-A and Table III)."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,9 +11,9 @@ from spot3d.drawing.recall_plot import Curve
 
 THRESHOLDS = np.linspace(0, 1, 41)
 HIT = 0.5
-"""IoU from which on a found box is a true object's."""
+"""Least IoU at which a found box is a true object's."""
 MEETS = 0.25
-"""A found box that overlaps every true object by less IoU than this is none of them, not even badly boxed."""
+"""A found box whose IoU with every true object is below this is none of them, not even a badly boxed one."""
 
 
 class ObjectScores(NamedTuple):
@@ -29,17 +29,17 @@ class ObjectScores(NamedTuple):
 
 
 def object_scores(scenes: Sequence[NDArray[np.float64]]) -> ObjectScores:
-    """Scores of IoU matrices (true, found), one for each scene or view; nan where there is nothing to count."""
+    """Scores from IoU matrices (true, found), one for each scene or view. nan where nothing can be counted."""
     return ObjectScores(mean_iou(scenes), mean_modified_iou(scenes), success_rate(scenes), detection_rate(scenes))
 
 
 def recall_of(data: str, name: str, scenes: Sequence[NDArray[np.float64]]) -> Curve:
-    """The recall curve of these IoU matrices of a data set, over thresholds 0 to 1."""
+    """The recall curve of a data set's IoU matrices over thresholds 0 to 1."""
     return Curve(data, name, THRESHOLDS, recall_curve(scenes, THRESHOLDS))
 
 
 def without_object(scenes: Sequence[NDArray[np.float64]]) -> float:
-    """How many found boxes of a scene or frame are no true object at all (IoU below 0.25), on average; nan of none.
+    """Mean number of found boxes of a scene or frame that are no true object (IoU below 0.25). nan without scenes.
 
     scenes: IoU matrices (true, found).
     """

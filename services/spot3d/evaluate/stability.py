@@ -1,4 +1,4 @@
-"""How steady the objects of a run are: switches of id, and jitter of boxes, from one update to the next."""
+"""Stability of a run's objects: id switches, and jitter of boxes from one update to the next."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,13 +17,14 @@ Match = tuple[int, Box3D] | None
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stability:
-    """Steadiness of each of N true objects over a run.
+    """Stability of each of N true objects over a run.
 
     id_switches: (N,) int64, how often the matched id changed.
-    matched: (N,) float64, the part of the updates in which the object is matched; nan without updates.
+    matched: (N,) float64, the share of updates in which the object is matched; nan without updates.
     centre_jitter: (N,) float64 metres, median move of the matched box's centre from one update to the next.
-    size_jitter: (N,) float64 metres, median change of its size. Both over the last half of the run, nan
-    where the object is never matched in two updates running.
+    size_jitter: (N,) float64 metres, median change of its size.
+
+    Jitter is over the last half of the run, nan if the object is never matched in two consecutive updates.
     """
 
     id_switches: NDArray[np.int64]
@@ -35,9 +36,9 @@ class Stability:
 def stability(updates: Sequence[Update], truth: Sequence[Box3D], threshold: float = 0.25) -> Stability:
     """Count id switches and measure jitter over a run's updates, in order of time.
 
-    updates: each a list of (id, box), world frame. truth: N true boxes. In each update an object is matched
-    by the box that overlaps it best, if IoU >= threshold. As in MOTA, an id is compared with the last one
-    that matched, however long ago: losing an object is no switch, finding it again under another id is one.
+    updates: each a list of (id, box), world frame. truth: N true boxes. In each update an object is matched by the box
+    with the largest IoU, if that is at least `threshold`. As in MOTA, an id is compared with the last one that matched,
+    however long ago: losing an object is no switch, finding it again under another id is one.
     """
     matches = [_matches(update, truth, threshold) for update in updates]
     tracks = [[found[row] for found in matches] for row in range(len(truth))]
@@ -68,11 +69,11 @@ def _matched_part(track: Sequence[Match]) -> float:
 
 
 def _jitter(track: Sequence[Match]) -> tuple[float, float]:
-    """Median move of the centre and change of the size, metres, between updates running that both match."""
+    """Median move of the centre and change of the size, metres, between consecutive updates that both match."""
     moves, changes = [], []
     for before, after in pairwise(track):
         if before is not None and after is not None:
             moves.append(float(np.linalg.norm(after[1].centre - before[1].centre)))
-            # Sorted: a box that turns by a quarter names its axes anew and has not changed.
+            # Sorted: a box that turns by 90 degrees exchanges its axes but has not changed.
             changes.append(float(np.linalg.norm(np.sort(after[1].size) - np.sort(before[1].size))))
     return (median(moves), median(changes)) if moves else (nan, nan)

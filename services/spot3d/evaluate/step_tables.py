@@ -1,4 +1,4 @@
-"""What each step of the finder of single frames is worth: the table without one of them at a time."""
+"""The worth of each step of the single-frame finder: results without one of them at a time."""
 
 from typing import get_args
 
@@ -11,7 +11,7 @@ from spot3d.settings import Settings
 
 
 def steps_table(datasets: list[DataSet], settings: Settings) -> Table:
-    """Success and detection rate at IoU 0.5 and mean IoU of single frames, whole and without one step each."""
+    """Success and detection rate at IoU 0.5 and mean IoU of single frames, with all steps and without one at a time."""
     columns = (Column("data"), Column("without"), Column("SR"), Column("DR"), Column("IoU"))
     table = Table(
         "steps",

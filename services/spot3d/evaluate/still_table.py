@@ -1,4 +1,4 @@
-"""A single frame through every stage, as of a camera that has just begun, stands still, or moves: its boxes in 3D."""
+"""3D boxes of a single frame after all stages, as of a camera that has just begun, stands still, or moves."""
 
 from dataclasses import replace
 
@@ -24,10 +24,10 @@ from spot3d.source.sequence import FrameList, FrameSequence
 
 
 def still_table(datasets: list[DataSet], settings: Settings) -> Table:
-    """Success (SR) and detection rate (DR) at IoU 0.5 of the objects' 3D boxes, drawn into the frame that they are of.
+    """Success (SR) and detection rate (DR) at IoU 0.5 of the objects' 3D boxes, projected into their frame.
 
-    Unlike the finder's pixels (`proposals_table`), these boxes went through the votes, of one view here, and every
-    rule for objects; the peer's clusters are boxed in 3D too. Raises StageFailedError where a stage fails on a frame.
+    Unlike the finder's pixels (`proposals_table`), these boxes passed the votes, here of one view, and every rule for
+    objects. The peer's clusters are boxed in 3D too. Raises StageFailedError if a stage fails on a frame.
     """
     title = "Single frame through all stages: 3D boxes drawn into it"
     table = Table("still", title, (Column("data"), *BOTH_METHODS))
@@ -36,7 +36,7 @@ def still_table(datasets: list[DataSet], settings: Settings) -> Table:
         ours, peer = FoundInFrames(), FoundInFrames()
         for item in dataset.frames:
             frame = item.frame
-            alone = FrameList([replace(frame, T_world_camera=np.eye(4))])  # its camera is the world
+            alone = FrameList([replace(frame, T_world_camera=np.eye(4))])  # the camera's frame is the world
             result = run_pipeline(alone, given)
             result.failures.refuse()
             ours.add(item, _drawn([one.box for one in result.objects.objects], frame.intrinsics))
@@ -54,9 +54,10 @@ def still_table(datasets: list[DataSet], settings: Settings) -> Table:
 
 
 def moving_table(datasets: list[DataSet], settings: Settings) -> Table:
-    """The same for frames that a camera has which moves around what they show (see `moved_views`), by given poses, true
-    or shaken, or those that the system finds; drawn into the first frame. The peer has the run's poses. Raises
-    StageFailedError where a stage fails on a frame.
+    """Like `still_table`, for views of a camera that moves around what a frame shows (see `moved_views`).
+
+    Poses are given, true or shaken, or found by the system. Boxes are projected into the first view. The peer has the
+    run's poses. Raises StageFailedError if a stage fails on a frame.
     """
     title = "Single frame as a moving camera sees it: 3D boxes drawn into it"
     table = Table("moving", title, (Column("data"), Column("poses"), *BOTH_METHODS))
@@ -85,7 +86,7 @@ def moving_table(datasets: list[DataSet], settings: Settings) -> Table:
 
 
 def _found_in_run(sequence: FrameSequence, settings: Settings) -> tuple[list[Box3D], list[Box3D]]:
-    """The boxes that a run finds, and those of the peer with its poses, in the world of the true poses."""
+    """The boxes that a run finds, and the peer's by the run's poses, in the world of the true poses."""
     cloud = PeerMap(len(sequence))
 
     def follow(step: PipelineStep) -> None:
@@ -102,5 +103,5 @@ def _found_in_run(sequence: FrameSequence, settings: Settings) -> tuple[list[Box
 
 
 def _drawn(boxes: list[Box3D] | tuple[Box3D, ...], camera: Intrinsics) -> NDArray[np.float64]:
-    """(n, 4) [x, y, w, h] pixels around the boxes, of the camera's frame, in its image."""
+    """(n, 4) [x, y, w, h] pixels around the image of boxes that are in the camera's frame."""
     return boxes_in_view([box_surface(box) for box in boxes], np.eye(4), camera)

@@ -1,4 +1,4 @@
-"""A table of numbers, as Markdown and as JSON, and its curves as pictures."""
+"""A table of numbers as Markdown and JSON, with curves as pictures."""
 
 import json
 from collections.abc import Iterable, Sequence
@@ -23,7 +23,7 @@ class Column:
 
 @dataclass(slots=True)
 class Table:
-    """Rows under columns. name: the command's word for it; notes: what a reader must know, a sentence each."""
+    """Rows under columns. name: that of the command line; notes: sentences that a reader must know."""
 
     name: str
     title: str
@@ -40,7 +40,7 @@ class Table:
 
 
 def to_markdown(table: Table) -> str:
-    """The table in Markdown with its title and notes; what is undefined is a dash."""
+    """The table in Markdown with its title and notes. Undefined values are dashes."""
     heads = [column.name for column in table.columns]
     rows = [[_text(cell, c.digits) for cell, c in zip(row, table.columns, strict=True)] for row in table.rows]
     widths = [max(3, *(len(row[i]) for row in [heads, *rows])) for i in range(len(heads))]
@@ -51,7 +51,7 @@ def to_markdown(table: Table) -> str:
 
 
 def to_document(table: Table) -> dict[str, Any]:
-    """The table for JSON: each row an object by column names, what is undefined null."""
+    """The table for JSON: each row an object by column names. Undefined values are null."""
     names = [column.name for column in table.columns]
     return {
         "table": table.name,
@@ -64,13 +64,13 @@ def to_document(table: Table) -> dict[str, Any]:
 
 
 def write_tables(path: Path, record: dict[str, Any], tables: Sequence[Table]) -> None:
-    """Write the record of a measurement and its tables as JSON. Raises OSError where that fails."""
+    """Write the record of a measurement and its tables as JSON. Raises OSError if that fails."""
     document = {"record": record, "tables": [to_document(table) for table in tables]}
     path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def write_plots(folder: Path, tables: Sequence[Table]) -> None:
-    """Write a plot TABLE-DATA.png for each data set of each table with curves. Raises OSError where that fails."""
+    """Write a plot TABLE-DATA.png for each data set of each table with curves. Raises OSError if that fails."""
     folder.mkdir(parents=True, exist_ok=True)
     for table in tables:
         for data in dict.fromkeys(curve.data for curve in table.curves):

@@ -1,4 +1,4 @@
-"""Every table by its name: which data sets it needs, and how it is made."""
+"""All tables by name: which data sets each needs, and how it is made."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Need:
-    """What a table needs of a data set: whether one has it, and the same in words."""
+    """What a table needs of a data set: a test, and a description."""
 
     met_by: Callable[[DataSet], bool]
     words: str
@@ -27,7 +27,7 @@ class Need:
 
 @dataclass(frozen=True, slots=True)
 class TableKind:
-    """How a table is made, and what it needs. long: it is made where it is asked for alone."""
+    """How a table is made, and what it needs. long: it is made only if it is named."""
 
     make: Callable[[list[DataSet], Settings, Runs, Say], Table]
     needs: Need
@@ -70,7 +70,7 @@ SHORT_TABLES = [name for name, kind in TABLES.items() if not kind.long]
 
 
 def with_objects(datasets: list[DataSet]) -> list[DataSet]:
-    """Those of the data sets that have a sequence with true objects. Raises SourceError where none has."""
+    """The data sets that have a sequence with true objects. Raises SourceError if none has."""
     chosen = [dataset for dataset in datasets if _OBJECTS.met_by(dataset)]
     if not chosen:
         raise _not_enough(datasets, _OBJECTS.words)
@@ -78,7 +78,7 @@ def with_objects(datasets: list[DataSet]) -> list[DataSet]:
 
 
 def make_tables(names: list[str], datasets: list[DataSet], settings: Settings, say: Say) -> Iterator[Table]:
-    """The named tables, one by one, each over the data sets that suit it; a table that suits none is left out.
+    """The named tables, one by one, each over the data sets that meet its need. A table without any is skipped.
 
     Raises SourceError at once if that leaves no table.
     """

@@ -1,4 +1,4 @@
-"""Truth to measure against, and the objects of a finished run, read from files."""
+"""Reads ground truth, and the objects of a finished run, from files."""
 
 import json
 import zipfile

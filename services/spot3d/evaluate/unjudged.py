@@ -1,4 +1,4 @@
-"""Found boxes in images of which the annotation does not speak everywhere."""
+"""Found boxes in images that are annotated only in part."""
 
 import cv2
 import numpy as np
@@ -12,7 +12,7 @@ from spot3d.evaluate.scores import HIT
 def judged_overlap(item: LabelledFrame, found: NDArray[np.floating]) -> tuple[NDArray[np.float64], int]:
     """IoU (true, counted) of the found boxes (m, 4 or more) that count, and how many are left out.
 
-    Left out are those that hit no true object and have more than half of their pixels where nobody judged.
+    Left out are boxes that hit no true object and have more than half of their pixels where nothing is annotated.
     """
     iou = iou_matrix_2d(item.boxes, found)
     if item.unjudged is None or not len(found):

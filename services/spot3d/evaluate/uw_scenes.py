@@ -26,9 +26,9 @@ TABLES = (5, 9)
 LABELS = range(1, 11)
 UNITS_PER_METRE = (1000, 10_000)
 VOXEL = 0.02
-"""Points in voxels of this size that touch belong to one object, metres."""
+"""Points of a class in touching voxels of this size belong to one object, metres."""
 PART = 0.1
-"""A piece with less than this share of the voxels of the class's largest one is a label's stray edge."""
+"""A component with less than this share of the voxels of the class's largest one is a label's stray edge."""
 
 
 def is_uw_scenes(folder: Path) -> bool:
@@ -39,13 +39,13 @@ def is_uw_scenes(folder: Path) -> bool:
 def open_uw_scenes(folder: Path, every: int = 1, frames: int | None = None) -> tuple[LabelledSequence, ...]:
     """Every scene with its frames (every nth, at most `frames`), poses and labelled cloud.
 
-    Layout: `imgs/scene_NN/NNNNN-{color,depth}.png`, `pc/NN.ply`, `pc/NN.label`, `pc/NN.pose`. By the data set's
-    README: a pose is a quaternion, real part first, and the camera's position, one line a frame; the first number
-    of `.label` is the number of points, then their labels follow: bowl 1, cap 2, cereal_box 3, coffee_mug 4,
-    coffee_table 5, office_chair 6, soda_can 7, sofa 8 or 9, table 9, background 10. Objects are the things of the
-    paper's Sec. VI-B (tables, sofa and background are redundant points), split where they do not touch. Focal
-    length and centre are those of depthToCloud.m; the README gives no unit of depth, so the cloud decides between
-    the two in use. Raises SourceError for what is missing.
+    Layout: `imgs/scene_NN/NNNNN-{color,depth}.png`, `pc/NN.ply`, `pc/NN.label`, `pc/NN.pose`. By the data set's README,
+    a pose is a quaternion, real part first, and the camera's position, one line a frame. The first number of `.label`
+    is the number of points, then their labels follow: bowl 1, cap 2, cereal_box 3, coffee_mug 4, coffee_table 5,
+    office_chair 6, soda_can 7, sofa 8 or 9, table 9, background 10. Objects are those of the paper's Sec. VI-B (tables,
+    sofa and background are redundant points), split where they do not touch. Focal length and centre are those of
+    depthToCloud.m. The README gives no unit of depth, so the cloud decides between the two in use. Raises SourceError
+    for missing files.
     """
     scenes = sorted(path for path in (folder / "imgs").glob("scene_*") if path.is_dir())
     if not scenes:
@@ -92,9 +92,9 @@ def scene_truth(xyz: NDArray[np.float32], classes: NDArray[np.int64], poses: NDA
 
 
 def split_instances(xyz: NDArray[np.float32]) -> list[NDArray[np.int64]]:
-    """Rows of each object among (n, 3) points of one class: what is connected over voxels of 2 cm.
+    """Rows of each object among (n, 3) points of one class: connected components of voxels of 2 cm.
 
-    Largest first; crumbs are in none.
+    Largest first. Small components are dropped.
     """
     if not len(xyz):
         return []
@@ -117,9 +117,9 @@ def depth_units(
 ) -> int:
     """Units of depth in a metre, 1000 or 10 000: whichever agrees with the cloud (n, 3) seen from this frame.
 
-    Raises SourceError, naming `path`, where neither is within a fifth.
+    Raises SourceError, naming `path`, if neither agrees within a fifth.
     """
-    T = invert(T_world_camera).astype(np.float32)  # of large clouds
+    T = invert(T_world_camera).astype(np.float32)  # float32, as clouds are large
     expected, measured = measured_at(xyz @ T[:3, :3].T + T[:3, 3], depth, camera)
     ratio = float(np.median(measured[measured > 0] / expected[measured > 0])) if measured.any() else 0.0
     for units in UNITS_PER_METRE:

@@ -1,1 +1,1 @@
-"""What was on the wire, kept in MCAP files: written, read, put back on the wire, and exported to other viewers."""
+"""Recordings of messages in MCAP files: written, read, played back, and exported to other viewers."""

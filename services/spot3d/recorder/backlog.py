@@ -1,6 +1,6 @@
-"""Where messages wait to be written: bounded in bytes, so that a slow disk costs messages and never memory.
+"""A queue of messages to be written, bounded in bytes, so that a slow disk costs messages and never memory.
 
-Their bytes lie in memory that another process sees, which gets them without another copy.
+The messages' bytes are in memory that is shared with the writing process, which needs no further copy.
 """
 
 import mmap
@@ -14,16 +14,16 @@ from dataclasses import dataclass
 from spot3d.recorder.ring import Ring
 
 _LARGE_BYTES = 65536
-"""A message that is at least so long holds an image."""
+"""A message of at least this size holds an image."""
 _RESERVED_BYTES = 16 * 2**20
-"""Room where images do not wait: poses and objects of minutes, which are worth more."""
+"""Room that images must leave free: for minutes of poses and objects, which are worth more."""
 
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """One message as it was on the wire: `size` bytes at `at` of the shared memory.
+    """One received message: `size` bytes at offset `at` of the shared memory.
 
-    log_ns: when it came; publish_ns: when it was sent; wall clock. place: stamp and stream of a frame.
+    log_ns: wall clock at receipt; publish_ns: wall clock at sending. place: stamp and stream, if it is a frame.
     """
 
     topic: str
@@ -36,9 +36,9 @@ class Heard:
 
 
 class Backlog:
-    """A queue of messages of at most `limit_bytes`; any thread may add, one takes, and says when one is done with.
+    """A queue of messages of at most `limit_bytes`. Any thread may add; a single reader takes and releases them.
 
-    file: descriptor of the memory; whoever has passed it on to the other process closes it.
+    file: descriptor of the shared memory. Whoever passes it on to the other process closes it.
     """
 
     def __init__(self, limit_bytes: int) -> None:
@@ -60,7 +60,7 @@ class Backlog:
         wait: bool,
         place: tuple[int, str] | None = None,
     ) -> bool:
-        """Add a message, stamped with the time of now; returns whether there was room, or waits for it."""
+        """Add a message, logged at the current time. Returns whether there was room; `wait`: wait for room."""
         size = len(data)
         with self._changed:
             if wait:
@@ -69,14 +69,14 @@ class Backlog:
             if at is None:
                 return False
             self._memory[at : at + size] = data
-            # Log times ascend in the file even where the clock was set back.
+            # Log times never descend in the file, even if the clock is set back.
             self._last_ns = max(time.time_ns(), self._last_ns)
             self._queue.append(Heard(topic, self._last_ns, publish_ns, sequence, at, size, place))
             self._changed.notify_all()
             return True
 
     def has_room(self, size: int) -> bool:
-        """Whether a message of so many bytes could be added now."""
+        """Whether a message of `size` bytes could be added now."""
         with self._changed:
             return not self._closed and self._fits(size)
 
@@ -85,26 +85,26 @@ class Backlog:
         return self._ring.used + size + reserved <= self._limit and self._ring.place(size) is not None
 
     def get(self, timeout_s: float) -> Heard | None:
-        """The oldest message, whose bytes stay until they are `done`; None where none came in time."""
+        """The oldest message, or None if none comes in time. Its bytes stay valid until `done`."""
         with self._changed:
             self._changed.wait_for(lambda: bool(self._queue), timeout_s)
             return self._queue.popleft() if self._queue else None
 
     def done(self) -> None:
-        """The oldest of the messages that were taken is done with: its bytes may be overwritten."""
+        """Release the bytes of the oldest message that was taken."""
         with self._changed:
             self._ring.give_back()
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Nothing is added any more; who waits for room is let go. What is there can still be taken."""
+        """Refuse further messages and wake threads that wait for room. Queued messages can still be taken."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
 
 
 def _memory_file(size: int) -> int:
-    """The descriptor of a file without name, in memory where the system can (Linux); it takes what is used of it."""
+    """Descriptor of an unnamed file, in memory where the system supports it (Linux). Only the used part takes space."""
     if hasattr(os, "memfd_create"):
         file = os.memfd_create("spot3d backlog")
     else:

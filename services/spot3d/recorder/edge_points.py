@@ -1,4 +1,4 @@
-"""Boxes as points along their edges, for viewers that show clouds and know no boxes."""
+"""Boxes as points along their edges, for viewers that show clouds but no boxes."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from spot3d.drawing.picture import object_colour
 from spot3d.found_object import FoundObject
 
 _SPACING = 0.005
-"""Metres, as the map's points are apart."""
+"""Metres, the spacing of the map's points."""
 
 
 def edge_points(objects: Sequence[FoundObject]) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:

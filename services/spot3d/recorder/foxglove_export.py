@@ -1,4 +1,4 @@
-"""A run or a recording as an MCAP file in Foxglove's schemas."""
+"""Exports a run or a recording to an MCAP file in Foxglove's schemas."""
 
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -37,11 +37,11 @@ _CHANNELS: dict[str, type[_Encoded]] = {
 
 
 def export(source: Path, out: Path, complain: Callable[[str], None]) -> dict[str, int]:
-    """Write the results folder of a run, or a recording, as Foxglove's messages; log times are capture times.
+    """Write the results folder of a run, or a recording, as Foxglove messages. Log times are capture times.
 
-    Returns how many messages of each topic are written. complain: called with what had to be left out. Raises
-    SourceError or BrokenRecordingError where `source` cannot be read or holds nothing to export, FileExistsError, and
-    OSError where the disk is full.
+    Returns the number of messages of each topic. complain: called with what had to be skipped. Raises SourceError or
+    BrokenRecordingError where `source` cannot be read or holds nothing to export, FileExistsError, and OSError where
+    the disk is full.
     """
     if source.is_dir():
         sights: Iterable[tuple[int, Sight]] = sights_of_run(source, complain)
@@ -58,7 +58,7 @@ def export(source: Path, out: Path, complain: Callable[[str], None]) -> dict[str
     except BaseException:
         with suppress(OSError):
             writer.close()
-        # Half an export would be taken for a whole one.
+        # An incomplete export would be taken for a complete one.
         out.unlink()
         raise
     return exporter.written
@@ -75,7 +75,7 @@ class _Exporter:
             self._channels[topic] = writer.channel(topic, schema.name, schema.data, schema.encoding, "protobuf", {})
 
     def add(self, stamp_ns: int, sight: Sight) -> None:
-        """Write one sight as the messages that show it."""
+        """Write the messages that show one sight."""
         if isinstance(sight, RgbdFrame):
             self._put("/camera/image", stamp_ns, made.image(stamp_ns, sight.colour))
             self._put("/camera/calibration", stamp_ns, made.calibration(stamp_ns, sight.intrinsics))
@@ -89,7 +89,7 @@ class _Exporter:
             self._put("/tf", stamp_ns, made.upright(stamp_ns, sight.up))
             scene = made.scene(stamp_ns, sight.objects, sight.up, sorted(self._shown - found))
             self._put("/objects", stamp_ns, scene)
-            # Rerun knows no SceneUpdate.
+            # Rerun does not support SceneUpdate.
             self._put("/objects/edges", stamp_ns, made.points(stamp_ns, made.WORLD, *edge_points(sight.objects)))
             self._shown = found
 

@@ -1,6 +1,6 @@
-"""Messages in Foxglove's schemas, which Foxglove, Lichtblick and Rerun show as they are.
+"""Messages in Foxglove's schemas, which Foxglove, Lichtblick and Rerun show without plugins.
 
-Frames: `map` has z up, `world` is that of the run, `camera` is optical (x right, y down, z forward).
+Frames: `map` has z up, `world` is the run's world, `camera` is optical (x right, y down, z forward).
 """
 
 from collections.abc import Iterable, Sequence
@@ -73,12 +73,12 @@ def calibration(stamp_ns: int, camera: Intrinsics) -> CameraCalibration:
 
 
 def camera_pose(stamp_ns: int, T_world_camera: NDArray[np.float64]) -> FrameTransforms:
-    """Where the camera was, (4, 4)."""
+    """The transform of the camera, T_world_camera (4, 4)."""
     return _transform(stamp_ns, WORLD, CAMERA, T_world_camera[:3, :3], T_world_camera[:3, 3])
 
 
 def upright(stamp_ns: int, up: Sequence[float]) -> FrameTransforms:
-    """The world turned so that `up`, (3,) unit vector in the world, is z of the map."""
+    """Rotation of the world into the map, whose z is `up`, a (3,) unit vector in the world."""
     return _transform(stamp_ns, MAP, WORLD, rotation_to_z(np.array(up, np.float64)), np.zeros(3))
 
 
@@ -105,7 +105,7 @@ def points(stamp_ns: int, frame_id: str, xyz: NDArray[np.float32], rgb: NDArray[
 
 
 def scene(stamp_ns: int, objects: Iterable[FoundObject], up: Sequence[float], gone: Iterable[int]) -> SceneUpdate:
-    """Each object as a box with its number and confidence above it; `gone`: ids that are no objects any more."""
+    """Each object as a box with its number and confidence above it. gone: ids of objects to delete."""
     return SceneUpdate(
         deletions=[SceneEntityDeletion(timestamp=stamp(stamp_ns), id=str(number)) for number in gone],
         entities=[_entity(stamp_ns, item, np.array(up, np.float64)) for item in objects],

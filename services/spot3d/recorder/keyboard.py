@@ -1,4 +1,4 @@
-"""Single keys from a terminal, as they are pressed."""
+"""Single key presses from a terminal."""
 
 import os
 import select
@@ -14,7 +14,7 @@ _LOOK_S = 0.1
 
 @contextmanager
 def on_key(act: Callable[[str], None]) -> Iterator[bool]:
-    """Call `act` with each key that is pressed meanwhile, in a thread; gives whether there is a keyboard at all."""
+    """Call `act` in a thread with each key that is pressed meanwhile. Yields whether there is a terminal."""
     if not sys.stdin.isatty():
         yield False
         return
@@ -29,7 +29,7 @@ def on_key(act: Callable[[str], None]) -> Iterator[bool]:
                     return
                 act(pressed.decode("ascii", "replace"))
 
-    # Keys come one by one and are not shown; Ctrl-C stays what it is.
+    # Keys arrive one by one without echo. Ctrl-C still interrupts.
     tty.setcbreak(terminal)
     listener = threading.Thread(target=listen, name="keyboard", daemon=True)
     listener.start()

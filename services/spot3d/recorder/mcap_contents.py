@@ -1,4 +1,4 @@
-"""What an MCAP file of ours holds, finished or not: its chunks are found without the summary at its end."""
+"""Reads our MCAP files, finished or not: chunks are found without the summary at the end."""
 
 import io
 import logging
@@ -22,16 +22,16 @@ log = logging.getLogger(__name__)
 _RECORD = struct.Struct("<BQ")
 _CHUNK_TIMES = struct.Struct("<QQ")
 _LONGEST_CHUNK = 2**30
-"""A chunk holds 16 MB and one message; what claims to be longer than this is broken."""
+"""A chunk holds 16 MB and one message. A record that claims to be longer than this is broken."""
 
 
 class BrokenRecordingError(Exception):
-    """A file that is no recording of ours, or whose bytes are damaged; the message says which and where."""
+    """A file that is no recording of ours, or is damaged. The message says which and where."""
 
 
 @dataclass(frozen=True, slots=True)
 class ChunkPlace:
-    """Bytes of a chunk's record in the file, and the log times of its first and last message."""
+    """Offset and length of a chunk's record in the file, and the log times of its first and last message."""
 
     offset: int
     length: int
@@ -43,8 +43,8 @@ class ChunkPlace:
 class McapContents:
     """An opened recording.
 
-    channels: by id. metadata: values by name. complete: whether the recording was finished; if not, `lost_bytes` at
-    its end are no whole chunk.
+    channels: by id. metadata: values by name. complete: whether the recording was finished; if not, the last
+    `lost_bytes` bytes form no complete record.
     """
 
     path: Path
@@ -56,7 +56,7 @@ class McapContents:
 
     @property
     def topics(self) -> dict[str, int]:
-        """Channel ids by topic, as the table of topics names it: `source/frame`."""
+        """Channel ids by topic, named as in the table of topics: `source/frame`."""
         return {channel.metadata.get("topic", channel.topic): number for number, channel in self.channels.items()}
 
     @property
@@ -71,11 +71,11 @@ class McapContents:
 
     @property
     def robot(self) -> str:
-        """The robot that was recorded."""
+        """Name of the recorded robot."""
         return self.metadata.get("spot3d", {}).get("robot", "robot")
 
     def messages(self, chunk: ChunkPlace) -> list[Message]:
-        """The messages of one chunk, in the order of their log times. Raises BrokenRecordingError."""
+        """The messages of one chunk, sorted by log time. Raises BrokenRecordingError."""
         try:
             with self.path.open("rb") as stream:
                 stream.seek(chunk.offset)
@@ -85,7 +85,7 @@ class McapContents:
         return sorted((item for item in records if isinstance(item, Message)), key=lambda item: item.log_time)
 
     def between(self, start_ns: int, end_ns: int, complain: Callable[[str], None]) -> Iterator[Message]:
-        """The messages logged from start_ns to end_ns, both included; complain: told in the end what is damaged."""
+        """The messages logged from start_ns to end_ns, both included. complain: called at the end with any damage."""
         damaged = []
         for chunk in self.chunks:
             if chunk.end_ns < start_ns or chunk.start_ns > end_ns:
@@ -101,7 +101,7 @@ class McapContents:
 
 
 def open_mcap(path: Path) -> McapContents:
-    """The contents of a recording; messages are read when asked for. Raises BrokenRecordingError, OSError."""
+    """Opens a recording. Messages are read on access. Raises BrokenRecordingError, OSError."""
     if not path.exists():
         raise BrokenRecordingError(f"{path} does not exist; give a file that spot3d record has written")
     if not is_our_mcap(path):
@@ -130,7 +130,7 @@ def open_mcap(path: Path) -> McapContents:
 
 
 def _take(contents: McapContents, opcode: int, length: int, stream: IO[bytes]) -> None:
-    """Enter one record, whose body begins at the stream's place."""
+    """Add one record to the contents. Its body begins at the stream's position."""
     if opcode == Opcode.CHUNK:
         start_ns, end_ns = _CHUNK_TIMES.unpack(stream.read(_CHUNK_TIMES.size))
         contents.chunks.append(ChunkPlace(stream.tell() - _CHUNK_TIMES.size, length, start_ns, end_ns))

@@ -1,8 +1,8 @@
-"""Writes MCAP files that can be read however the writing ends.
+"""Writes MCAP files that are readable however the writing ends.
 
-The mcap library's own writer compresses each chunk with zstd's default, which takes half a core for a VGA camera. Here
-zstd looks back farther and less thoroughly: it finds a frame's images again in the heat message, so that the file is
-as small at a third of the time.
+The mcap library's own writer compresses each chunk with zstd's default, which takes half a core for a VGA camera. This
+one uses a longer window and a faster level. It finds a frame's images again in the heat message, so that the file is as
+small at a third of the time.
 """
 
 import struct
@@ -30,32 +30,33 @@ from mcap.records import (
 from spot3d.recorder.profile import MAGIC
 
 CHUNK_BYTES = 16 * 2**20
-"""Bytes of messages after which a chunk is finished: five VGA frames with their heat."""
+"""A chunk is finished once it holds this many bytes of messages: five VGA frames with their heat."""
 
 _LEVEL, _WINDOW_LOG = -1, 23
-"""A window of 8 MB reaches from a heat message back to its frame, and is what every zstd decoder accepts (RFC 8878)."""
+"""A window of 8 MB reaches from a heat message back to its frame, and every zstd decoder accepts it (RFC 8878)."""
 _CHUNK = struct.Struct("<BQQQQII4sQ")
-"""A chunk's record before its bytes: opcode, length, first and last log time, size unpacked, its CRC (0: none, zstd
-has its own, which takes a quarter of the time), "zstd", size."""
+"""A chunk record before its data: opcode, length, first and last log time, uncompressed size, CRC, "zstd", size.
+
+The CRC is 0, none: zstd has its own, which takes a quarter of the time."""
 _MESSAGE = struct.Struct("<BQHIQQ")
 _MESSAGE_FIELDS = _MESSAGE.size - 9
 
 ChannelSpec = tuple[str, str, bytes, str, str, dict[str, str]]
-"""What `McapWriter.channel` takes: topic, schema's name, schema, its encoding, the messages' encoding, metadata."""
+"""Arguments of `McapWriter.channel`: topic, schema name, schema, schema encoding, message encoding, metadata."""
 
 
 class McapWriter:
-    """One file; whatever has been finished as a chunk stays readable. Not for several threads.
+    """Writes one file, in which every finished chunk stays readable. Not thread-safe.
 
-    Every method that writes raises OSError where the file cannot take more; the file then ends with its last whole
-    chunk, and `close` still adds the summary if there is room for that.
+    Every method that writes raises OSError if the file cannot take more. The file then ends with its last complete
+    chunk, and `close` still adds the summary if there is room.
     """
 
     def __init__(self, path: Path, profile: str, library: str) -> None:
-        """Begin a new file. Raises FileExistsError rather than write over another."""
+        """Create a new file. Raises FileExistsError rather than overwrite one."""
         self.size = 0
         self.kept: Counter[int] = Counter()
-        """Messages in finished chunks, by channel."""
+        """Number of messages in finished chunks, by channel."""
         self.start_ns = self.end_ns = 0
         """Log times of the first and last message in finished chunks."""
         self._file = path.open("xb", buffering=0)
@@ -72,7 +73,7 @@ class McapWriter:
 
     @property
     def chunks(self) -> int:
-        """Chunks in the file."""
+        """Number of chunks in the file."""
         return len(self._chunks)
 
     def channel(
@@ -84,9 +85,9 @@ class McapWriter:
         message_encoding: str,
         metadata: dict[str, str],
     ) -> int:
-        """Announce a channel; returns its id, the next from 1 on.
+        """Announce a channel. Returns its id, counted from 1.
 
-        Channels and schemas, each written once, stand outside the chunks.
+        Channels and schemas are written outside the chunks, each once.
         """
         known = next((item for item in self._schemas if (item.name, item.data) == (schema_name, schema)), None)
         described = known or Schema(len(self._schemas) + 1, schema, schema_encoding, schema_name)
@@ -103,7 +104,7 @@ class McapWriter:
         self._metadata.append(MetadataIndex(length=len(record), name=name, offset=at))
 
     def add(self, channel: int, log_ns: int, publish_ns: int, sequence: int, data: bytes | memoryview) -> None:
-        """Add a message to the chunk, which is written once it is full. Of `data` nothing is kept."""
+        """Add a message to the chunk, which is written once it is full. Keeps no reference to `data`."""
         self._index.setdefault(channel, []).append((log_ns, self._chunk_bytes))
         fields = (Opcode.MESSAGE, _MESSAGE_FIELDS + len(data), channel, sequence & 0xFFFFFFFF, log_ns, publish_ns)
         self._packed += (self._packer.compress(_MESSAGE.pack(*fields)), self._packer.compress(data))
@@ -112,7 +113,7 @@ class McapWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Finish the chunk and write it, if there is anything in it."""
+        """Finish the chunk and write it, unless it is empty."""
         if not self._index:
             return
         packed, index, size = [*self._packed, self._packer.flush()], self._index, self._chunk_bytes
@@ -144,7 +145,7 @@ class McapWriter:
         self.kept.update({channel: len(entries) for channel, entries in index.items()})
 
     def close(self) -> None:
-        """Write what is left and the summary, and close the file, whatever happens."""
+        """Write the open chunk and the summary, and close the file even if that fails."""
         try:
             self.flush()
         finally:
@@ -178,7 +179,7 @@ class McapWriter:
         self._index: dict[int, list[tuple[int, int]]] = {}
 
     def _write(self, *parts: bytes) -> int:
-        """Write all of it, or nothing; returns where it begins."""
+        """Write all parts or nothing. Returns their offset."""
         at = self.size
         try:
             for part in parts:

@@ -1,14 +1,14 @@
-"""When a recorded message is due: at its own pace or a multiple of it, with pauses."""
+"""When a recorded message is due, at a multiple of the recorded pace, with pauses."""
 
 import threading
 import time
 
 _BEHIND_S = 0.5
-"""Whoever is later than this does not catch up in a burst."""
+"""A replay that is later than this goes on from now and does not catch up in a burst."""
 
 
 class Pace:
-    """The clock of a replay, which can be paused; any thread may do that. rate: recorded seconds in a second."""
+    """The clock of a replay. Any thread may pause it. rate: recorded seconds per second."""
 
     def __init__(self, rate: float) -> None:
         self._rate = rate
@@ -22,13 +22,13 @@ class Pace:
         return self._paused_s is not None
 
     def restart(self) -> None:
-        """The recording's beginning is now."""
+        """Start the recording's time from now."""
         with self._changed:
             self._start_s = time.monotonic()
             self._paused_s = None if self._paused_s is None else self._start_s
 
     def toggle(self) -> None:
-        """Pause, or go on from there."""
+        """Pause, or resume from there."""
         with self._changed:
             now_s = time.monotonic()
             if self._paused_s is None:
@@ -39,7 +39,7 @@ class Pace:
             self._changed.notify_all()
 
     def wait(self, recorded_s: float, stop: threading.Event) -> bool:
-        """Wait until this time of the recording; returns whether it was reached before `stop` was set."""
+        """Wait until this time of the recording. Returns whether it was reached before `stop` was set."""
         with self._changed:
             while not stop.is_set():
                 if self._paused_s is None:

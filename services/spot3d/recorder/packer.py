@@ -1,4 +1,4 @@
-"""The recorder's side of the process that packs and writes."""
+"""The recorder's handle of the process that compresses and writes."""
 
 import os
 import signal
@@ -19,18 +19,18 @@ from spot3d.recorder.mcap_writer import ChannelSpec
 from spot3d_schemas import STAGES
 
 _STAGES = (b"\0spot3d.run.fork_server\0", *(b"spot3d\0%s\0" % stage.encode() for stage in STAGES))
-"""In the command lines of stages: of those of a run, and of those that were started one by one."""
+"""Substrings of the stages' command lines: of a run's, and of those that are started one by one."""
 
 
 class Packer:
-    """A process that writes an MCAP file of what is in the backlog; where nobody may wait for it, by what is left.
+    """A process that writes the backlog to an MCAP file. In a live run it uses only idle processor time.
 
-    kept, size, start_ns, end_ns: messages by channel, bytes, and log times of the first and the last message that are
-    in the file. error: why it takes no more, or empty.
+    kept, size, start_ns, end_ns: messages by channel, bytes, and log times of the first and the last message in the
+    file. error: why it stopped writing, or empty.
     """
 
     def __init__(self, path: Path, backlog: Backlog, delivery: str) -> None:
-        """Begin a new file. Raises OSError where that cannot be, FileExistsError rather than write over another."""
+        """Create a new file. Raises OSError if that fails, FileExistsError rather than overwrite one."""
         self.kept: Counter[int] = Counter()
         self.size = self.start_ns = self.end_ns = 0
         self.error = ""
@@ -39,8 +39,9 @@ class Packer:
         self._wire, theirs = Pipe()
         descriptors = theirs.fileno(), backlog.file
         command = [sys.executable, "-m", "spot3d.recorder.packing", *map(str, descriptors), str(path), delivery]
-        # Beside the stages, what is idle gets out of their way at once; in another session it had that one's share of
-        # the processors, so it has one of its own, of the lowest priority. Ctrl-C is for the recorder alone.
+        # In the stages' session, an idle-priority process yields to them at once. In another session it would take that
+        # session's share of the processors, so it gets one of its own, of the lowest priority. Ctrl-C is for the
+        # recorder alone.
         apart = delivery == "live" and not _stages_in_this_session()
         self._process = subprocess.Popen(
             command,
@@ -67,35 +68,35 @@ class Packer:
         self._order("metadata", name, values)
 
     def channel(self, spec: ChannelSpec) -> int:
-        """Announce a channel; returns its id."""
+        """Announce a channel. Returns its id."""
         self._order("channel", *spec)
         self._channels += 1
         return self._channels
 
     def add(self, channel: int, item: Heard) -> None:
-        """Add a message of the backlog, whose bytes are given back when they are packed."""
+        """Add a message of the backlog. Its bytes are released when they are compressed."""
         self._order("add", channel, item.log_ns, item.publish_ns, item.sequence, item.at, item.size, item.place)
 
     def hurry(self) -> None:
-        """From now on somebody waits for it."""
+        """Raise the process's priority, because somebody waits for it now."""
         with suppress(ProcessLookupError):
             let_it_finish(self._process.pid)
 
     def finish(self, frames: str, skipped: dict[str, str]) -> None:
-        """Wait until all of it is in the file, or until nothing more can be. frames: the topic of the frames."""
+        """Wait until everything is in the file, or nothing more can be written. frames: the topic of the frames."""
         self._order("finish", frames, skipped)
         self._listener.join()
         self._wire.close()
 
     def _order(self, *words: object) -> None:
-        with suppress(ConnectionError):  # it has ended; the listener knows why
+        with suppress(ConnectionError):  # it has ended, and the listener knows why
             self._wire.send_bytes(msgpack.packb(words))
 
     def _heard(self) -> tuple[Any, ...]:
         return tuple(msgpack.unpackb(self._wire.recv_bytes(), strict_map_key=False))
 
     def _listen(self) -> None:
-        """Take the answers until the process has ended."""
+        """Handle the process's answers until it has ended."""
         try:
             while True:
                 match self._heard():
@@ -104,7 +105,7 @@ class Packer:
                     case ("written", kept, size, start_ns, end_ns):
                         self.kept, self.size, self.start_ns, self.end_ns = Counter(kept), size, start_ns, end_ns
                     case ("failed", why):
-                        self._backlog.close()  # who waits for room is let go
+                        self._backlog.close()  # wakes threads that wait for room
                         self.error = self.error or str(why)
                     case _:
                         break
@@ -120,11 +121,13 @@ class Packer:
 
 
 def _stages_in_this_session() -> bool:
-    """Whether stages run in this process's session, of which Linux makes one group that shares the processors
-    (autogroup); False where the system does not say."""
+    """Whether stages run in this process's session. False where the system does not say.
+
+    Linux makes each session one group that shares the processors (autogroup).
+    """
     mine = os.getsid(0)
     for folder in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):  # it has ended meanwhile
+        with suppress(OSError):  # the process has ended meanwhile
             line = (folder / "cmdline").read_bytes()
             if any(stage in line for stage in _STAGES) and os.getsid(int(folder.name)) == mine:
                 return True

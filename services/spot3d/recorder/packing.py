@@ -1,9 +1,9 @@
-"""The process that packs and writes a recording, so that neither is in the way of who hears the messages.
+"""The process that compresses and writes a recording, so that the recorder is free to receive messages.
 
     python -m spot3d.recorder.packing WIRE MEMORY OUT.mcap live|lossless
 
-Descriptor WIRE: a socket with orders and answers, each an array in msgpack; MEMORY: a file in memory where the messages
-lie. When the wire closes, however, the file is finished.
+WIRE: descriptor of a socket with orders and answers, each an array in msgpack. MEMORY: descriptor of a file in memory
+that holds the messages. The file is finished whenever the socket closes.
 """
 
 import json
@@ -26,14 +26,14 @@ from spot3d.recorder.mcap_writer import McapWriter
 from spot3d.recorder.profile import PROFILE
 
 FLUSH_S = 1.0
-"""Longest that a message is packed and not in the file."""
+"""Longest time that a compressed message waits before it is written."""
 
 
 class _Packing:
-    """Does what the wire says. From the first time that the file takes no more on, it only waits for the last order."""
+    """Executes the orders from the wire. After the first failed write it ignores all but the last one."""
 
     def __init__(self, wire: Connection, memory: memoryview, path: Path) -> None:
-        """Begin a new file. Raises OSError where that cannot be."""
+        """Create a new file. Raises OSError if that fails."""
         self._wire, self._memory = wire, memory
         self._writer = McapWriter(path, PROFILE, f"spot3d {spot3d.__version__}")
         self._places: list[tuple[int, int, str]] = []
@@ -42,12 +42,12 @@ class _Packing:
         self._tell("began")
 
     def follow(self) -> None:
-        """Follow the orders up to the last; who gives them may be gone before."""
+        """Execute orders up to the last one, or until the recorder is gone."""
         while not self._over:
             self._try(self._obey)
 
     def close(self) -> None:
-        """Write what is left and the summary, and say so."""
+        """Write the open chunk and the summary, and report it."""
         self._try(self._writer.close)
         self._tell_written()
         self._tell("ended")
@@ -60,14 +60,14 @@ class _Packing:
             self._tell("failed", error.strerror or str(error))
 
     def _obey(self) -> None:
-        """Follow the next order, or write what is there where none comes in time."""
+        """Execute the next order, or write the open chunk if none comes in time."""
         left_s = self._flushed_s + FLUSH_S - time.monotonic()
         if not self._failed and (left_s <= 0 or not self._wire.poll(left_s)):
             self._flush()
             return
         try:
             what, *values = msgpack.unpackb(self._wire.recv_bytes(), use_list=False)
-        except (EOFError, OSError):  # perhaps within an order
+        except (EOFError, OSError):  # perhaps in the middle of an order
             what, values = "finish", ["", {}]
         if what == "finish":
             self._over = True
@@ -107,13 +107,13 @@ class _Packing:
 
 
 def _tell(wire: Connection, *words: object) -> None:
-    with suppress(ConnectionError):  # who heard the messages is gone; what he heard is written all the same
+    with suppress(ConnectionError):  # the recorder is gone; what it received is written all the same
         wire.send_bytes(msgpack.packb(words))
 
 
 def main(wire: Connection, memory: int, path: Path, delivery: str) -> None:
-    """Pack and write until told to end."""
-    # It ends when the recorder does, who is told by the same signals.
+    """Compress and write until told to end."""
+    # It ends with the recorder, which gets the same signals.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     if delivery == "live":

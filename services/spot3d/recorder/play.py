@@ -1,4 +1,4 @@
-"""Puts a recording back on the wire, in its own time."""
+"""Publishes a recording again at its own pace."""
 
 import logging
 import threading
@@ -24,16 +24,16 @@ log = logging.getLogger("spot3d.play")
 
 _FRAME, _END = "source/frame", "source/end"
 _TOKEN_S = 5.0
-"""Longest wait for the answer which stages are alive."""
+"""Longest wait for the liveliness query."""
 
 
 class StageAliveError(RuntimeError):
-    """A stage whose topics are to be played runs already: both would talk at once."""
+    """A stage whose topics are to be played is alive: both would publish."""
 
 
 @dataclass(frozen=True, slots=True)
 class Playing:
-    """How to play. topics: which; rate: times as fast; start_s, end_s: seconds from the recording's beginning."""
+    """What to play, and how. rate: times as fast; start_s, end_s: seconds from the recording's beginning."""
 
     topics: tuple[str, ...]
     rate: float = 1.0
@@ -43,10 +43,9 @@ class Playing:
 
 
 def play(contents: McapContents, playing: Playing, link: LinkSettings, stop: threading.Event | None = None) -> int:
-    """Publish the messages of a recording under the robot of `link` until its end, or for ever in a loop.
+    """Publish a recording's messages under the robot of `link`, once or in a loop. Returns how many were sent.
 
-    The space bar pauses and goes on. What of the file is damaged is left out, and said. Returns how many messages were
-    sent. Raises StageAliveError.
+    The space bar pauses and resumes. Damaged parts of the file are skipped and logged. Raises StageAliveError.
     """
     with stop_on_signals(stop) as stopped, ExitStack() as stack:
         session = stack.enter_context(open_session(link, stopped))
@@ -54,7 +53,7 @@ def play(contents: McapContents, playing: Playing, link: LinkSettings, stop: thr
         stack.enter_context(on_key(lambda pressed: player.pace.toggle() if pressed == " " else None))
         player.run(stopped)
         return player.sent.total()
-    return 0  # stopped before a router was there
+    return 0  # stopped before a router was found
 
 
 class _Player:
@@ -64,27 +63,27 @@ class _Player:
         self.pace = Pace(playing.rate)
         self.sent: Counter[str] = Counter()
         self._contents, self._playing, self._link = contents, playing, link
-        # Of a later version of spot3d, say.
+        # Topics of a later version of spot3d, for example.
         if unknown := [topic for topic in playing.topics if topic not in TOPICS]:
             log.warning("%s is left out: this version does not know it", ", ".join(unknown))
         known = tuple(topic for topic in playing.topics if topic in TOPICS)
         self._topic_of = {number: topic for topic, number in contents.topics.items() if topic in known}
-        # No bridge: what is played crosses no link.
+        # Without the bridge: replayed messages cross no link.
         stages = {TOPICS[topic].producer for topic in known} & set(STAGES)
         _refuse_alive(session, link.robot, stages)
-        # The end of what is played is told with the frames, whether or not one was recorded.
+        # An end follows the frames even if none was recorded.
         topics = {*known, _END} if _FRAME in known else known
         self._publishers = {topic: declare_publisher(session, topic, link) for topic in topics}
         for publisher in self._publishers.values():
             stack.callback(publisher.undeclare)
         self._sender = uuid.uuid4().hex[:12]
         for stage in sorted(stages):
-            # Dashboards, sources and stages know by the tokens who is there.
+            # Dashboards, sources and stages detect each other by these tokens.
             for token in (alive_key(link.robot, stage), process_key(link.robot, stage, self._sender)):
                 stack.callback(session.liveliness().declare_token(token).undeclare)
 
     def run(self, stop: threading.Event) -> None:
-        """Play once, or again and again."""
+        """Play once, or in a loop."""
         self._once(stop)
         while self._playing.loop and self.sent and not stop.is_set():
             self._once(stop)
@@ -97,7 +96,7 @@ class _Player:
         frames, last_frame, labels = 0, b"", Labels(self._link.robot, self._sender)
         for message in self._contents.between(first_ns, last_ns, log.warning):
             topic = self._topic_of.get(message.channel_id)
-            # The end that was recorded counts frames that are not all played.
+            # The recorded end counts frames that may not all be played.
             if topic is None or topic == _END:
                 continue
             if not self.pace.wait(1e-9 * (message.log_time - first_ns), stop):
@@ -108,7 +107,7 @@ class _Player:
             if topic == _FRAME:
                 frames, last_frame = frames + 1, data
         if frames:
-            # Of the same robot, stream and sender as the frames.
+            # The end has the robot, stream and sender of the frames.
             header = Header(**peek_header(last_frame).model_dump(exclude={"schema_name", "version", "trace"}))
             self._publishers[_END].put(encode(End(header=header, frames_sent=frames)))
             self.sent[_END] += 1

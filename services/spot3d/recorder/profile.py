@@ -1,4 +1,4 @@
-"""What an MCAP file says that it follows, told without the mcap library."""
+"""The profile of an MCAP file, read without the mcap library."""
 
 import struct
 from contextlib import suppress
@@ -6,14 +6,14 @@ from pathlib import Path
 
 MAGIC = b"\x89MCAP0\r\n"
 PROFILE = "spot3d"
-"""That of our recordings."""
+"""Profile of our recordings."""
 _HEAD = struct.Struct("<8sBQI")
-"""Magic, opcode and length of the header, length of the profile, which is its first field."""
+"""Magic, the header's opcode and length, and the length of the profile, its first field."""
 _LONGEST = 100
 
 
 def mcap_profile(path: Path) -> str | None:
-    """`spot3d`, `ros2`, `ros1` or something else; None: it is no MCAP file. Raises OSError."""
+    """The file's profile: `spot3d`, `ros2`, `ros1` or another. None if it is no MCAP file. Raises OSError."""
     with path.open("rb") as stream:
         head = stream.read(_HEAD.size)
         if not head.startswith(MAGIC) or len(head) < _HEAD.size:
@@ -23,7 +23,7 @@ def mcap_profile(path: Path) -> str | None:
 
 
 def is_our_mcap(path: Path) -> bool:
-    """Whether the file is a recording of ours; False where it cannot be read."""
+    """Whether the file is a recording of ours. False if it cannot be read."""
     with suppress(OSError):
         return mcap_profile(path) == PROFILE
     return False

@@ -1,4 +1,4 @@
-"""The recorder's process: what a robot's stages say goes into an MCAP file, and no frame waits for it."""
+"""The recorder's process: writes a robot's messages to an MCAP file without delaying any frame."""
 
 import fnmatch
 import json
@@ -30,21 +30,22 @@ from spot3d_schemas import TOPICS, CodecError, alive_key, encoding, json_schema,
 log = logging.getLogger(__name__)
 
 RECORDER = "recorder"
-"""The name of the recorder's liveliness token, where a stage has its stage's."""
+"""Name in the recorder's liveliness token, in the place of a stage's name."""
 BACKLOG_BYTES = 256 * 2**20
-"""Most memory for messages that wait for the disk: two seconds of a VGA camera with everything that is made of it."""
+"""Largest memory for messages that wait for the disk: two seconds of a VGA camera with all messages made from it."""
 _FRAMES = ("source/frame", "heatmap/heat")
 _WAITING = 4
-"""Least messages of a topic that wait to be copied. Not more: what waits keeps its sender's shared memory, and who has
-none left sends his images through sockets."""
+"""Least size of a topic's queue before the copy. It is small because queued messages keep the sender's shared memory,
+and a sender that has none left sends images through sockets."""
 _IDLE_S = 0.1
 
 
 @dataclass(slots=True)
 class Recorded:
-    """What became of a recording.
+    """The outcome of a recording.
 
-    messages: in the file, by topic; skipped: not in it, by topic and reason; error: why it ended early, or empty.
+    messages: number in the file by topic; skipped: number missing, by topic and reason; error: why it ended early, or
+    empty.
     """
 
     path: Path
@@ -55,7 +56,7 @@ class Recorded:
     error: str = ""
 
     def summary(self) -> str:
-        """One line for people."""
+        """A summary in one line."""
         left_out = ", ".join(f"{count} {reason}" for reason, count in sorted(self.skipped.items()))
         return (
             f"{self.path}: {'' if not self.error else f'{self.error}; it holds the first '}{self.seconds:.1f} s, "
@@ -65,11 +66,11 @@ class Recorded:
 
 
 class NoSuchTopicError(Exception):
-    """A pattern matches no topic; the message names those that there are."""
+    """A pattern matches no topic. The message lists the topics."""
 
 
 def matching_topics(patterns: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
-    """The topics among `known` that match a pattern (`source/*`), or all. Raises NoSuchTopicError."""
+    """The known topics that match a pattern (`source/*`); without patterns, all. Raises NoSuchTopicError."""
     for pattern in patterns:
         if not fnmatch.filter(known, pattern):
             raise NoSuchTopicError(f"no topic matches {pattern!r}; there are {', '.join(known)}")
@@ -77,14 +78,14 @@ def matching_topics(patterns: Sequence[str], known: Sequence[str]) -> tuple[str,
 
 
 def published_topics() -> list[str]:
-    """Every topic that is published; queries are not."""
+    """Every published topic, without queries."""
     return [topic.name for topic in TOPICS.values() if topic.kind == "pub"]
 
 
 def record(settings: Settings, path: Path, topics: Sequence[str], stop: threading.Event | None = None) -> Recorded:
     """Record topics of the link's robot into a new file at `path` until stopped, or until the disk is full.
 
-    In a live run what cannot be written in time is skipped and counted; in a lossless run the senders wait.
+    In a live run, messages that cannot be written in time are skipped and counted. In a lossless run the senders wait.
     Raises FileExistsError, and OSError where nothing can be written at all.
     """
     with stop_on_signals(stop) as stopped:
@@ -93,7 +94,7 @@ def record(settings: Settings, path: Path, topics: Sequence[str], stop: threadin
             with closing(recorder), suppress(StoppedError):
                 recorder.run(stopped)
         except OSError:
-            # It cannot listen, say. An empty file would be in the way of the next try.
+            # For example, it cannot subscribe. An empty file would block the next attempt.
             if not any(recorder.recorded.messages.values()):
                 path.unlink(missing_ok=True)
             raise
@@ -134,14 +135,14 @@ class _Recorder:
                 reader = threading.Thread(target=self._hear, args=(topic, subscriber.handler), name=topic, daemon=True)
                 threads.append(reader)
                 reader.start()
-            # The token follows the subscriptions: who sees it can begin.
+            # The token comes after the subscriptions: whoever sees it can start sending.
             token = session.liveliness().declare_token(alive_key(self._link.robot, RECORDER))
             stack.callback(token.undeclare)
             log.info("recording %s topics of %s into %s", len(self._topics), self._link.robot, self.recorded.path)
             self._write(stop)
 
     def close(self) -> None:
-        """Finish the file; what cannot be written is left away, and said."""
+        """Finish the file. Messages that cannot be written are dropped, and the error is kept."""
         packer, recorded = self._packer, self.recorded
         packer.hurry()
         while not packer.error and (item := self._backlog.get(0)) is not None:
@@ -153,7 +154,7 @@ class _Recorder:
         recorded.seconds = 1e-9 * (packer.end_ns - packer.start_ns)
 
     def _waiting_room(self, topic: str) -> "FifoChannel[zenoh.Sample] | RingChannel[zenoh.Sample]":
-        """Live, a full one drops the oldest: one that makes the sender wait would make it wait for all."""
+        """The topic's queue. Live, a full one drops the oldest message: a sender that waits for one waits for all."""
         size = max(waiting(topic, self._link), _WAITING)
         return FifoChannel(size) if self._link.delivery == "lossless" else RingChannel(size)
 
@@ -164,14 +165,14 @@ class _Recorder:
                 self._packer.add(self._channels[item.topic], item)
 
     def _hear(self, topic: str, handler: Handler[zenoh.Sample]) -> None:
-        """Copy out what comes; nothing here waits for the disk in a live run."""
+        """Copy messages of a topic to the backlog. In a live run it never waits for the disk."""
         expected, last = TOPICS[topic].message, None
         for sample in handler:  # until the subscription has ended
             try:
                 refuse_encoding(str(sample.encoding), expected)
                 if self._link.delivery == "live" and not self._backlog.has_room(len(sample.payload)):
                     self._skip(topic, "not written in time")
-                    last = None  # its number is not known
+                    last = None  # its sequence number is unknown
                     continue
                 data = intact_bytes(sample.payload)
                 if data is None:
@@ -196,7 +197,7 @@ class _Recorder:
 
 
 def topic_channel(robot: str, topic: str) -> ChannelSpec:
-    """The channel of a topic: its key, its message's JSON Schema, and how to publish it again."""
+    """A topic's MCAP channel: its key, its message's JSON Schema, and the metadata to publish it again."""
     message = TOPICS[topic].message
     schema = json.dumps(json_schema(message)).encode()
     about = {"topic": topic, "robot": robot, "encoding": encoding(message)}

@@ -1,4 +1,4 @@
-"""Another header for a recorded message: a replay is another robot, another stream, another sender, and is now."""
+"""Replaces the header of a replayed message: robot, stream and sender of the replay, and the current time."""
 
 import uuid
 from typing import Any
@@ -12,17 +12,17 @@ _ALIGNMENT = 16
 
 
 class Labels:
-    """The names of one pass through a recording: this robot, this process, and a new name for each stream."""
+    """Header values for one pass through a recording: this robot, this process, and a new name for each stream."""
 
     def __init__(self, robot: str, sender: str) -> None:
         self._robot, self._sender = robot, sender
         self._streams: dict[str, str] = {}
 
     def on(self, payload: bytes, now_ns: int) -> bytes:
-        """The message with these names, sent now; all behind its header is as it was.
+        """The message with these labels, sent now. Everything after the header is unchanged.
 
-        Its trace is as long as it was, so that lags are those of the recording and of the replay's own stages. Raises
-        ValueError where it is no message. The header is padded so that the arrays behind it stay aligned.
+        The hops of its trace keep their durations, so that lags are those of the recording and of the replay's own
+        stages. The header is padded so that the arrays after it stay aligned. Raises ValueError if it is no message.
         """
         view = memoryview(payload)
         spans = map_spans(view, (0, len(view)), MAX_FIELDS, MAX_OBJECTS_VALUES)
@@ -40,7 +40,7 @@ class Labels:
 
     def _renamed(self, header: dict[str, Any]) -> dict[str, Any]:
         names: dict[str, Any] = {"robot": self._robot}
-        # Messages of 1.0 tell neither.
+        # Messages of version 1.0 have neither.
         if header.get("sender") is not None:
             names["sender"] = self._sender
         if header.get("stream") is not None:
@@ -49,10 +49,10 @@ class Labels:
 
 
 def _sent_now(header: dict[str, Any], now_ns: int) -> dict[str, Any]:
-    """The trace with its last sending now, wall clock; nothing where the message has none."""
+    """The trace shifted so that its last sending is now, wall clock. Empty if the message has no trace."""
     trace: list[dict[str, Any]] = header.get("trace") or []
     try:
         later_ns = now_ns - trace[-1]["sent_ns"]
         return {"trace": [hop | {name: hop[name] + later_ns for name in ("received_ns", "sent_ns")} for hop in trace]}
     except (TypeError, KeyError, IndexError):
-        return {}  # none, or one that readers refuse
+        return {}  # no trace, or one that readers refuse

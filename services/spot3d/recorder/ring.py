@@ -1,10 +1,10 @@
-"""Which bytes of a piece of memory are taken, where whatever is taken first is given back first."""
+"""A ring allocator, which tracks the used bytes of a memory whose pieces are freed in the order of allocation."""
 
 from collections import deque
 
 
 class Ring:
-    """Takes pieces of `size` bytes of memory, one behind the other, and begins at the front again near the end."""
+    """Allocates pieces of a memory of `size` bytes one after the other, and wraps to the front near the end."""
 
     def __init__(self, size: int) -> None:
         self.used = 0
@@ -12,18 +12,18 @@ class Ring:
         self._taken: deque[tuple[int, int]] = deque()
 
     def place(self, size: int) -> int | None:
-        """Where a piece of so many bytes would begin now; None: nowhere."""
+        """Offset where a piece of `size` bytes would begin now. None if there is no room."""
         if not self._taken:
             return 0 if size <= self._size else None
         begin, end = self._taken[0][0], self._taken[-1][1]
-        if end <= begin:  # it has begun at the front again
+        if end <= begin:  # it has wrapped
             return end if end + size <= begin else None
         if end + size <= self._size:
             return end
         return 0 if size <= begin else None
 
     def take(self, size: int) -> int | None:
-        """Take a piece of so many bytes, at least one; where it begins, or None where there is no room."""
+        """Allocate a piece of `size` bytes, at least one. Returns its offset, or None if there is no room."""
         at = self.place(size)
         if at is not None:
             self._taken.append((at, at + size))
@@ -31,6 +31,6 @@ class Ring:
         return at
 
     def give_back(self) -> None:
-        """Give back the piece that was taken first."""
+        """Free the oldest piece."""
         begin, end = self._taken.popleft()
         self.used -= end - begin

@@ -1,4 +1,4 @@
-"""What there is to see of a run or of a recording, in the order of capture: frames, poses, objects and points."""
+"""The visible data of a run or a recording, in the order of capture: frames, poses, objects and points."""
 
 import heapq
 import json
@@ -24,12 +24,12 @@ from spot3d_schemas import TOPICS, CodecError, Frame, Heat, Objects, Pose, decod
 
 _CLOUD_INTERVAL_NS = 500_000_000
 _CLOUD_STEP = 4
-"""Of a frame every nth pixel of each row and column becomes a point."""
+"""Every nth pixel of a frame's rows and columns becomes a point."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cloud:
-    """Points in the world, or in the camera of this capture. xyz: (n, 3) metres; rgb: (n, 3) uint8."""
+    """Points in the world, or in the camera's frame at this capture. xyz: (n, 3) metres; rgb: (n, 3) uint8."""
 
     in_camera: bool
     xyz: NDArray[np.float32]
@@ -37,13 +37,13 @@ class Cloud:
 
 
 Sight = RgbdFrame | NDArray[np.float64] | RunResult | Cloud
-"""A frame, the camera's pose (4, 4), the objects of one update, or points."""
+"""A frame, the camera's pose T_world_camera (4, 4), the objects of one update, or points."""
 
 
 def sights_of_run(folder: Path, complain: Callable[[str], None]) -> Iterator[tuple[int, Sight]]:
-    """Stamp and sight, from the files of a run; the frames from its input, where that is still there.
+    """Stamp and sight from the files of a run. Frames come from its input, if that is still there.
 
-    Raises SourceError where the folder is no run's.
+    Raises SourceError if the folder holds no run's results.
     """
     report = folder / "report.json"
     if not report.is_file():
@@ -86,9 +86,9 @@ def _frames_of_run(folder: Path, complain: Callable[[str], None]) -> Iterator[tu
 
 
 def sights_of_recording(contents: McapContents, complain: Callable[[str], None]) -> Iterator[tuple[int, Sight]]:
-    """Stamp and sight, from the messages of a recording; points are those of a frame every half second.
+    """Stamp and sight from the messages of a recording. Every half second a frame becomes points.
 
-    complain: told what of the file is lost.
+    complain: called with what cannot be read.
     """
     if not contents.complete:
         complain(f"{contents.path} was not finished: {contents.lost_bytes} bytes at its end are lost")

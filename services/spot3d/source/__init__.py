@@ -1,1 +1,1 @@
-"""Source stage: a recording or the built-in scene becomes frames, colour registered with depth."""
+"""Source stage: turns a recording or the built-in scene into frames with colour registered to depth."""

@@ -1,4 +1,4 @@
-"""The colour camera as seen from the depth camera, where the two are not registered."""
+"""The colour camera's intrinsics and its pose relative to the depth camera, where the two are not registered."""
 
 import json
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from spot3d.source.intrinsics_files import intrinsics_for
 from spot3d.source.text_files import is_rigid, read_text
 
 _APART_MOST_M = 1.0
-"""Colour and depth cameras that are farther apart see no scene alike: millimetres are taken for metres."""
+"""Largest accepted distance between the cameras. Farther apart they do not share a view: the file is in millimetres."""
 
 Row = Annotated[list[float], Field(min_length=4, max_length=4)]
 
@@ -28,7 +28,7 @@ class ColourCamera:
     T_colour_depth: NDArray[np.float64]
 
     def averaged(self) -> "ColourCamera":
-        """The camera of the images whose pixels are the means of whole blocks of 2 x 2 pixels."""
+        """The camera of images that are downsampled by averaging whole blocks of 2 x 2 pixels."""
         full = self.intrinsics
         # A block's centre lies half a pixel beyond its first pixel's.
         centre = ((full.cx - 0.5) / 2, (full.cy - 0.5) / 2)
@@ -36,8 +36,8 @@ class ColourCamera:
         return ColourCamera(half, self.T_colour_depth)
 
 
-# The Kinect of 7-Scenes: its depth intrinsics by the data set's page; colour and transform by calibration,
-# checked by the depth edges falling on the objects' outlines in colour.
+# The Kinect of 7-Scenes. Depth intrinsics are those of the data set's page. Colour intrinsics and transform are from a
+# calibration, checked by depth edges that fall on the objects' outlines in colour.
 SEVEN_SCENES_DEPTH = Intrinsics(585.0, 585.0, 320.0, 240.0, 640, 480)
 SEVEN_SCENES_COLOUR = ColourCamera(
     Intrinsics(525.0, 525.0, 320.0, 240.0, 640, 480),
@@ -82,9 +82,9 @@ class _CalibrationFile(BaseModel):
 def load_calibration(folder: Path, depth: Intrinsics) -> ColourCamera | None:
     """The folder's colour camera, or None where colour is registered with depth already.
 
-    `calibration.json` decides: `{"registered": true}`, or `{"colour": {"fx", "fy", "cx", "cy", "width",
-    "height"}, "T_colour_depth": 4x4 rows}` in pixels and metres. Without it, depth intrinsics equal to those
-    of 7-Scenes' Kinect mean its calibration. Raises SourceError if the file is malformed.
+    `calibration.json` decides: `{"registered": true}`, or `{"colour": {"fx", "fy", "cx", "cy", "width", "height"},
+    "T_colour_depth": 4x4 rows}` in pixels and metres. Without that file, depth intrinsics equal to those of 7-Scenes'
+    Kinect select its calibration. Raises SourceError if the file is malformed.
     """
     path = folder / "calibration.json"
     if not path.is_file():

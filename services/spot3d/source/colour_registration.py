@@ -1,4 +1,4 @@
-"""Colour looked up for each depth pixel, so that poses and intrinsics stay the depth camera's."""
+"""Registers colour to the depth camera's pixels, so that poses and intrinsics stay the depth camera's."""
 
 import math
 
@@ -12,13 +12,13 @@ from spot3d.kernel import kernel
 from spot3d.source.calibration import ColourCamera
 from spot3d.source.errors import SourceError
 
-# A nearer surface hides a pixel from the colour camera if the two are at least this far apart in the depth
-# image: less than a pixel of parallax cannot be seen, whatever the range.
+# A nearer surface hides a point from the colour camera only if their parallax is at least this, at the colour camera's
+# focal length: less than a pixel of parallax cannot be seen, whatever the range.
 HIDDEN_PARALLAX_PX = 1.0
 
 
 class ColourRegistration:
-    """Registers colour images to depth images, for one pair of cameras; keeps work arrays, no frames."""
+    """Registers colour images to depth images, for one pair of cameras. Keeps work arrays, but no frames."""
 
     def __init__(self, intrinsics: Intrinsics, camera: ColourCamera) -> None:
         self.intrinsics = intrinsics
@@ -27,25 +27,25 @@ class ColourRegistration:
         baseline = float(np.linalg.norm(camera.T_colour_depth[:3, 3]))
         parallax_m = camera.intrinsics.fx * baseline
         self._hidden = np.float32(HIDDEN_PARALLAX_PX / parallax_m if parallax_m > 0 else np.inf)
-        # The depth buffer's cells, 2^bits pixels, are as coarse as the depth image's in colour: it has no
-        # gaps.
+        # A cell of the depth buffer is 2^bits colour pixels wide, at least as coarse as a depth pixel in colour, so
+        # that the buffer has no gaps.
         self._cell_bits = max(0, math.ceil(math.log2(camera.intrinsics.fx / intrinsics.fx)))
         rows, self._cell_columns = ((side >> self._cell_bits) + 1 for side in camera.intrinsics.shape)
-        # Fresh pages for these at every frame would take as long as the computation.
+        # Kept: fresh memory pages for every frame would take as long as the computation.
         self._nearest = np.zeros(rows * self._cell_columns, np.float32)
         self._inverse, self._inverse_there, self._column, self._row = np.empty((4, *intrinsics.shape), np.float32)
         self._cell = np.empty(intrinsics.shape, np.uint32)
         self._is_hidden = np.empty(intrinsics.shape, np.bool_)
-        # 32nds of a pixel are fine enough, and looked up in two thirds of the time.
+        # Coordinates in 32nds of a pixel are fine enough, and the look-up takes two thirds of the time.
         self._pixel, self._fraction = np.empty((*intrinsics.shape, 2), np.int16), np.empty(intrinsics.shape, np.uint16)
 
     def register(self, colour: NDArray[np.uint8], depth: NDArray[np.float32]) -> NDArray[np.uint8]:
         """Colour image of the depth camera: each depth pixel's 3D point looked up in the colour camera.
 
-        colour: (hc, wc, 3) uint8; depth: (h, w) float32 metres, 0 = invalid. Returns (h, w, 3) uint8, no
-        holes: pixels without depth take the farther of their row's nearest valid depths (they mostly lie
-        behind an edge), points that a nearer surface hides the colour of their own surface beside them.
-        Raises SourceError if an image's size is not its intrinsics'.
+        colour: (hc, wc, 3) uint8; depth: (h, w) float32 metres, 0 = invalid. Returns (h, w, 3) uint8 without holes. A
+        pixel without depth takes the farther of its row's nearest valid depths, since most such pixels lie behind an
+        edge. A point that a nearer surface hides takes the colour of its own surface beside it. Raises SourceError if
+        an image's size is not that of its intrinsics.
         """
         if colour.shape != (*self.camera.intrinsics.shape, 3) or depth.shape != self.intrinsics.shape:
             raise SourceError(
@@ -88,7 +88,7 @@ def _project(
     column_of: NDArray[np.float32],
     row_of: NDArray[np.float32],
 ) -> None:
-    """Writes each depth pixel's colour column and row (clipped to the image) and inverse depth there."""
+    """Writes each depth pixel's column and row in the colour image, clipped to it, and its inverse depth there."""
     h, w = inverse.shape
     T = T_colour_depth
     fx, fy, cx, cy = colour_camera
@@ -99,7 +99,7 @@ def _project(
     for v in range(h):
         y = (np.float32(v) - depth_camera[3]) / depth_camera[1]
         row_x, row_y, row_z = T[0, 1] * y + T[0, 2], T[1, 1] * y + T[1, 2], T[2, 1] * y + T[2, 2]
-        # No branches: the compiler makes vector instructions of this loop.
+        # No branches, so that the compiler vectorises this loop.
         for u in range(w):
             # The point times its inverse depth: finite also for points at infinity (q = 0).
             q = inverse[v, u]
@@ -107,7 +107,7 @@ def _project(
             scale = one / (z if z > least else least)
             uc = fx * (ray_x[u] + row_x + T[0, 3] * q) * scale + cx
             vc = fy * (ray_y[u] + row_y + T[1, 3] * q) * scale + cy
-            uc = uc if uc > zero else zero  # also where it is no number
+            uc = uc if uc > zero else zero  # also where it is NaN
             vc = vc if vc > zero else zero
             column_of[v, u] = last_column if uc > last_column else uc
             row_of[v, u] = last_row if vc > last_row else vc
@@ -118,7 +118,7 @@ def _project(
 def _cells(
     column_of: NDArray[np.float32], row_of: NDArray[np.float32], bits: int, columns: int, cell: NDArray[np.uint32]
 ) -> None:
-    """Writes each depth pixel's cell of the depth buffer, counted row by row; `columns` cells make a row."""
+    """Writes the index of each depth pixel's cell in the depth buffer, which has `columns` cells in a row."""
     h, w = cell.shape
     half = np.float32(0.5)
     for v in range(h):
@@ -135,11 +135,11 @@ def _find_hidden(
     nearest: NDArray[np.float32],
     is_hidden: NDArray[np.bool_],
 ) -> None:
-    """Writes whether a measured point is nearer to the colour camera by `hidden` 1/m, on the same pixel."""
+    """Writes whether a measured point in the same cell is nearer to the colour camera by more than `hidden` 1/m."""
     h, w = depth.shape
     nearest[:] = 0
     for v in range(h):
-        for u in range(w):  # without branches, which would be guessed wrong
+        for u in range(w):  # without branches, which would be mispredicted
             there = inverse_there[v, u] if depth[v, u] > 0 else np.float32(0)
             before = nearest[cell[v, u]]
             nearest[cell[v, u]] = there if there > before else before
@@ -150,7 +150,7 @@ def _find_hidden(
 
 @kernel()
 def _fill_hidden(image: NDArray[np.uint8], inverse: NDArray[np.float32], hidden: NDArray[np.bool_]) -> None:
-    """Hidden pixels of `image` (h, w, 3) take, in place, the visible row neighbour of most similar depth."""
+    """Copies to hidden pixels of `image` (h, w, 3) the visible row neighbour of most similar depth, in place."""
     h, w = inverse.shape
     for v in range(h):
         start = 0
@@ -167,6 +167,6 @@ def _fill_hidden(image: NDArray[np.uint8], inverse: NDArray[np.float32], hidden:
             start = u + 1
             left = u
         for hole in range(start, w):
-            # A row hidden as a whole takes the row above it.
+            # A row without visible pixels copies the row above it.
             for channel in range(3):
                 image[v, hole, channel] = image[v, left, channel] if left >= 0 else image[max(v - 1, 0), hole, channel]

@@ -1,4 +1,4 @@
-"""The source stage's one error, and why frames of an input are not played."""
+"""The source stage's exception, and the reasons why frames of an input are not played."""
 
 
 class SourceError(Exception):
@@ -6,13 +6,13 @@ class SourceError(Exception):
 
 
 UNREADABLE = "cannot be read"
-"""Its files are missing or broken."""
+"""A frame's files are missing or broken."""
 UNSENDABLE = "cannot be sent"
-"""No message holds what is in them, such as a pose that is no rotation."""
+"""No message can hold the frame's content, such as a pose that is no rotation."""
 NOT_PLAYED = (UNREADABLE, UNSENDABLE)
 IN_THE_INPUT = "in the input"
-"""Said of what is wrong with its stamp (see `dataflow.order`)."""
+"""Follows the reason why a stamp is refused (see `dataflow.order`)."""
 BETWEEN_STREAMS = f"between two streams {IN_THE_INPUT}"
-"""Came of a camera that begins anew while the frames from before were still under way."""
+"""A frame of a camera's new stream arrived while frames of the old one were still in flight."""
 WITHOUT_POSE = "frames without a true pose"
-"""The event of a frame that has none in an input whose others have: none is recorded, or it is malformed."""
+"""Event: a frame has no true pose in an input whose other frames have one. None is recorded, or it is malformed."""

@@ -11,7 +11,7 @@ AROUND = np.array([0.25, 0.5, 0.25])
 
 
 def halve(frame: RgbdFrame) -> RgbdFrame:
-    """The frame with every second pixel: colour averaged around each, depth as it is, never averaged."""
+    """The frame with every second pixel. Colour is averaged around each kept pixel; depth is never averaged."""
     smooth = np.asarray(cv2.sepFilter2D(frame.colour, -1, AROUND, AROUND), np.uint8)
     return RgbdFrame(
         frame.stamp_ns,

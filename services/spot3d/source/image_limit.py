@@ -1,4 +1,4 @@
-"""Images that no message can hold are refused before the first is sent."""
+"""Refuses images that no message can hold, before the first is sent."""
 
 from spot3d.camera import Intrinsics
 from spot3d.source.errors import SourceError
@@ -6,7 +6,7 @@ from spot3d_schemas.limits import MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE
 
 
 def refuse_large_images(camera: Intrinsics, halved: bool) -> None:
-    """Raises SourceError where frames of this camera are larger than a message holds. halved: they are so already."""
+    """Raises SourceError if this camera's frames are larger than a message holds. halved: they are halved already."""
     if _fits(camera):
         return
     remedy = "use --half" if not halved and _fits(camera.halved()) else "scale colour and depth down"

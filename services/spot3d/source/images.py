@@ -31,7 +31,7 @@ def read_depth(path: Path) -> NDArray[np.uint16]:
 
 
 def decoded_image(data: NDArray[np.uint8], how: int) -> NDArray[Any] | None:
-    """The image in the bytes of a file (n,), by one of OpenCV's flags; None where it is none, or far too large."""
+    """Decodes the bytes (n,) of an image file. how: an OpenCV flag. None if they are no image, or one far too large."""
     try:
         image = cv2.imdecode(data, how) if data.size else None
     except cv2.error:

@@ -22,13 +22,13 @@ TUM_PUBLISHED: dict[str, FocalAndCentre] = {
     "3": (535.4, 539.2, 320.1, 247.6),
 }
 _FOCAL_LEAST, _FOCAL_MOST = 0.05, 50.0
-"""Focal lengths per image width: a view of 169 and of 1 degrees."""
+"""Focal lengths per image width: fields of view of 169 and of 1 degrees."""
 _SKEW_MOST_PX = 0.5
 HINT = "give them as --intrinsics fx,fy,cx,cy (pixels)"
 
 
 def parse_intrinsics(text: str, where: str = "--intrinsics") -> FocalAndCentre:
-    """(fx, fy, cx, cy) in pixels of `fx,fy,cx,cy`, commas or spaces. Raises SourceError if malformed."""
+    """(fx, fy, cx, cy) in pixels from `fx,fy,cx,cy`, split at commas or spaces. Raises SourceError if malformed."""
     try:
         fx, fy, cx, cy = (float(word) for word in text.replace(",", " ").split())
     except ValueError:
@@ -51,10 +51,10 @@ def seven_scenes_values(folder: Path) -> FocalAndCentre:
 
 
 def tum_values(folder: Path) -> FocalAndCentre:
-    """(fx, fy, cx, cy) of `intrinsics.txt` (`# fx fy cx cy`, then the numbers), else of TUM's published ones.
+    """(fx, fy, cx, cy) from `intrinsics.txt` (`# fx fy cx cy`, then the numbers), else TUM's published values.
 
-    The published values go by `freiburg1..3` (or `fr1..3`) in the folder's name. Raises SourceError if
-    neither is there or the file is malformed.
+    `freiburg1..3` (or `fr1..3`) in the folder's name selects the published values. Raises SourceError if neither is
+    there or the file is malformed.
     """
     path = folder / "intrinsics.txt"
     if path.is_file():

@@ -1,4 +1,4 @@
-"""The frames of a recording that `spot3d record` has made, as an input."""
+"""Frames of a recording that `spot3d record` has written, as an input."""
 
 import json
 import logging
@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 
 
 class _Place(NamedTuple):
-    """Where one frame is: its chunk and its number among the frames of that chunk; its stamp, and its stream or ""."""
+    """Where one frame is: its chunk, its number among that chunk's frames, its stamp, and its stream's name or ""."""
 
     chunk: int
     number: int
@@ -32,11 +32,12 @@ class _Place(NamedTuple):
 
 
 _MESSAGES: dict[str, type[Frame] | type[Heat]] = {"source/frame": Frame, "heatmap/heat": Heat}
-"""What holds an RGB-D frame. Where only heat has crossed a link, it brings its frame along."""
+"""Messages that hold an RGB-D frame. A heat message includes its frame, for recordings of links that carry only heat.
+"""
 
 
 class McapSequence(FrameSequence):
-    """A sequence of RgbdFrame, read on access; of a recording that holds several streams, the longest."""
+    """A sequence of RgbdFrame, read on access. Of several streams in the recording, it is the longest."""
 
     def __init__(self, contents: McapContents) -> None:
         """Raises SourceError where the recording holds no frames."""
@@ -65,12 +66,12 @@ class McapSequence(FrameSequence):
         self._chunk: tuple[int, list[bytes]] = (-1, [])
         self.stamps_ns = [place.stamp_ns for place in self._places]
         first = self._first()
-        # Each frame brings its own, which may be others.
+        # Those of the first frame: other frames may have other intrinsics.
         self.intrinsics, self._has_poses = first.intrinsics, first.T_world_camera is not None
 
     @property
     def has_true_poses(self) -> bool:
-        """Whether the first frame that can be read came with a pose that its source knew."""
+        """Whether the first readable frame has a pose from its source."""
         return self._has_poses
 
     def true_pose(self, index: int) -> NDArray[np.float64] | None:
@@ -88,7 +89,7 @@ class McapSequence(FrameSequence):
         return replace(frame, colour=frame.colour.copy(), depth=frame.depth.copy())
 
     def _first(self) -> RgbdFrame:
-        """The first frame that is not damaged. Raises SourceError where all are."""
+        """The first frame that is not damaged. Raises SourceError if all are."""
         for index in range(len(self) - 1):
             with suppress(SourceError):
                 return self[index]
@@ -113,7 +114,7 @@ def _messages(contents: McapContents, chunk: int, topic: str) -> list[bytes]:
 
 
 def _places(contents: McapContents, topic: str) -> list[_Place]:
-    """Where each frame is: the recorder's own list, or, where it could not write one, found by reading all."""
+    """Where each frame is: from the recorder's own list or, where it could not write one, by reading all messages."""
     places: list[_Place] = []
     for chunk, stamp_ns, stream in _listed(contents, topic) or _searched(contents, topic):
         number = places[-1].number + 1 if places and places[-1].chunk == chunk else 0
@@ -122,7 +123,7 @@ def _places(contents: McapContents, topic: str) -> list[_Place]:
 
 
 def _listed(contents: McapContents, topic: str) -> list[tuple[int, int, str]]:
-    """Chunk, stamp and stream of each frame in a finished recording; empty where it does not tell."""
+    """Chunk, stamp and stream of each frame as a finished recording lists them. Empty if it has no such list."""
     listed = contents.metadata.get("frames", {})
     if listed.get("topic") != topic:
         return []
@@ -131,7 +132,7 @@ def _listed(contents: McapContents, topic: str) -> list[tuple[int, int, str]]:
 
 
 def _searched(contents: McapContents, topic: str) -> Iterator[tuple[int, int, str]]:
-    """Chunk, stamp and stream of each frame; a damaged chunk does not tell which frames it holds."""
+    """Chunk, stamp and stream of each frame, found by reading. A damaged chunk's frames are skipped."""
     for chunk in range(len(contents.chunks)):
         try:
             messages = _messages(contents, chunk, topic)
@@ -144,7 +145,7 @@ def _searched(contents: McapContents, topic: str) -> Iterator[tuple[int, int, st
 
 
 def _streams(places: list[_Place]) -> list[list[_Place]]:
-    """Cut where another stream is announced, or the stamps go back; stragglers are left out."""
+    """Splits the frames where the stream's name changes or the stamp goes back by RESTART_NS. Drops stragglers."""
     streams = [places[:1]]
     for place in places[1:]:
         last = streams[-1][-1]

@@ -5,7 +5,7 @@ import time
 from spot3d.dataflow.node import Node
 
 _BEHIND_S = 0.5
-"""Live: whoever is later than this does not catch up in a burst."""
+"""A source that is later than this goes on from now and does not catch up in a burst."""
 
 
 class Pace:

@@ -1,4 +1,4 @@
-"""One pass through a recording, or through what a camera gives: frames in order, paced, counted, and their end."""
+"""Plays a recording or a camera's stream once: sends its frames in order, paced and counted, and then its end."""
 
 import logging
 import time
@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 
 OUT, END, PREVIEW = "source/frame", "source/end", "source/preview"
 _END_LIMIT_S = 60.0
-"""Longest wait for fusion's last word."""
+"""Longest wait for fusion to confirm the end."""
 _END_INTERVAL_S = 0.5
 _DONE = object()
 
@@ -43,9 +43,9 @@ class Player:
         self.leaving: Iterator[None] | None = None
 
     def play(self, sequence: FrameSequence | FrameStream, rate_hz: float | None) -> None:
-        """Send the frames and the end."""
+        """Publish the frames and then the stream's end."""
         lossless = self.node.link.delivery == "lossless"
-        # A camera has a clock that may be set.
+        # A camera's clock may be set while it streams.
         self.order = StreamOrder(confirm=isinstance(sequence, FrameStream) or not lossless)
         if isinstance(sequence, FrameStream):
             # A camera has a pace of its own.
@@ -69,7 +69,7 @@ class Player:
             pass
 
     def _frames(self, sequence: FrameSequence) -> Iterator[tuple[RgbdFrame, int]]:
-        """The frames that can be read, with the wall clock before each was read."""
+        """The readable frames, each with the wall clock (ns) before it was read."""
         for index in range(len(sequence)):
             if self.node.stop.is_set():
                 return
@@ -86,10 +86,10 @@ class Player:
             yield frame, read_ns
 
     def _streamed(self, camera: FrameStream) -> Iterator[tuple[RgbdFrame, int]]:
-        """A camera's frames, with the wall clock when each was there."""
+        """A camera's frames, each with the wall clock (ns) at its arrival."""
         for frame in camera.stream(self.node.stop, self._camera_said):
             if frame is None:
-                # Whoever waits for a camera does not hang.
+                # Taking messages keeps the heartbeat alive while there is no frame.
                 if self.leaving is None:
                     self._read_progress(0.0)
                 else:
@@ -105,7 +105,7 @@ class Player:
             self.node.state = text
 
     def _in_order(self, stamp_ns: int) -> bool:
-        """Whether the frame is sent; stamps of a camera that go back for good begin another stream."""
+        """Whether to send the frame. A camera's stamps that go back for good start another stream."""
         try:
             header = self._header(stamp_ns)
         except ValueError as error:
@@ -126,7 +126,7 @@ class Player:
         return False
 
     def _leave(self, leaving: Iterator[None]) -> bool:
-        """Whether all of the stream is accounted for, and another begins: fusion leaves its map behind with it."""
+        """Whether the old stream is complete. If so, starts a new one, for which fusion starts a new map."""
         if self.sent > self.sent_before and next(leaving, _DONE) is not _DONE:
             return False
         self.leaving, self.stream, self.sent_before = None, new_stream(), self.sent
@@ -143,7 +143,7 @@ class Player:
         except ValueError as error:
             self._unsendable(frame.stamp_ns, error)
             return
-        # Numbered only now: readers count the numbers that are missing.
+        # Numbered last: subscribers count missing numbers as lost messages.
         message = message.model_copy(update={"header": self.node.numbered(OUT, message.header)})
         if self.node.link.delivery == "lossless":
             self.credit.sent(frame.stamp_ns)
@@ -153,16 +153,16 @@ class Player:
         self.last_stamp_ns = frame.stamp_ns
 
     def _unsendable(self, stamp_ns: int, error: ValueError) -> None:
-        """Count a frame that no message holds, and say why."""
+        """Count a frame that no message can hold, and report why."""
         what = f"the frame of {stamp_ns} ns {UNSENDABLE}"
         why = first_problem(what, error) if isinstance(error, ValidationError) else f"{what}: {error}"
         self.node.counters.drop(UNSENDABLE)
         self.node.failed(UNSENDABLE, why)
 
     def _read_progress(self, timeout_s: float) -> Progress | None:
-        """The newest progress that is there, or comes within `timeout_s`; the credit follows it."""
+        """The newest progress that is there or comes within `timeout_s`, or None. Updates the credit."""
         newest: Progress | None = None
-        # What another stream has come to says nothing of this one.
+        # Progress of another stream is ignored.
         item = self.node.next(timeout_s)
         while item is not None:
             if item[1].message.header.stream in (None, self.stream):
@@ -172,7 +172,7 @@ class Player:
         return newest
 
     def _wait_for_credit(self, most: int) -> None:
-        """Wait until at most `most` frames are on their way; without a word of progress for too long they are lost."""
+        """Wait until at most `most` frames are in flight. Without progress for too long, they count as lost."""
         limit_s, since_s = self.node.link.credit_timeout_s, time.monotonic()
         self._read_progress(0.0)
         while self.credit.outstanding > most and not self.node.stop.is_set():
@@ -191,9 +191,9 @@ class Player:
                 )
 
     def _ending(self, wait_s: float) -> Iterator[None]:
-        """Say that the stream has ended until fusion says that it is complete; without fusion, just say it.
+        """Publish the stream's end until fusion confirms that it is complete, or is absent for too long.
 
-        Gives the turn back each time that it is not yet, after having waited for `wait_s` at most.
+        Yields while it is not confirmed, each time after a wait of at most `wait_s`.
         """
         start_s = seen_s = time.monotonic()
         said_s = float("-inf")

@@ -19,16 +19,16 @@ log = logging.getLogger(__name__)
 
 _PROGRESS = "fusion/progress"
 FUSING_STAGES = tuple(stage for stage in STAGES if stage not in ("source", "segments"))
-"""Without one of these no frame is fused."""
+"""If one of these is missing, no frame is fused."""
 EVERY_STAGE = tuple(stage for stage in STAGES if stage != "source")
 START_LIMIT_S = 180.0
 """Longest wait for the stages before the first frame: a first start compiles kernels."""
 _LOOK_S = 1.0
-"""A wait for stages that takes longer is told."""
+"""A longer wait for stages is logged."""
 
 
 class MissingStagesError(RuntimeError):
-    """Stages that a run needs are not there."""
+    """Stages that a run needs are not alive."""
 
 
 def run(
@@ -40,14 +40,12 @@ def run(
     wait_for: tuple[str, ...] | None = None,
     stream: str | None = None,
 ) -> None:
-    """Publish every frame of `sequence`, then its end; returns when fusion has answered, or when stopped.
+    """Publish every frame of `sequence`, then its end. Returns when fusion has answered, or when stopped.
 
-    The frames are a stream of their own; `stream` names one that this source goes on with.
-
-    rate_hz: frames per second; None: `settings.rate_hz`, and with 0 there the recorded stamps (live) or as
-    fast as fusion's progress allows (lossless). wait_for: stages that must be alive before the first frame;
-    None: all of them in a lossless run, none in a live one. Raises MissingStagesError naming those that do
-    not come, and SourceError for images that are too large.
+    rate_hz: frames per second; None: `settings.rate_hz`, and if that is 0 the recorded stamps (live) or as fast as
+    fusion's progress allows (lossless). wait_for: stages that must be alive before the first frame; None: all of them
+    in a lossless run, none in a live one. stream: a stream that this source continues; None: a new one. Raises
+    MissingStagesError naming the stages that do not come, and SourceError for images that are too large.
     """
     if wait_for is None:
         wait_for = EVERY_STAGE if link.delivery == "lossless" else ()
@@ -74,5 +72,5 @@ def _wait_for(node: Node, alive: Alive, stages: tuple[str, ...]) -> None:
         if not said:
             log.info("waiting for %s, for %.0f s at most", ", ".join(missing), START_LIMIT_S)
             said = True
-        # Whoever waits does not hang; what fusion says now is of an earlier stream.
+        # Taking messages keeps the heartbeat alive. They belong to an earlier stream.
         node.next(0.0)

@@ -1,4 +1,4 @@
-"""Frames of a recording on disk, read one at a time when asked for."""
+"""Frames of a recording on disk, read on access."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class RecordedFrame:
-    """Where one frame lies: capture time in ns, its two files, and its true pose if the data set has one."""
+    """One frame's capture time in ns, its two files, and its true pose if the data set has one."""
 
     stamp_ns: int
     colour: Path
@@ -33,11 +33,11 @@ class RecordedFrame:
 
 @dataclass(eq=False)
 class Recording(FrameSequence):
-    """A sequence of RgbdFrame in the depth camera's geometry; images are read on access.
+    """A sequence of RgbdFrame in the depth camera's geometry. Images are read on access.
 
     camera: intrinsics of the depth images. depth_scale: metres per unit. colour_camera: the calibration to register
-    colour with, or None if colour is registered already. invalid: depth value that means "nothing measured", besides 0.
-    halved: frames have half the size of the images.
+    colour with, or None if colour is registered already. invalid: a depth value that means "nothing measured", besides
+    0. halved: frames have half the size of the images.
     """
 
     frames: list[RecordedFrame]
@@ -61,10 +61,10 @@ class Recording(FrameSequence):
 
     @cached_property
     def registration(self) -> "ColourRegistration | None":
-        """Registers colour with depth, at the frames' size; None if it is registered already."""
+        """Registers colour with depth at the frames' size. None if colour is registered already."""
         if self.colour_camera is None:
             return None
-        # Its kernels are slow to import, and who only asks for stamps and poses needs none.
+        # Imported here: its kernels are slow to import, and stamps and poses do not need them.
         from spot3d.source.colour_registration import ColourRegistration
 
         camera = self.colour_camera.averaged() if self.halved else self.colour_camera
@@ -78,7 +78,7 @@ class Recording(FrameSequence):
             frame = RgbdFrame(entry.stamp_ns, colour, depth, self.depth_scale, self.camera, entry.T_world_camera)
             return halve(frame) if self.halved else frame
         if self.halved:
-            # Halved first: registering all pixels and leaving out three of four takes four times as long.
+            # Halved first: registering all pixels and dropping three of four takes four times as long.
             depth = depth[::2, ::2].copy()
             colour = _averaged(colour, self.registration.camera.intrinsics.shape)
         metres = depth.astype(np.float32) * np.float32(self.depth_scale)
@@ -86,7 +86,7 @@ class Recording(FrameSequence):
         return RgbdFrame(entry.stamp_ns, colour, depth, self.depth_scale, self.intrinsics, entry.T_world_camera)
 
     def _images(self, entry: RecordedFrame) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
-        """Depth and colour of a frame's files, 0 = invalid, at their full size, which is checked."""
+        """A frame's depth and colour at full size, which is checked. Invalid depth is 0."""
         depth = read_depth(entry.depth)
         if self.invalid:
             depth[depth == self.invalid] = 0
@@ -98,7 +98,7 @@ class Recording(FrameSequence):
 
 
 def first_readable_shape(frames: list[RecordedFrame]) -> tuple[int, int]:
-    """Shape (h, w) of the depth of the first frame whose two images can be read. Raises SourceError where none has."""
+    """Depth's shape (h, w) in the first frame whose two images can be read. Raises SourceError if there is none."""
     refused: SourceError | None = None
     for entry in frames:
         try:
@@ -112,7 +112,7 @@ def first_readable_shape(frames: list[RecordedFrame]) -> tuple[int, int]:
 
 
 def _averaged(colour: NDArray[np.uint8], shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """Means of blocks of 2 x 2 pixels; shape: of the result, whose last blocks are whole."""
+    """Means of blocks of 2 x 2 pixels. shape: the result's; an incomplete last row or column is dropped."""
     rows, columns = shape
     whole = colour[: 2 * rows, : 2 * columns]
     return np.asarray(cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA), np.uint8)

@@ -1,4 +1,4 @@
-"""What a run plays: an input by its path or name, and which of its frames."""
+"""Selects what a run plays: an input by its path or name, and which of its frames."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -21,9 +21,11 @@ from spot3d.source.settings import SourceSettings
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """frames: how many at most (None: all); every: only every n-th; after_ns: of a recording only those captured later.
+    """Which input to play, and which of its frames.
 
-    So a source that was started again goes on where the one before was. A camera's clock may have been set by then.
+    frames: at most this many; None: all. every: only every n-th. after_ns: only frames of a recording captured later,
+    so that a restarted source goes on where it stopped. It does not apply to a camera, whose clock may have been set
+    since.
     """
 
     name: str
@@ -40,7 +42,7 @@ class Selection:
 def selection(
     name: str, frames: int | None, every: int, intrinsics: str | None, after_ns: int | None = None
 ) -> Selection:
-    """A selection as a command line states it: intrinsics are FX,FY,CX,CY. Raises SourceError."""
+    """A selection from command-line values. intrinsics: FX,FY,CX,CY. Raises SourceError if they are malformed."""
     return Selection(name, frames, every, None if intrinsics is None else parse_intrinsics(intrinsics), after_ns)
 
 
@@ -78,7 +80,7 @@ class _SelectedStream:
         self._noise = parse_noise(settings.depth_noise) if settings.depth_noise else None
 
     def stream(self, stop: Event, note: Note) -> Iterator[RgbdFrame | None]:
-        """The camera's frames, until there are as many as were asked for; None while none comes."""
+        """The camera's frames, until `frames` of them are selected. None while none comes."""
         after_ns = None if is_camera(self._selection.name) else self._selection.after_ns
         came = given = 0
         for frame in self._camera.stream(stop, note):
@@ -99,7 +101,7 @@ class _SelectedStream:
 
 
 class Selected(Derived):
-    """Some frames of another sequence, with `noise` of their depth where that is stated."""
+    """Some frames of another sequence. noise: a depth noise model that replaces theirs, if given."""
 
     def __init__(self, original: FrameSequence, indices: range, noise: DepthNoise | None = None) -> None:
         super().__init__(original)
@@ -111,7 +113,7 @@ class Selected(Derived):
 
     @property
     def rate_hz(self) -> float:
-        """Rate of the frames that are left, frames per second."""
+        """Rate of the selected frames, frames per second."""
         return self.original.rate_hz / self._indices.step
 
     def true_pose(self, index: int) -> NDArray[np.float64] | None:
@@ -122,5 +124,5 @@ class Selected(Derived):
 
 
 def _with_noise(frame: RgbdFrame, noise: DepthNoise | None) -> RgbdFrame:
-    """The frame with this noise of its depth; None: with its own."""
+    """The frame with this depth noise model. None: with its own."""
     return frame if noise is None else replace(frame, intrinsics=replace(frame.intrinsics, noise=noise))

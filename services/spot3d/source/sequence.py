@@ -1,4 +1,4 @@
-"""What every input looks like to the rest of the source stage."""
+"""The interfaces of all inputs: sequences with random access, and streams."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
@@ -12,25 +12,25 @@ from spot3d.camera import Intrinsics
 from spot3d.frame import RgbdFrame
 
 Note = Callable[[str, str], None]
-"""Told what happened: its kind, and a sentence."""
+"""A callback that is told what happened: its kind, and a sentence."""
 CAMERA_MISSING, CAMERA_LOST = "camera missing", "camera lost"
 CAMERA_GONE = (CAMERA_MISSING, CAMERA_LOST)
-"""What is told of a camera that is waited for."""
+"""Kinds of a note that mean waiting for a camera."""
 
 
 @runtime_checkable
 class FrameStream(Protocol):
-    """A camera, or what behaves like one: frames come when they come, and only once."""
+    """A camera, or an input that behaves like one: frames come at their own pace, and only once."""
 
     def stream(self, stop: Event, note: Note) -> Iterator[RgbdFrame | None]:
-        """Frames until the stream ends, or until `stop`; None, every few seconds or sooner, while none comes.
+        """Frames until the stream ends or `stop` is set. Yields None every few seconds or sooner while none comes.
 
-        note: is told when a camera is found, missing or lost.
+        note: is called when a camera is found, missing or lost.
         """
 
 
 class FrameSequence(ABC):
-    """Frames made or read when asked for; what is known without reading images is at hand at once.
+    """Frames that are made or read on access. Intrinsics, stamps and poses are known without reading images.
 
     intrinsics: of all frames; stamps_ns: capture times in integer nanoseconds, ascending.
     """
@@ -40,7 +40,7 @@ class FrameSequence(ABC):
 
     @property
     def rate_hz(self) -> float:
-        """Frames per second, by the median gap between stamps; 30 for a single frame."""
+        """Frames per second, from the median gap between stamps. 30 for a single frame."""
         gaps = np.diff(self.stamps_ns)
         return 1e9 / float(np.median(gaps)) if gaps.size else 30.0
 
@@ -55,7 +55,7 @@ class FrameSequence(ABC):
 
     @abstractmethod
     def __getitem__(self, index: int) -> RgbdFrame:
-        """One frame. Raises SourceError where it cannot be read, IndexError beyond the sequence."""
+        """One frame. Raises SourceError if it cannot be read, IndexError beyond the sequence."""
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -65,7 +65,7 @@ class FrameSequence(ABC):
 
 
 class FrameList(FrameSequence):
-    """A sequence of frames that are there already; their poses are the true ones."""
+    """A sequence of frames in memory. Their poses are the true ones."""
 
     def __init__(self, frames: Iterable[RgbdFrame] = ()) -> None:
         self.frames = list(frames)
@@ -81,7 +81,7 @@ class FrameList(FrameSequence):
 
 
 class Derived(FrameSequence):
-    """A sequence made of another: what a subclass does not say otherwise is as it is there."""
+    """A sequence made from another one, whose properties it has unless a subclass overrides them."""
 
     def __init__(self, original: FrameSequence) -> None:
         self.original = original

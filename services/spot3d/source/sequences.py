@@ -18,11 +18,11 @@ from spot3d.source.seven_scenes import is_seven_scenes, open_seven_scenes
 from spot3d.source.tum import is_tum, open_tum
 
 SCENE_FRAMES = 300
-"""Length of a built-in scene where no other is asked for, frames at 30 Hz."""
+"""Default length of a built-in scene, frames at 30 Hz."""
 
 
 def refuse_misnamed_scene(name: str) -> None:
-    """Raises SourceError for a name that begins as those of built-in scenes do."""
+    """Raises SourceError for a name that begins like a built-in scene's."""
     if name.startswith(("scene:", "scenes:")):
         raise SourceError(
             f"{name} names no built-in scene; there are {SPELLINGS}, and for spot3d evaluate {SPELLINGS_OF_MANY}"
@@ -37,12 +37,13 @@ def open_source(
     topics: TopicNames | None = None,
     depth_unit: float = 0.0,
 ) -> FrameSequence:
-    """Opens a recording's folder by what it holds, or the built-in scene.
+    """Opens a recording by its content, or a built-in scene by its name.
 
-    `scene`, `scene:SEED`, each with a kind (`:desk`; see `SceneKind`), are built-in scenes with `frames` frames; a file
-    is a ROS bag, of which `topics` are played, or one that `spot3d record` has made; everything else is a folder in the
-    layout of 7-Scenes or TUM RGB-D. `intrinsics` (fx, fy, cx, cy) override the input's own, and `depth_unit` (metres;
-    0: as it is) a folder's; `halved` halves every frame. Raises SourceError, saying what is wrong and what to do.
+    `scene`, `scene:SEED`, each with a kind (`:desk`; see `SceneKind`), are built-in scenes with `frames` frames. A file
+    is a ROS bag, of which `topics` are played, or a recording of `spot3d record`. Everything else is a folder in the
+    layout of 7-Scenes or TUM RGB-D. `intrinsics` (fx, fy, cx, cy) override the input's own. `depth_unit` (metres; 0:
+    unchanged) overrides a folder's. `halved` halves every frame. Raises SourceError, saying what is wrong and what to
+    do.
     """
     sequence: FrameSequence
     if (scene := parse_scene_name(str(path_or_name))) is not None:
@@ -72,13 +73,13 @@ def is_stream(name: str) -> bool:
 
 
 def has_topics(name: str) -> bool:
-    """Whether an input is a ROS bag, whose topics can be named: not so what else ends in .bag, .db3 or .mcap."""
+    """Whether an input is a ROS bag, whose topics can be named. Other files that end in .bag, .db3 or .mcap are not."""
     path = Path(name)
     return is_ros_bag(path) and not (is_our_mcap(path) or is_realsense_recording(path))
 
 
 def open_stream(name: str) -> FrameStream:
-    """The stream of a name for which `is_stream` holds. Raises SourceError where its SDK is not installed."""
+    """The stream of a name for which `is_stream` holds. Raises SourceError if its SDK is not installed."""
     return open_camera(name) if is_camera(name) else RealSenseRecording(Path(name))
 
 

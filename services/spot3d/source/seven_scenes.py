@@ -29,10 +29,10 @@ def is_seven_scenes(folder: Path) -> bool:
 def open_seven_scenes(folder: Path, intrinsics: FocalAndCentre | None = None) -> Recording:
     """Opens `frame-NNNNNN.{color.jpg|color.png,depth.png,pose.txt}` and `camera-intrinsics.txt`.
 
-    Depth is in mm, 0 and 65535 invalid; poses and intrinsics are the depth camera's; frame N has the stamp
-    N / 30 s. Colour is registered to depth by `load_calibration`. `intrinsics` (fx, fy, cx, cy) override
-    the file. A frame without pose file, or with a pose of nan or inf, has no true pose; nor has one whose pose file is
-    malformed, which is told. Size is that of the first frame that can be read. Raises SourceError.
+    Depth is in mm, 0 and 65535 invalid. Poses and intrinsics are the depth camera's. Frame N has the stamp N / 30 s.
+    Colour is registered to depth by `load_calibration`. `intrinsics` (fx, fy, cx, cy) override the file. A frame has no
+    true pose if its pose file is missing, holds nan or inf, or is malformed, which is logged. The image size is that of
+    the first frame that can be read. Raises SourceError.
     """
     numbered = sorted(
         (int(match[1]), path.name.removesuffix(".depth.png"))
@@ -65,7 +65,7 @@ def _colour_path(folder: Path, stem: str) -> Path:
 
 
 def _poses(folder: Path, stems: list[str]) -> dict[str, NDArray[np.float64] | None]:
-    """T_world_camera (4, 4) of each frame that has one; None where tracking was lost."""
+    """T_world_camera (4, 4) of each frame with a pose file. None where tracking was lost."""
     poses: dict[str, NDArray[np.float64] | None] = {}
     malformed = []
     for stem in stems:

@@ -1,4 +1,4 @@
-"""The recordings' text files: matrices, lists of stamped lines, poses."""
+"""Reads the recordings' text files: matrices, lists of stamped lines, poses."""
 
 import logging
 import math
@@ -18,14 +18,14 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-# A rotation written with a handful of digits is orthonormal to about this much.
+# Rotations written with a handful of digits are orthonormal within about this tolerance.
 _ROTATION_TOLERANCE = 1e-2
 _POSE_LINE = "expected `stamp tx ty tz qx qy qz qw`: seconds, metres and a quaternion of length 1"
 _STAMP_MAX_NS = np.iinfo(np.int64).max
 
 
 def read_text(path: Path) -> str:
-    """The file's text. Raises SourceError if it is missing or no text."""
+    """The file's text. Raises SourceError if it is missing or not text."""
     try:
         return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
@@ -51,8 +51,8 @@ def read_matrix(path: Path, size: int) -> NDArray[np.float64]:
 def read_pose_matrix(path: Path) -> NDArray[np.float64] | None:
     """T_world_camera (4, 4) float64, or None where the recorder had lost track (written as nan or inf).
 
-    A rotation that was written with few digits is made exact, as messages want it. Raises SourceError if the matrix is
-    no rigid transform.
+    A rotation that was written with few digits is made orthonormal, as messages require. Raises SourceError if the
+    matrix is no rigid transform.
     """
     T_world_camera = read_matrix(path, 4)
     if not np.isfinite(T_world_camera).all():
@@ -65,14 +65,14 @@ def read_pose_matrix(path: Path) -> NDArray[np.float64] | None:
 
 
 def is_rigid(T: NDArray[np.float64]) -> bool:
-    """Whether (4, 4) is a rotation, but for rounding, and a translation."""
+    """Whether a (4, 4) matrix is a rotation, up to rounding, and a translation."""
     rotation = T[:3, :3]
     turns = np.isfinite(T).all() and np.allclose(rotation @ rotation.T, np.eye(3), atol=_ROTATION_TOLERANCE)
     return bool(turns and np.linalg.det(rotation) > 0 and np.allclose(T[3], [0, 0, 0, 1]))
 
 
 def pose_of_words(words: list[str], where: str) -> NDArray[np.float64]:
-    """T_world_camera (4, 4) float64 of TUM's `tx ty tz qx qy qz qw`; `where` names the line in errors.
+    """T_world_camera (4, 4) float64 from TUM's `tx ty tz qx qy qz qw`. `where` names the line in errors.
 
     Raises SourceError unless there are seven finite numbers with a quaternion of unit length.
     """
@@ -89,10 +89,10 @@ def pose_of_words(words: list[str], where: str) -> NDArray[np.float64]:
 
 
 def read_stamped_lines(path: Path, parse: Callable[[list[str], str], T]) -> list[tuple[int, T]]:
-    """Lines `stamp word...` as (stamp in ns, what `parse` makes of the words), by stamps; `#` starts a comment.
+    """Lines `stamp word...` as (stamp in ns, parsed words), sorted by stamp. `#` starts a comment.
 
-    Stamps are seconds in the file, read exactly. parse: is given the words, and `file:line` for its SourceError. A line
-    that is malformed is left out, and told of. Raises SourceError where no line remains.
+    Stamps are seconds in the file, read exactly. parse: is given the words, and `file:line` for its SourceError.
+    Malformed lines are skipped and logged. Raises SourceError if all are.
     """
     lines, malformed = [], []
     for number, line in enumerate(read_text(path).splitlines(), start=1):
@@ -109,7 +109,7 @@ def read_stamped_lines(path: Path, parse: Callable[[list[str], str], T]) -> list
 
 
 def tell_left_out(what: str, count: int, malformed: list[SourceError]) -> None:
-    """Say how many of `count` things are left out, and why the first of them is. Raises that where none remains."""
+    """Log how many of `count` items are skipped, and why the first one is. Raises that error if all are malformed."""
     if malformed and len(malformed) == count:
         raise malformed[0]
     if malformed:

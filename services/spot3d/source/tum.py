@@ -19,18 +19,18 @@ MAX_DIFFERENCE_NS = 20_000_000
 
 
 def is_tum(folder: Path) -> bool:
-    """Whether the folder holds one of the benchmark's lists."""
+    """Whether the folder holds `depth.txt` or `rgb.txt`."""
     return (folder / "depth.txt").is_file() or (folder / "rgb.txt").is_file()
 
 
 def open_tum(folder: Path, intrinsics: FocalAndCentre | None = None) -> Recording:
     """Opens `rgb.txt`, `depth.txt` and, where there is one, `groundtruth.txt` (`stamp tx ty tz qx qy qz qw`).
 
-    Each depth image goes with the colour image and the pose nearest in time, up to 20 ms off; a depth image
-    without colour is left out, one without pose has no true pose. Stamps are the depth images'. Depth is
-    5000 per metre. Colour is registered and lens distortion small in the published data, so neither is
-    corrected. `intrinsics` (fx, fy, cx, cy) override `intrinsics.txt` and the published values. A line that is
-    malformed is left out, and told; size is that of the first frame that can be read. Raises SourceError.
+    Each depth image is paired with the colour image and the pose nearest in time, up to 20 ms off. A depth image
+    without colour is skipped, one without pose has no true pose. Stamps are the depth images'. Depth is 5000 per metre.
+    In the published data colour is registered and lens distortion small, so neither is corrected. `intrinsics` (fx, fy,
+    cx, cy) override `intrinsics.txt` and the published values. Malformed lines are skipped and logged. The image size
+    is that of the first frame that can be read. Raises SourceError.
     """
 
     def file(words: list[str], _where: str) -> Path:
@@ -63,7 +63,7 @@ def open_tum(folder: Path, intrinsics: FocalAndCentre | None = None) -> Recordin
 
 
 def nearest_in_time(stamps_ns: NDArray[np.int64], others_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Index (n,) int64 of the nearest of `others_ns` (m,), sorted, for each stamp; -1 if over 20 ms off."""
+    """Index (n,) int64 of the nearest of `others_ns` (m,), sorted, for each stamp. -1 if it is over 20 ms off."""
     if not others_ns.size:
         return np.full(stamps_ns.shape, -1, np.int64)
     right = np.clip(np.searchsorted(others_ns, stamps_ns), 0, others_ns.size - 1)

@@ -1,4 +1,4 @@
-"""A RealSense camera, live: it may be missing, unplugged and plugged in again."""
+"""A live RealSense camera, which may be missing, unplugged and plugged in again."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -11,19 +11,19 @@ from spot3d.source.realsense.framesets import sdk, streamed
 from spot3d.source.sequence import CAMERA_LOST, CAMERA_MISSING, Note
 
 _NAME = "realsense"
-"""What a camera is called as an input; `realsense:SERIAL` where there are several."""
+"""A camera's name as an input. `realsense:SERIAL` selects one of several."""
 _SILENT_S = 3.0
-"""A camera without a frame for so long is gone, or hangs: it is opened anew."""
+"""A camera without a frame for this long is gone or hangs, and is opened anew."""
 _RETRY_S = 1.0
 
 
 def is_camera(name: str) -> bool:
-    """Whether an input is called as cameras are."""
+    """Whether an input's name is that of a camera."""
     return name.partition(":")[0] == _NAME
 
 
 def open_camera(name: str) -> "RealSenseCamera":
-    """The camera of such a name. Raises SourceError where the serial number or the SDK is missing."""
+    """The camera of this name. Raises SourceError if the serial number or the SDK is missing."""
     _, colon, serial = name.partition(":")
     if colon and not serial:
         raise SourceError(f"{name} names no camera; give {_NAME}:SERIAL, or {_NAME} for the first that is plugged in")
@@ -36,9 +36,9 @@ def plugged_in() -> list[Any]:
 
 
 class RealSenseCamera:
-    """Frames of a camera for as long as they are wanted.
+    """Frames of a camera until stopped.
 
-    serial: its serial number; empty: the first camera is taken. devices: gives those that are there.
+    serial: its serial number; empty: the first camera found. devices: returns the connected cameras.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class RealSenseCamera:
         self._silent_s = silent_s
 
     def stream(self, stop: Event, note: Note) -> Iterator[RgbdFrame | None]:
-        """Frames as they come, until `stop`; note: is told when the camera is found, missing or lost."""
+        """Frames as they come, until `stop`. note: is called when the camera is found, missing or lost."""
         while not stop.is_set():
             try:
                 devices = self._devices()
@@ -59,7 +59,7 @@ class RealSenseCamera:
                     yield from self._opened(wanted[0], stop, note)
                     continue
                 note(CAMERA_MISSING, self._what_is_missing(devices))
-            except (RuntimeError, ValueError) as error:  # what the SDK raises, whatever is wrong
+            except (RuntimeError, ValueError) as error:  # whatever is wrong, the SDK raises these
                 note(CAMERA_LOST, f"the RealSense camera is lost: {error}; waiting for it")
             yield None
             stop.wait(_RETRY_S)
@@ -82,6 +82,6 @@ class RealSenseCamera:
 
 
 def _serial_of(device: Any) -> str:
-    """A device's serial number; empty where it does not tell."""
+    """A device's serial number. Empty if it has none."""
     number = sdk().camera_info.serial_number
     return str(device.get_info(number)) if device.supports(number) else ""

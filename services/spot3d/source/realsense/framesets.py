@@ -1,4 +1,4 @@
-"""What the RealSense SDK gives as frames: depth aligned with colour, its unit, stamp, intrinsics and noise."""
+"""Frames from the RealSense SDK: depth aligned with colour, its unit, stamp, intrinsics and noise."""
 
 import logging
 import time
@@ -19,14 +19,14 @@ from spot3d.source.sequence import Note
 log = logging.getLogger(__name__)
 
 _TOGETHER_MS = 20.0
-"""Colour farther away in time than this is another frame's."""
+"""Largest time between the depth and the colour image of one frame."""
 _WAIT_MS = 200
-# Stereo is best at 848 x 480 (Intel's tuning guide), which USB 2 cannot carry; else whatever the device has.
+# Stereo is best at 848 x 480 (Intel's tuning guide), which USB 2 cannot carry. Last resort: any size.
 _WANTED = (((848, 480), (640, 480)), ((640, 480), (640, 480)), ((0, 0), (0, 0)))
 
 
 def sdk() -> Any:
-    """The package pyrealsense2. Raises SourceError where it is not installed, or lacks a library of the system."""
+    """The package pyrealsense2. Raises SourceError if it is not installed, or lacks a system library."""
     try:
         import pyrealsense2
     except ModuleNotFoundError:
@@ -39,10 +39,10 @@ def sdk() -> Any:
 
 
 def streamed(device: Any, stop: Event, note: Note, ended: Callable[[], bool]) -> Iterator[RgbdFrame | None]:
-    """Frames of a device, live or played, until `stop`, or until nothing comes and `ended` says so; None: not just now.
+    """Frames of a device, live or played, until `stop`, or until nothing comes and `ended` is true. None: none yet.
 
-    Where no other colour comes, the SDK gives the last one with each depth image; these are no frames, and `note` is
-    told. Raises RuntimeError, as the SDK does for whatever is wrong, and ValueError.
+    If no new colour image comes, the SDK repeats the last one with each depth image. These pairs are dropped, and
+    `note` is told. Raises RuntimeError, as the SDK does for every fault, and ValueError.
     """
     rs = sdk()
     pipeline = rs.pipeline(rs.context())
@@ -61,12 +61,12 @@ def streamed(device: Any, stop: Event, note: Note, ended: Callable[[], bool]) ->
                 return
             yield None
     finally:
-        with suppress(RuntimeError):  # unplugged: it has stopped by itself
+        with suppress(RuntimeError):  # unplugged: it has stopped already
             pipeline.stop()
 
 
 def _are_together(frameset: Any) -> bool:
-    """Whether depth and colour are there, and of one time."""
+    """Whether depth and colour are there and of the same time."""
     depth, colour = frameset.get_depth_frame(), frameset.get_color_frame()
     return bool(depth and colour) and abs(depth.get_timestamp() - colour.get_timestamp()) <= _TOGETHER_MS
 
@@ -90,7 +90,7 @@ def _start(pipeline: Any, recorded: bool) -> None:
 
 
 class Framesets:
-    """Makes frames of what a device gives; one for each time that it is started."""
+    """Converts a device's framesets to frames. Make a new one for each start of the device."""
 
     def __init__(self, device: Any) -> None:
         rs = sdk()
@@ -106,8 +106,8 @@ class Framesets:
     def frame(self, frameset: Any) -> RgbdFrame:
         """Depth resampled to the colour camera's pixels, with colour.
 
-        A live device's stamps by its own clock are moved to this machine's. Raises ValueError for colour of another
-        format than is read.
+        Hardware clock stamps of a live device are shifted to this machine's clock. Raises ValueError if the colour
+        format is not supported.
         """
         depth = frameset.get_depth_frame()
         stamp_ns = self._stamp_ns(depth)
@@ -117,12 +117,12 @@ class Framesets:
         image = aligned.get_color_frame()
         k = image.profile.as_video_stream_profile().get_intrinsics()
         camera = Intrinsics(k.fx, k.fy, k.ppx, k.ppy, k.width, k.height, self._noise)
-        # Copies: the SDK fills its buffers anew.
+        # Copied: the SDK reuses its buffers.
         units = np.array(aligned.get_depth_frame().get_data())
         return RgbdFrame(stamp_ns, self._rgb(image), units, self._scale, camera)
 
     def _stamp_ns(self, depth: Any) -> int:
-        # The SDK's milliseconds are floats, whose last digits of the nanoseconds since 1970 mean nothing.
+        # The SDK gives milliseconds as floats, which do not resolve nanoseconds since 1970.
         stamp_ns = 1000 * round(1000 * float(depth.get_timestamp()))
         if self._played or depth.get_frame_timestamp_domain() != self._rs.timestamp_domain.hardware_clock:
             return stamp_ns
@@ -140,7 +140,7 @@ class Framesets:
 
 
 def _noise(rs: Any, device: Any, sensor: Any, depth: Any) -> DepthNoise:
-    """Of a stereo camera by its baseline and focal length, which are those of depth before it is aligned."""
+    """Depth noise of the device; of a stereo camera, from its baseline and the focal length of unaligned depth."""
     if sensor.supports(rs.option.stereo_baseline):
         focal = depth.profile.as_video_stream_profile().get_intrinsics().fx
         return stereo_noise(sensor.get_option(rs.option.stereo_baseline) / 1000, focal)

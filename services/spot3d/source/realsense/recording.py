@@ -1,4 +1,4 @@
-"""A recording of the RealSense SDK (`.bag`, of newer versions `.db3`) as a stream of frames."""
+"""A recording of the RealSense SDK (`.bag`, in newer versions `.db3`) as a stream of frames."""
 
 import sqlite3
 import struct
@@ -12,12 +12,12 @@ from spot3d.source.realsense.framesets import sdk, streamed
 from spot3d.source.sequence import Note
 
 _TOPICS = "/device_0/"
-"""How the SDK's recordings name their topics; no driver of ROS does."""
+"""Topic prefix in the SDK's recordings. No ROS driver uses it."""
 _LIST_BYTES = 2**20
 
 
 def is_realsense_recording(path: Path) -> bool:
-    """Whether a `.bag` or `.db3` file was written by the SDK, by its topics; False for what cannot be read."""
+    """Whether a `.bag` or `.db3` file has the SDK's topics. False if it cannot be read."""
     if not path.is_file():
         return False
     if path.suffix == ".db3":
@@ -34,28 +34,28 @@ def is_realsense_recording(path: Path) -> bool:
 
 
 def _list_of_topics(path: Path) -> bytes:
-    """Where a ROS 1 bag lists its topics (format 2.0): behind its chunks, at the place that its header names."""
+    """A ROS 1 bag's (format 2.0) list of topics, which stands behind the chunks at the offset named in its header."""
     with path.open("rb") as file:
         start = file.read(4096)
         at = start.find(b"index_pos=")
         if at < 0 or len(start) < at + 18:
             return b""
         place = struct.unpack_from("<Q", start, at + 10)[0]
-        if place >= path.stat().st_size:  # damaged, and maybe more than a file can have
+        if place >= path.stat().st_size:  # damaged; the offset may exceed any file's size
             return b""
         file.seek(place)
         return file.read(_LIST_BYTES)
 
 
 class RealSenseRecording:
-    """Frames of a recording at its own pace, as the camera gave them: the SDK's way of playing is that of a camera."""
+    """Frames of a recording at its own pace. The SDK plays a recording like a live camera."""
 
     def __init__(self, path: Path) -> None:
         sdk()
         self._path = path
 
     def stream(self, stop: Event, note: Note) -> Iterator[RgbdFrame | None]:
-        """Frames until the file ends, or until `stop`. Raises SourceError for what cannot be played."""
+        """Frames until the file ends or `stop` is set. Raises SourceError if it cannot be played."""
         rs = sdk()
         try:
             playback = rs.context().load_device(str(self._path))

@@ -1,1 +1,1 @@
-"""Recordings of ROS: bags of version 1 and 2 as sequences of frames."""
+"""ROS recordings: bags of version 1 and 2 as sequences of frames."""

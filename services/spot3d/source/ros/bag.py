@@ -1,4 +1,4 @@
-"""A ROS bag of version 1 or 2: which topics it has, and their messages, read one at a time when asked for."""
+"""A ROS bag of version 1 or 2: its topics, and their messages, read on access."""
 
 import logging
 import struct
@@ -19,7 +19,7 @@ log = logging.getLogger(__name__)
 _READ_ON = 32
 """Messages up to this far ahead are reached by reading on, farther ones by the bag's index."""
 _STAMPED_BYTES = 12
-"""What a message begins with, in either version, up to the end of its stamp."""
+"""Bytes of a message up to the end of its stamp, in either version."""
 
 
 def is_ros_bag(path: Path) -> bool:
@@ -30,7 +30,7 @@ def is_ros_bag(path: Path) -> bool:
 
 
 class Bag:
-    """An open bag. Raises SourceError, also later on, for what cannot be read."""
+    """An open bag. Its methods, too, raise SourceError for data that cannot be read."""
 
     def __init__(self, path: Path) -> None:
         if path.suffix == ".mcap" and (profile := mcap_profile(path)) != "ros2":
@@ -47,9 +47,9 @@ class Bag:
         """Message type of each topic, as `sensor_msgs/msg/Image` for either version."""
 
     def messages(self, *topics: str) -> Iterator[tuple[str, int, Any]]:
-        """Topic, time of receipt in ns, and message, of all messages of the topics, in the order of receipt.
+        """Topic, time of receipt in ns, and message, for all messages of the topics in the order of receipt.
 
-        What cannot be decoded is left out, and told.
+        Messages that cannot be decoded are skipped and logged.
         """
         refused: list[SourceError] = []
         for topic, received_ns, raw in self._raw(topics):
@@ -63,14 +63,14 @@ class Bag:
             log.warning("%d messages of %s are left out; the first: %s", len(refused), ", ".join(topics), refused[0])
 
     def stamps(self, *topics: str) -> "dict[str, BagTopic]":
-        """The topics' messages by index, for one pass through the bag; all begin with a header."""
+        """Indexes the messages of the topics in one pass through the bag. Their types must begin with a header."""
         times: dict[str, list[tuple[int, int]]] = {topic: [] for topic in topics}
         for topic, received_ns, raw in self._raw(topics):
             times[topic].append((received_ns, self._header_stamp(raw)))
         return {topic: BagTopic(self, topic, np.array(rows).reshape(-1, 2)) for topic, rows in times.items()}
 
     def decoded(self, topic: str, raw: bytes) -> Any:
-        """A topic's message from its bytes."""
+        """Decodes the bytes of a topic's message."""
         with _told(self.path):
             return self._reader.deserialize(raw, self.types[topic])
 
@@ -81,20 +81,20 @@ class Bag:
                 yield connection.topic, received_ns, raw
 
     def _header_stamp(self, raw: bytes) -> int:
-        """The stamp of a std_msgs/Header at the beginning of a message, ns; 0 where that is too short for one."""
+        """The stamp of the std_msgs/Header that begins a message, ns. 0 if the message is too short."""
         if len(raw) < _STAMPED_BYTES:
             return 0
-        if self._reader.is2:  # behind four bytes that say how the rest is coded
+        if self._reader.is2:  # after four bytes that state the encoding
             seconds, nanoseconds = struct.unpack_from("<iI" if raw[1] & 1 else ">iI", raw, 4)
-        else:  # behind the sequence number
+        else:  # after the sequence number
             seconds, nanoseconds = struct.unpack_from("<II", raw, 4)
         return int(seconds) * 10**9 + int(nanoseconds)
 
 
 class BagTopic:
-    """One topic's messages by index, in the order of receipt; those that follow each other are read in one go.
+    """One topic's messages by index, in the order of receipt. Consecutive messages are read sequentially.
 
-    times_ns: (n, 2) int64, time of receipt and stamp of the header. `stamps_ns`: (n,) int64, the header's; the time of
+    times_ns: (n, 2) int64, time of receipt and header stamp. `stamps_ns`: (n,) int64, the header stamp, or the time of
     receipt of a message without one.
     """
 
@@ -108,7 +108,7 @@ class BagTopic:
             told = "have no stamp: their time of receipt is taken"
             log.warning("%s: %d of %d messages %s", topic, count, len(stamped), told)
         self._bag = bag
-        # A reader of its own: those of ROS 1 unpack a chunk anew whenever topics take turns.
+        # A reader for each topic: with one for all, ROS 1 unpacks a chunk anew at each change of topic.
         self._reader: Any | None = None
         self._next = 0
         self._messages: Iterator[tuple[Any, int, bytes]] = iter(())
@@ -137,13 +137,13 @@ class BagTopic:
 
 
 def _opened_for(owner: object, path: Path) -> Any:
-    """A reader that is closed when its owner goes."""
+    """A reader that is closed when its owner is deleted."""
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ModuleNotFoundError:
         raise SourceError("ROS bags are read by rosbags, which is not installed: pip install 'spot3d[ros]'") from None
-    # Bags of ROS 2 before Iron do not say what their messages look like.
+    # Bags of ROS 2 before Iron do not include their message definitions.
     reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
     reader.open()
     weakref.finalize(owner, reader.close)
@@ -152,7 +152,7 @@ def _opened_for(owner: object, path: Path) -> Any:
 
 @contextmanager
 def _told(path: Path) -> Iterator[None]:
-    """Whatever goes wrong with a damaged bag is a SourceError that names it."""
+    """Turns any error of a damaged bag into a SourceError that names the bag."""
     try:
         yield
     except (SourceError, GeneratorExit):

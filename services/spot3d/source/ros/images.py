@@ -1,4 +1,4 @@
-"""ROS's image messages as arrays."""
+"""Converts ROS image messages to arrays."""
 
 import struct
 from typing import Any
@@ -13,13 +13,13 @@ from spot3d.source.images import decoded_image
 _CHANNELS = {"rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4, "mono8": 1, "8UC1": 1}
 _DEPTH_TYPES = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
 _DEPTH_HEADER = struct.Struct("<iff")
-"""What compressedDepth puts before the image: a number, and the two that inverse depth was quantised by."""
+"""compressedDepth's header before the image: a number, and the two parameters of the inverse depth's quantisation."""
 MILLIMETRES = 0.001
 """Metres per unit of 16UC1 (REP 118)."""
 
 
 def colour_image(message: Any) -> NDArray[np.uint8]:
-    """(h, w, 3) uint8 RGB of an Image (rgb8, bgr8, rgba8, bgra8, mono8) or CompressedImage. Raises SourceError."""
+    """(h, w, 3) uint8 RGB from an Image (rgb8, bgr8, rgba8, bgra8, mono8) or CompressedImage. Raises SourceError."""
     if not hasattr(message, "encoding"):
         return np.asarray(cv2.cvtColor(_unpacked(message, message.data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB), np.uint8)
     encoding = message.encoding
@@ -33,10 +33,10 @@ def colour_image(message: Any) -> NDArray[np.uint8]:
 
 
 def depth_image(message: Any) -> NDArray[np.uint16] | NDArray[np.float32]:
-    """(h, w) uint16 millimetres or float32 metres, 0 = invalid, of a depth image.
+    """(h, w) uint16 millimetres or float32 metres, 0 = invalid, from a depth image message.
 
-    An Image (16UC1, mono16, 32FC1); or a CompressedImage: 16-bit PNG, or what the transport compressedDepth makes of
-    either (PNG or RVL). Raises SourceError.
+    It is an Image (16UC1, mono16, 32FC1), or a CompressedImage: 16-bit PNG, or the transport compressedDepth's coding
+    of either (PNG or RVL). Raises SourceError.
     """
     if hasattr(message, "encoding"):
         dtype = _DEPTH_TYPES.get(message.encoding)
@@ -53,14 +53,14 @@ def depth_image(message: Any) -> NDArray[np.uint16] | NDArray[np.float32]:
     steps = _of_rvl(image) if "rvl" in kind.lower() else _sixteen_bits(message, image)
     if not kind.startswith("32FC1"):
         return steps
-    # Inverse depth in steps (compressed_depth_image_transport): 0 is invalid.
+    # Steps of inverse depth (compressed_depth_image_transport). 0 is invalid.
     metres = np.zeros(steps.shape, np.float32)
     np.divide(np.float32(a), steps - np.float32(b), out=metres, where=steps > 0)
     return _valid(metres)
 
 
 def _rows(message: Any, dtype: np.dtype[Any], channels: int) -> NDArray[Any]:
-    """(h, w, channels) of an Image, whose rows may be longer than what they hold; native byte order."""
+    """(h, w, channels) pixels of an Image in native byte order. Padding at the end of its rows is removed."""
     height, width, step = message.height, message.width, message.step
     data, row = np.asarray(message.data, np.uint8), width * channels * dtype.itemsize
     if height < 1 or width < 1 or step < row or len(data) < step * (height - 1) + row:
@@ -95,7 +95,7 @@ def _of_rvl(data: NDArray[np.uint8]) -> NDArray[np.uint16]:
 
 
 def _valid(depth: NDArray[Any]) -> NDArray[Any]:
-    """What is not a number, infinite or negative becomes 0."""
+    """Sets depth that is NaN, infinite or negative to 0."""
     if depth.dtype == np.float32:
         depth = np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(0))
     return np.ascontiguousarray(depth)

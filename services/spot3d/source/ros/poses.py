@@ -1,4 +1,4 @@
-"""The camera's poses from a bag: of /tf, or of what an odometry or a tracker has published."""
+"""The camera's poses from a bag's /tf, or from the messages of an odometry or a tracker."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -13,22 +13,22 @@ _POSE, _POSE_COVARIANCE = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/Po
 _TAKEN = (_ODOMETRY, _TRANSFORM, _POSE, _POSE_COVARIANCE, TF, "tf/msg/tfMessage")
 
 PoseAt = Callable[[int], Pose | None]
-"""T_world_camera (4, 4) float64 at a stamp in ns; None where it is not known."""
+"""T_world_camera (4, 4) float64 at a stamp in ns. None where it is unknown."""
 
 
 def transform_tree(bag: Bag, dynamic: bool) -> TransformTree:
-    """The bag's /tf_static, and /tf as well if `dynamic`."""
+    """The transforms of the bag's /tf_static, and also of /tf if `dynamic`."""
     static = [one for _, _, message in bag.messages("/tf_static") for one in message.transforms]
     moving = [one for _, _, message in bag.messages("/tf") for one in message.transforms] if dynamic else []
     return TransformTree.of(static, moving)
 
 
 def poses_of(bag: Bag, topic: str, camera_frame: str) -> PoseAt:
-    """Poses of the camera by a topic's messages.
+    """The camera's poses from a topic.
 
-    topic: of Odometry or TransformStamped, whose child frame /tf_static connects with the camera's (optical) frame;
-    of PoseStamped, with or without covariance, which are the camera's own; or /tf, with `:FRAME` behind it for a world
-    other than the topmost frame above the camera's. Raises SourceError, which names what is missing.
+    topic: Odometry or TransformStamped, whose child frame /tf_static connects with the camera's (optical) frame;
+    PoseStamped, with or without covariance, as the camera's own pose; or /tf. `/tf:FRAME` names a world other than the
+    root of the camera's tree. Raises SourceError, which names what is missing.
     """
     name, _, world = topic.partition(":")
     kind = bag.types.get(name)

@@ -1,4 +1,4 @@
-"""A bag as a sequence of frames: colour paired with depth by stamp, and registered with it where it is not."""
+"""A bag as a sequence of frames: colour is paired with depth by stamp, and registered where it is not yet."""
 
 import logging
 from dataclasses import dataclass, replace
@@ -23,23 +23,23 @@ from spot3d.source.tum import nearest_in_time
 log = logging.getLogger(__name__)
 
 _SAME_PX = 0.5
-"""Registered images have the same intrinsics, but for rounding."""
+"""Largest difference between the intrinsics of registered images, due to rounding."""
 _BENT = 0.05
-"""Lens coefficients beyond this bend an image by pixels."""
+"""Distortion coefficients beyond this distort an image by pixels."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Camera:
-    """One image topic: its frame in /tf, empty where it is not said, and its intrinsics, where a camera_info is."""
+    """Frame in /tf of an image topic, empty if unknown, and its intrinsics, None without a camera_info."""
 
     frame: str
     intrinsics: Intrinsics | None
 
 
 def open_bag(path: Path, names: TopicNames, intrinsics: FocalAndCentre | None = None) -> "BagRecording":
-    """Opens a bag by its path. intrinsics: the depth camera's (fx, fy, cx, cy), instead of its camera_info.
+    """Opens a bag. intrinsics: the depth camera's (fx, fy, cx, cy), instead of its camera_info.
 
-    One pass through the bag reads the stamps; images are read when asked for. Raises SourceError.
+    One pass through the bag reads the stamps. Images are read on access. Raises SourceError.
     """
     bag = Bag(path)
     topics = find_topics(bag.types, names)
@@ -80,9 +80,9 @@ def open_bag(path: Path, names: TopicNames, intrinsics: FocalAndCentre | None = 
 
 @dataclass(eq=False)
 class BagRecording(FrameSequence):
-    """A sequence of RgbdFrame in the depth camera's geometry; images are read on access.
+    """A sequence of RgbdFrame in the depth camera's geometry. Images are read on access.
 
-    rows: (n, 3) int64: a frame's stamp in ns (its depth image's), and which depth and which colour image it is.
+    rows: (n, 3) int64, a frame's stamp in ns (its depth image's), and the indices of its depth and its colour image.
     colour_camera: the calibration to register colour with, or None if it is registered already.
     """
 
@@ -110,7 +110,7 @@ class BagRecording(FrameSequence):
         return None if self.pose_at is None else self.pose_at(self.stamps_ns[index])
 
     def __getitem__(self, index: int) -> RgbdFrame:
-        """Reads one frame. Raises SourceError if it cannot be read, or an image is of another size than the first."""
+        """Reads one frame. Raises SourceError if it cannot be read, or an image's size is not the intrinsics'."""
         stamp_ns, of_depth, of_colour = (int(value) for value in self.rows[index])
         depth, colour = depth_image(self.depths[of_depth]), colour_image(self.colours[of_colour])
         scale = MILLIMETRES if depth.dtype == np.uint16 else 1.0
@@ -125,7 +125,7 @@ class BagRecording(FrameSequence):
 def _paired(
     depth_ns: NDArray[np.int64], colour_ns: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Stamps of the frames, ascending, with the number of the depth and of the nearest colour image of each."""
+    """Stamps of the frames, ascending, and the indices of each one's depth image and nearest colour image."""
     stamps, of_depth = np.unique(depth_ns, return_index=True)
     order = np.argsort(colour_ns, kind="stable")
     nearest = nearest_in_time(stamps, colour_ns[order])
@@ -140,9 +140,9 @@ def _first_readable(
     of_colour: NDArray[np.int64],
     stated: Intrinsics | None,
 ) -> tuple[tuple[int, int], str, str]:
-    """Of the first frame whose images can be read: shape (h, w) of its depth, and the images' frames in /tf.
+    """Shape (h, w) of depth in the first frame with readable images, and the frames in /tf of its depth and its colour.
 
-    stated: what depth's camera_info says, whose size it has. Raises SourceError where there is none.
+    stated: intrinsics from depth's camera_info, whose size depth must have. Raises SourceError if no frame is readable.
     """
     refused: SourceError | None = None
     for d, c in zip(of_depth, of_colour, strict=True):
@@ -163,7 +163,7 @@ def _first_readable(
 
 
 def _camera(bag: Bag, info_topic: str | None) -> _Camera:
-    """What a topic says of a camera: the first camera_info that states intrinsics counts. Raises SourceError."""
+    """Frame and intrinsics from the first camera_info with valid ones. Raises SourceError if all are invalid."""
     refused: SourceError | None = None
     for _, _, info in bag.messages(info_topic) if info_topic else ():
         try:
@@ -176,8 +176,8 @@ def _camera(bag: Bag, info_topic: str | None) -> _Camera:
 
 
 def _intrinsics(info_topic: str, info: Any) -> Intrinsics:
-    """Of a camera_info. Raises SourceError where it states none."""
-    # ROS 1 has its matrices in capitals.
+    """Intrinsics from a camera_info. Raises SourceError if they are invalid."""
+    # ROS 1 names the matrices in capitals.
     k = np.asarray(info.k if hasattr(info, "k") else info.K, np.float64)
     coefficients = np.asarray(info.d if hasattr(info, "d") else info.D, np.float64)
     if "rect" not in info_topic and np.abs(coefficients).max(initial=0) > _BENT:
@@ -192,7 +192,7 @@ def _intrinsics(info_topic: str, info: Any) -> Intrinsics:
 def _unregistered(
     bag: Bag, topics: CameraTopics, camera: Intrinsics, depth: _Camera, colour: _Camera
 ) -> ColourCamera | None:
-    """The colour camera as depth sees it, or None where colour and depth are of one camera."""
+    """The colour camera relative to depth, or None if colour is registered with depth."""
     same_frame = depth.frame.removeprefix("/") == colour.frame.removeprefix("/")
     if colour.intrinsics is None:
         if same_frame:

@@ -1,9 +1,9 @@
 """RVL, lossless coding of depth by runs and differences (Wilson, Fast Lossless Depth Image Compression, ISS 2017).
 
-Whole numbers are written three bits a nibble, the lowest first; a nibble's highest bit says that another one follows.
-Eight nibbles make a word of 32 bits, the first one highest. The pixels, row by row, are a number of zeros, a number of
-others, and the difference of each of these from the last that was not zero (0, -1, 1, -2, ... as 0, 1, 2, 3, ...), and
-so on.
+An integer is a sequence of nibbles of three bits each, the lowest first. A nibble's highest bit says that another one
+follows. Eight nibbles make a word of 32 bits, the first one highest. The pixels, row by row, are coded as a count of
+zeros, a count of non-zero pixels, and for each of these the difference from the last non-zero pixel (0, -1, 1, -2, ...
+as 0, 1, 2, 3, ...), and so on.
 """
 
 import struct
@@ -16,13 +16,13 @@ from spot3d.source.errors import SourceError
 from spot3d_schemas.limits import MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE
 
 _SIZE = struct.Struct("<II")
-"""What ROS' compressed_depth_image_transport puts before the words: columns and rows."""
+"""Header of ROS' compressed_depth_image_transport before the words: columns and rows."""
 _NIBBLES_MOST = 10
-"""Of one number: 30 bits, more than the pixels of any image, or a difference, need."""
+"""Most nibbles of a number: 30 bits are more than the pixel count of any image, or a difference, needs."""
 
 
 def decode_rvl(data: bytes) -> NDArray[np.uint16]:
-    """(h, w) uint16 of an image in RVL behind its size, as ROS sends it. Raises SourceError where that is damaged."""
+    """Decodes an RVL image after its size, as ROS sends it, to (h, w) uint16. Raises SourceError if it is damaged."""
     if len(data) < _SIZE.size:
         raise SourceError(f"a depth image in RVL has {len(data)} bytes, too few for its size")
     columns, rows = _SIZE.unpack_from(data)
@@ -38,7 +38,7 @@ def decode_rvl(data: bytes) -> NDArray[np.uint16]:
 
 @part()
 def _number(words: NDArray[np.uint32], at: int) -> tuple[int, int]:
-    """The number that begins at a nibble, and the nibble behind it; -1 where the data end or the number does not."""
+    """The number that begins at nibble `at`, and the nibble after it. (0, -1) if the data end or it is too long."""
     value = 0
     for place in range(_NIBBLES_MOST):
         if at >= 8 * len(words):
@@ -53,9 +53,9 @@ def _number(words: NDArray[np.uint32], at: int) -> tuple[int, int]:
 
 @kernel()
 def _decode(words: NDArray[np.uint32], pixels: NDArray[np.uint16]) -> int:
-    """Writes `pixels` (n,), all zero before, of `words` (m,); returns how many there are before the data are damaged.
+    """Decodes `words` (m,) into `pixels` (n,), all zero before. Returns how many pixels precede any damage.
 
-    A run that is longer than what is left of the image is damage. What may follow the last pixel is not looked at.
+    A run that is longer than the rest of the image is damage. Data after the last pixel are ignored.
     """
     at = done = value = 0
     while done < len(pixels):

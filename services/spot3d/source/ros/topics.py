@@ -1,4 +1,4 @@
-"""Which topics of a bag are colour, depth and the cameras' intrinsics: by type and by the drivers' names."""
+"""Finds the colour, depth and camera_info topics of a bag, by their types and the drivers' names."""
 
 import re
 from collections.abc import Mapping
@@ -9,8 +9,8 @@ from spot3d.source.errors import SourceError
 IMAGE, COMPRESSED, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
 _TRANSPORT = re.compile(r"/(compressed|compressedDepth)$")
 _NO_CAMERA = re.compile(r"infra|/ir\b|/ir_|/ir/|fisheye|confidence|thermal|theora|mask|disparity|debug")
-# What drivers call an image that is registered with the other camera's, the best first: RealSense, Azure Kinect,
-# OpenNI; and an image that the lens no longer bends.
+# Drivers' names for an image that is registered with the other camera's (RealSense, Azure Kinect, OpenNI), and for a
+# rectified one.
 _REGISTERED = re.compile(r"aligned_depth_to_colou?r|depth_to_rgb|depth_registered|[hs]w_registered|rgb_to_depth")
 _RECTIFIED = re.compile(r"rect")
 _TELLING = re.compile(r"depth|rgb|colou?r")
@@ -18,7 +18,7 @@ _TELLING = re.compile(r"depth|rgb|colou?r")
 
 @dataclass(frozen=True, slots=True)
 class TopicNames:
-    """Topics that a user names; empty: found by type and name, and no poses."""
+    """Topics that a user names. Empty: colour and depth are found by type and name, and there are no poses."""
 
     colour: str = ""
     depth: str = ""
@@ -27,7 +27,7 @@ class TopicNames:
 
 @dataclass(frozen=True, slots=True)
 class CameraTopics:
-    """The topics that are played; an info is None where there is none beside the images."""
+    """The topics that are played. An info is None if there is no camera_info beside the images."""
 
     colour: str
     depth: str
@@ -38,8 +38,8 @@ class CameraTopics:
 def find_topics(types: Mapping[str, str], names: TopicNames) -> CameraTopics:
     """Colour and depth of one camera. types: message type of each topic.
 
-    Of several, those that are registered with each other and of the same camera; then rectified ones, then raw ones.
-    Raises SourceError that names what is missing, and what there is.
+    Among several pairs, it prefers a colour topic that is named so, then images registered with each other, of the same
+    camera, rectified, and uncompressed. Raises SourceError that names what is missing, and what there is.
     """
     images = sorted(topic for topic, kind in types.items() if kind in (IMAGE, COMPRESSED))
     depths = _named(names.depth, images, types) or [topic for topic in images if _is_depth(topic)]
@@ -52,7 +52,7 @@ def find_topics(types: Mapping[str, str], names: TopicNames) -> CameraTopics:
 
 
 def info_of(image: str, types: Mapping[str, str]) -> str | None:
-    """The camera_info topic beside an image topic, with or without a transport's suffix; None: there is none."""
+    """The camera_info topic beside an image topic, with or without a transport's suffix. None if there is none."""
     namespace = _TRANSPORT.sub("", image).rpartition("/")[0]
     beside = f"{namespace}/camera_info"
     return beside if types.get(beside) == INFO else None
@@ -67,7 +67,7 @@ def _named(name: str, images: list[str], types: Mapping[str, str]) -> list[str]:
 
 
 def _is_depth(topic: str) -> bool:
-    # A camera of one namespace, such as /depth_camera/rgb/image_raw, is told by the last names.
+    # Only the last names count: /depth_camera/rgb/image_raw is a colour image.
     return "depth" in _kind(topic) and not _NO_CAMERA.search(topic) and "rgb_to_depth" not in topic
 
 
@@ -76,7 +76,7 @@ def _is_colour(topic: str) -> bool:
 
 
 def _kind(topic: str) -> str:
-    """The names that tell what an image shows: the last two, or three where two tell nothing, without a transport's."""
+    """The last two names of a topic without its transport, or three where two tell neither depth nor colour."""
     suffix = "depth" if topic.endswith("/compressedDepth") else ""
     names = _TRANSPORT.sub("", topic).split("/")
     last = "/".join(names[-2:])
@@ -84,7 +84,7 @@ def _kind(topic: str) -> str:
 
 
 def _cost(colour: str, depth: str) -> tuple[bool, bool, int, int, int, int]:
-    """The less the better: unregistered, of another camera, no colour by its name, unrectified, transported, long."""
+    """Cost by falling weight: no colour by name, unregistered, other camera, unrectified, compressed, long names."""
     registered = bool(_REGISTERED.search(depth)) != ("rgb_to_depth" in colour)
     ours, theirs = colour.split("/"), depth.split("/")
     shared = 0

@@ -1,4 +1,4 @@
-"""Where things are in a bag: the tree of /tf and /tf_static, and poses from it or from an odometry's messages."""
+"""The transform tree of /tf and /tf_static, and interpolated poses from it or from an odometry's messages."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -15,11 +15,11 @@ log = logging.getLogger(__name__)
 
 Pose = NDArray[np.float64]
 _GAP_NS = 250_000_000
-"""Between poses farther apart than this nothing is known: a tracker was lost, or it is another time."""
+"""Poses are not interpolated over a longer gap: the tracker was lost, or the poses are of another time."""
 
 
 def transform_of(translation: Any, rotation: Any) -> Pose:
-    """(4, 4) of a message's vector and quaternion. Raises ValueError for a quaternion of length zero or no numbers."""
+    """(4, 4) from a message's vector and quaternion. Raises ValueError if that is zero or a value not finite."""
     quaternion = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
     position = np.array([translation.x, translation.y, translation.z])
     if not (np.isfinite(position).all() and np.isfinite(quaternion).all()):
@@ -28,7 +28,7 @@ def transform_of(translation: Any, rotation: Any) -> Pose:
 
 
 class Motion:
-    """Poses at stamps, and between them."""
+    """Stamped poses, with interpolation between them."""
 
     def __init__(self, stamped: Sequence[tuple[int, Pose]]) -> None:
         ordered = dict(sorted(stamped, key=lambda entry: entry[0]))
@@ -39,7 +39,7 @@ class Motion:
         return len(self._stamps_ns)
 
     def at(self, stamp_ns: int) -> Pose | None:
-        """The pose at a time, between its neighbours; None where those are too far apart, or one is missing."""
+        """The pose at a time, interpolated. None outside of the stamps, or in a gap that is too long."""
         after = int(np.searchsorted(self._stamps_ns, stamp_ns))
         if after < len(self) and self._stamps_ns[after] == stamp_ns:
             return np.asarray(self._poses[after])
@@ -51,23 +51,23 @@ class Motion:
         share = (stamp_ns - start) / (end - start)
         one, other = self._poses[after - 1], self._poses[after]
         p, q = quaternion_from_rotation(one[:3, :3]), quaternion_from_rotation(other[:3, :3])
-        # Turns within a quarter of a second are small: the straight line is near to the arc.
+        # Rotations within a quarter of a second are small: linear interpolation is close to the arc.
         between = (1 - share) * p + share * (q if p @ q >= 0 else -q)
         return pose_from_quaternion((1 - share) * one[:3, 3] + share * other[:3, 3], between)
 
 
 @dataclass(slots=True)
 class TransformTree:
-    """Frames by their parents: fixed ones, and those that move."""
+    """Frames with their parents: fixed ones, and moving ones."""
 
     fixed: dict[str, tuple[str, Pose]] = field(default_factory=dict)
     moving: dict[str, tuple[str, Motion]] = field(default_factory=dict)
 
     @staticmethod
     def of(static: Sequence[Any], dynamic: Sequence[Any] = ()) -> "TransformTree":
-        """From the TransformStamped of /tf_static and /tf; those that are none are left out, and told.
+        """From the TransformStamped of /tf_static and /tf. Malformed ones are skipped and logged.
 
-        Raises ValueError where none remains.
+        Raises ValueError if all of a topic are malformed.
         """
         tree = TransformTree()
         for one, T in poses_that_are(static, _transform, "transforms of /tf_static"):
@@ -82,20 +82,20 @@ class TransformTree:
         return tree
 
     def root(self, frame: str) -> str:
-        """The topmost frame above another."""
+        """The topmost ancestor of a frame."""
         return self._path(frame)[-1]
 
     def connected(self, target: str, source: str) -> bool:
-        """Whether the frames are of one tree."""
+        """Whether the two frames belong to one tree."""
         return self.root(_name(target)) == self.root(_name(source))
 
     def fixed_between(self, target: str, source: str) -> Pose | None:
-        """T_target_source (4, 4) over frames that do not move; None where there is no such path."""
+        """T_target_source (4, 4) over fixed frames alone. None if there is no such path."""
         up = TransformTree(self.fixed)
         return up.between(target, source, 0) if up.connected(target, source) else None
 
     def between(self, target: str, source: str, stamp_ns: int) -> Pose | None:
-        """T_target_source (4, 4) at a time; None where it is not known then, or at all."""
+        """T_target_source (4, 4) at a time. None if it is unknown at that time, or the frames are not connected."""
         target, source = _name(target), _name(source)
         if not self.connected(target, source):
             return None
@@ -123,7 +123,7 @@ class TransformTree:
 
 
 def poses_that_are(messages: Sequence[Any], pose_of: Callable[[Any], Pose], what: str) -> list[tuple[Any, Pose]]:
-    """The messages that hold a pose, with it; how many others there are is told. Raises ValueError where none does."""
+    """The messages with a valid pose, and the poses. Others are skipped and logged. Raises ValueError if all are."""
     found: list[tuple[Any, Pose]] = []
     refused: list[ValueError] = []
     for message in messages:
@@ -148,5 +148,5 @@ def _transform(stamped: Any) -> Pose:
 
 
 def _name(frame: str) -> str:
-    """Without the slash that ROS 1 once had before frames."""
+    """The frame's name without the leading slash of early ROS 1."""
     return frame.removeprefix("/")

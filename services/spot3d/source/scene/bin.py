@@ -1,4 +1,4 @@
-"""A bin on a workbench, and what lies in it and beside it, as a camera above it sees them that picks from it."""
+"""A bin on a workbench with things in it and beside it, seen from above as by a bin-picking robot's camera."""
 
 from spot3d.source.scene.placement import TABLE_HEIGHT, Arrangement, Placed, Region, arrange
 from spot3d.source.scene.shapes import BOX, ROOM, SPECKLE, WOOD, Primitive, Texture

@@ -1,4 +1,4 @@
-"""The table on which, while it is looked at, one thing is taken away, one is moved, and one is put down."""
+"""A table that changes while the camera sees it: one thing is removed, one is moved, and one is added."""
 
 import numpy as np
 
@@ -6,16 +6,16 @@ from spot3d.source.scene.placement import TABLE_HEIGHT, Arrangement, NoRoomError
 from spot3d.source.scene.table import FREE, TABLE_REGION, things_on_table
 
 CHANGE_FRAME = 150
-"""The first frame that shows the table changed: after 5 s."""
+"""The first frame after the change: after 5 s."""
 MOVED_MIN = 0.15
-"""Metres by which the moved thing stands elsewhere, at least."""
+"""Least distance in metres between the old and the new place of the moved thing."""
 
 
 def things_on_changing_table(seed: int, changed: bool) -> list[Placed | None]:
-    """The 12 things of a table and its shelf; once changed, None instead of the taken one, and another at the end.
+    """The 12 things of a table and its shelf. Once changed, the removed one is None, and another is appended.
 
-    What changes is chosen by the seed alone among what stands on the table and carries nothing; where something is put,
-    nothing stood before.
+    The seed alone chooses what changes, among things that stand on the table and carry nothing. The moved and the added
+    thing are put where nothing stood before.
     """
     before = things_on_table(seed, cluttered=False)
     if not changed:
@@ -40,7 +40,7 @@ def things_on_changing_table(seed: int, changed: bool) -> list[Placed | None]:
 
 
 def _is_loose(item: Placed, things: list[Placed]) -> bool:
-    """Whether a thing stands on the table itself and carries none of the others."""
+    """Whether a thing stands on the table itself and carries no other thing."""
     outline = footprint(item)
     above = [other for other in things if other.z > item.z]
     return item.z == TABLE_HEIGHT and all(separation(outline, footprint(other)) >= 0 for other in above)

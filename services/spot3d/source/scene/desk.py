@@ -1,4 +1,4 @@
-"""The desk that stands free in a room, and what lies and stands on it."""
+"""A free-standing desk in a room, and the things on it."""
 
 from spot3d.source.scene.placement import TABLE_HEIGHT, Arrangement, Placed, Region, arrange
 from spot3d.source.scene.shapes import BOX, ROOM, SPECKLE, TILES, WOOD, Primitive, Texture
@@ -12,7 +12,7 @@ DESK_SHADED: dict[float, Region] = {
     0.0: (-2.8, 2.8, -2.8, 2.8),
     TABLE_HEIGHT: (-HALF_DEPTH, HALF_DEPTH, -HALF_WIDTH, HALF_WIDTH),
 }
-# Towards whoever sits at x > 0.
+# Yaws that face a person who sits at x > 0.
 FACING = (-0.35, 0.35)
 LYING_ABOUT = ("stapler", "punch", "letter tray", "paper stack", "telephone", "book")
 STANDING_ABOUT = ("ring binder", "mug", "bottle", "tin can", "ball", "melon", "tea box", "flower pot", "pot")

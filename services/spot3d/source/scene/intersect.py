@@ -1,4 +1,4 @@
-"""Where a ray meets a primitive solid, compiled."""
+"""Compiled ray intersections with primitive solids."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,7 +7,7 @@ from spot3d.kernel import kernel, part
 from spot3d.source.scene.shapes import BOX, CONE, ROOM
 
 FAR = 1e9
-# Hollow things have a floor this thick (metres), else it would coincide with the surface that they stand on.
+# Thickness of the floor of hollow things, metres; it keeps the floor from coinciding with their support.
 FLOOR = 0.004
 
 
@@ -20,9 +20,9 @@ def hit_box(
     dy: float,
     dz: float,
 ) -> float:
-    """Ray parameter where the ray from `eye` enters a box of these half sizes, leaves it if `inside`; or FAR."""
+    """Ray parameter where a ray enters a box of these half sizes, or leaves it if `inside`. FAR if it misses."""
     (hx, hy, hz), (ox, oy, oz) = half, eye
-    # A ray parallel to a side gets a huge but finite inverse: no branches for zeros.
+    # A ray parallel to a side gets a huge but finite inverse, so that zeros need no branch.
     ix = 1.0 / (dx if abs(dx) > 1e-12 else 1e-12)
     iy = 1.0 / (dy if abs(dy) > 1e-12 else 1e-12)
     iz = 1.0 / (dz if abs(dz) > 1e-12 else 1e-12)
@@ -39,7 +39,7 @@ def hit_box(
 
 @kernel()
 def hit_cone(form: NDArray[np.float64], ox: float, oy: float, oz: float, dx: float, dy: float, dz: float) -> float:
-    """Least positive ray parameter on a cone (half height, bottom and top radius, open); FAR if none."""
+    """Least positive ray parameter on a truncated cone (half height, bottom and top radius, open). FAR if it misses."""
     half, bottom, top = form[0], form[1], form[2]
     slope = (top - bottom) / (2 * half)
     radius = (bottom + top) / 2 + slope * oz
@@ -70,7 +70,7 @@ def hit_cone(form: NDArray[np.float64], ox: float, oy: float, oz: float, dx: flo
 
 @kernel()
 def hit_ellipsoid(form: NDArray[np.float64], ox: float, oy: float, oz: float, dx: float, dy: float, dz: float) -> float:
-    """Least positive ray parameter on a cut ellipsoid (a, b, c, z from, z to, open); FAR if none."""
+    """Least positive ray parameter on a cut ellipsoid (a, b, c, z from, z to, open). FAR if it misses."""
     sx, sy, sz = 1.0 / form[0], 1.0 / form[1], 1.0 / form[2]
     ex, ey, ez = dx * sx, dy * sy, dz * sz
     px, py, pz = ox * sx, oy * sy, oz * sz
@@ -102,7 +102,7 @@ def hit_ellipsoid(form: NDArray[np.float64], ox: float, oy: float, oz: float, dx
 def hit(
     kind: int, form: NDArray[np.float64], ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
 ) -> float:
-    """Least positive ray parameter on a primitive, the ray given in its frame; FAR if none."""
+    """Least positive ray parameter on a primitive. The ray is given in its frame. FAR if it misses."""
     if kind in (BOX, ROOM):
         return hit_box((form[0], form[1], form[2]), kind == ROOM, (ox, oy, oz), dx, dy, dz)
     if kind == CONE:
@@ -114,10 +114,10 @@ def hit(
 def outward_normal(
     kind: int, form: NDArray[np.float64], p: int, x: float, y: float, z: float
 ) -> tuple[float, float, float, int]:
-    """Unit normal at a surface point of primitive `p`, in its frame, and its face.
+    """Unit normal and face at a surface point of primitive `p`, in its frame.
 
-    form: (n, 6), all primitives'. Face: 0, 1, 2 flat across x, y, z; 3 curved. A room's normal points
-    outwards, a hollow thing's too, even inside: turn it towards the viewer.
+    form: (n, 6), of all primitives. Face: 0, 1, 2 flat across x, y, z; 3 curved. The normal points outwards on a room
+    and on the inside of a hollow thing, too: turn it towards the viewer.
     """
     if kind in (BOX, ROOM):
         ax, ay, az = abs(x) - form[p, 0], abs(y) - form[p, 1], abs(z) - form[p, 2]
@@ -126,7 +126,7 @@ def outward_normal(
         if ay >= az:
             return 0.0, (1.0 if y > 0 else -1.0), 0.0, 1
         return 0.0, 0.0, (1.0 if z > 0 else -1.0), 2
-    # Depth is kept as float32, good to 1e-7 of its value.
+    # Depth is float32, accurate to 1e-7 of its value.
     close = 2e-6
     if kind == CONE:
         slope = (form[p, 2] - form[p, 1]) / (2 * form[p, 0])

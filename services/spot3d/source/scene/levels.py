@@ -1,4 +1,4 @@
-"""A table with things on it, and others about it: on the floor, on a chest, and on a stool."""
+"""Things at several levels: on a table, on the floor, on a chest, and on a stool."""
 
 from spot3d.source.scene.placement import TABLE_HEIGHT, Arrangement, Placed, Region, arrange
 from spot3d.source.scene.shapes import BOX, ROOM, SPECKLE, WOOD, Primitive, Texture
@@ -13,8 +13,10 @@ ROOM_SHADED: dict[float, Region] = {0.0: (-2.8, 2.8, -2.8, 2.8), TABLE_HEIGHT: T
 
 
 def things_in_room(seed: int) -> list[Placed]:
-    """Places 19 things by the seed alone: nine on the table, three on the floor, a chest with four on it, and a stool
-    with one."""
+    """Places 19 things, which depend on the seed alone.
+
+    Nine stand on the table, three on the floor, a chest with four on it, and a stool with one.
+    """
     return arrange((seed, 5), 0.03, TOP, _fill)
 
 

@@ -1,4 +1,4 @@
-"""Shadows on the surfaces that things stand on, computed once when the scene is built."""
+"""Shadow maps of the surfaces that things stand on, computed once when the scene is built."""
 
 from typing import NamedTuple
 
@@ -18,10 +18,10 @@ CELLS = 224
 
 
 def shadow_maps(solids: Solids, shaded: dict[float, Region]) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-    """Shadow maps of the upward surfaces, which are given by their height.
+    """Shadow maps of upward surfaces, which `shaded` gives by height.
 
-    Returns areas (n, 5) float64: height, x from, y from, cells per metre along x and y; and light (n, 224,
-    224) float32, [map, y, x], the visible share 0..1 of the lamp.
+    Returns areas (n, 5) float64: height, x from, y from, cells per metre along x and y; and light (n, 224, 224)
+    float32, [map, y, x], the visible share 0..1 of the lamp.
     """
     cells = CELLS - 1
     areas = np.array(
@@ -30,21 +30,21 @@ def shadow_maps(solids: Solids, shaded: dict[float, Region]) -> tuple[NDArray[np
             for z, (left, right, near, far) in shaded.items()
         ]
     )
-    # A sphere around each primitive spares most rays the exact test.
+    # A bounding sphere of each primitive spares most rays the exact test.
     middle = solids.centre + np.einsum("nij,nj->ni", solids.rotation, (solids.low + solids.high) / 2)
     radius = np.linalg.norm(solids.high - solids.low, axis=1) / 2
     light = np.empty((len(areas), CELLS, CELLS), np.float32)
     steps = (np.arange(3) - 1) * (LAMP_HALF * 2 / 3)
     lamps = np.array([(LAMP_CENTRE[0] + a, LAMP_CENTRE[1] + b, LAMP_CENTRE[2]) for a in steps for b in steps])
     _fill(areas, lamps, _Spheres(solids.shapes, middle, radius), light)
-    # Cells under a thing are dark: blurred, they pass for the dark line where things touch their support.
+    # Cells under a thing are dark. Blurring them imitates the dark line where things touch their support.
     for shadow in light:
         shadow[:] = cv2.blur(shadow, (3, 3))
     return areas, light
 
 
 class _Spheres(NamedTuple):
-    """Shapes, and the sphere around each: middle (n, 3) and radius (n,)."""
+    """Shapes with their bounding spheres: middle (n, 3) and radius (n,)."""
 
     shapes: Shapes
     middle: NDArray[np.float64]
@@ -53,7 +53,7 @@ class _Spheres(NamedTuple):
 
 @kernel()
 def _fill(areas: NDArray[np.float64], lamps: NDArray[np.float64], things: _Spheres, light: NDArray[np.float32]) -> None:
-    """Writes the share of lamp points seen from each cell, a ray each."""
+    """Writes the share of the lamp's points that are visible from each cell, with one ray to each."""
     for m in range(areas.shape[0]):
         for row in range(light.shape[1]):
             for column in range(light.shape[2]):

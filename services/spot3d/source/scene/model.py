@@ -1,4 +1,4 @@
-"""The built-in scenes: a room, things on its table, desk, shelves, workbench or floor, and what is true about them."""
+"""The built-in scenes: solids of a room and its things, and the true boxes of the objects."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ UP = (0.0, 0.0, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class TrueBox:
-    """One object's upright box in the world: centre, size (3,) metres, rotation (3, 3), axes as columns."""
+    """One object's upright box in the world: centre and size (3,) metres, rotation (3, 3) with axes as columns."""
 
     id: int
     name: str
@@ -32,7 +32,7 @@ class TrueBox:
 
 @dataclass(frozen=True, slots=True)
 class SceneModel:
-    """The solids, and the true boxes of the objects; box `id` is the instance in `solids.instance`.
+    """The solids, and the true boxes of the objects. A box's `id` is its instance in `solids.instance`.
 
     shaded: the upward surfaces that show shadows, by height.
     """
@@ -43,15 +43,15 @@ class SceneModel:
 
 
 def first_frames(kind: SceneKind) -> tuple[int, ...]:
-    """The frames from which on a scene is as `build_scene` makes it for each of them, until the next of these."""
+    """The frames at which the scene changes, 0 included. Between two of them `build_scene` gives the same scene."""
     return (0, CHANGE_FRAME) if kind == "changing" else (0,)
 
 
 def build_scene(seed: int = 0, kind: SceneKind = DEFAULT_KIND, frame: int = 0) -> SceneModel:
-    """Room and objects of a seed in a frame; the world's z points up, its origin lies on the floor under the table.
+    """Room and objects of a seed in a frame. The world's z points up; its origin is on the floor under the table.
 
-    Objects are the things on table, shelves, desk, workbench or floor, 4 to 60 cm large. All else is furniture (each
-    piece a metre long or more) and no object: its instance is 0, as the room's. An object has one number in all frames.
+    Objects are the things on table, shelves, desk, workbench or floor, 4 to 60 cm large. Furniture, each piece a metre
+    long or more, is no object: its instance is 0, as the room's. An object has the same number in all frames.
     """
     things: Sequence[Placed | None]
     if kind in ("desk", "near"):

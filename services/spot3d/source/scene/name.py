@@ -1,4 +1,4 @@
-"""Names of the built-in scenes: which seed, and which kind of scene."""
+"""Parses names of built-in scenes: seed and kind."""
 
 import re
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ SPELLINGS_OF_MANY = f"scenes:COUNT, {_WITH} (COUNT: 1 to 99)"
 
 @dataclass(frozen=True, slots=True)
 class SceneName:
-    """A built-in scene, as its name states it or by default."""
+    """Seed and kind of a built-in scene."""
 
     seed: int = 0
     kind: SceneKind = DEFAULT_KIND
@@ -28,14 +28,14 @@ class SceneName:
 
 
 def parse_scene_name(name: str) -> SceneName | None:
-    """What a name says of a built-in scene; None if it names none."""
+    """Seed and kind from a scene's name. None if it names no built-in scene."""
     if (match := _ONE.fullmatch(name)) is None:
         return None
     return SceneName(int(match["seed"] or 0), _SUFFIXES.get(match["kind"], DEFAULT_KIND))
 
 
 def scene_names(name: str) -> list[str] | None:
-    """Scenes that a name stands for: `scenes:5` is `scene:0` .. `scene:4`; None if it names no scene."""
+    """The scenes that a name stands for: `scenes:5` is `scene:0` .. `scene:4`. None if it names no scene."""
     if (match := _MANY.fullmatch(name)) is not None:
         return [str(SceneName(seed, _SUFFIXES.get(match["kind"], DEFAULT_KIND))) for seed in range(int(match["count"]))]
     return None if parse_scene_name(name) is None else [name]

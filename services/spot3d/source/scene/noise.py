@@ -1,4 +1,4 @@
-"""What a Kinect v1 makes of an exact view: noise, quantisation, shadows and holes; colour noise."""
+"""Sensor model of a Kinect v1: noise, quantisation, shadows and holes of depth, and colour noise."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,18 +11,17 @@ from spot3d.kernel import kernel, part
 FOCAL_PX, BASELINE_M = 585.0, 0.075
 # Disparity is reported in eighths of a pixel: a step of 2.85 mm/m2 * z^2.
 STEPS_PER_PX = 8.0
-# The sensor matches blocks of pixels: neighbours share most of their noise. Measured on planes of real
-# frames: correlation 0.65 at one pixel, 0.2 at five, none from eight on; a 7 px block and the quantisation
-# give the same.
+# The sensor matches blocks of pixels, so neighbours share most of their noise. On planes of real frames the correlation
+# is 0.65 at one pixel, 0.2 at five, none from eight on. A 7 px block with the quantisation gives the same.
 BLOCK = 7
 NEAR_M, FAR_M = 0.5, 5.0
-# Blocks at the right border have no full window.
+# Columns without depth: blocks at the right border have no full window.
 BLIND_COLUMNS = 8
 # Depth edges wobble by about a pixel (standard deviation), in blocks.
 EDGE_WOBBLE_PX = 1.1
 EDGE_JUMP_PX = 1.5
-# Narrower jumps and shadows are bridged by the block. Beside an edge, depth is lost where the noise exceeds
-# this many deviations: here and there a gap.
+# Jumps and shadows narrower than EDGE_JUMP_PX are bridged by the block. Beside an edge, depth is lost where the noise
+# exceeds EDGE_GAP deviations, which leaves single gaps.
 EDGE_GAP = 0.9
 # Below the first cosine of incidence all depth is lost, above the second none.
 GRAZING_LOST, GRAZING_KEPT = 0.10, 0.26
@@ -32,10 +31,10 @@ COLOUR_SIGMA = 3.0
 def measured_depth(
     depth: NDArray[np.float32], cosine: NDArray[np.float32], focal_px: float, seed: int, index: int
 ) -> NDArray[np.uint16]:
-    """Depth image (h, w) uint16 in mm, 0 = invalid, that a Kinect would measure of an exact view.
+    """Depth image (h, w) uint16 in mm, 0 = invalid, that a Kinect would measure.
 
-    depth: (h, w) float32 metres; cosine: (h, w) float32 of the angle between ray and normal; focal_px: the
-    view's. The same (seed, index) always gives the same image.
+    depth: (h, w) float32 metres, exact; cosine: (h, w) float32 of the angle between ray and normal; focal_px: the
+    view's focal length. The same (seed, index) always gives the same image.
     """
     field = block_noise(depth.shape[0], depth.shape[1], _state(seed, index, 1))
     out = np.zeros(depth.shape, np.uint16)
@@ -45,7 +44,7 @@ def measured_depth(
 
 
 def noisy_colour(colour: NDArray[np.uint8], seed: int, index: int) -> NDArray[np.uint8]:
-    """Colour image (h, w, 3) uint8 with the sensor's noise: sigma 3 levels, much alike in the channels."""
+    """Colour image (h, w, 3) uint8 with sensor noise: sigma 3 levels, correlated between the channels."""
     out = np.empty_like(colour)
     _add_colour_noise(colour, _state(seed, index, 2), out)
     return out
@@ -65,12 +64,12 @@ def _next(state: np.uint64) -> np.uint64:
 
 @kernel()
 def block_noise(height: int, width: int, state: np.uint64) -> NDArray[np.float32]:
-    """Noise (height, width) float32, mean 0, deviation 1, near normal: white noise averaged over 7x7 px."""
+    """Approximately normal noise (height, width) float32, mean 0, deviation 1: white noise averaged over 7x7 px."""
     state |= np.uint64(1)
     rows = np.zeros((BLOCK, width + BLOCK), np.int32)
     sums = np.zeros(width + BLOCK, np.int32)
     out = np.empty((height, width), np.float32)
-    # A uniform byte has the deviation 73.9; a block sums 49 of them.
+    # A uniform byte has a standard deviation of 73.9, and a block sums 49 of them.
     scale = np.float32(1.0 / (73.9 * BLOCK))
     mean = np.int32(255 * BLOCK * BLOCK // 2)
     for v in range(height + BLOCK - 1):
@@ -108,9 +107,9 @@ def _measure(
     zoom: np.float32,
     out: NDArray[np.uint16],
 ) -> None:
-    """Writes the measured depth in mm of exact disparities (px).
+    """Writes the measured depth in mm from exact disparities in pixels.
 
-    `parallax`: focal length times baseline; `zoom`: focal length over 585 px.
+    `parallax`: focal length times baseline. `zoom`: focal length over 585 px.
     """
     h, w = exact.shape
     blind = int(BLIND_COLUMNS * zoom)
@@ -122,12 +121,11 @@ def _measure(
     sigma_0, sigma_2, sigma_at = np.float32(KINECT_V1.floor), np.float32(KINECT_V1.growth), np.float32(KINECT_V1.at)
     zero, one, rounding = np.float32(0), np.float32(1), np.float32(1 / 12)
     millimetre_steps = np.float32(1000) * parallax * steps
-    # One more on either side: the first and the last pixel need no case of their own.
+    # Padded on either side, so that the first and the last pixel need no special case.
     disparity = np.empty(w + 2, np.float32)
     drop = np.empty(w, np.bool_)
     for v in range(h):
-        # Edges wobble: each pixel looks a little beside itself, by noise borrowed from elsewhere in the
-        # field.
+        # Edges wobble: each pixel is read from a place displaced by noise, taken from other rows of the field.
         sideways, upwards = field[(v + h // 3) % h], field[(v + 2 * h // 3) % h]
         for u in range(w):
             su = u + int(np.rint(wobble * sideways[u]))
@@ -135,17 +133,17 @@ def _measure(
             su, sv = min(max(su, 0), w - 1), min(max(sv, 0), h - 1)
             d, beside = exact[v, u], exact[sv, su]
             c = cosine[v, u]
-            # Only across an edge: on a slanted surface it would be noise.
+            # Only across an edge: on a slanted surface the displacement would add noise.
             if abs(beside - d) >= jump:
                 d, c = beside, cosine[sv, su]
-            # Grazing surfaces are lost in blocks, the more the flatter they are seen.
+            # Grazing surfaces lose depth in blocks, the more the smaller the cosine.
             keep = (c - lost) / span
             blurred = keep - np.float32(0.5) - np.float32(0.25) * upwards[u]
             grazing = keep <= 0 or (keep < 1 and blurred < 0)
             disparity[u + 1] = d
             drop[u] = grazing or d < least_disparity or d > most_disparity
         disparity[0], disparity[w + 1] = disparity[1], disparity[w]
-        # The projector stands to the right: what it cannot see lies left of nearer things.
+        # The projector is on the right: its shadow lies to the left of nearer things.
         least = np.float32(w)
         for k in range(w):
             u = w - 1 - k
@@ -153,7 +151,7 @@ def _measure(
             if seen_at > least + jump:
                 drop[u] = True
             least = seen_at if seen_at < least else least
-        # No branches: the compiler makes vector instructions of this loop.
+        # No branches, so that the compiler vectorises this loop.
         row = field[v]
         for u in range(w - blind):
             d = disparity[u + 1]
@@ -162,7 +160,7 @@ def _measure(
             z = parallax / d
             from_least = z - sigma_at
             sigma = (sigma_0 + sigma_2 * from_least * from_least) * d * d * steps / parallax
-            # Rounding to whole steps adds the deviation of 1/sqrt(12) step itself.
+            # Rounding to whole steps itself adds a deviation of 1/sqrt(12) step.
             variance = sigma * sigma - rounding
             sigma = np.sqrt(variance if variance > 0 else zero)
             whole = np.rint(d * steps + sigma * row[u])
@@ -173,9 +171,9 @@ def _measure(
 
 @kernel()
 def _add_colour_noise(colour: NDArray[np.uint8], state: np.uint64, out: NDArray[np.uint8]) -> None:
-    """Writes colour plus noise: sums of random nibbles, two common to the channels, one of each its own."""
+    """Writes colour plus noise: a sum of three random nibbles, two common to all channels and one for each channel."""
     state |= np.uint64(1)
-    # A nibble's deviation is 4.61: two common ones and one own give sqrt(3) times that.
+    # A nibble's standard deviation is 4.61: the sum of three has sqrt(3) times that.
     scale = np.int32(np.rint(256 * COLOUR_SIGMA / (4.61 * np.sqrt(3.0))))
     for v in range(colour.shape[0]):
         for u in range(colour.shape[1]):
@@ -184,7 +182,7 @@ def _add_colour_noise(colour: NDArray[np.uint8], state: np.uint64, out: NDArray[
             common = np.int32(bits & np.uint64(15)) + np.int32((bits >> np.uint64(4)) & np.uint64(15))
             bits >>= np.uint64(8)
             for k in range(3):
-                # 22.5, the mean of three nibbles, in 256ths of a level; 128 rounds.
+                # Twice the sum, less twice its mean 22.5, in 512ths of a level; 256 rounds.
                 noise = (2 * (common + np.int32(bits & np.uint64(15))) - 45) * scale
                 bits >>= np.uint64(4)
                 value = np.int32(colour[v, u, k]) + ((noise + 256) >> 9)

@@ -1,4 +1,4 @@
-"""What stands about in the built-in scenes: everyday things, made of primitives."""
+"""The things of the built-in scenes: everyday objects, made of primitives."""
 
 from dataclasses import dataclass, replace
 
@@ -40,7 +40,7 @@ LYING = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
 
 @dataclass(frozen=True, slots=True)
 class Thing:
-    """An object in its own frame: origin at the centre of its box's base; the box's size in metres."""
+    """An object in its own frame, whose origin is the centre of its box's base. size: of the box, metres."""
 
     name: str
     parts: tuple[Primitive, ...]
@@ -49,7 +49,7 @@ class Thing:
 
 
 def make(name: str, rng: np.random.Generator) -> Thing:
-    """The named thing with sizes varied by up to 12 % and colours drawn by `rng`."""
+    """The named thing, with its size varied by up to 12 % and its colours drawn by `rng`."""
     first, second = rng.choice(len(PALETTE), 2, replace=False)
     scale = float(rng.uniform(0.88, 1.12))
     parts = CATALOGUE[name](scale, PALETTE[first], PALETTE[second])
@@ -137,7 +137,7 @@ def _stool(scale: float, first: Colour, second: Colour) -> list[Primitive]:
 
 
 def _open_box(depth: float, width: float, half: float, colour: Colour) -> list[Primitive]:
-    """A bottom and four walls, by half their sizes."""
+    """A bottom and four walls. depth, width, half: half sizes in metres."""
     surface, thick = Texture(PLAIN, colour), CRATE_WALL / 2
     ends = [Primitive(BOX, (thick, width, half), surface, (side * (depth - thick), 0, 0)) for side in (-1, 1)]
     sides = [Primitive(BOX, (depth, thick, half), surface, (0, side * (width - thick), 0)) for side in (-1, 1)]

@@ -1,4 +1,4 @@
-"""What lies and stands on a desk: flat, thin and composed things. Those with a front face +x."""
+"""Things on a desk: flat, thin and composed ones. Those with a front face +x."""
 
 import numpy as np
 
@@ -25,7 +25,7 @@ PAPER: Colour = (0.84, 0.84, 0.82)
 
 
 def _tilted(degrees: float) -> tuple[Vector, Vector, Vector]:
-    """Rotation about y that leans an upright thing's top towards -x."""
+    """Rotation about y that leans the top of an upright thing towards -x."""
     c, s = float(np.cos(np.radians(degrees))), float(np.sin(np.radians(degrees)))
     return (c, 0.0, -s), (0.0, 1.0, 0.0), (s, 0.0, c)
 

@@ -1,4 +1,4 @@
-"""The hand-held camera's paths in the built-in scenes."""
+"""Paths of the hand-held camera in the built-in scenes."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,37 +6,36 @@ from numpy.typing import NDArray
 from spot3d.source.scene.name import SceneKind
 
 RATE_HZ = 30
-# Half the arc around the table, its horizontal radii across and along the table, and the point looked at;
-# metres.
+# Half the arc around the table, its horizontal radii across and along the table, and the target point; metres.
 HALF_ARC = np.radians(56)
 RADIUS_ACROSS, RADIUS_ALONG = 1.0, 1.05
 TARGET = np.array([-0.06, 0.0, 0.80])
 HEIGHT = 1.48
 FRAMES_PER_SWEEP = 300
-# Around the desk: as far away as people go who walk around one, and at their pace, 13 mm a frame.
+# Around the desk: the distance and pace of a person who walks around it, 13 mm a frame.
 ORBIT_RADIUS, ORBIT_SWELL = 1.9, 0.2
 FRAMES_PER_ORBIT = 900
-# Before the desk, where a head is that works there: half of how far it goes, and how many seconds it takes to come
-# back, to and from the desk, along it and up.
+# Before the desk, at the head of a person who works there: amplitudes, and periods in seconds, of the motion to and
+# from the desk, along it, and up.
 HEAD = np.array([0.75, 0.0, 1.28])
 HEAD_MOVES, HEAD_TAKES_S = np.array([0.18, 0.75, 0.12]), np.array([5.3, 9.0, 4.1])
-# Before the shelves: how far away on average, how far to each side at most, and the point looked at.
+# Before the shelves: mean radius, its relative variation, half the arc in radians, and the target point.
 SHELF_RADIUS, SHELF_SWELL, SHELF_ARC = 1.25, 0.2, 0.75
 SHELF_TARGET = np.array([-0.15, 0.0, 0.9])
-# Above the bin: where a camera on a robot's wrist is, how far it goes to each side at most, and the point looked at.
+# Above the bin: a camera on a robot's wrist, its amplitudes, and the target point.
 WRIST = np.array([0.36, 0.0, 1.60])
 WRIST_MOVES = np.array([0.12, 0.35, 0.10])
 BIN_TARGET = np.array([0.0, 0.0, 0.75])
-# About the room: how far away on average, how far to each side at most, and the point looked at.
+# In the room: mean radius, its relative variation, half the arc in radians, and the target point.
 ROOM_RADIUS, ROOM_SWELL, ROOM_ARC = 1.5, 0.15, 0.9
 ROOM_TARGET = np.array([0.1, 0.3, 0.55])
 
 
 def camera_pose(index: int, seed: int, kind: SceneKind) -> NDArray[np.float64]:
-    """T_world_camera (4, 4) float64 of frame `index` >= 0 at 30 Hz, for any length of sequence.
+    """T_world_camera (4, 4) float64 of frame `index` >= 0 at 30 Hz, for a sequence of any length.
 
-    The camera's height and distance change slowly, so that no two sweeps are alike, and a hand's tremor (phases by
-    the seed) is added.
+    The camera's height and distance change slowly, so that no two sweeps are alike. A hand's tremor, whose phases
+    depend on the seed, is added.
     """
     phase = np.random.default_rng((seed, 11)).uniform(0, 2 * np.pi, 12)
     seconds = index / RATE_HZ
@@ -49,7 +48,7 @@ def camera_pose(index: int, seed: int, kind: SceneKind) -> NDArray[np.float64]:
 
 
 def _before_table(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Eye and target (3,) of a camera that sweeps to and fro before the table, one way in 300 frames.
+    """Eye and target (3,) of a camera that sweeps to and fro before the table, in 300 frames one way.
 
     It moves by about 7 mm and 0.45 degrees a frame.
     """
@@ -68,7 +67,7 @@ def _before_table(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.fl
 
 
 def _around_desk(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Eye and target (3,) of a camera that walks around the desk, once in 900 frames, 1.5 to 2.3 m from its middle."""
+    """Eye and target (3,) of a camera that circles the desk in 900 frames, 1.5 to 2.3 m from its middle."""
     angle = phase[0] + 2 * np.pi * index / FRAMES_PER_ORBIT
     radius = ORBIT_RADIUS * (1 + ORBIT_SWELL * np.sin(2 * np.pi * index / 430 + phase[1]))
     height = HEIGHT + 0.09 * np.sin(2 * np.pi * index / 370 + phase[2])
@@ -77,9 +76,9 @@ def _around_desk(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.flo
 
 
 def _near_desk(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Eye and target (3,) of a camera that is swept before the desk, 0.6 to 1.5 m from what it looks at.
+    """Eye and target (3,) of a camera that sweeps before the desk, 0.6 to 1.5 m from its target.
 
-    It moves by about 13 mm and 0.9 degrees a frame, and things are cut off by the image's border most of the time.
+    It moves by about 13 mm and 0.9 degrees a frame. Most of the time the image border cuts things off.
     """
     seconds = index / RATE_HZ
     eye = HEAD + HEAD_MOVES * np.sin(2 * np.pi * seconds / HEAD_TAKES_S + phase[[1, 0, 2]])
@@ -89,8 +88,10 @@ def _near_desk(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.float
 
 
 def _before_shelf(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Eye and target (3,) of a camera that sweeps to and fro before the shelves, 1 to 1.5 m away, as high as a head of
-    one who sits: it looks down on two boards, and along the upper one or up to it."""
+    """Eye and target (3,) of a camera that sweeps to and fro before the shelves, on a radius of 1 to 1.5 m.
+
+    It is as high as the head of a seated person: it looks down on two boards, and along the upper one or up to it.
+    """
     angle = SHELF_ARC * np.sin(2 * np.pi * index / 450 - np.pi / 2)
     radius = SHELF_RADIUS * (1 + SHELF_SWELL * np.sin(2 * np.pi * index / 330 + phase[1]))
     height = 1.25 + 0.1 * np.sin(2 * np.pi * index / 270 + phase[2])
@@ -99,8 +100,7 @@ def _before_shelf(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.fl
 
 
 def _above_bin(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Eye and target (3,) of a camera that moves about above the bin, 0.8 to 1 m away, and looks down on it by 55 to 75
-    degrees."""
+    """Eye and target (3,) of a camera above the bin, 0.8 to 1.1 m from its target, looking down by 55 to 75 degrees."""
     angles = 2 * np.pi * index / np.array([230.0, 310.0, 270.0]) + (phase[1], -np.pi / 2, phase[2])
     eye = WRIST + WRIST_MOVES * np.sin(angles)
     along = 0.08 * np.sin(2 * np.pi * index / 190 + phase[3])
@@ -108,7 +108,7 @@ def _above_bin(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.float
 
 
 def _in_room(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Eye and target (3,) of a camera that sweeps to and fro before a table and what is about it, 1.3 to 1.8 m away."""
+    """Eye and target (3,) of a camera that sweeps to and fro before the table, on a radius of 1.3 to 1.7 m."""
     angle = ROOM_ARC * np.sin(2 * np.pi * index / 600 - np.pi / 2)
     radius = ROOM_RADIUS * (1 + ROOM_SWELL * np.sin(2 * np.pi * index / 430 + phase[1]))
     height = HEIGHT + 0.1 * np.sin(2 * np.pi * index / 370 + phase[2])
@@ -129,7 +129,7 @@ _PATHS = {
 
 
 def look_at(eye: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
-    """T_world_camera (4, 4) of a camera at `eye` (3,) that looks at `target` (3,), its x axis level."""
+    """T_world_camera (4, 4) of a camera at `eye` (3,) that looks at `target` (3,) with its x axis level."""
     forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(forward, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)

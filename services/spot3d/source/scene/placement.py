@@ -1,4 +1,4 @@
-"""Places things on supports: seeded, without interpenetration, some touching, hidden or stacked on purpose."""
+"""Places things on supports by seed, without interpenetration; some touching, hidden or stacked on purpose."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from spot3d.source.scene.objects import CRATE_WALL, Thing, make
 
 Region = tuple[float, float, float, float]
-"""A rectangle of a support's upper side in the world, metres: x from, x to, y from, y to."""
+"""A rectangle on a support's upper side in the world, metres: x from, x to, y from, y to."""
 TABLE_HEIGHT = 0.75
 TOUCHING_GAP = 0.001
 ANY_YAW = (-np.pi, np.pi)
-# A round thing is outlined by a 16-gon around it.
+# Circumradius of the 16-gon around a circle of radius 1, the footprint of round things.
 CORNERS = 1 / np.cos(np.pi / 16)
 
 
@@ -29,11 +29,11 @@ class Placed:
 
 
 class NoRoomError(Exception):
-    """A thing found no free place; the arrangement is drawn anew."""
+    """A thing found no free place. The arrangement is drawn anew."""
 
 
 def arrange(stream: tuple[int, ...], gap: float, region: Region, fill: Callable[["Arrangement"], None]) -> list[Placed]:
-    """What `fill` stands about, by the random `stream` alone; drawn anew until everything finds its place."""
+    """The things that `fill` places, by the random `stream` alone. Drawn anew until all find a place."""
     for attempt in range(1000):
         arrangement = Arrangement(np.random.default_rng((*stream, attempt)), gap, region)
         try:
@@ -45,7 +45,7 @@ def arrange(stream: tuple[int, ...], gap: float, region: Region, fill: Callable[
 
 
 class Arrangement:
-    """Things on a table top, whose free `region` this is, with `gap` metres between those that do not touch."""
+    """Things placed on a support within `region`, at least `gap` metres apart unless they touch on purpose."""
 
     def __init__(self, rng: np.random.Generator, gap: float, region: Region) -> None:
         self.rng = rng
@@ -60,7 +60,7 @@ class Arrangement:
         height: float = TABLE_HEIGHT,
         yaw: tuple[float, float] = ANY_YAW,
     ) -> Placed:
-        """Stands a thing somewhere in a region (the table's), turned by a yaw from a range (radians)."""
+        """Places a thing at random in a region (default: the arrangement's), with a yaw from a range (radians)."""
         return self.put(make(name, self.rng), region, height, yaw)
 
     def put(
@@ -70,7 +70,7 @@ class Arrangement:
         height: float = TABLE_HEIGHT,
         yaw: tuple[float, float] = ANY_YAW,
     ) -> Placed:
-        """As `stand`, with a thing that is already made."""
+        """Like `stand`, for a thing that is already made."""
         region = region or self.region
         for _ in range(150):
             x, y = self.rng.uniform(region[0], region[1]), self.rng.uniform(region[2], region[3])
@@ -81,7 +81,7 @@ class Arrangement:
         raise NoRoomError(thing.name)
 
     def stack(self, name: str, base: Placed) -> Placed:
-        """Stands a thing on another, its whole base on the other's top."""
+        """Places a thing on another, with its whole base on the other's top."""
         thing = make(name, self.rng)
         for turn in (float(self.rng.uniform(-0.6, 0.6)), 0.0):
             room = _room_on_top(thing, base.thing, turn)
@@ -94,7 +94,7 @@ class Arrangement:
         return top
 
     def put_in(self, name: str, crate: Placed) -> Placed:
-        """Stands a thing on the bottom of a crate, beside what is in it."""
+        """Places a thing on the bottom of a crate, apart from what is already in it."""
         thing = make(name, self.rng)
         for _ in range(150):
             turn = float(self.rng.uniform(*ANY_YAW))
@@ -108,13 +108,13 @@ class Arrangement:
         raise NoRoomError(name)
 
     def _over(self, thing: Thing, base: Placed, room: NDArray[np.float64], z: float, turn: float) -> Placed:
-        """A thing at this height above another, up to `room` (2,) metres from its middle along its axes."""
+        """Places a thing at height z above `base`, displaced by up to `room` (2,) metres along the base's axes."""
         dx, dy = self.rng.uniform(-room, room)
         c, s = np.cos(base.yaw), np.sin(base.yaw)
         return Placed(thing, base.x + float(c * dx - s * dy), base.y + float(s * dx + c * dy), z, base.yaw + turn)
 
     def touch(self, name: str, other: Placed) -> Placed:
-        """Slides a thing up to another until a millimetre is left between them, side to side."""
+        """Places a thing side to side with another, a millimetre apart."""
         thing = make(name, self.rng)
         for _ in range(30):
             quarter = int(self.rng.integers(4))
@@ -129,7 +129,7 @@ class Arrangement:
         raise NoRoomError(name)
 
     def hide(self, name: str, tall: Placed) -> Placed:
-        """Stands a thing behind a tall one, as seen from the middle of the camera's path (from +x)."""
+        """Places a thing behind a tall one, as seen from the middle of the camera's path (from +x)."""
         thing = make(name, self.rng)
         reach = (max(tall.thing.size[:2]) + max(thing.size[:2])) / 2
         for _ in range(60):
@@ -163,7 +163,7 @@ class Arrangement:
 
 
 def _room_on_top(thing: Thing, base: Thing, turn: float) -> NDArray[np.float64]:
-    """How far (2,) a thing, turned by `turn` radians, can move on its base, along the base's axes."""
+    """How far (2,) a thing, turned by `turn` radians, can move on its base along the base's axes."""
     size, below = np.array(thing.size[:2]), np.array(base.size[:2])
     if base.round:
         return np.full(2, (below[0] - np.hypot(*size)) / 2 / np.sqrt(2))
@@ -172,7 +172,7 @@ def _room_on_top(thing: Thing, base: Thing, turn: float) -> NDArray[np.float64]:
 
 
 def _near(a: Placed, b: Placed, gap: float) -> bool:
-    """Whether circles around the two leave less than `gap` between them; spares most exact tests."""
+    """Whether the bounding circles of the two are less than `gap` apart. Spares most exact tests."""
     reach = (np.hypot(*a.thing.size[:2]) + np.hypot(*b.thing.size[:2])) / 2 * CORNERS
     return bool(np.hypot(a.x - b.x, a.y - b.y) < reach + gap)
 
@@ -191,9 +191,9 @@ def footprint(placed: Placed) -> NDArray[np.float64]:
 
 
 def separation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """Widest gap between two convex outlines (n, 2) along their edges' normals; negative: overlap.
+    """Widest gap between two convex outlines (n, 2) along their edges' normals. Negative: they overlap.
 
-    Never more than their distance (separating axis theorem).
+    It is never more than their distance (separating axis theorem).
     """
     edges = np.concatenate((np.roll(a, -1, axis=0) - a, np.roll(b, -1, axis=0) - b))
     normals = np.stack((edges[:, 1], -edges[:, 0]), axis=1) / np.linalg.norm(edges, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""How things are made of primitives: a recipe takes a scale and two colours."""
+"""Recipes that make things from primitives, given a scale and two colours."""
 
 from collections.abc import Callable
 
@@ -18,7 +18,7 @@ def block(width: float, depth: float, height: float, pattern: int, period: float
 
 
 def turned(height: float, bottom: float, top: float, opened: bool, pattern: int, period: float) -> Recipe:
-    """A cone's trunk of this height and these radii (metres), open at its top or not."""
+    """A truncated cone of this height and these radii (metres), open at its top or not."""
 
     def parts(scale: float, first: Colour, second: Colour) -> list[Primitive]:
         form = (height * scale / 2, bottom * scale, top * scale, float(opened))

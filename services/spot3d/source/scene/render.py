@@ -1,4 +1,4 @@
-"""Ray caster of the built-in scene: depth, instances and shaded colour of one view."""
+"""Ray caster of the built-in scene: depth, instances and shaded colour of a view."""
 
 from dataclasses import dataclass
 
@@ -21,11 +21,10 @@ NEAR = 0.02
 
 @dataclass(frozen=True, slots=True)
 class RenderedView:
-    """What is exactly true of one view, (h, w) each, of the same pixels.
+    """Ground truth of one view, (h, w) each.
 
-    depth: float32 metres along the optical axis. instance: int32, 0 = room and furniture.
-    cosine: float32, of the angle between ray and surface normal. colour: (h, w, 3) uint8 RGB, without
-    sensor noise.
+    depth: float32 metres along the optical axis. instance: int32, 0 = room and furniture. cosine: float32, of the angle
+    between ray and surface normal. colour: (h, w, 3) uint8 RGB, without sensor noise.
     """
 
     depth: NDArray[np.float32]
@@ -35,7 +34,7 @@ class RenderedView:
 
 
 def empty_rendered_view(shape: tuple[int, int]) -> RenderedView:
-    """A view of an image shape (h, w) to render into, its arrays not yet filled."""
+    """A view of shape (h, w) to render into. Its arrays are uninitialised."""
     return RenderedView(
         np.empty(shape, np.float32),
         np.empty(shape, np.int32),
@@ -45,14 +44,14 @@ def empty_rendered_view(shape: tuple[int, int]) -> RenderedView:
 
 
 class Renderer:
-    """Renders views of one scene; what no view changes (shadows, noise table) is computed once."""
+    """Renders views of one scene. Shadows and noise table, which all views share, are computed once."""
 
     def __init__(self, model: SceneModel, intrinsics: Intrinsics, seed: int) -> None:
         self.model = model
         self.intrinsics = intrinsics
         self._light = LampLight(*shadow_maps(model.solids, model.shaded))
         self._table = noise_table(seed)
-        # Kept, as views are: fresh pages at every frame would cost a tenth of its time.
+        # Kept, as views are: fresh memory pages for each frame would take a tenth of its time.
         self._which = np.empty(intrinsics.shape, np.int32)
         self._sharp = np.empty((*intrinsics.shape, 3), np.uint8)
 
@@ -75,20 +74,20 @@ class Renderer:
             Image(view.depth, which, view.cosine, colour),
         )
         shade(s.shapes, surface, rays, self._light, self._table, GAMMA, image)
-        # A small lens is no sharper than this; it also softens the stair steps of one ray a pixel.
+        # Imitates a small lens's sharpness, and softens the aliasing of one ray a pixel.
         cv2.GaussianBlur(colour, (3, 3), 0.7, dst=view.colour)
         np.take(s.instance, which, out=view.instance, mode="clip")
 
     def _rectangles(self, rotation: NDArray[np.float64], origin: NDArray[np.float64]) -> NDArray[np.int32]:
-        """Pixels (n, 4) int32 [u from, u to, v from, v to) that each primitive's bounds cover."""
+        """Pixel rectangles (n, 4) int32 [u from, u to, v from, v to) around each primitive's projected bounds."""
         s, camera = self.model.solids, self.intrinsics
         low_high = np.stack((s.low, s.high), axis=1)
         pick = np.indices((2, 2, 2)).reshape(3, 8)
         corners = np.stack([low_high[:, pick[axis], axis] for axis in range(3)], axis=-1)
         world = np.einsum("nij,nkj->nki", s.rotation, corners) + s.centre[:, None]
         seen = (world - origin) @ rotation
-        # Where an edge of the bounds reaches behind the camera, its crossing of the near plane takes part
-        # instead.
+        # Where an edge of the bounds reaches behind the camera, its intersection with the near plane replaces the
+        # corner.
         a, b = seen[:, EDGES[:, 0]], seen[:, EDGES[:, 1]]
         with np.errstate(divide="ignore", invalid="ignore"):
             share = (NEAR - a[..., 2:]) / (b[..., 2:] - a[..., 2:])
@@ -133,7 +132,7 @@ def _cast(
             rz = to_local[p, 2, 1] * y + to_local[p, 2, 2] - m20 * cx
             first, last = rectangles[p, 0], rectangles[p, 1]
             if here in (BOX, ROOM):
-                # No branches: the compiler makes vector instructions of this loop.
+                # No branches, so that the compiler vectorises this loop.
                 for u in range(first, last):
                     dx, dy, dz = rx + m00 * u, ry + m10 * u, rz + m20 * u
                     t = hit_box(half, inside, (ox, oy, oz), dx, dy, dz)

@@ -1,4 +1,4 @@
-"""A built-in scene as a sequence of frames, with everything that is true about it."""
+"""A built-in scene as a sequence of frames, with its ground truth."""
 
 from dataclasses import dataclass
 
@@ -20,10 +20,11 @@ METRES_PER_UNIT = 0.001
 
 @dataclass(eq=False)
 class Scene(FrameSequence):
-    """A built-in scene: `frames` RgbdFrame at 30 Hz, as a hand-held Kinect sees them; made when asked for.
+    """A built-in scene: `frames` RgbdFrame at 30 Hz from a hand-held Kinect, rendered on access.
 
-    A frame depends on seed, kind and its index alone. True poses are in every frame; `boxes`, `up` and `truth` hold the
-    rest. World frame: z up, metres. Of what changes, `truth` is of a frame's own moment, `boxes` of the last frame's.
+    A frame depends on seed, kind and its index alone. Every frame has its true pose; `boxes`, `up` and `truth` hold the
+    other ground truth. World frame: z up, metres. In a scene that changes, `truth` is that of its frame, and `boxes`
+    are those of the last frame.
     """
 
     has_true_poses = True
@@ -50,7 +51,7 @@ class Scene(FrameSequence):
 
     @property
     def settled_from(self) -> int:
-        """The first frame from which on nothing changes."""
+        """The first frame after the last change."""
         return max(self._renderers)
 
     @property
@@ -78,7 +79,7 @@ class Scene(FrameSequence):
         return RgbdFrame(stamp_ns, colour, depth, METRES_PER_UNIT, self.intrinsics, pose)
 
     def _renderer(self, index: int) -> Renderer:
-        """That of what a frame shows."""
+        """The renderer of the scene as it is in this frame."""
         index = self._index(index)
         return self._renderers[max(first for first in self._renderers if first <= index)]
 

@@ -1,4 +1,4 @@
-"""Colour of the built-in scene's surfaces as the lamp and the window light them, compiled."""
+"""Compiled shading of the built-in scene's surfaces by the lamp and the window."""
 
 from typing import NamedTuple
 
@@ -15,12 +15,12 @@ AMBIENT, LAMP, WINDOW = 0.34, 0.72, 0.16
 WINDOW_DIRECTION = (0.75, -0.55, 0.37)
 # The carpet's period is 10 cm.
 CARPET_FREQUENCY = 10.0
-# Grey level of 1024 steps of brightness; the square root stands for the display's gamma.
+# Grey levels for 1024 steps of brightness. The square root approximates the display's gamma.
 GAMMA = (255.0 * np.sqrt(np.arange(1024) / 1023.0)).astype(np.uint8)
 
 
 class SurfacePattern(NamedTuple):
-    """Of each primitive: pattern (n,), first and second colour (n, 3), patterns per metre (n,)."""
+    """Each primitive's pattern (n,), first and second colour (n, 3), and patterns per metre (n,)."""
 
     pattern: NDArray[np.int32]
     first: NDArray[np.float64]
@@ -31,8 +31,8 @@ class SurfacePattern(NamedTuple):
 class Rays(NamedTuple):
     """A view's rays in each primitive's frame.
 
-    to_local: (n, 3, 3), which turns them; eye: (n, 3), where they begin; rectangles: (n, 4) int32 pixels [u from, u to,
-    v from, v to) that the primitive may cover; pinhole: (4,) fx, fy, cx, cy.
+    to_local: (n, 3, 3), rotations of the rays; eye: (n, 3), their origins; rectangles: (n, 4) int32 pixels [u from, u
+    to, v from, v to) that the primitive may cover; pinhole: (4,) fx, fy, cx, cy.
     """
 
     to_local: NDArray[np.float64]
@@ -42,14 +42,14 @@ class Rays(NamedTuple):
 
 
 class LampLight(NamedTuple):
-    """What `shadow_maps` returns."""
+    """The arrays that `shadow_maps` returns."""
 
     areas: NDArray[np.float64]
     light: NDArray[np.float32]
 
 
 class Image(NamedTuple):
-    """Depth and primitive (h, w) as cast; cosine (h, w) and colour (h, w, 3), which are written."""
+    """Input: depth and primitive (h, w) of the hits. Output: cosine (h, w) and colour (h, w, 3)."""
 
     depth: NDArray[np.float32]
     which: NDArray[np.int32]
@@ -59,7 +59,7 @@ class Image(NamedTuple):
 
 @part()
 def _shadow(areas: NDArray[np.float64], light: NDArray[np.float32], x: float, y: float, z: float) -> float:
-    """Visible share of the lamp at a world point on an upward surface, from its shadow map; 1 elsewhere."""
+    """Visible share of the lamp at a world point on an upward surface, from its shadow map. 1 elsewhere."""
     for m in range(areas.shape[0]):
         if abs(z - areas[m, 0]) < 1e-3:
             column, row = (x - areas[m, 1]) * areas[m, 3], (y - areas[m, 2]) * areas[m, 4]
@@ -77,7 +77,7 @@ def _shadow(areas: NDArray[np.float64], light: NDArray[np.float32], x: float, y:
 def _face_coordinates(
     kind: int, face: int, plain: bool, form: NDArray[np.float64], p: int, x: float, y: float, z: float
 ) -> tuple[float, float, float, float]:
-    """Coordinates (a, b) on the surface and the face's half sizes, metres, at a point of primitive `p`."""
+    """Coordinates (a, b) of a point on its face of primitive `p`, and the face's half sizes, metres."""
     if face == 0:
         return y, z, form[p, 1], form[p, 2]
     if face == 1:
@@ -104,7 +104,7 @@ def shade(
 ) -> None:
     """Writes each pixel's cosine of incidence and its colour: pattern, Lambert's law, lamp shadows, gamma.
 
-    table: of noise; gamma: GAMMA. One primitive after the other, so that what belongs to it stays in registers.
+    table: of noise; gamma: GAMMA. Primitives are the outer loop, so that their values stay in registers.
     """
     kinds, form, rotation, centre = shapes
     patterns, first, second, frequencies = surface

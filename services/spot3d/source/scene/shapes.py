@@ -15,7 +15,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Texture:
-    """Pattern of a primitive: two colours (0..1, linear RGB), the pattern's period in metres."""
+    """A primitive's pattern: two colours (0..1, linear RGB), and a period in metres."""
 
     pattern: int
     first: Colour
@@ -25,11 +25,11 @@ class Texture:
 
 @dataclass(frozen=True, slots=True)
 class Primitive:
-    """One solid, in its own frame with the origin at `centre` and its axes the columns of `rotation`.
+    """One solid in its own frame, with the origin at `centre` and the columns of `rotation` as axes.
 
     form, by kind:
     BOX, ROOM: half sizes (x, y, z); a room is seen from inside.
-    CONE: half height, radius at the bottom, radius at the top, open (1: no top, hollow); axis z.
+    CONE, truncated: half height, radius at the bottom, radius at the top, open (1: no top, hollow); axis z.
     ELLIPSOID: half axes (a, b, c), cut at z from and to, open (1: hollow, no lid at the upper cut).
     """
 
@@ -40,7 +40,7 @@ class Primitive:
     rotation: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
     def local_bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Least and greatest corner (3,) of the solid in its own frame, exact."""
+        """Exact least and greatest corner (3,) of the solid in its own frame."""
         if self.kind in (BOX, ROOM):
             half = np.array(self.form[:3])
             return -half, half
@@ -54,7 +54,7 @@ class Primitive:
         return np.array([-a * share, -b * share, low]), np.array([a * share, b * share, high])
 
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Least and greatest corner (3,) in the frame that `centre` and `rotation` are given in."""
+        """Least and greatest corner (3,) in the frame of `centre` and `rotation`."""
         low, high = self.local_bounds()
         rotation = np.array(self.rotation)
         centre = rotation @ ((low + high) / 2) + np.array(self.centre)
@@ -63,7 +63,7 @@ class Primitive:
 
 
 class Shapes(NamedTuple):
-    """What a ray meets: see `Solids`."""
+    """The arrays of `Solids` that rays are cast at."""
 
     kind: NDArray[np.int32]
     form: NDArray[np.float64]
@@ -73,11 +73,11 @@ class Shapes(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Solids:
-    """All primitives of a scene as arrays, one row each, for the compiled code.
+    """All primitives of a scene as arrays for the compiled code, one row each.
 
-    kind, pattern, instance (n,) int32 (instance 0 = room and furniture); form (n, 6), first, second (n, 3),
-    period (n,), low, high (n, 3) bounds in the primitive's frame; rotation (n, 3, 3) T_world_primitive's,
-    centre (n, 3): all float64, metres.
+    kind, pattern, instance (n,) int32 (instance 0 = room and furniture); form (n, 6), first, second (n, 3), period
+    (n,), low, high (n, 3) bounds in the primitive's frame; rotation (n, 3, 3) of T_world_primitive, centre (n, 3): all
+    float64, metres.
     """
 
     kind: NDArray[np.int32]
@@ -94,12 +94,12 @@ class Solids:
 
     @property
     def shapes(self) -> Shapes:
-        """The part of it that kernels cast rays at."""
+        """The arrays that kernels cast rays at."""
         return Shapes(self.kind, self.form, self.rotation, self.centre)
 
 
 def pack(primitives: list[Primitive], instances: list[int]) -> Solids:
-    """Arrays of primitives placed in the world, with the instance that each belongs to."""
+    """Arrays of primitives in the world, and of the instance that each belongs to."""
     form = np.zeros((len(primitives), 6))
     for row, primitive in zip(form, primitives, strict=True):
         row[: len(primitive.form)] = primitive.form
@@ -120,7 +120,7 @@ def pack(primitives: list[Primitive], instances: list[int]) -> Solids:
 
 
 def placed(primitive: Primitive, yaw: float, base: Vector) -> Primitive:
-    """A primitive given in an object's frame, turned by `yaw` about z and moved to `base`, in the world."""
+    """A primitive of an object, turned by `yaw` about z and moved to `base`: from the object's frame to the world."""
     turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
     x, y, z = (float(value) for value in turn @ np.array(primitive.centre) + np.array(base))
     first, second, third = ((float(r[0]), float(r[1]), float(r[2])) for r in turn @ primitive.rotation)

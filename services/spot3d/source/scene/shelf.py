@@ -1,4 +1,4 @@
-"""The bookcase by the wall, and what stands on its boards and lies in a crate there."""
+"""A bookcase by the wall, with things on its boards and in a crate."""
 
 from spot3d.source.scene.placement import Arrangement, Placed, Region, arrange
 from spot3d.source.scene.shapes import BOX, ROOM, SPECKLE, WOOD, Primitive, Texture

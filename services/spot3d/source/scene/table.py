@@ -1,4 +1,4 @@
-"""The table against a wall with a shelf above it, and what stands on both."""
+"""A table against a wall with a shelf above it, and the things on both."""
 
 from functools import partial
 
@@ -42,9 +42,9 @@ ON_SHELF = ("jar", "vase", "tin can", "sugar pack", "mug", "puzzle cube")
 
 
 def things_on_table(seed: int, cluttered: bool) -> list[Placed]:
-    """Places 12 things, or 18 to 24 cluttered, by the seed alone, two or three of them on the shelf.
+    """Places 12 things, or 20 to 24 if cluttered, which depend on the seed alone. Two or three are on the shelf.
 
-    Always: one flat, one stacked, two touching, one hidden behind a tall one.
+    There are always a flat one, a stacked one, two that touch, and one hidden behind a tall one.
     """
     fill = partial(_fill, cluttered=cluttered)
     return arrange((seed, int(cluttered)), 0.012 if cluttered else 0.03, TABLE_REGION, fill)

@@ -1,4 +1,4 @@
-"""Procedural patterns of the built-in scene, compiled: printed packs, wood, stripes, carpets, pictures."""
+"""Compiled procedural patterns of the built-in scene: printed packs, wood, stripes, carpets, pictures."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,8 +6,7 @@ from numpy.typing import NDArray
 from spot3d.kernel import part
 from spot3d.source.scene.shapes import CHECKS, COVER, LABEL, PICTURE, SPECKLE, STRIPES, TILES, WOOD
 
-# Side of the tileable noise table; a power of two, so that wrapping is a bit mask, and small enough for the
-# cache.
+# Side of the tileable noise table: a power of two, so that a bit mask wraps indices, and small enough for the cache.
 NOISE_SIDE = 64
 
 
@@ -19,11 +18,11 @@ def noise_table(seed: int) -> NDArray[np.float32]:
 
 @part()
 def smooth_noise(table: NDArray[np.float32], u: float, v: float) -> float:
-    """Bilinear look-up of the noise table at (u, v) in cells, in -1..1."""
+    """Bilinear interpolation of the noise table at (u, v) in cells, in -1..1."""
     fu, fv = np.floor(u), np.floor(v)
     a, b = u - fu, v - fv
     mask = NOISE_SIDE - 1
-    # Unsigned: signed indices cost a test for negative ones each.
+    # Unsigned: each signed index would cost a test for negative values.
     i, j = np.uint64(int(fu) & mask), np.uint64(int(fv) & mask)
     i1, j1 = np.uint64((int(fu) + 1) & mask), np.uint64((int(fv) + 1) & mask)
     top = table[j, i] + a * (table[j, i1] - table[j, i])
@@ -33,7 +32,7 @@ def smooth_noise(table: NDArray[np.float32], u: float, v: float) -> float:
 
 @part()
 def _print(table: NDArray[np.float32], a: float, b: float, lines: float) -> float:
-    """Ink 0..1 of `lines` lines of words a period, at (a, b) in periods; gaps by the noise table."""
+    """Ink 0..1 at (a, b) in periods, for `lines` lines of words in a period, with gaps from the noise table."""
     row = np.floor(b * lines)
     if b * lines - row > 0.55:
         return 0.0
@@ -52,10 +51,10 @@ def pattern_at(
 ) -> tuple[float, float]:
     """Share 0..1 of the second colour, and ink 0..1, at (a, b) on a face of half sizes (half_a, half_b).
 
-    All four in periods of the pattern. `shift` moves the noise, so that no two faces look alike.
+    All four are in periods of the pattern. `shift` displaces the noise, so that no two faces look alike.
     """
     if pattern == WOOD:
-        # Rings seen along the grain: slow along, fast across, bent a little; planks three periods wide.
+        # Rings along the grain: slow along, fast across, slightly bent. Planks are three periods wide.
         bend = smooth_noise(table, 0.3 * a + shift, 0.8 * b)
         ring = smooth_noise(table, 0.5 * a + shift, 8 * b + 2 * bend)
         plank = b * (1 / 3) - np.floor(b * (1 / 3))
