@@ -34,9 +34,9 @@ _NAMES = {dtype: name for name, dtype in _DTYPES.items()}
 class ArraySpec:
     """What an array field may hold; as an annotation it makes pydantic check the field.
 
-    dtypes: accepted NumPy type names. axes: a number for a fixed axis, a name for a free one.
-    most: largest product of the free axes. least: smallest free axis. thin: the encodings beside `raw`,
-    that of thin links first, the next one where the array is not for it. finite: whether NaN and infinity are refused.
+    dtypes: accepted NumPy type names. axes: a number for a fixed axis, a name for a free one. most: largest product of
+    the free axes. least: smallest free axis. thin: the encodings beside `raw`, for thin links; the first that can code
+    the array is used. finite: whether NaN and infinity are refused.
     """
 
     dtypes: tuple[str, ...]
@@ -125,7 +125,7 @@ def dtype_name(array: NDArray[Any]) -> str:
 
 
 def encode_data(array: NDArray[Any], codes: tuple[str, ...], jpeg_quality: int) -> tuple[str, bytes | memoryview]:
-    """The first of `codes` that takes the validated `array`, and its bytes; none: `raw`, a view. Raises ValueError."""
+    """The first of `codes` that suits the validated `array`, and its bytes; else `raw`, a view. Raises ValueError."""
     for code in codes:
         if code == JPEG:
             return code, jpeg_encode(array, jpeg_quality)

@@ -152,7 +152,7 @@ def _array_pieces(
 
 @lru_cache(maxsize=100)
 def _described(name: str, dtype: str, shape: tuple[int, ...], code: str) -> bytes:
-    """An array field up to the length of its padding: of a camera's images the same again and again."""
+    """The bytes of an array field up to the length of its padding; those of a camera's images repeat."""
     pack = msgpack.packb
     values = ("dtype", dtype, "shape", list(shape), "encoding", code)
     # Readers skip `pad` as they skip any field that they do not know.

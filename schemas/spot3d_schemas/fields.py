@@ -1,4 +1,4 @@
-"""The kinds of fields that messages are made of."""
+"""The types of the fields of messages."""
 
 from typing import Annotated, Any
 
@@ -26,7 +26,7 @@ from spot3d_schemas.names import checked_name
 from spot3d_schemas.numbers_field import NumbersSpec
 
 _UNIT_TOLERANCE = 2e-3
-"""On the square of a unit vector's length: 1e-3 on the length."""
+"""Tolerance of the square of a unit vector's length: 1e-3 on the length."""
 
 
 def _with_unit_normals(planes: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -38,7 +38,7 @@ def _with_unit_normals(planes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _cut(text: object) -> object:
-    # A long error text is worth less than the message that carries it; so is how a file's odd name is spelled in it.
+    # The message is worth more than the end of a long error text, or the exact spelling of a file's odd name in it.
     return text.encode("utf-8", "backslashreplace").decode()[:MAX_TEXT] if isinstance(text, str) else text
 
 

@@ -1,4 +1,4 @@
-"""What every message begins with, and what every part of a message is."""
+"""The header of every message, and the base class of messages and their parts."""
 
 from typing import Annotated
 
@@ -24,7 +24,7 @@ class Record(BaseModel):
 
 
 class Hop(Record):
-    """One stage that handled the frame: when it got it and when it sent its own message, wall clock."""
+    """One stage that handled the frame: when it received it and when it sent its own message, wall clock."""
 
     stage: Name
     received_ns: Nanoseconds
@@ -32,25 +32,26 @@ class Hop(Record):
 
 
 class Header(Record):
-    """Which robot's which capture a message is about. On the wire it holds `schema` and `version` too."""
+    """The robot and the capture that a message is about. On the wire it holds `schema` and `version` too."""
 
     robot: Name
     seq: Count
     """Number of the message, counted by its sender."""
     stamp_ns: Nanoseconds
-    """Capture time of the frame: what messages are joined by."""
+    """Capture time of the frame, by which messages are joined."""
     frame_id: Name
     trace: Annotated[tuple[Hop, ...], FailFast(), Field(strict=False, max_length=MAX_HOPS)] = ()
     stream: Name | None = None
-    """Which captures belong together: one session of a camera, one pass through a recording. Since 1.1; None: not told.
+    """The captures that belong together: one session of a camera, one pass through a recording. Since 1.1; None:
+    unknown.
 
     Another stream is another scene: nothing of it is joined, tracked or fused with what was before.
     """
     sender: Name | None = None
-    """The process that sent the message, another one each time that it starts. Since 1.1; None: not told."""
+    """The process that sent the message; a restarted process has a new one. Since 1.1; None: unknown."""
 
     def with_hop(self, stage: str, received_ns: int, sent_ns: int) -> "Header":
-        """This header with one more hop; beyond the limit the oldest one goes."""
+        """This header with one more hop; beyond the limit the oldest one is dropped."""
         hop = Hop(stage=stage, received_ns=received_ns, sent_ns=sent_ns)
         return self.model_copy(update={"trace": (*self.trace, hop)[-MAX_HOPS:]})
 

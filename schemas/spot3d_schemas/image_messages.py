@@ -1,4 +1,4 @@
-"""The messages of one frame: what its camera saw, and what is seen in it."""
+"""The messages about one frame: its images, and what the stages find in them."""
 
 from typing import Annotated, ClassVar, Literal, Self
 
@@ -56,10 +56,10 @@ class CameraIntrinsics(Record):
 
 
 class DepthNoise(Record):
-    """How noisy depth is: sigma(z) = floor + growth * (z - at)^2 (`model` quadratic), all metres.
+    """Standard deviation of depth: sigma(z) = floor + growth * (z - at)^2 (`model` quadratic), all metres.
 
-    A stereo camera: at 0, growth = subpixel / (focal length * baseline); time of flight: little growth. What no camera
-    has, as millimetres in the place of metres, is refused.
+    A stereo camera: at 0, growth = subpixel / (focal length * baseline); time of flight: little growth. Values that no
+    camera has, such as millimetres instead of metres, are refused.
     """
 
     model: Literal["quadratic"] = "quadratic"
@@ -87,7 +87,7 @@ class RgbdMessage(Message):
 
     colour: (h, w, 3) uint8 RGB, registered with depth.
     depth: (h, w) uint16 in units of `depth_scale` metres, or float32 metres (`depth_scale` 1); 0 = invalid.
-    depth_noise: since 1.1, the depth camera's; None: not stated, and taken for a Kinect v1's.
+    depth_noise: since 1.1, the depth camera's; None: not stated, a Kinect v1's is assumed.
     """
 
     VERSION: ClassVar[str] = "1.1"
@@ -161,16 +161,16 @@ class Heat(RgbdMessage):
 
 
 class Segments(Message):
-    """The objects of one keyframe alone; of a frame that is none, only that it is none.
+    """The segments of one keyframe; of any other frame, only that it is none.
 
-    keyframe: whether the frame was looked at. If not, `intrinsics` is None and the arrays are empty (labels 0x0).
-    intrinsics: of `labels`, which may be smaller than the frame. labels: (h, w) uint8, 0 = no object, k = segment
-    k - 1. heat: (n,) float32 mean confidence of each segment in [0, 1]. planes: (p, 4) float64 [n_x, n_y, n_z, b],
-    camera frame, metres, n.x + b = 0: the surfaces on which things stand, the main one first, unit normals up, in depth
-    as it was measured but for the pose's `bend`.
-    stands_on: (n,) int8 row of `planes`, -1 = none is known. Whoever knows no plane sends none, and fusion takes the
-    supporting plane that it knows itself. Since 1.2, left_out: what was taken for an object of this
-    frame and is no segment, counted by reason.
+    keyframe: whether the frame was segmented. If not, `intrinsics` is None and the arrays are empty (labels 0x0).
+    intrinsics: of `labels`, which may be smaller than the frame. labels: (h, w) uint8, 0 = no object, k = segment k -
+    1. heat: (n,) float32 mean confidence of each segment in [0, 1]. planes: (p, 4) float64 [n_x, n_y, n_z, b], camera
+    frame, metres, n.x + b = 0: the supporting planes, the main one first, unit normals up, in depth as measured but for
+    the pose's `bend`.
+    stands_on: (n,) int8 row of `planes`, -1 = none is known. A sender that knows no plane sends none, and fusion takes
+    the supporting plane that it knows itself. Since 1.2, left_out: candidates of this frame that are no segments,
+    counted by reason.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Segments"

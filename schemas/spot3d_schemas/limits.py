@@ -16,7 +16,7 @@ MAX_SEGMENTS = 255
 """Most segments of one frame: what a byte can tell apart from background."""
 
 MAX_PLANES = 32
-"""Most surfaces of one frame on which things stand."""
+"""Most supporting planes of one frame."""
 
 MAX_OBJECTS = 10_000
 """Most objects of one update."""
@@ -25,22 +25,22 @@ MAX_MAP_POINTS = 2_000_000
 """Most points of one snapshot of the 3D heatmap; 23 bytes each, 46 MB."""
 
 MAX_MAP_CHANGES = 40_000
-"""Most points of one answer that says what changed in the map; 24 bytes each, just below 1 MB."""
+"""Most points of one answer with changes of the map; 24 bytes each, just below 1 MB."""
 
 MAX_CORRECTIONS = 1024
 """Most earlier poses that one pose corrects."""
 
 BEND_SHAPE = 4, 6
-"""Rows and columns of the image's lattice on which a pose says what bends depth."""
+"""Rows and columns of the image's lattice on which a pose states the bend of depth."""
 
 MAX_BEND = 0.1
-"""Most that depth may be bent by, logarithm: a camera that is off by a tenth shows nothing."""
+"""Maximum bend of depth, logarithm: a camera that is off by a tenth shows nothing."""
 
 MIN_DEPTH_NOISE, MAX_DEPTH_NOISE = 1e-6, 0.1
-"""Standard deviation of depth, metres: the least and the most that a camera's can be, the most at 1 m."""
+"""Least and largest standard deviation of a camera's depth, metres; the largest at 1 m."""
 
 MAX_LEAST_NOISY_RANGE = 10.0
-"""Farthest that the range of least noise can be, metres."""
+"""Maximum of the range with the least noise, metres."""
 
 MAX_PREVIEW_PIXELS = 320 * 320
 """Largest preview: dashboards over thin links get no more of a frame than this."""
@@ -75,5 +75,5 @@ MAX_OBJECTS_VALUES = 64 * MAX_OBJECTS
 """Most msgpack values of Objects (today's object has 35); takes the place of MAX_VALUES."""
 
 MAX_DECODE_BYTES = 2 * MAX_MESSAGE_BYTES
-"""Most memory that decoding one message allocates at any time, the message itself not counted: what the limits above
-come to, which tests measure. Nothing counts it while a message is decoded."""
+"""Maximum memory that decoding one message allocates at any time, the message itself not counted. It follows from the
+limits above, and tests measure it; the decoder itself does not count it."""

@@ -21,7 +21,7 @@ from spot3d_schemas.limits import (
 
 
 class Message(Record):
-    """What every message has."""
+    """The base class of all messages."""
 
     SCHEMA: ClassVar[str]
     VERSION: ClassVar[str] = "1.1"

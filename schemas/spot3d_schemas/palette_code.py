@@ -1,7 +1,7 @@
 """A lossless code for images of few distinct values: depth in a sensor's own steps, heat in a few levels.
 
-Neighbours mostly are the same value or the next one, however far apart the values are: the rank of a pixel's value
-among those of the image costs about two bits, where its difference in millimetres costs four.
+Neighbours mostly have the same value or the next one, however far apart the values are: the rank of a pixel's value
+among those of the image costs about two bits, its difference in millimetres four.
 
 One deflate stream (zlib) holds, one after the other, integers little endian:
 
@@ -116,7 +116,7 @@ def _ranked(bits: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.uint16]]:
 
 
 def _steps(small: memoryview, escapes: memoryview, count: int) -> NDArray[np.uint16]:
-    """(count,) the steps, modulo 2^16. Raises ValueError where there are not as many escapes as they name."""
+    """(count,) the steps, modulo 2^16. Raises ValueError if the number of escapes is not that in the steps."""
     packed = np.frombuffer(small, np.uint8)
     zigzag = np.empty(2 * len(packed), np.uint16)
     zigzag[::2], zigzag[1::2] = packed >> 4, packed & 15

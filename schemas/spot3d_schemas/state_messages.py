@@ -1,4 +1,4 @@
-"""The messages that say how far the stages are, and how they fare."""
+"""The messages about the stages' progress and state."""
 
 from typing import ClassVar
 
@@ -17,7 +17,7 @@ from spot3d_schemas.message import Message
 
 
 class End(Message):
-    """The source's stream has ended; said again and again until fusion's progress answers that it is complete.
+    """The source's stream has ended; repeated until fusion's progress answers that it is complete.
 
     The header's stamp is that of the last frame. frames_sent: how many there were.
     """
@@ -43,12 +43,12 @@ class Progress(Message):
 
 
 class Health(Message):
-    """How one stage's process fares. Rates and times are None until there is something to measure.
+    """The state of one stage's process. Rates and times are None until there is something to measure.
 
-    drops: messages that were not worked on, by reason. events: what happened that lost nothing, by kind.
-    latency: from the trace's first hop to this stage's message, by wall clock. step: the core's own time. Since 1.1,
-    state: what is wrong now and what to do about it, for people; empty: nothing is; and sent, sent_bytes: messages and
-    their bytes so far, by topic.
+    drops: messages that were not processed, by reason. events: events that lost no message, by kind. latency: from the
+    trace's first hop to this stage's message, by wall clock. step: the core's own time. Since 1.1, state: what is wrong
+    now and what to do about it, for people; empty: nothing is wrong; sent, sent_bytes: messages and their bytes so far,
+    by topic.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Health"
@@ -77,12 +77,12 @@ class Health(Message):
 
 
 class About(Message):
-    """What one stage's process runs on: its answer to a query, at once, however busy the stage is.
+    """Versions and resources of one stage's process: its answer to a query, at once, however busy the stage is.
 
-    time_ns: wall clock when it answered. kernels_missing: modules whose machine code is not kept for the next start.
-    shared_memory_bytes: room for images that go through shared memory, 0 where none do: it is off, or the run lossless.
-    disk, disk_free_bytes: where the stage keeps things, and what room is left there. certificate_until_ns: until when
-    its certificate is valid.
+    time_ns: wall clock when it answered. kernels_missing: modules whose compiled kernels are not kept for the next
+    start. shared_memory_bytes: shared memory left for images; 0: it is off, or the run lossless. disk, disk_free_bytes:
+    where the stage keeps snapshots, and the space left there. certificate_until_ns: until when its certificate is
+    valid.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.About"

@@ -1,4 +1,4 @@
-"""The one table of topics: who says what, where, how often, and whether it may be dropped."""
+"""The one table of topics: producer, key, message, rate, and whether messages may be dropped."""
 
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -21,8 +21,8 @@ Delivery = Literal["live", "lossless", "by run"]
 
 
 Congestion = Literal["block", "block first", "drop"]
-"""What a sender does where the network is full. block first: it waits with one message, and drops those that
-come meanwhile."""
+"""What a sender does when the network is full. block first: it waits with one message, and drops those that come
+meanwhile."""
 
 Priority = Literal["interactive high", "interactive low", "data high", "data", "data low"]
 """Which message goes first where several wait; the names are Zenoh's."""
@@ -43,9 +43,9 @@ class Topic:
     express: bool = False
     """Sent at once, not gathered with others into one packet."""
     newest: int = 0
-    """Most messages that wait for a live reader, the newest; 0: all do, as they are small and few."""
+    """Maximum number of messages queued for a live reader, the newest; 0: all, as they are small and few."""
     kept: bool = False
-    """A reader that comes late still gets the last one."""
+    """A late subscriber still gets the last one."""
 
     @property
     def producer(self) -> str:
@@ -64,12 +64,12 @@ _ROWS = (
     Topic("source/end", End, 2.0, "lossless", priority="data low"),
     Topic("pose/pose", Pose, 30.0, "lossless", priority="interactive high", express=True),
     Topic("proposals/boxes", Proposals, 30.0, "by run", congestion="block first", priority="data high", newest=8),
-    # Over a thin link heat must not delay poses and objects. Fusion is faster than any camera, and catches up with what
-    # has waited while it was held up for a moment.
+    # Over a thin link heat must not delay poses and objects. Fusion is faster than any camera, and catches up with
+    # queued messages after a short stall.
     Topic("heatmap/heat", Heat, 30.0, "by run", congestion="block first", priority="data low", newest=4),
     Topic("heatmap/preview", Preview, 5.0, "live", congestion="drop", priority="data low", newest=1),
-    # Most say that a frame is no keyframe, and must not push out one that is: a second's worth waits. No frame waits
-    # for the stage in a live run, so that it may wait itself.
+    # Most say that a frame is no keyframe, and must not push out one that is: a second's worth is queued. No frame
+    # waits for the stage in a live run, so the stage itself may wait.
     Topic("segments/segments", Segments, 30.0, "by run", newest=32),
     Topic("fusion/objects", Objects, 2.0, "lossless", priority="data high", kept=True),
     Topic("fusion/progress", Progress, 30.0, "lossless", priority="interactive high", express=True),
@@ -101,7 +101,7 @@ def alive_key(robot: str, stage: str) -> str:
 
 
 class Token(NamedTuple):
-    """What a liveliness token says is there: a robot's stage, or one process of it, the `sender` of its messages."""
+    """What a liveliness token says is alive: a robot's stage, or one process of it, the `sender` of its messages."""
 
     robot: str
     stage: str
@@ -109,7 +109,7 @@ class Token(NamedTuple):
 
 
 def token_of(key_expr: str) -> Token | None:
-    """The token with this key; None where that is none of ours: anybody may declare any, also with wildcards."""
+    """The token with this key; None if it is none of ours: anybody may declare any, even with wildcards."""
     parts = key_expr.split("/")
     if len(parts) not in (4, 5) or (parts[0], parts[3]) != ("spot3d", "alive"):
         return None
@@ -120,7 +120,7 @@ def token_of(key_expr: str) -> Token | None:
 
 
 def robot_of(key_expr: str) -> str | None:
-    """The robot whose message has this key; None where that names none, as with a wildcard."""
+    """The robot of a message with this key; None if the key names none, as with a wildcard."""
     parts = key_expr.split("/")
     return parts[1] if len(parts) > 1 and is_name(parts[1]) else None
 

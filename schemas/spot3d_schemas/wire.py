@@ -1,7 +1,7 @@
-"""Where the values of a msgpack map lie, found without decoding or copying any of them.
+"""Finds the byte ranges of a msgpack map's values without decoding or copying any of them.
 
-msgpack's own decoder copies every array and builds whatever the bytes describe. Knowing the places first lets
-arrays stay views, fields of newer versions stay unread, and the limits hold before anything is allocated.
+msgpack's own decoder copies every array and builds whatever the bytes describe. With the ranges known first, arrays
+stay views, fields of newer versions stay unread, and the limits hold before anything is allocated.
 """
 
 import struct
@@ -12,11 +12,11 @@ import msgpack
 from spot3d_schemas.limits import MAX_NAME
 
 Span = tuple[int, int]
-"""A value's place in a message: bytes from, to."""
+"""Byte range of a value in a message: from, to."""
 
 
 class _Tag(NamedTuple):
-    """How a value goes on after its first byte."""
+    """Layout of a value, by its first byte."""
 
     length_bytes: int
     """Bytes of a length field."""
@@ -58,7 +58,7 @@ def _tags() -> tuple[_Tag | None, ...]:
 
 _TAGS = _tags()
 _PLAIN = tuple(0 if tag is None or tag.length_bytes or tag.children else tag.size for tag in _TAGS)
-"""Bytes of a value that is told by its first byte alone: most values are."""
+"""Bytes of a value whose first byte alone gives its size, as of most values; else 0."""
 _CUT_OFF = "the message is cut off"
 _TOO_MANY = "holds more values than are accepted; send less"
 _BIN_TAGS = frozenset((0xC4, 0xC5, 0xC6))
@@ -94,7 +94,7 @@ def end_of(payload: memoryview, start: int, max_values: int) -> tuple[int, int]:
             at += size
             seen += 1
             pending += children - 1
-            # Only here what is promised can grow.
+            # Only here can the number of pending values grow.
             if seen + pending > max_values:
                 raise ValueError(_TOO_MANY)
     except IndexError:
@@ -105,10 +105,10 @@ def end_of(payload: memoryview, start: int, max_values: int) -> tuple[int, int]:
 
 
 def map_spans(payload: memoryview, span: Span, max_fields: int, max_values: int) -> dict[str, Span]:
-    """The places of a map's values by their keys.
+    """The byte ranges of a map's values by their keys.
 
-    Raises ValueError where the bytes of `span` are anything else than one whole map of at most `max_fields`
-    different string keys and, all in all, `max_values` values.
+    Raises ValueError if the bytes of `span` are anything but one whole map of at most `max_fields` different string
+    keys and, all in all, `max_values` values.
     """
     start, end = span
     tag = _TAGS[payload[start]] if start < end else None

@@ -1,4 +1,4 @@
-"""The messages of the world: where the camera is, the objects, and the map."""
+"""The messages about the world: the camera's pose, the objects, and the map."""
 
 from itertools import pairwise
 from typing import Annotated, ClassVar, Literal, Self
@@ -46,23 +46,25 @@ from spot3d_schemas.message import Message
 class Pose(Message):
     """The camera's pose at one capture. "lost": not to be fused, and `reason` says why.
 
-    Since 1.1, epoch: the world that the pose is in; poses of different epochs have nothing to do with each other.
-    lost_since_ns: the capture since which every pose is lost. Since 1.2, T_world_map: where the map by which poses are
-    corrected is known to lie by now; None: where it always was. What was seen by an earlier pose is better known to lie
-    where T_world_map inv(T_world_map of then) brings it. Since 1.3, depth_factor: what the capture's depth is to be
-    multiplied by to agree with the poses; 1: they agree, or nobody knows. Since 1.4, delay_s: how much older than the
-    capture the pose was as it was given, seconds; it has been carried on by that; 0: it came in time, or nobody knows.
-    Since 1.5, turn: (3,) rotation vector about the camera's axes, radians, by which the camera is turned against what
-    the given pose is of, as far as was known by then: it is part of the pose; None: the pose is as it was given.
-    Since 1.6, centre: (2,) by how much further to the right and down a thing at unit distance lies than the capture's
-    intrinsics say: cx and cy are to be less by so many focal lengths; None: nobody knows.
-    Since 1.7, corrected_ns: (k,) captures from before, rising, and corrections: (k, 6) float64, by how much the pose
-    of each, as it was published and then moved with the map, turns out to be off: shift, metres, and rotation about the
-    camera, radians, in world axes; `turn` is not part of it. What lies between is off in line with both, what is later
-    than the last as that is, and of what is earlier than the first nothing is said: what was said before holds.
-    Since 1.8, bend: (4, 6) the logarithm of what the capture's depth is to be multiplied by beside depth_factor, on a
-    lattice of rows and columns from the image's left upper to its right lower corner, in between in line with both: a
-    camera bends what it sees alike in all images; None: nobody knows.
+    Since 1.1, epoch: the world frame of the pose; poses of different epochs are unrelated. lost_since_ns: the capture
+    since which every pose is lost.
+    Since 1.2, T_world_map: the present pose of the map by which poses are corrected; None: it has not moved. What was
+    seen by an earlier pose is better placed where T_world_map inv(T_world_map of then) brings it.
+    Since 1.3, depth_factor: the factor by which the capture's depth has to be multiplied to agree with the poses; 1:
+    they agree, or it is unknown.
+    Since 1.4, delay_s: how much older than the capture the given pose was, seconds; it has been extrapolated by that;
+    0: it came in time, or it is unknown.
+    Since 1.5, turn: (3,) rotation vector about the camera's axes, radians, of the camera against what the given pose is
+    of, as far as known by then. It is part of the pose; None: the pose is as it was given.
+    Since 1.6, centre: (2,) by how much further to the right and down a point at unit distance lies than the capture's
+    intrinsics say: cx and cy have to be reduced by so many focal lengths; None: unknown.
+    Since 1.7, corrected_ns: (k,) earlier captures, rising, and corrections: (k, 6) float64, by how much the pose of
+    each, as it was published and then moved with the map, turns out to be off: shift, metres, and rotation about the
+    camera, radians, in world axes, without `turn`. They are interpolated linearly in between, and constant after the
+    last; before the first, what was said earlier holds.
+    Since 1.8, bend: (4, 6) logarithm of the factor by which the capture's depth has to be multiplied beside
+    depth_factor, on a lattice of rows and columns from the image's upper left to its lower right corner, interpolated
+    linearly: a camera bends depth alike in all images; None: unknown.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Pose"
@@ -109,7 +111,7 @@ class Pose(Message):
 class Object3D(Record):
     """One object's box. centre, size: (3,) m. rotation: (3, 3), columns = the box's axes. World frame.
 
-    views, by default: keyframes that see it; points: pixels of its segments, summed over these, not points of the map.
+    views: by default keyframes that see it. points: pixels of its segments, summed over these, not points of the map.
     """
 
     id: Count
@@ -133,11 +135,11 @@ class Object3D(Record):
 class Objects(Message):
     """All objects known after `frame_count` fused frames. up: (3,) the supporting planes' normal, world.
 
-    complete: the source's stream has ended, and these are the objects of all its frames. Since 1.1, left_out: what
-    was taken for an object and is none, counted by reason (`... in a keyframe`: what the segments stage said of single
-    keyframes, added up over all, and which of their segments have no vote); keyframes_dropped: keyframes that were
-    forgotten because there were too many, and with them what no other keyframe shows. Since 1.2, epoch: of the map that
-    they are from; the numbers of objects mean the same in one epoch alone.
+    complete: the source's stream has ended, and these are the objects of all its frames. Since 1.1, left_out:
+    candidates that are no objects, counted by reason (`... in a keyframe`: counts of the segments stage for single
+    keyframes, summed over all, and segments of these that have no vote); keyframes_dropped: keyframes forgotten because
+    there were too many, and with them what no other keyframe shows. Since 1.2, epoch: of their map; an object's number
+    is valid within one epoch.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.Objects"
@@ -182,15 +184,15 @@ class MapPoints(Message):
 
 
 class MapChanges(Message):
-    """What changed in the 3D heatmap after what the asker has; the answer to `fusion/changes`.
+    """What has changed in the 3D heatmap since the asker's last answer; the answer to `fusion/changes`.
 
-    The query's parameters: `generation` and `since` of the last answer (none: everything), `limit`: most points.
-    generation: another number is another map, of which the asker has nothing yet. cursor: the next query's `since`.
-    behind: changed points that did not fit into this answer; ask again.
-    number: (N,) uint32 that stays the point's. xyz: (N, 3) float32 m, world. rgb: (N, 3) uint8. heat: (N,) uint8
-    255ths of the pseudo-average confidence. frequency: (N,) uint32 frames that saw the point, 0 = it is no more.
-    planes: (p, 4) float64 [n_x, n_y, n_z, b], world, metres, n.x + b = 0: surfaces on which things stand, seen of late.
-    Since 1.1, epoch: of the map, as in Objects: a fusion that is started again goes on with the objects of its epoch.
+    The query's parameters: `generation` and `since` of the last answer (none: everything), `limit`: maximum number of
+    points. generation: another number is another map, of which the asker has nothing yet. cursor: the next query's
+    `since`. behind: changed points that did not fit into this answer; ask again.
+    number: (N,) uint32, permanent number of the point. xyz: (N, 3) float32 m, world. rgb: (N, 3) uint8. heat: (N,)
+    uint8 255ths of the pseudo-average confidence. frequency: (N,) uint32 frames that saw the point, 0 = it is removed.
+    planes: (p, 4) float64 [n_x, n_y, n_z, b], world, metres, n.x + b = 0: supporting planes seen recently.
+    Since 1.1, epoch: of the map, as in Objects: a restarted fusion continues with the objects of its epoch.
     """
 
     SCHEMA: ClassVar[str] = "spot3d.MapChanges"

@@ -1,1 +1,1 @@
-"""The way over a thin link: joins a robot's router with the ground's, without ever making the robot wait."""
+"""The bridge over a thin link: joins a robot's router with the ground's, and never makes the robot wait."""

@@ -1,4 +1,4 @@
-"""One pair of connections to the other side of a thin link, and all that crosses it."""
+"""One pair of connections to the other side of a thin link, and all that is forwarded by them."""
 
 import json
 import threading
@@ -19,19 +19,20 @@ from spot3d.dataflow.settings import LinkSettings
 from spot3d_schemas import BRIDGE, TOPICS, Topic
 
 _PACED = "block first"
-"""Topics of this congestion can fill a link: they have a connection of their own, and are skipped where it is full."""
+"""Topics with this congestion control can fill a link: they have a connection of their own, and skip messages while it
+is full."""
 
 _PING_S = 0.1
 _LEASE_MS = 10_000
-"""The other side takes us for gone after this time; we find out by ourselves when it is."""
+"""The other side considers us gone after this time; we detect by ourselves when it is gone."""
 
 
 class Crossing:
-    """Connections to the router on the other side, and what crosses by them until they are closed.
+    """Connections to the router on the other side, and what is forwarded by them until they are closed.
 
-    Images go by one connection, everything else by another, so that TCP makes no pose wait for an image. Each one's
-    echoes come back over the other: they say that both are there, and how long images take. Nobody on the other side
-    has to answer for that but its router. Enter it to connect; raises zenoh.ZError where that fails.
+    Images go by one connection, everything else by another, so that TCP makes no pose wait for an image. The echoes of
+    each come back over the other: they show that both work, and how long images take. On the other side only the router
+    takes part in that. Enter it to connect; raises zenoh.ZError where that fails.
     """
 
     def __init__(self, local: zenoh.Session, link: LinkSettings, settings: BridgeSettings, counters: Counters) -> None:
@@ -55,21 +56,21 @@ class Crossing:
         self.close()
 
     def close(self) -> None:
-        """Let nothing cross any more; then close the connections, which may take seconds where the link is gone."""
+        """Stop forwarding, then close the connections, which may take seconds if the link is gone."""
         self._exit.close()
 
     @property
     def answered(self) -> bool:
-        """Whether both connections have brought an echo."""
+        """Whether an echo has come back over both connections."""
         return min(self._heard_s.values()) > self._begun_s
 
     def silent_s(self) -> float:
-        """Seconds since the last echo; that of the images may take twice as long."""
+        """Seconds since the last echo, halved for the images' connection, where it may take twice as long."""
         now_s = time.monotonic()
         return max(now_s - self._heard_s["prompt"], (now_s - self._heard_s["bulk"]) / 2)
 
     def tick(self) -> None:
-        """Ask for an echo of either connection, and let flow what is wanted; call it some twenty times a second."""
+        """Ask for an echo of either connection, and update what is forwarded; call it some twenty times a second."""
         if (now_s := time.monotonic()) - self._asked_s > _PING_S:
             self._asked_s = now_s
             for ping in self._pings:
@@ -81,7 +82,7 @@ class Crossing:
         way = {"mode": "client", "connect": self._settings.ground, "listen": (), "shared_memory": False}
         config = zenoh_config(self._link.model_copy(update=way))
         config.insert_json5("connect/timeout_ms", json.dumps(round(1000 * self._settings.attempt_s)))
-        # A router on the other side that closes a connection to us while the link is gone may stand still after that.
+        # A router on the other side that closes a connection to us while the link is gone may stall after that.
         config.insert_json5("transport/link/tx/lease", str(_LEASE_MS))
         with ThreadPoolExecutor(2) as pool:
             tries = [pool.submit(zenoh.open, config) for _ in range(2)]
@@ -100,7 +101,7 @@ class Crossing:
             self._prompt.declare_publisher(prompt, priority=quick, congestion_control=drop),
             self._bulk.declare_publisher(bulk, priority=last, congestion_control=drop),
         )
-        # Behind the images, in the same queue: with an image's number it says that this image has arrived.
+        # In the same queue behind the images: with an image's number it says that this image has arrived.
         self._mark = self._bulk.declare_publisher(bulk, priority=last, congestion_control=block)
         self._bulk.declare_subscriber(prompt, self._hear_prompt)
         self._prompt.declare_subscriber(bulk, self._hear_bulk)
@@ -135,7 +136,7 @@ class Crossing:
         self._counters.published(topic.name, len(payload))
 
     def _paced(self, topic: Topic, payload: bytes, put: Put) -> None:
-        """Send an image, or skip it where the link does not take it now. In a lossless run nothing is skipped."""
+        """Send an image, or skip it if the link cannot take it now. In a lossless run nothing is skipped."""
         with self._sending:
             now_s = time.monotonic()
             with self._learning:

@@ -1,4 +1,4 @@
-"""What goes from one side of a link to the other: topics that somebody there listens to, questions, signs of life."""
+"""Forwards over a link: topics that somebody on the other side subscribes to, queries, and liveliness tokens."""
 
 import threading
 from collections.abc import Callable
@@ -15,16 +15,16 @@ from spot3d_schemas import Topic, alive_key, key, token_of
 Stop = Callable[[], object]
 Put = Callable[[bytes], object]
 Forward = Callable[[Topic, bytes, Put], None]
-"""Sends a message of a topic by `Put`, or does not."""
+"""Sends a message of a topic by `Put`, or skips it."""
 
 _QUERIES_WAITING = 4
-"""Of those that wait for their turn the newest stay; whoever asked the others hears that no answer comes."""
+"""Maximum number of waiting queries, the newest; the others end without a reply."""
 _ANSWER_S = 10.0
-"""Longest that an answer takes to come from the other side."""
+"""Maximum time for a reply from the other side."""
 
 
 class Flow:
-    """One topic, from a session on the side of its producer to one on the other side."""
+    """Forwards one topic from a session on the side of its producer to one on the other side."""
 
     def __init__(
         self, topic: Topic, origin: zenoh.Session, target: zenoh.Session, link: LinkSettings, forward: Forward
@@ -34,10 +34,10 @@ class Flow:
         self._unsubscribe: Stop | None = None
 
     def follow(self) -> None:
-        """Subscribe where somebody listens on the other side, and only then: nothing else is to cross the link."""
+        """Subscribe while somebody on the other side does, and only then: nothing else should cross the link."""
         wanted = has_subscribers(self._publisher)
         if wanted and self._unsubscribe is None:
-            # Never a FIFO: while one is full, nothing else of the session is received.
+            # Never a FIFO: while one is full, the session receives nothing else.
             channel: RingChannel[zenoh.Sample] = RingChannel(waiting(self._topic.name, self._link))
             where = key(self._link.robot, self._topic.name)
             subscriber = self._origin.declare_subscriber(where, channel)
@@ -63,7 +63,7 @@ class Flow:
 
 
 class Questions:
-    """Asks a query topic of the side that answers it, for whoever asks on the other one."""
+    """Forwards the queries of one topic to the side that answers it, and the replies back."""
 
     def __init__(self, topic: Topic, asked: zenoh.Session, asking: zenoh.Session, robot: str) -> None:
         self._asked, self._where = asked, key(robot, topic.name)
@@ -73,8 +73,8 @@ class Questions:
         threading.Thread(target=self._ask, args=(queryable.handler,), daemon=True).start()
 
     def _ask(self, handler: Handler[zenoh.Query]) -> None:
-        for query in handler:  # until nobody is asked any more
-            # A question that cannot be passed on ends without an answer.
+        for query in handler:  # until the queryable is undeclared
+            # A query that cannot be forwarded ends without a reply.
             with query, suppress(zenoh.ZError):
                 for reply in self._asked.get(query.selector, payload=query.payload, timeout=_ANSWER_S):
                     if reply.ok is not None:
@@ -82,7 +82,7 @@ class Questions:
 
 
 class Signs:
-    """The signs of life of some stages on one side, shown on the other."""
+    """Mirrors the liveliness tokens of some stages from one side to the other."""
 
     def __init__(
         self, origin: zenoh.Session, target: zenoh.Session, robot: str, belongs: Callable[[str], bool]
@@ -95,7 +95,7 @@ class Signs:
         self._unsubscribe: Stop = subscriber.undeclare
 
     def stop(self) -> None:
-        """Show none any more."""
+        """Withdraw all mirrored tokens."""
         self._unsubscribe()
         with self._changing:
             self._closed = True

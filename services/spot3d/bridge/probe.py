@@ -1,4 +1,4 @@
-"""Whether the other side can be reached again, known a tenth of a second after it can."""
+"""Detects within a tenth of a second that the other side can be reached again."""
 
 import socket
 import threading
@@ -10,20 +10,20 @@ from selectors import EVENT_WRITE, DefaultSelector
 from spot3d.dataflow.settings import host_and_port
 
 _ASKED_EVERY_S = 0.1
-"""TCP itself asks again after one second, three, seven: it may notice late by as much."""
+"""Time between attempts. TCP itself tries again after one second, three, seven: it may notice late by as much."""
 _BY_TCP = ("tcp", "tls", "ws")
 _Address = tuple[socket.AddressFamily, tuple[str, int]]
 _known: dict[str, list[_Address]] = {}
-"""Addresses by endpoint, and endpoints that were not reached by them, or whose names are looked up again now."""
+"""Addresses by endpoint; endpoints that were not reached by them; endpoints whose names are being looked up again."""
 _outdated: set[str] = set()
 _looked_up: set[str] = set()
 
 
 def reachable(endpoints: Sequence[str], within_s: float) -> bool:
-    """Whether one of the endpoints (tcp/HOST:PORT) takes a connection within a time, seconds; asks again and again.
+    """Whether one of the endpoints (tcp/HOST:PORT) accepts a connection within a time, seconds; tries again and again.
 
-    Each address that an endpoint's name has is asked. Those that do not go by TCP cannot be asked, and count as
-    reachable. Raises OSError where a name is not known.
+    Each address of an endpoint's name is tried. Endpoints that do not use TCP cannot be tried, and count as reachable.
+    Raises OSError where a name is not known.
     """
     if not all(endpoint.partition("/")[0] in _BY_TCP for endpoint in endpoints):
         return True
@@ -48,8 +48,11 @@ def reachable(endpoints: Sequence[str], within_s: float) -> bool:
 
 
 def _addresses(endpoint: str) -> list[_Address]:
-    """What is known of an endpoint's name. Where none of it was reached, the name may have other addresses by now: it
-    is looked up again, and that is not waited for, since it may be known on the other side only."""
+    """The known addresses of an endpoint's name.
+
+    If none of them was reached, the name may have others by now. It is looked up again, without waiting for that, since
+    it may be known on the other side only.
+    """
     if endpoint not in _known:
         _look_up(endpoint)
     elif endpoint in _outdated and endpoint not in _looked_up:

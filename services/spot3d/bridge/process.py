@@ -1,4 +1,4 @@
-"""The bridge's process: keeps a crossing to the other side, and takes another one where it falls silent."""
+"""The bridge's process: keeps a crossing to the other side, and makes another one when it falls silent."""
 
 import logging
 import threading
@@ -21,7 +21,7 @@ from spot3d_schemas import BRIDGE, Header, alive_key, encode
 
 _TICK_S = 0.05
 _ASKED_S = 0.3
-"""The other side is asked for this long before it is looked whether the old connections are awake."""
+"""The other side is probed for this long before the old connections are looked at again."""
 
 _MUTE, _ROLE = "connected, but it does not answer", "; has this side's certificate a role there ([access])?"
 
@@ -65,7 +65,7 @@ class _Bridge:
             self._crossing.close()
 
     def _connect(self) -> None:
-        """Try once. The old connections stay meanwhile: they may wake up by themselves."""
+        """Try to connect once. The old connections stay meanwhile: they may recover by themselves."""
         crossing = Crossing(self._local, self._link, self._settings, self._counters)
         try:
             if not reachable(self._settings.ground, _ASKED_S):
@@ -78,11 +78,11 @@ class _Bridge:
         self._why = _MUTE + _ROLE if any(map(uses_tls, self._settings.ground)) else _MUTE
         old, self._crossing = self._crossing, crossing
         if old is not None:
-            # It may hang on a connection that is dead, which nobody is to wait for.
+            # It may hang on a dead connection, for which nobody should wait.
             threading.Thread(target=old.close, name="closing", daemon=True).start()
 
     def _reason(self, error: Exception) -> str:
-        """Why the other side could not be connected to; where it answers, and refuses, in its words."""
+        """Why the other side could not be connected to; its own words if it answers and refuses."""
         if isinstance(error, OSError):
             return error.strerror or str(error)
         way = self._link.model_copy(update={"connect": self._settings.ground})

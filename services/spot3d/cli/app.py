@@ -60,10 +60,10 @@ for _command in (*stages.COMMANDS, *recordings.COMMANDS, certificates, dashboard
 
 
 def main() -> None:
-    """Run the command line; what a user can put right is told in one line, with exit code 2."""
+    """Run the command line; errors that the user can correct are printed in one line, with exit code 2."""
     end_with_any_thread()
     for stream in (sys.stdout, sys.stderr):
-        # A path may hold what no terminal can show.
+        # A path may contain characters that a terminal cannot show.
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
@@ -135,7 +135,7 @@ def run(
         overrides["pose"] = {"provider": "given" if pose == "truth" else pose}
     resolved = load_settings(settings, preset, overrides)
     if listen:
-        # Checked as settings are, so that a slip of the pen is told as one.
+        # Checked as settings are, so that a typo is reported as one.
         load_settings(settings, preset, {"link": {"mode": "router", "listen": tuple(listen)}})
     from spot3d.run.run import run as run_input
     from spot3d.source.selected import selection
@@ -253,7 +253,7 @@ def print_settings(settings: SettingsOption = None, preset: PresetOption = None)
 
 
 def _conclude(done: "Finished", settings: Settings) -> None:
-    """Say how a run went, and end with the exit code that tells programs."""
+    """Print how a run went, and end with the exit code for programs."""
     from spot3d.pose import delay, depth_scale, orientation
     from spot3d.run.earlier_streams import FOLDER as EARLIER
     from spot3d.run.left_out import first_depth, forgotten, why_so_few
@@ -283,7 +283,7 @@ def _conclude(done: "Finished", settings: Settings) -> None:
 
 
 def _check_key(topic: str) -> None:
-    """Refuse what is no key of Zenoh."""
+    """Refuse a topic that is no key of Zenoh."""
     import zenoh
 
     from spot3d.dataflow.session import first_line

@@ -18,7 +18,7 @@ SCENE = "scene"
 FRAMES = 60
 """Frames of each data set."""
 FEW = 24
-"""Frames that kernels go through, to and fro."""
+"""Frames that kernels run on, back and forth."""
 
 
 def bench(

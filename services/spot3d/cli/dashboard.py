@@ -60,9 +60,9 @@ def dashboard(
 def dashboard_if_wanted(
     wanted: bool, in_process: bool, resolved: Settings, file: Path | None, out: Path, console: "Console"
 ) -> "AbstractContextManager[DashboardProcess | None]":
-    """The dashboard beside a run, if it is wanted. file: of the run's settings; out: folder of its results.
+    """The dashboard of a run, if it is wanted. file: the run's settings; out: folder of its results.
 
-    Raises OSError where its page cannot be served: its own process would say so in its log alone.
+    Raises OSError if its page cannot be served: its own process would only log that.
     """
     if not wanted:
         return nullcontext()
@@ -78,7 +78,7 @@ def dashboard_if_wanted(
 
 
 def own_command() -> str:
-    """How this command line was called, short enough to be typed."""
+    """How to call this program in the shell, short enough to be typed."""
     path = Path(sys.executable).with_name("spot3d")
     if not path.exists():
         return "spot3d"

@@ -37,7 +37,7 @@ def doctor(
 
 
 def show(console: Console, findings: Sequence[Finding], sent: Sequence[TopicRate]) -> None:
-    """Print what was found, one line each with what to do below it, and who sends how much."""
+    """Print each finding in one line with its remedy below, and how much is sent by topic."""
     for finding in findings:
         line = Text(f"{finding.level:8}", style=_STYLES[finding.level])
         line.append(f"{finding.what}: {finding.text}", style="default")

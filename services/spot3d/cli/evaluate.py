@@ -91,7 +91,7 @@ def evaluate(
     for name in names:
         try:
             if table == ROBUSTNESS:
-                # All frames of the stretch: errors of poses are those of neighbours, whichever are then taken.
+                # All frames of the stretch: pose errors are those between neighbours, whichever frames are then taken.
                 dataset = open_dataset(name, resolved, 1, frames and frames * every, camera)
             else:
                 dataset = open_dataset(name, resolved, every, frames, camera)

@@ -69,7 +69,10 @@ def play_overrides(half: bool, rate: float | None, **named: str | float | None) 
 
 
 def check_topics(input_name: str, **options: str | None) -> None:
-    """Refuse topics for what is no ROS bag. options: those that name topics, `_` for `-`; None: not given."""
+    """Refuse topics for an input that is no ROS bag.
+
+    options: topics by option, `_` for `-`; None: not given.
+    """
     from spot3d.source.sequences import has_topics
 
     given = [f"--{name.replace('_', '-')}" for name, topic in options.items() if topic is not None]
@@ -82,7 +85,7 @@ def link_overrides(
 ) -> dict[str, Any]:
     """Settings of the options that say how a stage reaches the others; only those that were given.
 
-    A stage that listens is the router of those who connect to it, and needs no other.
+    A stage that listens is the router of the stages that connect to it, and needs no other.
     """
     link: dict[str, Any] = {}
     if robot is not None:
@@ -97,7 +100,7 @@ def link_overrides(
 
 
 def out_folder(input_name: str) -> Path:
-    """Where the results of an input go if nobody says: below out/, under its name without suffix or colons.
+    """Default folder for the results of an input: below out/, under its name without suffix or colons.
 
     Raises CommandError where that is the input itself.
     """
@@ -112,7 +115,7 @@ def out_folder(input_name: str) -> Path:
 
 
 def check_outputs(json_file: Path | None, plots: Path | None) -> None:
-    """Make the folders of what a command writes when its work is done.
+    """Make the folders for what a command writes when its work is done.
 
     Raises OSError, before that work, where a file or a folder of pictures could not be written.
     """
@@ -127,12 +130,12 @@ def check_outputs(json_file: Path | None, plots: Path | None) -> None:
 
 
 def say(message: str) -> None:
-    """Say how the work goes on standard error, so that what is printed can be piped."""
+    """Print how the work goes to standard error, so that standard output can be piped."""
     typer.echo(message, err=True)
 
 
 def stage_started(supervised: bool) -> threading.Event:
-    """Sets up a stage's process: its log on standard error, and the event that ends it."""
+    """Set up a stage's process: its log on standard error; returns the event that ends it."""
     logging.basicConfig(format="%(asctime)s %(name)s %(levelname)s: %(message)s", level=logging.INFO)
     stop = threading.Event()
     if supervised:

@@ -1,4 +1,4 @@
-"""One command for each stage and the router: the processes of the dataflow, on whatever device."""
+"""The commands of the dataflow's processes: each stage, the bridge and the router, on whatever device."""
 
 import threading
 from collections.abc import Callable
@@ -35,7 +35,7 @@ from spot3d.dataflow.settings import USUAL_ENDPOINT
 from spot3d.settings import Settings, load_settings
 
 _NEWCOMERS_S = 0.5
-"""Time between two looks at who has connected to the router."""
+"""Interval at which the router looks for new connections."""
 
 
 def source(
@@ -91,11 +91,11 @@ def source(
 
 
 def _awaited(input_name: str, live: bool, supervised: bool) -> tuple[str, ...]:
-    """The stages that have to be there before a source's first frame.
+    """The stages that must be alive before a source's first frame.
 
-    A camera waits for nobody, unless a run has started it together with the others; of a recording, what is played
-    before they listen is lost. Live, frames can be fused while segments is still compiling its kernels; a run lets a
-    recording that plays like a camera wait for it too.
+    A camera waits for none, unless a run has started it together with the others. A recording waits, because frames are
+    lost that are played before the stages listen. Live, frames can be fused while the segments stage still compiles its
+    kernels; a run lets a recording that plays like a camera wait for that, too.
     """
     from spot3d.source.process import EVERY_STAGE, FUSING_STAGES
     from spot3d.source.realsense.camera import is_camera
@@ -176,7 +176,7 @@ def fusion(
     from spot3d.fusion.process import run
 
     try:
-        # Who supervises has the results, and does not wait for a snapshot.
+        # A supervisor has the results, and does not wait for a snapshot.
         run(resolved.link, resolved.fusion, stop, resume, keep_last=not supervised)
     except SnapshotError as error:
         raise CommandError(str(error)) from error
@@ -221,7 +221,7 @@ def router(
     if stages is not None:
         stages.parent.mkdir(parents=True, exist_ok=True)
         endpoints = (f"unixsock-stream/{stages.absolute()}", *endpoints)
-    # Checked as settings are, so that a slip of the pen is told as one.
+    # Checked as settings are, so that a typo is reported as one.
     resolved = load_settings(settings, overrides={"link": {"mode": "router", "listen": endpoints, "connect": others}})
     from spot3d.dataflow.heartbeat import Heartbeat
     from spot3d.dataflow.lingering import close_at_once
@@ -236,7 +236,7 @@ def router(
         open_router(endpoints, others, resolved.link, access, spare=stages is not None),
     ):
         if stages is not None:
-            stages.chmod(0o666)  # its folder says who may reach it: stages may run as other users
+            stages.chmod(0o666)  # its folder restricts access: stages may run as other users
         typer.echo(f"router at {', '.join(endpoints)}")
         while not stopped.wait(_NEWCOMERS_S):
             close_at_once()

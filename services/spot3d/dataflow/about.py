@@ -1,4 +1,4 @@
-"""What this process runs on: versions, room, certificate. Asked for by `spot3d doctor`."""
+"""Describes this process to `spot3d doctor`: versions, memory and disk space, certificate."""
 
 import importlib.metadata
 import os
@@ -23,9 +23,9 @@ _kernels_missing = cache(stage_kernels_missing)
 
 
 def about(header: Header, stage: str, link: LinkSettings) -> About:
-    """The message of a stage's process; the clock is read last, as close to the answer as can be."""
+    """The `About` message of a stage's process. The clock is read last, as close to the reply as can be."""
     own = None
-    with suppress(TlsError):  # told when the session was opened
+    with suppress(TlsError):  # reported when the session was opened
         own = own_certificate(link)
     disk = snapshot_disk(link)
     return About(
@@ -46,16 +46,16 @@ def about(header: Header, stage: str, link: LinkSettings) -> About:
 
 
 def zenoh_version() -> str:
-    """The version of Zenoh that this process speaks."""
+    """The version of Zenoh in this process."""
     return importlib.metadata.version("eclipse-zenoh")
 
 
 def shared_memory_bytes() -> int:
-    """Room for images in shared memory; 0 where there is none that this process may use."""
+    """Free bytes of shared memory; 0 if this process may not use it."""
     return shutil.disk_usage(_SHARED).free if os.access(_SHARED, os.W_OK) else 0
 
 
 def snapshot_disk(link: LinkSettings) -> Path:
-    """Where snapshots of the map are kept, or the nearest folder above it that exists."""
+    """The folder for snapshots of the map, or the nearest folder above it that exists."""
     folder = snapshot_path(link, "fusion").parent.absolute()
     return next(path for path in (folder, *folder.parents) if path.exists())

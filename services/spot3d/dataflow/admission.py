@@ -1,4 +1,4 @@
-"""Which messages of a stage's inputs are worked on: those of one producer each, in the order of their capture."""
+"""Decides which messages of a stage's inputs are accepted: those of one producer per topic, in order of capture."""
 
 from collections.abc import Iterable
 
@@ -13,13 +13,13 @@ from spot3d.dataflow.stamp_pace import StampPace
 from spot3d_schemas import Header
 
 PER_FRAME = frozenset(("source/frame", "pose/pose", "proposals/boxes", "heatmap/heat", "segments/segments"))
-"""Topics with one message a capture, whose stamps therefore ascend."""
+"""Topics with one message per capture, whose stamps therefore ascend."""
 SECOND = "of a second producer"
 _CAPTURES = "source/frame"
 
 
 class Admission:
-    """Judges each input's messages, counts what is refused, and says why; one thread an input. Monotonic seconds."""
+    """Judges each input's messages, and counts and logs what is refused. One thread per input; monotonic seconds."""
 
     def __init__(
         self, inputs: Iterable[str], link: LinkSettings, alive: Alive, counters: Counters, limited_log: RateLimitedLog
@@ -31,7 +31,7 @@ class Admission:
         self._counters, self._limited_log = counters, limited_log
 
     def judge(self, topic: str, header: Header, now_s: float) -> Verdict:
-        """What is to be said of a message that has just come."""
+        """The verdict on a message that has just arrived."""
         if not self._producers.admit(topic, header.sender, now_s):
             self._counters.drop(f"{topic} {SECOND}")
             text = f"{topic}: somebody else says it as well (process {header.sender}); is refused"
@@ -54,9 +54,9 @@ class Admission:
         return arrival
 
     def stamps(self, now_s: float) -> str:
-        """What is wrong with the stamps of a camera's frames, or how late they are sent; empty where nothing is."""
+        """A warning that the stamps of a camera's frames are wrong, or that frames are sent late; else empty."""
         return next(filter(None, (pace.notice(now_s) for pace in self._paces)), "")
 
     def contested(self, now_s: float) -> list[str]:
-        """The topics that somebody else has said as well, of late."""
+        """The topics that a second producer has published recently."""
         return self._producers.contested(now_s)

@@ -1,4 +1,4 @@
-"""Which stages are alive, and by which processes, as their liveliness tokens say."""
+"""Which stages are alive, and in which processes, according to their liveliness tokens."""
 
 import threading
 import time
@@ -12,13 +12,13 @@ from spot3d.dataflow.stopping import end_threads
 from spot3d_schemas import BRIDGE, STAGES, alive_key, token_of
 
 _KNOWN = frozenset((*STAGES, BRIDGE))
-"""Tokens of others tell nothing."""
+"""Tokens with other names are ignored."""
 _PROCESSES = 16
-"""Most processes of one stage that are told apart; anybody can make up tokens."""
+"""Maximum number of processes tracked per stage: anybody can declare tokens."""
 
 
 class Alive:
-    """The stages that are there now, and their processes by the `sender` of their messages."""
+    """The stages that are alive now, and their processes, named by the `sender` of their messages."""
 
     def __init__(self) -> None:
         self._stages: set[str] = set()
@@ -30,13 +30,13 @@ class Alive:
             return stage in self._stages
 
     def note(self, stage: str, there: bool) -> None:
-        """A stage has come or gone."""
+        """Record that a stage has come or gone."""
         with self._changed:
             (self._stages.add if there else self._stages.discard)(stage)
             self._changed.notify_all()
 
     def note_process(self, stage: str, sender: str, there: bool) -> None:
-        """A process of a stage has come or gone."""
+        """Record that a process of a stage has come or gone."""
         with self._changed:
             processes = self._processes.setdefault(stage, set())
             if not there:
@@ -45,7 +45,7 @@ class Alive:
                 processes.add(sender)
 
     def processes(self, stage: str) -> frozenset[str]:
-        """The processes of a stage that are there now: more than one is one too many."""
+        """The processes of a stage that are alive now; there should be one at most."""
         with self._changed:
             return frozenset(self._processes.get(stage, ()))
 
@@ -63,7 +63,7 @@ class Alive:
 
 @contextmanager
 def watch_alive(session: zenoh.Session, robot: str) -> Iterator[Alive]:
-    """Watches the stages of a robot and their processes, those included that are there already."""
+    """Watches the stages of a robot and their processes, including those that are already alive."""
     alive = Alive()
     channel: FifoChannel[zenoh.Sample] = FifoChannel(64)
     tokens = alive_key(robot, "*")
@@ -77,7 +77,7 @@ def watch_alive(session: zenoh.Session, robot: str) -> Iterator[Alive]:
 
 
 def _follow(handler: Handler[zenoh.Sample], alive: Alive) -> None:
-    for sample in handler:  # until nobody watches any more
+    for sample in handler:  # until the subscriber is undeclared
         token = token_of(str(sample.key_expr))
         if token is None or token.stage not in _KNOWN:
             continue

@@ -1,11 +1,11 @@
-"""When the objects are due for an update: by capture time, so that a run gives the same however it is run."""
+"""Decides when the objects are updated: by capture time, so that every way to run gives the same updates."""
 
 
 class Cadence:
     """Says after which fused frames the objects are computed.
 
-    The first fused frame starts the interval; a frame at least `interval_s` of capture time after the last
-    update (or that start) is due. A stamp that goes back starts anew: another recording begins.
+    The first fused frame starts the interval. A frame is due if it was captured at least `interval_s` after the last
+    update (or that start). A stamp that goes back restarts the interval: another recording begins.
     """
 
     def __init__(self, interval_s: float) -> None:
@@ -24,9 +24,9 @@ class Cadence:
         return True
 
     def postpone(self) -> None:
-        """The update that was due could not be made: the very next frame is due again."""
+        """Make the very next frame due again, because the update that was due could not be made."""
         self._since_ns = self._last_ns - self._interval_ns
 
     def reset(self) -> None:
-        """The next fused frame is the first one."""
+        """Start over: the next fused frame is the first one."""
         self._since_ns = None

@@ -1,6 +1,6 @@
-"""Whether a camera's frames are sent later and later after their capture: what takes them falls behind, or queues them.
+"""Detects that a camera's frames are sent later and later: the program that reads the camera is slow or queues them.
 
-No lag that is measured from the sending on can show it.
+Lags that are measured from the time of sending cannot show it.
 """
 
 import threading
@@ -9,18 +9,18 @@ from collections import deque
 from spot3d_schemas import Header
 
 _JUDGED, _SPAN_S = 200, 2.0
-"""The least lag of the latest frames counts, of so many and so long: one stall is made up for."""
+"""Frames that are kept, and the seconds over which the minimum lag is taken: a single stall is caught up in them."""
 _LAG_S = 0.5
 _SAME_CLOCK_S = 60.0
-"""Stamps that are farther from the time of sending are no wall clock's, or a recording's."""
+"""Stamps farther than this from the time of sending are no wall clock's, or a recording's."""
 _DRIFT = 2e-4
-"""How much two clocks drift apart at most, s/s: a camera's own is not set."""
+"""Maximum drift between two clocks, s/s: a camera's own clock is not set."""
 _RECENT_S = 10.0
-"""Frames that have stopped coming for so long are not spoken of."""
+"""There is no warning if no frame has come for this long."""
 
 
 class CaptureLag:
-    """Times from the captures of a stream to their sending, by the sender's wall clock; any thread may ask."""
+    """Lags from capture to sending of a stream's frames, by the sender's wall clock; any thread may ask."""
 
     def __init__(self) -> None:
         self._lags: deque[tuple[float, float]] = deque(maxlen=_JUDGED)
@@ -29,14 +29,14 @@ class CaptureLag:
         self._lock = threading.Lock()
 
     def observe(self, header: Header, now_s: float) -> None:
-        """A frame has come, at a monotonic time in seconds; without a trace it says nothing."""
+        """Record a frame that arrived at `now_s`, monotonic seconds; one without a trace is ignored."""
         if not header.trace:
             return
         lag_s = 1e-9 * (header.trace[0].sent_ns - header.stamp_ns)
         with self._lock:
             if self._lags and header.stream == self._stream:
                 at_s, before_s = self._lags[-1]
-                # No lag grows faster than time goes: a clock was set.
+                # A lag cannot grow faster than time passes: a clock was set.
                 anew = lag_s - before_s > now_s - at_s + _LAG_S
                 self._least_s = min(lag_s, self._least_s + _DRIFT * (now_s - at_s))
             else:
@@ -47,7 +47,7 @@ class CaptureLag:
             self._lags.append((now_s, lag_s))
 
     def notice(self, now_s: float) -> str:
-        """How much later frames are sent than they once were, and what to do, in words; else empty."""
+        """A warning that states how much the lag has grown, and what to do; empty if it has not."""
         with self._lock:
             lags, least_s = list(self._lags), self._least_s
         if not lags or now_s - lags[-1][0] > _RECENT_S or lags[-1][0] - lags[0][0] < _SPAN_S:

@@ -1,4 +1,4 @@
-"""Whether the clocks of two devices differ, as the messages from one to the other tell."""
+"""Detects clocks that differ between devices, from the sending and receiving times of messages."""
 
 import threading
 from collections import deque
@@ -9,23 +9,23 @@ from statistics import median
 from spot3d_schemas import STAGES, Header, Hop
 
 _LATEST_NS = 10_000_000_000
-"""No message is on its way for so long: a link that is silent for 2 s is given up, and credit after 5 s."""
+"""No message travels for so long: a link that is silent for 2 s is given up, and credit after 5 s."""
 _EARLIEST_NS = -50_000_000
-"""Messages that come before they were sent, by more than what `spot3d doctor` takes for the same time."""
+"""An arrival this long before the sending shows clocks further apart than `spot3d doctor` accepts."""
 _JUDGED, _ENOUGH = 100, 10
-"""The median way of so many messages counts: one that is late, or made up, says nothing; nor do a few at the start."""
+"""Messages whose median travel time counts, and how many there must be: a late or forged one has no effect."""
 _RECENT_S = 10.0
-"""Who has said nothing for so long is not spoken of."""
+"""A stage that has sent nothing for this long is not reported."""
 _UNITS = (("day", 86400.0), ("hour", 3600.0), ("minute", 60.0), ("second", 1.0))
 
 
 def ways_ns(trace: Sequence[Hop]) -> list[int]:
-    """The times from each stage's sending to the next one's receiving, by their wall clocks."""
+    """The travel times from each stage's sending to the next one's receiving, by their wall clocks."""
     return [after.received_ns - before.sent_ns for before, after in pairwise(trace)]
 
 
 def one_clock(trace: Sequence[Hop]) -> bool:
-    """Whether the stages of a trace have the same time, as far as that shows: else lags say nothing."""
+    """Whether the travel times of a trace are plausible; if not, the clocks differ and lags mean nothing."""
     return all(_EARLIEST_NS <= way_ns <= _LATEST_NS for way_ns in ways_ns(trace))
 
 
@@ -39,12 +39,12 @@ def spoken(seconds: float) -> str:
 
 
 def offset_in_words(ahead_s: float, whose: str) -> str:
-    """How far a clock is ahead of another one, whose that is said, or behind it: about 2 hours ahead of this one."""
+    """A clock's offset in words; `whose` names the other clock: about 2 hours ahead of this one."""
     return f"{spoken(ahead_s)} {'ahead of' if ahead_s > 0 else 'behind'} {whose}"
 
 
 class Clocks:
-    """How long messages of each stage take to this one, by both wall clocks; any thread may add. Monotonic seconds."""
+    """Travel times of each stage's messages to this one, by both wall clocks; any thread may add. Monotonic seconds."""
 
     def __init__(self) -> None:
         self._ways_ns: dict[str, deque[int]] = {stage: deque(maxlen=_JUDGED) for stage in STAGES}
@@ -52,14 +52,14 @@ class Clocks:
         self._lock = threading.Lock()
 
     def observe(self, header: Header, received_ns: int, now_s: float) -> None:
-        """A message has come at `received_ns`, wall clock."""
+        """Record a message that arrived at `received_ns`, wall clock."""
         if header.trace and (sender := header.trace[-1]).stage in self._ways_ns:
             with self._lock:
                 self._ways_ns[sender.stage].append(received_ns - sender.sent_ns)
                 self._heard_s[sender.stage] = now_s
 
     def notice(self, now_s: float) -> str:
-        """Whose clock differs most from this one's, in words; empty where none surely does."""
+        """A warning about the clock that differs most from this one's; empty if none clearly does."""
         with self._lock:
             recent = [stage for stage, heard_s in self._heard_s.items() if now_s - heard_s < _RECENT_S]
             ways_ns = {stage: median(ways) for stage in recent if len(ways := self._ways_ns[stage]) >= _ENOUGH}

@@ -1,4 +1,4 @@
-"""Messages as the cores see them."""
+"""Conversions between messages and the cores' own types."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ from spot3d_schemas import DepthNoise as NoiseMessage
 
 
 def rgbd_frame(message: Frame | Heat) -> RgbdFrame:
-    """The RGB-D frame in a message. Its images are read-only, which the cores' kernels do not take: copy them."""
+    """The RGB-D frame in a message. Its images are read-only, which the cores' kernels do not accept: copy them."""
     return RgbdFrame(
         stamp_ns=message.header.stamp_ns,
         colour=message.colour,
@@ -28,7 +28,7 @@ def rgbd_frame(message: Frame | Heat) -> RgbdFrame:
 
 
 def frame_message(header: Header, frame: RgbdFrame) -> Frame:
-    """A frame as a message. Raises ValueError where none holds it, such as one whose pose is no rotation."""
+    """The message of a frame. Raises ValueError for what no message may hold, such as a pose that is no rotation."""
     return Frame(
         header=header,
         intrinsics=intrinsics_message(frame.intrinsics),
@@ -41,17 +41,17 @@ def frame_message(header: Header, frame: RgbdFrame) -> Frame:
 
 
 def intrinsics_message(camera: Intrinsics) -> CameraIntrinsics:
-    """Intrinsics as messages state them."""
+    """The message of a camera's intrinsics."""
     return CameraIntrinsics(**{name: getattr(camera, name) for name in CameraIntrinsics.model_fields})
 
 
 def noise_message(noise: DepthNoise) -> NoiseMessage:
-    """The noise of depth as messages state it."""
+    """The message of the depth noise."""
     return NoiseMessage(**noise._asdict())
 
 
 def calibration_of(pose: Pose) -> Calibration:
-    """What a pose says of how its frame is to be seen."""
+    """The calibration of the camera that a pose message states for its frame."""
     turn = (0.0, 0.0, 0.0) if pose.turn is None else (float(pose.turn[0]), float(pose.turn[1]), float(pose.turn[2]))
     centre = (0.0, 0.0) if pose.centre is None else (float(pose.centre[0]), float(pose.centre[1]))
     bend = () if pose.bend is None else tuple(tuple(row) for row in pose.bend.tolist())
@@ -59,7 +59,7 @@ def calibration_of(pose: Pose) -> Calibration:
 
 
 def camera_pose(pose: Pose) -> CameraPose:
-    """A pose as fusion takes it."""
+    """The pose in a message, as fusion takes it."""
     corrections = None
     if pose.corrected_ns:
         corrections = PoseCorrections(np.array(pose.corrected_ns, np.int64), pose.corrections.copy())
@@ -68,7 +68,7 @@ def camera_pose(pose: Pose) -> CameraPose:
 
 
 def corrections_message(corrections: PoseCorrections | None) -> dict[str, Any]:
-    """The fields of a `Pose` that say it."""
+    """The fields of a `Pose` that state these corrections."""
     if corrections is None:
         return {}
     stamps_ns: list[int] = corrections.stamps_ns.tolist()
@@ -80,7 +80,7 @@ def _noise(stated: NoiseMessage | None) -> DepthNoise:
 
 
 def segments_message(header: Header, found: FrameSegments | None) -> Segments:
-    """A keyframe's segments as messages state them; None: the frame is no keyframe."""
+    """The message of a keyframe's segments; None: the frame is no keyframe."""
     if found is None:
         return Segments(
             header=header,
@@ -104,7 +104,7 @@ def segments_message(header: Header, found: FrameSegments | None) -> Segments:
 
 
 def frame_segments(message: Segments) -> FrameSegments | None:
-    """The segments in a message, copied out of it; None: its frame is no keyframe."""
+    """The segments in a message, copied; None if its frame is no keyframe."""
     if message.intrinsics is None:
         return None
     return FrameSegments(

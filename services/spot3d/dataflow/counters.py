@@ -1,4 +1,4 @@
-"""What a stage counts about itself, and the health message that it becomes."""
+"""A stage's counters, and the health message that is made from them."""
 
 import os
 import threading
@@ -11,7 +11,7 @@ from spot3d_schemas import Header, Health
 from spot3d_schemas.limits import MAX_COUNT
 
 _REMEMBERED = 300
-"""Latencies and steps that the percentiles are taken over: the last ten seconds of a camera."""
+"""Latencies and step times that the percentiles are taken over: the last ten seconds of a camera."""
 
 
 class Counters:
@@ -31,43 +31,43 @@ class Counters:
         self._lock = threading.Lock()
 
     def received(self) -> None:
-        """A valid message came."""
+        """Count a valid message."""
         with self._lock:
             self._received += 1
 
     def published(self, topic: str, size: int) -> None:
-        """A message of `size` bytes was sent."""
+        """Count a sent message of `size` bytes."""
         with self._lock:
             self._published += 1
             self._sent[topic] += 1
             self._sent_bytes[topic] += size
 
     def drop(self, reason: str, count: int = 1) -> None:
-        """Messages that are not worked on."""
+        """Count messages that are not processed."""
         if count:
             with self._lock:
-                # Senders who make up their sequence numbers can "lose" more than a message can state.
+                # Forged sequence numbers can make more messages seem lost than a message can state.
                 self._drops[reason] = min(self._drops[reason] + count, MAX_COUNT)
 
     def event(self, kind: str, count: int = 1) -> None:
-        """Something worth knowing that lost nothing."""
+        """Count events of a kind that lost no message."""
         with self._lock:
             self._events[kind] += count
 
     def error(self, text: str) -> None:
-        """A message that was refused, or a step that failed."""
+        """Count a refused message or a failed step."""
         with self._lock:
             self._errors += 1
             self._last_error = text
 
     def step(self, seconds: float) -> None:
-        """The core handled one frame."""
+        """Record the time the core took for a frame."""
         with self._lock:
             self._steps += 1
             self._steps_ms.append(1e3 * seconds)
 
     def latency(self, nanoseconds: int | None) -> None:
-        """Time from the source's publishing to this stage's own, by wall clock; None: the clocks differ."""
+        """Record the time from the source's publishing to this stage's own, by wall clock; None: the clocks differ."""
         with self._lock:
             if nanoseconds is None:
                 self._latencies_ms.clear()
@@ -75,7 +75,7 @@ class Counters:
                 self._latencies_ms.append(1e-6 * nanoseconds)
 
     def health(self, header: Header, now_s: float, use: ProcessUse, state: str = "") -> Health:
-        """The message. The rate is that of the steps since the last call; state: what is wrong now."""
+        """The health message. Its rate counts the steps since the last call. state: what is wrong now."""
         with self._lock:
             elapsed_s, steps = now_s - self._asked_s, self._steps
             self._asked_s, self._steps = now_s, 0

@@ -1,8 +1,8 @@
-"""The source's credit in a lossless run: how many frames may be on their way."""
+"""The source's credit in a lossless run: how many frames may be in flight."""
 
 
 class Credit:
-    """Which frames are sent and not yet accounted for by fusion's progress; who sends holds them to `in_flight`."""
+    """The frames sent but not yet accounted for by fusion's progress; the sender limits them to `in_flight`."""
 
     def __init__(self, in_flight: int) -> None:
         self.in_flight = in_flight
@@ -11,22 +11,22 @@ class Credit:
 
     @property
     def outstanding(self) -> int:
-        """Frames on their way."""
+        """Number of frames in flight."""
         return len(self._outstanding)
 
     def sent(self, stamp_ns: int) -> None:
-        """A frame is on its way."""
+        """Record a sent frame."""
         self._outstanding.append(stamp_ns)
 
     def answered(self, last_stamp_ns: int) -> int:
-        """Every frame up to this stamp is accounted for; returns how many of them were on their way."""
+        """Release every frame up to this stamp; returns how many of them were in flight."""
         waiting = [stamp for stamp in self._outstanding if stamp > last_stamp_ns]
         answered = len(self._outstanding) - len(waiting)
         self._outstanding = waiting
         return answered
 
     def give_up(self) -> list[int]:
-        """Nobody answers: count the frames on their way as lost; returns their stamps."""
+        """Count the frames in flight as lost, because nobody answers; returns their stamps."""
         lost, self._outstanding = self._outstanding, []
         self.lost += len(lost)
         return lost

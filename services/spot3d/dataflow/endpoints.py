@@ -1,4 +1,4 @@
-"""Publishers and subscribers as the table of topics says: congestion, priority and how much waits."""
+"""Declares publishers and subscribers by the table of topics: congestion control, priority and queue sizes."""
 
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
@@ -20,7 +20,7 @@ from spot3d.dataflow.settings import LinkSettings
 from spot3d_schemas import TOPICS, encoding, key
 
 _SMALL_WAITING = 64
-"""Most small messages that wait at a subscriber; poses and progress are never dropped."""
+"""Maximum number of small messages queued at a subscriber; poses and progress are never dropped."""
 
 
 _CONGESTION = {
@@ -38,7 +38,7 @@ _PRIORITY = {
 
 
 def waiting(topic: str, link: LinkSettings) -> int:
-    """Most messages of a topic that wait at a subscriber, in Zenoh's channel and again in the inbox."""
+    """Queue size of a topic at a subscriber, for Zenoh's channel and again for the inbox."""
     newest = TOPICS[topic].newest
     if link.delivery == "lossless" and newest:
         return link.in_flight + 2
@@ -51,7 +51,7 @@ def keeps_newest(topic: str, link: LinkSettings) -> bool:
 
 
 def declare_publisher(session: zenoh.Session, topic: str, link: LinkSettings) -> zenoh.Publisher | AdvancedPublisher:
-    """The publisher of a topic; what is kept, a reader that comes late gets as well."""
+    """The publisher of a topic. Late subscribers still get the last message of a kept topic."""
     row = TOPICS[topic]
     congestion, priority = _CONGESTION[row.congestion], _PRIORITY[row.priority]
     if link.delivery == "lossless" and congestion == CongestionControl.BLOCK_FIRST:
@@ -66,7 +66,7 @@ def declare_publisher(session: zenoh.Session, topic: str, link: LinkSettings) ->
             priority=priority,
             cache=CacheConfig(1),
             publisher_detection=True,
-            # Numbered, not stamped: clocks differ.
+            # Samples are numbered, not timestamped: clocks differ.
             sample_miss_detection=MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None),
         )
     return session.declare_publisher(
@@ -75,10 +75,10 @@ def declare_publisher(session: zenoh.Session, topic: str, link: LinkSettings) ->
 
 
 def has_subscribers(publisher: zenoh.Publisher | AdvancedPublisher) -> bool:
-    """Whether anybody subscribes; what is kept for those who come late counts as heard, as that is not known."""
+    """Whether anybody subscribes; always true for kept topics, of which that is not known."""
     if not isinstance(publisher, zenoh.Publisher):
         return True
-    status: Any = publisher.matching_status  # whose type Zenoh's stubs state wrongly
+    status: Any = publisher.matching_status  # Zenoh's stubs state its type wrongly
     return bool(status.matching)
 
 
@@ -93,7 +93,7 @@ def declare_subscriber(
 
 
 def subscribe_kept(session: zenoh.Session, where: str, size: int, stack: ExitStack) -> Handler[zenoh.Sample]:
-    """The newest `size` messages of a kept topic until the stack ends, the last one from before first."""
+    """The newest `size` messages of a kept topic until the stack closes; the last one from before comes first."""
     channel: RingChannel[zenoh.Sample] = RingChannel(size)
     history = HistoryConfig(detect_late_publishers=True, max_samples=1)
     late = declare_advanced_subscriber(session, where, channel, history=history)
@@ -103,7 +103,7 @@ def subscribe_kept(session: zenoh.Session, where: str, size: int, stack: ExitSta
 
 
 def end_subscription(subscriber: "zenoh.Subscriber[Any]") -> None:
-    """Hear no more of what a subscriber hears."""
+    """Undeclare a subscriber."""
     undeclare: Callable[[], object] = subscriber.undeclare
-    with suppress(zenoh.ZError):  # its session may be closed, or two threads are here
+    with suppress(zenoh.ZError):  # its session may be closed, or two threads do this
         undeclare()

@@ -1,4 +1,4 @@
-"""A file that says that a process still turns, for a supervisor beside it that cannot listen to the dataflow."""
+"""A file that shows that a process's loop still runs, for a supervisor that cannot listen to the dataflow."""
 
 import logging
 import os
@@ -9,14 +9,14 @@ from pathlib import Path
 log = logging.getLogger(__name__)
 
 STUCK_S = 20.0
-"""A process whose loop has not turned for so long beats no more."""
+"""A process whose loop has stood still for this long writes no more heartbeats."""
 _INTERVAL_S = 1.0
 
 
 class Heartbeat:
-    """Writes the seconds since the machine's start, as /proc/uptime counts them, and its process id into a file.
+    """Writes the seconds since the machine's start, as /proc/uptime counts them, and the process id into a file.
 
-    That clock cannot be set, as the time of day can. path: the file; None: nothing is written. Any thread may beat.
+    Unlike the time of day, that clock cannot be set. path: the file; None: nothing is written. Any thread may call it.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -25,7 +25,7 @@ class Heartbeat:
         self._told = False
 
     def beat(self) -> None:
-        """The process turns; written once a second at most. What cannot be written is told once and ends nothing."""
+        """Write that the loop runs, once a second at most. A failure is logged once and otherwise ignored."""
         now_s = time.monotonic()
         if self._path is None or now_s - self._beaten_s < _INTERVAL_S:
             return
@@ -35,13 +35,13 @@ class Heartbeat:
             partial.write_text(f"{int(time.clock_gettime(time.CLOCK_BOOTTIME))} {os.getpid()}\n")
             partial.replace(self._path)
         except OSError as error:
-            # A disk that is full for a moment is none for ever.
+            # A full disk may be so for a moment only.
             if not self._told:
                 log.warning("no heartbeat in %s: %s", self._path, error.strerror)
             self._told = True
 
     def close(self) -> None:
-        """The process ends as it should: nobody is to take its last beat for that of a process that hangs."""
+        """Delete the file at a regular end, so that its last beat is not taken for that of a hanging process."""
         if self._path is not None:
             with suppress(OSError):
                 self._path.unlink(missing_ok=True)

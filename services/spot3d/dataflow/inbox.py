@@ -1,4 +1,4 @@
-"""Where a stage's inputs wait for its one working thread."""
+"""The queues in which a stage's inputs wait for its one working thread."""
 
 import threading
 from collections import deque
@@ -8,14 +8,14 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Tray:
-    """How many items of one input wait, and whether a full tray drops the oldest or lets the sender wait."""
+    """Queue size of one input, and whether a full queue drops its oldest item or makes the sender wait."""
 
     size: int
     keeps_newest: bool
 
 
 class Inbox:
-    """Bounded queues, one an input, read in the order of arrival."""
+    """Bounded queues, one per input, read in order of arrival."""
 
     def __init__(self, trays: dict[str, Tray]) -> None:
         self._trays = trays
@@ -73,7 +73,7 @@ class Inbox:
             return name, item
 
     def close(self) -> None:
-        """Let go of everybody who waits to add something."""
+        """Release everybody who waits to add an item."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()

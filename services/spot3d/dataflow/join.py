@@ -13,23 +13,23 @@ L = TypeVar("L", bound=Message)
 R = TypeVar("R", bound=Message)
 
 NO_HEAT, NO_POSE = "no heat", "no pose"
-"""Why a frame is not worked on that waited for its other half in vain."""
+"""Reasons to skip a frame: its heat or its pose did not come."""
 
 _HEATS_WAITING = 8
-"""Live: heats that wait for their poses, which mostly come first; 15 MB at VGA."""
+"""Live: number of heats that may wait for their poses, which mostly come first; 15 MB at VGA."""
 _POSES_WAITING = 256
 _EVICTED_REMEMBERED = 1000
-"""Evicted stamps that are remembered until their partner comes, so that they count once."""
+"""Number of evicted stamps remembered until their partner comes, so that each counts once."""
 
 
 def images_waiting(live: int, link: LinkSettings) -> int:
-    """Most images of a join that wait: `live`, and at least all that are on their way in a lossless run."""
+    """Maximum number of images waiting in a join: `live`, but in a lossless run at least all that are in flight."""
     return max(live, 2 * link.in_flight) if link.delivery == "lossless" else live
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class Skipped:
-    """A frame that is not worked on, and why."""
+    """A frame that is not processed, and why."""
 
     stamp_ns: int
     reason: str
@@ -37,9 +37,9 @@ class Skipped:
 
 @dataclass(frozen=True, slots=True)
 class Outcome(Generic[L, R]):
-    """What one new message led to.
+    """The result of adding one message.
 
-    pair: the two messages of one stamp. skipped: the frames of those that stay without their other side.
+    pair: the two messages of one stamp. skipped: frames that stay without their other side.
     """
 
     pair: tuple[Received[L], Received[R]] | None
@@ -47,12 +47,12 @@ class Outcome(Generic[L, R]):
 
 
 class Join(Generic[L, R]):
-    """Pairs messages of equal stamp.
+    """Pairs messages of equal stamp from two streams.
 
-    Each stream's stamps ascend, so that a message whose partner's stream has passed it can go at once: every
-    stamp that was seen on either side comes out exactly once, as a pair or as one without its partner.
-    Stamps that jump back by RESTART_NS begin another recording. no_left, no_right: why a frame is skipped that stays
-    without that side.
+    Each stream's stamps ascend, so a message can be given up once the other stream has passed its stamp: every stamp
+    seen on either side comes out exactly once, as a pair or as skipped.
+    Stamps that jump back by RESTART_NS begin another recording. no_left, no_right: why a frame without that side is
+    skipped.
     """
 
     def __init__(self, left_size: int, right_size: int, no_left: str, no_right: str) -> None:
@@ -73,7 +73,7 @@ class Join(Generic[L, R]):
         return Outcome(None if partner is None else (partner, given), self._skipped(alone, others))
 
     def clear(self) -> list[Skipped]:
-        """Forget what waits: another stream begins. Returns it as what stays without its other side."""
+        """Forget all waiting messages, as another stream begins; returns them as skipped frames."""
         left, right = self._waiting
         skipped = self._skipped(right, left)
         left.clear()
@@ -87,7 +87,7 @@ class Join(Generic[L, R]):
         return skipped + [Skipped(stamp, self._no_right) for stamp in without_right]
 
     def _add(self, side: int, stamp_ns: int, item: Any) -> tuple[Any | None, list[int], list[int]]:
-        """Take in an item; returns its partner, and the stamps that stay without one: of this side, of the other."""
+        """Take in an item; returns its partner, and the stamps that stay without one on this side and on the other."""
         own: dict[int, Any] = self._waiting[side]
         other: dict[int, Any] = self._waiting[1 - side]
         alone, others = self._advance(side, stamp_ns, own, other)
@@ -109,7 +109,7 @@ class Join(Generic[L, R]):
     def _advance(
         self, side: int, stamp_ns: int, own: dict[int, Any], other: dict[int, Any]
     ) -> tuple[list[int], list[int]]:
-        """Note that `side` has come to this stamp; returns the stamps that go: own, other's."""
+        """Record that `side` has reached this stamp; returns the stamps given up on this side and on the other."""
         gone_own: list[int] = []
         gone_other = [stamp for stamp in other if stamp < stamp_ns]
         newest = self._newest[side]

@@ -1,4 +1,4 @@
-"""Whether the machine code of kernels is kept, so that the next start does not compile for ten seconds."""
+"""Whether compiled kernels are cached, so that the next start does not compile for ten seconds."""
 
 import hashlib
 import os
@@ -10,17 +10,17 @@ _SERVICES = Path(__file__).parents[1]
 
 
 def stage_kernels_missing(stage: str) -> int:
-    """How many modules of a stage have kernels that are not compiled; none of the source's count.
+    """Number of a stage's modules whose kernels are not compiled; 0 for the source.
 
-    Each of those is for one kind of input, which waits for it: no run needs them all.
+    Each of its modules serves one kind of input, which waits for the kernels: no run needs them all.
     """
     return 0 if stage == "source" else len(kernels_missing(_SERVICES / stage))
 
 
 def kernels_missing(folder: Path) -> list[Path]:
-    """Modules below `folder` that define kernels and of which numba's cache holds nothing newer than themselves.
+    """Modules below `folder` that define kernels, and for which numba's cache holds nothing newer than the module.
 
-    Looked for where numba looks: in NUMBA_CACHE_DIR, else beside the modules, else in the user's own cache.
+    The cache is looked for where numba does: in NUMBA_CACHE_DIR, else beside the modules and in the user's own cache.
     """
     modules = [path for path in sorted(folder.rglob("*.py")) if _DECORATOR in path.read_text(encoding="utf-8")]
     return [path for path in modules if _compiled_s(path) < path.stat().st_mtime]
@@ -35,8 +35,8 @@ def _compiled_s(module: Path) -> float:
 
 
 def _places(folder: Path) -> list[Path]:
-    """Where numba keeps what it compiles of the modules in a folder."""
-    # As numba.core.caching names it; modules of one name in two folders are not told apart otherwise.
+    """The folders where numba caches the compiled kernels of the modules in a folder."""
+    # Named as in numba.core.caching, which tells modules of one name in two folders apart by the hash.
     name = f"{folder.name}_{hashlib.sha1(str(folder.absolute()).encode()).hexdigest()}"
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     if chosen:

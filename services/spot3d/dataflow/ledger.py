@@ -6,15 +6,15 @@ from collections.abc import Mapping
 from spot3d_schemas.limits import MAX_COUNT
 
 NEVER_ARRIVED, IN_RESTART = "never arrived", "lost in a restart"
-"""Why frames of a stream that has ended are missing: where fusion was started again, they went with the one before."""
+"""Why frames of an ended stream are missing. If fusion was restarted, they were lost with the process before."""
 
 
 class Ledger:
     """Counts of frames, and whether the stream is complete. Times are monotonic seconds.
 
-    The stream is complete once its source has announced its end and the last frame is accounted for, or
-    nothing has come for `patience_s`: what is missing then never arrived. What belongs to frames that are accounted for
-    may be waited for as long. in_stream: frames of the stream so far.
+    The stream is complete once its source has announced its end and the last frame is accounted for, or nothing has
+    come for `patience_s`; missing frames then never arrived. Other data of frames that are accounted for may be waited
+    for just as long. in_stream: frames of the stream so far.
     """
 
     def __init__(self, patience_s: float) -> None:
@@ -29,27 +29,27 @@ class Ledger:
         self._end: tuple[int, int] | None = None
 
     def fuse(self, stamp_ns: int, now_s: float) -> None:
-        """The frame of this stamp is in the map."""
+        """Count a frame that is in the map."""
         self.fused += 1
         self._account(stamp_ns, now_s)
 
     def skip(self, reason: str, stamp_ns: int, now_s: float) -> None:
-        """The frame of this stamp will not be in the map."""
+        """Count a frame that will not be in the map."""
         self.skipped[reason] += 1
         self._account(stamp_ns, now_s)
 
     def end(self, frames_sent: int, stamp_ns: int, now_s: float) -> bool:
-        """The source has announced its end; returns whether this end is complete already."""
+        """Note the end that the source announces; returns whether this end is complete already."""
         if self._end != (frames_sent, stamp_ns):
             self._end, self._touched_s, self.complete = (frames_sent, stamp_ns), now_s, False
         return self.complete
 
     def extend_patience(self, now_s: float) -> None:
-        """Something has come that is no frame: patience begins anew."""
+        """Restart the patience, as something that is no frame has come."""
         self._touched_s = now_s
 
     def due(self, now_s: float, more: bool = False) -> bool:
-        """Whether the announced end has been reached and is to be closed; more: something else is still to come."""
+        """Whether to close the stream: its end is reached or patience is over. more: other data is still to come."""
         if self._end is None or self.complete:
             return False
         frames_sent, stamp_ns = self._end
@@ -57,23 +57,23 @@ class Ledger:
         return (reached and not more) or now_s - self._touched_s >= self._patience_s
 
     def go_on(self, fused: int, skipped: Mapping[str, int], last_stamp_ns: int, in_stream: int) -> None:
-        """Go on from the account of an earlier process."""
+        """Continue the account of an earlier process."""
         self.fused, self.skipped = fused, Counter(skipped)
         self.last_stamp_ns, self.in_stream, self.missing = last_stamp_ns, in_stream, IN_RESTART
 
     def close(self) -> int:
-        """The stream is complete; returns how many of its frames are `missing`."""
+        """Mark the stream as complete; returns how many of its frames are missing."""
         frames_sent, stamp_ns = self._end or (0, 0)
         missing = max(0, frames_sent - self.in_stream)
         if missing:
-            # A source may say any number, again and again; a message cannot.
+            # A source may announce any number repeatedly; a message cannot state it.
             self.skipped[self.missing] = min(self.skipped[self.missing] + missing, MAX_COUNT)
         self.last_stamp_ns = max(self.last_stamp_ns, stamp_ns)
         self.complete, self.in_stream = True, 0
         return missing
 
     def reset(self) -> None:
-        """Counts start anew; the stream goes on."""
+        """Restart the counts; the stream goes on."""
         self.fused = 0
         self.skipped.clear()
 

@@ -1,9 +1,9 @@
-"""Connections that end at once when they are closed, whatever has become of the other side.
+"""Makes connections close at once, whatever has become of the other side.
 
-Zenoh lets a connection that it closes linger for ten seconds while the other side has not confirmed all. To a side that
-is out of reach this takes all of them, and the thread that waits is one of the few that pass on everybody's messages: a
-router so stands still, its own host's dataflow with it, and does not answer when the link is back. A router that ends
-waits as long for who stands still on its own host, and fails: Zenoh gives up closing after ten seconds.
+Zenoh lets a connection that it closes linger for ten seconds while the other side has not acknowledged everything. With
+an unreachable side this takes all ten. The thread that waits is one of the few that forward everybody's messages, so
+the router stalls, with its own host's dataflow, and does not answer when the link is back. A router that ends waits
+just as long for a stalled process on its own host, and fails: Zenoh gives up closing after ten seconds.
 """
 
 import os
@@ -18,14 +18,14 @@ _DESCRIPTORS = Path("/proc/self/fd")
 
 
 def close_at_once(all_hosts: bool = False) -> None:
-    """Do so for this process's TCP connections to other hosts, as they are now; elsewhere than on Linux nothing.
+    """Set this process's present TCP connections to other hosts to close without lingering; only on Linux.
 
-    all_hosts: for those within this host as well, as at the end of a router; what has not reached them is lost.
+    all_hosts: those within this host as well, as at the end of a router; data that has not arrived is lost.
     """
     if not _DESCRIPTORS.is_dir():
         return
     for path in list(_DESCRIPTORS.iterdir()):
-        # Descriptors come and go meanwhile.
+        # Descriptors may close meanwhile.
         with suppress(OSError):
             if path.is_socket():
                 with socket.socket(fileno=os.dup(int(path.name))) as connection:

@@ -43,18 +43,18 @@ from spot3d_schemas import (
 M_co = TypeVar("M_co", bound=Message, covariant=True)
 
 _OF_A_STREAM = PER_FRAME | {"source/end"}
-"""Topics of one stream of captures."""
+"""Topics that belong to a stream of captures."""
 _QUERIES_WAITING = 4
 _IDLE_S = 0.1
-"""Longest that a stage does not look whether it is to stop."""
+"""Longest interval between two checks of the stop event."""
 
 
 @dataclass(frozen=True, slots=True)
 class Received(Generic[M_co]):
-    """A valid message and when it came, wall clock.
+    """A valid message and its time of arrival, wall clock.
 
-    recording: how often the stamps of its topic had gone back, each time to another recording that nobody announced.
-    begins: it is the first of another stream of captures.
+    recording: how often the topic's stamps had gone back, each time to another, unannounced recording.
+    begins: whether it is the first message of another stream of captures.
     """
 
     message: M_co
@@ -64,11 +64,11 @@ class Received(Generic[M_co]):
 
 
 class Node:
-    """A stage's connection to the others; enter it to go on line, leave it to be gone.
+    """A stage's connection to the other stages, for as long as its `with` block is entered.
 
-    Each input has a thread that decodes, refuses, counts and puts into the inbox; the stage's own thread
-    reads it by `next`. The liveliness token follows the subscriptions: who sees it can send. state: what is wrong with
-    the stage now, for people; the stage sets it, and its health says it.
+    Each input has a thread that decodes, checks and counts messages and puts them into the inbox; the stage's own
+    thread reads it by `next`. The liveliness token is declared after the subscriptions: whoever sees it can send.
+    state: what is wrong with the stage now, for people; the stage sets it, and health messages contain it.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class Node:
     def next(self, timeout_s: float = _IDLE_S) -> tuple[str, Any] | None:
         """The next input: its topic and a `Received`, or a zenoh.Query; None where nothing came in time.
 
-        What is left over of an earlier stream is dropped, and counted.
+        Messages of an earlier stream are dropped and counted.
         """
         self._turned_s = time.monotonic()
         item = self._inbox.get(min(timeout_s, _IDLE_S))
@@ -153,18 +153,18 @@ class Node:
         return item
 
     def rest(self, duration_s: float) -> None:
-        """Do nothing for so long, or until the stage is to stop."""
+        """Sleep for this long, or until the stage is to stop."""
         end_s = time.monotonic() + duration_s
         while (left_s := end_s - time.monotonic()) > 0 and not self.stop.wait(min(left_s, 1.0)):
             self._turned_s = time.monotonic()
 
     @property
     def stream(self) -> str | None:
-        """The stream of captures that the stage is in, where its source tells."""
+        """The stage's current stream of captures, if its source names it."""
         return self._streams.current
 
     def header(self, topic: str, given: Received[Message]) -> Header:
-        """The header of this stage's answer on `topic` to a message: same capture, one more hop."""
+        """The header of this stage's output on `topic` for a message: same capture, one more hop."""
         header = given.message.header
         return self.numbered(topic, header.with_hop(self.stage, given.received_ns, time.time_ns()))
 
@@ -179,9 +179,9 @@ class Node:
         return has_subscribers(self._publishers[topic])
 
     def publish(self, topic: str, message: Message, jpeg_quality: int | None = None) -> bool:
-        """Send a message; returns whether it went out. What cannot be sent is counted as an error.
+        """Send a message; returns whether it was sent. A failure is counted as an error.
 
-        jpeg_quality: send it compressed like this, whatever the link is.
+        jpeg_quality: compress with this quality, whatever the link is.
         """
         thin, quality = self.link.thin_link or jpeg_quality is not None, jpeg_quality or self.link.jpeg_quality
         try:
@@ -194,7 +194,7 @@ class Node:
         return True
 
     def measure_latency(self, header: Header) -> None:
-        """Count the time since the frame of this header left its source, for messages that are sent now."""
+        """Record the time since the frame of this header left its source, for messages that are sent now."""
         if len(header.trace) > 1:
             way_ns = header.trace[-1].sent_ns - header.trace[0].sent_ns
             self.counters.latency(way_ns if one_clock(header.trace) else None)
@@ -208,9 +208,9 @@ class Node:
                 self.failed(topic, f"cannot answer {topic}: {error}")
 
     def refuse(self, query: zenoh.Query, topic: str, why: str) -> None:
-        """Answer a query with an error, which counts as dropped."""
+        """Answer a query with an error, and count it as dropped."""
         self.counters.drop(f"{topic} refused")
-        with query, suppress(zenoh.ZError):  # who asked may be gone
+        with query, suppress(zenoh.ZError):  # the asker may be gone
             query.reply_err(why.encode())
 
     def failed(self, reason: str, text: str) -> None:
@@ -219,7 +219,7 @@ class Node:
         self._limited_log.say(reason, text, time.monotonic())
 
     def crashed(self, step: str, text: str, error: Exception) -> None:
-        """Count and log an exception of the stage's own work; of each kind the first is logged with its traceback."""
+        """Count and log an exception of the stage's own work, the first of each kind with its traceback."""
         kind = type(error).__name__
         text = f"{text}: {kind}: {error}"
         self.counters.error(text)
@@ -255,17 +255,17 @@ class Node:
 
     def _ask(self, topic: str, handler: Handler[zenoh.Query]) -> None:
         for query in handler:  # until the queryable has ended
-            # Who asks never waits in a channel that is full: the stage's inputs would wait with it.
+            # Queries never wait for room in the inbox: the stage's inputs would wait with them.
             if not self._inbox.offer(topic, query):
                 self.refuse(query, topic, f"{self.stage} is busy; ask again")
 
     def _tell(self, topic: str, handler: Handler[zenoh.Query]) -> None:
-        """Answer what this process runs on, without the stage's own thread: the time on its clock is asked for too."""
+        """Answer what this process runs on, outside the stage's own thread: the reply also tells the clock's time."""
         for query in handler:  # until the queryable has ended
             header = Header(robot=self.link.robot, seq=0, stamp_ns=time.time_ns(), frame_id=self.stage)
             try:
                 told = about(self.numbered(topic, header), self.stage, self.link)
-            except (OSError, ValueError) as error:  # a disk that does not answer, say
+            except (OSError, ValueError) as error:  # such as a disk that does not answer
                 self.refuse(query, topic, f"{type(error).__name__}: {error}")
                 continue
             self.reply(query, topic, told)
@@ -273,7 +273,7 @@ class Node:
     def _report(self) -> None:
         while not self._gone.wait(self.link.health_interval_s):
             self._publish_health()
-            # Whoever has nothing to do may rest; whoever leaves it lying hangs.
+            # A stage without waiting inputs may rest. A stage that leaves them waiting hangs.
             if not self._inbox.waiting or time.monotonic() - self._turned_s < STUCK_S:
                 self._heartbeat.beat()
 
@@ -285,7 +285,7 @@ class Node:
         self.publish(topic, self.counters.health(numbered, time.monotonic(), process_use(), self._state()))
 
     def _state(self) -> str:
-        """What is wrong now, the stage's own first."""
+        """What is wrong now, the stage's own state first."""
         wrong = [self.state] if self.state else []
         count = len(self.alive.processes(self.stage))
         if count > 1:
@@ -302,7 +302,7 @@ class Node:
         self._gone.set()
         self._heartbeat.close()
         self._inbox.close()
-        # The last counts, so that whoever collects them misses nothing.
+        # The last counts, so that collectors miss nothing.
         self._publish_health()
 
 

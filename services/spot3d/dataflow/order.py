@@ -1,24 +1,24 @@
-"""Whether a stream's messages come in the order of their capture."""
+"""Checks that a stream's messages come in order of capture."""
 
 from dataclasses import dataclass
 
 from spot3d_schemas import Header
 
 RESTART_NS = 1_000_000_000
-"""A stamp this far back is no straggler: another recording begins. One this far ahead, beyond twice the time that has
-passed and the step before, is in doubt: were it believed, what follows it would be as far back."""
+"""A stamp this far back is no late message: another recording begins. A stamp this far ahead, beyond twice the elapsed
+time and the previous step, is in doubt: were it accepted, the next one would be as far back."""
 _CONFIRMED_NS = 10_000_000_000
-"""The next stamp follows a doubtful one, no further ahead than this: then both are right."""
+"""If the next stamp follows a doubtful one by less than this, both are right."""
 
 DUPLICATE, OUT_OF_ORDER, STRAY = "duplicate stamp", "out of order", "stray stamp"
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What is to be said of one message.
+    """The verdict on one message.
 
-    refused: why it must not be used, or empty. restarted: its stamps went back, and another recording begins with it
-    that no new stream was announced.
+    refused: why it must not be used, or empty. restarted: its stamp went back, and another recording begins with it
+    that no new stream has announced.
     """
 
     refused: str = ""
@@ -28,7 +28,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """step_ns: how much later its stamp is than the one before."""
+    """step_ns: its stamp minus that of the message before."""
 
     header: Header
     at_s: float
@@ -36,11 +36,11 @@ class _Seen:
 
 
 class StreamOrder:
-    """Watches one input's streams, stamps and sequence numbers.
+    """Checks one input's streams, stamps and sequence numbers.
 
-    confirm: for a live input. A stamp that leaps is refused alone, unless the next message follows it: a camera's clock
-    that slips once costs one frame, as does a recording's first step where it is sparse and played fast. Other
-    recordings have no such clock, and may have gaps.
+    confirm: for a live input. A stamp that leaps is refused, unless the next message follows it: a camera's clock that
+    slips once costs one frame, as does the first step of a sparse recording that is played fast. Recordings that are
+    not live have no such clock, and may have gaps.
     """
 
     def __init__(self, confirm: bool = False) -> None:
@@ -49,9 +49,9 @@ class StreamOrder:
         self._suspect: Header | None = None
 
     def check(self, header: Header, now_s: float) -> Verdict:
-        """Judge the message that has just come, at `now_s` monotonic seconds.
+        """Judge the message that has just arrived, at `now_s` monotonic seconds.
 
-        missing: messages that the sender counted and that never came (a sender that was started again counts from 0).
+        missing: messages that the sender numbered and that never arrived (a restarted sender counts from 0).
         """
         last, suspect = self._last, self._suspect
         if last is None or header.stream != last.header.stream:
@@ -64,7 +64,7 @@ class StreamOrder:
         if not (back or leaps):
             return self._accept(header, now_s, ahead_ns)
         if not self._confirm:
-            # A stream that has a name ends before its stamps go back.
+            # A named stream ends before its stamps go back.
             return Verdict(OUT_OF_ORDER) if header.stream is not None else self._accept(header, now_s, 0, True)
         step_ns = 0 if suspect is None else header.stamp_ns - suspect.stamp_ns
         if 0 < step_ns < _CONFIRMED_NS:

@@ -1,4 +1,4 @@
-"""The bytes of a message, wherever they lie."""
+"""Copies and decodes the bytes of messages, in shared memory or not."""
 
 from collections.abc import Iterator
 from typing import TypeVar
@@ -12,10 +12,10 @@ M = TypeVar("M", bound=Message)
 
 
 def intact_bytes(payload: zenoh.ZBytes) -> bytes | None:
-    """A copy of the bytes; None where they lay in shared memory that was taken back before the copy was done.
+    """A copy of the bytes; None if they were in shared memory that was reclaimed before the copy was done.
 
-    A sender takes memory back from a reader that shows no sign of life for a tenth of a second, so that a dead
-    one keeps nothing. What is still valid after the copy was valid all the while.
+    A sender reclaims memory from a reader that shows no sign of life for a tenth of a second, so that a dead reader
+    holds none. Memory that is still valid after the copy was valid throughout.
     """
     data = payload.to_bytes()
     shared = payload.as_shm()
@@ -23,7 +23,7 @@ def intact_bytes(payload: zenoh.ZBytes) -> bytes | None:
 
 
 def decoded(payload: zenoh.ZBytes, expected: type[M]) -> M | None:
-    """The message; None where it is none or was taken back, for who only looks on: nonsense is not to end him."""
+    """The message; None if it is invalid or was reclaimed. For onlookers, which no invalid message may end."""
     data = intact_bytes(payload)
     try:
         return None if data is None else decode(data, expected)
@@ -32,7 +32,7 @@ def decoded(payload: zenoh.ZBytes, expected: type[M]) -> M | None:
 
 
 def arrived(handler: Handler[zenoh.Sample], expected: type[M]) -> Iterator[M]:
-    """The messages that have come by now, for who only looks on: see `decoded`."""
+    """The messages that have arrived by now, for onlookers: see `decoded`."""
     while (sample := handler.try_recv()) is not None:
         message = decoded(sample.payload, expected)
         if message is not None:

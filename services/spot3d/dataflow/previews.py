@@ -1,4 +1,4 @@
-"""Small pictures of frames for dashboards, sent only while somebody looks."""
+"""Small images of frames for dashboards, sent only while somebody subscribes."""
 
 import time
 
@@ -19,14 +19,14 @@ _QUALITY = 75
 
 
 class Previews:
-    """Sends a small picture of a frame now and then: at most five a second, and none that nobody subscribes to."""
+    """Sends small images of some frames: at most five a second, and only while somebody subscribes."""
 
     def __init__(self, node: Node, topic: str) -> None:
         self._node, self._topic = node, topic
         self._due_s = 0.0
 
     def offer(self, header: Header, image: NDArray[np.uint8], camera: Intrinsics) -> None:
-        """Send this frame's image, (h, w, 3) RGB or (h, w), if a picture is due and wanted; header: of the frame."""
+        """Send this frame's image, (h, w, 3) RGB or (h, w), if one is due and wanted. header: the frame's."""
         now_s = time.monotonic()
         if now_s < self._due_s or not self._node.wanted(self._topic):
             return

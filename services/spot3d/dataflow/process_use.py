@@ -1,4 +1,4 @@
-"""What this process uses, and how it is kept to one thread."""
+"""What this process uses, how it is kept to one thread, and with which priority it runs."""
 
 import os
 import resource
@@ -15,18 +15,18 @@ SINGLE_THREADED = {
     "MKL_NUM_THREADS": "1",
     "NUMBA_NUM_THREADS": "1",
 }
-"""Environment of a stage's process; libraries read it when they are loaded, so it is the parent's to set."""
+"""Environment of a stage's process; libraries read it when they are loaded, so the parent has to set it."""
 
 KEEPING_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(8 << 20), "MALLOC_TRIM_THRESHOLD_": str(64 << 20)}
 """Environment of a stage's process: memory for images is kept for the next frame (glibc's malloc; others ignore it).
 
-Giving it back and getting fresh pages takes a fifth of the source's time, and more where messages go by TCP.
+Returning it and getting fresh pages takes a fifth of the source's time, and more where messages go by TCP.
 """
 
 
 _NICENESS, _ONLOOKERS_NICENESS = 5, 19
-"""How far work that no frame waits for stands back: where the processors are busy, it takes what the stages leave. Who
-only looks on takes next to nothing there."""
+"""Niceness of work that no frame waits for, and of onlookers. Where the processors are busy, the first gets what the
+stages leave, and the second next to nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,36 +52,35 @@ def process_use() -> ProcessUse:
 
 
 def stay_single_threaded() -> None:
-    """Keep the libraries that are loaded already, and those to come, from starting threads of their own."""
+    """Keep libraries, loaded already or later, from starting threads of their own."""
     for name, value in SINGLE_THREADED.items():
         os.environ.setdefault(name, value)
     cv2 = sys.modules.get("cv2")
     if cv2 is not None:
         cv2.setNumThreads(1)
     if "numpy" in sys.modules:
-        # Its BLAS has read its environment, and of two threads adds up in another order than one.
+        # Its BLAS has read its environment already, and two threads add up in another order than one.
         from threadpoolctl import threadpool_limits
 
         threadpool_limits(1)
 
 
 def let_frames_go_first() -> None:
-    """Lower the priority of the calling thread below what it is, for work that no frame waits for."""
+    """Lower the priority of the calling thread, for work that no frame waits for."""
     _stand_back(_NICENESS)
 
 
 def let_stages_go_first() -> None:
-    """Lower the priority of the calling thread, and of those that it starts from now on, below everything a stage does:
-    for who only looks on."""
+    """Lower the priority of the calling thread, and of those it starts later, below every stage: for onlookers."""
     _stand_back(_ONLOOKERS_NICENESS)
 
 
 def use_what_is_left() -> None:
-    """Let this process run only where nobody else wants the processor: for work that nobody ever waits for.
+    """Let this process run only on processors that nobody else wants, for work that nobody ever waits for.
 
-    Not merely nice: Linux lets a nice process end its turn of some milliseconds when a stage's frame comes, and an idle
-    one not. That holds within a session alone, each of which has a share of the processors (autogroup): who leads one
-    gives up its share as well.
+    Niceness is not enough: when a stage's frame comes, Linux lets a nice process finish its time slice of some
+    milliseconds, but not one of the idle class. That holds within one session only, as each session has its share of
+    the processors (autogroup): a session leader gives up its share as well.
     """
     if sys.platform == "linux":
         with suppress(OSError):
@@ -92,9 +91,9 @@ def use_what_is_left() -> None:
 
 
 def let_it_finish(pid: int) -> None:
-    """Give the session of another process that used what was left the priority of work that no frame waits for.
+    """Give the session of a process that called `use_what_is_left` the priority of work that no frame waits for.
 
-    Where all processors are busy it is done in seconds then, not minutes: somebody waits for it.
+    On busy processors it then ends in seconds, not minutes: somebody waits for it.
     """
     if sys.platform == "linux" and os.getsid(pid) == pid:
         with suppress(OSError):
@@ -102,7 +101,7 @@ def let_it_finish(pid: int) -> None:
 
 
 def _stand_back(niceness: int) -> None:
-    if sys.platform == "linux":  # elsewhere the priority of a thread cannot be set alone
+    if sys.platform == "linux":  # elsewhere one thread's priority cannot be set
         thread = threading.get_native_id()
-        with suppress(OSError):  # a sandbox may forbid it: the work is the same, the frames wait a little
+        with suppress(OSError):  # a sandbox may forbid it: frames then wait a little
             os.setpriority(os.PRIO_PROCESS, thread, min(19, os.getpriority(os.PRIO_PROCESS, thread) + niceness))

@@ -1,4 +1,4 @@
-"""One producer a topic: whoever else says it is refused, counted and named, for as long as that one is there."""
+"""One producer per topic: as long as it is there, messages of others are refused, counted and reported."""
 
 import threading
 from dataclasses import dataclass
@@ -7,9 +7,10 @@ from spot3d.dataflow.alive import Alive
 from spot3d_schemas import TOPICS
 
 _HOLD_S = 0.5
-"""A producer without a liveliness token is there for so long after its last message, unless one with a token comes."""
+"""A producer without a liveliness token counts as there for this long after its last message, unless one with a token
+comes."""
 _NAMED_S = 10.0
-"""A second producer is spoken of for so long after its last message."""
+"""A second producer is reported for this long after its last message."""
 
 
 @dataclass(slots=True)
@@ -20,7 +21,7 @@ class _Holder:
 
 
 class Producers:
-    """Who says each topic; any thread may ask. Times are monotonic seconds."""
+    """The producer of each topic; any thread may ask. Times are monotonic seconds."""
 
     def __init__(self, alive: Alive) -> None:
         self._alive = alive
@@ -29,7 +30,7 @@ class Producers:
         self._lock = threading.Lock()
 
     def admit(self, topic: str, sender: str | None, now_s: float) -> bool:
-        """Whether a message of this sender is the topic's: the first one keeps the topic until it is gone."""
+        """Whether to accept a message of this sender: the first one keeps the topic until it is gone."""
         present = self._alive.processes(TOPICS[topic].producer)
         with self._lock:
             holder = self._holders.get(topic)
@@ -47,6 +48,6 @@ class Producers:
             return True
 
     def contested(self, now_s: float) -> list[str]:
-        """The topics that somebody else has said as well, of late."""
+        """The topics that a second producer has published recently."""
         with self._lock:
             return sorted(topic for topic, heard_s in self._rivals.items() if now_s - heard_s < _NAMED_S)

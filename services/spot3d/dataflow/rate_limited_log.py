@@ -1,24 +1,24 @@
-"""Errors go to the log at a limited rate, however many there are."""
+"""Logs errors at a limited rate, however many there are."""
 
 import logging
 import threading
 import traceback
 
 _INTERVAL_S = 10.0
-"""Least time between two lines of one reason."""
+"""Minimum time between two lines for one reason."""
 _REASONS = 64
-"""Reasons that are told apart; senders of nonsense can make up any number."""
+"""Maximum number of distinct reasons: invalid messages can cause any number."""
 
 
 def printable(text: str) -> str:
-    """The text as one line without control characters, which would do things to a terminal; these are spelt out."""
+    """The text as one line; control characters, which would affect a terminal, are escaped."""
     return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in text)
 
 
 class RateLimitedLog:
-    """Logs each reason at once, and then at most every ten seconds with the number of times.
+    """Logs each reason at once, and then at most every ten seconds with the number of suppressed lines.
 
-    The first time also with the traceback of the exception, where there is one.
+    The first line of a reason includes the exception's traceback, if there is one.
     """
 
     def __init__(self, log: logging.Logger) -> None:

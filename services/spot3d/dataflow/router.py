@@ -1,4 +1,4 @@
-"""A router of ours, for hosts where no Zenoh router runs."""
+"""A Zenoh router in this process, for hosts where none runs."""
 
 import socket
 from collections.abc import Iterator, Mapping
@@ -23,7 +23,7 @@ _ONLOOKERS = [
 
 
 def free_loopback_endpoint() -> str:
-    """An endpoint on this host alone, at a port that is free now."""
+    """An endpoint of this host only, at a port that is free now."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
@@ -39,10 +39,10 @@ def open_router(
 ) -> Iterator[zenoh.Session]:
     """Routes between the clients at `listen` (and the routers at `connect`) for as long as it is open.
 
-    link: whose certificates are used at tls endpoints. access: Zenoh's `access_control`; None: everybody may do
-    everything. spare: whoever is not connected by a Unix socket is sent what his connection takes, and the rest is
-    dropped: nobody waits for him. The session takes part in the dataflow as any other does, whatever `access` says; who
-    stands still when it ends is not waited for.
+    link: its certificates are used at tls endpoints. access: Zenoh's `access_control`; None: everybody may do
+    everything. spare: clients that are not connected by a Unix socket are sent what their connection takes, and the
+    rest is dropped, so that nobody waits for them. The session takes part in the dataflow as any other does, whatever
+    `access` says. Its end does not wait for stalled clients.
     Raises ConnectionError where it cannot listen, TlsError where its certificate cannot be used.
     """
     secrets = {} if link is None else link.model_dump(include={"ca", "certificate", "key", "verify_names"})

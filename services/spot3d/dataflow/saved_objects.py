@@ -1,6 +1,6 @@
-"""Objects of known classes as plain values and arrays, and back: what a snapshot of a core's state is made of.
+"""Converts objects of known classes to plain values and arrays, and back, for snapshots of a core's state.
 
-No code is run and no class is made that the reader does not name, whatever a file says.
+Whatever a file says, no code is run, and only objects of classes that the reader names are made.
 """
 
 from collections import Counter, OrderedDict, deque
@@ -16,10 +16,10 @@ _MAPS: dict[str, Any] = {"dict": dict, "Counter": Counter, "OrderedDict": Ordere
 
 
 def saved(value: object, arrays: dict[str, NDArray[Any]], classes: Classes, given: object) -> Any:
-    """`value` as what JSON can say; the arrays in it go to `arrays`, each under a name of its own.
+    """`value` as a JSON-serialisable structure; its arrays go to `arrays`, each under a name of its own.
 
-    classes: those of the objects in it, by name; `given`, wherever it is met, is left to the reader. Raises TypeError
-    where something is of another kind.
+    classes: those of the objects in it, by name. given: an object that is not saved, but supplied again by the reader.
+    Raises TypeError for anything of another kind.
     """
     if value is given:
         return {"given": True}
@@ -48,7 +48,7 @@ def saved(value: object, arrays: dict[str, NDArray[Any]], classes: Classes, give
 
 
 def restored(said: Any, arrays: Mapping[str, NDArray[Any]], classes: Classes, given: object) -> Any:
-    """What `saved` was given. Raises ValueError where this is not what it has returned for these classes."""
+    """Inverse of `saved`. Raises ValueError for what `saved` has not returned for these classes."""
     if not isinstance(said, dict):
         return said
     try:
@@ -75,7 +75,7 @@ def restored(said: Any, arrays: Mapping[str, NDArray[Any]], classes: Classes, gi
 
 
 def same_fields(one: object, other: object) -> bool:
-    """Whether two objects of one class, and those that both hold, have the same attributes, as in one version."""
+    """Whether two objects, and the objects that both hold, have the same attribute names, as in one version."""
     names = _field_names(one)
     if type(one) is not type(other) or set(names) != set(_field_names(other)):
         return False
@@ -85,6 +85,6 @@ def same_fields(one: object, other: object) -> bool:
 
 def _field_names(value: object) -> list[str]:
     if hasattr(value, "__dict__"):
-        # What typing notes about a generic class's object is none of its state.
+        # Attributes that typing adds to a generic class's object are not part of its state.
         return [name for name in vars(value) if not name.startswith("__")]
     return [name for kind in type(value).__mro__ for name in getattr(kind, "__slots__", ()) if hasattr(value, name)]

@@ -1,4 +1,4 @@
-"""The loop of a stage: each input goes to the function that handles it, which may fail on it."""
+"""The loop of a stage, which passes each input to its handler; a handler may fail."""
 
 import time
 from collections.abc import Callable
@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class On(Generic[M]):
-    """What a stage does with the messages of one topic, which are of one type."""
+    """A stage's handler for the messages of one topic, which are of one type."""
 
     topic: str
     message: type[M]
@@ -29,14 +29,14 @@ class On(Generic[M]):
 
 @dataclass(frozen=True, slots=True)
 class OnQuery:
-    """What a stage does with the queries of one topic."""
+    """A stage's handler for the queries of one topic."""
 
     topic: str
     work: Callable[[zenoh.Query], None]
 
 
 def attempted(node: Node, step: str, text: str, work: Callable[[], T]) -> T | None:
-    """What a core makes of one frame, whose time is counted; None where it fails, which is counted and logged."""
+    """A core's result for one frame, whose time is counted; None if it fails, which is counted and logged."""
     start_s = time.perf_counter()
     try:
         done = work()
@@ -50,7 +50,7 @@ def attempted(node: Node, step: str, text: str, work: Callable[[], T]) -> T | No
 def serve(node: Node, *handlers: On[Any] | OnQuery, between: Callable[[], None] = lambda: None) -> None:
     """Hand each input to its handler, one at a time, until the node's stop is set.
 
-    between: called after each, and several times a second where nothing comes.
+    between: called after each input, and several times a second while none comes.
     """
     works = {handler.topic: handler.work for handler in handlers}
     while not node.stop.is_set():

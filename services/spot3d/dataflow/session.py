@@ -17,11 +17,11 @@ from spot3d.dataflow.tls import own_certificate, uses_tls, why_refused
 log = logging.getLogger(__name__)
 
 _CONNECT_MS = 1000
-"""One try to reach the router; between two tries a stop request is noticed."""
+"""Time for one attempt to reach the router; between attempts a stop request is noticed."""
 _LEASE_MS = 2000
 """A peer that is silent for this long counts as gone."""
 _LARGE_BYTES = 65536
-"""Messages that are at least so long go through shared memory between processes on one host."""
+"""Messages of at least this size go through shared memory between processes on one host."""
 _IN_USE = "the port or socket may be in use: end the program that listens there, or give another"
 
 
@@ -32,18 +32,19 @@ def zenoh_config(link: LinkSettings) -> zenoh.Config:
         "mode": link.mode,
         "connect/endpoints": link.connect,
         "listen/endpoints": link.listen,
-        # Routers and peers start alone if need be; a client is nothing without its router.
+        # Routers and peers may start alone; a client needs its router.
         "connect/exit_on_failure": link.mode == "client",
         "connect/timeout_ms": _CONNECT_MS,
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
         "scouting/multicast/enabled": False,
-        # Routers and peers wait this long for what multicast may find.
+        # Time that routers and peers wait for multicast discovery.
         "scouting/delay": 0,
-        # Nobody reads Zenoh's own stamps; who has them logs every message that a clock ahead of its own has stamped.
+        # Zenoh's own timestamps are not read. With them, it logs every message stamped by a clock that is ahead of its
+        # own.
         "timestamping/enabled": False,
         "transport/link/tx/lease": _LEASE_MS,
         "transport/shared_memory/enabled": link.shared_memory and link.delivery == "live",
-        # Images; with small messages it saves nothing, and the answer to a query cannot be repeated as a frame can.
+        # Images only: small messages gain nothing, and a reply to a query cannot be repeated as a frame can.
         "transport/shared_memory/transport_optimization/message_size_threshold": _LARGE_BYTES,
         "transport/shared_memory/transport_optimization/messages": ["put"],
     }
@@ -55,7 +56,7 @@ def zenoh_config(link: LinkSettings) -> zenoh.Config:
 
 
 def _tls(link: LinkSettings) -> dict[str, object]:
-    """Who listens asks for a certificate, always: there is no half of mutual TLS."""
+    """A listener, which has a certificate, asks for that of each client: TLS is mutual."""
     certificate, key = (None if file is None else str(file) for file in (link.certificate, link.key))
     return {
         "root_ca_certificate": None if link.ca is None else str(link.ca),
@@ -76,13 +77,13 @@ def open_session(
     more: Mapping[str, object] | None = None,
     patience_s: float = inf,
 ) -> Iterator[zenoh.Session]:
-    """A session that is closed in the end; a client waits for its router, and says so.
+    """A session that is closed in the end. A client waits for its router, and logs that it does.
 
     more: other values of Zenoh's configuration, by key, for a router. patience_s: longest wait for the router. Raises
-    StoppedError where that is over or `stop` is set while waiting, TlsError where the link's own certificate cannot be
-    used, ConnectionError where a router or peer cannot open.
+    StoppedError if that is over or `stop` is set while waiting, TlsError if the link's own certificate cannot be used,
+    ConnectionError if a router or peer cannot open.
     """
-    # A router warns of those that it refuses.
+    # With this a router logs whom it refuses.
     zenoh.init_log_from_env_or("error,zenoh_link_tls=warn")
     own = own_certificate(link)
     if own is not None and own.soon_over:
@@ -116,6 +117,6 @@ def _open(
 
 
 def first_line(error: Exception) -> str:
-    """What Zenoh says, without where in its source it says so; of whoever does not answer it says only the endpoint."""
+    """Zenoh's error text without its place in Zenoh's source; `nobody answers` where it names only the endpoint."""
     said = str(error).partition("\n")[0].partition(" at /")[0].strip()
     return "nobody answers" if said.startswith("Unable to connect to any of") else said

@@ -13,7 +13,7 @@ _ENDPOINT = re.compile(
 )
 _PORT_MAX = 65535
 USUAL_ENDPOINT = "tcp/127.0.0.1:7447"
-"""Where routers listen, and everybody else looks for one, unless told otherwise."""
+"""Default endpoint, where routers listen and everybody else looks for one."""
 
 
 def _checked_endpoint(text: str) -> str:
@@ -27,7 +27,7 @@ def _checked_endpoint(text: str) -> str:
 
 
 def host_and_port(endpoint: str) -> tuple[str, int]:
-    """Of an endpoint with both: ::1 and 7447 of tls/[::1]:7447#so_sndbuf=65536. Raises ValueError for others."""
+    """Host and port of an endpoint: ::1 and 7447 of tls/[::1]:7447#so_sndbuf=65536. Raises ValueError without one."""
     match = _ENDPOINT.fullmatch(endpoint)
     if match is None or match["host"] is None:
         raise ValueError(f"{endpoint} has no host and port, as tls/192.168.1.2:7447 has")

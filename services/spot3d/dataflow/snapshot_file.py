@@ -1,4 +1,4 @@
-"""A file of named arrays and plain values that is read whole or not at all, and appears whole or not at all."""
+"""A file of named arrays and plain values that is written and read completely or not at all."""
 
 import json
 import os
@@ -20,12 +20,12 @@ _HEAD_MAX = 2**26
 
 
 class SnapshotError(ValueError):
-    """A file is no snapshot that can be gone on from; the message says which and why."""
+    """A file is no usable snapshot; the message says which and why."""
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """kind: which stage's it is. values: what JSON can say. arrays: by name."""
+    """kind: the stage. values: JSON-serialisable. arrays: by name."""
 
     kind: str
     values: dict[str, Any]
@@ -33,7 +33,7 @@ class Snapshot:
 
 
 def snapshot_bytes(snapshot: Snapshot) -> list[bytes]:
-    """The file's content in pieces, a copy of what the snapshot holds now: its arrays may change afterwards."""
+    """The file's content in pieces, a copy: the snapshot's arrays may change afterwards."""
     described = [[name, array.dtype.str, list(array.shape)] for name, array in snapshot.arrays.items()]
     if any(array.dtype.hasobject or array.dtype.names for array in snapshot.arrays.values()):
         raise TypeError("arrays of plain numbers alone can be kept")
@@ -42,7 +42,7 @@ def snapshot_bytes(snapshot: Snapshot) -> list[bytes]:
 
 
 def write_snapshot(path: Path, pieces: list[bytes]) -> None:
-    """Write the content that `snapshot_bytes` gave; whoever looks finds the file before or this one. Raises OSError."""
+    """Write the content from `snapshot_bytes`; readers find the previous file or this one. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     for left in path.parent.glob(f".{path.name}.*.partial"):
         left.unlink(missing_ok=True)  # of a process that was killed
@@ -62,7 +62,7 @@ def write_snapshot(path: Path, pieces: list[bytes]) -> None:
 
 
 def read_snapshot(path: Path, kind: str) -> Snapshot:
-    """The snapshot in a file. Raises SnapshotError where there is none of this kind that is whole, OSError."""
+    """The snapshot in a file. Raises SnapshotError if it is damaged or of another kind, and OSError."""
     data = path.read_bytes()
     if not data.startswith(_MAGIC):
         raise SnapshotError(f"{path} is no snapshot of spot3d, or one of another version")

@@ -1,4 +1,4 @@
-"""Snapshots are written beside a stage's work, one at a time, into a folder of its robot's."""
+"""Writes a stage's snapshots beside its work, one at a time, into the robot's folder."""
 
 import os
 import threading
@@ -12,20 +12,20 @@ from spot3d.dataflow.stopping import end_threads
 from spot3d.file_errors import why
 
 _PATIENCE_S = 60.0
-"""Time until it is tried again to write where that has failed: a folder that is read-only mostly stays so."""
+"""Time to the next attempt after a failure to write: a read-only folder mostly stays so."""
 
 
 def snapshot_path(link: LinkSettings, stage: str) -> Path:
-    """Where a stage of this robot keeps its snapshot."""
+    """The file in which a stage of this robot keeps its snapshot."""
     state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
     folder = Path(link.snapshot_folder) if link.snapshot_folder else Path(state) / "spot3d"
     return folder / link.robot / f"{stage}.snapshot"
 
 
 class SnapshotWriter:
-    """Writes a stage's snapshot at intervals; what cannot be written is told, and tried again at the next.
+    """Writes a stage's snapshot at intervals; a failure is reported, and writing is tried again later.
 
-    failed: told why a snapshot could not be written.
+    failed: called with the reason for a failure.
     """
 
     def __init__(self, path: Path, interval_s: float, failed: Callable[[str], None]) -> None:
@@ -38,14 +38,14 @@ class SnapshotWriter:
         self._placing = threading.Lock()
 
     def due(self, now_s: float) -> bool:
-        """Whether the next one is to be made, monotonic seconds; never while one is being written, or without any."""
+        """Whether the next snapshot is due, monotonic seconds; never while one is being written, or with interval 0."""
         busy = self._thread is not None and self._thread.is_alive()
         return self._interval_s > 0 and not busy and now_s - self._last_s >= self._interval_s
 
     def write(self, pieces: list[bytes], last: bool = False, written: Callable[[], None] = lambda: None) -> None:
-        """Begin to write the content of a file (see `snapshot_bytes`), unless another is being written for long.
+        """Begin to write the content of a file (see `snapshot_bytes`), unless the one before takes too long.
 
-        last: write it before this returns. written: called once it is there.
+        last: write it before this returns. written: called once the file is there.
         """
         if self._busy_for_long():
             return
@@ -58,18 +58,18 @@ class SnapshotWriter:
         self._thread.start()
 
     def forget(self) -> None:
-        """Delete the file; what is being written now is deleted once it is there."""
+        """Delete the file; one that is being written now is deleted once it is there."""
         with self._placing:
             self._wanted = None
             self._delete()
 
     def close(self) -> None:
-        """Wait for what is being written."""
+        """Wait for the file that is being written."""
         if self._thread is not None:
             end_threads((self._thread,))
 
     def _busy_for_long(self) -> bool:
-        """Wait for what is being written: two at a time would write into one file."""
+        """Wait for the file that is being written: two writers would use the same file."""
         self.close()
         busy = self._thread is not None and self._thread.is_alive()
         if busy:

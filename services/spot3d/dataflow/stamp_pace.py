@@ -1,4 +1,4 @@
-"""Whether the stamps of a camera's frames go as fast as time does: else they are in another unit, or of no clock."""
+"""Detects stamps of a camera's frames that advance more slowly than time: in another unit, or of no clock."""
 
 import threading
 from collections import deque
@@ -7,17 +7,18 @@ from spot3d.dataflow.order import RESTART_NS
 from spot3d_schemas import Header
 
 _JUDGED, _ENOUGH = 100, 20
-"""Frames that are looked at, and how many there must be."""
+"""Number of frames that are looked at, and how many there must be."""
 _SPAN_S = 2.0
-"""Frames of a shorter time say little: those that have waited come at once."""
+"""Least time span of the frames: queued frames arrive all at once."""
 _SLOW = 200.0
-"""Microseconds that are taken for nanoseconds go a thousand times slower; no recording is played as slowly."""
+"""Slowdown that is reported: microseconds taken for nanoseconds are 1000 times slower; no recording is played so
+slowly."""
 _RECENT_S = 10.0
-"""Frames that have stopped coming for so long are not spoken of."""
+"""There is no warning if no frame has come for this long."""
 
 
 class StampPace:
-    """The stamps of the latest captures beside the times when they came, monotonic seconds; any thread may ask."""
+    """The stamps of the latest captures and their arrival times, monotonic seconds; any thread may ask."""
 
     def __init__(self) -> None:
         self._heard: deque[tuple[float, int]] = deque(maxlen=_JUDGED)
@@ -25,7 +26,7 @@ class StampPace:
         self._lock = threading.Lock()
 
     def observe(self, header: Header, now_s: float) -> None:
-        """A frame has come, whether or not it is refused."""
+        """Record a frame, whether or not it is refused."""
         with self._lock:
             back = bool(self._heard) and header.stamp_ns <= self._heard[-1][1] - RESTART_NS
             if header.stream != self._stream or back:
@@ -34,7 +35,7 @@ class StampPace:
             self._heard.append((now_s, header.stamp_ns))
 
     def notice(self, now_s: float) -> str:
-        """What is wrong with the stamps and what to do, in words; empty where nothing is, or too few have come."""
+        """A warning about the stamps, and what to do; empty if nothing is wrong or too few frames have come."""
         with self._lock:
             if len(self._heard) < _ENOUGH or now_s - self._heard[-1][0] > _RECENT_S:
                 return ""

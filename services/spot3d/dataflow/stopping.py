@@ -1,4 +1,4 @@
-"""A stage's process ends by SIGINT, SIGTERM, SIGHUP or its stop event, and with the run that has started it."""
+"""Ends a stage's process at SIGINT, SIGTERM, SIGHUP or its stop event, and with the run that started it."""
 
 import os
 import signal
@@ -15,15 +15,15 @@ _GRACE_S = 3.0
 
 
 class StoppedError(Exception):
-    """The process was asked to stop, or lost patience, before it had a session."""
+    """The process was asked to stop, or its patience ran out, before it had a session."""
 
 
 @contextmanager
 def stop_on_signals(stop: threading.Event | None) -> Iterator[threading.Event]:
-    """The event that says stop: the given one or a new one, set by SIGINT, SIGTERM and SIGHUP too.
+    """The stop event: the given one or a new one, also set by SIGINT, SIGTERM and SIGHUP.
 
-    SIGHUP, of a terminal that is closed, stays ignored where it was, as by nohup. Outside the main thread signals are
-    left to whoever handles them there. A StoppedError ends the block, and no more.
+    SIGHUP, sent when a terminal closes, stays ignored if it was, as by nohup. Outside the main thread signals are left
+    to their present handlers. A StoppedError ends the block silently.
     """
     event = stop or threading.Event()
     with suppress(StoppedError), _set_by_signals(event):
@@ -66,7 +66,7 @@ def _wait_for_end(stop: threading.Event) -> None:
 def end_threads(threads: Sequence[threading.Thread]) -> None:
     """Wait for threads that have been told to end, two seconds in all at most.
 
-    An interpreter that ends while a thread is in foreign code aborts the process.
+    An interpreter that ends while a thread is in native code aborts the process.
     """
     end_s = time.monotonic() + _THREADS_END_S
     for thread in threads:

@@ -1,17 +1,17 @@
-"""Which stream of captures a stage is in: the source's latest, and never one before."""
+"""Tracks the stream of captures that a stage is in: the source's latest, not an earlier one."""
 
 from collections import deque
 from typing import Literal
 from uuid import uuid4
 
 _PAST = 16
-"""So many streams before are known again."""
+"""Number of earlier streams that are recognised."""
 _SILENT_S = 5.0
-"""An earlier stream is followed again where nothing has come of the present one for so long."""
+"""An earlier stream is followed again if nothing has come of the current one for this long."""
 
 
 def new_stream() -> str:
-    """A name for a stream that nobody else has."""
+    """A unique name for a stream."""
     return uuid4().hex[:16]
 
 
@@ -24,9 +24,9 @@ class Streams:
         self._past: deque[str] = deque(maxlen=_PAST)
 
     def judge(self, stream: str | None, now_s: float) -> Literal["same", "begins", "earlier"]:
-        """Take note of a message's stream: whether it goes on, begins with this message, or has been left behind.
+        """Classify a message's stream: the current one, a new one that begins with this message, or an earlier one.
 
-        A sender that names no stream is taken to be in the present one.
+        A message that names no stream counts as one of the current stream.
         """
         if stream is None or stream == self.current:
             self._heard_s = now_s

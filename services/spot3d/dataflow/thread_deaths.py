@@ -1,4 +1,4 @@
-"""A process one of whose threads has died ends, so that whoever supervises it starts it again."""
+"""Ends a process when one of its threads dies, so that its supervisor restarts it."""
 
 import os
 import sys
@@ -6,14 +6,14 @@ import threading
 import traceback
 
 EXIT_CODE = 70
-"""EX_SOFTWARE: something is wrong inside."""
+"""EX_SOFTWARE: an internal error."""
 
 
 def end_with_any_thread() -> None:
-    """From now on an exception that ends a thread ends the process, and its last words say which and why.
+    """From now on an exception that ends a thread ends the process; standard error says which thread, and why.
 
-    Half a stage looks alive, and whoever waits for the other half waits for ever. What else somebody has set up for
-    such exceptions stays.
+    A stage that has lost a thread looks alive, and others would wait for it for ever. An excepthook that is set already
+    stays.
     """
     if threading.excepthook is threading.__excepthook__:
         threading.excepthook = _end

@@ -1,4 +1,4 @@
-"""Why a TLS link does not come about, in words: Zenoh itself only lets the time run out."""
+"""Explains why a TLS link cannot be established; Zenoh itself only times out."""
 
 import datetime
 import socket
@@ -15,7 +15,7 @@ EXPIRES_SOON = datetime.timedelta(days=14)
 _PROBE_S = 1.0
 """Longest wait for a router to begin TLS."""
 _REFUSAL_S = 0.3
-"""A server says what it holds of a client's certificate right after the handshake, or nothing."""
+"""Wait for a refusal: a server rejects a client's certificate right after the handshake, or not at all."""
 _PROTOCOLS = ("tls", "quic")
 
 
@@ -25,7 +25,7 @@ class TlsError(OSError):
 
 @dataclass(frozen=True, slots=True)
 class Validity:
-    """Whose certificate it is (its common name) and until when it is valid."""
+    """A certificate's common name, and until when it is valid."""
 
     name: str
     until: datetime.datetime
@@ -35,7 +35,7 @@ class Validity:
 
     @property
     def soon_over(self) -> bool:
-        """Whether it expires in two weeks."""
+        """Whether it expires within two weeks."""
         return self.until - datetime.datetime.now(datetime.UTC) < EXPIRES_SOON
 
 
@@ -45,10 +45,10 @@ def uses_tls(endpoint: str) -> bool:
 
 
 def own_certificate(link: LinkSettings) -> Validity | None:
-    """The validity of the link's own certificate, proved as another side would; None where it has none.
+    """The validity of the link's own certificate, verified as another side would; None if it has none.
 
-    Raises TlsError where a file cannot be read, key and certificate do not belong together, or the authority would
-    not accept the certificate today (it has expired, say).
+    Raises TlsError if a file cannot be read, key and certificate do not match, or the authority would not accept the
+    certificate today (it has expired, say).
     """
     if link.certificate is None or link.key is None:
         return None
@@ -71,7 +71,7 @@ def own_certificate(link: LinkSettings) -> Validity | None:
 def probe(endpoint: str, link: LinkSettings) -> Validity:
     """Begin TLS with the router at `endpoint` as this link would; returns the validity of its certificate.
 
-    Raises TlsError with the reason in words where either side refuses the other, or nobody answers.
+    Raises TlsError with the reason in words if either side refuses the other, or nobody answers.
     """
     host, port = host_and_port(endpoint)
     context = _context(ssl.PROTOCOL_TLS_CLIENT, link)
@@ -83,7 +83,7 @@ def probe(endpoint: str, link: LinkSettings) -> Validity:
         ):
             validity = _validity(secured.getpeercert())
             secured.settimeout(_REFUSAL_S)
-            with suppress(TimeoutError):  # it waits for us: we are in
+            with suppress(TimeoutError):  # the router waits for data: it accepts us
                 secured.recv(1)
             return validity
     except ssl.SSLCertVerificationError as error:
@@ -95,7 +95,7 @@ def probe(endpoint: str, link: LinkSettings) -> Validity:
 
 
 def why_refused(link: LinkSettings) -> str:
-    """What is wrong with the encrypted endpoints that a link connects to; empty where nothing is to be seen."""
+    """Why the tls endpoints that a link connects to cannot be used; empty if nothing is wrong."""
     reasons = []
     for endpoint in (name for name in link.connect if name.startswith("tls/")):
         try:
@@ -139,7 +139,7 @@ def _refuse_unreadable(file: Path) -> None:
 
 
 def _talk(ours: ssl.SSLContext, other: ssl.SSLContext) -> Mapping[str, object] | None:
-    """A handshake in memory; returns our certificate as the other side has read it."""
+    """A TLS handshake in memory; returns our certificate as the other side has read it."""
     to_us, to_other = ssl.MemoryBIO(), ssl.MemoryBIO()
     server = ours.wrap_bio(to_us, to_other, server_side=True)
     client = other.wrap_bio(to_other, to_us)
@@ -162,5 +162,5 @@ def _validity(certificate: Mapping[str, object] | None) -> Validity:
 
 
 def _words(error: ssl.SSLError) -> str:
-    """OpenSSL's reason without its number: an alert is what the other side says."""
+    """OpenSSL's reason without its number; an alert is the other side's reason."""
     return (error.reason or str(error)).lower().replace("_", " ")

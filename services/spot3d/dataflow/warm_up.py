@@ -1,4 +1,4 @@
-"""Kernels are loaded, or compiled where they are not cached, before a stage goes on line: no frame waits for them."""
+"""Loads kernels, or compiles those not cached, before a stage goes on line, so that no frame waits for them."""
 
 import logging
 import threading
@@ -12,14 +12,14 @@ from spot3d.frame import RgbdFrame
 
 _CAMERA = Intrinsics(140.0, 140.0, 79.5, 59.5, 160, 120)
 _FRAMES = 6
-"""Enough that some find landmarks of others, which are looked for at intervals (PoseSettings.landmark_interval)."""
+"""Enough that some find landmarks of others, which are searched at intervals (PoseSettings.landmark_interval)."""
 _SLOW_S = 5.0
 
 
 def warm_up(stage: str, work: Callable[[Sequence[RgbdFrame]], object]) -> None:
-    """Let a stage's core work on a few small frames: a box in a corner. What fails is logged when real frames come.
+    """Let a stage's core work on a few small frames: a box in a corner. A failure is only logged.
 
-    Raises ModuleNotFoundError where the core lacks a package: no frame will find it.
+    Raises ModuleNotFoundError where the core lacks a package: every frame would fail.
     """
     log = logging.getLogger(f"spot3d.{stage}")
     start_s = time.monotonic()
@@ -42,9 +42,9 @@ def warm_up(stage: str, work: Callable[[Sequence[RgbdFrame]], object]) -> None:
 
 
 def _frame(index: int) -> RgbdFrame:
-    """The box is 0.8 m away, the wall behind it 1.2 m; a camera that moves by a millimetre a frame and knows its pose.
+    """A box at 0.8 m, before a wall at 1.2 m; the camera moves by a millimetre a frame and knows its pose.
 
-    The floor is 0.4 m below the camera and another wall 0.5 m to the right of it, so that no direction is unseen.
+    The floor is 0.4 m below the camera and another wall 0.5 m to its right, so that every direction is observed.
     """
     below = np.maximum(np.arange(_CAMERA.height) - _CAMERA.cy, 1) / _CAMERA.fy
     right = np.maximum(np.arange(_CAMERA.width) - _CAMERA.cx, 1) / _CAMERA.fx
@@ -54,7 +54,7 @@ def _frame(index: int) -> RgbdFrame:
     colour[40:80, 60:100] = (200, 60, 40)
     depth[40:80, 60:100] = 800
     pose = np.eye(4)
-    # Not along the borders of voxels, between which the walls would hop.
+    # Not along voxel borders, across which the walls would jump.
     pose[:3, 3] = 0.02
     pose[0, 3] += 1e-3 * index
     return RgbdFrame(index * 33_000_000, colour, depth, 1e-3, _CAMERA, pose)

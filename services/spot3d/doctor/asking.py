@@ -13,13 +13,13 @@ from spot3d.doctor.others import Answer, TopicRate, flows
 from spot3d_schemas import STAGES, About, Health, Objects, key
 
 _ASKS = 5
-"""The fastest answer tells the clock best."""
+"""Queries per stage: the fastest reply gives the clock best."""
 _ANSWER_S = 1.0
 _HEALTH_WAITING = 16
 
 
 def ask_all(session: zenoh.Session, robot: str) -> list[Answer]:
-    """What each process that answers as one of the robot's stages runs on; two may answer for one stage."""
+    """The answers of all processes that answer as one of the robot's stages; two may answer for one stage."""
     best: dict[tuple[str, str, int], Answer] = {}
     for stage in STAGES:
         for _ in range(_ASKS):
@@ -48,7 +48,7 @@ def _ask(session: zenoh.Session, where: str) -> list[Answer]:
             continue
         about = decoded(reply.ok.payload, About)
         if about is None:
-            continue  # someone else's answer; `stages` says that none came
+            continue  # an invalid answer; `stages` reports if there is no other
         answers.append(
             Answer(about, 1e-6 * (about.time_ns - (asked_ns + back_ns) / 2), 1e-6 * (back_ns - asked_ns) / 2)
         )
@@ -56,7 +56,7 @@ def _ask(session: zenoh.Session, where: str) -> list[Answer]:
 
 
 def collect_health(session: zenoh.Session, robot: str, seconds: float) -> dict[str, list[Health]]:
-    """What each stage says of itself for so long."""
+    """Each stage's health messages during this time."""
     health: dict[str, list[Health]] = {stage: [] for stage in STAGES}
     with ExitStack() as stack:
         handlers: dict[str, Handler[zenoh.Sample]] = {}
@@ -66,13 +66,13 @@ def collect_health(session: zenoh.Session, robot: str, seconds: float) -> dict[s
         deadline_s = time.monotonic() + seconds
         while time.monotonic() < deadline_s:
             for stage, handler in handlers.items():
-                health[stage] += arrived(handler, Health)  # `spot3d status` lists stages that nobody understands
+                health[stage] += arrived(handler, Health)  # invalid messages are left out
             time.sleep(0.01)
     return health
 
 
 def is_complete(session: zenoh.Session, robot: str) -> bool:
-    """Whether the objects that fusion has kept are of all frames of a recording that has ended."""
+    """Whether fusion's latest objects are those of all frames of a recording that has ended."""
     with ExitStack() as stack:
         ear = subscribe_kept(session, key(robot, "fusion/objects"), 1, stack)
         deadline_s = time.monotonic() + _ANSWER_S
@@ -84,11 +84,11 @@ def is_complete(session: zenoh.Session, robot: str) -> bool:
 
 
 def topic_rates(health: Mapping[str, Sequence[Health]]) -> list[TopicRate]:
-    """What every stage sends, by what they count themselves: listening would fill the link that is looked at."""
+    """The rates at which all stages send, by their own counters: listening would fill the link that is examined."""
     return [flow for by_stage in health.values() if by_stage for flow in _between(by_stage)]
 
 
 def _between(by_stage: Sequence[Health]) -> list[TopicRate]:
-    """From the first to the last of one process: two of one name count each for itself."""
+    """Rates from the first to the last message of one process: two of one name count separately."""
     own = [one for one in by_stage if one.pid == by_stage[0].pid]
     return flows(own[0], own[-1]) if len(own) > 1 else []

@@ -33,7 +33,7 @@ def examine(link: LinkSettings, seconds: float) -> tuple[list[Finding], list[Top
 
 
 def reached(link: LinkSettings, answered: bool = True) -> list[Finding]:
-    """The router's endpoints, and the certificates that it shows."""
+    """Findings about the router's endpoints, and the certificates that it shows."""
     where = ", ".join(link.connect)
     if not answered:
         reason = why_refused(link) or "nobody answers"

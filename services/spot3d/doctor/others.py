@@ -1,4 +1,4 @@
-"""What the stages' own answers say, on whatever device they run."""
+"""Findings from the stages' own answers, on whatever device they run."""
 
 import datetime
 from collections import defaultdict
@@ -14,7 +14,7 @@ from spot3d.doctor.this_device import disk, kernels, shared_memory
 from spot3d_schemas import STAGES, About, Health
 
 CLOCK_MS = 50.0
-"""Captures are joined by their stamps and lags are read from clocks: further apart, both mislead."""
+"""Messages are joined by their stamps and lags are read from clocks: with a larger offset, both mislead."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class TopicRate:
 
 
 def look_at(answers: Sequence[Answer], alive: Mapping[str, bool], ended: bool = False) -> list[Finding]:
-    """Findings of all stages that answered, one a device where that says it all. alive: by liveliness token.
+    """Findings about all stages that answered, one per device where that suffices. alive: by liveliness token.
 
     ended: the source is gone because its recording is over.
     """
@@ -57,7 +57,7 @@ def look_at(answers: Sequence[Answer], alive: Mapping[str, bool], ended: bool = 
 
 
 def stages(alive: Mapping[str, bool], answers: Sequence[Answer], ended: bool = False) -> Finding:
-    """Which stages there are, and whether each is one process only."""
+    """Whether all stages are alive, and each as one process only."""
     pids: dict[str, set[tuple[str, int]]] = defaultdict(set)
     for answer in answers:
         pids[answer.about.stage].add((answer.about.host, answer.about.pid))
@@ -82,13 +82,13 @@ def stages(alive: Mapping[str, bool], answers: Sequence[Answer], ended: bool = F
 
 
 def states(by_stage: Mapping[str, Sequence[Health]]) -> list[Finding]:
-    """What each stage said last that is wrong with it, and what to do."""
+    """The problem that each stage stated last, and what to do."""
     wrong = [(stage, health[-1].state) for stage, health in by_stage.items() if health and health[-1].state]
     return [Finding("problem", stage, state, "status --watch follows it; its log has more") for stage, state in wrong]
 
 
 def versions(host: str, there: Sequence[Answer]) -> Finding:
-    """The same on both sides?"""
+    """Whether a device has the versions of this one."""
     here = (__version__, zenoh_version())
     versions = sorted({(answer.about.spot3d, answer.about.zenoh) for answer in there})
     text = "; ".join(f"spot3d {spot3d}, zenoh {zenoh}" for spot3d, zenoh in versions)
@@ -99,7 +99,7 @@ def versions(host: str, there: Sequence[Answer]) -> Finding:
 
 
 def clock(host: str, there: Sequence[Answer]) -> Finding:
-    """The device's clock beside this one's, by the answer that came fastest, unless another surely differs."""
+    """The offset of a device's clock, from the fastest answer, unless another one surely differs."""
     best = min(there, key=lambda answer: answer.within_ms)
     worst = max(there, key=lambda answer: abs(answer.offset_ms) - answer.within_ms)
     if abs(worst.offset_ms) - worst.within_ms > CLOCK_MS:
@@ -127,7 +127,7 @@ def certificates(host: str, there: Sequence[Answer]) -> list[Finding]:
 
 
 def flows(before: Health, after: Health) -> list[TopicRate]:
-    """What a stage sent from one health message to a later one."""
+    """The rates of a stage's topics between two of its health messages."""
     seconds = 1e-9 * (after.header.stamp_ns - before.header.stamp_ns)
     if seconds <= 0:
         return []

@@ -1,4 +1,4 @@
-"""What can be looked at on this device alone."""
+"""Findings about this device alone."""
 
 import platform
 import shutil
@@ -12,9 +12,9 @@ from spot3d.doctor.finding import Finding
 from spot3d_schemas import STAGES
 
 SHARED_BYTES = 128 << 20
-"""Zenoh's pool is 16 MiB a process; six stages, and room for readers."""
+"""Least free memory: Zenoh's pool is 16 MiB a process, for six stages and readers."""
 DISK_BYTES = 2 << 30
-"""A map of a long flight and its successor are some hundred MB."""
+"""Least free space: a map of a long flight and its successor are some hundred MB."""
 _RENEW = "make a new one: spot3d certificates --renew"
 
 
@@ -44,7 +44,7 @@ def certificate(link: LinkSettings) -> Finding:
 
 
 def kernels(missing: int, where: str) -> Finding:
-    """missing: modules whose kernels are not compiled."""
+    """Finding about kernels. missing: number of modules whose kernels are not compiled."""
     if not missing:
         return Finding("ok", f"kernels {where}", "compiled, and kept for the next start")
     text = f"{missing} of the modules that have some are not compiled: their first use takes seconds"
@@ -54,7 +54,7 @@ def kernels(missing: int, where: str) -> Finding:
 
 
 def shared_memory(room: int, where: str) -> Finding:
-    """room: bytes left for images; 0: not used."""
+    """Finding about shared memory. room: bytes left for images; 0: not used."""
     if not room:
         text = "not used (off, no /dev/shm, or a lossless run): images go by the network, at twice the processor time"
         remedy = "for a live run mount /dev/shm, and leave link.shared_memory on; a lossless one does without"
@@ -67,7 +67,7 @@ def shared_memory(room: int, where: str) -> Finding:
 
 
 def disk(folder: str, free: int, where: str) -> Finding:
-    """free: bytes left in `folder`, where snapshots of the map are kept."""
+    """Finding about the disk. free: bytes left in `folder`, where snapshots of the map are kept."""
     little = free < DISK_BYTES
     remedy = f"free some space: snapshots of the map need up to {DISK_BYTES >> 30} GB" if little else ""
     return Finding("problem" if little else "ok", f"disk {where}", f"{free / 1e9:.1f} GB left in {folder}", remedy)

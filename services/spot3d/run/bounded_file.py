@@ -5,9 +5,9 @@ from pathlib import Path
 
 
 class BoundedFile:
-    """Appends lines, until it is closed. What it cannot keep is counted, and ends nothing.
+    """Appends lines until it is closed. Lines that cannot be kept are counted, and end nothing.
 
-    what: the name of that which is missing then.
+    what: what the missing lines hold, in words.
     """
 
     def __init__(self, path: Path, limit_bytes: int, what: str) -> None:
@@ -18,11 +18,11 @@ class BoundedFile:
         self._reason = ""
 
     def close(self) -> None:
-        """Nothing is added any more."""
+        """Close the file."""
         self._stream.close()
 
     def leave(self, folder: Path) -> None:
-        """What there is so far goes into another folder, and the file begins anew. Raises OSError."""
+        """Move the file into another folder and begin a new one. Raises OSError."""
         self._stream.close()
         try:
             self._path.replace(folder / self._path.name)
@@ -32,7 +32,7 @@ class BoundedFile:
             self._bytes = self._stream.tell()
 
     def add(self, text: str) -> None:
-        """One line, without its end."""
+        """Append one line, without its end."""
         line = text.encode() + b"\n"
         if not self._reason and self._bytes + len(line) > self._limit:
             self._reason = f"is at its limit of {self._limit} bytes"
@@ -44,11 +44,11 @@ class BoundedFile:
                 self._bytes += len(line)
                 return
             except OSError as error:
-                with suppress(OSError):  # no half line is left behind, where the disk still is
+                with suppress(OSError):  # leave no half line behind, if the disk is still there
                     self._stream.truncate(self._bytes)
                 self._reason = f"cannot be written: {error.strerror}"
         self._missing += 1
 
     def notice(self) -> str | None:
-        """What to tell people where lines are missing."""
+        """A message for people if lines are missing."""
         return f"{self._path.name} {self._reason}: it lacks {self._missing} {self._what}" if self._missing else None

@@ -1,4 +1,4 @@
-"""What the run's own session hears of the stages: objects, poses, progress and health."""
+"""Collects the stages' messages in the run's own session: objects, poses, progress and health."""
 
 import time
 from collections import Counter, deque
@@ -41,16 +41,16 @@ from spot3d_schemas import (
 )
 
 _WAITING = 4096
-"""Small messages that may wait for this process: two minutes of a camera's poses."""
+"""Small messages that may wait in a queue: two minutes of a camera's poses."""
 
 POSES_MOST = 100_000
 """Poses that are kept for the overview: the last hour of a camera, 60 MB. The file has them all."""
 
 _BOXES = ("accepted", "masked", "rejected")
-"""What the heatmap stage counts of the proposals."""
+"""Events by which the heatmap stage counts proposals."""
 
 _FUSED = (["heatmap", "fusion"], ["segments", "fusion"])
-"""The last stages that a fused frame went through: live, and lossless, where fusion waits for both."""
+"""The last stages in the trace of a fused frame: live, and lossless, where fusion waits for both."""
 
 _OF_FUSION = (Objects, Progress)
 """Messages that say which stream fusion is in."""
@@ -61,9 +61,9 @@ M = TypeVar("M", bound=Message)
 class Collector:
     """Collects what a run reports of its stream; call `drain` often and read the attributes in between.
 
-    A camera whose stamps go back begins another stream, which is followed as soon as fusion is in it: what was found
-    before is kept apart. What a second producer says is not this run's. seen: is to take frames, with their poses, of a
-    camera, which gives them only once.
+    A camera whose stamps go back begins another stream, which is followed as soon as fusion is in it; earlier results
+    are kept apart. Messages of a second producer are ignored. seen: takes frames of a camera, with their poses, because
+    a camera gives them only once.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class Collector:
         self._exit.close()
 
     def drain(self) -> None:
-        """Take in everything that has come since the last call, stream by stream."""
+        """Process everything that has come since the last call, stream by stream."""
         self._hear()
         if self._seen is not None:
             self._seen.look(self._session, self.stream, time.monotonic())
@@ -124,7 +124,7 @@ class Collector:
                 if message.header.stream in (None, self.stream):
                     self._take(message)
             heard = [message for message in heard if message.header.stream not in (None, self.stream, *self._past)]
-            # What others say of a stream that fusion is not in yet has to wait.
+            # Messages of other stages about a stream wait until fusion is in it.
             begun = next((message.header.stream for message in heard if isinstance(message, _OF_FUSION)), None)
             if begun is None:
                 self._early = heard[-_WAITING:]
@@ -132,9 +132,9 @@ class Collector:
             self._begin(begun)
 
     def news(self) -> list[str]:
-        """What there is to tell since the last call: each stream that begins; of what else happens each kind once.
+        """Events to report since the last call: every stream that begins, and every other kind of event once.
 
-        The source's log has every time that a camera is gone, its events how many.
+        The source's log has each time that the camera was gone, and its events count them.
         """
         kinds = {
             topic: f"{topic} is said by another process as well, which is not listened to"
@@ -164,20 +164,20 @@ class Collector:
         return fused, skipped
 
     def snapshot(self, timeout_s: float) -> MapSnapshot:
-        """The stream's map as fusion answers now; as it answered last, at first empty, where it does not.
+        """The stream's map as fusion answers now; if it does not, its last answer, at first an empty map.
 
-        It does not answer where it is busy or gone, and not of this stream where it has gone on to another.
+        Fusion does not answer while it is busy or gone, nor about this stream once it is in another.
         """
         self._map = asked_map(self._session, self._robot, timeout_s, self.stream) or self._map
         return self._map
 
     def result(self, points: MapSnapshot) -> RunResult:
-        """The run's result as it is known now."""
+        """The run's result so far."""
         found = RunResult() if self.objects is None else found_objects(self.objects)
         return replace(found, trajectory=tuple(self.poses), points=points)
 
     def fill(self, report: RunReport, restarts: dict[str, int]) -> None:
-        """Enter what was counted into the report."""
+        """Enter the counts into the report."""
         fused, skipped = self.counts()
         report.fused, report.skipped = fused, dict(skipped)
         report.lost_poses = self._earlier.lost_poses + self.lost.frames
@@ -195,7 +195,7 @@ class Collector:
         unsent = {why: count for why, count in unsent.items() if why in NOT_PLAYED or why.endswith(IN_THE_INPUT)}
         report.skipped |= unsent
         if self._seen is not None:
-            # Of a camera it is known only once its frames have come.
+            # The number of a camera's frames is known only once they have come.
             report.played = report.fused + sum(report.skipped.values())
             report.image = self._seen.image
         boxes = report.stages["heatmap"].events
@@ -203,7 +203,7 @@ class Collector:
         report.keyframes = report.stages["fusion"].events.get("keyframes", 0)
 
     def _begin(self, stream: str) -> None:
-        """Another stream: nothing of the one before is in its map, and its stamps may be any."""
+        """Begin another stream: its map has nothing of the one before, and its stamps may be anything."""
         self._news += self._earlier.leave(self.result(self._map), self.progress, self.lost)
         self._map = empty_snapshot()
         self._past.append(self.stream)
@@ -220,7 +220,7 @@ class Collector:
         elif isinstance(message, Progress):
             self.progress = message
             trace = message.header.trace
-            # Not every progress is of one frame that went the whole way: some are of skipped frames or of the end.
+            # Not every progress follows one frame through all stages: some report skipped frames or the end.
             self.latency.add(trace, whole="source to fused" if [hop.stage for hop in trace[-2:]] in _FUSED else "")
             fused, skipped = self.counts()
             self.rate.add(fused + skipped.total(), time.monotonic())
@@ -236,7 +236,7 @@ class Collector:
                 self.health[message.stage] = HealthTotals(message)
 
     def _pose(self, pose: Pose) -> None:
-        """A frame's pose; whoever gives poses may say one twice, and out of order."""
+        """Take in a frame's pose; pose providers may repeat poses, or send them out of order."""
         stamp, lost = pose.header.stamp_ns, pose.status == "lost"
         if self.poses and stamp <= self.poses[-1].stamp_ns:
             return
@@ -249,7 +249,7 @@ class Collector:
 
 
 def relay_poses(session: zenoh.Session, topic: str, robot: str) -> ExitStack:
-    """Pass on Pose messages of someone else's odometry, published at the key `topic`, as this robot's."""
+    """Forward Pose messages of external odometry, published at the key `topic`, as this robot's."""
     stack = ExitStack()
     publisher = declare_publisher(session, "pose/pose", LinkSettings(robot=robot))
     stack.callback(publisher.undeclare)

@@ -1,4 +1,4 @@
-"""The dashboard beside a run: a process of its own, which stays when the run has ended."""
+"""The dashboard of a run, in a process of its own, which stays when the run has ended."""
 
 import os
 import subprocess
@@ -18,7 +18,7 @@ from spot3d.run.sole_writer import sole_writer
 
 _END_S = 5.0
 _MAP_RATE = "20"
-"""MB/s: on one host there is nothing to be spared, and the map is to be there when the run ends."""
+"""MB/s: on one host there is no bandwidth to save, and the map should be complete when the run ends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ def dashboard_of_run(robot: str, settings: Path | None, folder: Path, console: C
     if settings is not None:
         command += ["--settings", str(settings)]
     environment = {"SPOT3D_DASHBOARD__MAP_RATE": _MAP_RATE} | os.environ | {"PYTHONUNBUFFERED": "1"}
-    # Not into the folder of a run that goes on.
+    # Not into the folder of a run that is still going on.
     with sole_writer(folder), (folder / "dashboard.log").open("w", encoding="utf-8") as log:
         process = subprocess.Popen(
             command,

@@ -1,4 +1,4 @@
-"""`spot3d demo`: what was found in the built-in scene against what is there."""
+"""`spot3d demo`: compares the objects found in the built-in scene with the true ones."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from spot3d.boxes import Box3D, iou_matrix_3d
 from spot3d.found_object import FoundObject
 
 FOUND_IOU = 0.25
-"""An object counts as found from this overlap on."""
+"""Minimum IoU of an object that counts as found."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Match:
 def match_objects(
     true: Sequence[tuple[str, Box3D]], found: Sequence[FoundObject]
 ) -> tuple[list[Match], list[FoundObject], list[FoundObject]]:
-    """Each true object's best box; found objects that are a further box of one; those that are none's (IoU < 0.25)."""
+    """Each true object's best match; found objects that are a further box of one; those of none (IoU < 0.25)."""
     iou = iou_matrix_3d([box for _, box in true], [item.box for item in found])
     matches = []
     for row, (name, _) in enumerate(true):

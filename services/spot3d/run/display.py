@@ -1,4 +1,4 @@
-"""Who is told how a run goes: the progress bar on a terminal, and the lines above it."""
+"""Shows how a run goes: the progress bar on a terminal, and the lines above it."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 class Watcher:
     """on_progress(fused, not fused, objects) is called often; the others with one line for people.
 
-    on_event: something has happened to the run; on_note: it is as it should be.
+    on_event: something has happened to the run. on_note: information, nothing is wrong.
     """
 
     on_progress: Callable[[int, int, int], None]
@@ -22,7 +22,7 @@ class Watcher:
 
 @contextmanager
 def progress_bar(total: int | None, console: Console) -> Iterator[Watcher]:
-    """A bar on the console (a terminal, or nothing but its events) for the frames fused; total: None: unknown."""
+    """A progress bar for the frames fused; on a console that is no terminal only lines. total: None: unknown."""
     columns = (
         TextColumn("[progress.description]{task.description}"),
         BarColumn(bar_width=None),

@@ -1,4 +1,4 @@
-"""A run with each stage in a process of its own, all meeting at this process's router."""
+"""A run with each stage in a process of its own, all connected to this process's router."""
 
 import time
 from collections.abc import Callable
@@ -22,23 +22,22 @@ _POLL_S = 0.05
 _FINAL_OBJECTS_S = 30.0
 """Longest wait for the last update of the objects after the last frame."""
 _KEEP_S = 10.0
-"""Time between two times that what there is so far is kept."""
+"""Interval at which the results so far are saved."""
 _NO_POSE_S = 10.0
-"""Somebody else's poses that have not come by then are told of: the stages are there after some four."""
+"""External poses that have not come by then are reported: the stages are there after some four."""
 _MAP_S, _MAP_INTERRUPTED_S = 30.0, 2.0
 """Longest wait for the map, at the end and after Ctrl-C."""
 
 Keep = Callable[[RunResult], None]
-"""Keeps what there is so far."""
+"""Saves the results so far."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What to run, and into which folder. pose_topic: key of someone else's poses, or None.
+    """What to run, and into which folder. pose_topic: key of external poses, or None.
 
-    listen: endpoints for other programs; usual: one more, if it is free.
-    seen: takes some frames of an input that is a camera; None: it is none. stream: the name of the frames' stream,
-    which a source that is started again goes on with.
+    listen: endpoints for other programs. usual: one more, if it is free. seen: takes some frames of a camera; None: the
+    input is none. stream: the name of the frames' stream, which a restarted source continues.
     """
 
     selection: Selection
@@ -52,7 +51,7 @@ class Plan:
 
     @property
     def logs(self) -> Path:
-        """The folder of what the stages say, and of the settings that they are given."""
+        """The folder of the stages' logs and settings."""
         return self.folder / "logs"
 
     @property
@@ -64,12 +63,12 @@ class Plan:
 def run_distributed(plan: Plan, supervisor: Supervisor, monitor: RunMonitor, keep: Keep) -> RunResult:
     """Run every stage as a process of the supervisor until the input ends, `stop` is set or a stage cannot go on.
 
-    Fills the report (`error` says why a run ended that should have gone on). No process is left behind. keep: called
-    every ten seconds with what there is so far.
+    Fills the report (`error`: why the run ended early). No process is left behind. keep: called every ten seconds with
+    the result so far.
     """
     robot = plan.settings.link.robot
     with ExitStack() as stack:
-        # A slow onlooker of a lossless run then holds nobody up; whoever gives the poses could not come in, either.
+        # With it a slow onlooker does not stall a lossless run, but external poses could not come in, either.
         apart = plan.settings.link.delivery == "lossless" and plan.pose_topic is None
         meeting = stack.enter_context(open_meeting(plan.settings, plan.listen, plan.usual, apart, monitor.watcher))
         session, endpoint = meeting.session, meeting.endpoint
@@ -134,19 +133,19 @@ def _show(collector: Collector, monitor: RunMonitor) -> None:
 
 
 def _complete(collector: Collector) -> bool:
-    """Whether nothing more is to come of a source that has ended: the last objects are here, if there are any."""
+    """Whether all results of a source that has ended are here: the last objects, if there are any."""
     progress, objects = collector.progress, collector.objects
     return progress is None or progress.fused == 0 or (objects is not None and objects.complete)
 
 
 def _source_again(plan: Plan, endpoint: str, collector: Collector) -> list[str]:
-    """Command line of a source that is started again: it goes on after the last frame that is accounted for."""
+    """Command line of a restarted source, which goes on after the last frame that is accounted for."""
     after_ns = None if collector.progress is None else collector.progress.last_stamp_ns
     return _arguments(replace(plan, stream=collector.stream), "source", endpoint, after_ns)
 
 
 def _arguments(plan: Plan, stage: str, endpoint: str, after_ns: int | None = None) -> list[str]:
-    """Command line of one stage; `after_ns`: a source that is started again goes on after this stamp."""
+    """Command line of one stage. after_ns: a restarted source goes on after this stamp."""
     arguments = ["--settings", str(plan.settings_file), "--connect", endpoint, "--supervised"]
     if stage != "source":
         return arguments

@@ -1,4 +1,4 @@
-"""What a run has found in the streams before the last: a camera that begins anew is in another world."""
+"""Results of a run's streams before the last: a camera that begins anew is in another world frame."""
 
 import shutil
 from collections import Counter, deque
@@ -12,23 +12,23 @@ from spot3d.run.results import RESULTS, RunResult, objects_document, write_json
 from spot3d_schemas import Progress
 
 FOLDER = "streams"
-"""Of the streams before the last, in the folder of a run; each in a folder of its own, `1` and so on."""
+"""Folder of the earlier streams in a run's folder; each has a subfolder, `1` and so on."""
 MOST = 20
-"""Of so many streams before the last the results are kept, as by `spot3d results`; of others the counts."""
+"""Number of earlier streams whose results are kept, as by `spot3d results`; of others only the counts are."""
 
 
 def forget_streams(run: Path) -> None:
-    """Delete what an earlier run into this folder has left of its streams; nothing else of that name."""
+    """Delete the folders of streams that an earlier run into this folder has left, and nothing else of that name."""
     for place in (run / FOLDER).glob("[0-9]*"):
         if place.name.isdecimal() and (place / TRAJECTORY).is_file():
             shutil.rmtree(place, ignore_errors=True)
 
 
 class EarlierStreams:
-    """Keeps the results of streams that are over, in folders beside those of the stream of now, and their counts.
+    """Keeps the results of streams that are over, in folders beside the current stream's, and their counts.
 
-    files: of the stream of now, in the run's folder. fused, skipped, lost_poses: frames of all
-    the earlier streams; documents, lost: of those whose results are kept, for the report.
+    files: the current stream's, in the run's folder. fused, skipped, lost_poses: frames of all earlier streams.
+    documents, lost: of those whose results are kept, for the report.
     """
 
     def __init__(self, files: GrowingFiles) -> None:
@@ -45,11 +45,11 @@ class EarlierStreams:
 
     @property
     def documents(self) -> list[dict[str, Any]]:
-        """What there is to report of each stream."""
+        """The report's entry of each stream."""
         return list(self._documents)
 
     def leave(self, found: RunResult, progress: Progress | None, lost: LostTracking) -> list[str]:
-        """The stream of now is over: keep what it has come to, its map as it was last kept; returns what to tell."""
+        """Keep the results of the current stream, which is over, with its map as last saved; returns what to report."""
         self._count += 1
         place = self._run / FOLDER / str(self._count)
         told = self._files.notices()
@@ -72,7 +72,7 @@ class EarlierStreams:
 
     def _add(self, place: Path, found: RunResult, progress: Progress | None, lost: LostTracking) -> None:
         fused, skipped = (0, {}) if progress is None else (progress.fused, dict(progress.skipped))
-        # Where tracking was lost to the end, it was to the end of that stream.
+        # `to_the_end` means the end of that stream, not of the run.
         stretches = [replace(stretch, to_the_end=False) for stretch in lost.stretches()]
         self.fused, self.lost_poses = self.fused + fused, self.lost_poses + lost.frames
         self.skipped.update(skipped)

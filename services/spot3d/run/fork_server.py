@@ -2,9 +2,9 @@
 
     python -m spot3d.run.fork_server NEWS
 
-Standard input: one JSON object a line, {"start": stage, "arguments": [...], "log": file} or {"end": stage}. File
-descriptor NEWS: one a line, {"stage": name, "code": exit code} when a stage has ended (standard output is anybody's: a
-library may print when it is imported). When standard input closes all stages are ended.
+Standard input takes one JSON object a line, {"start": stage, "arguments": [...], "log": file} or {"end": stage}. File
+descriptor NEWS gives one a line, {"stage": name, "code": exit code}, when a stage has ended; on standard output a
+library may print when it is imported. When standard input closes, all stages are ended.
 """
 
 import gc
@@ -28,18 +28,18 @@ _IMPORTED = (
     "spot3d.sensor",
     "spot3d.cli.app",
 )
-"""What several stages need: the libraries and, with a first small kernel, all that numba loads to load kernels.
+"""Modules that several stages need: libraries and, with a first small kernel, all that numba loads to load kernels.
 
-Not the stages: their own kernels may have to be compiled, which they do side by side.
+Not the stages: their own kernels may have to be compiled, which they do in parallel.
 """
 _LOOK_S = 0.05
-"""How often it is looked whether a stage has ended."""
+"""Interval at which ended stages are looked for."""
 _TERMINATE_S = 3.0
 """Time to end cleanly before a process is killed."""
 
 
 class _ForkServer:
-    """The stages' processes; the standard input of each is a pipe that closes when this process ends, however."""
+    """The stages' processes; the standard input of each is a pipe that closes when this process ends in any way."""
 
     def __init__(self, told: int) -> None:
         self._told = told
@@ -82,31 +82,31 @@ class _ForkServer:
         self._stages[pid], self._lifelines[pid] = stage, writing
 
     def _reap(self) -> None:
-        """Tell of those that have ended."""
+        """Report the stages that have ended."""
         while self._stages:
             pid, status = os.waitpid(-1, os.WNOHANG)
             if pid == 0:
                 return
             os.close(self._lifelines.pop(pid))
             told = {"stage": self._stages.pop(pid), "code": os.waitstatus_to_exitcode(status)}
-            with suppress(BrokenPipeError):  # nobody is there to be told
+            with suppress(BrokenPipeError):  # the supervisor is gone
                 os.write(self._told, json.dumps(told).encode() + b"\n")
 
     def _signal(self, number: signal.Signals, stage: str | None = None) -> None:
-        """Send a signal to one stage, or all; one that has ended stays a process until it is reaped."""
+        """Send a signal to one stage, or all; an ended stage stays a process until it is reaped."""
         for pid, name in self._stages.items():
             if stage in (None, name):
                 os.kill(pid, number)
 
 
 def _become(stage: str, arguments: list[str], standard_input: int, log: Path) -> NoReturn:
-    """Go on as the process of a stage, as `spot3d STAGE ARGUMENTS` would be; what it says goes to the log."""
+    """Continue as the process of a stage, like `spot3d STAGE ARGUMENTS`; its output goes to the log."""
     said = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     for old, new in ((standard_input, 0), (said, 1), (said, 2)):
         os.dup2(old, new)
     os.close(standard_input)
     os.close(said)
-    with suppress(OSError):  # where the system knows no such file, all stages have one name
+    with suppress(OSError):  # without such a file all stages have one name
         Path("/proc/self/comm").write_text(f"spot3d {stage}", encoding="ascii")
     sys.argv = ["spot3d", stage, *arguments]
     runpy.run_module("spot3d", run_name="__main__")
@@ -115,8 +115,8 @@ def _become(stage: str, arguments: list[str], standard_input: int, log: Path) ->
 
 if __name__ == "__main__":
     for name in _IMPORTED:
-        with suppress(ImportError):  # the stage itself will say what it lacks
+        with suppress(ImportError):  # the stage itself reports what it lacks
             importlib.import_module(name)
-    # Objects that the collector never looks at are never written to, and stay shared between the stages.
+    # The garbage collector never writes to frozen objects, which thus stay shared between the stages.
     gc.freeze()
     _ForkServer(int(sys.argv[1])).serve()

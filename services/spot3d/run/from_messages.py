@@ -1,4 +1,4 @@
-"""What a robot's stages say, as runs and results keep it: objects, and the map when asked for it."""
+"""Converts a robot's messages to the types of a run: objects, and the map, which is queried."""
 
 import numpy as np
 import zenoh
@@ -11,7 +11,7 @@ from spot3d_schemas import MapPoints, Objects, key
 
 
 def asked_map(session: zenoh.Session, robot: str, timeout_s: float, stream: str | None) -> MapSnapshot | None:
-    """The map of a stream as a robot's fusion answers now; None where it does not answer, or is in another stream."""
+    """The map of a stream, queried from a robot's fusion; None if it does not answer or is in another stream."""
     for reply in session.get(key(robot, "fusion/map"), timeout=timeout_s):
         message = decoded(reply.ok.payload, MapPoints) if reply.ok is not None else None
         if message is not None and message.header.stream in (None, stream):

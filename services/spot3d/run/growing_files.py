@@ -1,4 +1,4 @@
-"""What grows line by line as a run goes on: the camera's path, and how the objects came to be."""
+"""Files that grow line by line during a run: the camera's trajectory, and the updates of the objects."""
 
 import json
 from pathlib import Path
@@ -13,11 +13,11 @@ from spot3d.trajectory import tum_line
 
 TRAJECTORY, UPDATES = "trajectory.txt", "objects.jsonl"
 LIMIT_BYTES = 256 * 2**20
-"""Longest file of each: a day of poses at 30 frames a second, hours of a table with a dozen objects."""
+"""Maximum size of each file: a day of poses at 30 frames a second, hours of a table with a dozen objects."""
 
 
 class GrowingFiles:
-    """trajectory.txt, the poses that are trusted in TUM format, and objects.jsonl, one line an update, of a folder.
+    """A folder's trajectory.txt, the trusted poses in TUM format, and objects.jsonl, one line per update.
 
     Use it in a `with` block, or close it. Raises OSError where they cannot be made.
     """
@@ -35,26 +35,26 @@ class GrowingFiles:
         self.close()
 
     def close(self) -> None:
-        """Nothing is added any more."""
+        """Close both files."""
         self._poses.close()
         self._updates.close()
 
     def leave(self, folder: Path) -> None:
-        """What there is so far goes into another folder, and the files begin anew, at any time. Raises OSError."""
+        """Move the files into another folder and begin new ones, whose stamps may be anything. Raises OSError."""
         self._last_ns = None
         self._poses.leave(folder)
         self._updates.leave(folder)
 
     def add_pose(self, stamp_ns: int, T_world_camera: NDArray[np.float64]) -> None:
-        """A frame's pose, (4, 4); one that is not later than the last is left out: readers rely on the order."""
+        """Add a frame's pose, (4, 4); one that is not later than the last is left out: readers rely on the order."""
         if self._last_ns is None or stamp_ns > self._last_ns:
             self._last_ns = stamp_ns
             self._poses.add(tum_line(stamp_ns, T_world_camera))
 
     def add_update(self, stamp_ns: int, found: RunResult, complete: bool) -> None:
-        """One update: the objects after the frame of this stamp. complete: those of all frames."""
+        """Add an update: the objects after the frame of this stamp. complete: those of all frames."""
         self._updates.add(json.dumps({"stamp_ns": stamp_ns, "complete": complete, **objects_document(found)}))
 
     def notices(self) -> list[str]:
-        """What to tell people where lines are missing."""
+        """Messages for people about missing lines."""
         return [text for file in (self._updates, self._poses) if (text := file.notice())]

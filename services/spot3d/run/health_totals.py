@@ -1,4 +1,4 @@
-"""What the processes of a stage counted, one after the other: one that is started again counts from nothing."""
+"""Sums the counters of a stage's successive processes: one that is restarted counts from zero."""
 
 from collections import Counter
 
@@ -7,18 +7,18 @@ from spot3d_schemas import Health
 
 
 class HealthTotals:
-    """Sums over one stage's processes. latest: what the present one said last."""
+    """Sums over one stage's processes. latest: the last health message of the current one."""
 
     def __init__(self, first: Health) -> None:
         self.latest = first
-        # Of the processes before the present one.
+        # Of earlier processes.
         self._drops: Counter[str] = Counter()
         self._events: Counter[str] = Counter()
         self._cpu_s, self._errors, self._last_error = 0.0, 0, ""
         self._step_ms: dict[str, float | None] = {}
 
     def add(self, said: Health) -> None:
-        """Take in what the stage says by now."""
+        """Take in the stage's next health message."""
         last, self.latest = self.latest, said
         if said.pid == last.pid:
             return
@@ -30,12 +30,14 @@ class HealthTotals:
         self._last_error = last.last_error or self._last_error
 
     def drops(self) -> dict[str, int]:
-        """Messages that were not worked on, by reason."""
+        """Messages that were not processed, by reason."""
         return dict(self._drops + Counter(self.latest.drops))
 
     def report(self, restarts: int) -> StageReport:
-        """The stage's part of the run's report; memory is that of the present process, times of a step are those of the
-        last one that made any."""
+        """The stage's part of the run's report.
+
+        Memory is that of the current process, times of a step are those of the last one that made any.
+        """
         latest = self.latest
         return StageReport(
             restarts=restarts,

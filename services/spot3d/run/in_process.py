@@ -21,7 +21,7 @@ from spot3d.source.sequence import FrameSequence
 
 
 def run_in_process(sequence: FrameSequence, settings: Settings, monitor: RunMonitor) -> RunResult:
-    """Run every frame, or until `stop` is set; fills the report."""
+    """Process every frame, or until `stop` is set; fills the report."""
     stay_single_threaded()
     report, files, stop = monitor.report, monitor.files, monitor.stop
     fused, found, side_up = 0, 0, ""

@@ -1,4 +1,4 @@
-"""What of a recording is in doubt before it is played, for people."""
+"""Warnings for people about a recording, before it is played."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -9,13 +9,13 @@ from spot3d.source.selected import Selected
 from spot3d.source.sequence import FrameSequence
 
 _FOLLOWED_HZ = 3.0
-"""Odometry goes on from one frame to the next at this rate; what comes later than that is searched for."""
+"""Minimum rate at which odometry tracks from one frame to the next; at lower rates it has to search."""
 _LOOKED_AT, _CLEARLY, _LEAST = 8, 1.3, 0.4
-"""Frames from which it is told where colour lies; how many times as much it has to change along depth's edges there.
+"""Frames that are examined; the ratio of colour's changes along depth's edges that decides; and the least change, for
+dark frames.
 
-Of 8 frames over redkitchen it changes 4.5 times as much where it is moved, and 1.8 or more of any 8 in a row; of what
-lies on depth already (redkitchen as it is then, fr3/cabinet, built-in scenes) 2.7 or more where it is left alone. And
-how much it has to change at all, against what is dark.
+Of colour that has to be moved the ratio is 4.5 with 8 frames over redkitchen, and 1.8 or more with any 8 in a row. Of
+colour that lies on depth (redkitchen once moved, fr3/cabinet, built-in scenes) it is 2.7 or more.
 """
 _SAY_SO = 'say so in calibration.json in the folder: {"registered": true}'
 _ON_DEPTH = (
@@ -29,7 +29,7 @@ _UNSURE = (
 
 
 def input_doubts(sequence: FrameSequence, odometry: bool) -> list[str]:
-    """One line for each doubt; none where all is well. odometry: whether poses come of the frames alone."""
+    """One line per warning; none if all is well. odometry: whether poses come from the frames alone."""
     doubts = []
     recording = sequence.original if isinstance(sequence, Selected) else sequence
     if isinstance(recording, Recording) and recording.colour_by_default and (doubt := _colour(recording)):
@@ -42,13 +42,13 @@ def input_doubts(sequence: FrameSequence, odometry: bool) -> list[str]:
 
 
 def _colour(recording: Recording) -> str:
-    """What is to be said of colour that is moved onto depth because nobody has stated where it lies."""
-    # OpenCV takes a while to import, and other recordings need none here.
+    """A warning about colour that is moved onto depth because nobody has stated where it lies, or empty."""
+    # OpenCV takes a while to import, and other recordings do not need it.
     from spot3d.colour_alignment import ColourAlignment
 
     moved, left_alone, as_it_is = ColourAlignment(), ColourAlignment(), replace(recording, colour_camera=None)
     for index in range(0, len(recording), max(1, len(recording) // _LOOKED_AT)):
-        with suppress(SourceError):  # the run counts what cannot be read
+        with suppress(SourceError):  # the run counts unreadable frames
             frame = recording[index]
             metres = frame.depth_metres()
             moved.add(frame.colour, metres)

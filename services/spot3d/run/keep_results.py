@@ -1,4 +1,4 @@
-"""`spot3d results`: what a robot's stages find, kept in a folder for each of its streams of frames."""
+"""`spot3d results`: keeps what a robot's stages find, in a folder for each of its streams of frames."""
 
 import logging
 import threading
@@ -26,7 +26,7 @@ log = logging.getLogger("spot3d.results")
 
 _TOPICS = ("pose/pose", "fusion/progress", "fusion/objects")
 _WAITING = 4096
-"""Small messages that may wait while a picture is drawn: a minute of a camera's; beyond that the oldest go."""
+"""Small messages that may wait while a picture is drawn: a minute of a camera's; beyond that the oldest are dropped."""
 _POLL_S = 0.05
 _WRITE_S = 10.0
 """Time between two writings of objects.json while a stream goes on."""
@@ -35,9 +35,9 @@ _MAP_S, _MAP_AT_STOP_S = 10.0, 3.0
 
 
 def keep_results(link: LinkSettings, out: Path, keep: int, stop: threading.Event | None = None) -> None:
-    """Write a folder below `out` for every stream of the robot, until stopped; the oldest of more than `keep` go.
+    """Write a folder below `out` for every stream of the robot, until stopped; at most `keep` of them are kept.
 
-    An onlooker: no stage waits for it. Raises OSError where `out` cannot be written at the start.
+    No stage waits for this process. Raises OSError where `out` cannot be made.
     """
     out.mkdir(parents=True, exist_ok=True)
     with stop_on_signals(stop) as stopped, open_session(link, stopped) as session:
@@ -45,7 +45,7 @@ def keep_results(link: LinkSettings, out: Path, keep: int, stop: threading.Event
 
 
 class _Keeper:
-    """The folder of the stream of now."""
+    """Writes the folder of the current stream."""
 
     def __init__(self, session: zenoh.Session, link: LinkSettings, out: Path, keep: int) -> None:
         self._session, self._robot, self._out, self._keep = session, link.robot, out, keep
@@ -56,7 +56,7 @@ class _Keeper:
         self._written_s = float("-inf")
 
     def follow(self, stop: threading.Event) -> None:
-        """Take in what comes until stopped."""
+        """Process messages until stopped."""
         with ExitStack() as stack:
             self._producers = Producers(stack.enter_context(watch_alive(self._session, self._robot)))
             inputs: dict[str, Handler[zenoh.Sample]] = {}
@@ -122,7 +122,7 @@ class _Keeper:
                 )
 
     def _finish(self, map_s: float | None) -> None:
-        """The stream of now is over, complete or not."""
+        """Close the current stream, complete or not."""
         folder, self._folder = self._folder, None
         if folder is not None:
             if not folder.complete:

@@ -13,18 +13,18 @@ from spot3d.source.errors import SourceError
 from spot3d.source.sequence import FrameSequence
 
 _FEW = 4
-"""Where not every fourth candidate is an object, people are told why. It is every third on redkitchen, whose shelves
-and walls are candidates too, and four of five or more on a cabinet and on built-in scenes, cluttered or not."""
+"""People are told why if fewer than one in four candidates is an object. It is one in three on redkitchen, whose
+shelves and walls are candidates too, and four in five or more on a cabinet and in built-in scenes, cluttered or not."""
 
 
 def why_so_few(result: RunResult, keyframes: int, settings: Settings) -> str:
-    """Why there is no object, or hardly one for many candidates, and what to do; empty where all is well.
+    """Why there are no objects, or few of many candidates, and what to do; empty if all is well.
 
-    What was seen too seldom is mostly a fragment of one view, and counts only where nothing was found; parts of single
-    keyframes count only where nothing else was so much as a candidate. keyframes: how many were looked at.
+    Candidates seen too seldom are mostly fragments of one view, and count only if nothing was found. Parts of single
+    keyframes count only if there were no other candidates. keyframes: how many were looked at.
     """
     if not result.frame_count:
-        return ""  # why no frame was fused is told with the frames
+        return ""  # the reason is reported with the frames
     found = len(result.objects)
     parts = {name: result.left_out[name] for name in KEYFRAME_REASONS if name in result.left_out}
     others = {name: count for name, count in result.left_out.items() if count and name not in parts}
@@ -50,7 +50,7 @@ def why_so_few(result: RunResult, keyframes: int, settings: Settings) -> str:
 
 
 def first_depth(sequence: FrameSequence) -> str:
-    """Where the depth of the first frame lies, which shows a wrong unit; empty where there is none to see."""
+    """The median depth of the first frame, in words, which shows a wrong unit; empty if it has no depth."""
     with suppress(SourceError, IndexError):
         frame = sequence[0]
         metres = frame.depth_metres()
@@ -65,7 +65,7 @@ def first_depth(sequence: FrameSequence) -> str:
 
 
 def forgotten(keyframes_dropped: int, settings: Settings) -> str:
-    """That keyframes were forgotten, and how to keep them; empty where none was."""
+    """Says that keyframes were forgotten, and how to keep them; empty if none was."""
     if not keyframes_dropped:
         return ""
     one = keyframes_dropped == 1
@@ -85,11 +85,11 @@ _ADVICE = {
     GONE: "the scene changed, or poses drift",
     TOO_SELDOM: "move the camera around things, slowly, or record for longer",
 }
-"""What can be done about the reason that most candidates were left out for."""
+"""What can be done about the most frequent reason for leaving out candidates."""
 
 
 def _words(settings: FusionSettings) -> dict[str, str]:
-    """The reasons with the limits that they stand for."""
+    """The reasons in words, with the limits that apply."""
     volume = f"{1e6 * settings.volume_min:g} cm3"
     return {
         TOO_LARGE: f"longer than {settings.size_max:g} m (eps_max)",
@@ -105,7 +105,7 @@ def _words(settings: FusionSettings) -> dict[str, str]:
 
 
 def _without_candidates(keyframes: int, settings: Settings) -> str:
-    """Why nothing was so much as a candidate."""
+    """Why there were no candidates at all."""
     fusion, segments = settings.fusion, settings.segments
     if fusion.clustering == "density":
         return (

@@ -4,16 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 _MOST = 100
-"""Most stretches that are listed: the longest."""
+"""Maximum number of stretches listed: the longest."""
 _TOLD = 10
-"""A stretch of so many frames is told of."""
+"""Minimum number of frames of a stretch that is reported to people."""
 
 
 @dataclass(slots=True)
 class Stretch:
-    """Frames in a row whose pose is lost: stamps of the first and the last, how many, and whether it is the end.
+    """Consecutive frames whose pose is lost: first and last stamp, number, and whether it lasts to the end.
 
-    reason: why the last of them is. from_the_start: no frame was followed before.
+    reason: why the last of them is lost. from_the_start: no frame was tracked before.
     """
 
     from_ns: int
@@ -33,7 +33,7 @@ class LostTracking:
         self._stretches: list[Stretch] = []
 
     def add(self, stamp_ns: int, lost: bool, reason: str = "") -> None:
-        """The next frame; reason: why it is lost."""
+        """Add the next frame. reason: why it is lost."""
         found = self._stretches
         goes_on = bool(found) and found[-1].to_the_end
         if not lost:

@@ -1,4 +1,4 @@
-"""Where the stages of a run meet, and where other programs reach it."""
+"""The router where the stages of a run connect, and other programs."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -27,14 +27,14 @@ def open_meeting(
 ) -> Iterator[Meeting]:
     """The router of a run, for as long as the block is entered.
 
-    listen: endpoints for other programs; usual: one more, without which it goes where that is taken. apart: if other
-    programs can come at all, the stages meet at a Unix socket, and no stage waits for who is not there.
+    listen: endpoints for other programs. usual: one more, left out if it is taken. apart: if other programs can connect
+    at all, the stages use a Unix socket, and no stage waits for anyone else.
     Raises ConnectionError where it cannot listen, TlsError where its certificate cannot be used.
     """
     with ExitStack() as stack:
         meeting: Meeting | None = None
         if usual is not None:
-            # To look whether it is free would not be enough: another run may begin at the same time.
+            # Looking whether it is free would not be enough: another run may begin at the same time.
             try:
                 meeting = stack.enter_context(_listening(settings, (usual, *listen), apart))
                 watcher.on_note(f"status, dashboard and record reach this run at {usual}")

@@ -1,4 +1,4 @@
-"""What a run fills and heeds while it goes on."""
+"""What a run writes to, and what stops it."""
 
 from dataclasses import dataclass
 from threading import Event
@@ -10,7 +10,7 @@ from spot3d.run.report import RunReport
 
 @dataclass(frozen=True, slots=True)
 class RunMonitor:
-    """The report and the files that a run fills, who is told how it goes, and what ends it early when set."""
+    """A run's report and files, the watcher that shows its progress, and the event that ends it early."""
 
     report: RunReport
     files: GrowingFiles
@@ -18,7 +18,7 @@ class RunMonitor:
     stop: Event
 
     def tell(self, *events: str) -> None:
-        """Say what has happened to the run, and enter it into the report."""
+        """Show events of the run, and enter them into the report."""
         for event in events:
             self.report.events.append(event)
             self.watcher.on_event(event)

@@ -1,4 +1,4 @@
-"""overview.png: the picture of what was found."""
+"""overview.png: the picture of the objects found."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Some frames of a stream, spread over it, with their poses: what an overview shows."""
+"""Collects some frames of a stream, spread over it, with their poses, for an overview."""
 
 import numpy as np
 import zenoh
@@ -12,17 +12,17 @@ from spot3d.run.overview_file import View
 from spot3d_schemas import Frame, key
 
 MOST = 24
-"""So many are kept: 40 MB of VGA frames."""
+"""Maximum number of frames: 40 MB at VGA."""
 _FIRST_S = 0.5
-"""Time between two of them, seconds; twice as long each time that there are too many."""
+"""Time between two frames at first, seconds; it doubles each time that there are too many."""
 _POSES = 300
-"""A frame's pose is among so many latest ones."""
+"""A frame's pose is looked up among so many latest ones."""
 
 
 class OverviewFrames:
-    """Takes a frame now and then. Between two it does not listen: nobody sends it frames that it would not keep.
+    """Takes a frame now and then, and unsubscribes in between: nobody sends frames that it would not keep.
 
-    views: the frames so far, in their order; first: that which was seen first, whether its pose is known or not.
+    views: the frames so far, in their order. first: the first frame seen, whether its pose is known or not.
     """
 
     def __init__(self, robot: str) -> None:
@@ -31,7 +31,7 @@ class OverviewFrames:
         self.forget()
 
     def forget(self) -> None:
-        """Another stream begins."""
+        """Start over, for another stream."""
         self.close()
         self.first: RgbdFrame | None = None
         self._interval_s, self._due_s = _FIRST_S, float("-inf")
@@ -40,7 +40,7 @@ class OverviewFrames:
         self.views: list[View] = []
 
     def close(self) -> None:
-        """Listen no more."""
+        """Unsubscribe."""
         if self._listening is not None:
             self._listening.close()
             self._listening = None
@@ -51,7 +51,7 @@ class OverviewFrames:
         return (0, 0) if self.first is None else self.first.depth.shape[1::-1]
 
     def pose(self, stamp_ns: int, T_world_camera: NDArray[np.float64] | None) -> None:
-        """The pose of a frame; None: its pose is lost."""
+        """Record the pose of a frame; None: it is lost."""
         self._poses[stamp_ns] = T_world_camera
         while len(self._poses) > _POSES:
             del self._poses[next(iter(self._poses))]

@@ -17,16 +17,16 @@ from spot3d.run.results import RunResult
 from spot3d_schemas import Hop
 
 _TIMES = 10_000
-"""Times of a hop that are kept: five minutes of a camera, 0.3 MB; p99 is then of a hundred."""
+"""Times kept per hop: five minutes of a camera, 0.3 MB; p99 is then of a hundred."""
 _HOPS = 16
-"""Most hops that are told apart; senders can make up stages."""
+"""Maximum number of distinct hops: senders can invent stages."""
 
 
 @dataclass(slots=True)
 class StageReport:
     """One stage's cost. step_ms: p50, p99 and mean of its core's time for a frame; None: not measured.
 
-    events: how often what happened, such as that a camera was lost.
+    events: counts by kind, such as of a lost camera.
     """
 
     step_ms: dict[str, float | None] = field(default_factory=dict)
@@ -47,11 +47,11 @@ class StageReport:
 class RunReport:
     """Counters of a run, in process or distributed, beside what it found (`RunResult`).
 
-    selection: which frames of the input; played: how many those are; fused, skipped (by reason): what fusion did with
-    them; keyframes: those whose segments fusion has taken in; drops: by stage and reason; latency_ms: p50 and p99 of
-    each hop and of the whole way, from the messages' traces; wall_s: the whole run with the start of its processes;
-    ms_per_frame: from the first frame done to the last, per frame; earlier_streams: what a camera saw before it began
-    anew, a document each, and is counted in `fused`, `skipped` and `lost` but not in what was found.
+    selection: which frames of the input. played: their number. fused, skipped (by reason): what fusion did with them.
+    keyframes: those whose segments fusion has taken in. drops: by stage and reason. latency_ms: p50, p99 and mean of
+    each hop and of the whole way, from the messages' traces. wall_s: the whole run with the start of its processes.
+    ms_per_frame: from the first frame done to the last, per frame. earlier_streams: one document for each stream before
+    a camera began anew; they count in `fused`, `skipped` and `lost`, but not in what was found.
     """
 
     input_name: str
@@ -76,7 +76,7 @@ class RunReport:
     earlier_streams: list[dict[str, Any]] = field(default_factory=list)
 
     def useless_stage(self) -> str:
-        """Which stage did nothing but fail, and how: results lack what it makes. Empty where none did."""
+        """The stage that did nothing but fail, and its error: the results lack its output. Empty if there is none."""
         failed = (stage for stage, item in self.stages.items() if item.only_failed)
         return next((f"{stage} failed whenever it was asked: {self.stages[stage].last_error}" for stage in failed), "")
 
@@ -132,14 +132,14 @@ def statistics_ms(milliseconds: Sequence[float]) -> dict[str, float]:
 
 
 class FrameRate:
-    """Time per frame of a stream of counts."""
+    """Time per frame, from counts of the frames done."""
 
     def __init__(self) -> None:
         self._first: tuple[int, float] | None = None
         self._last: tuple[int, float] | None = None
 
     def add(self, done: int, now_s: float) -> None:
-        """So many frames are done by now, monotonic seconds."""
+        """Record that `done` frames are done by now, monotonic seconds."""
         if self._last is None or done != self._last[0]:
             self._last = (done, now_s)
             self._first = self._first or self._last
@@ -152,7 +152,7 @@ class FrameRate:
 
 
 class HopTimes:
-    """Collects, per hop, the times between the stages of a trace: the last so many; bounded, whatever is sent."""
+    """Collects the latest travel times of each hop between the stages of traces; bounded, whatever is sent."""
 
     def __init__(self, most: int = _TIMES) -> None:
         self._most = most

@@ -1,4 +1,4 @@
-"""What a run leaves behind, and the files of it."""
+"""The results of a run, and their files."""
 
 import json
 import re
@@ -53,7 +53,7 @@ def empty_snapshot() -> MapSnapshot:
 class TrackedFrame:
     """Pose of one frame: T_world_camera (4, 4), trusted only where `lost` is False.
 
-    delay_s: by how much its pose was carried on; calibration: by which it was seen.
+    delay_s: by how much its pose was extrapolated. calibration: the camera's, at this frame.
     """
 
     stamp_ns: int
@@ -65,11 +65,11 @@ class TrackedFrame:
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """What was found, and from what.
+    """The objects found, the camera's trajectory and the map.
 
-    up: (3,) unit normal of the supporting plane, world; frame_count: frames fused; trajectory: by stamp, the last of
-    it; left_out: what was taken for an object and is none, by reason; keyframes_dropped: keyframes that were forgotten
-    as too many; map_limit_reached: points of the map were, too.
+    up: (3,) unit normal of the supporting plane, world. frame_count: frames fused. trajectory: by stamp; of a long run
+    its end. left_out: candidates that are no objects, by reason. keyframes_dropped: keyframes forgotten because there
+    were too many. map_limit_reached: points of the map were, too.
     """
 
     objects: tuple[FoundObject, ...] = ()
@@ -86,11 +86,11 @@ class RunResult:
         return [item for item in self.trajectory if not item.lost]
 
     def delay_s(self) -> float:
-        """How much older than their images the given poses are, as far as was known in the end."""
+        """How much older than their images the given poses are, as known in the end."""
         return next((item.delay_s for item in reversed(self.trajectory) if not item.lost), 0.0)
 
     def calibration(self) -> Calibration:
-        """What had to be corrected of the camera to agree with the given poses, as far as was known in the end."""
+        """The corrections of the camera by which it agrees with the given poses, as known in the end."""
         return next((item.calibration for item in reversed(self.trajectory) if not item.lost), NOMINAL)
 
 
@@ -121,7 +121,7 @@ def objects_document(result: RunResult) -> dict[str, Any]:
 
 
 def found_in(document: Any) -> RunResult:
-    """The objects of a document that `objects_document` has made. Raises ValueError where it is none."""
+    """The objects of a document of `objects_document`. Raises ValueError if it is none."""
     try:
         x, y, z = map(float, document["up"])
         found = tuple(
@@ -178,7 +178,7 @@ def write_ply(path: Path, points: MapSnapshot) -> None:
 
 
 def read_ply(path: Path) -> MapSnapshot:
-    """The points of a file that `write_ply` has made. Raises ValueError where it is another, or cut off."""
+    """The points of a file of `write_ply`. Raises ValueError if it is another file, or cut off."""
     header, found, body = path.read_bytes().partition(b"end_header\n")
     count = re.search(rb"^element vertex (\d+)$", header, re.MULTILINE)
     if not found or b"comment spot3d 3D heatmap" not in header or count is None:

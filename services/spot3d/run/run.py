@@ -1,4 +1,4 @@
-"""`spot3d run`: an input becomes a folder of results."""
+"""`spot3d run`: turns an input into a folder of results."""
 
 import shutil
 import time
@@ -32,16 +32,18 @@ from spot3d.source.sequence import FrameList, FrameSequence
 from spot3d.source.sequences import is_stream
 
 _UNFINISHED = "the run goes on, was killed, or could not begin"
-"""What a report says as the error until the run has ended."""
+"""The report's error until the run has ended."""
 _OVERVIEW = "overview.png"
 _SNAPSHOTS = "snapshots"
-"""Folder of what stages that are started again go on from; it goes with the end of the run, unless that is killed."""
+"""Folder of the snapshots that restarted stages go on from; deleted when the run ends, unless it is killed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """A run's result and report; `folder` holds the files, overview.png among them. sequence: of a camera its first
-    frame, if one came."""
+    """A run's result and report; `folder` holds the files, including overview.png.
+
+    sequence: of a camera its first frame, if one came.
+    """
 
     folder: Path
     sequence: FrameSequence
@@ -61,10 +63,10 @@ def run(
 ) -> Finished:
     """Play the input through all stages and write every result file into `folder`.
 
-    pose_topic: key of someone else's poses. listen: endpoints for other programs; usual: one more, if it is free.
-    Ctrl-C (SIGINT) or SIGTERM end the stages at once; what there is by then is written all the same.
-    Raises SourceError for an input that cannot be played, or where another run writes into `folder`, and OSError where
-    that cannot be written.
+    pose_topic: key of external poses. listen: endpoints for other programs. usual: one more, if it is free.
+    Ctrl-C (SIGINT) or SIGTERM end the stages at once; the results so far are written all the same.
+    Raises SourceError for an input that cannot be played, or if another run writes into `folder`, and OSError if that
+    cannot be written.
     """
     _refuse_other_than_utf8(folder)
     with nullcontext() if in_process else Supervisor() as supervisor:
@@ -82,7 +84,7 @@ def run(
 
 
 def _refuse_other_than_utf8(folder: Path) -> None:
-    """The settings of the stages hold the folder's name, and are UTF-8."""
+    """The stages' settings contain the folder's name, and must be UTF-8."""
     try:
         str(folder.absolute()).encode()
     except UnicodeEncodeError as error:
@@ -109,7 +111,7 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
         monitor = RunMonitor(report, files, watcher, stop)
         monitor.tell(*doubts)
         if supervisor is None:
-            # The cores take a second to import, and the stages are not started before.
+            # The cores take a second to import, which would delay the start of the stages.
             from spot3d.run.in_process import run_in_process
 
             result = run_in_process(sequence, settings, monitor)
@@ -150,7 +152,7 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
         with suppress(OSError):
             _write_report(folder, result, report, wall_s)
         raise
-    # Last: whoever reads there that a run has ended well finds all of its files.
+    # Last: a reader that sees that the run has ended well finds all of its files.
     _write_report(folder, result, report, wall_s)
     shutil.rmtree(folder / _SNAPSHOTS, ignore_errors=True)
     if seen is not None and seen.first is not None:
@@ -159,7 +161,7 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
 
 
 def _begin(folder: Path, report: RunReport) -> None:
-    """Say in the report that the run goes on, and let no result of an earlier one be taken for this one's."""
+    """Mark the run as unfinished in the report, and delete the results of an earlier run."""
     write_json(folder / "report.json", report_document(replace(report, error=_UNFINISHED), RunResult()))
     for name in (*RESULTS, _OVERVIEW):
         (folder / name).unlink(missing_ok=True)
@@ -182,7 +184,7 @@ def _write_stages_settings(plan: Plan) -> None:
 
 
 def _views(sequence: FrameSequence, result: RunResult) -> list[View]:
-    """Frames whose pose is trusted, over the whole run; a picture that no longer can be read is left out."""
+    """Frames with a trusted pose, over the whole run; a frame that can no longer be read is left out."""
     index_of = {stamp: index for index, stamp in enumerate(sequence.stamps_ns)}
     tracked = [item for item in result.path() if item.stamp_ns in index_of]
     views = list[View]()

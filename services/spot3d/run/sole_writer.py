@@ -14,10 +14,10 @@ log = logging.getLogger(__name__)
 
 @contextmanager
 def sole_writer(folder: Path) -> Iterator[None]:
-    """Make the folder, and keep other runs out of it until the end, however this process ends.
+    """Make the folder, and lock it against other runs until the end, however this process ends.
 
-    Raises SourceError where another run writes into it, and OSError where it cannot be made. A file system that knows
-    no locks keeps nobody out.
+    Raises SourceError if another run writes into it, and OSError if it cannot be made. A file system without locks
+    keeps nobody out.
     """
     folder.mkdir(parents=True, exist_ok=True)
     handle = os.open(folder, os.O_RDONLY)

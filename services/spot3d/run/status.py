@@ -1,4 +1,4 @@
-"""`spot3d status`: how every stage of a robot fares now, and what is found and left out."""
+"""`spot3d status`: the present state of a robot's stages, and the objects found and left out."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ from spot3d_schemas import BRIDGE, STAGES, Health, Objects, key
 _CONNECT_S = 3.0
 """Longest wait for the router."""
 _LISTEN_S = 2.5
-"""One shot: each stage says how it is once a second."""
+"""One shot: each stage publishes its health once a second."""
 _REFRESH_S = 0.5
 _READERS = ("pose", "proposals", "heatmap")
 """Stages that work on the frames themselves."""
@@ -35,7 +35,7 @@ Ear = Handler[zenoh.Sample]
 
 
 class _Robot:
-    """What was heard last of a robot: which stages are alive, how they fare, and what was found."""
+    """The latest state of a robot: which stages are alive, their health, and the objects found."""
 
     def __init__(self, session: zenoh.Session, name: str, stack: ExitStack) -> None:
         self._name, self._alive = name, stack.enter_context(watch_alive(session, name))
@@ -49,7 +49,7 @@ class _Robot:
         self._objects: Objects | None = None
 
     def listen(self, duration_s: float) -> None:
-        """Take in what the stages say for a while, or until each has said something where none had before."""
+        """Receive for this long; the first time only until each stage has published its health."""
         end_s = time.monotonic() + duration_s
         fresh = not self._health
         while time.monotonic() < end_s and not (fresh and self._processes().keys() <= self._health.keys()):
@@ -72,14 +72,14 @@ class _Robot:
         return words_of_stages(self._records.words(there, time.monotonic(), complete=complete))
 
     def all_is_well(self) -> bool:
-        """Whether every stage is alive, but for a source that has ended, and none says that something is wrong."""
+        """Whether every stage is alive, except a source that has ended, and none states a problem."""
         there = self._processes()
         ended = has_ended(there, self._objects)
         alive = all(count or (ended and stage == "source") for stage, count in there.items())
         return alive and not any(item.state for item in self._health.values())
 
     def _processes(self) -> dict[str, int]:
-        """How many processes of each stage there are, and of the bridge, if any; one without a name counts as one."""
+        """Number of processes of each stage, and of the bridge, if any; one without a name counts as one."""
         shown = (*STAGES, BRIDGE) if BRIDGE in self._alive else STAGES
         return {stage: max(len(self._alive.processes(stage)), int(stage in self._alive)) for stage in shown}
 
@@ -87,7 +87,7 @@ class _Robot:
 def show_status(link: LinkSettings, console: Console, watch: bool) -> bool:
     """Print the table once, or keep it up to date until Ctrl-C; returns whether every stage is alive and all is well.
 
-    A source that is gone is no fault where its recording has ended, and fusion has accounted for all of it.
+    A missing source is no fault if its recording has ended, and fusion has accounted for all of it.
     Raises ConnectionError where no router answers.
     """
     with ExitStack() as stack:
@@ -106,14 +106,14 @@ def show_status(link: LinkSettings, console: Console, watch: bool) -> bool:
 
 
 def has_ended(alive: Mapping[str, int], objects: Objects | None) -> bool:
-    """Whether the source is gone because its recording is over, and these are the objects of all of its frames."""
+    """Whether the source is gone because its recording is over, and `objects` are those of all its frames."""
     return not alive["source"] and objects is not None and objects.complete
 
 
 def status_table(
     robot: str, alive: Mapping[str, int], health: Mapping[str, Health], objects: Objects | None = None
 ) -> Group:
-    """One row a stage: whether it lives, its rate, its core's time, its lag behind the source, what it dropped.
+    """One row per stage: whether it is alive, its rate, its core's time, its lag behind the source, its drops.
 
     alive: processes of each stage. Below: what is wrong now, why messages were dropped, and the last error; the objects
     of the latest update, and what it left out. Fits into 80 columns.
@@ -165,7 +165,7 @@ def status_table(
 
 
 def words_of_stages(words: Sequence[Word]) -> Text:
-    """One line a stage: how it fares, in words."""
+    """One line per stage: its state, in words."""
     text = Text()
     for word in words:
         text.append(f"{word.stage:10}", style="bold")

@@ -16,13 +16,13 @@ from spot3d.run.results import MapSnapshot, RunResult, objects_document, write_j
 from spot3d_schemas import Progress
 
 _PLACES = 4000
-"""Most positions of the camera that an overview draws."""
+"""Maximum number of camera positions in an overview."""
 _NAME = re.compile(r"\d{8}-\d{6}-\w{1,8}")
-"""When the stream began, UTC, and what it is called."""
+"""Start of the stream, UTC, and its name."""
 
 
 class StreamFolder:
-    """Writes what is known of a stream as it comes: the trajectory and the updates line by line, the rest at `write`.
+    """Writes the results of a stream: the trajectory and the updates line by line, the rest at `write`.
 
     Raises OSError where the folder cannot be made.
     """
@@ -40,7 +40,7 @@ class StreamFolder:
         self.complete = False
 
     def pose(self, stamp_ns: int, T_world_camera: NDArray[np.float64] | None, reason: str = "") -> None:
-        """The camera's pose, (4, 4), of a frame; None: it is lost, and `reason` says why."""
+        """Add a frame's camera pose, (4, 4); None: it is lost, and `reason` says why."""
         if T_world_camera is None:
             self._lost, self._lost_because = self._lost + 1, reason
             return
@@ -52,7 +52,7 @@ class StreamFolder:
         self._tracked += 1
 
     def update(self, stamp_ns: int, found: RunResult, complete: bool) -> None:
-        """The objects after the frame of this stamp."""
+        """Add the objects after the frame of this stamp."""
         self.result, self.complete = found, complete
         self._files.add_update(stamp_ns, found, complete)
 
@@ -78,18 +78,18 @@ class StreamFolder:
             drawn = self.result if points is None else replace(self.result, points=points)
             places = np.array(self._places).reshape(-1, 3)
             write_overview(self.path / "overview.png", self.path.name, views, drawn, places)
-        # Last: whoever reads there that a stream is complete finds all of its files.
+        # Last: a reader that sees that a stream is complete finds all of its files.
         write_json(self.path / "stream.json", document)
 
     def close(self) -> None:
-        """Nothing is added any more."""
+        """Close the files."""
         self._files.close()
 
 
 def drop_oldest(parent: Path, keep: int, latest: Path) -> list[Path]:
-    """Delete the folders of the oldest streams until there are `keep`; returns those that went.
+    """Delete the folders of the oldest streams until there are `keep`; returns those deleted.
 
-    latest: the one that stays, whenever the clock says that it began.
+    latest: a folder that stays, whatever the clock says of its start.
     """
     folders = sorted(path for path in parent.iterdir() if path.is_dir() and _NAME.fullmatch(path.name))
     others = [path for path in folders if path != latest]

@@ -20,22 +20,22 @@ from spot3d.settings import without_settings
 RESTARTS_MAX, RESTARTS_S = 5, 600.0
 """A stage that dies more often than this within so many seconds is given up."""
 USER_ERROR = 2
-"""Exit code of a stage that cannot work as it was told to: starting it again would change nothing."""
+"""Exit code of a stage whose error the user has to correct: starting it again would change nothing."""
 _END_S = 5.0
 """Time for the fork server to end itself and all stages, by force if need be, before it is killed."""
 
 _POINTER = "For further information visit https://errors.pydantic.dev"
-"""How the last line of pydantic's errors begins, which does not say what is wrong."""
+"""Beginning of the last line of pydantic's errors, which does not say what is wrong."""
 
 _ENVIRONMENT = {"PYTHONUNBUFFERED": "1", "PYDANTIC_DISABLE_PLUGINS": "__all__"}
-"""Looking for pydantic's plugins, of which there are none, takes a tenth of the time of all imports."""
+"""Searching for pydantic's plugins, of which there are none, takes a tenth of the time of all imports."""
 
 
 @dataclass(slots=True)
 class Child:
-    """One stage's process; code: with which exit code it has ended, None while it runs.
+    """One stage's process. code: its exit code, None while it runs.
 
-    restarts: all of them; recent_s: when the last ones were, seconds.
+    restarts: their number. recent_s: times of the latest ones, seconds.
     """
 
     stage: str
@@ -57,7 +57,7 @@ class Death:
 
 
 class Supervisor:
-    """Has `spot3d STAGE ARGUMENTS` run for each stage; use it in a `with` block, which ends all.
+    """Runs `spot3d STAGE ARGUMENTS` for each stage; use it in a `with` block, which ends all.
 
     The stages are forked from the fork server, which imports what they need as soon as the block is entered. clock: the
     time by which restarts are counted, seconds.
@@ -90,25 +90,25 @@ class Supervisor:
 
     @property
     def fork_server_pid(self) -> int:
-        """The process that the stages are forked from."""
+        """Process id of the fork server."""
         return self._fork_server.pid
 
     def start(self, stage: str, arguments: Sequence[str], log: Path) -> None:
-        """Start one stage; what it says goes to the file `log`."""
+        """Start one stage; its output goes to the file `log`."""
         log.unlink(missing_ok=True)
         self.children[stage] = Child(stage, list(arguments), log)
         self._launch(self.children[stage])
 
     def finished(self, stage: str) -> bool:
-        """Whether the stage has ended of itself without an error."""
+        """Whether the stage has ended, or was asked to, and is not started again."""
         return self.children[stage].finished
 
     def restarts(self) -> dict[str, int]:
-        """How often each stage was started again."""
+        """How often each stage was restarted."""
         return {stage: child.restarts for stage, child in self.children.items()}
 
     def poll(self, restart_arguments: Mapping[str, Sequence[str]]) -> list[Death]:
-        """Notice the dead and start them again, with other arguments where given; call it several times a second."""
+        """Find stages that have died and restart them, with new arguments if given; call it several times a second."""
         code = self._fork_server.poll()
         if code is not None:
             return [Death("fork server", f"the process that starts the stages {_how(code)}", fatal=True)]
@@ -158,7 +158,7 @@ class Supervisor:
             self.children[news["stage"]].code = news["code"]
 
     def _revive(self, child: Child, arguments: Sequence[str] | None) -> Death | None:
-        """Start the child again where it has died; says what happened, None where nothing did."""
+        """Restart the child if it has died; returns what happened, None if nothing did."""
         code = child.code
         if code is None:
             return None
@@ -186,7 +186,7 @@ class Supervisor:
 
 
 def last_line(log: Path) -> str:
-    """The last line that a stage said, without the prefix of an error message."""
+    """The last line of a stage's log, without the prefix of an error message."""
     text = log.read_text(encoding="utf-8", errors="replace") if log.is_file() else ""
     lines = [line for line in map(str.strip, text.splitlines()) if line and not line.startswith(_POINTER)]
     return lines[-1].removeprefix("error: ") if lines else f"no message, see {log}"

@@ -9,9 +9,9 @@ from spot3d_schemas import checked_name
 Names = tuple[Annotated[str, AfterValidator(checked_name)], ...]
 
 _ASKED = ["declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber"]
-"""What a reader sends."""
+"""Kinds of messages that a reader sends."""
 _TOLD = ["put", "delete", "reply", "declare_queryable", "liveliness_token"]
-"""What a writer sends."""
+"""Kinds of messages that a writer sends."""
 _BOTH_WAYS = ["ingress", "egress"]
 _ANSWERED = ["spot3d/*/fusion/map", "spot3d/*/fusion/changes", "spot3d/*/*/about", "spot3d/*/fusion/objects/@adv/**"]
 """What a dashboard may query: not `fusion/reset`."""
@@ -34,16 +34,16 @@ class AccessSettings(BaseModel):
 
     @property
     def enabled(self) -> bool:
-        """Whether any role is given to anybody."""
+        """Whether any role is assigned."""
         return bool(self.robots or self.stations or self.dashboards)
 
 
 def access_control(access: AccessSettings) -> dict[str, Any]:
-    """The `access_control` of a Zenoh router's configuration: what is not allowed here is denied, without a word.
+    """The `access_control` of a Zenoh router's configuration; everything it does not allow is denied silently.
 
     A message is filtered where it comes in (ingress) and where it goes out (egress), by the common name of the
-    certificate on that link. What readers ask for goes to every robot, since a fleet's dashboard asks for all at once
-    (`spot3d/*/...`); what a robot answers, and what it is told, is its own.
+    certificate on that link. Readers' requests go to every robot, since a fleet's dashboard asks for all at once
+    (`spot3d/*/...`). A robot answers, and is told, only what is under its own name.
     """
     rules = [
         _rule("all", [*_ASKED, *_TOLD], _BOTH_WAYS, ["**", *_keys("**")]),
@@ -94,6 +94,6 @@ def _rule(name: str, messages: list[str], flows: list[str], keys: list[str] | No
 
 
 def _keys(robot: str) -> list[str]:
-    """Everything under a robot's name; the second is where advanced publishers answer for what they keep."""
+    """Key expressions of a robot; the second is where advanced publishers answer for what they keep."""
     below = "" if robot == "**" else "/**"
     return [f"spot3d/{robot}{below}", f"spot3d/{robot}{below}/@adv/**"]

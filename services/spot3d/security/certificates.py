@@ -1,4 +1,4 @@
-"""A private certificate authority, and a certificate for each role that it signs."""
+"""A private certificate authority, and the certificates that it signs, one for each role."""
 
 import datetime
 import ipaddress
@@ -44,7 +44,7 @@ class Issued:
 
 @dataclass(frozen=True, slots=True)
 class Authority:
-    """What signs: a certificate and its key."""
+    """A certificate authority: its certificate and key."""
 
     certificate: x509.Certificate
     key: ec.EllipticCurvePrivateKey
@@ -53,7 +53,7 @@ class Authority:
 def open_authority(folder: Path, now: datetime.datetime) -> Authority:
     """The authority whose `ca.pem` and `ca.key` are in `folder`; made where there is none.
 
-    Raises ValueError where only one of them is there, or one is none.
+    Raises ValueError where only one of them is there, or one is not valid.
     """
     certificate, key = folder / f"{CA}.pem", folder / f"{CA}.key"
     if certificate.exists() != key.exists():
@@ -67,7 +67,7 @@ def open_authority(folder: Path, now: datetime.datetime) -> Authority:
 
 
 def _read(file: Path, kind: str, load: Callable[[bytes], T]) -> T:
-    """What a PEM file holds. Raises ValueError, naming the file, where that is none of its kind."""
+    """The content of a PEM file. Raises ValueError, naming the file, if it is not of this kind."""
     try:
         return load(file.read_bytes())
     except (ValueError, TypeError, UnsupportedAlgorithm) as error:
@@ -86,7 +86,7 @@ def issue(
 ) -> Issued:
     """Write `NAME.pem` and `NAME.key` (readable by its owner alone) for the common name `name`.
 
-    hosts: host names and addresses at which others connect to it, which they verify; its own name is one always.
+    hosts: host names and addresses at which others connect, and which they verify; `name` is always one of them.
     Raises ValueError where the name cannot be part of a key, or `ends` is after the authority's own end.
     """
     last = authority.certificate.not_valid_after_utc
@@ -110,7 +110,7 @@ def issue_all(
 ) -> list[Issued]:
     """Certificates for all `names`, valid for `days` from now; the authority is made where there is none.
 
-    Raises ValueError where a certificate of that name is there already and is not to be renewed, and of `issue`.
+    Raises ValueError where a certificate of a name exists and is not to be renewed, and as `issue` does.
     """
     unknown = sorted(set(hosts) - set(names))
     if unknown:
@@ -129,7 +129,7 @@ def issue_all(
 
 def _make_authority(folder: Path, now: datetime.datetime) -> Authority:
     key = ec.generate_private_key(ec.SECP256R1())
-    # A name of its own: of two authorities of one name, a wrong one would be told as a broken signature.
+    # A unique name: of two authorities of one name, a wrong one would be reported as a broken signature.
     name = _named(f"spot3d private authority {secrets.token_hex(4)}")
     ends = now + datetime.timedelta(days=_CA_DAYS)
     signs = x509.KeyUsage(
@@ -187,7 +187,7 @@ def _write(folder: Path, name: str, certificate: x509.Certificate, key: ec.Ellip
     issued = Issued(name, folder / f"{name}.pem", folder / f"{name}.key", certificate.not_valid_after_utc)
     issued.certificate.write_bytes(certificate.public_bytes(Encoding.PEM))
     issued.key.unlink(missing_ok=True)
-    # Made readable for nobody else from the beginning.
+    # Readable for nobody else from the beginning.
     with os.fdopen(os.open(issued.key, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as stream:
         stream.write(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
     return issued
