@@ -1,1 +1,1 @@
-"""Benchmarks, and the plain NumPy transcriptions of the paper's steps that they and the tests compare with."""
+"""Benchmarks, and plain NumPy transcriptions of the paper's steps, with which they and the tests compare."""

@@ -1,4 +1,4 @@
-"""Steps of the views' consensus: what a view says of segments, and an update with one keyframe more."""
+"""Steps of the views' consensus: one view's statements on segments, and an update with one more keyframe."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from spot3d.settings import Settings
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A step beside its transcription, and the arrays that it reads."""
+    """A step, its transcription, and the arrays that it reads."""
 
     name: str
     ours: Callable[[], object]
@@ -31,7 +31,7 @@ class Step:
 
 
 def consensus_steps(m: Material, settings: Settings) -> list[Step]:
-    """The steps with all frames of the material as keyframes, which stay as many."""
+    """The steps with all frames of the material as keyframes; their number stays constant."""
     keyframes = [_keyframe(m, index, settings) for index in range(len(m))]
     views, table = [view_of(keyframe) for keyframe in keyframes], SegmentTable()
     rows_of = [table.extend(keyframe, number) for number, keyframe in enumerate(keyframes)]
@@ -72,7 +72,7 @@ def _keyframe(m: Material, index: int, settings: Settings) -> Keyframe:
 
 
 def _statements(table: SegmentTable, views: list[View], rows_of: list[NDArray[np.int32]]) -> Statements:
-    """What all views say of the segments of others."""
+    """The statements of all views on other views' segments."""
     observed, within = [np.zeros((0, 2), np.int64)], [np.zeros((0, 2), np.int64)]
     divided, background = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     said, label = np.empty((2, len(table)), np.uint8)

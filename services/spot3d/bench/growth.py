@@ -1,4 +1,4 @@
-"""Cost as the map grows: fusing against map size, updates against keyframes."""
+"""Cost as the map grows: time of fusing against map size, of updates against keyframes."""
 
 import time
 from collections.abc import Callable
@@ -21,13 +21,13 @@ from spot3d.segments.keyframes import Keyframes
 from spot3d.settings import Settings
 
 ROOM = 6.0
-"""Distance between one pass through the frames and the next, metres: each sees a room of its own."""
+"""Shift between one pass through the frames and the next, metres, so that each pass sees another room."""
 CHECKPOINTS = 8
 _FRAME_NS = 1e9 / 30
 
 
 def map_growth(material: Material, length: int, settings: Settings, say: Callable[[str], None]) -> Table:
-    """Fuse `length` frames on a path through ever new rooms, with updates of the objects as in a run."""
+    """Fuse `length` frames on a path through new rooms, with updates of the objects as in a run."""
     table = Table(
         "map growth",
         f"Cost against map size, {material.data} at {material.size} on a long path",
@@ -84,7 +84,7 @@ def map_growth(material: Material, length: int, settings: Settings, say: Callabl
 
 
 def charts(growth: Table) -> dict[str, Picture]:
-    """Pictures of the table, by their files' names."""
+    """Pictures of the table, by file name."""
     heads = [column.name for column in growth.columns]
 
     def line(name: str, x: str, y: str) -> Line:

@@ -1,4 +1,4 @@
-"""Time of each step of a frame beside its plain transcription."""
+"""Time of each step of a frame, and of its plain transcription."""
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
@@ -28,7 +28,7 @@ from spot3d.proposals.propose import propose
 from spot3d.settings import Settings
 
 REPEATS, ROUNDS = 12, 4
-"""Ours in a round, and rounds; a transcription that takes a second is called once a round."""
+"""Calls of ours in a round, and rounds; a transcription that takes a second is called once a round."""
 SLOW_ROUNDS = 2
 TRIPLES = 10_000
 """Triples of the reference's RANSAC (paper, Sec. VI-A)."""
@@ -39,7 +39,7 @@ Call = Callable[[], object]
 
 
 def kernels_table(materials: Sequence[Material], settings: Settings, say: Callable[[str], None]) -> Table:
-    """Each step of the frames of each material: ours, its reference, a copy of the bytes it reads."""
+    """A row for each material and step: time of ours, of its reference, and of a copy of the bytes that it reads."""
     table = Table("kernels", "Time of each step of a frame", MEASURED)
     for material in materials:
         say(f"kernels: {material.data}, {material.size} ...")
@@ -72,13 +72,13 @@ class _Steps:
         self.table, self.material = table, material
 
     def add(self, step: str, ours: Call, name: str, theirs: Call | None, slow: bool, read: Sequence[Any]) -> None:
-        """A row: ours beside the reference (slow: about a second) and a copy of the arrays that are read."""
+        """A row: ours, the reference (slow: takes about a second), and a copy of the arrays that are read."""
         self.add_all({step: ours}, name, theirs, slow, read)
 
     def add_all(
         self, ours: Mapping[str, Call], name: str, theirs: Call | None, slow: bool, read: Sequence[Any]
     ) -> None:
-        """A row for each step; all have one reference."""
+        """A row for each step; all have the same reference."""
         calls = [Timed(lambda: [array.copy() for array in read], REPEATS)]
         calls += [Timed(call, REPEATS) for call in ours.values()]
         if theirs is not None:
@@ -167,7 +167,7 @@ def _plane_steps(steps: _Steps, m: Material, settings: FusionSettings) -> None:
 
 
 def _map_steps(steps: _Steps, m: Material, settings: FusionSettings) -> None:
-    """Registration with a map that has seen all frames, alone and as part of fusing."""
+    """Registration with a map that holds all frames, alone and as part of fusing."""
     count = len(m)
     frames = [_lattice(m, index, settings) for index in range(count)]
     heatmap, index_map = Heatmap3D(settings.map_limit, settings.voxel), IndexMap(settings)
@@ -209,7 +209,7 @@ def _map_steps(steps: _Steps, m: Material, settings: FusionSettings) -> None:
 
 
 class PlainRegistration:
-    """Frame after frame into a map, by the transcriptions."""
+    """Registers frame after frame with a map, by the transcriptions."""
 
     def __init__(
         self,
@@ -264,6 +264,6 @@ def _lattice(m: Material, index: int, settings: FusionSettings) -> LatticeFrame:
 
 
 def _edge_boxes() -> Any | None:
-    """OpenCV contrib's EdgeBoxes with 1000 boxes, where this OpenCV has it."""
+    """OpenCV contrib's EdgeBoxes with 1000 boxes; None where this OpenCV lacks it."""
     contrib = getattr(cv2, "ximgproc", None)
     return None if contrib is None else contrib.createEdgeBoxes(maxBoxes=1000)

@@ -1,4 +1,4 @@
-"""The real processes over Zenoh, live."""
+"""Table of live runs of the real processes over Zenoh."""
 
 import tempfile
 from collections.abc import Callable, Sequence
@@ -18,7 +18,7 @@ _WHOLE = "source to fused"
 
 
 def live_table(materials: Sequence[Material], rate_hz: float, seconds: float, say: Callable[[str], None]) -> Table:
-    """Each material played live for so many seconds, from disk, where it was written before."""
+    """A row for each material, written to disk and played live from there for `seconds`."""
     table = Table("live", f"The processes over Zenoh, live at {rate_hz:g} frames a second", COLUMNS)
     with tempfile.TemporaryDirectory(prefix="spot3d-bench-") as name:
         scratch = Path(name)

@@ -1,4 +1,4 @@
-"""One live run of the real processes, watched from a session of its own."""
+"""One live run of the real processes, monitored from a separate Zenoh session."""
 
 import json
 import os
@@ -25,14 +25,16 @@ Reading = tuple[float, float]
 
 _POLL_S = 0.01
 _LIMIT_S = 300.0
-"""Beyond the time that the frames themselves take, a run is given up after this."""
+"""A run is given up this long after the time that the frames themselves take."""
 
 
 @dataclass(slots=True)
 class LiveRun:
-    """start_s: from the command to the first fused frame; rate_hz: frames fused a second from then to the last;
-    cores: CPU seconds of all stages a second in that time; report: the run's report.json; error: why there
-    is no result."""
+    """Results of a live run.
+
+    start_s: from the command to the first fused frame; rate_hz: frames fused a second from then to the last; cores:
+    CPU seconds of all stages a second in that time; report: the run's report.json; error: why there is no result.
+    """
 
     start_s: float | None = None
     rate_hz: float | None = None
@@ -75,10 +77,10 @@ def live_run(name: str, rate_hz: float, seconds: float, folder: Path) -> LiveRun
 def _watch(
     process: subprocess.Popen[bytes], endpoint: str, deadline_s: float
 ) -> tuple[list[Reading], list[list[Reading]]]:
-    """Follow the run until its process ends.
+    """Monitor the run until its process ends.
 
-    Returns monotonic seconds with frames fused, at each progress with another frame fused; and for each stage
-    monotonic seconds with its CPU seconds, at each of its health messages.
+    Returns (monotonic seconds, frames fused) of each progress message with another frame fused; and for each stage
+    (monotonic seconds, its CPU seconds) of each of its health messages.
     """
     seen: list[Reading] = []
     cpu: dict[str, list[Reading]] = {stage: [] for stage in STAGES}
@@ -110,7 +112,7 @@ def _watch(
 
 
 def _slope(readings: Sequence[Reading]) -> float:
-    """Growth a second from the first reading to the last."""
+    """Increase per second from the first reading to the last."""
     if len(readings) < 2:
         return 0.0
     (start_s, before), (end_s, after) = readings[0], readings[-1]

@@ -1,4 +1,4 @@
-"""What is measured on: frames in memory, with the results of the stages before the one in question."""
+"""Input of the measurements: frames in memory, with the results of the stages before the measured one."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class Material:
         return f"{self.camera.width}x{self.camera.height}"
 
     def first(self, count: int) -> "Material":
-        """The first so many frames."""
+        """The first `count` frames."""
         return Material(self.data, self.frames[:count], self.depth[:count], self.boxes[:count], self.heat[:count])
 
     def pose(self, index: int) -> NDArray[np.float64]:
@@ -55,7 +55,7 @@ class Material:
 
 
 def load(sequence: FrameSequence, count: int) -> list[RgbdFrame]:
-    """The first so many frames, in memory."""
+    """The first `count` frames, in memory."""
     return [sequence[index] for index in range(min(count, len(sequence)))]
 
 
@@ -79,7 +79,7 @@ def prepare(data: str, frames: list[RgbdFrame], settings: Settings) -> Material:
 
 
 def to_and_fro(count: int, step: int) -> int:
-    """Index of the frame at a step of a walk through `count` frames, forwards and back: no jump anywhere."""
+    """Index of the frame at a step of a walk through `count` frames, forwards and back, without jumps."""
     if count == 1:
         return 0
     place = step % (2 * count - 2)
@@ -87,7 +87,7 @@ def to_and_fro(count: int, step: int) -> int:
 
 
 def walking(count: int, call: Callable[[int], object], start: int = 0) -> Callable[[], object]:
-    """A call without argument that goes one frame further each time, to and fro."""
+    """A function without arguments that calls `call` with the next frame's index each time, to and fro."""
     step = start - 1
 
     def next_frame() -> object:

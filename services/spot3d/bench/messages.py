@@ -1,4 +1,4 @@
-"""Cost of a Frame on its way: the codec beside a copy of its bytes, the way itself beside a bare Zenoh hop."""
+"""Cost of a Frame message: the codec against a copy of its bytes, sending it against a bare Zenoh hop."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -24,7 +24,7 @@ _MATCHING_S = 5.0
 
 
 def messages_table(materials: Sequence[Material], say: Callable[[str], None]) -> Table:
-    """Encoding, decoding and sending a Frame of each material."""
+    """Times of encoding, decoding and sending a Frame of each material."""
     table = Table("messages", "A frame's message", MEASURED)
     for material in materials:
         say(f"messages: {material.data}, {material.size} ...")
@@ -56,7 +56,7 @@ def messages_table(materials: Sequence[Material], say: Callable[[str], None]) ->
 
 @contextmanager
 def loopback() -> Iterator[Callable[[bytes], bytes]]:
-    """A call that sends bytes from one client of a router to another and returns what arrives there."""
+    """A function that sends bytes from one client of a router to another and returns what arrives there."""
     endpoint = free_loopback_endpoint()
     link = LinkSettings(connect=(endpoint,))
     with open_router((endpoint,)), open_session(link) as near, open_session(link) as far:
@@ -64,7 +64,7 @@ def loopback() -> Iterator[Callable[[bytes], bytes]]:
         subscriber = far.declare_subscriber(_KEY, FifoChannel(2))
         arrived = subscriber.handler
         deadline = time.monotonic() + _MATCHING_S
-        # What is sent before the router knows of the subscriber goes nowhere.
+        # Messages sent before the router knows the subscriber are lost.
         while arrived.try_recv() is None:
             if time.monotonic() > deadline:
                 raise OSError("two Zenoh sessions on loopback do not find each other")

@@ -1,4 +1,4 @@
-"""Time and accuracy of the pose stage beside KISS-ICP as it comes."""
+"""Time and accuracy of the pose stage, and of KISS-ICP without changes."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -18,11 +18,11 @@ from spot3d.pose.settings import PoseSettings
 from spot3d.trajectory import rpe
 
 REFERENCES = {"KISS-ICP's defaults, every 2nd pixel": 100.0, "the same, told a range of 5 m": 5.0}
-"""KISS-ICP's greatest range, metres: its own, for lidars, and a depth camera's. Its voxels are a hundredth of it."""
+"""Range of KISS-ICP, metres: its default, for lidars, and a depth camera's. Its voxels are a hundredth of it."""
 
 
 def pose_table(materials: Sequence[Material], settings: PoseSettings, say: Callable[[str], None]) -> Table:
-    """Pose of each frame by ours and by KISS-ICP with its own defaults, frame by frame in alternation."""
+    """Times and errors of ours and of KISS-ICP with its own defaults, frame by frame in alternation."""
     columns = (*MEASURED, Column("RPE mm"), Column("reference RPE mm"))
     table = Table("pose", "Pose of a frame", columns)
     for material in materials:
@@ -62,7 +62,7 @@ def _pose_row(
 
 
 class _Stopwatch:
-    """Collects the times of what runs in its `with` blocks; the first is left out (it starts the map)."""
+    """Collects the times of its `with` blocks; the first is left out, as it starts the map."""
 
     def __init__(self) -> None:
         self._wall: list[float] = []
@@ -76,7 +76,7 @@ class _Stopwatch:
         self._cpu.append(time.process_time() - self._start[1])
 
     def summary(self) -> Timing:
-        """Of all blocks but the first."""
+        """Timing of all blocks but the first."""
         return summary(self._wall[1:] or self._wall, self._cpu[1:] or self._cpu)
 
 

@@ -1,4 +1,4 @@
-"""What was read of long-running processes, and whether it grows."""
+"""Memory, descriptors, threads and drops of long-running processes, and whether they grow."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ from spot3d.drawing.line_chart import Line, line_chart
 from spot3d.drawing.picture import Picture
 
 _ROOM_MB, _ROOM_SHARE = 30.0, 0.15
-"""Memory that a process may have more in the last third than in the second: heaps breathe, caches fill."""
+"""Memory by which the last third may exceed the second: heaps vary, caches fill."""
 _ROOM_COUNT = 4
-"""The same for descriptors and threads, where somebody connects."""
+"""The same for descriptors and threads, which grow where somebody connects."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One process at one time. dropped: frames that it has not worked on so far; fused: by fusion, so far."""
+    """Readings of one process at one time. dropped: frames it has dropped so far; fused: by fusion, so far."""
 
     process: str
     at_s: float
@@ -40,12 +40,12 @@ class Growth:
 
     @property
     def too_much(self) -> bool:
-        """Whether it grows beyond what settles."""
+        """Whether the number grows more than is allowed."""
         room = _ROOM_MB + _ROOM_SHARE * self.before if self.number == "memory_mb" else _ROOM_COUNT
         return self.after - self.before > room
 
     def line(self) -> str:
-        """For people."""
+        """The growth and the verdict as text."""
         verdict = "GROWS" if self.too_much else "flat"
         return f"{self.process:10} {self.number:12} {self.before:7.0f} -> {self.after:7.0f}  {verdict}"
 
@@ -63,7 +63,7 @@ def read_process(pid: int) -> tuple[float, int, int]:
 
 
 def growths(readings: Sequence[Reading]) -> list[Growth]:
-    """What each process's numbers do from the second third to the last; nothing where too little was read."""
+    """Growth of each process's numbers from the second third to the last; empty with too few readings."""
     if not readings:
         return []
     end_s = readings[-1].at_s
@@ -82,7 +82,7 @@ def growths(readings: Sequence[Reading]) -> list[Growth]:
 
 
 def minute_table(readings: Sequence[Reading]) -> list[str]:
-    """A line a minute: memory of each process, frames fused in that minute, and drops of all stages together."""
+    """One line per minute: memory of each process, frames fused in that minute, and drops of all stages together."""
     names = _names(readings)
     lines = ["minute  fused   drops  " + " ".join(f"{name[:9]:>9}" for name in names) + "   (MB)"]
     fused = dropped = 0
@@ -100,7 +100,7 @@ def minute_table(readings: Sequence[Reading]) -> list[str]:
 
 
 def charts(readings: Sequence[Reading]) -> dict[str, Picture]:
-    """Memory, descriptors, threads and drops a minute against time, a line a process."""
+    """Memory, descriptors, threads and drops per minute against time, one line per process."""
     titles = {"memory_mb": ("Memory", "MB"), "descriptors": ("Descriptors", "open"), "threads": ("Threads", "running")}
     pictures = {}
     for number, (title, unit) in titles.items():

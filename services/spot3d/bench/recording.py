@@ -1,4 +1,4 @@
-"""Frames written to disk as a recording that plays for as long as wanted, so that no rendering is in the way."""
+"""Writes frames to disk as a recording of any length, so that no rendering affects a run."""
 
 import os
 from collections.abc import Sequence
@@ -18,10 +18,10 @@ _NAMES = {"rgb": "rgb-{:06d}.ppm", "depth": "depth-{:06d}.pgm"}
 
 
 def write_recording(folder: Path, frames: Sequence[RgbdFrame], length: int) -> None:
-    """Write the frames in the layout of TUM RGB-D, played to and fro until there are `length`: the camera never jumps.
+    """Write the frames in the layout of TUM RGB-D, repeated to and fro up to `length`, so that the camera never jumps.
 
     Images are PPM and PGM, each written once: raw, as a camera gives them, and read about as fast as copied. Poses are
-    written where each frame has one.
+    written if each frame has one.
     """
     folder.mkdir(parents=True)
     for number, frame in enumerate(frames):

@@ -1,4 +1,4 @@
-"""The paper's steps as one would write them down in NumPy: readable, slow, and what the kernels must equal."""
+"""The paper's steps in plain NumPy: readable, slow, and the results that the kernels must equal."""
 
 from collections import Counter
 
@@ -40,7 +40,7 @@ def weighted_heat(
 
 
 def lattice_depth(depth: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
-    """Mean of each block's valid pixels within the noise of its nearest, 0 where none is. depth: (h, w) metres."""
+    """Mean of each block's valid pixels within the noise of its nearest, 0 without any. depth: (h, w) metres."""
     h, w = depth.shape
     padded = np.pad(depth, ((0, -h % factor), (0, -w % factor)))
     blocks = padded.reshape(padded.shape[0] // factor, factor, -1, factor)
@@ -121,11 +121,11 @@ def said_by_view(
     places: NDArray[np.float32],
     tolerance: float = 0.03,
 ) -> list[tuple[str, int]]:
-    """What a view says of each segment, and the label that holds it (MaskClustering, Sec. 3).
+    """One view's statement on each segment, and the label that contains the segment (MaskClustering, Sec. 3).
 
     labels, depth: (h, w), millimetres; pose: (3, 4) camera from world; focal: fx, fy, cx, cy; places: (n, k, 3) world,
-    every fourth of which is asked for. A view sees a segment by 0.3 of its points; background by more than 0.5; or
-    looks through it, by half of its points.
+    of which every fourth is projected. A view sees a segment with at least 0.3 of its points at its depth; more than
+    0.5 of these without a label are background. Otherwise it looks through it with at least half of the points.
     """
     h, w = labels.shape
     answers = []
@@ -152,10 +152,10 @@ def said_by_view(
 
 
 def clusters(said: Statements, views_min: int, object_share: float) -> list[set[int]]:
-    """The clusters of segments that most frames which see them have in one (MaskClustering, Sec. 3), by sets, and what
-    most have in one with a larger one as a part of that.
+    """Clusters of segments that most frames observing them have in one segment (MaskClustering, Sec. 3), by sets.
 
-    views_min: frames that show an object; object_share: of the frames that see it, those that see it as one.
+    A cluster that most frames have in one segment with a larger one is joined to it as its part. views_min: least
+    frames that show an object; object_share: least share of the frames observing it that see it as an object.
     """
     frame, observed, within, divided, background = said
     observers: list[set[int]] = [set() for _ in frame]

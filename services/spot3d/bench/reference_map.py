@@ -1,4 +1,4 @@
-"""Registration with the map as one would write it in NumPy (paper, Sec. V-B): look-up, running means."""
+"""Registration with the map in plain NumPy (paper, Sec. V-B): look-up, running means."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ class ReferenceMap:
 
 
 def copy_of(heatmap: Heatmap3D) -> ReferenceMap:
-    """The same points under the same voxels."""
+    """A copy with the same points and voxels."""
     keys, slot_rows = heatmap.arrays.keys, heatmap.arrays.slot_rows
     voxels = dict(zip(keys[keys >= 0].tolist(), slot_rows[keys >= 0].tolist(), strict=True))
     return ReferenceMap(heatmap.voxel, heatmap.points().copy(), voxels)
@@ -38,9 +38,9 @@ def merge(
     range_max: float,
     frame_number: int,
 ) -> tuple[NDArray[np.int32], int, int]:
-    """Give every valid pixel its map point and update that, as `spot3d.fusion.map.heatmap3d.Heatmap3D.merge` does.
+    """Assign every valid pixel a map point and update it, as `spot3d.fusion.map.heatmap3d.Heatmap3D.merge` does.
 
-    Returns the index map (h, w), and how many pixels were warped and found. `known` grows by what is new.
+    Returns the index map (h, w), and how many pixels were warped and found. New points are added to `known`.
     """
     T = T_world_camera.astype(np.float32).astype(np.float64)
     v, u = np.nonzero((depth > 0) & (depth <= range_max))
@@ -71,7 +71,7 @@ def _look_up(
     eye: NDArray[np.float32],
     reach: NDArray[np.float32],
 ) -> tuple[int, int]:
-    """Fill in rows of the pixels that have none: a point along the ray, or a new row. Returns new and found."""
+    """Fill in the row of pixels without one: a point along the ray, or a new row. Returns counts of new and found."""
     step = (xyz - eye) * (np.float32(1) / (z * known.per_metre))[:, None]
     steps = (reach * known.per_metre).astype(np.int64)
     new = found = 0

@@ -1,9 +1,9 @@
-"""A live run without end: does anything grow?
+"""Soak test: whether anything grows in a long live run.
 
     python -m spot3d.bench.soak --minutes 60 path/to/recording
 
 plays the frames to and fro at half size through real processes, and reads memory, descriptors, threads and drops of
-each. Linux only, where /proc tells them.
+each. Linux only, as it reads /proc.
 """
 
 import json
@@ -75,7 +75,7 @@ def soak(
 
 
 def watch(sequence: FrameSequence, seconds: float, out: Path) -> tuple[list[Reading], list[str]]:
-    """Readings of every process while the sequence plays, and what was said of those that ended by themselves."""
+    """Readings of every process while the sequence plays, and a text for each that ended by itself."""
     endpoint = free_loopback_endpoint()
     link = LinkSettings(robot=_ROBOT, connect=(endpoint,), delivery="live")
     readings: list[Reading] = []
@@ -123,7 +123,7 @@ def watch(sequence: FrameSequence, seconds: float, out: Path) -> tuple[list[Read
 
 
 class _Heard:
-    """The latest word of each stage."""
+    """The latest drops of each stage, and frames fused."""
 
     def __init__(self, told: Mapping[str, zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]]) -> None:
         self._told = told
@@ -131,7 +131,7 @@ class _Heard:
         self.fused = 0
 
     def listen(self) -> None:
-        """Take in what has come."""
+        """Process the received messages."""
         for topic, subscriber in self._told.items():
             sample = subscriber.handler.try_recv()
             if sample is None:
@@ -150,7 +150,7 @@ def _ended(processes: Mapping[str, subprocess.Popen[bytes]]) -> dict[str, int]:
 
 @contextmanager
 def _process(arguments: list[str], out: Path, name: str) -> Iterator[subprocess.Popen[bytes]]:
-    """`spot3d ARGUMENTS` until the block is left; its log, and snapshots of the map, go to `out`."""
+    """Run `spot3d ARGUMENTS` until the block is left; its log, and snapshots of the map, go to `out`."""
     snapshots = {"SPOT3D_LINK__SNAPSHOT_FOLDER": str((out / "snapshots").absolute())}
     environment = without_settings(os.environ) | SINGLE_THREADED | KEEPING_MEMORY | snapshots
     with (

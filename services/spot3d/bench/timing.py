@@ -1,4 +1,4 @@
-"""Times of calls that are measured in alternation, and the memory of this process."""
+"""Timing of calls in alternation, and the memory of this process."""
 
 import resource
 import sys
@@ -28,7 +28,7 @@ MEASURED: tuple[Column, ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Median and 99th percentile of the wall clock, median of the CPU time of this process, milliseconds."""
+    """Median and 99th percentile of wall time, and median CPU time of this process, milliseconds."""
 
     median_ms: float
     p99_ms: float
@@ -37,14 +37,14 @@ class Timing:
 
 @dataclass(frozen=True, slots=True)
 class Timed:
-    """A call and how often it is repeated in each round; one that is repeated is warmed up first."""
+    """A call and its repeats in each round; with more than one it is called once before as a warm-up."""
 
     call: Callable[[], object]
     repeats: int
 
 
 def alternate(calls: Sequence[Timed], rounds: int) -> list[Timing]:
-    """Measure all calls in turn, round after round, so that what else the machine does meets all alike."""
+    """Measure all calls in turn, round after round, so that other load on the machine affects all alike."""
     for timed in calls:
         if timed.repeats > 1:
             timed.call()
@@ -61,7 +61,7 @@ def alternate(calls: Sequence[Timed], rounds: int) -> list[Timing]:
 
 
 def summary(wall_s: Sequence[float], cpu_s: Sequence[float]) -> Timing:
-    """The timing of calls that took so many seconds each, and so much CPU time."""
+    """The timing of calls with these wall and CPU times, seconds."""
     median, p99 = np.percentile(wall_s, (50, 99))
     return Timing(1e3 * float(median), 1e3 * float(p99), 1e3 * float(np.median(cpu_s)))
 
@@ -69,7 +69,7 @@ def summary(wall_s: Sequence[float], cpu_s: Sequence[float]) -> Timing:
 def measured_row(
     data: str, size: str, step: str, ours: Timing, reference: str, theirs: Timing | None, copy: Timing
 ) -> tuple[Cell, ...]:
-    """A row for `MEASURED`; theirs: None where the reference is not there."""
+    """A row for `MEASURED`; theirs: None where the reference is not available."""
     ratio = None if theirs is None else theirs.median_ms / ours.median_ms
     theirs_ms = None if theirs is None else theirs.median_ms
     first = (data, size, step, ours.median_ms, ours.p99_ms, ours.cpu_ms)
@@ -77,9 +77,9 @@ def measured_row(
 
 
 def peak_memory_mb() -> float:
-    """Most memory that this process has held, MB.
+    """Peak memory of this process, MB.
 
-    Where the system says so, of this program alone: `ru_maxrss` counts what its parent held when it started it.
+    Read from /proc where available, as `ru_maxrss` includes what the parent held when it started this process.
     """
     status = Path("/proc/self/status")
     if status.exists():

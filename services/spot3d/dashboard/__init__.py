@@ -1,1 +1,1 @@
-"""The dashboard: a page in the browser that shows what robots see and find."""
+"""The dashboard: a browser page that shows the robots' images, maps and objects."""

@@ -1,4 +1,4 @@
-"""Moves a browser's view to something."""
+"""Moves the 3D view of a browser to a target."""
 
 import time
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 _FLIGHT_S, _STEPS = 0.6, 24
 _ASIDE = np.radians(-35)
-"""So that the camera's own picture does not hide what it looks at."""
+"""Angle of the overview beside the camera's direction, so that the camera's image does not hide the scene."""
 
 
 def fly(client: viser.ClientHandle, place: NDArray[np.float64], target: NDArray[np.float64]) -> None:
@@ -23,7 +23,7 @@ def fly(client: viser.ClientHandle, place: NDArray[np.float64], target: NDArray[
 
 
 def place_before(client: viser.ClientHandle, target: NDArray[np.float64], extent: float) -> NDArray[np.float64]:
-    """A place from which something of this extent at `target` is seen well, on the side of the view of now."""
+    """A place from which a target of this extent is seen well, on the side of the current view."""
     way = np.array(client.camera.position) - target
     way[2] = max(way[2], 0.5 * float(np.linalg.norm(way[:2])), 1e-3)
     place: NDArray[np.float64] = target + way / np.linalg.norm(way) * max(0.4, 3.0 * extent)
@@ -33,7 +33,7 @@ def place_before(client: viser.ClientHandle, target: NDArray[np.float64], extent
 def overview(
     client: viser.ClientHandle, middle: NDArray[np.float64], extent: float, ahead: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """A place aside of the camera and above, from which a world of this extent is seen; ahead: (3,) where it looks."""
+    """A place beside the camera and above, from which a world of this extent is seen; ahead: (3,) where it looks."""
     flat = np.array([ahead[0], ahead[1], 0.0])
     flat = flat / max(1e-6, float(np.linalg.norm(flat)))
     right = np.array([flat[1], -flat[0], 0.0])

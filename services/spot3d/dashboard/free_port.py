@@ -1,4 +1,4 @@
-"""Where the page can be served, found out before viser is: that waits for ever where it cannot listen."""
+"""Finds a port for the page before viser is started, which waits for ever where it cannot listen."""
 
 import asyncio
 import errno
@@ -7,14 +7,14 @@ import os
 from spot3d.dashboard.settings import DashboardSettings
 
 _TRIED = 1000
-"""So many ports: as many as viser tries."""
+"""Number of ports tried, as many as by viser."""
 _PORT_MAX = 65535
 _NOT_OURS = (errno.EADDRINUSE, errno.EACCES)
-"""The port is another's, or only root may listen there."""
+"""The port is in use, or only root may listen there."""
 
 
 def free_port(settings: DashboardSettings) -> int:
-    """The port of the settings, or the next free one; 0 where any will do.
+    """The port of the settings, or the next free one; 0, for any port, stays 0.
 
     Raises OSError where no page can be served at that host, or none of the ports is free.
     """

@@ -1,4 +1,4 @@
-"""How the stages of a robot fare, and its bridge, in words that a person understands."""
+"""Health of a robot's stages and of its bridge, in words for people."""
 
 from collections import Counter, deque
 from collections.abc import Collection
@@ -10,14 +10,14 @@ from spot3d_schemas import BRIDGE, STAGES, Health
 Level = Literal["good", "waits", "bad", "ended"]
 
 SILENT_S = 4.0
-"""A stage says how it is once a second; who says nothing for so long hangs, or is cut off."""
+"""A stage publishes its health once a second; one that is silent for this long hangs, or is cut off."""
 _CUT_S = 1.5
-"""Whose process ends is gone at once, a second at most after it has said how it is; who hangs is given up only after
-two seconds of silence."""
+"""Silence before a stage is gone from which it hangs or is cut off. A process that ends is gone at once, at most a
+second after its last health message; one that hangs is given up only after two seconds of silence."""
 IDLE_S = 2.0
-"""A stage that has done nothing for so long is told of."""
+"""A stage that has done nothing for this long is reported as idle."""
 _WINDOW_S = 5.0
-"""Rates are those of the last seconds."""
+"""Window of the rates."""
 _DROPS_HZ = 0.5
 _BEHIND_MS = 500.0
 
@@ -28,19 +28,19 @@ _INPUTS = {
     "segments": ("heatmap",),
     "fusion": ("heatmap", "pose"),
 }
-"""Whose messages a stage cannot do without."""
+"""Stages whose messages a stage needs."""
 _STREAMS = {"heatmap": 2, "segments": 2, "fusion": 3}
-"""Messages a frame that a stage receives, where it is more than one."""
+"""Number of messages that a stage receives per frame, where more than one."""
 _GIVES = {"source": "frame", "pose": "pose", "proposals": "boxes", "heatmap": "heat"}
 _CHOOSES = frozenset(("segments",))
-"""Stages that work on some frames only, and leave others out on purpose."""
+"""Stages that process only some frames on purpose."""
 HEARD = (*STAGES, BRIDGE)
-"""Who says how it fares."""
+"""Processes that publish their health."""
 
 
 @dataclass(frozen=True, slots=True)
 class Word:
-    """What is to be said of one stage."""
+    """Status of one stage."""
 
     stage: str
     level: Level
@@ -54,7 +54,7 @@ class _Heard:
 
 
 class StageRecords:
-    """What the stages of one robot, and its bridge, have said of late. Times are monotonic seconds."""
+    """Latest health messages of one robot's stages and bridge. Times are monotonic seconds."""
 
     def __init__(self) -> None:
         self._heard: dict[str, deque[_Heard]] = {stage: deque(maxlen=16) for stage in HEARD}
@@ -63,31 +63,31 @@ class StageRecords:
         self._there_s: dict[str, float] = {}
 
     def receive(self, health: Health, now_s: float) -> None:
-        """A stage has said how it is. Who is no stage of ours is not listened to."""
+        """Record a health message; those of unknown stages are ignored."""
         records = self._heard.get(health.stage)
         if records is None:
             return
         if records and records[-1].health.pid != health.pid:
-            records.clear()  # started again: its counts start anew
+            records.clear()  # restarted: its counts start anew
         if not records or (health.rate_hz or 0) > 0:
             self._busy_s[health.stage] = now_s
         records.append(_Heard(health, now_s))
 
     def latest(self, stage: str) -> Health | None:
-        """The last that a stage has said, if anything."""
+        """The last health message of a stage, if any."""
         records = self._heard[stage]
         return records[-1].health if records else None
 
     def drops(self) -> dict[str, dict[str, int]]:
-        """What each stage that drops has dropped in all, by reason."""
+        """Total drops of each stage that drops, by reason."""
         latest = {stage: self.latest(stage) for stage in HEARD}
         return {stage: dict(health.drops) for stage, health in latest.items() if health is not None and health.drops}
 
     def words(self, alive: Collection[str], now_s: float, lost: str = "", complete: bool = False) -> list[Word]:
-        """One word on each stage, and on the bridge where there is or was one.
+        """Status of each stage, and of the bridge where there is or was one.
 
-        alive: those whose process is there; lost: why the last pose is lost, if it is; complete: whether the run's last
-        objects are there, so that who is gone has done its work. To be called every second.
+        alive: those whose process is running; lost: why the last pose is lost, if it is; complete: whether the run's
+        last objects have come, so that a stage that is gone has finished. To be called every second.
         """
         self._gone_s = {stage: self._gone_s.get(stage, now_s) for stage in HEARD if stage not in alive}
         self._there_s = {stage: self._there_s.get(stage, now_s) for stage in HEARD if stage in alive}
@@ -116,7 +116,7 @@ class StageRecords:
             return Word(stage, "bad", f"is lost: {lost}")
         span_s = records[-1].at_s - oldest.at_s
         if stage == BRIDGE:
-            # It skips images on purpose; how many, the table of what was dropped says.
+            # It skips images on purpose; the table of drops shows how many.
             crossed_hz = (newest.published - oldest.health.published) / span_s if span_s > 0 else 0.0
             return Word(stage, "good", f"{crossed_hz:.0f} messages a second cross")
         idle = self._idle(stage, alive, now_s)
@@ -131,24 +131,24 @@ class StageRecords:
         return Word(stage, "good", _well(newest))
 
     def _absent(self, stage: str, silent_s: float) -> str:
-        """Why a stage is not there: it has ended, or nothing comes from it any more."""
+        """Why a stage is gone: it has ended, or it hangs or is cut off."""
         if self._cut(stage):
             return f"does not answer, for {silent_s:.0f} s: it hangs, or the link to it is cut"
         gone = "is not running, or the link is cut" if stage == BRIDGE else "is not running"
         return f"{gone}, since {silent_s:.0f} s" if self._heard[stage] else gone
 
     def _cut(self, stage: str) -> bool:
-        """Whether a stage that is not there was silent before it was gone."""
+        """Whether a stage that is gone was silent before."""
         records = self._heard[stage]
         return bool(records) and self._gone_s[stage] - records[-1].at_s > _CUT_S
 
     def _before(self, stage: str, now_s: float) -> _Heard:
-        """What the stage said some seconds ago, or first."""
+        """The stage's oldest message in the window of the rates, otherwise its last one."""
         records = self._heard[stage]
         return next((item for item in records if now_s - item.at_s <= _WINDOW_S), records[-1])
 
     def _idle(self, stage: str, alive: Collection[str], now_s: float) -> Word | None:
-        """What a stage that does nothing waits for; None where it works."""
+        """What an idle stage waits for; None where it works."""
         idle_s = self._idle_s(stage, now_s)
         if idle_s < IDLE_S:
             return None
@@ -164,19 +164,19 @@ class StageRecords:
         if stage in _CHOOSES:
             return None
         if not all(map(self.latest, _INPUTS[stage])):
-            # Of two who give something, it may be either that gives nothing.
+            # With two inputs, either may be missing.
             sole = _GIVES[_INPUTS[stage][0]] if len(_INPUTS[stage]) == 1 else ""
             nothing = f"waits: no {sole}" if sole and self._gets_nothing(stage) else "has finished nothing"
             return Word(stage, "waits", f"{nothing} for {idle_s:.1f} s")
         return Word(stage, "bad", f"has its input, and has finished nothing for {idle_s:.1f} s")
 
     def _gets_nothing(self, stage: str) -> bool:
-        """Whether no message came to a stage between the last two times that it said how it is."""
+        """Whether a stage received no message between its last two health messages."""
         last = [item.health.received for item in self._heard[stage]][-2:]
         return len(last) == 2 and last[0] == last[1]
 
     def _idle_s(self, stage: str, now_s: float) -> float:
-        """For how long a stage has done nothing; 0 of one that never said how it is."""
+        """For how long a stage has done nothing; 0 for one that never published its health."""
         return now_s - self._busy_s.get(stage, now_s)
 
     def _dropping(self, newest: Health, oldest: Health, span_s: float) -> str:

@@ -1,4 +1,4 @@
-"""The dashboard's ears: what robots say, heard without ever making one wait."""
+"""The dashboard's connection: receives the robots' messages without ever making one wait."""
 
 import logging
 import queue
@@ -34,9 +34,9 @@ from spot3d_schemas.limits import MAX_MAP_CHANGES
 log = logging.getLogger(__name__)
 
 _FLEET = (*(f"{stage}/health" for stage in HEARD), "fusion/objects")
-"""Small, and heard of every robot."""
+"""Small topics, subscribed to for every robot."""
 _SHOWN = ("source/preview", "heatmap/preview", "pose/pose", "fusion/progress")
-"""Heard only of robots that are shown."""
+"""Topics subscribed to only for robots that are shown."""
 _WAITING = {"fusion/objects": 8, "pose/pose": 64, "fusion/progress": 64, "source/preview": 1, "heatmap/preview": 1}
 _HEALTHS_WAITING = 64
 _POLL_S = 1.0
@@ -44,9 +44,9 @@ _ANSWER_S = 5.0
 _POINT_BYTES = 24
 _PRIORITY = zenoh.Priority.DATA_LOW
 _NAME = b"the dashboard"
-"""Fusion tells by whom it was reset."""
+"""Sent with a query: fusion reports by whom it was reset."""
 ROBOTS_MAX = 16
-"""Robots that are shown; one that is gone makes room, and where more are alive the page says so."""
+"""Most robots that are shown; one that is gone makes room, and the page says if more are alive."""
 
 Heard = tuple[str, str, Message]
 """Robot, topic, message."""
@@ -54,7 +54,7 @@ Heard = tuple[str, str, Message]
 
 @dataclass(frozen=True, slots=True)
 class Interest:
-    """What is heard beside how every robot's stages fare and what they found: poses of `robots`, and what is set."""
+    """What to subscribe to besides every robot's health and objects: poses of `robots`, and what is set."""
 
     robots: frozenset[str] = frozenset()
     images: bool = False
@@ -62,12 +62,12 @@ class Interest:
     maps: bool = False
 
     def pictures(self) -> tuple[tuple[str, bool], ...]:
-        """The topics of pictures, and whether they are wanted."""
+        """The topics of images, and whether they are wanted."""
         return ("source/preview", self.images), ("heatmap/preview", self.images and self.heat)
 
 
 class Link:
-    """A connection to a router, for as long as the block is entered; opened, and opened again, in the background."""
+    """A connection to a router while its `with` block lasts, opened and reopened in the background."""
 
     def __init__(self, settings: LinkSettings, map_rate: float) -> None:
         self._settings = settings
@@ -83,13 +83,13 @@ class Link:
         self.alive: dict[str, frozenset[str]] = {}
         self.connected = False
         self.failed: OSError | None = None
-        """Why it cannot listen where it should; what cannot be reached is waited for instead."""
+        """Why it cannot listen at its address; an unreachable router is waited for instead."""
         self._settled = threading.Event()
         self._pause_s = 0.1
         self._thread = threading.Thread(target=self._work, name="link", daemon=True)
 
     def __enter__(self) -> "Link":
-        """Raises OSError where it cannot listen where it should."""
+        """Start to connect. Raises OSError where it cannot listen at its address."""
         self._thread.start()
         if self._settings.mode != "client":
             self._settled.wait(_ANSWER_S)
@@ -102,18 +102,18 @@ class Link:
         self._thread.join(_ANSWER_S + 2)
 
     def follow(self, interest: Interest) -> None:
-        """Hear this from now on, and nothing else that costs."""
+        """Subscribe to these topics from now on, and to no other large ones."""
         if interest != self._interest:
             with self._lock:
                 self._interest = interest
                 self._listen()
 
     def forget(self, robot: str) -> None:
-        """Of a robot that comes back, ask for its whole map."""
+        """Ask for the robot's whole map if it comes back."""
         self._cursors.pop(robot, None)
 
     def drain(self) -> Iterator[Heard]:
-        """Everything that has come since the last call; what is no valid message is left out."""
+        """All valid messages since the last call."""
         with self._lock:
             handlers = [*self._fleet.items(), *((topic, ear.handler) for (_, topic), ear in self._ears.items())]
         for topic, handler in handlers:
@@ -126,7 +126,7 @@ class Link:
             yield self._answers.get_nowait()
 
     def ask(self, robot: str, topic: str, timeout_s: float = _ANSWER_S) -> Message | None:
-        """The answer of a robot's stage to a query; None where none comes."""
+        """The answer of a robot's stage to a query; None without an answer."""
         session = self._session
         return None if session is None else _answer(session, key(robot, topic), topic, timeout_s)
 
@@ -155,7 +155,7 @@ class Link:
             self._settled.set()
 
     def _poll(self, session: zenoh.Session) -> None:
-        """Who is there, and what has changed in the maps that are shown."""
+        """Ask which stages are alive, and for the changes of the shown maps."""
         client = self._settings.mode == "client"
         self.connected = bool(session.info.routers_zid()) or not client
         alive: dict[str, set[str]] = {}
@@ -172,7 +172,7 @@ class Link:
         start_s = time.monotonic()
         for robot in asked:
             generation, since = self._cursors.get(robot, (0, 0))
-            # Over a thin link an answer takes its time: another one is not asked for before it is here.
+            # Over a slow link an answer takes time: the next one is not asked for before it is here.
             where = f"{key(robot, 'fusion/changes')}?generation={generation};since={since};limit={MAX_MAP_CHANGES}"
             answer = _answer(session, where, "fusion/changes", _ANSWER_S)
             if isinstance(answer, MapChanges) and not self._answers.full():
@@ -184,7 +184,7 @@ class Link:
         self._pause_s = max(0.05, period_s - (time.monotonic() - start_s))
 
     def _listen(self) -> None:
-        """Subscribe to what is shown, and to nothing else. With the lock."""
+        """Subscribe to the topics that are shown, and end the other subscriptions. Call it with the lock held."""
         if self._session is None:
             return
         left_out = {topic for topic, there in self._interest.pictures() if not there}
@@ -204,7 +204,7 @@ class Link:
 
 
 def _hear_fleet(session: zenoh.Session, topic: str, stack: ExitStack) -> Handler[zenoh.Sample]:
-    """Subscribe to a topic of every robot until the stack ends."""
+    """Subscribe to a topic of every robot until the stack is closed."""
     size = _WAITING.get(topic, _HEALTHS_WAITING)
     if TOPICS[topic].kept:
         return subscribe_kept(session, fleet_key(topic), size, stack)
@@ -222,7 +222,7 @@ def _received(handler: "Handler[zenoh.Sample]") -> zenoh.Sample | None:
 
 
 def _decoded(sample: zenoh.Sample, topic: str) -> Message | None:
-    """The message; None where it is none: who sends nonsense must not blind the dashboard."""
+    """The message; None where it is invalid, which must not stop the dashboard."""
     payload = intact_bytes(sample.payload)
     try:
         return None if payload is None else decode(payload, TOPICS[topic].message)

@@ -1,4 +1,4 @@
-"""The page: what was heard goes to the panels and the scene, bounded in rate whatever comes."""
+"""The page: shows received messages in the panels and the scene, at a bounded rate."""
 
 import logging
 import operator
@@ -27,15 +27,15 @@ log = logging.getLogger(__name__)
 _QUICK_S, _SLOW_S = 0.2, 0.5
 _VIEW_HEIGHT, _RENDER_S = 900, 20.0
 _FLIGHTS = 16
-"""Most browsers whose view is moved at a time; it takes them a second, and the page goes on meanwhile."""
+"""Most browsers whose view is moved at a time; a flight takes a second, and the page goes on meanwhile."""
 _PICTURES = 3
 """Most robots whose pictures are shown side by side."""
 _HOME_EXTENT_M = 1.2
-"""What is in view of a camera about so far away, before more is known."""
+"""Assumed distance of the scene from the camera, before more is known."""
 
 
 class Page:
-    """Shows what the link hears on one viser server."""
+    """Shows the messages of the link on one viser server."""
 
     def __init__(
         self, server: viser.ViserServer, link: Link, settings: DashboardSettings, where: str, always: bool
@@ -59,7 +59,7 @@ class Page:
         self._flights.shutdown(cancel_futures=True)
 
     def step(self, first: str | None = None) -> None:
-        """Take in what has come, and show what is due; call it about twenty times a second."""
+        """Process the received messages, and show what is due; call it about twenty times a second."""
         now_s = time.monotonic()
         for name, topic, message in self._link.drain():
             robot = self._robot(name)
@@ -93,7 +93,7 @@ class Page:
         return self._robots.get(name)
 
     def _make_room(self, name: str, alive: Collection[str]) -> None:
-        """Where there are as many robots as can be, and this is another: forget the one that is gone the longest."""
+        """If this robot is new and the limit is reached, forget the robot that is gone the longest."""
         gone = [robot for robot in self._robots.values() if robot.name not in alive]
         if name in self._robots or len(self._robots) < ROBOTS_MAX or not gone:
             return
@@ -106,7 +106,7 @@ class Page:
             scene.remove()
 
     def _tell(self, now_s: float) -> None:
-        """The texts of the panels."""
+        """Update the texts of the panels."""
         panel, shown = self._panel, self._shown
         first = shown[0] if shown else None
         frames_s = None if first is None or first.frame_s is None else now_s - first.frame_s
@@ -122,7 +122,7 @@ class Page:
         panel.drops.say("".join(drop_table(robot.records.drops()) for robot in shown))
 
     def _show(self, slow: bool) -> None:
-        """The scene, the picture and the table; slow: what grows, too."""
+        """Update the scene, the picture and the table; slow: also points, path and planes."""
         wanted, shown = self._panel.shown, self._shown
         for robot in shown:
             if robot.name not in self._scenes and robot.up() is not None:
@@ -132,7 +132,7 @@ class Page:
         for name, scene in self._scenes.items():
             scene.visible(name in names)
             if name in names:
-                # Robots that share a world are turned alike.
+                # Robots shown together share a world, and are turned alike.
                 scene.turn(shown[0].up())
                 scene.show_quick(wanted)
                 if slow:
@@ -144,7 +144,7 @@ class Page:
         self._show_picture(shown)
 
     def _look_at_new(self, shown: Sequence[Robot]) -> None:
-        """Show everything in all browsers where there is a robot more, or its first objects have turned its world."""
+        """Show everything in all browsers after a robot was added, or its first objects have turned its world."""
         looks = False
         for robot in shown:
             upright = robot.objects is not None and bool(robot.objects.objects)
@@ -155,7 +155,7 @@ class Page:
                 self._flights.submit(self._look, client).add_done_callback(_tell_failure)
 
     def _mark(self) -> None:
-        """Mark the object that was chosen, and nothing else: the page stands still."""
+        """Mark the chosen object, and change nothing else on the paused page."""
         for scene in self._scenes.values():
             scene.mark(self._panel.shown.chosen)
         self._panel.mark()
@@ -233,7 +233,7 @@ def _tell_failure(flight: Future[None]) -> None:
 
 
 def _extent(robot: Robot, R_view_world: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, NDArray[np.float64]]:
-    """Middle (3,) and extent of what a robot has seen, and where its camera looks (3,), in the view's world."""
+    """Middle (3,) and extent of a robot's map, and where its camera looks (3,), in the view's world."""
     pose = np.eye(4) if robot.pose is None else robot.pose.T_world_camera
     ahead = R_view_world @ pose[:3, 2]
     xyz = robot.map.points()[0]

@@ -1,4 +1,4 @@
-"""The panels of the page: what to show, what was found, how the stages fare, and the buttons."""
+"""The panels of the page: view options, objects, health of the stages, and buttons."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,16 +14,16 @@ from spot3d_schemas import Object3D
 
 EVERY = "all, in one world"
 _ROWS = 40
-"""Most objects in the table; a higher threshold shows the others."""
+"""Most objects in the table."""
 _SHADE = 0.45
-"""White text is read on an object's colour at this brightness."""
+"""Brightness of an object's colour at which white text on it is legible."""
 
 Client = viser.ClientHandle | None
 
 
 @dataclass(frozen=True, slots=True)
 class Actions:
-    """What buttons do; each is given the browser in which it was pressed."""
+    """Callbacks of the buttons; each gets the browser in which the button was pressed."""
 
     choose: Callable[[Client, str, int], None]
     look: Callable[[Client], None]
@@ -39,7 +39,7 @@ class _Text:
         self._said = ""
 
     def say(self, text: str) -> None:
-        """Show this."""
+        """Show this text."""
         if text != self._said:
             self._said = text
             self._handle.content = text
@@ -47,7 +47,7 @@ class _Text:
 
 
 class Panel:
-    """The controls. All browsers share them; only the view of the 3D scene is each browser's own."""
+    """The controls. All browsers share them; each browser has only its own view of the 3D scene."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         self._actions = actions
@@ -59,7 +59,7 @@ class Panel:
         gui.set_panel_label("spot3d")
         self.waiting = _Text(gui.add_markdown(""))
         self.summary = _Text(gui.add_markdown(""))
-        # Of any type, as mypy does not find the setter of its value.
+        # Typed as Any, as mypy does not find the setter of its value.
         self._robot: Any = gui.add_dropdown("Robot", [""], visible=False)
         with gui.add_folder("Health"):
             self.health = _Text(gui.add_html(""))
@@ -96,12 +96,12 @@ class Panel:
 
     @property
     def paused(self) -> bool:
-        """Whether the page is to stand still."""
+        """Whether the page is paused."""
         return bool(self._paused.value)
 
     @property
     def heat_over_picture(self) -> bool:
-        """Whether heat is laid over the camera's picture."""
+        """Whether heat is overlaid on the camera's picture."""
         return bool(self._heat.value)
 
     @property
@@ -117,11 +117,11 @@ class Panel:
         self._chosen = (robot, number)
 
     def mark(self) -> None:
-        """Show the table as it stands, with the object that is chosen by now."""
+        """Show the table again, with the object that is chosen now."""
         self.list_objects(*self._listed)
 
     def robots(self, names: Sequence[str], first: str | None = None) -> list[str]:
-        """Offer these robots; returns those that are chosen. first: the one to begin with, where it is there."""
+        """Offer these robots; returns those that are chosen. first: the one to begin with, if it is among them."""
         options = tuple([*names, EVERY] if len(names) > 1 else names)
         if options and self._robot.options != options:
             before = self._robot.value
@@ -135,7 +135,7 @@ class Panel:
         return [name for name in names if name == self._robot.value]
 
     def show_picture(self, picture: NDArray[np.uint8] | None) -> None:
-        """Show the camera's picture, or that there is none."""
+        """Show the camera's picture; None hides it."""
         if picture is not None:
             self._picture.image = picture
         if self._picture.visible != (picture is not None):

@@ -1,4 +1,4 @@
-"""What the panel says, as HTML and Markdown; pure text."""
+"""Texts of the panel, as HTML and Markdown."""
 
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -11,7 +11,7 @@ _REASONS_MOST = 12
 
 
 def waiting_for(router: bool, where: str, robots: Sequence[str], robot: Robot | None, frames_s: float | None) -> str:
-    """What is missing before there is something to see, and what to do; empty where nothing is.
+    """What is missing before there is something to show, and what to do; empty where nothing is missing.
 
     frames_s: how long ago the last frame of the robot shown came, None: none has come.
     """
@@ -42,7 +42,7 @@ def waiting_for(router: bool, where: str, robots: Sequence[str], robot: Robot | 
 
 
 def summary(robot: Robot) -> str:
-    """One line on what a robot has found."""
+    """One line on a robot's objects, frames and map."""
     objects, progress = robot.objects, robot.progress
     fused = 0 if progress is None else progress.fused
     frames = fused if objects is None else max(fused, objects.frame_count)
@@ -60,7 +60,7 @@ def summary(robot: Robot) -> str:
 
 
 def health_table(words: Sequence[Word]) -> str:
-    """How each stage fares, and the bridge, in words."""
+    """Status of each stage and of the bridge."""
     rows = "".join(
         f'<tr><td style="color:{_COLOURS[word.level]}">&#9679;</td><td><b>{escape(word.stage)}</b></td>'
         f"<td>{escape(word.text)}</td></tr>"
@@ -80,7 +80,7 @@ def hop_table(times: Mapping[str, Mapping[str, float]]) -> str:
 
 
 def drop_table(drops: Mapping[str, Mapping[str, int]]) -> str:
-    """What was dropped so far, by stage and reason."""
+    """Drops so far, by stage and reason."""
     counted = [(count, stage, reason) for stage in HEARD for reason, count in drops.get(stage, {}).items()]
     if not counted:
         return "nothing dropped"

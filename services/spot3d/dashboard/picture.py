@@ -15,7 +15,7 @@ from spot3d_schemas import Object3D, Preview
 
 WIDTH = 640
 _HEAT_SHARE = 0.6
-"""How much of the picture gives way to heat where it is hottest."""
+"""Opacity of the heat overlay where it is hottest."""
 
 
 def live_picture(
@@ -26,8 +26,8 @@ def live_picture(
 ) -> NDArray[np.uint8]:
     """A preview at 640 pixels with each object's box and number; (h, 640, 3) uint8 RGB.
 
-    heat: of the same frame or one near it, None: no overlay. T_world_camera: (4, 4) pose of the frame; None: it is not
-    known, and no box is drawn.
+    heat: of the same frame or one near it; None: no overlay. T_world_camera: (4, 4) pose of the frame; None: unknown,
+    no box is drawn.
     """
     colour = seen.colour if heat is None else with_heat(seen.colour, heat.colour[:, :, 0])
     if T_world_camera is None:
@@ -37,7 +37,7 @@ def live_picture(
 
 
 def with_heat(colour: NDArray[np.uint8], heat: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Colour (h, w, 3) uint8 RGB with heat, (h', w') uint8, laid over it: nothing where it is cold."""
+    """Colour (h, w, 3) uint8 RGB with an overlay of heat, (h', w') uint8, which is transparent where heat is 0."""
     height, width = colour.shape[:2]
     heat = np.asarray(cv2.resize(heat, (width, height), interpolation=cv2.INTER_LINEAR), np.uint8)
     share = (np.float32(_HEAT_SHARE / 255) * heat)[:, :, None]

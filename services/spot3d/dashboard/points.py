@@ -1,4 +1,4 @@
-"""A robot's map as the dashboard has it: points that change one by one, shown in chunks."""
+"""The dashboard's copy of a robot's map: points are updated one by one, and shown in chunks."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ CHUNK = 16_384
 
 
 class MapCopy:
-    """The points of a map by their number, and which chunks of them have changed since they were last taken.
+    """The points of a map by number, and which chunks have changed since they were last shown.
 
     xyz: (n, 3) float32 m, world; rgb: (n, 3) uint8; heat: (n,) uint8 255ths; frequency: (n,) uint32, 0 = no point.
     left_out: changes of points beyond `limit`, which are not kept.
@@ -39,7 +39,7 @@ class MapCopy:
         return -(-self._used // CHUNK)
 
     def apply(self, changes: MapChanges) -> bool:
-        """Take in an answer; returns whether it is of another map, so that all was forgotten first."""
+        """Apply an answer; returns whether it is of another map, in which case all points were forgotten first."""
         another = changes.generation != self.generation
         if another:
             self.dirty |= set(range(self.chunks))

@@ -36,7 +36,7 @@ def run(
 ) -> None:
     """Serve the page until stopped by `stop`, SIGINT or SIGTERM.
 
-    robot: the one to show first. always: follow the map even while no browser looks. on_ready: is told the address.
+    robot: the one to show first. always: follow the map even without a browser. on_ready: called with the address.
     Raises OSError where the page cannot be served at the address of the settings, or `link` cannot listen.
     """
     with stop_on_signals(stop) as stopped, open_server(settings) as server:
@@ -53,9 +53,9 @@ def serve(
     always: bool = False,
     on_ready: Callable[[], None] = lambda: None,
 ) -> None:
-    """Show what is heard on an open server until `stop` is set. Raises OSError where `link` cannot listen.
+    """Show received messages on an open server until `stop` is set. Raises OSError where `link` cannot listen.
 
-    on_ready: called once it listens, or at once where it seeks a router.
+    on_ready: called once it listens, or at once where it connects to a router.
     """
     failures = RateLimitedLog(log)
     where = ", ".join(link.listen or link.connect)
@@ -68,7 +68,7 @@ def serve(
             try:
                 page.step(robot)
             except Exception as error:
-                # What one robot sends, or one browser does, must not end the page for all.
+                # One robot's messages or one browser's actions must not end the page for all.
                 kind = type(error).__name__
                 failures.say(kind, f"a step of the page failed: {kind}: {error}", time.monotonic(), error)
                 stop.wait(1.0)
@@ -85,7 +85,7 @@ def open_server(settings: DashboardSettings) -> Iterator[viser.ViserServer]:
     """The server of the page. Raises OSError where it cannot be served at the address of the settings."""
     logging.getLogger("websockets").setLevel(logging.WARNING)
     port = free_port(settings)
-    # viser prints what it does; the address is told by whoever starts the dashboard.
+    # Suppresses viser's own prints; the caller of the dashboard prints the address.
     with redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=settings.host, port=port, label="spot3d", verbose=False)
     try:

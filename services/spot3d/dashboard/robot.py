@@ -1,4 +1,4 @@
-"""What the dashboard knows of one robot."""
+"""The dashboard's state of one robot."""
 
 from collections import OrderedDict, deque
 
@@ -15,25 +15,25 @@ from spot3d.run.report import HopTimes
 from spot3d_schemas import Health, MapChanges, Message, Object3D, Objects, Pose, Preview, Progress
 
 _POSES = 120
-"""Poses that are kept for previews that come later: four seconds of a camera."""
+"""Poses kept for previews that come later: four seconds of a camera."""
 _WITHOUT_POSE_S = 1.0
-"""A preview whose pose has not come by then is shown without boxes."""
+"""A preview whose pose has not come after this time is shown without boxes."""
 _COMING = 8
-"""At most so many previews wait for their poses: what comes in that time, five a second."""
+"""Most previews that wait for their poses: more than come in that time, at five a second."""
 _HEAT_APART_NS = 1_000_000_000
-"""Heat of a frame that is further away than this is of another picture."""
+"""Largest time between a preview and the heat that is overlaid on it."""
 _TIMES = 300
-"""Times of a hop that are kept: ten seconds of a camera."""
+"""Latencies kept of each hop: ten seconds of a camera."""
 
 
 class Robot:
-    """Everything that was heard of one robot; bounded, whatever is sent. Times are monotonic seconds."""
+    """State from all messages of one robot, bounded in size. Times are monotonic seconds."""
 
     def __init__(self, name: str, points_max: int) -> None:
         self.name = name
         self.alive: frozenset[str] = frozenset()
         self.alive_s = float("-inf")
-        """When a stage of it was last there."""
+        """When a stage of it was last alive."""
         self.records = StageRecords()
         self.map = MapCopy(points_max)
         self.objects: Objects | None = None
@@ -52,17 +52,17 @@ class Robot:
 
     @property
     def complete(self) -> bool:
-        """Whether the last objects of a run are here."""
+        """Whether the last objects of a run have come."""
         return self.objects is not None and self.objects.complete
 
     def present(self, stages: frozenset[str], now_s: float) -> None:
-        """These stages of it are alive now."""
+        """Set which of its stages are alive now."""
         self.alive = stages
         if stages:
             self.alive_s = now_s
 
     def receive(self, topic: str, message: Message, now_s: float) -> None:
-        """Take in a message of this robot."""
+        """Process a message of this robot."""
         if isinstance(message, Health):
             self.records.receive(message, now_s)
         elif isinstance(message, Objects):
@@ -83,19 +83,19 @@ class Robot:
         self._pair(now_s)
 
     def objects_from(self, confidence: float) -> list[Object3D]:
-        """The objects of at least this confidence, the surest first."""
+        """The objects of at least this confidence, the most confident first."""
         known = () if self.objects is None else self.objects.objects
         chosen = [item for item in known if item.confidence >= confidence]
         return sorted(chosen, key=lambda item: (-item.confidence, item.id))
 
     def heat_of(self, preview: Preview) -> Preview | None:
-        """Heat to be laid over this preview: that of its frame, or of one just before or after it."""
+        """Heat to be overlaid on this preview: of its frame, or of one shortly before or after."""
         if self.heat is None or abs(self.heat.header.stamp_ns - preview.header.stamp_ns) > _HEAT_APART_NS:
             return None
         return self.heat
 
     def up(self) -> NDArray[np.float64] | None:
-        """(3,) what is up in this robot's world; before any object is known, what is up in the camera's picture."""
+        """Up (3,) in this robot's world; before any object is known, up in the camera's image."""
         if self._up is not None:
             return self._up
         return None if self.pose is None else -self.pose.T_world_camera[:3, 1]
@@ -111,7 +111,7 @@ class Robot:
             self._poses.popitem(last=False)
 
     def _pair(self, now_s: float) -> None:
-        """Show the newest of the previews that wait whose pose is known, or has not come for too long."""
+        """Show the newest waiting preview whose pose is known, or has not come for too long."""
         for later in range(len(self._coming)):
             preview, came_s = self._coming[-1 - later]
             pose = self._poses.get(preview.header.stamp_ns)
@@ -140,7 +140,7 @@ class Robot:
             self._up = objects.up
 
     def _changed(self, changes: MapChanges) -> None:
-        """Another map may be of the objects' epoch all the same: they come before it, and outlive a restart."""
+        """Apply changes of the map. Objects of its epoch are kept: they may come before it, and outlive a restart."""
         another = self.map.apply(changes)
         if another and self.objects is not None and self.objects.epoch != changes.epoch:
             self.objects, self.trail = None, Trail()
@@ -148,7 +148,7 @@ class Robot:
 
 
 def _calibrated(preview: Preview, pose: Pose) -> Preview:
-    """The preview with the intrinsics that are right by its pose: boxes are drawn where things are seen."""
+    """The preview with intrinsics corrected by its pose's calibration, so that boxes fit the image."""
     known, told = calibration_of(pose), preview.intrinsics
     camera = known.camera(Intrinsics(**told.model_dump()))
     return preview.model_copy(update={"intrinsics": told.model_copy(update={"cx": camera.cx, "cy": camera.cy})})

@@ -1,4 +1,4 @@
-"""What the page saves: the files that a run writes, of what is known now."""
+"""Files saved from the page: those that a run writes, with the latest state."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ def objects_file(robot: Robot) -> bytes:
 
 
 def map_file(robot: Robot, whole: MapPoints | None) -> bytes:
-    """heatmap.ply of the whole map where fusion has given it, else of the dashboard's copy (heat in 256 steps)."""
+    """heatmap.ply of the whole map if fusion sent it, else of the dashboard's copy (heat in 256 steps)."""
     if whole is not None:
         return ply_bytes(MapSnapshot(whole.xyz, whole.rgb, whole.heat, whole.frequency, whole.total))
     xyz, rgb, heat, frequency = robot.map.points()

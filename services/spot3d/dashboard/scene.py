@@ -21,22 +21,22 @@ _CHUNKS_AT_ONCE = 4
 """Most chunks of the map that are sent to the browsers at a time: 0.6 MB each half second."""
 _FRUSTUM_M = 0.1
 _LABEL_M = 0.02
-"""A label is so far above its box."""
+"""Height of a label above its box."""
 _PLANES_S = 2.0
-"""Patches of planes are brought up to date this often."""
+"""Time between updates of the patches of planes."""
 _TURN = np.cos(np.radians(0.5))
-"""The world is not turned for less: it would tremble with each update of the objects."""
+"""Cosine of the least turn of the world: with smaller ones it would tremble with each update of the objects."""
 _PATH_COLOUR = (240, 240, 240)
 _PLANE_COLOUR = (70, 130, 230)
 _CHOSEN_COLOUR = (255, 255, 255)
 
 _UNIT_EDGES = (CORNERS / 2).astype(np.float32)[EDGES]
-"""(12, 2, 3) the edges of the cube around the origin with sides of one."""
+"""(12, 2, 3) edges of the unit cube around the origin."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """What the page is to show."""
+    """The options of what the page shows."""
 
     heat: bool = False
     boxes: bool = True
@@ -69,7 +69,7 @@ class _BoxNodes:
         self._faces.on_click(lambda event: on_click(event.client, robot, item.id))
 
     def show(self, item: Object3D, label: bool, chosen: bool, up: NDArray[np.float64]) -> None:
-        """Bring the nodes up to date, if anything has changed. up: (3,), in the object's world."""
+        """Update the nodes, if anything has changed. up: (3,), in the object's world."""
         if self._item == (item, label, chosen):
             return
         self._item = (item, label, chosen)
@@ -86,13 +86,13 @@ class _BoxNodes:
         self._label.visible = label
 
     def mark(self, chosen: bool, up: NDArray[np.float64]) -> None:
-        """Mark the object as it stands, or no longer."""
+        """Mark or unmark the object, with everything else unchanged."""
         if self._item is not None:
             item, label, _ = self._item
             self.show(item, label, chosen, up)
 
     def remove(self) -> None:
-        """Take the object from the page."""
+        """Remove the object from the page."""
         self._root.remove()
 
 
@@ -116,7 +116,7 @@ class RobotScene:
 
     @property
     def R_view_world(self) -> NDArray[np.float64]:
-        """(3, 3) how this robot's world is turned in the view."""
+        """Rotation (3, 3) of this robot's world in the view."""
         return np.eye(3) if self._up is None else rotation_to_z(self._up)
 
     def visible(self, there: bool) -> None:
@@ -125,28 +125,28 @@ class RobotScene:
             self._root.visible = there
 
     def remove(self) -> None:
-        """Take the robot from the page."""
+        """Remove the robot from the page."""
         self._root.remove()
 
     def turn(self, up: NDArray[np.float64] | None) -> None:
-        """Let `up` (3,), of this robot's world, be up in the view, unless it hardly differs from what is."""
+        """Turn `up` (3,), of this robot's world, upwards in the view, unless it hardly differs from before."""
         if up is None or (self._up is not None and up @ self._up > _TURN):
             return
         self._up = up
         self._root.wxyz = quaternion(rotation_to_z(up))
 
     def show_quick(self, shown: Shown) -> None:
-        """What moves with each frame: the camera, and the boxes."""
+        """Update what moves with each frame: the camera, and the boxes."""
         self._show_camera(shown)
         self._show_boxes(self._robot.objects_from(shown.confidence) if shown.boxes else (), shown)
 
     def mark(self, chosen: tuple[str, int] | None) -> None:
-        """Mark this robot's object and number among the boxes as they stand."""
+        """Mark the chosen object (robot, number) among the boxes, and unmark the others."""
         for number, box in self._boxes.items():
             box.mark(chosen == (self._robot.name, number), self.R_view_world[2])
 
     def show_slow(self, shown: Shown) -> None:
-        """What grows: points, path and planes."""
+        """Update what grows: points, path and planes."""
         self._show_points(shown.heat)
         self._show_path(shown.path)
         self._show_planes(shown.planes)
@@ -203,7 +203,7 @@ class RobotScene:
                 if old is not None:
                     old.remove()
                 continue
-            # Half precision is a millimetre within two metres: around the chunk's own middle, which is near.
+            # Half precision is exact to a millimetre within two metres, hence around the chunk's own middle.
             middle = xyz.mean(axis=0)
             self._chunks[number] = self._scene.add_point_cloud(
                 f"{self._name}/points/{number}",

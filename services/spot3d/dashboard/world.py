@@ -1,4 +1,4 @@
-"""What is shown of the world: turned so that z is up, the camera's path, and patches of supporting planes."""
+"""World geometry for the view: rotations as quaternions, the camera's path, and patches of supporting planes."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,17 +6,17 @@ from numpy.typing import NDArray
 from spot3d.trajectory import quaternion_from_rotation
 
 _STEP_M = 0.02
-"""The path has no corners that are nearer to each other."""
+"""Least distance between corners of the path."""
 _CORNERS = 2000
 _NEAR_M = 0.015
 """Points within this of a plane lie on it."""
 _SAMPLE = 60_000
 _PATCH_POINTS = 200
-"""A plane that fewer points lie on is not shown."""
+"""Fewest points on a plane that is shown."""
 _LIFT_M = 0.005
-"""A patch lies this much above its plane: the points would hide it."""
+"""Height of a patch above its plane, so that the points do not hide it."""
 _PATCH_SHARE = 0.04
-"""So much of the points is left out on each side of a patch: what a plane cuts far away is not part of it."""
+"""Share of the points left out on each side of a patch: distant points that the plane cuts are not part of it."""
 
 
 def quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -32,7 +32,7 @@ class Trail:
         self._step_m = _STEP_M
 
     def add(self, place: NDArray[np.float64]) -> None:
-        """The camera is at `place` (3,), world: a corner, unless it is near to the last."""
+        """Add the camera's place (3,), world, as a corner, unless it is near the last one."""
         if self._corners and np.linalg.norm(place - self._corners[-1]) < self._step_m:
             return
         self._corners.append(np.array(place, np.float64))
@@ -47,9 +47,9 @@ class Trail:
 
 
 def plane_patches(planes: NDArray[np.float64], xyz: NDArray[np.float32]) -> list[NDArray[np.float32]]:
-    """For each plane on which enough points lie, the corners (4, 3) of a rectangle on it that covers these points.
+    """For each plane with enough points on it, the corners (4, 3) of a rectangle in it that covers these points.
 
-    planes: (p, 4) [n_x, n_y, n_z, b], n.x + b = 0; xyz: (n, 3) m, the same frame, of which a sample is looked at.
+    planes: (p, 4) [n_x, n_y, n_z, b], n.x + b = 0; xyz: (n, 3) m, the same frame, of which a sample is used.
     """
     sample = xyz[:: max(1, len(xyz) // _SAMPLE)]
     patches = (_patch(plane, sample) for plane in planes)
@@ -63,7 +63,7 @@ def _patch(plane: NDArray[np.float64], xyz: NDArray[np.float32]) -> NDArray[np.f
         return None
     across = np.linalg.svd(plane[None, :3])[2][1:].astype(np.float32)
     flat = near @ across.T
-    # Along the points' own axes, as tables are seldom along the world's.
+    # Along the points' principal axes, as tables are seldom aligned with the world's.
     axes = np.linalg.eigh(np.cov(flat[:: max(1, len(flat) // 5000)].T))[1].astype(np.float32)
     (a, b), (c, d) = np.quantile(flat @ axes, (_PATCH_SHARE, 1 - _PATCH_SHARE), axis=0)
     corners = np.array([(a, b), (c, b), (c, d), (a, d)], np.float32) @ axes.T @ across

@@ -1,1 +1,1 @@
-"""Pictures, drawn with OpenCV: views with boxes, the scene from above, curves."""
+"""Pictures drawn with OpenCV: views with boxes, the scene from above, charts."""

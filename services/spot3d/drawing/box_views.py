@@ -1,4 +1,4 @@
-"""Boxes drawn into the camera's own pictures, and the choice of pictures that show most of them."""
+"""Boxes drawn into the camera's images, and the choice of the views that show most of them."""
 
 from collections.abc import Sequence
 
@@ -18,9 +18,9 @@ from spot3d.drawing.picture import (
 from spot3d.frame import RgbdFrame
 
 _NEAR = 0.05
-"""Edges are cut where they come nearer to the camera than this, metres."""
+"""Edges are clipped nearer to the camera than this, metres."""
 _LARGE_ENOUGH = 60.0
-"""An object this many pixels long (at 640 pixels of width) is seen well; larger is not better."""
+"""Size in pixels (at an image width of 640) above which a larger object is not seen better."""
 
 
 def visibility(
@@ -29,9 +29,9 @@ def visibility(
     camera: Intrinsics,
     depth: NDArray[np.float32] | None = None,
 ) -> NDArray[np.float64]:
-    """How well one view shows each box, (n,) in 0..1: wholly in the picture, large enough, not covered.
+    """How well one view shows each box, (n,) in 0..1: wholly in the image, large enough, not occluded.
 
-    depth: (h, w) float32 metres, 0 = invalid; without it nothing counts as covered.
+    depth: (h, w) float32 metres, 0 = invalid; without it nothing counts as occluded.
     """
     T_camera_world = invert(T_world_camera)
     scores = np.zeros(len(boxes))
@@ -55,13 +55,13 @@ def choose_views(scores: NDArray[np.float64], count: int) -> list[int]:
     """Up to `count` views that together show the boxes best, in the order of the recording.
 
     scores: (views, boxes) in 0..1. Greedy: each next view adds most to the sum, over boxes, of the best
-    score, with half a reward for a box shown once more, so that equal views are not all alike.
+    score, plus a smaller one for each box shown again, which ranks views that add nothing else.
     """
     views, boxes = scores.shape
     best, total, chosen = np.zeros(boxes), np.zeros(boxes), list[int]()
     for _ in range(min(count, views)):
         gain = (np.maximum(scores, best) - best + 0.5 * scores / (1 + total)).sum(axis=1)
-        # A neighbour in time shows the same once more.
+        # Views near in time show the same.
         for taken in chosen:
             gain *= np.minimum(1.0, 0.2 + np.abs(np.arange(views) - taken) * 3 / max(1, views))
         gain[chosen] = -1

@@ -1,4 +1,4 @@
-"""Small line charts of growing cost, drawn with OpenCV."""
+"""Small line charts, drawn with OpenCV."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from spot3d.drawing.picture import Picture
 SIZE = (900, 600)
 LEFT, TOP, RIGHT, BOTTOM = 90, 60, 290, 80
 INK, GRID, _PAPER = (40, 40, 40), (222, 222, 222), (255, 255, 255)
-# Okabe and Ito's colours, told apart by colour-blind readers too (RGB).
+# Okabe and Ito's colours, which colour-blind readers can distinguish (RGB).
 _COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233), (230, 159, 0), (0, 0, 0))
 _SUBPIXEL_BITS = 4
 _TICKS = 5
@@ -49,21 +49,21 @@ def line_chart(title: str, x_name: str, y_name: str, lines: Sequence[Line]) -> P
 
 
 def _tick(most: float) -> float:
-    """A round number of which `_TICKS` reach at least as far as `most`."""
+    """A round step between ticks, with which `_TICKS` steps reach at least `most`."""
     least = max(most, 1e-9) / _TICKS
     power = 10.0 ** np.floor(np.log10(least))
     return float(next(power * digit for digit in (1, 2, 2.5, 5, 10) if power * digit >= least * (1 - 1e-9)))
 
 
 def empty_chart() -> Picture:
-    """Paper to draw a chart on: (600, 900, 3) uint8 RGB."""
+    """An empty picture for a chart: (600, 900, 3) uint8 RGB."""
     return np.full((SIZE[1], SIZE[0], 3), _PAPER, np.uint8)
 
 
 def draw_curve(picture: Picture, number: int, name: str, points: NDArray[np.float64]) -> None:
     """Draw the line through the pixels (n, 2) and its name in the legend, in place; `number` counts from 0."""
     colour = _COLOURS[number % len(_COLOURS)]
-    # More lines than colours: those of the next round are thin.
+    # Lines beyond the number of colours reuse them, and are thin.
     thickness = 3 if number < len(_COLOURS) else 1
     fixed = np.rint(points * (1 << _SUBPIXEL_BITS)).astype(np.int32)
     cv2.polylines(picture, [fixed], False, colour, thickness, cv2.LINE_AA, _SUBPIXEL_BITS)

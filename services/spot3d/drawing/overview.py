@@ -17,7 +17,7 @@ _VIEW_WIDTH = (_WIDTH - 4 * _GAP) // 3
 _TOP_SIZE = (2 * _VIEW_WIDTH + _GAP, 700)
 _PAPER = (18, 20, 24)
 _CANDIDATES = 40
-"""Views that are compared to choose three."""
+"""Most views that are compared to choose three."""
 
 
 def draw_overview(
@@ -68,7 +68,7 @@ def best_views(
 
 
 def _draw_list(picture: Picture, objects: Sequence[FoundObject], left: int, top: int) -> None:
-    """One line an object: colour, id, size, how sure; as many as there is room for."""
+    """One line per object: colour, id, size, views, confidence; as many as there is room for."""
     columns = (0, 70, 270, 375)
     for column, text in zip(columns, ("id", "size, cm", "views", "confidence"), strict=True):
         draw_text(picture, text, (left + column, top + 28), GREY, 0.5)

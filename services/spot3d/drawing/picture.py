@@ -1,4 +1,4 @@
-"""Colours, lines and labels of pictures, and their files."""
+"""Colours, lines and labels of pictures, and PNG files."""
 
 import colorsys
 from pathlib import Path
@@ -20,7 +20,7 @@ GREY: Colour = (150, 156, 166)
 _FONT = cv2.FONT_HERSHEY_DUPLEX
 _SUBPIXEL_BITS = 4
 
-# Bright hues whose neighbours in this order are far apart; objects keep theirs in every view.
+# Bright hues, with neighbours in this order far apart; an object has the same in every view.
 _PALETTE: tuple[Colour, ...] = (
     (255, 92, 92),
     (64, 196, 255),
@@ -55,7 +55,7 @@ def draw_lines(picture: Picture, lines: NDArray[np.float64], colour: Colour, thi
 
 
 def draw_faint_lines(picture: Picture, lines: NDArray[np.float64], colour: Colour) -> None:
-    """Draw (n, 2, 2) line segments half transparent and thin, in place: what lies behind."""
+    """Draw (n, 2, 2) line segments thin and half transparent, in place: for hidden edges."""
     layer = picture.copy()
     for start, end in _fixed(lines):
         cv2.line(layer, start, end, colour, 1, lineType=cv2.LINE_AA, shift=_SUBPIXEL_BITS)
@@ -67,7 +67,7 @@ def draw_text(
 ) -> None:
     """Write text with its lower left corner at `at`, in place; `tag` puts a dark plate behind it.
 
-    OpenCV's fonts have ASCII alone, and it crashes on what UTF-8 does not have: the rest is shown as `?`.
+    OpenCV's fonts have only ASCII, and it crashes on text that is not valid UTF-8: other characters are shown as `?`.
     """
     text = text.encode("ascii", "replace").decode()
     left, bottom = round(at[0]), round(at[1])
@@ -98,7 +98,7 @@ def place_labels(wanted: list[Point], widths: list[int], height: int, shape: tup
 
 
 def draw_object_labels(picture: Picture, labels: list[tuple[int, Point]]) -> None:
-    """Write the ids of objects near the wanted points, in their colours, none over another, in place."""
+    """Write the ids of objects near the wanted points, in their colours, without overlap, in place."""
     widths = [text_width(str(number), 0.6) for number, _ in labels]
     places = place_labels([wanted for _, wanted in labels], widths, 22, picture.shape)
     for (number, _), place in zip(labels, places, strict=True):

@@ -1,4 +1,4 @@
-"""Recall over IoU as a picture (paper, Fig. 10), drawn with OpenCV."""
+"""Chart of recall over IoU (paper, Fig. 10), drawn with OpenCV."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from spot3d.drawing.picture import Picture
 class Curve:
     """A curve of one data set: recall (t,) over the IoU thresholds (t,).
 
-    levels: or another rate over the named levels of something, whose places along the axis are in `thresholds`.
+    levels: names, if the curve is another rate over named levels, whose places along the axis are in `thresholds`.
     """
 
     data: str

@@ -20,7 +20,7 @@ from spot3d.drawing.picture import (
 )
 
 _MARGIN = 0.25
-"""Shown around boxes and camera path, metres."""
+"""Margin around boxes and camera path, metres."""
 _HEADROOM = 0.10
 """Points higher than this above the highest box are cut off, as in a floor plan, metres."""
 _CELL = 0.008
@@ -52,7 +52,7 @@ def draw_top_view(
     up: NDArray[np.float64],
     size: tuple[int, int],
 ) -> Picture:
-    """A picture of `size` (width, height), uint8 RGB, seen against `up` (3,).
+    """A picture of `size` (width, height), uint8 RGB, seen from above, against `up` (3,).
 
     xyz: (n, 3) map points, world, metres, with rgb: (n, 3); boxes: (id, box); path: (m, 3) camera positions.
     """
@@ -108,7 +108,7 @@ def _draw_points(picture: Picture, plan: _Plan, xyz: NDArray[np.float32], rgb: N
     order = np.argsort(xyz @ plan.R_plan_world[2], kind="stable")
     grid: Picture = np.full((*shape, 3), _BACKGROUND, np.uint8)
     filled = np.zeros(shape, np.uint8)
-    # NumPy does not promise which of two writes to one cell stays; the last of each cell is chosen here.
+    # NumPy does not define which of two writes to one cell stays; the last of each cell is chosen here.
     index = cells[order, 1] * shape[1] + cells[order, 0]
     last, position = np.unique(index[::-1], return_index=True)
     grid.reshape(-1, 3)[last] = rgb[order][::-1][position]
@@ -117,11 +117,11 @@ def _draw_points(picture: Picture, plan: _Plan, xyz: NDArray[np.float32], rgb: N
     spread = cv2.dilate(np.where(filled[..., None] > 0, grid, 0).astype(np.uint8), kernel)
     gaps = (filled == 0) & (cv2.dilate(filled, kernel) > 0)
     grid[gaps] = spread[gaps]
-    # Single cells through which the floor below the table shows are noise of the map, not holes.
+    # Single cells in which the floor shows through the table are noise of the map, not holes.
     grid = np.asarray(cv2.medianBlur(grid, 3), np.uint8)
     full = cv2.resize(grid, (round(shape[1] * coarse), round(shape[0] * coarse)), interpolation=cv2.INTER_LINEAR)
     painted = full[: picture.shape[0], : picture.shape[1]]
-    # Darker than life, so that boxes and labels stand out.
+    # Darker than measured, so that boxes and labels stand out.
     picture[: painted.shape[0], : painted.shape[1]] = (painted * 0.85).astype(np.uint8)
 
 

@@ -1,9 +1,9 @@
-"""Keyframes adjusted as one (bundle adjustment): what is wrong with each pose, and what is wrong alike in all of them.
+"""Bundle adjustment of keyframes: the error of each pose, and the errors common to all of them.
 
-A camera whose depth is too long, that looks elsewhere than its poses say, or whose principal point is off, makes views
-disagree, and so do poses that are a centimetre off, each to another side. Against a map of frames whose poses are taken
-as they are, the noise of these looks like a wrong camera; told apart they are only where all poses are unknowns, too.
-Planes that several keyframes see tie them together; each given pose holds its own, as far as given poses prove true.
+Views disagree where depth is too long, the camera is turned against its poses, or its principal point is off. They also
+disagree where poses are a centimetre off, each in another direction. Against a map of frames with fixed poses, noise of
+the poses looks like a wrong camera: the two can be told apart only if all poses are unknowns as well. Planes seen by
+several keyframes tie them together. Each given pose constrains its keyframe as far as given poses prove accurate.
 """
 
 from collections.abc import Sequence
@@ -23,24 +23,23 @@ from spot3d.pose.surfel_map import VOXEL, plane_keys
 from spot3d.trajectory import nearest_rotation
 from spot3d_schemas.limits import BEND_SHAPE
 
-# So many are adjusted; beyond, the older half goes. With 16 those of redkitchen, shaken by 10 mm, lie 14.3 mm off, not
-# 13.1, and with 8 those of a desk seen from near 8.4, not 1.2; more take longer to adjust.
+# Most keyframes; beyond that the older half is dropped. With 16, keyframes of redkitchen shaken by 10 mm are 14.3 mm
+# off, not 13.1; with 8, those of a desk seen from near 8.4, not 1.2. More take longer to adjust.
 _KEYFRAMES = 64
-# About so many points of each count; with half of them redkitchen's keyframes lie 15.2 mm off.
+# Points used of each keyframe, about; with half of them redkitchen's keyframes are 15.2 mm off.
 _POINTS = 800
-# Weights fall with so many standard deviations of a pixel (Geman-McClure). With 4.5 in a first of two steps those of
-# redkitchen lie 14.6 and 22.7 mm off where poses are shaken by 10 and 20 mm, not 13.2 and 20.8.
+# Scale of the Geman-McClure weights, in standard deviations of a pixel. With 4.5 in a first of two steps keyframes of
+# redkitchen are 14.6 and 22.7 mm off where poses are shaken by 10 and 20 mm, not 13.2 and 20.8.
 _KERNEL = 1.5
-# An image tells of its pose as much as so many points of independent noise would: a camera's distortion is alike over
-# large parts of it. Keyframes of redkitchen shaken by 20 mm lie 42, 21, 27 and 34 mm off with 2, 7, 20 and 70.
+# An image counts for its pose as this many points of independent noise: a camera's distortion is alike over large parts
+# of it. With 2, 7, 20, 70: keyframes of redkitchen shaken by 20 mm are 42, 21, 27, 34 mm off.
 _INDEPENDENT = 7.0
-# And it is alike in all images: of what is wrong alike in all, all together tell no more than so many would whose
-# distortions are independent. Of depth that is 3 % too short, with poses shaken by 10 mm, 3.4, 4.0 and 4.1 % are
-# applied on redkitchen with 6, 10 and 20, on a desk seen from near 2.5, 2.6 and 2.6; where it is true, nothing, nothing
-# and 1.0 % on redkitchen, and nothing, nothing and 1.5 % of a cabinet's (TUM). Of a centre 8 pixels of 640 off in
-# redkitchen, true poses, 47, 89 and 96 %.
+# Distortion is alike in all images, too: for the common errors, all keyframes count no more than this many with
+# independent distortions would. Correction with 6, 10, 20: of depth 3 % too short, poses shaken by 10 mm, 3.4, 4.0,
+# 4.1 % on redkitchen and 2.5, 2.6, 2.6 on a desk seen from near; of true depth 0, 0, 1.0 % on redkitchen and 0, 0, 1.5
+# on a cabinet (TUM); of a centre 8 pixels of 640 off, redkitchen with true poses, 47, 89, 96 % of that.
 _ALIKE = 10.0
-# What is the same in all keyframes: `CommonErrors`, the focal length, and the scale of each cell.
+# Number of unknowns shared by all keyframes: `CommonErrors`, the focal length, and depth's scale at each lattice node.
 _SHARED = COMMON + 1 + CELLS[0] * CELLS[1]
 _TURN, _CENTRE, _FIELD = slice(1, 4), slice(4, 6), slice(7, None)
 _WIDTH = 6
@@ -50,23 +49,24 @@ _FLAT = np.array((np.ones(BEND_SHAPE), _ACROSS, _DOWN)).reshape(3, -1)
 
 
 EVERY_NS = 600_000_000
-"""Keyframes are so far apart. Given poses are wrong alike over a third of a second: keyframes half as far apart count
-that twice (what is seen of redkitchen with poses shaken by 10 mm then lies 16.4 mm apart, not 14.7); with 0.9 and 1.2 s
-it is hardly more.
+"""Time between keyframes. Errors of given poses are correlated over a third of a second: with half of this interval
+they count twice (redkitchen as views see it, poses shaken by 10 mm, then lies 16.4 mm apart, not 14.7). With 0.9 and
+1.2 s it is hardly more.
 """
 WRONG_ALIKE_S = 1 / 3
-# So much of what keyframes' given poses tell is independent, if they are averaged from one keyframe to the next: the
-# variance of such an average beside what that would be of which the mean over a long time is as uncertain.
+"""Correlation time of the given poses' errors."""
+# Share of the given poses' information that is independent, where they are averaged from one keyframe to the next: the
+# variance of such an average over that of independent averages whose long-time mean is as uncertain.
 _APART = 1 - (1 - float(np.exp(-1e-9 * EVERY_NS / WRONG_ALIKE_S))) * WRONG_ALIKE_S / (1e-9 * EVERY_NS)
 
 
 class Seen(NamedTuple):
-    """What one frame saw, and where.
+    """The surface and the poses of a frame that is to become a keyframe.
 
-    surface, camera: as they are by this calibration; given: (4, 4) the camera's pose by the calibration and the given
-    poses since the last one, on average; delay_s: how late these were taken to be; velocity: (6,), world axes, by how
-    much the camera is elsewhere for each second more; tracked: (4, 4) pose by odometry, in a world that the last one
-    was in, too.
+    surface, camera: with the calibration applied; given: (4, 4) the camera's pose by the calibration and the average of
+    the given poses since the last keyframe; delay_s: the delay assumed for these; velocity: (6,), world axes, the
+    camera's motion for each further second of delay; tracked: (4, 4) pose by odometry, in the same world as the last
+    keyframe's.
     """
 
     stamp_ns: int
@@ -82,9 +82,9 @@ class Seen(NamedTuple):
 class _Keyframe(NamedTuple):
     """A frame whose pose is adjusted.
 
-    given, tracked: (4, 4), and points, normals: (n, 3), of its surface, as they were told, with nothing corrected but
-    the delay; delay_s, velocity: see `Seen`; sigma: (n,); cells, shares: (n, 4) those of the image whose middles are
-    around each point, and how much each counts.
+    given, tracked: (4, 4) poses, and points, normals: (n, 3) of its surface, with only the delay corrected; delay_s,
+    velocity: see `Seen`; sigma: (n,) metres; cells, shares: (n, 4) the nodes of the lattice of `Bend` around each
+    point, and their weights.
     """
 
     stamp_ns: int
@@ -100,11 +100,11 @@ class _Keyframe(NamedTuple):
 
 
 class Adjustment:
-    """Poses of the last keyframes, and what is wrong alike in all of them.
+    """Poses of the last keyframes, and the errors common to all of them.
 
-    sigmas: (7,) how uncertain each of `CommonErrors` is before anything is seen, and the logarithm of the focal length;
-    bend_sigma: the same of the scale of each cell; 0: it is as was told. held: standard deviations, metres and radians,
-    of the poses that are given; shares: variances that these may have, of that.
+    sigmas: (7,) prior standard deviation of each of `CommonErrors` and of the logarithm of the focal length;
+    bend_sigma: the same of depth's scale at each lattice node; 0: the nominal value is kept. held: stated standard
+    deviations of the given poses, metres and radians; shares: variances that these may have, relative to the stated.
     """
 
     def __init__(
@@ -117,18 +117,18 @@ class Adjustment:
         self._sigmas = np.concatenate((sigmas, np.full(CELLS[0] * CELLS[1], bend_sigma)))
         self._free = np.flatnonzero(self._sigmas)
         self._stated, self._shares = np.repeat(np.square(held), 3), shares
-        # Variance of the given poses, of the stated one.
+        # Variance of the given poses, relative to the stated one.
         self._share = 1.0
         self._shared, self._expected = np.zeros((2, _SHARED))
-        # How late given poses are, as is known by now.
+        # Latest estimate of the given poses' delay.
         self._delay_s = 0.0
-        # What is shared: information of what was told; and of what keyframes told that are forgotten: information,
-        # that times the mean, and how many keyframes that stands for.
+        # Of the shared unknowns: information of the prior; and of the forgotten keyframes: information, information
+        # times mean, and how many keyframes it stands for.
         self._told = np.diag(self._sigmas[self._free] ** -2.0)
         self._prior, self._earlier = (np.zeros_like(self._told), np.zeros(len(self._free))), 0
         self._keyframes: list[_Keyframe] = []
         self._poses: list[NDArray[np.float64]] = []
-        # Of all that is unknown, poses first.
+        # Of all unknowns, poses first.
         self._covariance = np.linalg.inv(self._told)
         free = self._free[self._free < COMMON]
         untold = np.zeros(1), np.zeros((1, len(free))), np.zeros((1, len(free), len(free)))
@@ -136,43 +136,42 @@ class Adjustment:
 
     @property
     def stamps_ns(self) -> list[int]:
-        """Of the keyframes that are adjusted, oldest first."""
+        """Timestamps of the adjusted keyframes, oldest first."""
         return [keyframe.stamp_ns for keyframe in self._keyframes]
 
     def begin_anew(self) -> None:
-        """Forget the keyframes, but not what is common to all: what follows is of other poses, or of another place."""
+        """Forget the keyframes, but not the shared unknowns: the next poses are unrelated, or of another place."""
         self._forget(len(self._keyframes))
 
     def expect(self, bend: NDArray[np.float64]) -> None:
-        """Begin with what is known of depth's bend, (rows, columns)."""
+        """Start from a known bend of depth, (rows, columns)."""
         self._shared[_FIELD] = self._expected[_FIELD] = bend.ravel()
 
     def add(self, seen: Seen) -> None:
-        """Take in a keyframe, and adjust all."""
+        """Add a keyframe, and adjust all."""
         if len(self._keyframes) == _KEYFRAMES:
             self._forget(_KEYFRAMES // 2)
         keyframe = _keyframe(seen)
         self._delay_s = seen.delay_s
         pose = self._by_given(keyframe)
         if self._keyframes:
-            # As odometry went on from the last one.
+            # Odometry's motion since the last keyframe.
             pose = _rigid(self._poses[-1] @ invert(self._keyframes[-1].tracked) @ seen.tracked)
         self._keyframes.append(keyframe)
         self._poses.append(pose)
         if len(self._keyframes) > 1:
-            # One step is enough: those before begin where the last one ended.
+            # One step is enough: the other keyframes start where the last adjustment ended.
             self._adjust()
 
     def common_errors(self) -> CommonErrors:
-        """What is wrong alike in all keyframes, as far as they tell."""
+        """The keyframes' likelihood of the errors common to all of them."""
         return self._common
 
     def by(self, applied: NDArray[np.float64]) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
-        """The keyframes' poses (4, 4) if this (6,) is what is wrong in all of them, and not what is estimated; and what
-        each part of all images' depth is then to be multiplied by, (rows, columns), as `Bend` has it.
+        """The keyframes' poses (4, 4) if the common errors are those `applied` (6,) instead of the estimated ones; and
+        the bend of depth then, (rows, columns), as in `Bend`.
 
-        What is bent has no mean and no slope: these are what is called the scale, and what looks like a principal point
-        that is off.
+        The bend has no mean, which is the scale, and no slope, which looks like a principal point that is off.
         """
         size, common = POSE * len(self._poses), np.flatnonzero(self._free < COMMON)
         if len(self._poses) < 2 or not len(self._free):
@@ -190,33 +189,33 @@ class Adjustment:
         return _stepped(self._poses, step[:size]), shared[_FIELD].reshape(BEND_SHAPE)
 
     def _forget(self, count: int) -> None:
-        """Forget the oldest keyframes; what they tell of the camera is kept."""
+        """Forget the oldest keyframes, and keep their information on the shared unknowns."""
         if len(self._keyframes) > 1:
             of_poses, seen = len(self._covariance) - len(self._free), self._earlier + len(self._keyframes)
             known = np.linalg.inv(self._covariance[of_poses:, of_poses:])
             pull = known @ self._shared[self._free] - self._told @ self._expected[self._free]
             self._earlier = min(self._earlier + count, _KEYFRAMES)
-            # Of what these keyframes tell no more was trusted than is independent, as it will be again.
+            # Only the independent share of this information was counted; undone, as it will be reduced again.
             before, pull_before = self._prior
             known, pull = before + (known - self._told - before) / _APART, pull_before + (pull - pull_before) / _APART
             self._prior = self._earlier / seen * known, self._earlier / seen * pull
         self._keyframes, self._poses = self._keyframes[count:], self._poses[count:]
 
     def _by_given(self, keyframe: _Keyframe) -> NDArray[np.float64]:
-        """Where a camera is (4, 4) by its given pose, how late that is, and how the camera is turned against it."""
+        """The camera's pose (4, 4) by its given pose, with the current delay and turn."""
         given = moved(keyframe.given, (self._delay_s - keyframe.delay_s) * keyframe.velocity)
         return turned(given, self._shared[_TURN])
 
     def _offsets(self) -> NDArray[np.float64]:
-        """Twists (k, 6) from the poses to where the given ones have them."""
+        """Twists (k, 6) from the adjusted poses to those by the given ones."""
         pairs = zip(self._poses, self._keyframes, strict=True)
         return np.array([twist(pose, self._by_given(keyframe)) for pose, keyframe in pairs])
 
     def _adjust(self) -> None:
-        """One Gauss-Newton step of all that is unknown, once it is known how true given poses are."""
+        """One Gauss-Newton step of all unknowns, with the most probable variance of the given poses."""
         size = POSE * len(self._poses)
         H, g = np.zeros((size + _SHARED, size + _SHARED)), np.zeros(size + _SHARED)
-        # The turn does not move what is seen: it says where the given poses have the camera.
+        # The turn moves no observed point, only the camera's pose by the given one.
         seen = np.r_[0 : size + 1, size + _CENTRE.start : size + _SHARED]
         H[np.ix_(seen, seen)], g[seen] = self._by_planes()
         known, pull = self._prior
@@ -236,15 +235,15 @@ class Adjustment:
         self._covariance = covariance
 
     def _seen_in_common(self, H: NDArray[np.float64], g: NDArray[np.float64]) -> CommonErrors:
-        """What keyframes tell of the common errors.
+        """Marginal likelihood of the common errors.
 
-        H, g: of poses and what is shared, without the given poses and what was told.
+        H, g: of the poses and the shared unknowns, without the given poses and the prior.
         """
         size, count = POSE * len(self._poses), len(self._free)
         sigmas, kept = self._sigmas[self._free], int(np.count_nonzero(self._free < COMMON))
         at, columns = self._shared[self._free], size + self._free
         held, across, shared = H[:size, :size], H[:size, columns], H[np.ix_(columns, columns)]
-        # A pose is where the given one has it, offset; turned by what is alike in all; and wrong by what is left.
+        # Linearised at the given poses: a pose is the given one, with the common turn and an error of its own.
         offset, turning = self._offsets().ravel(), np.zeros((size, count))
         for number in np.flatnonzero((self._free >= _TURN.start) & (self._free < _TURN.stop)):
             axis = self._free[number] - _TURN.start
@@ -253,7 +252,7 @@ class Adjustment:
         drawn += turning.T @ pull
         shared = shared + turning.T @ across + across.T @ turning + turning.T @ held @ turning
         across = across + held @ turning
-        # From here on not as steps from what is known by now, but as they are.
+        # From here on the shared unknowns are absolute, not steps from the current estimate.
         pull, drawn = pull + across @ at, drawn + shared @ at
         shared[range(kept, count), range(kept, count)] += sigmas[kept:] ** -2.0
         stated = np.sqrt(np.tile(self._stated, len(self._poses)))
@@ -262,7 +261,7 @@ class Adjustment:
         return CommonErrors(self._free[:kept], sigmas[:kept], *marginal(seen, kept, self._shares), _APART, share)
 
     def _add_given(self, H: NDArray[np.float64], g: NDArray[np.float64]) -> None:
-        """Add what the given poses say of the poses, and of the turn."""
+        """Add the given poses' equations for the poses and the turn."""
         size = POSE * len(self._poses)
         held = _APART / (self._share * self._stated)
         turn, sure = slice(size + _TURN.start, size + _TURN.stop), held[3:]
@@ -277,7 +276,7 @@ class Adjustment:
             g[turn] += across.T @ offset[3:]
 
     def _by_planes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """H and g of all but the turn, by the planes that two keyframes or more see."""
+        """H and g of all unknowns but the turn, by the planes that two or more keyframes see."""
         seen = _seen_points(self._keyframes, self._poses, self._shared)
         H, g, variance = plane_equations(seen, DISTANCE, _KERNEL)
         per_image = len(seen.places) / len(self._poses)
@@ -286,12 +285,12 @@ class Adjustment:
 
 
 def _keyframe(seen: Seen) -> _Keyframe:
-    """A frame, thinned out and as it was told."""
+    """The keyframe of a frame: points subsampled, the calibration undone."""
     chosen = slice(None, None, max(1, len(seen.surface) // _POINTS))
     surface, camera, known = seen.surface, seen.camera, seen.calibration
     arrays = surface.points, surface.normals, surface.sigma
     points, normals, sigma = (array[chosen].astype(np.float64) for array in arrays)
-    # What is told otherwise is in the same pixel.
+    # A point's pixel is the same with and without the calibration.
     x, y, z = points.T
     columns, rows = CELLS
     u = np.clip((camera.fx * x / z + camera.cx) / camera.width * (columns - 1), 0, columns - 1 - 1e-6)
@@ -314,7 +313,7 @@ def _keyframe(seen: Seen) -> _Keyframe:
 def _seen_points(
     keyframes: Sequence[_Keyframe], poses: Sequence[NDArray[np.float64]], shared: NDArray[np.float64]
 ) -> SeenPoints:
-    """The points of all keyframes where they lie by these poses, and by what is shared (31,), sorted by plane."""
+    """World points of all keyframes by their poses and the shared unknowns (31,), sorted by plane."""
     width = np.exp(shared[_WIDTH])
     x, y = shared[_CENTRE]
     linear = np.exp(shared[0]) * sheared((x, y)) @ np.diag((width, width, 1.0))

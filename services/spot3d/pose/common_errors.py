@@ -1,4 +1,4 @@
-"""What is wrong alike in all frames, as far as they tell: depth's scale, where the camera looks."""
+"""Errors common to all frames: scale of depth, turn and principal point of the camera; their probability."""
 
 from itertools import product
 from typing import NamedTuple
@@ -7,18 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 COMMON = 6
-"""Logarithm of depth's scale, turn (3,) and centre (2,): so many numbers."""
+"""Number of common errors: logarithm of depth's scale, turn (3,) and centre (2,)."""
 _ODDS = 0.5
-"""Odds that a camera is not as it says, before anything was seen: of three one is not."""
-# Directions that are told less than this, over the best told one, are not told by depth but by rounding.
+"""Prior odds that a camera deviates from what it states: one in three does."""
+# Directions with less information than this, relative to the largest, are known by rounding and not by depth.
 _UNTOLD = 1e-9
-# What nothing was seen of is as far from what is most probable as it is uncertain: it needs an end.
+# Share of the prior's information that keeps the most probable errors finite where nothing was observed.
 _RIDGE = 1e-6
 
 
 class Equations(NamedTuple):
-    """How probable what was seen is if given poses are wrong by w (n,), and z (m,) is alike in all frames: the
-    logarithm of that is pull @ w + drawn @ z - w @ held @ w / 2 - w @ across @ z - z @ shared @ z / 2.
+    """Log likelihood of the observations, given the errors w (n,) of the given poses and z (m,) common to all frames:
+    pull @ w + drawn @ z - w @ held @ w / 2 - w @ across @ z - z @ shared @ z / 2.
 
     held: (n, n), across: (n, m), pull: (n,), w in units of the stated uncertainty; shared: (m, m), drawn: (m,).
     """
@@ -31,12 +31,12 @@ class Equations(NamedTuple):
 
 
 class CommonErrors(NamedTuple):
-    """What was seen says of the common errors c that are free, for each of s variances that given poses may have:
-    evidence + pull @ c - c @ information @ c / 2 is the logarithm of how probable it is by them.
+    """Log likelihood of the free common errors c, for each of s variances that the given poses may have: evidence +
+    pull @ c - c @ information @ c / 2.
 
-    free: (k,) which of all, the others are as was told; sigmas: (k,) how uncertain each was before anything was seen;
-    evidence: (s,); pull: (s, k); information: (s, k, k). apart: how much of this is independent; share: of what is
-    said of the errors so much is trusted.
+    free: (k,) indices of the free errors, the others have their nominal value; sigmas: (k,) prior standard deviations;
+    evidence: (s,); pull: (s, k); information: (s, k, k). apart: share of the evidence for a variance that is
+    independent; share: share of the information on the errors that is trusted.
     """
 
     free: NDArray[np.int64]
@@ -51,8 +51,8 @@ class CommonErrors(NamedTuple):
 def marginal(
     seen: Equations, kept: int, variances: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Evidence (s,), pull (s, kept) and information (s, kept, kept), as `CommonErrors` has them, of the first of what
-    is alike in all frames: for each variance (s,) of the given poses, whatever these and the others are.
+    """Evidence (s,), pull (s, kept) and information (s, kept, kept), as in `CommonErrors`, of the first `kept` common
+    errors, for each variance (s,) of the given poses. The poses' errors and the other common ones are marginalised out.
     """
     known, axes = np.linalg.eigh(seen.held)
     told = known > _UNTOLD * known[-1]
@@ -74,7 +74,7 @@ def marginal(
 
 
 def most_probable(errors: CommonErrors) -> int:
-    """Which of the variances of given poses is most probable, whether all of the errors are there or none."""
+    """Index of the most probable variance of the given poses, summed over two models: all errors free, or all zero."""
     every, nothing = np.arange(len(errors.free)), np.zeros(len(errors.free))
     models = (_model(errors, there, nothing, errors.share)[0] for there in (every[:0], every))
     return int(np.argmax(np.logaddexp(*models)))
@@ -83,12 +83,12 @@ def most_probable(errors: CommonErrors) -> int:
 def believed(
     errors: CommonErrors, asked: NDArray[np.int64], known: NDArray[np.float64], share: float = 1.0
 ) -> NDArray[np.float64]:
-    """What is to be applied of some of the free errors, those asked for (n,): what they are on average where they are
-    not zero, times the probability that they are not, or nothing where that is less than half.
+    """The correction to apply for the free errors `asked` for (n,): their mean where they are not zero, times the
+    probability that they are not; zero where that is at most a half.
 
-    That they are there, that the others are, and each variance of the given poses are as probable as what was seen is
-    by them (Bayes factors of spikes and slabs: Mitchell and Beauchamp 1988). known: (6,) what others are, nan where
-    that is open; share: of what is trusted so much.
+    Models where these errors are zero or not, where the others are, and with each variance of the given poses, are
+    weighted by the likelihood of the observations (Bayes factors of spikes and slabs: Mitchell and Beauchamp 1988).
+    known: (6,) values of the others, nan where unknown; share: factor of `errors.share`.
     """
     wanted, unknown = np.isin(errors.free, asked), np.isnan(known[errors.free])
     own, others = np.flatnonzero(wanted), np.flatnonzero(unknown & ~wanted)
@@ -109,8 +109,8 @@ def believed(
 def _model(
     errors: CommonErrors, there: NDArray[np.int64], fixed: NDArray[np.float64], share: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where some (n,) of the free errors are there and the others are what is fixed (k,): for each variance the
-    logarithm of how probable what was seen is (s,), and what the errors are on average (s, n).
+    """Log evidence (s,) and mean errors (s, n) for each variance, where the errors `there` (n,) are free and the others
+    have the values `fixed` (k,).
     """
     others = fixed.copy()
     others[there] = 0.0

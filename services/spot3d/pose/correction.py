@@ -1,11 +1,11 @@
 """Given poses, corrected by some centimetres against the map of the frames before, within their uncertainty.
 
-Motion capture, a drone's own odometry or poses with a wrong stamp disagree with depth by a centimetre or two: what is
-fused from them is that thick. Each frame is registered to a local map, and its pose is the most probable one between
-the registration and the given pose (maximum a posteriori, both Gaussian). The given pose is the prior of every frame,
-so that the world stays theirs; where depth tells nothing, as along a bare plane, the prior alone decides. How wrong
-given poses are, and how steadily odometry goes beside them, is measured along the way. What only later frames tell, of
-earlier poses and of the camera, is sent after them (see `Hindsight`).
+Motion capture, a drone's own odometry or poses with a wrong stamp disagree with depth by a centimetre or two, and
+surfaces fused from them are that thick. Each frame is registered to a local map, and its pose is the most probable one
+between the registration and the given pose (maximum a posteriori, both Gaussian). The given pose is the prior of every
+frame, so that the world stays that of the given poses. Where depth does not constrain the pose, as along a bare plane,
+the prior alone decides. The noise of the given poses and the drift of the odometry are estimated along the way. Errors
+of earlier poses and of the camera that only later frames reveal are corrected afterwards (see `Hindsight`).
 """
 
 from dataclasses import replace
@@ -28,47 +28,48 @@ from spot3d.pose.surface import POINTS_MIN, Surface, sample_surface
 from spot3d.pose.surfel_map import VOXEL, SurfelMap
 from spot3d.trajectory import nearest_rotation, rotation_angle
 
-# A whole image's surface tells as much of the pose as so many points of independent noise would: a depth camera's own
-# distortion is alike over large parts of the image. Registered to a map of the data's own poses, real frames are off
-# by 20 to 90 standard deviations of independent noise, in each direction much alike: worth 6 to 9 of 5,000 points on
-# 7-Scenes redkitchen (VGA and half of it), 1 to 2.5 on TUM fr3/cabinet, whose poses are wrong themselves. Rendered
-# depth without distortion is worth all of its points. So many are those of a surface that differs from the map by as
-# much as single pixels are noisy, as those of both recordings do; of one that fits better there are more. Over some
-# seconds a registration is steadier than that, by 20 times and more, but then it drifts: what the objects say, IoU in
-# the world of the true poses with 1, 2, 3: redkitchen (three seeds) at 10 mm 0.69, 0.68, 0.68, at 20 mm 0.69, 0.65,
-# 0.62; rendered desks at 10 mm 0.42, 0.44, 0.44; built-in clutter at 10 mm 0.59, 0.60, 0.61. Less than 1 is worse.
+# An image's surface counts for the pose as this many points of independent noise: a depth camera's distortion is alike
+# over large parts of the image. Registered to a map of the data's own poses, real frames are off by 20 to 90 standard
+# deviations of independent noise, about equally in each direction. That is worth 6 to 9 of 5,000 points on 7-Scenes
+# redkitchen (VGA and half of it), and 1 to 2.5 on TUM fr3/cabinet, whose poses are wrong themselves. Rendered depth
+# without distortion is worth all of its points. The number is that of a surface that differs from the map by the noise
+# of single pixels, as in both recordings; one that fits better is worth more. Over some seconds a registration is
+# steadier than that, by 20 times and more, but then it drifts. IoU of objects in the world of the true poses with 1, 2,
+# 3: redkitchen (three seeds) at 10 mm 0.69, 0.68, 0.68, at 20 mm 0.69, 0.65, 0.62; rendered desks at 10 mm 0.42, 0.44,
+# 0.44; built-in clutter at 10 mm 0.59, 0.60, 0.61. Less than 1 is worse.
 _INDEPENDENT = 1.0
-# So much odometry drifts whose surfaces are worth that; where it drifts less a surface is worth the more, up to so many
-# times. Drifts, with poses shaken by 10 mm: redkitchen 0.015 to 0.02, TUM fr3/cabinet 0.14, rendered clutter 0.006,
-# rendered desks 0.002. With 0, 0.01, 0.03, 0.1 and 0.3 what is seen lies so far apart, mm: desk 0 10.2, 5.4, 4.4, 4.9,
-# 5.4; desk 1 8.4, 4.7, 3.6, 4.6, 3.9; clutter 3.6, 1.8, 1.8, 1.7, 1.8; redkitchen 16.1, 16.0, 14.1, 13.1, 14.2; TUM
-# 13.5, 13.5, 13.5, 13.5, 14.2.
+# Drift of the odometry at which surfaces are worth `_INDEPENDENT`; with less drift they are worth proportionally more,
+# up to the second number of times. Drifts, with poses shaken by 10 mm: redkitchen 0.015 to 0.02, TUM fr3/cabinet 0.14,
+# rendered clutter 0.006, rendered desks 0.002. How far apart views see the same, mm, with 0, 0.01, 0.03, 0.1, 0.3:
+# desk 0 10.2, 5.4, 4.4, 4.9, 5.4; desk 1 8.4, 4.7, 3.6, 4.6, 3.9; clutter 3.6, 1.8, 1.8, 1.7, 1.8; redkitchen 16.1,
+# 16.0, 14.1, 13.1, 14.2; TUM 13.5, 13.5, 13.5, 13.5, 14.2.
 _BENT, _STEADIEST = 0.03, 100.0
-# A direction that is known less than this, over the best known one, is not held by depth but by noise of the normals:
-# a bare wall's are, after some frames, less than 1e-4; the least of rendered desks 5e-4, of redkitchen 1e-3, of TUM
-# fr3/cabinet 2e-4.
+# A direction with less information than this, relative to the best known one, is constrained by noise of the normals
+# and not by depth. A bare wall has, after some frames, less than 1e-4; rendered desks have at least 5e-4, redkitchen
+# 1e-3, TUM fr3/cabinet 2e-4.
 _HELD = 1e-4
-# A registration so many standard deviations away from the given pose is none of their noise, but a jump.
+# A registration this many standard deviations away from the given pose is a jump, and not noise.
 _JUMP = 6.0
-# So many frames in a row that do not meet the map: the map is of another place.
+# After this many consecutive frames that do not fit the map, the map is of another place.
 _PATIENCE = 5
-# Every nth point tells the information of a registration.
+# Every nth point is used for the information of a registration.
 _STRIDE = 4
-# The mean of the given poses, and their noise, are known after about so long, seconds: many times as long as
-# neighbouring poses are wrong alike (a third of a second). From 2 to 6 the results are the same.
+# Settling time of the given poses' mean and of their noise, seconds: many times the correlation time of their errors (a
+# third of a second). From 2 to 6 the results are the same.
 _SETTLING_S = 3.0
-# Information that is less than this, in units of the stated uncertainty, is none.
+# Least information of a direction, in units of the stated uncertainty.
 _UNKNOWN = 1e-6
-# What depth cameras see is this far away or more, metres.
+# Smallest range of depth cameras, metres.
 _NEAREST_M = 0.4
-# A map of poses that were so much later than is known by now is off by 5 mm, to all sides, at half a metre a second.
+# The map is replaced when the delay has changed by this: at half a metre a second its poses are 5 mm off, in varying
+# directions.
 _OUTDATED_S = 0.01
-# Offsets count up to so many standard deviations.
+# Offsets are clipped at this many standard deviations.
 _OUTLIER = 3.0
 
 
 class CorrectedPoses:
-    """Passes on the given poses, each moved towards where its depth meets the map."""
+    """Passes on the given poses, each moved towards where its depth fits the map."""
 
     def __init__(self, settings: PoseSettings) -> None:
         self._settings = settings
@@ -86,16 +87,19 @@ class CorrectedPoses:
         """Forget the map."""
         self._planes = SurfelMap(VOXEL, self._settings.surfel_limit)
         self._correction = np.zeros(6)
-        # Given poses in the map: where the world was when it began, for what slides later are corrected poses alone.
+        # From the given poses' world to the map, as at its beginning: only corrected poses drift in it later.
         self._T_map_given = invert(self._T_world_map)
         self._errors.interrupt()
-        # Of the frames since the last keyframe: from where they lie in the map to where the given poses have them, and
-        # by how much they lie elsewhere for each second of delay: (2, 6) each.
+        # Of each frame since the last keyframe, (2, 6): twist from its pose in the map to its given pose, and motion
+        # for each second of delay.
         self._offsets: list[NDArray[np.float64]] = []
         self._strangers, self._age, self._map_delay_s = 0, 0.0, self._delay.delay_s
 
     def track(self, frame: RgbdFrame) -> PoseEstimate:
-        """The corrected pose; the given one as it is where depth does not meet the map, "lost" without a valid one."""
+        """The corrected pose; where depth does not fit the map, the given one with its delay and turn compensated.
+
+        "lost" without a valid given pose.
+        """
         given = self._given.track(frame)
         if given.status == "lost":
             return given
@@ -117,7 +121,7 @@ class CorrectedPoses:
         if abs(self._delay.delay_s - self._map_delay_s) >= _OUTDATED_S:
             self._replace_map(surface, pose)
         given = replace(given, T_world_camera=pose, delay_s=self._delay.applied_s)
-        # Less than the noise of a single pixel at its nearest makes no surface thicker.
+        # Noise of poses below that of a single pixel at its nearest makes no surface thicker.
         self._noise.negligible = (intrinsics.noise.sigma(_NEAREST_M) / self._settings.given_sigma) ** 2
         if last is None or self._planes.count == 0:
             self._insert(surface, invert(self._T_world_map) @ pose)
@@ -131,10 +135,13 @@ class CorrectedPoses:
     def _corrected(
         self, surface: Surface, camera: Intrinsics, given: PoseEstimate, last_ns: int, stamp_ns: int
     ) -> PoseEstimate:
-        """camera: as it is known to be; last_ns, stamp_ns: when the last frame and this one were taken."""
+        """The most probable pose between the given one and the registration.
+
+        camera: with the calibration applied; last_ns, stamp_ns: timestamps of the last frame and of this one.
+        """
         elapsed = 1e-9 * (stamp_ns - last_ns)
         prior = invert(self._T_world_map) @ given.T_world_camera
-        # What was wrong with the last pose is nearly what is wrong with this one.
+        # The error of this pose is nearly that of the last one.
         registered = refined(self._planes, surface, moved(prior, self._correction))
         fit = judged(self._planes, surface, registered)
         if not fit.fits:
@@ -168,7 +175,7 @@ class CorrectedPoses:
         return replace(given, T_world_camera=pose, forgotten=forgotten)
 
     def _learn(self, seen: Seen, T_map_camera: NDArray[np.float64]) -> None:
-        """Take in a keyframe; the map follows what it tells of the camera."""
+        """Add a keyframe, and move the map with the calibration."""
         grown, looks = self._hindsight.learn(seen, T_map_camera)
         if grown != 1:
             self._planes.rescale(grown)
@@ -180,8 +187,8 @@ class CorrectedPoses:
     def _settled(
         self, T_map_camera: NDArray[np.float64], T_world_given: NDArray[np.float64], elapsed: float
     ) -> NDArray[np.float64]:
-        """The pose in the world, in which the map comes to lie where all given poses have it on average."""
-        # After a pause, too, one pose tells no more than those do that are wrong alike.
+        """The pose in the world; the map moves to where the given poses on average have it."""
+        # After a pause, too, one pose counts no more than the poses within the correlation time.
         elapsed = min(elapsed, WRONG_ALIKE_S)
         self._age += elapsed
         pose = self._T_world_map @ T_map_camera
@@ -191,18 +198,18 @@ class CorrectedPoses:
         return pose
 
     def _begin_anew(self, surface: Surface, given: PoseEstimate) -> PoseEstimate:
-        """Follow the given pose to where the map is not: the next frames are compared with this one."""
+        """Start a new map with this frame, at its given pose."""
         self._forget()
         self._hindsight.begin_anew()
         self._delay.interrupt()
-        # Where the map before came to lie is as good a guess as any of where the next one will.
+        # Where the last map came to lie is as good a guess as any for the next one.
         self._insert(surface, invert(self._T_world_map) @ given.T_world_camera)
         return replace(given, restarted=True)
 
     def _replace_map(self, surface: Surface, pose: NDArray[np.float64]) -> None:
-        """Forget a map of poses that were late, each off to another side; this frame begins the next one, in its place.
+        """Replace a map of late poses, each off in another direction, by one that begins with this frame.
 
-        What was fused so far comes to lie where this frame sees it, which is where its pose (4, 4) now is.
+        The fused map moves to where this frame's pose (4, 4) has it, if the frame overlaps the old map enough.
         """
         expected = moved(invert(self._T_world_map) @ pose, self._correction)
         registered = refined(self._planes, surface, expected)
@@ -218,10 +225,10 @@ class CorrectedPoses:
 
 
 class MeasuredNoise:
-    """How much of the stated uncertainty the given poses really have: exact ones shall stay where they are.
+    """Variance of the given poses relative to the stated one: exact poses shall stay unchanged.
 
-    Registrations scatter about the given poses by the noise of both (covariance matching, Mehra 1970). What they have
-    in common for long counts as well: poses that drift disagree with the map more and more.
+    Registrations scatter about the given poses by the noise of both (covariance matching, Mehra 1970). A lasting offset
+    counts as well: poses that drift disagree with the map more and more.
 
     negligible: variance, in units of the stated one, below which the given poses count as exact.
     """
@@ -229,11 +236,11 @@ class MeasuredNoise:
     def __init__(self, negligible: float) -> None:
         self.negligible = negligible
         self._count = 0
-        # Poses count as exact until they are seen not to be.
+        # Poses count as exact until they are measured not to be.
         self._variance = 0.0
 
     def measured(self, offset: NDArray[np.float64], information: NDArray[np.float64], elapsed: float) -> float:
-        """Variance of the given poses, 0..1 of the stated one, once this frame is taken into account.
+        """Variance of the given poses, 0..1 of the stated one, updated by this frame.
 
         offset: (6,) from the given pose to the registered one, information: (6, 6) of the registration; both in units
         of the stated standard deviations; elapsed: seconds since the last frame.
@@ -242,8 +249,7 @@ class MeasuredNoise:
         gain = max(1 - np.exp(-elapsed / _SETTLING_S), 1 / (self._count + 1))
         known, axes = np.linalg.eigh(information)
         spread = 1 / np.maximum(known, _UNKNOWN)
-        # The directions that the registration knows best tell most of the noise; a single registration that fails
-        # tells nothing.
+        # The best known directions of the registration weigh most. Clipping limits a single registration that fails.
         expected = spread + max(self._variance, self.negligible)
         weight = 1 / expected**2
         square = np.minimum((axes.T @ offset) ** 2, _OUTLIER**2 * expected)
@@ -253,17 +259,17 @@ class MeasuredNoise:
 
 
 def _worth(surface: Surface, residual: float, tried: float) -> float:
-    """How many points of independent noise a registered surface is worth, of those that were tried.
+    """How many points of independent noise a registered surface is worth, at most those that were tried.
 
-    The residual, metres, tells how well the surface and the map have the same shape (the a posteriori variance of unit
-    weight): by the noise of single pixels where depth is distorted, by a quarter of it where it is not.
+    The residual, metres, measures how well the shapes of surface and map agree (the a posteriori variance of unit
+    weight): to the noise of single pixels where depth is distorted, to a quarter of it where it is not.
     """
     expected = float(np.mean(np.square(surface.sigma, dtype=np.float64)))
     return float(min(_INDEPENDENT * expected / max(residual**2, 1e-12), tried))
 
 
 def _held(information: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The information (6, 6) along what depth holds."""
+    """The information (6, 6) of the directions that depth constrains."""
     known, axes = np.linalg.eigh(information)
     return np.asarray((axes * np.where(known < _HELD * known[-1], 0.0, known)) @ axes.T)
 
@@ -271,17 +277,18 @@ def _held(information: NDArray[np.float64]) -> NDArray[np.float64]:
 def _most_probable(
     offset: NDArray[np.float64], information: NDArray[np.float64], variance: float
 ) -> NDArray[np.float64]:
-    """How much (6,) of the offset to a registration is the given pose's error, whose variance is stated.
+    """The most probable error (6,) of the given pose, by its offset to the registration.
 
-    offset: (6,), information: (6, 6) of the registration, and variance, all in units of the stated uncertainty.
+    offset: (6,), information: (6, 6) of the registration, and variance of the given pose, all in units of the stated
+    uncertainty.
     """
     return np.asarray(variance * np.linalg.solve(np.eye(6) + variance * information, information @ offset))
 
 
 def _distance(offset: NDArray[np.float64], information: NDArray[np.float64]) -> float:
-    """How far off a given pose is that is as uncertain as stated, in standard deviations of its shift or its turn.
+    """Error of a given pose as uncertain as stated, in standard deviations: that of its shift or its turn, the larger.
 
-    Along what depth does not hold, as a bare plane, the registration slides: that is no distance.
+    The registration slides along directions that depth does not constrain, as along a bare plane: these do not count.
     """
     return float(np.linalg.norm(_most_probable(offset, information, 1.0).reshape(2, 3), axis=1).max())
 
@@ -289,8 +296,8 @@ def _distance(offset: NDArray[np.float64], information: NDArray[np.float64]) -> 
 def _leaps(
     last: tuple[int, NDArray[np.float64]], stamp_ns: int, pose: NDArray[np.float64], settings: PoseSettings
 ) -> bool:
-    """Whether the given pose lies where no camera can be so soon, however wrong it is, or its stamp does not follow the
-    last one."""
+    """Whether the given pose is farther from the last one than the camera's speed and the poses' noise allow, or its
+    timestamp does not follow the last one."""
     elapsed, motion = 1e-9 * (stamp_ns - last[0]), invert(last[1]) @ pose
     if elapsed <= 0:
         return True

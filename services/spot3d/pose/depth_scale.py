@@ -1,26 +1,26 @@
-"""By how much a depth camera's metres are longer than those of the poses that are given.
+"""Scale of a depth camera against the given poses.
 
-Depth cameras are true to a few per cent: what is two metres away is seen some centimetres too near or too far, wherever
-one looks from, and views from two sides never meet, however good the poses are. Odometry on depth has the same wrong
-metres and does not notice; with given poses it can be told (see `Adjustment`).
+Depth cameras are accurate to a few per cent: at two metres depth is some centimetres too short or too long from every
+side, so that views from two sides never agree, however good the poses are. Odometry on depth has the same wrong scale
+and does not notice. With given poses the scale can be estimated (see `Adjustment`).
 """
 
 import numpy as np
 
 from spot3d.pose.common_errors import COMMON, CommonErrors, believed
 
-# Steps smaller than this move what is a metre away by less than half of a pixel's noise, but to the same side wherever
-# it is seen: with 0.003 near desks of which depth is 3 % too short, poses shaken by 10 mm, have an IoU of 0.69
-# in the place of 0.71, and as a hand-held Kinect sees them 0.61 in the place of 0.63; redkitchen is the same.
+# Least change of the scale: at a metre it is less than half of a pixel's noise, but in the same direction everywhere.
+# With 0.003 near desks with depth 3 % too short, poses shaken by 10 mm, have an IoU of 0.69, not 0.71, and as a
+# hand-held Kinect sees them 0.61, not 0.63; redkitchen is the same.
 _STEP = 0.001
-# Further off than so many standard deviations no camera is, and no message says so: it is the poses that are wrong.
+# Largest scale that is applied or reported, in stated standard deviations: beyond it the poses are wrong.
 _MOST = 5.0
 NOTABLE = 0.01
-"""A scale that is off by less is not spoken of: data sheets promise no more."""
+"""Smaller deviations are not reported: data sheets promise no more."""
 
 
 def notice(factor: float) -> str:
-    """What is wrong with depth that is to be multiplied by this, in words; empty where that is not worth a word."""
+    """Text for people about depth that is to be multiplied by this; empty where it is not notable."""
     off = 1 / factor - 1
     if abs(off) < NOTABLE:
         return ""
@@ -31,9 +31,9 @@ def notice(factor: float) -> str:
 
 
 def decided(errors: CommonErrors, factor: float) -> float:
-    """What depth has to be multiplied by to agree with the given poses, by what is known by now (see `believed`).
+    """The factor by which depth agrees with the given poses, as estimated so far (see `believed`).
 
-    factor: as it was decided before; it stays where it would hardly change.
+    factor: the one decided before, which is kept where the change would be small.
     """
     if 0 not in errors.free:
         return factor

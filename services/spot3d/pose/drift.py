@@ -1,8 +1,8 @@
 """Correction of the odometry's drift by visual landmarks.
 
-Registration by depth alone slides along what is flat, and a depth camera's own distortion moves with it, which makes
-sideways motion seem too short. Image features know where they were. Their images are taken up to a frame apart from
-the depth images, so that each single frame is better placed by depth: the landmarks' correction is smoothed over time.
+Registration by depth alone slides along flat surfaces, and a depth camera's own distortion moves with it, which makes
+sideways motion seem too short. Image features do not slide. Colour images are taken up to a frame apart from the depth
+images, so that depth places each single frame better: the landmarks' correction is smoothed over time.
 """
 
 from dataclasses import dataclass
@@ -23,14 +23,14 @@ from spot3d.trajectory import nearest_rotation
 
 # The correction follows the landmarks within about this time, two frames: colour and depth may be one apart.
 _SETTLING_S = 1 / 15
-# A pose by fewer landmarks than this is chance.
+# With fewer landmarks than this a pose is chance.
 _MATCHES_MIN = 12
 # The depth registration's information counts by this share against the landmarks': its points' errors are not
 # independent, but alike over large parts of the image.
 _DEPTH_SHARE = 0.01
 # A feature is found to about a pixel, and the map's depth is good to this beyond the noise, metres.
 _PIXEL, _MAP_NOISE = 1.0, 0.002
-# Drift that moves the image by less than this, pixels, is in doubt: where depth is good, it knows better.
+# Drift that moves the image by less than this, pixels, is in doubt: good depth is more accurate.
 _DOUBT = 0.7
 # Corrections beyond this (metres, radians) are no drift: the landmarks are mistaken.
 _DRIFT_MAX = 0.1
@@ -83,9 +83,9 @@ class DriftCorrection:
         T_world_registered: NDArray[np.float64],
         information: NDArray[np.float64],
     ) -> NDArray[np.float64]:
-        """The registered pose (4, 4) as far as depth holds it, and for the rest where the landmarks have the frame.
+        """The pose (4, 4) of the registration in directions that depth constrains, and of the landmarks in the others.
 
-        It has no odometry's drift: the correction is forgotten. T_world_place: (4, 4) by which landmarks are matched;
+        It has no drift of odometry: the correction is forgotten. T_world_place: (4, 4) by which landmarks are matched;
         information: see `correct`.
         """
         self.restart()
@@ -98,7 +98,7 @@ class DriftCorrection:
     def _agreement(
         self, features: Features, camera: Intrinsics, matches: Matches
     ) -> tuple["Agreement", NDArray[np.int64]]:
-        """How features agree with their landmarks, and which do, (m,)."""
+        """Agreement of the matched features with their landmarks, and the rows of these features, (m,)."""
         matched = np.flatnonzero(matches.landmark >= 0)
         agreement = Agreement(
             features.points[matched],
@@ -116,7 +116,7 @@ class DriftCorrection:
         T_world_camera: NDArray[np.float64],
         matches: Matches | None = None,
     ) -> NDArray[np.bool_]:
-        """Which features (n,) lie, by a pose (4, 4), where their landmark is; matches: by it, if they are known."""
+        """Which features (n,) lie at their landmark by a pose (4, 4); matches: by this pose, if they are known."""
         if matches is None:
             matches = self.map.match(features, camera, T_world_camera)
         seen = matches.landmark >= 0
@@ -125,11 +125,11 @@ class DriftCorrection:
         return seen
 
     def held(self, T_world_registered: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The pose (4, 4) of a registered frame with the correction as it stands, for a frame that is not compared."""
+        """The pose (4, 4) of a registered frame with the latest correction, for a frame that is not compared."""
         return _moved(T_world_registered, self._correction)
 
     def restart(self) -> None:
-        """Forget the correction, not the landmarks: a pose that was found again is the map's own."""
+        """Forget the correction, not the landmarks: a relocalised pose has no drift against the map."""
         self._correction = np.zeros(6)
 
 
@@ -164,8 +164,10 @@ class Agreement:
         prior: NDArray[np.float64],
         expected: NDArray[np.float64] | None = None,
     ) -> NDArray[np.float64]:
-        """The motion (6,) from a pose to where the landmarks are met best; prior: (6, 6) information that it is the
-        expected one (6,), none unless given."""
+        """The motion (6,) from a pose to the one that fits the landmarks best.
+
+        prior: (6, 6) information of the expected motion (6,), which is zero unless given.
+        """
         twist = np.zeros(6)
         off = np.zeros(6) if expected is None else -expected
         for _ in range(_STEPS):
@@ -213,7 +215,7 @@ class _Pairs(NamedTuple):
 
 
 class _Room(NamedTuple):
-    """Room for what is computed of one point: three vectors (3,), J and MJ (3, 6); J's left half is the identity."""
+    """Scratch arrays of one point: three vectors (3,), J and MJ (3, 6); J's left half is the identity."""
 
     ray: NDArray[np.float64]
     r: NDArray[np.float64]
@@ -223,7 +225,7 @@ class _Room(NamedTuple):
 
 
 class _Sums(NamedTuple):
-    """H (6, 6) and g (6,), which are summed up, and the weight (n,) of each point."""
+    """Sums H (6, 6) and g (6,), and the weight (n,) of each point."""
 
     H: NDArray[np.float64]
     g: NDArray[np.float64]
@@ -251,7 +253,7 @@ def _normal_equations(T: NDArray[np.float64], pairs: _Pairs, room: _Room, sums: 
             along += r[a] * ray[a]
         across = r[0] * r[0] + r[1] * r[1] + r[2] * r[2] - along * along
         wide, deep = 1 / lateral[i] ** 2, 1 / axial[i] ** 2
-        # Across there are two directions: half the square is one's.
+        # Two directions lie across the ray: each has half the square.
         robust = 1 / (1 + (across * wide / 2 + along * along * deep) / _KERNEL**2)
         weights[i] = robust * robust
         J[0, 4], J[0, 5] = lever[2], -lever[1]

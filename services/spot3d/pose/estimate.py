@@ -1,4 +1,4 @@
-"""What a pose provider says about a frame."""
+"""A pose provider's estimate for a frame."""
 
 from dataclasses import dataclass
 from typing import Literal, Protocol
@@ -17,13 +17,13 @@ class PoseEstimate:
 
     T_world_camera: (4, 4) float64; while status is "lost" it is the last good pose and must not be fused.
     reason: why tracking is lost, for people; empty while status is "ok".
-    forgotten: surfels and landmarks that the full maps dropped for this frame's.
+    forgotten: number of surfels and landmarks that the full maps dropped for this frame's.
     restarted: the given poses jumped away from the local map, which began anew with this frame.
-    T_world_map: (4, 4) float64, where the map by which poses are corrected lies in the world, as far as is known by
-    now: it moves, and what earlier frames saw moves with it; None: the map stays.
-    delay_s: how much older than the image the given pose was taken to be; the pose is where the camera is by then.
-    calibration: by which the frame is to be seen to agree with the given poses; the pose is turned by it.
-    corrections: of the poses of frames before, where they are known anew; None: as they were.
+    T_world_map: (4, 4) float64, latest place in the world of the map by which poses are corrected: it moves, and what
+    earlier frames saw moves with it; None: the map stays.
+    delay_s: assumed delay of the given pose behind the image; T_world_camera is the pose at the time of the image.
+    calibration: to be applied to the frame so that it agrees with the given poses; the pose is turned by it.
+    corrections: of earlier frames' poses, where there are new ones; None: no change.
     """
 
     T_world_camera: NDArray[np.float64]
@@ -41,5 +41,5 @@ class PoseTracker(Protocol):
     """Any pose provider: one estimate for each frame, in the order of the stamps."""
 
     def track(self, frame: RgbdFrame) -> PoseEstimate:
-        """Pose of the frame, which may bring a given one along."""
+        """Pose of the frame, which may carry a given one."""
         ...

@@ -1,4 +1,4 @@
-"""Image features with depth: corners that can be known again, and where they lie."""
+"""Image features with depth: corners that can be recognised again, and their 3D points."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from spot3d.camera import Intrinsics
 from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.kernel import kernel
 
-# ORB's pyramid: features are known again from half to twice the distance.
+# ORB's pyramid: features are recognised from half to twice the distance.
 _LEVELS, _SCALE = 4, 1.4
 _CORNER = 15
 # A feature's neighbours at this distance (pixels) must lie on the same surface: no depth is known at an edge.
@@ -38,8 +38,9 @@ class Features:
         return len(self.pixels)
 
     def information(self, camera: Intrinsics, seen_again: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
-        """Information (6, 6) on the pose, 1/m2 and 1/rad2, of those that are seen again (n,), or that they would have
-        if all were: for a shift and a turn about the camera in its own axes.
+        """Information (6, 6) on the pose, 1/m2 and 1/rad2, for a shift and a turn about the camera in its own axes.
+
+        seen_again: (n,) the features that count; None: all.
         """
         chosen = slice(None) if seen_again is None else seen_again
         points, z = self.points[chosen], self.points[chosen, 2]
@@ -82,7 +83,7 @@ def _crossed(points: NDArray[np.float64]) -> NDArray[np.float64]:
 def _depth_at(
     depth: NDArray[np.float32], pixels: NDArray[np.float64], range_max: float, mean: NDArray[np.float64]
 ) -> None:
-    """Mean depth (n,) of each pixel and its four neighbours, metres; left at 0 where they are not of one surface."""
+    """Mean depth (n,) of each pixel and its four neighbours, metres; left at 0 where they are not on one surface."""
     rows, columns = depth.shape
     for i in range(len(pixels)):
         u, v = int(np.rint(pixels[i, 0])), int(np.rint(pixels[i, 1]))

@@ -20,7 +20,7 @@ _SOURCE_VOXEL, _VOXEL, _DISTANCE = 0.03, 0.08, 0.10
 _ITERATIONS = 20
 # The map that a poor guess is first registered to has voxels this many times larger.
 _COARSE = 4
-# A voxel that was not seen for this many frames goes; the map looks for such voxels every so many frames.
+# A voxel that was not seen for this many frames is removed; the map looks for such voxels every so many frames.
 _HORIZON, _CLEAR_CYCLE = 3000, 100
 
 
@@ -29,9 +29,9 @@ class SmallGicp:
 
     def __init__(self, surfel_limit: int) -> None:
         self._empty_maps()
-        # Judges what was registered, by the same measure as the other provider's.
+        # Judges registrations, by the same measure as the other provider's.
         self.planes = SurfelMap(VOXEL, surfel_limit, beside=False)
-        # The cloud of the surface at hand: a frame is registered, perhaps several times, and then inserted.
+        # The cloud of the current surface: a frame may be registered several times, and is then inserted.
         self._prepared: tuple[Surface, small_gicp.PointCloud] | None = None
 
     def register(self, surface: Surface, T_world_guess: NDArray[np.float64], wide: bool) -> Registration:
@@ -51,7 +51,7 @@ class SmallGicp:
         self.planes.insert(surface, T_world_camera)
 
     def restored(self) -> None:
-        """The maps of Gaussians become those of the places of the surfels."""
+        """Rebuild the maps of Gaussians from the positions of the surfels."""
         self._empty_maps()
         places = self.planes.held()[1][:, :3]
         if len(places) > _NEIGHBOURS:

@@ -1,4 +1,4 @@
-"""The pass-through: poses that the frames bring along (data-set truth, a robot's own odometry)."""
+"""The pass-through: poses that come with the frames (data-set truth, a robot's own odometry)."""
 
 import numpy as np
 

@@ -1,7 +1,7 @@
 """KISS-ICP (Vizzo et al. 2023) with a preset for depth cameras, refined against a local map of planes.
 
-KISS-ICP's point-to-point registration finds the pose from afar; point-to-plane to averaged surfels then
-measures it finely. Alone, the first is coarse on depth cameras and the second loses fast motion.
+KISS-ICP's point-to-point registration finds the pose from a poor guess; point-to-plane to averaged surfels then
+refines it. Alone, the first is coarse on depth cameras and the second loses fast motion.
 """
 
 import numpy as np
@@ -26,7 +26,7 @@ _ITERATIONS, _CONVERGENCE = 10, 3e-3
 # only. Voxel in metres, points in a voxel; sigma is half a voxel, so that correspondences reach 1.5 voxels.
 _WIDE_VOXEL, _WIDE_POINTS = 0.3, 10
 _WIDE_ITERATIONS, _WIDE_CONVERGENCE = 50, 1e-3
-# What lies beyond this from the camera leaves the maps, metres.
+# Points farther than this from the camera are removed from the maps, metres.
 _RANGE = 20.0
 # sigma_0, the first adaptive threshold, and delta_min: smaller deviations do not adapt it; metres.
 _FIRST_THRESHOLD, _MOTION_MIN = 0.05, 0.005
@@ -68,7 +68,7 @@ class KissIcp:
         self.planes.insert(surface, T_world_camera)
 
     def restored(self) -> None:
-        """KISS-ICP's own maps become the places of the surfels."""
+        """Rebuild KISS-ICP's own maps from the positions of the surfels."""
         places = self.planes.held()[1][:, :3]
         for voxels in (self._map, self._wide_map):
             voxels.clear()
@@ -76,7 +76,7 @@ class KissIcp:
         self._deviation = None
 
     def _align_wide(self, surface: Surface, pose: NDArray[np.float64]) -> NDArray[np.float64]:
-        """KISS-ICP from afar: first against the map of larger voxels."""
+        """KISS-ICP from a poor guess: first against the map of larger voxels."""
         source = _thinned(surface, _WIDE_VOXEL)
         for voxels, sigma in ((self._wide_map, 0.5 * _WIDE_VOXEL), (self._map, _VOXEL)):
             pose = self._wide_registration.align_points_to_map(source, voxels, pose, 3 * sigma, sigma)
@@ -93,9 +93,9 @@ def _thinned(surface: Surface, *voxels: float) -> NDArray[np.float64]:
 
 
 def kiss_config(voxel: float, points: int, iterations: int, convergence: float) -> KISSConfig:
-    """KISS-ICP's own configuration: each value that it reads is stated, so that its environment has no say.
+    """KISS-ICP's own configuration: each value that it reads is set, so that its environment has no effect.
 
-    One thread: the stage's budget is one core, and the sums come out in the same order each time.
+    One thread: the stage's budget is one core, and sums are computed in the same order each time.
     """
     return KISSConfig(
         data={"max_range": _RANGE, "min_range": 0.0, "deskew": False},

@@ -1,4 +1,4 @@
-"""The map of landmarks: image features whose places in the world are known."""
+"""The map of landmarks: image features with known positions in the world."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -10,15 +10,15 @@ from spot3d.camera import Intrinsics, invert
 from spot3d.kernel import kernel, part
 from spot3d.pose.features import Features
 
-# ORB descriptors of one corner differ in no more of their 256 bits, and clearly less than those of any other nearby.
+# Most bits of 256 in which ORB descriptors of one corner differ, and their largest ratio to the second best nearby.
 _BITS_MAX, _RATIO = 50, 0.85
 # A match lies within this share of the image's width of where it is expected, and within this depth (m, share).
 _REACH = 0.04
 _DEPTH_STEP, _DEPTH_SHARE = 0.1, 0.03
-# The mean of so many sightings is a landmark's place for good: a map that follows the camera holds no camera.
+# A landmark's position is fixed after this many sightings: a map that follows the camera does not constrain it.
 _SETTLED = 5
-# Landmarks that were in view this often, but known again in less than this share of it, are chance corners;
-# they are looked for every so many frames.
+# Landmarks that were in view this often, but recognised in less than this share of it, are chance corners;
+# they are removed every so many frames.
 _TRIALS, _KNOWN_AGAIN, _TIDY_CYCLE = 15, 0.15, 15
 _NONE = -1
 
@@ -27,16 +27,16 @@ LANDMARK = np.dtype(
         ("position", np.float64, 3),  # metres, world
         ("descriptor", np.uint64, 4),
         ("weight", np.float64),  # of the position, 1/m2
-        ("sightings", np.int64),  # frames that knew it
+        ("sightings", np.int64),  # frames that recognised it
         ("views", np.int64),  # frames that had it in view
-        ("last", np.int64),  # frame that knew it last
+        ("last", np.int64),  # last frame that recognised it
     ]
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Matches:
-    """Which landmark each feature of a frame is.
+    """The landmarks matched to the features of a frame.
 
     landmark: (n,) int64, row of the map, -1 = none; visible: (m,) int64, the landmarks that should be in view.
     """
@@ -46,7 +46,7 @@ class Matches:
 
 
 class LandmarkMap:
-    """A bounded map of landmarks: `rows` of the type LANDMARK, at most `limit`; `forgotten` have had to make room."""
+    """A bounded map of landmarks: `rows` of the type LANDMARK, at most `limit`; `forgotten`: how many were dropped."""
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
@@ -55,12 +55,12 @@ class LandmarkMap:
         self._frames = 0
 
     def restore(self, rows: NDArray[np.void]) -> None:
-        """Make the map the rows of another one; of too many those known last."""
+        """Replace the map by the rows of another one, if too many by those recognised last."""
         self.rows = rows[np.argsort(-rows["last"], kind="stable")[: self.limit]]
         self._frames = int(rows["last"].max(initial=0))
 
     def match(self, features: Features, camera: Intrinsics, T_world_camera: NDArray[np.float64]) -> Matches:
-        """Match features with the landmarks near to where the pose expects them; each landmark at most once."""
+        """Match features with the landmarks that the pose expects near them; each landmark at most once."""
         lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
         size = np.array([camera.width, camera.height], np.float64)
         reach = _REACH * camera.width
@@ -72,7 +72,7 @@ class LandmarkMap:
     def insert(
         self, features: Features, matches: Matches, trusted: NDArray[np.bool_], T_world_camera: NDArray[np.float64]
     ) -> None:
-        """Take in a frame: landmarks known again settle, features that are none become one.
+        """Add a frame: average the positions of recognised landmarks, and make landmarks of unmatched features.
 
         trusted: (n,) bool, the features whose match fits the pose. Makes `matches` invalid.
         """
@@ -98,7 +98,7 @@ class LandmarkMap:
         self.rows = np.concatenate((rows, new))
 
     def _tidied(self, room: int) -> NDArray[np.void]:
-        """The landmarks without chance corners; where even these find no room, the half of it that was known last."""
+        """The landmarks without chance corners; if these exceed `room`, the last recognised ones, half of `room`."""
         rows = self.rows
         rows = rows[(rows["views"] < _TRIALS) | (rows["sightings"] >= _KNOWN_AGAIN * rows["views"])]
         if len(rows) > room:
@@ -113,7 +113,7 @@ def _in_view(
     lens: NDArray[np.float64],
     size: NDArray[np.float64],
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Rows of the positions that fall into the image, and where: (m, 3) float64, u and v in pixels, z in metres."""
+    """Rows of the positions inside the image, and their projections (m, 3) float64: u, v in pixels, z in metres."""
     rows, expected = np.empty(len(positions), np.int64), np.empty((len(positions), 3))
     count = _project(positions, T_camera_world, lens, size, rows, expected)
     return rows[:count], expected[:count]
@@ -128,7 +128,7 @@ def _project(
     rows: NDArray[np.int64],
     expected: NDArray[np.float64],
 ) -> int:
-    """Write what `_in_view` returns, and say how much it is."""
+    """Fill in what `_in_view` returns; returns the number of rows."""
     fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
     T = T_camera_world
     count = 0
@@ -153,7 +153,7 @@ def _match(
     size: NDArray[np.float64],
     reach: float,
 ) -> NDArray[np.int64]:
-    """Row of the expected landmark (m, 3) with the descriptor nearest to each feature's (n,) int64, -1 = none."""
+    """Row (n,) int64 of the expected landmark (m, 3) with the descriptor nearest to each feature's, -1 = none."""
     first = np.full((int(size[1] / reach) + 3, int(size[0] / reach) + 3), _NONE)
     following, owner, difference = np.full((3, len(expected)), _NONE)
     difference[:] = _BITS_MAX + 1
@@ -172,14 +172,14 @@ class _Found(NamedTuple):
 
 
 class _Cells(NamedTuple):
-    """Landmarks by cells of the image as wide as the reach: the first in each, and (m,) the next of each; -1 = none."""
+    """Linked lists of landmarks in image cells as wide as the reach: first of each cell, (m,) next of each, or -1."""
 
     first: NDArray[np.int64]
     following: NDArray[np.int64]
 
 
 class _Claims(NamedTuple):
-    """The feature that has each of (m,) landmarks, -1 = none, and in how many bits they differ."""
+    """The feature matched to each of (m,) landmarks, -1 = none, and in how many bits they differ."""
 
     owner: NDArray[np.int64]
     difference: NDArray[np.int64]
@@ -195,7 +195,7 @@ def _find_nearest(
     claims: _Claims,
     nearest: NDArray[np.int64],
 ) -> None:
-    """Fill in `nearest`, which is -1, and the cells and claims, which are empty; `difference` is more than may be."""
+    """Fill in `nearest`, which is -1, and cells and claims, which are empty; `difference` starts above the maximum."""
     pixels, points, descriptors = features
     (first, following), (owner, difference) = cells, claims
     for j in range(len(expected)):
@@ -217,7 +217,7 @@ def _find_nearest(
                         second = bits
                 j = following[j]
         if landmark >= 0 and best < difference[landmark] and best < _RATIO * second:
-            # Of several features that claim a landmark, the one most like it has it.
+            # Of several features that match one landmark, the nearest descriptor wins.
             if owner[landmark] >= 0:
                 nearest[owner[landmark]] = -1
             owner[landmark], difference[landmark], nearest[i] = i, best, landmark

@@ -8,7 +8,7 @@ from spot3d.trajectory import nearest_rotation, rotation_angle, rotation_from_ve
 
 
 def vector_from_rotation(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotation vector, radians, of a (3, 3) rotation by less than pi (motions between frames)."""
+    """Rotation vector, radians, of a (3, 3) rotation by less than pi, as between frames."""
     axis = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
     return axis / (2 * float(np.sinc(float(rotation_angle(rotation)) / np.pi)))
 
@@ -37,7 +37,7 @@ def twist(T_world_from: NDArray[np.float64], T_world_to: NDArray[np.float64]) ->
 def extrapolated(
     T_world_before: NDArray[np.float64], T_world_last: NDArray[np.float64], ratio: float
 ) -> NDArray[np.float64]:
-    """Pose at constant velocity, `ratio` times as far beyond the last as that lies beyond the one before."""
+    """Pose at constant velocity: the last one moved on by `ratio` times the motion from the one before to it."""
     step = invert(T_world_before) @ T_world_last
     motion = np.eye(4)
     motion[:3, :3] = rotation_from_vector(ratio * vector_from_rotation(step[:3, :3]))
@@ -48,7 +48,7 @@ def extrapolated(
 def checked_pose(T: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
     """The (4, 4) pose as an exact rigid transform, or None where it is none (shape, nan, not a rotation).
 
-    Data sets round their matrices, so a deviation from orthogonality of up to one per cent is mended.
+    Data sets round their matrices, so a deviation from orthogonality of up to one per cent is corrected.
     """
     if T is None or np.shape(T) != (4, 4):
         return None

@@ -1,11 +1,10 @@
-"""By how much the camera looks elsewhere than the given poses and its intrinsics say.
+"""Turn of the camera against the given poses, and offset of its principal point.
 
-A tracker is mounted by eye: what is a metre away then lies centimetres off, to another side from each view, and smears.
-A principal point that is some pixels off, as a driver's is from a calibrated one, does the same, and shears what is
-seen as well. Odometry on depth turns with its camera and does not notice; with given poses it can be told from what is
-seen by cameras that stand at a slant to each other (see `Adjustment`). A table alone does not tell the one from the
-other; what stands on it does. About an axis around which the camera never turns it stays as it is: there it smears
-nothing.
+A tracker is mounted by eye: points a metre away then lie centimetres off, in another direction from each view, and
+objects smear. A principal point that is some pixels off, as a driver's is from a calibrated one, does the same, and
+also shears. Odometry on depth turns with its camera and does not notice. With given poses, both can be estimated from
+views at a slant to each other (see `Adjustment`). A table alone does not distinguish them, the objects on it do. The
+turn about an axis around which the camera never turns stays as it is, since it smears nothing.
 """
 
 import math
@@ -16,20 +15,20 @@ from numpy.typing import NDArray
 from spot3d.calibration import Calibration
 from spot3d.pose.common_errors import COMMON, CommonErrors, believed
 
-# Depth that is bent looks more like a turn, or a centre that is off, than like another scale: so much of the share is
-# trusted that the scale is decided by. With 0.36 nothing is found of a tracker mounted 1 deg otherwise than told, on a
-# desk seen from near with poses shaken by 10 mm, with this 0.7 deg; with 1 redkitchen, shaken by 20 mm, is turned by
-# 0.8 deg for nothing.
+# Factor on the trusted share of information, beside that for the scale: a bend of depth looks more like a turn, or an
+# offset of the centre, than like a scale. With 0.36 nothing is found of a tracker mounted 1 deg off, on a desk seen
+# from near with poses shaken by 10 mm, with this 0.7 deg; with 1 redkitchen, shaken by 20 mm, is wrongly turned by
+# 0.8 deg.
 _ALIKE = 0.45
-# Steps smaller than this, radians, move what is a metre away by less than twice the noise of a pixel.
+# Least change, radians: smaller ones move points a metre away by less than twice the noise of a pixel.
 _STEP = 0.002
 NOTABLE = math.radians(0.5)
-"""A turn, or an offset of the principal point in focal lengths, that is less is not spoken of: half a degree is what a
-bracket is mounted to."""
+"""A smaller turn, or offset of the principal point in focal lengths, is not reported: brackets are mounted to half a
+degree."""
 
 
 def notice(known: Calibration) -> str:
-    """What is wrong with the given poses or the intrinsics, in words; empty where that is not worth a word."""
+    """Text for people about turn and principal point; empty where neither is notable."""
     angle, offset = math.hypot(*known.turn), math.hypot(*known.centre)
     found = []
     if angle >= NOTABLE:
@@ -46,11 +45,11 @@ def notice(known: Calibration) -> str:
 
 
 def decided(errors: CommonErrors, vector: NDArray[np.float64], log_scale: float) -> NDArray[np.float64]:
-    """The rotation vector (3,) from the frame that given poses are of to the camera's, radians about its axes, and the
-    offset (2,) of its principal point (see `Calibration`), by what is known by now.
+    """The rotation vector (3,) from the frame of the given poses to the camera's, radians about its axes, and the
+    offset (2,) of its principal point (see `Calibration`), as estimated so far.
 
-    vector: (5,) as it was decided before; it stays where it would hardly change. log_scale: the logarithm of what depth
-    is multiplied by: what is believed (see there) of turn and centre is as they are if that is right.
+    vector: (5,) decided before, which is kept where the change would be small. log_scale: logarithm of the factor of
+    depth, taken as exact in the estimate (see `believed`).
     """
     free = errors.free[errors.free > 0]
     if not len(free):

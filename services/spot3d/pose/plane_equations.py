@@ -1,4 +1,4 @@
-"""Normal equations of frames that see the same planes, whose own places are eliminated."""
+"""Normal equations of frames that see the same planes, with the planes' own parameters eliminated."""
 
 from typing import NamedTuple
 
@@ -11,27 +11,27 @@ from spot3d_schemas.limits import BEND_SHAPE
 POSE = 6
 """Unknowns of each frame: shift, and rotation about its camera, world axes."""
 CELLS = BEND_SHAPE[::-1]
-"""Columns and rows of the image's cells; with 12 and 8 redkitchen tells the same scale within 0.2 %."""
+"""Columns and rows of the lattice of depth's bend; with 12 and 8 redkitchen tells the same scale within 0.2 %."""
 OPTICS = 4 + CELLS[0] * CELLS[1]
-"""Unknowns of all frames: logarithm of depth's scale, the principal point's offset along x and y (see `Calibration`),
-logarithm of how much wider the camera sees than told, and logarithm of the scale of depth about the middle of each of
-the image's cells, row by row, beside that of all. In between it changes in line with both.
+"""Unknowns shared by all frames: logarithm of depth's scale, the principal point's offset along x and y (see
+`Calibration`), logarithm of how much wider the camera sees than its intrinsics say, and logarithm of the relative scale
+of depth at each node of the lattice, row by row, bilinear between them.
 """
-# A point's row: its frame's unknowns, four of all, and the cells around it. A plane's: its distance and its slants.
+# Unknowns of a point: those of its frame, four shared ones, and the nodes around it. Of a plane: distance and slants.
 _LENS, _AROUND, _PLANE = 4, 4, 3
 _ROW = POSE + _LENS + _AROUND
-# A plane's normal is that of its points to so much: what is bent more within a voxel is no plane.
+# Standard deviation of a plane's slants against the mean normal: surfaces bent more within a voxel are no plane.
 _SLANT = 0.1
-# Keeps equations of a plane finite that is seen in one spot.
+# Keeps the equations of a plane that is seen in one spot finite.
 _RIDGE = 1e-6
 
 
 class SeenPoints(NamedTuple):
     """Points of all frames, sorted by their plane, and by their frame within each.
 
-    places, arms, normals: (n, 3), world; arms are from the frame's camera; sigma: (n,) metres; frame: (n,) which;
-    cells, shares: (n, 4) the cells around each point, and how much of each it has; first: (m + 1,) where each plane's
-    points begin; axes: (frames, 3, 3) the cameras' rotations.
+    places, arms, normals: (n, 3), world; arms are from the frame's camera; sigma: (n,) metres; frame: (n,) index;
+    cells, shares: (n, 4) the lattice nodes around each point, and their weights; first: (m + 1,) row at which each
+    plane's points begin; axes: (frames, 3, 3) the cameras' rotations.
     """
 
     places: NDArray[np.float64]
@@ -46,17 +46,19 @@ class SeenPoints(NamedTuple):
 
 
 class _Fitted(NamedTuple):
-    """Of each point (n, 4): distance to its plane, place along it (2), metres, and weight, 0 = of no plane; normals:
-    (m, 3) of the planes."""
+    """points: (n, 4) distance to the plane, coordinates in it (2), metres, and weight, 0 = of no plane; normals: (m, 3)
+    of the planes."""
 
     points: NDArray[np.float64]
     normals: NDArray[np.float64]
 
 
 class _Room(NamedTuple):
-    """What is summed up, H (upper triangle) and g, and room: for what one plane shares with the unknowns of all frames
-    and then with those of its own, (3, k), and how it explains that, (3, k); for which frames see it; for one point's
-    row (14,); and for the plane's own equations, their inverse and right side (3, 7).
+    """Sums H (upper triangle) and g, and scratch arrays of one plane.
+
+    across: (3, k) the plane's unknowns by the shared ones and then by those of the frames that see it; explained: (3,
+    k) the plane's inverse times that; frames: which see it; row: (14,) one point's; own: (3, 7) the plane's equations,
+    their inverse and right side.
     """
 
     H: NDArray[np.float64]
@@ -71,10 +73,10 @@ class _Room(NamedTuple):
 def plane_equations(
     seen: SeenPoints, distance: float, scale: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """H (k, k) and g (k,) of H x = g, by all planes that two frames or more see; and variance of unit weight.
+    """H (k, k) and g (k,) of H x = g, by all planes that two or more frames see; and variance of unit weight.
 
-    k: the unknowns of each frame, then those of all. Points within `distance` of their plane count by their inverse
-    variance, with Geman-McClure weights of so many standard deviations, `scale`.
+    k: the unknowns of each frame, then the shared ones. Points within `distance` metres of their plane count by their
+    inverse variance, with Geman-McClure weights of scale `scale`, in standard deviations.
     """
     frames, planes = len(seen.axes), len(seen.first) - 1
     size = POSE * frames + OPTICS
@@ -99,7 +101,7 @@ def plane_equations(
 
 @part()
 def _add(M: NDArray[np.float64], v: NDArray[np.float64], weight: float, away: float, u: float, w: float) -> None:
-    """Add a point to the equations M (3, 3), upper triangle, and v (3,) of its plane, from which it is so far away."""
+    """Add a point `away` from its plane to the plane's equations M (3, 3), upper triangle, and v (3,)."""
     M[0, 0] += weight
     M[0, 1] += weight * u
     M[0, 2] += weight * w
@@ -124,7 +126,7 @@ def _solved(M: NDArray[np.float64], inverse: NDArray[np.float64]) -> None:
 
 @kernel()
 def _fit(seen: SeenPoints, distance: float, scale: float, fitted: _Fitted, own: NDArray[np.float64]) -> None:
-    """Fit a plane to the points of each voxel that two frames or more see, with about their mean normal."""
+    """Fit a plane, near the mean normal, to the points of each voxel that two or more frames see."""
     places, _, normals, sigma, frame, _, _, first, _ = seen
     points, planes = fitted
     M, inverse, v = own[:, :3], own[:, 3:6], own[:, 6]
@@ -148,7 +150,7 @@ def _fit(seen: SeenPoints, distance: float, scale: float, fitted: _Fitted, own: 
         if length < 0.9 * total:
             continue
         x, y, z, mx, my, mz = x / total, y / total, z / total, mx / length, my / length, mz / length
-        # Two directions along it.
+        # Two directions in the plane.
         if abs(mx) < 0.8:
             ax, ay, az = 1 - mx * mx, -mx * my, -mx * mz
         else:
@@ -180,7 +182,7 @@ def _fit(seen: SeenPoints, distance: float, scale: float, fitted: _Fitted, own: 
 
 @kernel()
 def _sum_up(seen: SeenPoints, fitted: _Fitted, room: _Room) -> None:
-    """Sum H and g over all points, less what the planes themselves explain (their Schur complement)."""
+    """Sum H and g over all points, with the planes' unknowns eliminated (Schur complement)."""
     _, arms, _, _, frame, cells, shares, first, axes = seen
     points, planes = fitted
     H, g, across, explained, frames, J, own = room
@@ -205,7 +207,7 @@ def _sum_up(seen: SeenPoints, fitted: _Fitted, room: _Room) -> None:
                 frames[count] = k
                 count += 1
                 across[:, OPTICS + POSE * (count - 1) : OPTICS + POSE * count] = 0
-            # By the plane's place, not the point's, whose noise is in its distance as well.
+            # The lever arm of the plane, not of the point, whose noise is in its distance as well.
             x, y, z = arms[i, 0] - off * mx, arms[i, 1] - off * my, arms[i, 2] - off * mz
             R = axes[k]
             cx, cy = R[0, 0] * mx + R[1, 0] * my + R[2, 0] * mz, R[0, 1] * mx + R[1, 1] * my + R[2, 1] * mz
@@ -247,7 +249,7 @@ def _sum_up(seen: SeenPoints, fitted: _Fitted, room: _Room) -> None:
             s0, s1, s2 = explained[0, a], explained[1, a], explained[2, a]
             row = shared + a if a < OPTICS else POSE * frames[(a - OPTICS) // POSE] + (a - OPTICS) % POSE
             g[row] += s0 * v[0] + s1 * v[1] + s2 * v[2]
-            # What is shared comes last, and of frames the later ones after the earlier: all that is above the diagonal.
+            # Shared unknowns come last, and frames in ascending order: only the upper triangle is written.
             for b in range(OPTICS):
                 H[row, shared + b] -= s0 * across[0, b] + s1 * across[1, b] + s2 * across[2, b]
             if a < OPTICS:

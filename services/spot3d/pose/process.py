@@ -35,20 +35,20 @@ _IN, _OUT = "source/frame", "pose/pose"
 _FORGOTTEN = "surfels and landmarks forgotten: the map's limit is reached"
 _RESTARTED = "given poses jumped: the map that corrects them began anew"
 _SNAPSHOT_S = 2.0
-"""Time between two snapshots of the tracker's map, if any are kept: what is new since is little to be found in."""
+"""Time between two snapshots of the tracker's map, if any are kept: what is newer helps little to relocalise."""
 _SPREAD = 20
-"""The frames of the warm-up, which are as far apart as a camera's, are so many times as far."""
+"""Factor of the time between warm-up frames, which is at first that of a camera."""
 _TOLD_NS = 1_000_000_000
-"""Tracking that is lost for this long is told."""
+"""Tracking that is lost for this long is reported."""
 
 
 def run(link: LinkSettings, settings: PoseSettings, stop: threading.Event | None = None) -> None:
-    """Publish the pose of every frame that comes, until stopped by `stop`, SIGINT or SIGTERM.
+    """Publish the pose of every received frame, until stopped by `stop`, SIGINT or SIGTERM.
 
-    Each stream of frames has a world of its own, whose name, the epoch, the poses carry. A stage that is started again
-    amid a stream is lost until it finds itself in the world before, by its snapshot; where there is none, it begins
-    another. Poses that frames bring along need none. A frame that the provider fails on counts as an error and has a
-    "lost" pose, so that nobody waits for it.
+    Each stream of frames has a world of its own, whose name, the epoch, the poses carry. A stage restarted during a
+    stream is lost until it relocalises in its last world, from its snapshot; without a snapshot it begins another
+    world. Given poses need no snapshot. A frame on which the provider raises counts as an error and gets a "lost" pose,
+    so that no stage waits for it.
     Raises ModuleNotFoundError where the provider's package is absent.
     """
     warm_up("pose", partial(track_all, make_tracker(settings)))
@@ -57,13 +57,13 @@ def run(link: LinkSettings, settings: PoseSettings, stop: threading.Event | None
 
 
 def track_all(tracker: PoseTracker, frames: Sequence[RgbdFrame]) -> None:
-    """Have a tracker work on the frames of a warm-up, so that every kernel is called."""
-    # Some are to be keyframes, which are far apart; odometry must follow others from one to the next.
+    """Run a tracker on the frames of a warm-up, so that every kernel is called."""
+    # Some are to be keyframes, which are far apart; odometry must follow the others from one to the next.
     close = len(frames) - 2 if isinstance(tracker, MapTracker) else 0
     for number, frame in enumerate(frames):
         stamp_ns = frame.stamp_ns * (1 if number < close else _SPREAD)
         tracker.track(replace(frame, stamp_ns=stamp_ns))
-    # What a full map and a snapshot need, which few frames do.
+    # Kernels of a full map and of a snapshot, which few frames do not call.
     if isinstance(tracker, MapTracker) and (state := tracker.state()) is not None:
         tracker.resume(state)
 
@@ -82,7 +82,7 @@ class _Stage:
         self.snapshots.close()
 
     def _begin(self) -> None:
-        """Another scene, another tracker, another world; given poses' is the stream's, whoever passes them on."""
+        """Start a new tracker and a new world for a new scene; the world of given poses is the stream's."""
         self.tracker = make_tracker(self.settings)
         self.epoch = new_stream() if isinstance(self.tracker, MapTracker) else self.node.stream
         self.last = PoseEstimate(np.eye(4), "lost")
@@ -124,7 +124,7 @@ class _Stage:
             self._keep()
 
     def _resume(self, stamp_ns: int) -> None:
-        """Go on in the world where this stream was followed before, if a snapshot has it from before this stamp."""
+        """Go on in the world in which this stream was tracked before, if a snapshot from before this stamp has it."""
         stream, path = self.node.stream, self.snapshots.path
         if stream is None or self.node.link.snapshot_interval_s == 0 or not isinstance(self.tracker, MapTracker):
             return
@@ -156,7 +156,7 @@ class _Stage:
         return estimate
 
     def _tell_if_lost(self, stamp_ns: int, camera: Intrinsics) -> None:
-        """Say since when tracking is lost, and what to do about it, in the log and the state."""
+        """Report since when tracking is lost, and what to do about it, in the log and the state."""
         known = bool(self.node.state)
         if self.last.status == "ok":
             if self.lost_since is not None and known:
@@ -175,13 +175,13 @@ class _Stage:
                 self.node.note("lost tracking", self.node.state)
 
     def _tell_intrinsics(self, camera: Intrinsics) -> None:
-        """Say once that the intrinsics are hardly those of the images."""
+        """Report once that the intrinsics hardly fit the images."""
         if camera != self.camera and (text := off_centre(camera)):
             self.node.note("intrinsics off centre", text)
         self.camera = camera
 
     def _tell_errors(self) -> None:
-        """Say what turns out to be wrong with given poses and the camera, and when that has changed as much again."""
+        """Report estimated errors of given poses and camera: when notable, and when changed by as much again."""
         known, delay_s = self.last.calibration, self.last.delay_s
         scale, looks = np.log([known.depth_factor]), np.array((*known.turn, *known.centre))
         for kind, now, least, text in (
@@ -194,7 +194,7 @@ class _Stage:
                 self.node.note(kind, text)
 
     def _keep(self) -> None:
-        """A snapshot of the tracker's map, where it has one and its stream has a name to find it by."""
+        """Write a snapshot of the tracker's map, if it has one and its stream has a name to find it by."""
         stream, epoch = self.node.stream, self.epoch
         state = self.tracker.state() if isinstance(self.tracker, MapTracker) else None
         if state is not None and stream is not None and epoch is not None:

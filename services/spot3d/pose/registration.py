@@ -1,4 +1,4 @@
-"""What registering a frame to a local map gives, what a registrar is, and the refinement against a map of planes."""
+"""Registration of a frame to a local map: result, registrars' interface, and refinement against a map of planes."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -14,13 +14,13 @@ from spot3d.pose.surfel_map import SurfelMap
 from spot3d.trajectory import nearest_rotation, rotation_angle
 
 DISTANCE = 0.05
-"""Largest distance between a point and the plane that it meets, metres."""
+"""Largest distance between a point and its matched plane, metres."""
 RECOVERY_DISTANCE = 0.02
-"""The same to be found again after a loss."""
+"""The same for relocalisation after a loss."""
 KERNEL = 4.5
 """Scale of the robust kernel, in standard deviations of the depth noise."""
 OVERLAP_MIN = 0.5
-"""Share of points that must meet the map."""
+"""Share of points that must match the map."""
 RESIDUAL_MAX = 0.015
 """Largest root mean square distance of the matched points to the map, metres."""
 SAME_PLACE = 0.10
@@ -28,7 +28,7 @@ SAME_PLACE = 0.10
 _SAME_TURN = np.radians(5.0)
 # Gauss-Newton steps at most.
 _STEPS = 8
-# The first Gauss-Newton steps are coarse: part of the points does.
+# The first Gauss-Newton steps are coarse: part of the points is enough.
 _COARSE_STRIDE, _FINE_STRIDE = 6, 1
 # Steps below this (metres, radians) end a level of the refinement.
 _COARSE_STEP, _FINE_STEP = 2e-3, 3e-4
@@ -43,7 +43,7 @@ _STRIDE = 4
 class Registration:
     """A frame registered to the local map.
 
-    T_world_camera: (4, 4) float64; overlap: share of the points that meet the map, [0, 1];
+    T_world_camera: (4, 4) float64; overlap: share of the points that match the map, [0, 1];
     residual: root mean square distance of the matched points to the map, metres.
     """
 
@@ -53,7 +53,7 @@ class Registration:
 
     @property
     def fits(self) -> bool:
-        """Whether the frame meets the map as one does that is followed."""
+        """Whether overlap and residual are good enough to track the frame."""
         return self.overlap >= OVERLAP_MIN and self.residual <= RESIDUAL_MAX
 
 
@@ -61,7 +61,7 @@ class Registrar(Protocol):
     """A local map and the way to register a frame to it; it changes its map only in `insert`."""
 
     def register(self, surface: Surface, T_world_guess: NDArray[np.float64], wide: bool) -> Registration:
-        """Register the surface starting from a guess; `wide` reaches further, for a guess that is poor."""
+        """Register the surface starting from a guess; `wide` searches further, for a poor guess."""
         ...
 
     def insert(self, surface: Surface, T_world_camera: NDArray[np.float64]) -> None:
@@ -70,18 +70,18 @@ class Registrar(Protocol):
 
     @property
     def planes(self) -> SurfelMap:
-        """The map of planes, of which `restored` can make the others."""
+        """The map of planes, from which `restored` can rebuild the other maps."""
         ...
 
     def restored(self) -> None:
-        """The map of planes has become that of an earlier process: make the other maps fit it."""
+        """Rebuild the other maps after the map of planes was replaced by that of an earlier process."""
         ...
 
 
 def judged(
     planes: SurfelMap, surface: Surface, T_world_camera: NDArray[np.float64], distance: float = DISTANCE
 ) -> Registration:
-    """How well a surface at a pose fits the map: a point meets it within `distance` metres of its plane."""
+    """How well a surface at a pose fits the map: a point matches it within `distance` metres of its plane."""
     _, _, (tried, matched, squares) = planes.normal_equations(surface, T_world_camera, distance, 1.0, _STRIDE)
     return Registration(T_world_camera, matched / max(tried, 1), (squares / max(matched, 1)) ** 0.5)
 
@@ -89,9 +89,10 @@ def judged(
 def information_of_structure(
     planes: SurfelMap, surface: Surface, T_world_camera: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Information (6, 6) on the pose of what a surface and the map have in common, 1/m2 and 1/rad2.
+    """Information (6, 6) on the pose from the structure that a surface and the map share, 1/m2 and 1/rad2.
 
-    For a shift and a turn about the camera in its own axes. What noise holds, as over a bare floor, is not in it.
+    For a shift and a turn about the camera in its own axes. It leaves out the information of noise, as over a bare
+    floor.
     """
     turn = np.kron(np.eye(2), T_world_camera[:3, :3])
     shared = planes.shared_information(surface, T_world_camera, DISTANCE, KERNEL)
@@ -102,7 +103,7 @@ def information_of_structure(
 def refined(
     planes: SurfelMap, surface: Surface, T_world_camera: NDArray[np.float64], distance: float = DISTANCE
 ) -> NDArray[np.float64]:
-    """The pose (4, 4) near the given one at which points within `distance` metres of a plane meet theirs best.
+    """The pose (4, 4) near the given one at which points within `distance` metres of their planes fit them best.
 
     Gauss-Newton: on a share of the points until the steps are small, then on more of them.
     """
@@ -149,11 +150,11 @@ def implausible(
 
 
 def best_of(tried: list[Registration]) -> Registration:
-    """That which meets the map with most of its points."""
+    """The registration with the largest overlap."""
     return max(tried, key=lambda registration: registration.overlap)
 
 
 def elsewhere(T_world_a: NDArray[np.float64], T_world_b: NDArray[np.float64]) -> bool:
-    """Whether two poses (4, 4) are of two places."""
+    """Whether two poses (4, 4) are of different places, farther apart than `SAME_PLACE` or 5 degrees."""
     motion = invert(T_world_a) @ T_world_b
     return bool(np.linalg.norm(motion[:3, 3]) > SAME_PLACE or rotation_angle(motion[:3, :3]) > _SAME_TURN)

@@ -1,7 +1,7 @@
-"""Where a frame is in the map of landmarks, without any idea of where to look.
+"""Relocalisation of a frame in the map of landmarks, without a prior pose.
 
-Descriptors alone say which landmark each feature may be; three of them place the camera (Arun et al. 1987), and the
-place that most features agree with is the one (RANSAC, Fischler and Bolles 1981).
+Features are matched to landmarks by their descriptors alone. Three matches give a pose (Arun et al. 1987), and the pose
+that most matches agree with is chosen (RANSAC, Fischler and Bolles 1981).
 """
 
 from dataclasses import dataclass
@@ -13,31 +13,31 @@ from numpy.typing import NDArray
 from spot3d.depth_noise import DepthNoise
 from spot3d.pose.features import Features
 
-# A descriptor is a landmark's if it differs in no more bits than this, and clearly less than from those elsewhere.
+# A descriptor matches a landmark if it differs in no more bits than this, and clearly less than from those elsewhere.
 _BITS_MAX, _RATIO, _SAME_CORNER = 50, 0.8, 0.1
 _TRIALS = 1000
-# A triple whose sides are shorter than this, metres, tells no direction.
+# A triple with a side shorter than this, metres, tells no direction.
 _SIDE_MIN = 0.15
-# A feature agrees with a place within this and three times its depth's noise, metres.
+# A feature agrees with a pose within this plus three times its depth's noise, metres.
 _NEAR = 0.03
-# So many features agree by chance in no map of 20,000 landmarks.
+# Fewest features that must agree, and share of the matches: no map of 20,000 landmarks has as many by chance.
 _AGREE_MIN, _SHARE_MIN = 15, 0.15
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a frame is: T_world_camera (4, 4), and how many of its features agree."""
+    """A relocalised pose: T_world_camera (4, 4), and how many features agree with it."""
 
     T_world_camera: NDArray[np.float64]
     agreeing: int
 
 
 def relocalised(features: Features, landmarks: NDArray[np.void]) -> Place | None:
-    """The place of a frame in the landmarks' world; None where too few agree on one.
+    """The pose of a frame in the landmarks' world; None where too few features agree on one.
 
     landmarks: rows of the type LANDMARK (see `landmark_map`).
     """
-    # Once is chance, or the frame before: of few frames a second most landmarks are in two.
+    # A single sighting is chance, unless it is the last frame's: at few frames a second most landmarks are in only two.
     last = landmarks["last"] == landmarks["last"].max(initial=0)
     known = landmarks[(landmarks["sightings"] > 1) | last]
     feature, landmark = _matched(features.descriptors, known)
@@ -56,7 +56,7 @@ def relocalised(features: Features, landmarks: NDArray[np.void]) -> Place | None
 def meeting(
     T_world_camera: NDArray[np.float64], points: NDArray[np.float64], places: NDArray[np.float64], noise: DepthNoise
 ) -> NDArray[np.bool_]:
-    """(n,) whether points (n, 3) of the camera frame lie by a pose where their landmarks are, places (n, 3)."""
+    """(n,) whether points (n, 3), camera frame, lie at their landmarks' places (n, 3) by a pose."""
     return np.asarray(_off(T_world_camera, points, places) < _reach(points, noise))
 
 
@@ -65,7 +65,7 @@ def _reach(points: NDArray[np.float64], noise: DepthNoise) -> NDArray[np.float64
 
 
 def _matched(descriptors: NDArray[np.uint64], known: NDArray[np.void]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Features and the landmarks that they may be, both (m,): rows of the two."""
+    """Rows of matched features and of their candidate landmarks, both (m,)."""
     if len(descriptors) == 0 or len(known) < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     own = np.ascontiguousarray(descriptors).view(np.uint8)
@@ -73,7 +73,7 @@ def _matched(descriptors: NDArray[np.uint64], known: NDArray[np.void]) -> tuple[
     pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(own, theirs, k=2)
     rows = np.array([(a.queryIdx, a.trainIdx, a.distance, b.trainIdx, b.distance) for a, b in pairs], np.int64)
     feature, first, bits, second, more_bits = rows.T
-    # One corner may be several landmarks: the second best may be the same place.
+    # One corner may be several landmarks: the second best may be at the same place.
     apart = np.linalg.norm(known["position"][first] - known["position"][second], axis=1)
     clear = (bits <= _BITS_MAX) & ((bits < _RATIO * more_bits) | (apart < _SAME_CORNER))
     return feature[clear], first[clear]
@@ -82,7 +82,7 @@ def _matched(descriptors: NDArray[np.uint64], known: NDArray[np.void]) -> tuple[
 def _agreed(
     points: NDArray[np.float64], places: NDArray[np.float64], reach: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The pose by three matches (4, 4) that most of the matches agree with."""
+    """The pose (4, 4) from three matches with which most matches agree."""
     triples = np.random.default_rng(len(points)).integers(0, len(points), (_TRIALS, 3))
     sides = [np.linalg.norm(np.diff(kind[triples[:, [0, 1, 2, 0]]], axis=1), axis=2) for kind in (points, places)]
     rigid = (np.abs(sides[0] - sides[1]) < 2 * reach[triples].max(axis=1, keepdims=True)).all(axis=1)

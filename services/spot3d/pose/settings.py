@@ -16,7 +16,7 @@ class PoseSettings(BaseModel):
         "(small_gicp); given: the poses that the frames bring along",
     )
 
-    # Larger changes nothing, for the noise is measured; smaller than the noise fails (redkitchen, 5 to 20 mm).
+    # Larger values change nothing, as the noise is measured; values below the noise fail (redkitchen, 5 to 20 mm).
     given_sigma: float = Field(
         0.02,
         ge=0,

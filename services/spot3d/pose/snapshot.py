@@ -1,4 +1,4 @@
-"""The tracker's world in a file, so that a pose stage that is started again finds itself in it."""
+"""Snapshot file of the tracker's world, in which a restarted pose stage relocalises."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ _KIND = "pose"
 
 
 def tracker_snapshot(state: TrackerState, stream: str, epoch: str) -> Snapshot:
-    """What is kept of a tracker that follows `stream` in the world `epoch`."""
+    """The snapshot of a tracker that follows `stream` in the world `epoch`."""
     values = {"stream": stream, "epoch": epoch, "stamp_ns": state.stamp_ns, "surfel_voxel": VOXEL}
     landmarks = {f"landmark {name}": np.ascontiguousarray(state.landmarks[name]) for name in LANDMARK.names or ()}
     bend = np.array(state.bend).reshape(-1, BEND_SHAPE[1])
@@ -24,9 +24,9 @@ def tracker_snapshot(state: TrackerState, stream: str, epoch: str) -> Snapshot:
 
 
 def read_tracker(path: Path, stream: str) -> tuple[TrackerState, str] | None:
-    """The state of the tracker of this stream and its epoch; None where it is of another stream, or there is none.
+    """The tracker's state and epoch of this stream; None where the snapshot is of another stream, or there is none.
 
-    Raises SnapshotError where the file is no whole snapshot of a tracker, OSError.
+    Raises SnapshotError where the file is no complete snapshot of a tracker, OSError.
     """
     if not path.exists():
         return None

@@ -1,4 +1,4 @@
-"""Surface points of a depth image: local plane fits, which average the noise away and bring normals along."""
+"""Surface points of a depth image: local plane fits, which average noise and give normals."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ _FLATNESS = 2.0
 GRAZING_COS = 0.26
 """Smallest cosine between the viewing ray and the normal of a surface point."""
 POINTS_MIN = 300
-"""A frame with fewer surface points than this tells no pose."""
+"""Fewest surface points from which the pose of a frame is estimated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,9 +62,9 @@ def sample_surface(depth_m: NDArray[np.float32], camera: Intrinsics, settings: P
 
 
 def why_few(depth_m: NDArray[np.float32], found: int, settings: PoseSettings) -> str:
-    """Why a depth image, (h, w) float32 metres, has so few surface points: no depth, none within reach, or no surface.
+    """Why a depth image, (h, w) float32 metres, has so few surface points: no depth, none in range, or no surface.
 
-    A unit that was mistaken, millimetres for metres, puts all depth out of reach.
+    A wrong unit, millimetres for metres, puts all depth out of range.
     """
     valid = depth_m[depth_m > 0]
     if not valid.size:
@@ -77,10 +77,10 @@ def why_few(depth_m: NDArray[np.float32], found: int, settings: PoseSettings) ->
 
 
 def information(surface: Surface) -> NDArray[np.float64]:
-    """Information (6, 6) on the pose that a point-to-plane registration of these points has, 1/m2 and 1/rad2.
+    """Information (6, 6) on the pose from a point-to-plane registration of these points, 1/m2 and 1/rad2.
 
-    For a shift and a turn about the camera in its own axes, if the points had independent noise `sigma`. Of a share of
-    the points, which tell the same and are quick.
+    For a shift and a turn about the camera in its own axes, if the points had independent noise `sigma`. Computed from
+    every eighth point, for speed.
     """
     points, normals = surface.points[::_SHARE].astype(np.float64), surface.normals[::_SHARE].astype(np.float64)
     J = np.hstack((normals, np.cross(points, normals))) / surface.sigma[::_SHARE, None]
@@ -88,9 +88,9 @@ def information(surface: Surface) -> NDArray[np.float64]:
 
 
 def weakest_direction(information: NDArray[np.float64]) -> float:
-    """Standard deviation of the pose in the direction that its information holds least, metres or radians.
+    """Standard deviation of the pose in the direction of least information, metres or radians.
 
-    Infinite where a direction is free, as in front of a bare wall.
+    Infinite where a direction is unconstrained, as in front of a bare wall.
     """
     least = float(np.linalg.eigvalsh(information)[0])
     return float("inf") if least <= 0 else least**-0.5
@@ -102,7 +102,7 @@ def _sum_cells(depth: NDArray[np.float32], cell: int, range_max: np.float32, sum
     rows, columns, _ = sums.shape
     centre = np.float32(0.5 * (cell - 1))
     one, zero = np.float32(1), np.float32(0)
-    # Its own memory, which cannot overlap with the depth: else no more than one pixel is computed at once.
+    # Allocated here, so that it cannot overlap with the depth: otherwise the loop is not vectorised.
     down = np.empty((6, columns * cell), np.float32)
     n0, n1, n2, q0, q1, q2 = down
     for row in range(rows):
@@ -110,7 +110,7 @@ def _sum_cells(depth: NDArray[np.float32], cell: int, range_max: np.float32, sum
         for j in range(cell):
             v = np.float32(j) - centre
             line = depth[row * cell + j]
-            for i in range(columns * cell):  # free of branches, so that it runs several pixels at once
+            for i in range(columns * cell):  # free of branches, so that it is vectorised
                 valid = (line[i] > zero) & (line[i] < range_max)
                 n = one if valid else zero
                 q = one / line[i] if valid else zero

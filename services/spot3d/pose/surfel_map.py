@@ -1,4 +1,4 @@
-"""The local map of planes: one surfel for each voxel and direction of its surface, found by hashing."""
+"""The local map of planes: one surfel for each voxel and direction of its surface, in a hash table."""
 
 from typing import NamedTuple
 
@@ -11,19 +11,19 @@ from spot3d.voxel_hash import EMPTY, empty_table, find_slot, voxel_key
 
 VOXEL = 0.05
 """Edge of a voxel of the map of planes, metres."""
-# Mean position (3), mean normal (3), weight, frame that saw it last, mean position of the cameras that saw it (3): so
-# many are held; and how it moves along its normal where each of them is turned about its own axes (3), metres a radian,
-# and where what they see is sheared along their x and y with the distance (2), metres.
+# Columns of a surfel. Kept in snapshots: mean position (3), mean normal (3), weight, last frame that saw it, and mean
+# position of the cameras that saw it (3). Beyond these: its motion along its normal if each of those cameras is turned
+# about its own axes (3), metres a radian, and if points are sheared along their x and y with the distance (2), metres.
 HELD, _COLUMNS = 11, 16
 _POSE = 6
-# Variance that counts as weight one; it only keeps the weights near one.
+# Variance of weight one; it only keeps the weights near one.
 _UNIT_VARIANCE = 1e-5
-# Beyond this weight (about 300 views at 1 m) a surfel stays open to change.
+# Largest weight (about 300 views at 1 m), so that a surfel stays open to change.
 _WEIGHT_MAX = 1000.0
 
 
 class _Surfels(NamedTuple):
-    """What the map is made of (see `SurfelMap`); voxel: metres."""
+    """The map's arrays and parameters (see `SurfelMap`); voxel: metres."""
 
     keys: NDArray[np.int64]
     surfels: NDArray[np.float64]
@@ -40,9 +40,9 @@ class _Points(NamedTuple):
 
 
 class _Sums(NamedTuple):
-    """What is summed up, and room for the rows of one point by the map's normal and by its own, (2, 6).
+    """Sums, and scratch rows (2, 6) of one point, by the map's normal and by its own.
 
-    See `SurfelMap.normal_equations` and `shared_information`, which is (0, 6) where it is not asked for.
+    See `SurfelMap.normal_equations` and `shared_information`; shared: (0, 6) where it is not asked for.
     """
 
     H: NDArray[np.float64]
@@ -56,10 +56,10 @@ class SurfelMap:
     """Bounded map of planes in the world frame.
 
     keys: (slots,) int64, voxel coordinates and direction, -1 = free; surfels: (slots, 16) float64; forgotten: how many
-    have had to make room. beside: whether a plane is met from half a voxel beside its own, too: given poses come off it
-    to either side. Odometry goes on from where it is, and depth that its camera bends then makes it slide: with planes
-    met from beside KISS-ICP finds 0.82 of four near desks' things bent by 0.3 %, and TUM's cabinet not; without 0.93,
-    and that.
+    were dropped. beside: whether points up to half a voxel outside a plane's voxel match it, too, as given poses are
+    off to either side. Odometry continues from its own pose, and a bend of depth then makes it slide: with `beside`
+    KISS-ICP finds 0.82 of the objects of four near desks bent by 0.3 %, and not TUM's cabinet; without it 0.93, and
+    the cabinet.
     """
 
     def __init__(self, voxel: float, limit: int, beside: bool = True) -> None:
@@ -87,8 +87,10 @@ class SurfelMap:
         return self.keys[used], self.surfels[used, :HELD]
 
     def restore(self, keys: NDArray[np.int64], surfels: NDArray[np.float64]) -> None:
-        """Make the map that which `held` has returned of one with this size of voxel; of more than `limit` surfels
-        those that were seen last."""
+        """Replace the map by what `held` returned of one with the same voxel size.
+
+        Of more than `limit` surfels, those seen last are kept.
+        """
         kept = np.sort(np.argsort(-surfels[:, 7], kind="stable")[: self.limit])
         keys, surfels = keys[kept], surfels[kept]
         self._hold(keys, surfels)
@@ -113,9 +115,9 @@ class SurfelMap:
     def shared_information(
         self, surface: Surface, T_world_camera: NDArray[np.float64], distance: float, kernel: float
     ) -> NDArray[np.float64]:
-        """As H of `normal_equations`, but of each point's own normal by the map's in the place of the map's squared.
+        """As H of `normal_equations`, but with products of the map's row and the point's own, not squares of the map's.
 
-        Noise of the one knows nothing of that of the other, and adds up to nothing; squared it adds up.
+        The noise of the two normals is independent and averages out in products; in squares it adds up.
         """
         summed = self._summed(surface, T_world_camera, distance, kernel, 1, True).shared
         return np.asarray(0.5 * (summed + summed.T))
@@ -136,24 +138,24 @@ class SurfelMap:
         return sums
 
     def rescale(self, factor: float) -> None:
-        """Put every surfel where it would be had the depth been `factor` times as large."""
+        """Move every surfel to where it would be with depth `factor` times as large."""
         surfels = self.surfels[self.keys != EMPTY]
         surfels[:, :3] += (factor - 1) * (surfels[:, :3] - surfels[:, 8:11])
         self._hold_moved(surfels)
 
     def look_elsewhere(self, vector: NDArray[np.float64]) -> None:
-        """Put every surfel where it would be had each camera been turned by a small rotation vector of its own, and its
-        principal point been off: (5,)."""
+        """Move every surfel to where it would be with each camera turned by a small rotation vector about its own axes,
+        and its principal point offset: vector (5,)."""
         surfels = self.surfels[self.keys != EMPTY]
         normals = surfels[:, 3:6] / np.maximum(np.linalg.norm(surfels[:, 3:6], axis=1), 1e-9)[:, None]
         surfels[:, :3] += normals * (surfels[:, 11:] @ vector)[:, None]
         self._hold_moved(surfels)
 
     def _hold_moved(self, surfels: NDArray[np.float64]) -> None:
-        """Hold these surfels alone, each in the voxel where it now is."""
+        """Replace the map by these surfels, each in the voxel where it now is."""
         keys = np.empty(len(surfels), np.int64)
         plane_keys(surfels, self.voxel, keys)
-        # Of two that come to lie in one voxel, the better known stays.
+        # Of two that come to lie in one voxel, the one of larger weight stays.
         order = np.argsort(-surfels[:, 6], kind="stable")
         _, first = np.unique(keys[order], return_index=True)
         kept = np.sort(order[first])
@@ -180,7 +182,7 @@ def _points_of(surface: Surface) -> _Points:
 
 @part()
 def _side(nx: float, ny: float, nz: float) -> int:
-    """Which side of an axis a normal is nearest to, 0..5."""
+    """The signed axis that a normal is nearest to, 0..5: +x, -x, +y, -y, +z, -z."""
     ax, ay, az = abs(nx), abs(ny), abs(nz)
     if ax >= ay and ax >= az:
         return 0 if nx > 0 else 1
@@ -191,14 +193,14 @@ def _side(nx: float, ny: float, nz: float) -> int:
 
 @part()
 def _key(x: float, y: float, z: float, side: int, voxel: float) -> np.int64:
-    """Voxel of a point and the side that its normal is nearest to: the two sides of a board never mix."""
+    """Key of a point's voxel and of its normal's side: the two sides of a board never mix."""
     i, j, k = np.floor(x / voxel), np.floor(y / voxel), np.floor(z / voxel)
     return voxel_key(np.int64(i), np.int64(j), np.int64(k), side)
 
 
 @part()
 def _beside(x: float, y: float, z: float, side: int, voxel: float) -> np.int64:
-    """The key of the voxel beside a point's own that it is nearest to, along the axis of its side."""
+    """The key of the nearest neighbouring voxel of a point along the axis of its side."""
     along = (x if side < 2 else y if side < 4 else z) / voxel
     step = 0.5 * voxel if along - np.floor(along) >= 0.5 else -0.5 * voxel
     if side < 2:
@@ -212,7 +214,7 @@ def _beside(x: float, y: float, z: float, side: int, voxel: float) -> np.int64:
 
 @kernel("void(f8[:,::1], f8, i8[::1])")
 def plane_keys(surfels: NDArray[np.float64], voxel: float, keys: NDArray[np.int64]) -> None:
-    """The key (n,) of each place with a normal, (n, 6 or more): that of its voxel and of the side it faces."""
+    """The keys (n,) of positions with normals, (n, 6 or more), by voxel and side."""
     for i in range(surfels.shape[0]):
         s = surfels[i]
         keys[i] = _key(s[0], s[1], s[2], _side(s[3], s[4], s[5]), voxel)

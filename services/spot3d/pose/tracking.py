@@ -30,44 +30,43 @@ from spot3d.pose.surface import POINTS_MIN, sample_surface, why_few
 from spot3d.pose.view import View
 from spot3d.trajectory import rotation_from_vector
 
-# Turns of the camera, in degrees about its x and y axes, that a frame is searched for by, from the last good pose.
+# Turns from the last good pose at which a lost frame is searched for, in degrees about the camera's x and y axes.
 _TURNS = ((0, 12), (0, -12), (12, 0), (-12, 0), (0, 25), (0, -25), (12, 12), (-12, -12), (12, -12), (-12, 12))
-# Velocity holds for this long, seconds; beyond it is a guess worse than standing still: a frame that comes later than
-# that after the last is searched for. Redkitchen at two frames a second is off by 0.03 m then in the place of 0.2 to
-# 0.5, TUM fr3/cabinet (no texture, 0.16 m from frame to frame) by 0.05 to 0.16 m in the place of 0.3 to 0.4.
+# Longest extrapolation of the velocity, seconds; beyond it standing still is the better guess, and the frame is
+# searched for. Redkitchen at two frames a second is then off by 0.03 m, not 0.2 to 0.5, TUM fr3/cabinet (no texture,
+# 0.16 m from frame to frame) by 0.05 to 0.16 m, not 0.3 to 0.4.
 _COASTING = 0.3
 # Fewer landmarks than this agree with a wrong pose by chance: up to three do on redkitchen and on TUM fr3/cabinet. With
 # 3, 4 and 5 redkitchen at one to three frames a second is the same where all edges are mixed; where 30 % of its depth
 # is missing it is off by 0.1 to 0.3 m with each at two frames a second and fewer.
 _AGREE_MIN = 5
-# So many points must meet the map where the camera is expected, or landmarks have it: a map of few frames that are torn
-# lacks most of what the next one sees. With 0.15, 0.25 and 0.35 rendered desks with 30 % of their depth missing are
-# followed to 1 to 3 mm, and redkitchen as well as with 0.5, torn or not; of two desks with half of their depth missing
-# both are with 0.15, one with 0.25, none with 0.35.
+# Least overlap at a pose that is expected or that landmarks confirm: a map of few frames with holes lacks most of what
+# the next one sees. With 0.15, 0.25 and 0.35 rendered desks with 30 % of their depth missing are tracked to 1 to 3 mm,
+# and redkitchen as well as with 0.5, with holes or without; of two desks with half of their depth missing both are with
+# 0.15, one with 0.25, none with 0.35.
 _OVERLAP_EXPECTED = 0.15
-# So far from where landmarks place it may a camera be by its surface, metres.
+# Largest distance between a pose by landmarks and its registration, metres.
 _LANDMARKS_OFF = 0.25
-# Where fewer of a frame's features than this share are where their landmarks are, it is asked whether it slid; and it
-# did where so many times more agree with another place. Four near desks whose depth is bent by 0.6 % are followed to 10
-# to 13 mm rms, to 56 to 242 where nobody asks: with 0.15, 0.25 and 0.4, and with 1.5, 2 and 3 alike (one 16). By 1 %:
-# 19 to 36 mm with 1.5, 22 to 36 with 2. Redkitchen, TUM, desks, clutter and near desks that are not bent stay as they
-# are, but TUM's cabinet with 0.4 (65 and 120 mm: few features, and by chance); asked is of no frame of most of them.
-# As many, too, are taken to be seen again where a view's features have to hold what its surface does not.
+# A frame is checked for sliding where fewer than this share of its features lie at their landmarks; it slid if this
+# many times more agree with another pose. Four near desks with depth bent by 0.6 % are tracked to 10 to 13 mm rms,
+# without the check to 56 to 242: with 0.15, 0.25 and 0.4, and with 1.5, 2 and 3 alike (one 16). Bent by 1 %: 19 to 36
+# mm with 1.5, 22 to 36 with 2. Redkitchen, TUM, desks, clutter and near desks without bend are unchanged, but TUM's
+# cabinet with 0.4 (65 and 120 mm: few features, and by chance); no frame of most of them is checked.
+# The same share of a view's features is assumed to be seen again where they must constrain what its surface does not.
 _SEEN_AGAIN, _CLEARLY = 0.25, 1.5
-# So many points must meet the map of a frame that is found again, where a false match is likelier; and by so much more
-# than in any other place.
+# Least overlap of a lost frame, for which a false match is likelier, and its least margin over any other place.
 _RECOVERY_OVERLAP, _RECOVERY_MARGIN = 0.7, 0.1
 _MAY_BE_NOISE = "it may be noise that holds the view's pose in some direction"
-# After this many lost frames only every fifth is searched for: being lost for long must not cost a core.
+# After this many lost frames only every fifth is searched for: a long loss must not occupy a core.
 _PATIENCE, _SEARCH_INTERVAL = 60, 5
 
 
 @dataclass(frozen=True, slots=True)
 class TrackerState:
-    """What a tracker goes on from in another process.
+    """State of a tracker, from which another process resumes.
 
     stamp_ns, T_world_camera (4, 4): its last trusted pose. keys (n,), surfels (n, 11): its map of planes. landmarks:
-    (m,) of the type LANDMARK. bend: of depth, as far as it is known.
+    (m,) of the type LANDMARK. bend: of depth, as estimated so far.
     """
 
     stamp_ns: int
@@ -102,7 +101,7 @@ class MapTracker:
         self._hindsight = Hindsight.of_odometry(settings) if settings.depth_bend_sigma else None
 
     def state(self) -> TrackerState | None:
-        """What to go on from, copied; None before the first pose."""
+        """The state to resume from, copied; None before the first pose."""
         if self._last is None:
             return None
         keys, surfels = self._registrar.planes.held()
@@ -112,7 +111,7 @@ class MapTracker:
         )
 
     def resume(self, state: TrackerState) -> None:
-        """Go on in the world of another tracker: the next frame is lost until it is found there."""
+        """Go on in the world of another tracker: tracking is lost until a frame is relocalised there."""
         self._registrar.planes.restore(state.keys, state.surfels)
         self._registrar.restored()
         self._drift.map.restore(state.landmarks)
@@ -124,7 +123,7 @@ class MapTracker:
     def track(self, frame: RgbdFrame) -> PoseEstimate:
         """Pose of the frame.
 
-        The first frame with enough surface, or with features beside, starts the map; the world is anchored at its given
+        The first frame whose surface and features constrain the pose starts the map. The world is anchored at its given
         pose, or at identity without a valid one. Later given poses are not used.
         """
         if self._hindsight is None:
@@ -135,7 +134,7 @@ class MapTracker:
         return replace(estimate, calibration=known, corrections=None if news is None else news.where_the_last_is())
 
     def _tracked(self, frame: RgbdFrame, depth_m: NDArray[np.float32]) -> PoseEstimate:
-        """See `track`. depth_m: (h, w) float32 metres, 0 = invalid, without what is known to bend it."""
+        """See `track`. depth_m: (h, w) float32 metres, 0 = invalid, with the known bend removed."""
         stamp_ns, last, came_ns = frame.stamp_ns, self._last, self._came_ns
         self._came_ns = stamp_ns
         surface = sample_surface(depth_m, frame.intrinsics, self._settings)
@@ -166,11 +165,11 @@ class MapTracker:
         return self._follow(last, view)
 
     def _placed(self, view: View, T_world_camera: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Where a frame is that is registered at a pose: there, if structure that meets the map holds it, or else where
-        features that are seen again have it as well; None where both together hold no pose.
+        """The registered pose, if structure shared with the map constrains it, otherwise completed by features that are
+        seen again; None where both together do not constrain it.
 
-        Asked at video rate, where odometry slides along what noise holds. Of TUM fr3/cabinet, which has 1.5 frames a
-        second, and whose second frame nothing holds, it would lose the first third, and find it 2.6 m away.
+        Only at video rate, where odometry slides in directions that only noise constrains. TUM fr3/cabinet has 1.5
+        frames a second, and its second frame is unconstrained: its first third would be lost, and found 2.6 m away.
         """
         if not view.at_video_rate:
             return T_world_camera
@@ -183,8 +182,10 @@ class MapTracker:
         return self._drift.completed(view.features, view.camera, T_world_camera, T_world_camera, structure)
 
     def _by_landmarks(self, view: View, T_world_place: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The pose (4, 4) of a frame whose landmarks have a place for it, which its structure mends as far as it holds
-        a pose: few landmarks that are near to each other know little of the camera's tilt, a floor much."""
+        """The pose (4, 4) by landmarks, replaced by the registration in directions that structure constrains.
+
+        A few landmarks near each other hardly constrain the camera's tilt, a floor does.
+        """
         found = self._registrar.register(view.surface, T_world_place, False).T_world_camera
         return self._drift.completed(view.features, view.camera, T_world_place, found, self._structure(view, found))
 
@@ -208,12 +209,12 @@ class MapTracker:
         if expected and not self._doubt(registration, last, view, _OVERLAP_EXPECTED):
             placed = self._placed(view, registration.T_world_camera)
             if placed is not None:
-                self._lost_frames = 0  # it was followed, and its velocity holds
+                self._lost_frames = 0  # tracked without a loss: the velocity stays valid
                 return self._accept(view, placed)
         return PoseEstimate(found.T_world_camera, "lost", doubt)
 
     def _follow_late(self, last: _Fix, view: View) -> PoseEstimate:
-        """Where the landmarks have a frame long after the last, or else where its surface meets the map best."""
+        """Pose of a frame long after the last: by landmarks, otherwise where its surface fits the map best."""
         known_again = self._known_again(last, view)
         if known_again is not None:
             return self._accept(view, known_again)
@@ -228,7 +229,7 @@ class MapTracker:
         return self._accept(view, self._likeliest(held, view).T_world_camera)
 
     def _follow_landmarks(self, last: _Fix, view: View) -> PoseEstimate:
-        """Where landmarks alone have a frame whose surface would slide or spin, were it registered: a plain table."""
+        """Pose by landmarks of a frame whose surface would slide or spin if registered alone, as of a plain table."""
         place = relocalised(view.features, self._drift.map.rows)
         if place is None:
             return self._lose("the view's surface does not hold the pose in every direction, nor do landmarks")
@@ -238,7 +239,7 @@ class MapTracker:
         return self._accept(view, self._by_landmarks(view, place.T_world_camera))
 
     def _likeliest(self, possible: list[Registration], view: View) -> Registration:
-        """The registration that most landmarks agree with, whatever the surface says; the best where few agree."""
+        """The registration that most landmarks agree with; that of largest overlap where few agree or several tie."""
         agreeing = [self._agreeing(view, other.T_world_camera) for other in possible]
         most = max(agreeing)
         if most >= _AGREE_MIN:
@@ -246,7 +247,10 @@ class MapTracker:
         return best_of(possible)
 
     def _find_again(self, last: _Fix, view: View) -> PoseEstimate:
-        """Register from several starting poses; the best is trusted if no other place fits nearly as well."""
+        """Register from several starting poses; the best is accepted if no other place fits nearly as well.
+
+        Otherwise the pose is that by landmarks, if the surface confirms it.
+        """
         if self._lost_frames > _PATIENCE and self._lost_frames % _SEARCH_INTERVAL:
             return self._lose(f"lost for {self._lost_frames} frames, searched for in every fifth")
         tried = self._searched(last, view)
@@ -269,13 +273,13 @@ class MapTracker:
         return [self._registrar.register(view.surface, guess, True) for guess in self._guesses(last, view.stamp_ns)]
 
     def _known_again(self, last: _Fix, view: View) -> NDArray[np.float64] | None:
-        """The pose where the landmarks have it, wherever that is, if the surface proves it; None where it does not."""
+        """The pose by landmarks alone, if the surface confirms it; otherwise None."""
         place = relocalised(view.features, self._drift.map.rows)
         if place is None:
             return None
         found = self._registrar.register(view.surface, place.T_world_camera, False)
         off = np.linalg.norm((found.T_world_camera - place.T_world_camera)[:3, 3])
-        # Few landmarks, all on one side, place the camera roughly: then the surface must be all the surer.
+        # Few landmarks, all on one side, place the camera roughly: then the overlap must be larger.
         overlap_min = _OVERLAP_EXPECTED if off < SAME_PLACE else _RECOVERY_OVERLAP
         if off > _LANDMARKS_OFF or self._doubt(found, last, view, overlap_min):
             return None
@@ -309,7 +313,7 @@ class MapTracker:
         forgotten = self._forgotten()
         pose = self._corrected(view, pose)
         self._registrar.insert(view.surface, pose)
-        # After a loss the old velocity says nothing.
+        # After a loss the old velocity is meaningless.
         self._before = None if self._lost_frames else self._last
         self._last = _Fix(pose, view.stamp_ns)
         self._lost_frames = 0
@@ -338,10 +342,10 @@ class MapTracker:
         return self._drift.correct(view.features, view.camera, pose, view.information, elapsed, matches)
 
     def _slid_from(self, matches: Matches, view: View, pose: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Where the landmarks have a frame, if clearly more of them agree with that than with its registered pose, by
-        which features are matched; None: it is where it was registered.
+        """Another pose with which clearly more landmarks agree than with the registered one, by which `matches` were
+        found; None: the frame did not slide.
 
-        What bends depth moves with the camera: a registration that begins where the camera stood before may stay there.
+        The bend of depth moves with the camera: a registration may stay at the pose from which it started.
         """
         if self._last is None:
             return None
@@ -359,7 +363,7 @@ class MapTracker:
         return place.T_world_camera if slides else found.T_world_camera
 
     def _agreeing(self, view: View, T_world_camera: NDArray[np.float64], matches: Matches | None = None) -> int:
-        """How many features lie, by a pose, where their landmark is; matches: by it, if they are known."""
+        """How many features lie at their landmark by a pose; matches: by this pose, if they are known."""
         return int(np.count_nonzero(self._drift.seen_again(view.features, view.camera, T_world_camera, matches)))
 
     def _lose(self, reason: str) -> PoseEstimate:

@@ -1,4 +1,4 @@
-"""What one frame shows of where its camera is."""
+"""Evidence in one frame of its camera's pose."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,7 +13,7 @@ from spot3d.pose.surface import Surface, information, weakest_direction
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """What one frame shows, and whether it came at video rate after the frame before.
+    """A frame's images and surface, and whether it came at video rate after the frame before.
 
     colour: (h, w, 3) uint8; depth_m: (h, w) float32 metres, 0 = invalid; weakness_max: see the settings.
     """
@@ -29,14 +29,14 @@ class View:
 
     @cached_property
     def features(self) -> Features:
-        """Its image features; no frame is searched for them twice."""
+        """Image features, detected once."""
         return self.detector.detect(self.colour, self.depth_m, self.camera)
 
     @cached_property
     def information(self) -> NDArray[np.float64]:
-        """Information (6, 6) that its surface has on the pose, in the camera's axes; noise of normals is in it."""
+        """Information (6, 6) of the surface on the pose, in the camera's axes; noise of the normals adds to it."""
         return information(self.surface)
 
     def is_weak(self, information: NDArray[np.float64]) -> bool:
-        """Whether information (6, 6) leaves the pose free in some direction, beside the noise of its points."""
+        """Whether information (6, 6) leaves the pose unconstrained in some direction, relative to the points' noise."""
         return weakest_direction(information) > self.weakness_max * float(np.median(self.surface.sigma))
