@@ -9,7 +9,7 @@ from typing import Self
 
 import zenoh
 
-from spot3d.bridge.flow import Flow, Put, Questions, Signs
+from spot3d.bridge.flow import Flow, Put, QueryForwarder, TokenMirror
 from spot3d.bridge.pacing import Pacing
 from spot3d.bridge.settings import BridgeSettings
 from spot3d.dataflow.counters import Counters
@@ -123,12 +123,12 @@ class Crossing:
             far = self._bulk if topic.kind == "query" or topic.congestion == _PACED else self._prompt
             origin, target = (local, far) if topic.producer in here else (far, local)
             if topic.kind == "query":
-                stack.callback(Questions(topic, origin, target, robot).stop)
+                stack.callback(QueryForwarder(topic, origin, target, robot).stop)
                 continue
             flows.append(Flow(topic, origin, target, self._link, self._paced if target is self._bulk else self._send))
             stack.callback(flows[-1].stop)
-        stack.callback(Signs(local, self._prompt, robot, lambda stage: stage in here).stop)
-        stack.callback(Signs(self._prompt, local, robot, lambda stage: stage not in here).stop)
+        stack.callback(TokenMirror(local, self._prompt, robot, lambda stage: stage in here).stop)
+        stack.callback(TokenMirror(self._prompt, local, robot, lambda stage: stage not in here).stop)
         return flows
 
     def _send(self, topic: Topic, payload: bytes, put: Put) -> None:

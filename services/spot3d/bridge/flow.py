@@ -21,6 +21,9 @@ _QUERIES_WAITING = 4
 """Maximum number of waiting queries, the newest; the others end without a reply."""
 _ANSWER_S = 10.0
 """Maximum time for a reply from the other side."""
+_TOKENS = 128
+"""Maximum number of mirrored liveliness tokens, that of sixteen stages with some processes each: anybody can declare
+tokens."""
 
 
 class Flow:
@@ -62,7 +65,7 @@ class Flow:
                 return  # the subscription, or the connection to the other side, has ended
 
 
-class Questions:
+class QueryForwarder:
     """Forwards the queries of one topic to the side that answers it, and the replies back."""
 
     def __init__(self, topic: Topic, asked: zenoh.Session, asking: zenoh.Session, robot: str) -> None:
@@ -81,8 +84,8 @@ class Questions:
                         query.reply(self._where, reply.ok.payload, encoding=reply.ok.encoding)
 
 
-class Signs:
-    """Mirrors the liveliness tokens of some stages from one side to the other."""
+class TokenMirror:
+    """Mirrors the liveliness tokens of some stages, and of their processes, from one side to the other."""
 
     def __init__(
         self, origin: zenoh.Session, target: zenoh.Session, robot: str, belongs: Callable[[str], bool]
@@ -91,7 +94,7 @@ class Signs:
         self._shown: dict[str, Stop] = {}
         self._closed = False
         self._changing = threading.Lock()
-        subscriber = origin.liveliness().declare_subscriber(alive_key(robot, "*"), self._change, history=True)
+        subscriber = origin.liveliness().declare_subscriber(f"{alive_key(robot, '*')}/**", self._change, history=True)
         self._unsubscribe: Stop = subscriber.undeclare
 
     def stop(self) -> None:
@@ -109,7 +112,7 @@ class Signs:
         if token is None or not self._belongs(token.stage):
             return
         with self._changing:
-            if there and not self._closed and where not in self._shown:
+            if there and not self._closed and where not in self._shown and len(self._shown) < _TOKENS:
                 self._shown[where] = self._target.liveliness().declare_token(where).undeclare
             elif not there and where in self._shown:
                 self._shown.pop(where)()

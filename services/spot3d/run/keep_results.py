@@ -26,7 +26,7 @@ log = logging.getLogger("spot3d.results")
 
 _TOPICS = ("pose/pose", "fusion/progress", "fusion/objects")
 _WAITING = 4096
-"""Small messages that may wait while a picture is drawn: a minute of a camera's; beyond that the oldest are dropped."""
+"""Small messages that may wait while a picture is drawn: two minutes of a camera's; beyond that the oldest go."""
 _POLL_S = 0.05
 _WRITE_S = 10.0
 """Time between two writings of objects.json while a stream goes on."""

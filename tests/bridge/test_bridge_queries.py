@@ -1,11 +1,11 @@
-"""Questions that nobody answers hold up nothing else of the session that hears them."""
+"""QueryForwarder that nobody answers hold up nothing else of the session that hears them."""
 
 import threading
 from contextlib import ExitStack
 
 import zenoh
 
-from spot3d.bridge.flow import Questions
+from spot3d.bridge.flow import QueryForwarder
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
@@ -30,7 +30,7 @@ def test_questions_that_wait_hold_up_no_messages() -> None:
         where = key(ROBOT, "fusion/map")
         stack.callback(asked_side.declare_queryable(where, never_answer).undeclare)
         stack.callback(asking_side.declare_subscriber("other", lambda _: heard.set()).undeclare)
-        questions = Questions(TOPICS["fusion/map"], asked_side, asking_side, ROBOT)
+        questions = QueryForwarder(TOPICS["fusion/map"], asked_side, asking_side, ROBOT)
         stack.callback(questions.stop)
         answers = [robot.get(where, timeout=60) for _ in range(QUESTIONS)]
         assert asked.wait(20)
