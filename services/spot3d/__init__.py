@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-# Imported when first asked for: a stage imports this package too, and has only its own packages.
+# Imported on first access: a stage imports this package too, and has only its own packages installed.
 _PLACES = {
     "Box3D": "boxes",
     "FoundObject": "found_object",

@@ -6,9 +6,9 @@ from types import FrameType
 
 
 def main() -> None:
-    """Run the command line; Ctrl-C while that is still being imported ends it without a word, with exit code 130."""
+    """Run the command line. Ctrl-C during its import ends it silently with exit code 130."""
     before = signal.getsignal(signal.SIGINT)
-    # An exception would show where the import was, and libraries turn it into others. What ignores Ctrl-C goes on.
+    # An exception would show where the import was, and libraries convert it. Ctrl-C that is ignored stays so.
     if before is signal.default_int_handler:
         signal.signal(signal.SIGINT, _end)
     from spot3d.cli.app import main as command_line

@@ -8,16 +8,16 @@ from spot3d.kernel import kernel
 _FACES = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)])
 """A box's faces by its corners (see `clipped_volumes`), counter-clockwise as seen from outside."""
 _CORNERS_MOST = 48
-"""Of a rectangle cut by six planes: where it lies in one, rounding decides, and may keep up to half as many more."""
+"""Of a rectangle clipped by six planes: where it lies in one, rounding may keep up to half as many more."""
 
 
 @kernel("i8(f8[:,:], i8, i8, f8, f8, f8[:,:])")
 def _clip(
     polygon: NDArray[np.float64], count: int, axis: int, sign: float, limit: float, kept: NDArray[np.float64]
 ) -> int:
-    """Sutherland-Hodgman: the part of a convex polygon, of `count` corners, where sign * coordinate <= limit.
+    """Clip a convex polygon of `count` corners to sign * coordinate <= limit (Sutherland-Hodgman).
 
-    Enters the corners of that part into `kept`, and says how many they are.
+    Writes the corners of the remaining part to `kept`, and returns their number.
     """
     size = 0
     for i in range(count):

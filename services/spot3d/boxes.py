@@ -7,7 +7,7 @@ from math import isfinite
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# Rotations pass through JSON and float32 messages; more than this is no rounding but another matrix.
+# Rotations pass through JSON and float32 messages: a larger deviation is no rounding error.
 ROTATION_TOLERANCE = 1e-4
 
 CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
@@ -16,7 +16,7 @@ EDGES = np.array([(a, b) for a in range(8) for b in range(a) if (a ^ b) in (1, 2
 """(12, 2) edges of a box as pairs of its corners."""
 
 _AT_ONCE = 4096
-"""Pairs of boxes that are clipped together: about 10 MB."""
+"""Pairs of boxes that are clipped at once: about 10 MB."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +32,7 @@ class Box3D:
     rotation: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        # In plain numbers: there are many boxes, and NumPy is slow for so few values.
+        # In plain floats: NumPy is slow for so few values, and there are many boxes.
         for name, shape in (("centre", (3,)), ("size", (3,)), ("rotation", (3, 3))):
             values = np.asarray(getattr(self, name), dtype=np.float64)
             if values.shape != shape or not all(map(isfinite, values.ravel().tolist())):
@@ -96,13 +96,13 @@ def iou_matrix_3d(boxes_a: Sequence[Box3D], boxes_b: Sequence[Box3D]) -> NDArray
     The first box's faces are clipped by the second's half-spaces and the volume follows from the divergence
     theorem; nothing is sampled. Returns (A, B) float64; a pair without volume (flat boxes) has IoU 0.
     """
-    from spot3d.box_clipping import clipped_volumes  # needs numba, and what only shows boxes goes without
+    from spot3d.box_clipping import clipped_volumes  # needs numba, which what only draws boxes may lack
 
     result = np.zeros((len(boxes_a), len(boxes_b)))
     if result.size == 0:
         return result
     (centre_a, half_a, rotation_a), (centre_b, half_b, rotation_b) = _stacked(boxes_a), _stacked(boxes_b)
-    # Half the extents along the world's axes: only where these overlap can the boxes.
+    # Half the extents along the world's axes: boxes can only overlap where these do.
     extent_a = (np.abs(rotation_a) @ half_a[:, :, None])[:, :, 0]
     extent_b = (np.abs(rotation_b) @ half_b[:, :, None])[:, :, 0]
     near = (np.abs(centre_a[:, None] - centre_b) < extent_a[:, None] + extent_b).all(axis=-1)
@@ -126,7 +126,7 @@ def _stacked(boxes: Sequence[Box3D]) -> tuple[NDArray[np.float64], NDArray[np.fl
 def _over_union(
     intersection: NDArray[np.float64], size_a: NDArray[np.float64], size_b: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """IoU from areas or volumes; rounding cannot leave [0, 1], and nothing over nothing is 0."""
+    """IoU from areas or volumes, kept within [0, 1] whatever the rounding; nothing over nothing is 0."""
     inner = np.clip(intersection, 0, np.minimum(size_a, size_b))
     union = size_a + size_b - inner
     return np.divide(inner, union, out=np.zeros_like(union), where=union > 0)

@@ -1,4 +1,4 @@
-"""What is corrected of a camera that does not agree with the poses that are given for it, or with itself."""
+"""Corrections of a camera that disagrees with the poses given for it, or with itself."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -10,18 +10,17 @@ from spot3d.camera import Intrinsics
 from spot3d_schemas.limits import BEND_SHAPE
 
 Bend = tuple[tuple[float, ...], ...]
-"""Logarithm of what depth is multiplied by in each part of the image, beside the factor of all: the rows of a lattice
-(`BEND_SHAPE`) from the image's left upper corner to its right lower one; in between it changes in line with both.
-Empty: by nothing."""
+"""Logarithm of the factor of depth in each part of the image, on top of the factor for all of it: the rows of a lattice
+(`BEND_SHAPE`) from the image's upper left corner to its lower right one, bilinear in between. Empty: no bend."""
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """How depth, intrinsics and mounting turned out to be; as it is made, nothing is known but what was told.
+    """Corrections of depth, intrinsics and mounting; by default, none.
 
-    depth_factor: what depth is multiplied by; turn: rotation vector about the camera's axes, radians, by which it is
-    turned against what the poses are of; centre: by how much further to the right and down a thing at unit distance
-    lies than the intrinsics say: the principal point is off by so many focal lengths; bend: see `Bend`.
+    depth_factor: factor of depth; turn: rotation vector about the camera's axes, radians, of the camera against the
+    frame whose poses are given; centre: how much further to the right and down a point at unit depth lies than the
+    intrinsics say: the principal point is off by so many focal lengths; bend: see `Bend`.
     """
 
     depth_factor: float = 1.0
@@ -30,21 +29,21 @@ class Calibration:
     bend: Bend = ()
 
     def camera(self, told: Intrinsics) -> Intrinsics:
-        """The intrinsics that are right where these were told."""
+        """The corrected intrinsics for the nominal ones, `told`."""
         x, y = self.centre
         return replace(told, cx=told.cx - x * told.fx, cy=told.cy - y * told.fy)
 
     def metres(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The depth that is right where this, (h, w) metres, was measured."""
+        """The corrected depth for a measured one, (h, w) metres."""
         straight = self.straightened(depth)
         return straight if self.depth_factor == 1 else straight * np.float32(self.depth_factor)
 
     def straightened(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The depth (h, w) without its bend, in the unit as it was measured."""
+        """The depth (h, w) without its bend, in the unit of the measurement."""
         return depth * _factors(self.bend, depth.shape) if self.bend else depth
 
     def straighter(self, now: "Calibration") -> NDArray[np.float64] | None:
-        """What `now` bends otherwise, (rows, columns) as `Bend` has it; None: nothing."""
+        """The change of bend from this to `now`, (rows, columns) as in `Bend`; None: no change."""
         if now.bend == self.bend:
             return None
         straight = np.zeros(BEND_SHAPE)
@@ -52,11 +51,11 @@ class Calibration:
 
 
 NOMINAL = Calibration()
-"""Nothing is corrected."""
+"""No correction."""
 
 
 def bend_of_image(bend: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:
-    """The logarithm (h, w) of what each pixel's depth is multiplied by; bend: (rows, columns), see `Bend`."""
+    """The logarithm (h, w) of each pixel's factor of depth; bend: (rows, columns), see `Bend`."""
     down, across = (
         _shares((np.arange(size) + 0.5) / size, count) for size, count in zip(shape, bend.shape, strict=True)
     )
@@ -64,34 +63,34 @@ def bend_of_image(bend: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[
 
 
 def bend_at(bend: NDArray[np.float64], across: NDArray[np.float64], down: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same (...) of places in the image, each 0..1 of its width and of its height."""
+    """The same, (...), at places in the image, each 0..1 of its width and of its height."""
     rows, columns = bend.shape
     return np.asarray(((_shares(down, rows) @ bend) * _shares(across, columns)).sum(axis=-1))
 
 
 def _shares(places: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """How much each of the lattice's lines has of places 0..1, (..., count); what is beyond has the outermost's."""
+    """Interpolation weights, (..., count), of the lattice's lines at places 0..1; places beyond are clipped."""
     steps = np.clip(places, 0, 1)[..., None] * (count - 1)
     return np.maximum(0.0, 1.0 - np.abs(steps - np.arange(count)))
 
 
-@lru_cache(maxsize=4)  # each frame's is that of the frame before, at one size in each stage
+@lru_cache(maxsize=4)  # a frame's bend is mostly that of the frame before, at one size in each stage
 def _factors(bend: Bend, shape: tuple[int, int]) -> NDArray[np.float32]:
-    """What depth of this shape (h, w) is multiplied by."""
+    """Each pixel's factor of depth for an image of this shape (h, w)."""
     return np.exp(bend_of_image(np.array(bend), shape)).astype(np.float32)
 
 
 def sheared(centre: tuple[float, float]) -> NDArray[np.float64]:
-    """(3, 3): how what a camera sees moves in its frame where its principal point is off (see `Calibration`)."""
+    """(3, 3) shear that corrects points in the camera frame for a principal point that is off (see `Calibration`)."""
     return np.array(((1.0, 0.0, centre[0]), (0.0, 1.0, centre[1]), (0.0, 0.0, 1.0)))
 
 
 def moved_planes(
     planes: NDArray[np.float64], linear: NDArray[np.float64], about: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(k, 4) planes [n, b], n.x + b = 0, where their points move by `linear` (3, 3) about a point (3,).
+    """(k, 4) planes [n, b], n.x + b = 0, after their points move by `linear` (3, 3) about a point (3,).
 
-    Zeros, which are no plane, stay zeros.
+    Rows of zeros, which are no plane, stay zeros.
     """
     normals = planes[:, :3] @ np.linalg.inv(linear)
     length = np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]

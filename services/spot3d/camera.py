@@ -8,15 +8,14 @@ from numpy.typing import NDArray
 from spot3d.depth_noise import KINECT_V1, DepthNoise
 
 _OFF_CENTRE = 0.2
-"""Depth cameras' principal points lie within a few hundredths of the image's sides of its middle."""
+"""Share of the image's sides: depth cameras' principal points lie within a few hundredths of its middle."""
 
 
 @dataclass(frozen=True, slots=True)
 class Intrinsics:
     """Pinhole intrinsics in pixels of a `width` x `height` image, and the noise of the depth in it.
 
-    Optical frame: x right, y down, z forward; pixel centres are at integer coordinates. Two are equal where their
-    pixels are, whatever the noise.
+    Optical frame: x right, y down, z forward; pixel centres are at integer coordinates. Equality ignores the noise.
     """
 
     fx: float
@@ -56,9 +55,9 @@ class Intrinsics:
 
 
 def off_centre(camera: Intrinsics) -> str:
-    """Why the intrinsics are hardly those of the image, for people; empty where they may be.
+    """A warning for users that the intrinsics hardly belong to the image; empty if they may.
 
-    Taken at another size or crop they place the principal point far from the image's middle.
+    Intrinsics for another size or crop place the principal point far from the image's middle.
     """
     u, v = (camera.cx + 0.5) / camera.width, (camera.cy + 0.5) / camera.height
     if max(abs(u - 0.5), abs(v - 0.5)) <= _OFF_CENTRE:

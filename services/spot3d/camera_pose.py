@@ -1,4 +1,4 @@
-"""A camera's pose as fusion takes it: where it is, and what has become known by then."""
+"""A camera's pose as fusion takes it, with the corrections known by then."""
 
 from dataclasses import dataclass
 
@@ -11,13 +11,13 @@ from spot3d.pose_corrections import PoseCorrections
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraPose:
-    """Where a frame's camera is, and what is known with it of the poses before and of the camera.
+    """The pose of a frame's camera, with what is known by then about earlier poses and the camera.
 
-    T_world_camera: (4, 4) float64. T_world_map: (4, 4) float64, where the map of poses lies by now, and the objects
-    with it (see `PoseEstimate`); None: it stays. given_by: who gives the poses: another one's map begins where that of
-    before lay. calibration: by which this frame and the keyframes before are to be seen, as far as is known by now; the
-    pose is turned by it already. As told: nothing is known but what somebody else said before. corrections: of the
-    poses of frames before; None: as they were with the frame before, if the same one gives the poses.
+    T_world_camera: (4, 4) float64. T_world_map: (4, 4) float64, the present pose of the map of poses, with which the
+    objects move (see `PoseEstimate`); None: it does not move. given_by: the pose provider; the map of a new provider
+    starts where the previous one's lay. calibration: of this frame and the keyframes before, as far as known by now;
+    the pose includes its turn. NOMINAL: nothing is known beyond what another provider said before. corrections: of
+    earlier frames' poses; None: as with the frame before, if it is from the same provider.
     """
 
     T_world_camera: NDArray[np.float64]

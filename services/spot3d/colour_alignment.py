@@ -1,4 +1,4 @@
-"""Whether colour lies on depth: how far colour changes along depth's edges, for each shift of colour against depth."""
+"""Whether colour lies on depth: how strongly colour changes at depth edges, for each shift of colour against depth."""
 
 import cv2
 import numpy as np
@@ -7,38 +7,38 @@ from numpy.typing import NDArray
 from spot3d.frame import RgbdFrame
 
 _WIDTH = 320
-"""Images are looked at in about this width, pixels."""
+"""Images are scaled to about this width, pixels."""
 _REACH, _FAR, _NEAR = 1 / 16, 1 / 50, 1 / 80
 """Shares of the width: shifts that are tried; off depth beyond this; on depth within this, as 7-Scenes' Kinect is."""
 _JUMP = 0.06
-"""An edge: inverse depth changes by this share from a pixel to those beside it."""
+"""At an edge, inverse depth changes by this share between neighbouring pixels."""
 _EDGES_LEAST = 50
-"""Frames with fewer pixels on edges, away from the borders, say nothing."""
+"""Frames with fewer edge pixels, away from the borders, are skipped."""
 _SMOOTH = 31
-"""Pixels over which the mean of what changes is taken away: a carpet is no outline."""
+"""Window, pixels, of the mean that is subtracted from colour changes: a carpet is no outline."""
 _ALL_EDGES_LEAST, _CHANGE_LEAST = 1000, 0.5
-"""Pixels on edges of all frames, and how much colour has to change there: not in the dark, by a few hot pixels."""
+"""Least edge pixels of all frames, and least mean colour change there: a few hot pixels in the dark do not count."""
 _FRAMES_LEAST, _STANDS_OUT, _BEYOND = 12, 5.0, 1.3
-"""Sure: so many frames, a peak so many standard deviations above the mean, and so many times what is on depth.
+"""Least for certainty: frames, standard deviations of the peak above the mean, and its ratio to the peak on depth.
 
-Redkitchen, fr3/cabinet and the built-in scenes, shifted by 0 or 4 pixels of 640, never have a peak off depth, of 12
-frames in a row or over 12 s, and colour of other frames, stripes or noise none that stands out. Over 4 s of a moving
-camera colour that is off by 16 pixels is found, or by 24 where it was 4 off the other way (redkitchen).
+Redkitchen, fr3/cabinet and the built-in scenes, shifted by 0 or 4 pixels of 640, never have a peak off depth, in 12
+frames in a row or over 12 s. With colour of other frames, stripes or noise, no peak stands out. Over 4 s of a moving
+camera an offset of 16 pixels is found, or of 24 where colour was 4 off the other way (redkitchen).
 """
 
 
 class ColourAlignment:
-    """Adds up, over frames of one size, how much colour changes at the edges of depth for each shift of colour."""
+    """Sums, over frames of one size, how strongly colour changes at depth edges, for each shift of colour."""
 
     def __init__(self) -> None:
         self.frames = 0
-        """Frames that had edges enough."""
+        """Frames with enough edges."""
         self._shape: tuple[int, ...] = ()
         self._scale, self._edges = 1, 0.0
         self._changes = np.zeros((1, 1))
 
     def add(self, colour: NDArray[np.uint8], metres: NDArray[np.float32]) -> None:
-        """Take in a frame: colour (h, w, 3), depth (h, w) in metres, 0 invalid. Another size begins anew."""
+        """Take in a frame: colour (h, w, 3), depth (h, w) in metres, 0 invalid. Another size restarts the sums."""
         if metres.shape != self._shape:
             self._begin(metres.shape)
         height, width = (size // self._scale for size in metres.shape)
@@ -56,11 +56,11 @@ class ColourAlignment:
         self.frames += 1
 
     def on_depth(self) -> float:
-        """How much colour changes at the edges of depth where it lies, or close by; 0: no more than elsewhere."""
+        """Mean colour change at depth edges for the best shift that counts as none; 0: no more than elsewhere."""
         return self._nearby() / max(self._edges, 1.0)
 
     def offset(self) -> tuple[int, int] | None:
-        """How far colour surely lies off depth, pixels of the images to the right and down; None where it does not."""
+        """The certain offset of colour from depth, pixels of the images to the right and down; None without one."""
         sums, reach = self._changes, len(self._changes) // 2
         spread = float(sums.std())
         row, column = (int(place) - reach for place in np.unravel_index(sums.argmax(), sums.shape))
@@ -74,7 +74,7 @@ class ColourAlignment:
         return column * self._scale, row * self._scale
 
     def _nearby(self) -> float:
-        """The most of what is added up for shifts that count as none."""
+        """The largest sum for shifts that count as none."""
         reach = len(self._changes) // 2
         steps = round(_NEAR / _REACH * reach)
         near = slice(reach - steps, reach + steps + 1)
@@ -88,7 +88,7 @@ class ColourAlignment:
 
 
 class AlignmentWatch:
-    """Looks at one frame in ten of a camera's first minute or two, until it is sure that colour lies off depth."""
+    """Checks one frame in ten of a camera's first minute or two, until it is certain that colour lies off depth."""
 
     EVENT = "colour lies off depth"
     _EVERY, _MOST = 10, 300
@@ -97,7 +97,7 @@ class AlignmentWatch:
         self._alignment, self._seen = ColourAlignment(), 0
 
     def look(self, frame: RgbdFrame) -> str:
-        """What is to be said after a frame, once: how far colour is off, and what to do; else empty."""
+        """A message, given once, that says how far colour is off and what to do; otherwise empty."""
         self._seen += 1
         if self._seen % self._EVERY or self._seen > self._EVERY * self._MOST:
             return ""
@@ -122,7 +122,7 @@ def _depth_edges(metres: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _colour_changes(colour: NDArray[np.uint8] | cv2.typing.MatLike) -> NDArray[np.float32]:
-    """(h, w) how strongly colour changes, strong changes reduced, beside the mean around."""
+    """(h, w) strength of colour changes, compressed where strong, less the local mean."""
     across = cv2.Sobel(colour, cv2.CV_32F, 1, 0)
     along = cv2.Sobel(colour, cv2.CV_32F, 0, 1)
     strength = cv2.magnitude(across, along).max(axis=2)

@@ -28,12 +28,12 @@ class DepthNoise(NamedTuple):
         return self.floor + self.growth * (z - self.at) ** 2
 
     def coefficients(self) -> tuple[np.float32, np.float32, np.float32]:
-        """What `sensor.axial_noise_kernel` takes."""
+        """The `noise` argument of `sensor.axial_noise_kernel`."""
         return np.float32(self.floor), np.float32(self.growth), np.float32(self.at)
 
 
 def checked_noise(floor: float, growth: float, at: float) -> DepthNoise:
-    """The noise of these coefficients. Raises ValueError where no message may state them: no camera has them."""
+    """The noise with these coefficients. Raises ValueError if no message may state them: no camera has them."""
     noise = DepthNoise(floor, growth, at)
     try:
         NoiseMessage(**noise._asdict())
@@ -47,16 +47,16 @@ def checked_noise(floor: float, growth: float, at: float) -> DepthNoise:
 
 
 KINECT_V1 = DepthNoise(0.0012, 0.0019, 0.4)
-"""Nguyen, Izadi and Lovell 2012 (Eq. 3), quantisation included; what holds where an input states nothing."""
+"""Nguyen, Izadi and Lovell 2012 (Eq. 3), quantisation included; the default where an input states nothing."""
 
 TIME_OF_FLIGHT = DepthNoise(0.001, 0.0004, 0.5)
 """About that of Azure Kinect's narrow view on matt surfaces: 1 mm near, 2 to 3 mm at 2.5 m."""
 
 GRAZING_COS = 0.17
-"""Hardly a camera measures a surface that it sees at more than 80 degrees: depth as steep as that, a hundredth of
-itself from pixel to pixel at a focal length of 570 pixels, is of an edge and of what lies behind it. Where depth is
-mixed at edges, IoU with 83, 80 and 75 degrees is 0.66, 0.68, 0.65 on redkitchen (0.56 with all pixels) and 0.46, 0.61,
-0.57 on clutter (with no pixel moved to a surface before); where it is not, it hardly changes."""
+"""Hardly a camera measures a surface that it sees at more than 80 degrees. Steeper depth, which changes by a hundredth
+of itself from pixel to pixel at a focal length of 570 pixels, mixes an edge with what lies behind it. With 83, 80, 75
+degrees, where depth is mixed at edges: IoU 0.66, 0.68, 0.65 on redkitchen (0.56 with all pixels) and 0.46, 0.61, 0.57
+on clutter (with no pixel moved to a surface before). Elsewhere it hardly changes."""
 GrazingCos = Annotated[
     float,
     Field(
@@ -66,18 +66,18 @@ GrazingCos = Annotated[
         "out, or moved to one of them; 0: it is not",
     ),
 ]
-"""The setting of those who leave out such depth."""
+"""The setting of stages that leave out such depth."""
 
 RANGE_MAX = 2.5
-"""Depth beyond this shows no objects, metres: a Kinect's noise is half of eps_min there, and what it shows comes apart.
-With 2.5, 3 and 3.5 m detection is 0.77, 0.87 and 0.82 on two desks and on four floors that are seen from a robot's
-height and from a drone's, success 0.76, 0.75 and 0.69. With 3 m success on five desks is 0.75 for 0.84; on redkitchen F
-is the same, but 1.6 and not 1.3 numbers are given for each object, and with KISS-ICP's poses three of four are found.
+"""Depth beyond this shows no objects, metres: a Kinect's noise is half of eps_min there, and surfaces come apart. With
+2.5, 3, 3.5 m on two desks and on four floors seen from a robot's and from a drone's height: detection 0.77, 0.87, 0.82,
+success 0.76, 0.75, 0.69. With 3 m success on five desks is 0.75 instead of 0.84. On redkitchen F is the same, but each
+object gets 1.6 instead of 1.3 numbers, and with KISS-ICP's poses three of four are found.
 """
 
 _MILLIMETRE_STEPS = 0.001 / math.sqrt(12)
 SUBPIXEL = 0.08
-"""Disparity's standard deviation on textured surfaces, pixels: what Intel states for the D400 series."""
+"""Standard deviation of disparity on textured surfaces, pixels: what Intel states for the D400 series."""
 
 
 def stereo_noise(baseline_m: float, focal_px: float, subpixel: float = SUBPIXEL) -> DepthNoise:

@@ -1,4 +1,4 @@
-"""What fails on a frame while the work goes on: counted and logged stage by stage, as a stage's own process does."""
+"""Failures on single frames of a run that goes on: counted and logged by stage, as each stage's own process does."""
 
 import logging
 import time
@@ -12,11 +12,11 @@ log = logging.getLogger(__name__)
 
 
 class StageFailedError(Exception):
-    """A stage failed on frames of a run whose results must lack nothing."""
+    """A stage failed on frames of a run whose results must be complete."""
 
 
 class Failures:
-    """errors: how many there were of each stage; last_error: what the last one of each was."""
+    """Failures by stage. errors: their number; last_error: the text of the last one."""
 
     def __init__(self) -> None:
         self.errors: Counter[str] = Counter()
@@ -24,7 +24,7 @@ class Failures:
         self._log = RateLimitedLog(log)
 
     def add(self, stage: str, text: str, error: Exception) -> str:
-        """Count and log an exception, with its traceback the first time; returns what it says."""
+        """Count and log an exception, with its traceback the first time; returns its type and message."""
         kind = type(error).__name__
         self.errors[stage] += 1
         self.last_error[stage] = f"{text}: {kind}: {error}"
@@ -33,14 +33,14 @@ class Failures:
 
     @contextmanager
     def of(self, stage: str, text: str) -> Iterator[None]:
-        """Add an exception that ends the block, and go on behind it."""
+        """Add an exception that ends the block, and suppress it."""
         try:
             yield
         except Exception as error:
             self.add(stage, text, error)
 
     def refuse(self) -> None:
-        """Raise StageFailedError with which stages failed, how often and what the last error was, unless none did."""
+        """Raise StageFailedError, with each failed stage's count and last error, unless none failed."""
         if self.errors:
             said = [f"{count} of {stage}, the last: {self.last_error[stage]}" for stage, count in self.errors.items()]
             raise StageFailedError(f"a run with failures is not measured: {'; '.join(said)}")

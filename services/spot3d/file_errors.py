@@ -1,4 +1,4 @@
-"""What a user is told where a path that he gave cannot be used."""
+"""Messages for users whose path cannot be used."""
 
 import errno
 
@@ -20,7 +20,7 @@ def why(error: OSError) -> str:
 
 
 def in_words(error: OSError) -> str:
-    """Any error of the system, or of our own, in one line, with its path where it is about one."""
+    """One line for an OSError of the system or of our own, with its path if it has one."""
     if error.filename is None:
         return error.strerror or str(error)
     return f"cannot use {error.filename}: {why(error)}"

@@ -18,9 +18,9 @@ class FoundObject:
 
     id: stable number (0 = not yet given); box: upright, metres; confidence: pseudo-average of its segments' heat over
     the keyframes that see it, 0..1; views: keyframes with a segment of it; points: pixels of its segments, summed over
-    these keyframes; colour: (3,) float64 mean RGB 0..255, grey where it is not known. Where fusion clusters by density,
-    as the paper does, confidence: mean of its map points' pseudo-averages; views: most frames that saw one of these
-    points; points: how many they are.
+    these keyframes; colour: (3,) float64 mean RGB 0..255, grey if unknown. With the paper's density clustering,
+    confidence is the mean of its map points' pseudo-averages, views the largest number of frames that saw one of these
+    points, and points their number.
     """
 
     id: int

@@ -1,4 +1,4 @@
-"""The objects of one single frame, as the stage that finds them hands them to the one that lets them vote."""
+"""The objects of one single frame, as the segments stage hands them to fusion, where they vote."""
 
 from dataclasses import dataclass, field, replace
 
@@ -12,16 +12,16 @@ from spot3d_schemas.limits import MAX_PLANES, MAX_SEGMENTS
 TOO_SMALL, TOO_LOW, TOO_LONG, TOO_COLD, TOO_MANY = (
     f"{how} in a keyframe" for how in ("too small", "too low", "too long", "too cold", "too many")
 )
-"""Why a part of a frame is no segment: it covers less than the least object; rises hardly above its support; is longer
-than eps_max; is colder than a segment may be; or there are more, and larger ones, than a message holds."""
+"""Why a part of a frame is no segment: it covers less than the least object; it hardly rises above its support; it is
+longer than eps_max; it is colder than a segment may be; or larger ones already fill the message."""
 BELOW_SUPPORT, NO_SUPPORT = "below the support in a keyframe", "without a support in a keyframe"
-"""A part as large as an object rises nowhere above the support; or a keyframe, counted as one, shows nothing that
-things may stand on."""
+"""A part as large as an object rises nowhere above the support. A keyframe, counted as one, shows no plane on which
+objects may stand."""
 WITHOUT_DEPTH, SEVERAL, OTHER = (
     f"{how} in a keyframe" for how in ("without depth", "several objects in one", "for another reason")
 )
-"""Why a segment, whoever found it, has no vote: it has too little depth for a shape; or most views divide it. And what
-whoever finds segments leaves out for reasons of its own."""
+"""Why a segment has no vote: it has too little depth for a shape; or most views divide it. And parts that a segmenter
+leaves out for reasons of its own."""
 KEYFRAME_REASONS = (
     *(TOO_SMALL, TOO_LOW, TOO_LONG, TOO_COLD, TOO_MANY),
     *(BELOW_SUPPORT, NO_SUPPORT, WITHOUT_DEPTH, SEVERAL, OTHER),
@@ -35,10 +35,10 @@ class FrameSegments:
 
     labels: (h, w) uint8, 0 = no object, k = segment k - 1.
     heat: (n,) float32, mean confidence of each segment in [0, 1], n <= 255.
-    planes: (p, 4) float64 [n_x, n_y, n_z, b], camera frame, metres, n.x + b = 0: the surfaces on which things stand,
+    planes: (p, 4) float64 [n_x, n_y, n_z, b], camera frame, metres, n.x + b = 0: the surfaces on which objects stand,
     the main one first, unit normals up (towards the camera's side), p <= 32.
-    stands_on: (n,) int8, the row of `planes` on which each segment stands, -1 = none is known.
-    camera: intrinsics of `labels`. left_out: parts that are no segments, counted by reason.
+    stands_on: (n,) int8, the row of `planes` on which each segment stands, -1 = unknown.
+    camera: intrinsics of `labels`. left_out: number of parts that are no segments, by reason.
     """
 
     labels: NDArray[np.uint8]
@@ -73,7 +73,7 @@ class FrameSegments:
     def boxes(self, camera: Intrinsics) -> NDArray[np.float64]:
         """(n, 4) float64 [x, y, w, h]: the boxes around the segments' pixels, in pixels of another camera's image.
 
-        A pixel is a square from its number to the next one; a box ends at the image's rim. One without pixels is 0.
+        A pixel is a square from its number to the next one. Boxes end at the image's rim. Without pixels a box is 0.
         """
         own, found = self.camera, np.zeros((len(self), 4))
         for number in range(len(self)):
@@ -87,15 +87,15 @@ class FrameSegments:
         return found
 
     def calibrated(self, calibration: Calibration) -> "FrameSegments":
-        """The same segments had they been seen by this calibration; the camera's turn is part of its pose."""
+        """The segments as this calibration would have seen them; its turn is part of the camera's pose."""
         moves = calibration.depth_factor * sheared(calibration.centre)
         planes = moved_planes(self.planes, moves, np.zeros(3))
         return replace(self, planes=planes, camera=calibration.camera(self.camera))
 
     def seen_by(self, camera: Intrinsics) -> "FrameSegments":
-        """The same segments on another lattice of the same view: each pixel has the label of the nearest one here.
+        """The segments on another lattice of the same view: each pixel takes the label of the nearest one here.
 
-        What lies outside of this one's image is no object.
+        Pixels outside this image have no object.
         """
         if camera == self.camera:
             return self

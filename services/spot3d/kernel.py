@@ -1,15 +1,15 @@
-"""How kernels are compiled: once, into numba's cache, without what nobody calls.
+"""How kernels are compiled: once, into numba's cache, without unused entry points.
 
 Which, and when:
 
-- A kernel with a signature is compiled, or loaded, when its module is imported. It has one where what is seen decides
-  whether it is called, so that no frame waits for it; then another type is an error, not a second version.
-- A kernel without one is compiled for what it is first called with, which a stage's warm-up does before the stage goes
-  on line (a test holds it to that): so are those that every frame needs, and all that are given a NamedTuple, as arrays
-  that belong together are; signatures cannot name these. The source's kernels wait for its first frame.
-- A module of kernels is imported where it is used, as others are; inside a function only where the caller may never
-  need it: segments that are switched off, boxes that are only shown, a recording that is no scene. Numba takes a second
-  to import.
+- A kernel with a signature is compiled, or loaded, when its module is imported. It has one if the scene decides whether
+  it is called, so that no frame waits for it. Another argument type is then an error, not a second version.
+- A kernel without a signature is compiled for the arguments of its first call, which a stage's warm-up makes before the
+  stage goes on line (a test holds it to that). These are the kernels that every frame needs, and all that take a
+  NamedTuple of arrays, which signatures cannot name. The source's kernels wait for its first frame.
+- A module of kernels is imported at the top like others, and inside a function only if the caller may never need it:
+  segments that are switched off, boxes that are only shown, a recording that is no scene. Importing numba takes a
+  second.
 
 A kernel has at most eight parameters.
 """
@@ -27,14 +27,13 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def kernel(signature: str | None = None, **options: Any) -> Callable[[Function], Function]:
-    """Decorates a kernel: compiled for `signature` when its module is loaded, or for what it is first called with.
+    """Decorate a kernel: compile it for `signature` when its module is loaded, or for the arguments of its first call.
 
-    It is kept in numba's cache and runs without the interpreter's lock; what is divided by zero is infinite or no
-    number, as in NumPy. A second entry for C code, which numba adds by default, would take a fifth of the time to
-    compile.
+    It is kept in numba's cache and runs without the interpreter's lock. Division by zero gives infinity or NaN, as in
+    NumPy. An entry point for C code, which numba adds by default, would take a fifth of the time to compile.
 
-    A kernel is given the arrays that it writes: making or copying one inside takes 0.05 to 0.3 s to compile. Not where
-    its loop runs over several values at once only because memory of its own cannot overlap with what it is given.
+    Pass a kernel the arrays that it writes: making or copying one inside takes 0.05 to 0.3 s to compile. The exception
+    is a kernel whose loop is vectorised only because its own memory cannot overlap with its arguments.
     """
     options = {"cache": True, "nogil": True, "no_cfunc_wrapper": True, **_DIVISION, **options}
     if signature is not None:
@@ -50,9 +49,9 @@ def kernel(signature: str | None = None, **options: Any) -> Callable[[Function],
 
 
 def _forget_what_cannot_be_read(cache: Any) -> None:
-    """Empty a kernel's cache where it names a NamedTuple that another version of its module had.
+    """Empty a kernel's cache if it names a NamedTuple that only another version of its module had.
 
-    numba reads the names of all types before it looks whether the module has changed, and raises.
+    numba resolves the names of all types before it checks whether the module has changed, and raises.
     """
     load = cache.load_overload
 
@@ -67,10 +66,10 @@ def _forget_what_cannot_be_read(cache: Any) -> None:
 
 
 def part(**options: Any) -> Callable[[Function], Function]:
-    """Decorates a function that kernels call, and nobody else: it is compiled into each of them.
+    """Decorate a function that only kernels call: it is compiled into each of them.
 
-    Called from Python it runs as Python. An entry from there, for arguments that are tuples of arrays, would take
-    more time to compile than the function.
+    Called from Python it runs as Python. A compiled entry point for arguments that are tuples of arrays would take more
+    time to compile than the function.
     """
     options = {"forceinline": True, "no_cfunc_wrapper": True, **_DIVISION, **options}
     return cast(Callable[[Function], Function], register_jitable(**options))

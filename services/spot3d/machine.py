@@ -1,4 +1,4 @@
-"""What numbers were measured on."""
+"""The machine on which numbers were measured."""
 
 import os
 import platform
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def machine() -> dict[str, Any]:
-    """The machine that numbers were measured on."""
+    """Processor, cores, system and Python version."""
     return {
         "cpu": _cpu_name(),
         "cores": os.cpu_count(),

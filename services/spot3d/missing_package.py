@@ -1,4 +1,4 @@
-"""A package that is not installed, in words: which of spot3d's extras brings it."""
+"""Message about a package that is not installed: which of spot3d's extras brings it."""
 
 _EXTRAS = {
     "cryptography": "certificates",
@@ -8,11 +8,11 @@ _EXTRAS = {
     "viser": "dashboard",
     "zstandard": "record",
 }
-"""Of packages that no stage needs."""
+"""The extras of packages that no stage needs."""
 
 
 def in_words(error: ModuleNotFoundError) -> str:
-    """What is not installed, and what to install; of a module of spot3d's own, which is none, what Python says."""
+    """Which package is missing and what to install; for a module of spot3d itself, Python's own message."""
     package = (error.name or "").partition(".")[0]
     if package in ("", "spot3d", "spot3d_schemas"):
         return str(error)

@@ -1,4 +1,4 @@
-"""eps_min and eps_max of the paper: which sizes an object may have, the same for every stage unless a stage is told."""
+"""eps_min and eps_max of the paper: the sizes of objects for every stage, unless a stage has its own."""
 
 from typing import Annotated
 

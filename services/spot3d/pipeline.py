@@ -27,16 +27,16 @@ from spot3d.source.sequence import FrameSequence
 from spot3d_schemas.limits import MAX_COUNT
 
 LOST, FAILED = "lost pose", "error"
-"""Why a frame is not fused that can be read: it has no trusted pose, or fusing it failed."""
+"""Why a readable frame is not fused: its pose is not trusted, or fusing it failed."""
 
 
 @dataclass(frozen=True, slots=True)
 class PipelineStep:
     """What happened to one frame.
 
-    segments: only of a keyframe; objects: only where this frame was due for an update of the objects; refused: why it
-    was not fused, empty where it was; side_up: the side of the image that seems to be up by now in the place of
-    `segments.image_up`, mostly empty.
+    segments: only of a keyframe; objects: only if this frame was due for an update of the objects; refused: why it was
+    not fused, empty if it was; side_up: the side of the image that seems to be up though `segments.image_up` names
+    another, mostly empty.
     """
 
     frame: RgbdFrame
@@ -52,11 +52,11 @@ class PipelineStep:
 class PipelineResult:
     """Everything a run leaves behind.
 
-    keyframes: those whose segments fusion has taken in. trajectory: stamp in ns and pose of each frame. skipped: frames
-    that were not fused, by reason; unreadable: why the last of those could not be read. step_s: seconds that each
-    stage's core took for each of its frames; segments: for each keyframe, and what is remembered until the next one.
-    heat_counts: proposals accepted, masked and rejected in all frames. fusion: the final map; complete: `objects` are
-    those of that. failures: of the cores, which cost a frame what the core would have made of it.
+    keyframes: number of those whose segments fusion took in. trajectory: stamp in ns and pose of each frame. skipped:
+    number of frames that were not fused, by reason; unreadable: why the last unreadable one could not be read. step_s:
+    seconds that each stage's core took for each of its frames; segments: for each keyframe, with the frames remembered
+    until the next one. heat_counts: proposals accepted, masked and rejected in all frames. fusion: the final map;
+    complete: whether `objects` are those of that map. failures: of the cores; each cost a frame that core's result.
     """
 
     fusion: Fusion
@@ -77,12 +77,12 @@ def run_pipeline(
     on_frame: Callable[[PipelineStep], None] | None = None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> PipelineResult:
-    """Run every frame through all cores, in order, and find the objects whenever capture time says so.
+    """Run every frame through all cores, in order, and update the objects at the cadence of capture time.
 
-    A frame that cannot be read, whose stamp is not later than that of the frame before, or whose pose no camera can
-    have is skipped and counted, as it is in a distributed run. So is one that a core fails on: it has a lost pose, no
-    boxes, no heat or no segments, or is not fused.
-    `on_frame` is called after each frame; once `stopped` says so, the run ends early with what there is.
+    A frame is skipped and counted, as in a distributed run, if it cannot be read, if its stamp is not later than that
+    of the frame before, or if no camera can have its pose. A frame on which a core fails has a lost pose, no boxes, no
+    heat or no segments, or is not fused.
+    `on_frame` is called after each frame. Once `stopped` returns True, the run ends early with what there is.
     """
     cores = _Cores(settings)
     for index in range(len(sequence)):
@@ -98,7 +98,7 @@ def run_pipeline(
 
 
 def _next_frame(sequence: FrameSequence, index: int, result: PipelineResult, last_ns: int) -> RgbdFrame | None:
-    """A frame that a source would send, later than that of `last_ns`; else why not is counted."""
+    """The frame if a source would send it and it is later than `last_ns`; else the reason is counted."""
     try:
         with _timed(result.step_s, "source"):
             frame = sequence[index]
@@ -117,7 +117,7 @@ def _next_frame(sequence: FrameSequence, index: int, result: PipelineResult, las
 
 
 class _Cores:
-    """The stages' cores, one frame after the other. last_ns: stamp of the last one."""
+    """The stages' cores, which take one frame after the other. last_ns: stamp of the last one."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
@@ -128,7 +128,7 @@ class _Cores:
         self.result, self.last_ns = PipelineResult(self._fusion, self._fusion.objects()), -1
 
     def take(self, frame: RgbdFrame) -> PipelineStep:
-        """Hand a frame from core to core."""
+        """Pass a frame from core to core."""
         self.last_ns = frame.stamp_ns
         pose = self._pose = self._tracked(frame)
         heat = self._heat(frame)
@@ -144,11 +144,11 @@ class _Cores:
         return PipelineStep(frame, pose, heat, segments, update, refused, self._keyframes.side_up)
 
     def end(self) -> None:
-        """The last objects."""
+        """Find the last objects."""
         self.result.complete = self._objects() is not None
 
     def _tracked(self, frame: RgbdFrame) -> PoseEstimate:
-        """The frame's pose: a lost one, where the last was, if the tracker fails on it."""
+        """The frame's pose; if the tracker fails, a lost one with the last pose."""
         try:
             with _timed(self.result.step_s, "pose"):
                 return self._tracker.track(frame)
@@ -157,7 +157,7 @@ class _Cores:
             return PoseEstimate(self._pose.T_world_camera, "lost", why)
 
     def _heat(self, frame: RgbdFrame) -> Heatmap:
-        """The heat of a frame's proposals; none where either core fails."""
+        """The heat of a frame's proposals; none if either core fails."""
         depth, camera, where = frame.depth_metres(), frame.intrinsics, f"the frame at {frame.stamp_ns} ns"
         failures, step_s = self.result.failures, self.result.step_s
         boxes = np.zeros((0, 5), np.float32)
@@ -170,7 +170,7 @@ class _Cores:
         return heat
 
     def _segments(self, frame: RgbdFrame, heat: Heatmap, pose: PoseEstimate) -> FrameSegments | None:
-        """The segments of a keyframe; None where the core fails, and of other frames."""
+        """The segments of a keyframe; None for other frames, or if the core fails."""
         segments, step_s = None, self.result.step_s
         if self._keyframes.wants(frame.stamp_ns, pose.T_world_camera):
             with self.result.failures.of("segments", f"no segments of the frame at {frame.stamp_ns} ns"):
@@ -181,7 +181,7 @@ class _Cores:
         return segments
 
     def _fuse(self, frame: RgbdFrame, heat: Heatmap, pose: PoseEstimate, segments: FrameSegments | None) -> str:
-        """Fuse a frame whose pose is trusted, and its segments; returns why it was not fused, empty where it was."""
+        """Fuse a frame with a trusted pose, and its segments; returns why it was not fused, empty if it was."""
         verdict = self._world.judge(None, pose.T_world_camera, frame.stamp_ns)
         if verdict != "same":
             return verdict
@@ -202,7 +202,7 @@ class _Cores:
         return refused
 
     def _objects(self) -> FoundObjects | None:
-        """An update of the objects; None where it fails."""
+        """An update of the objects; None if it fails."""
         said = f"no objects after {self._fusion.frame_count} frames"
         with self.result.failures.of("fusion", said), _timed(self.result.step_s, "objects"):
             self.result.objects = self._fusion.objects()
@@ -212,7 +212,7 @@ class _Cores:
 
 @contextmanager
 def _timed(step_s: dict[str, list[float]], stage: str) -> Iterator[None]:
-    """Keep the time that the block took, unless it fails."""
+    """Record the time that the block takes, unless it fails."""
     start = time.perf_counter()
     yield
     step_s.setdefault(stage, []).append(time.perf_counter() - start)

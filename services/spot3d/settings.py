@@ -33,7 +33,7 @@ Layer = dict[str, Any]
 
 _SIZES = ("size_min", "size_max")
 _SIZED = ("proposals", "heatmap", "segments", "fusion")
-"""Sections that go by the sizes of objects."""
+"""Sections with these settings."""
 
 
 class Settings(BaseSettings):
@@ -60,13 +60,13 @@ class Settings(BaseSettings):
     bridge: BridgeSettings = BridgeSettings()
 
     def changed(self, section: str, **values: Any) -> "Settings":
-        """The same settings but for these of one section, which are taken as they are."""
+        """A copy with these values of one section, which are not validated."""
         return self.model_copy(update={section: getattr(self, section).model_copy(update=values)})
 
     @model_validator(mode="before")
     @classmethod
     def _sizes_for_every_stage(cls, given: Layer) -> Layer:
-        """The sizes of objects go to each stage that has none of its own."""
+        """Copy the sizes of objects to each section that sets none of its own."""
         sizes = {name: given[name] for name in _SIZES if name in given}
         return _merged({section: dict(sizes) for section in _SIZED}, given) if sizes else given
 

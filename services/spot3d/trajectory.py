@@ -90,7 +90,7 @@ def nearest_rotation(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
 def rotation_to_z(up: NDArray[np.float64]) -> NDArray[np.float64]:
     """The (3, 3) rotation of least angle that turns the unit vector `up`, float64, to (0, 0, 1) (Rodrigues).
 
-    Plain enough to be compiled, too (see `geometry.upright`).
+    Simple enough to be compiled as well (see `geometry.upright`).
     """
     x, y, c = up[0], up[1], up[2]
     if c < -1 + 1e-9:
@@ -110,7 +110,7 @@ def write_tum(path: Path, stamps_ns: Sequence[int], T_world_camera: NDArray[np.f
 
 
 def tum_line(stamp_ns: int, T_world_camera: NDArray[np.float64]) -> str:
-    """One pose, (4, 4), as a line of such a file."""
+    """One pose, (4, 4), as a line of a TUM file."""
     numbers = (*T_world_camera[:3, 3], *quaternion_from_rotation(T_world_camera[:3, :3]))
     return f"{Decimal(int(stamp_ns)).scaleb(-9):.9f} " + " ".join(f"{number:.9f}" for number in numbers)
 

@@ -1,4 +1,4 @@
-"""The hash table by which maps find again what lies in a voxel: open addressing, with linear probing."""
+"""The hash table in which maps look up what lies in a voxel: open addressing, with linear probing."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ def empty_table(limit: int) -> NDArray[np.int64]:
 
 @kernel("i8(i8, i8, i8, i8)", forceinline=True)
 def voxel_key(i: np.int64, j: np.int64, k: np.int64, side: int) -> np.int64:
-    """A voxel's whole coordinates, 20 bits each (5 km at 5 mm), and a number 0..7 of what is in it: 0 or more."""
+    """A voxel's key, 0 or more: integer coordinates, 20 bits each (5 km at 5 mm), and a number 0..7 of its entry."""
     half, mask = np.int64(1 << 19), np.int64(0xFFFFF)
     i, j, k = (i + half) & mask, (j + half) & mask, (k + half) & mask
     return ((i << np.int64(20) | j) << np.int64(20) | k) << np.int64(3) | np.int64(side)
@@ -31,7 +31,7 @@ def home_slot(keys: NDArray[np.int64], key: np.int64) -> np.uint64:
 @kernel("u8(i8[::1], i8)", forceinline=True)
 def find_slot(keys: NDArray[np.int64], key: np.int64) -> np.uint64:
     """Slot that holds the key, or the free slot where it belongs."""
-    # Without a sign, an index is not looked at for counting from the end.
+    # Unsigned: numba then need not check an index for counting from the end.
     mask, slot = np.uint64(len(keys) - 1), home_slot(keys, key)
     while keys[slot] != EMPTY and keys[slot] != key:
         slot = (slot + np.uint64(1)) & mask

@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all."""
+"""Files that exist completely or not at all."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,9 +10,9 @@ from spot3d.file_errors import why
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[IO[bytes]]:
-    """A file that takes its name only once it is complete: no reader meets half a result.
+    """A file that gets its name only once it is complete, so that no reader meets half a result.
 
-    Raises OSError, which says which file and why, where it cannot be written; what was there before stays.
+    Raises OSError, with the file and the reason, if it cannot be written; an earlier file of that name stays.
     """
     partial = path.with_name(f".{path.name}.partial")
     try:

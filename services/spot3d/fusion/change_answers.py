@@ -11,14 +11,13 @@ from spot3d_schemas import Header, MapChanges
 from spot3d_schemas.limits import MAX_COUNT, MAX_MAP_CHANGES
 
 ASKED = ("generation", "since", "limit")
-"""The parameters of the query."""
+"""The query's parameters."""
 
 
 def changes_message(fusion: Fusion, parameters: Mapping[str, str], header: Header, epoch: str) -> MapChanges:
-    """What changed in the map after what the asker has, as the query's parameters say (see `MapChanges`).
+    """What changed in the map after what the client has, as the query's parameters say (see `MapChanges`).
 
-    Parameters that are missing or no numbers count as an asker that has nothing; one who claims to have more than there
-    is has all.
+    Missing or non-numeric parameters count as a client that has nothing. One that claims more than there is has all.
     """
     generation, since = _number(parameters, "generation", 0), _number(parameters, "since", 0)
     limit = max(1, min(_number(parameters, "limit", MAX_MAP_CHANGES), MAX_MAP_CHANGES))

@@ -32,15 +32,15 @@ from spot3d.geometry.planes import transform_plane
 from spot3d.pose_corrections import PoseCorrections
 
 _AWAITING_SEGMENTS = 60
-"""Fused frames that segments may still come for: a learned segmenter may take two seconds of a camera; 0.5 MB each."""
+"""Fused frames kept for their segments: a learned segmenter may take two seconds of a camera; 0.5 MB each."""
 
 
 @dataclass(frozen=True, slots=True)
 class FoundObjects:
     """The objects of one update; up: (3,) unit, world; frame_count: frames fused so far.
 
-    left_out: what was taken for an object at first, by the reason why it is none (see `reasons`). keyframes_dropped:
-    those that were forgotten because there were more than `keyframe_limit`.
+    left_out: number of rejected candidates, by reason (see `reasons`). keyframes_dropped: number of keyframes forgotten
+    because there were more than `keyframe_limit`.
     """
 
     objects: list[FoundObject]
@@ -52,10 +52,11 @@ class FoundObjects:
 
 @dataclass(frozen=True, slots=True)
 class MapState:
-    """A map that another fusion can go on from.
+    """A map that another fusion can resume from.
 
-    rows: (n, 16) float32 points and keys: (n,) int64 the voxel of each (see `Heatmap3D.held`); removed, candidates,
-    supporting: of `SupportingPlane`; poses: by the last frame; calibration: of keyframes; calibrated_by: who gave it.
+    rows: (n, 16) float32 points and keys: (n,) int64, their voxels' (see `Heatmap3D.held`); removed, candidates,
+    supporting: of `SupportingPlane`; poses: as of the last frame; calibration: of keyframes; calibrated_by: its
+    provider.
     """
 
     rows: NDArray[np.float32]
@@ -71,7 +72,7 @@ class MapState:
 
 
 ObjectsTask = Callable[[], FoundObjects]
-"""Finds the objects of one moment, numbered as in the tasks that ran before. Tasks run one at a time, in the order of
+"""Finds the objects of one moment; numbers continue from the tasks run before. Tasks run one at a time, in the order of
 their snapshots."""
 
 
@@ -85,13 +86,13 @@ class Fusion:
         self._begin()
 
     def reset(self) -> None:
-        """Forget everything; object numbers start anew."""
+        """Forget everything; object numbers restart."""
         self.heatmap.clear()
         self.map_changes.clear()
         self._begin()
 
     def _begin(self) -> None:
-        """What is known with an empty map: nothing."""
+        """Set the state of an empty map."""
         self.frame_count = 0
         self.supports = RecentSupports()
         self.consensus = ViewConsensus(self.settings)
@@ -121,7 +122,7 @@ class Fusion:
         )
 
     def resume(self, state: MapState, consensus: ViewConsensus, identities: Identities) -> None:
-        """Go on from another fusion's map, and from the objects that belong to it."""
+        """Resume from another fusion's map and its objects."""
         self.reset()
         self.heatmap.restore(state.rows, state.keys)
         self.heatmap.evicted, self.frame_count = state.evicted, state.frame_count
@@ -139,17 +140,17 @@ class Fusion:
         pose: CameraPose,
         stamp_ns: int | None = None,
     ) -> MatchCounts:
-        """Take in one frame: supporting plane, its removal from the heat, registration with the map.
+        """Take in one frame: estimate the supporting plane, remove it from the heat, register the frame with the map.
 
         colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths. stamp_ns: by
-        which `observe` finds the frame for a while; None: it does not.
+        which `observe` finds the frame for a while; None: it cannot.
         """
         T_world_camera = pose.T_world_camera.copy()
         if pose.calibration != NOMINAL or pose.given_by == self._calibrated_by:
-            # Who gives poses anew does not know it at first; who gave it may take it back.
+            # A new provider of poses lacks the calibration at first; the one that gave it may revoke it.
             self._calibration, self._calibrated_by = pose.calibration, pose.given_by
         if pose.corrections is not None or pose.given_by != self._poses.given_by:
-            # What one knew of its poses says nothing of another's, whose frames come after them.
+            # One provider's corrections say nothing of another's poses, whose frames come later.
             self._corrections = pose.corrections
         known = replace(self._calibration, turn=pose.calibration.turn)
         depth = known.metres(depth)
@@ -167,10 +168,10 @@ class Fusion:
         return self._index_map.register(self.heatmap, self.frame_count, *seen, warm, frame.camera, T_world_camera)
 
     def observe(self, segments: FrameSegments, stamp_ns: int) -> bool:
-        """Take in the objects of a single frame that has been fused with this stamp.
+        """Take in the segments of a frame that was fused with this stamp.
 
-        Segments that bring no planes stand on the supporting plane that is known here, as far as they do. Returns
-        False, and does nothing, where the frame is none of the last 60 fused, or has been observed already.
+        Segments without planes are placed on the supporting plane known here, if they stand on it. Returns False, and
+        does nothing, if the frame is not among the last 60 fused, or has been observed already.
         """
         frame = self._fused.take(stamp_ns)
         if frame is None:
@@ -189,9 +190,9 @@ class Fusion:
         return frequent_points(self.heatmap.points(), self.frame_count, self.settings)
 
     def snapshot(self) -> ObjectsTask:
-        """What finding the objects needs, copied: it may run beside the fusing of further frames.
+        """A task that finds the objects, with copies of what it needs: it may run while frames are fused.
 
-        Every task must be run: the keyframes that came since the last one are this one's.
+        Every task must be run: it takes over the keyframes that came since the last one.
         """
         if self.settings.clustering == "density":
             removed = np.array(self._supporting.removed).reshape(-1, 4)
@@ -209,7 +210,7 @@ class Fusion:
         )
 
     def objects(self) -> FoundObjects:
-        """The objects as the map now shows them."""
+        """The objects in the map as it is now."""
         return self.snapshot()()
 
 
@@ -221,7 +222,7 @@ def _found_by_consensus(
     corrections: PoseCorrections | None,
     frame_count: int,
 ) -> FoundObjects:
-    """The views' consensus, with the keyframes that came since the last task, in the map of poses as it lies now."""
+    """The objects of the views' consensus, with the keyframes since the last task, at the map's present pose."""
     R_world_map = T_world_map[:3, :3]
     in_map = None if corrections is None else corrections.seen_from(R_world_map)
     agreed = consensus.update(keyframes, calibration, in_map)
@@ -236,7 +237,7 @@ def _found_by_density(
     settings: FusionSettings,
     frame_count: int,
 ) -> FoundObjects:
-    """The paper's way over the map's points."""
+    """The paper's objects, from the map's points."""
     found, up, left_out = find_by_density(points, keyframe_planes, settings)
     if len(keyframe_planes) == 0:
         left_out[NO_SUPPORT] = -(-frame_count // settings.keyframe_interval)

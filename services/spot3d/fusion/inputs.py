@@ -1,4 +1,4 @@
-"""Which frames may be fused now: heat, pose and segments of one stamp come together, each by its own way."""
+"""Which frames may be fused now: joins heat, pose and segments of one stamp, which arrive separately."""
 
 from dataclasses import dataclass, field
 
@@ -8,18 +8,18 @@ from spot3d.dataflow.settings import LinkSettings
 from spot3d_schemas import Heat, Pose, Segments
 
 NO_SEGMENTS, WITHOUT_FRAME = "no segments", "segments without their frame"
-"""What else may be missing: the segments of a lossless frame, or live the frame of segments, which was skipped, or
-fused too long ago."""
+"""What else may be missing. Lossless: a frame's segments. Live: the frame of segments, which was skipped, or fused too
+long ago."""
 
 _ANSWERS_WAITING = 256
-"""Lossless: answers of the segments stage that wait for heat and pose."""
+"""Lossless: most answers of the segments stage that wait for heat and pose."""
 _EARLY = 16
-"""Live: keyframes' segments that have come before their frame was fused; 0.1 MB each."""
+"""Live: most keyframes' segments that wait for their frame to be fused; 0.1 MB each."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """A frame to be fused, and its segments where they are there; their time is that of `heat`."""
+    """A frame to be fused, with its segments if they are there; the stamp is that of `heat`."""
 
     heat: Received[Heat]
     pose: Received[Pose]
@@ -28,10 +28,10 @@ class Ready:
 
 @dataclass(slots=True)
 class Arrival:
-    """What one message led to.
+    """The result of one message.
 
-    frames: to be fused or skipped, in order: none before it is left. late: segments of a frame that was fused before.
-    drops: how often something else is missing, by reason.
+    frames: to be fused or skipped, in order, with none outstanding before them. late: segments of a frame fused before.
+    drops: the reason for each other missing input.
     """
 
     frames: list[Ready | Skipped] = field(default_factory=list)
@@ -40,9 +40,9 @@ class Arrival:
 
 
 class LiveInputs:
-    """A frame is ready when heat and pose are there; segments find it whenever they come.
+    """Live: a frame is ready when heat and pose are there; segments may arrive at any time.
 
-    alone: frames that were ready since the segments stage last said anything.
+    alone: frames that were ready since the last message of the segments stage.
     """
 
     def __init__(self, link: LinkSettings) -> None:
@@ -61,7 +61,7 @@ class LiveInputs:
         return self._paired(self._pairs.add_right(given))
 
     def add_segments(self, given: Received[Segments]) -> Arrival:
-        """Take in a frame's segments; of a frame that is no keyframe there is nothing to keep."""
+        """Take in a frame's segments; those of a frame that is no keyframe are discarded."""
         self.alone = 0
         self._answered_ns = stamp_ns = given.message.header.stamp_ns
         if not given.message.keyframe:
@@ -73,15 +73,15 @@ class LiveInputs:
 
     @property
     def unanswered(self) -> bool:
-        """Whether the segments stage has not come to the last frame yet: it may be looking at keyframes before it."""
+        """Whether the segments stage has not reached the last frame yet: it may be busy with keyframes before it."""
         return self._last_ns is not None and (self._answered_ns is None or self._answered_ns < self._last_ns)
 
     def rest(self) -> list[Ready | Skipped]:
-        """What still waits when the stream has ended: nothing."""
+        """The frames that still wait when the stream has ended: none."""
         return []
 
     def clear(self) -> int:
-        """Forget what waits: another stream begins. Returns how many frames that were."""
+        """Discard what waits, as another stream begins; returns the number of frames."""
         self._early.clear()
         self._last_ns = self._answered_ns = None
         return len(self._pairs.clear())
@@ -104,10 +104,10 @@ class LiveInputs:
 
 
 class LosslessInputs:
-    """A frame is ready when heat, pose and the answer of the segments stage are there.
+    """Lossless: a frame is ready when heat, pose and the segments stage's answer are there.
 
-    One that is skipped waits for those before it: all frames up to the last that is told of are accounted for.
-    alone, unanswered: as no frame that was ready is.
+    A skipped frame waits for those before it: all frames up to the last reported one are accounted for.
+    alone, unanswered: constant, as no ready frame lacks an answer.
     """
 
     def __init__(self, link: LinkSettings) -> None:
@@ -126,13 +126,13 @@ class LosslessInputs:
         return self._paired(self._pairs.add_right(given))
 
     def add_segments(self, given: Received[Segments]) -> Arrival:
-        """Take in what the segments stage answers to a frame."""
+        """Take in the answer of the segments stage to a frame."""
         arrival = Arrival()
         self._answered(arrival, self._answers.add_right(given))
         return arrival
 
     def rest(self) -> list[Ready | Skipped]:
-        """What still waits for segments when the stream has ended, and what waits for that, in order."""
+        """Frames that still wait for segments when the stream has ended, with those skipped behind them."""
         frames: list[Ready | Skipped] = []
         for stamp in list(self._waiting):
             frames += self._leaving(stamp, None)
@@ -140,7 +140,7 @@ class LosslessInputs:
         return frames
 
     def clear(self) -> int:
-        """Forget what waits: another stream begins. Returns how many frames that were."""
+        """Discard what waits, as another stream begins; returns the number of frames."""
         return len(self.rest()) + len(self._pairs.clear())
 
     def _paired(self, outcome: Outcome[Heat, Pose]) -> Arrival:
@@ -155,7 +155,7 @@ class LosslessInputs:
         return arrival
 
     def _answered(self, arrival: Arrival, outcome: Outcome[Heat, Segments]) -> None:
-        """Frames that will have no answer go first: they are older than the one that has."""
+        """Release the answered frame, after those that will get no answer, which are older."""
         for frame in outcome.skipped:
             if frame.reason == NO_SEGMENTS:
                 arrival.frames += self._leaving(frame.stamp_ns, None)
@@ -165,11 +165,11 @@ class LosslessInputs:
             arrival.frames += self._leaving(heat.message.header.stamp_ns, segments)
 
     def _leaving(self, stamp_ns: int, segments: Received[Segments] | None) -> list[Ready | Skipped]:
-        """A frame that waits no more, and those that were skipped behind it."""
+        """Release a waiting frame, and those that were skipped behind it."""
         heat, pose = self._waiting.pop(stamp_ns)
         return [Ready(heat, pose, segments), *self._behind.pop(stamp_ns, ())]
 
 
 def inputs_of(link: LinkSettings) -> LiveInputs | LosslessInputs:
-    """The inputs for a delivery."""
+    """The inputs for the link's delivery."""
     return LosslessInputs(link) if link.delivery == "lossless" else LiveInputs(link)

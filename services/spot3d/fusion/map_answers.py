@@ -1,4 +1,4 @@
-"""The map's points for whoever asks, answered beside the fusing of further frames."""
+"""Answers queries for the map's points, beside the fusing of further frames."""
 
 import threading
 import time
@@ -17,14 +17,14 @@ from spot3d_schemas.limits import MAX_MAP_POINTS
 
 TOPIC = "fusion/map"
 _FRESH_S = 1.0
-"""Those who ask within so long of each other are given the same points: a crowd costs no more than one."""
+"""Clients that ask within this time of each other get the same points: a crowd costs no more than one."""
 _WAITING = 8
-"""Most who wait for an answer; others are told to ask again."""
+"""Most queries that wait for an answer; others are told to ask again."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Copy:
-    """The map's points as they were at `at_s`, monotonic; of so many frames, of the stream's end or before it."""
+    """The map's points at `at_s`, monotonic seconds; complete: whether the stream had ended."""
 
     at_s: float
     complete: bool
@@ -47,20 +47,20 @@ class MapAnswers:
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread; who still waits has no answer."""
+        """End the thread; queries that still wait get no answer."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
         end_threads((self._thread,))
 
     def forget(self) -> None:
-        """The map has begun anew."""
+        """Forget the copy, which is of another map."""
         self._copy = None
 
     def submit(self, query: zenoh.Query, fusion: Fusion, header: Header, epoch: str, complete: bool) -> None:
         """Answer a query with the map as it is now, or was within the last second.
 
-        complete: the stream has ended, and the map with it.
+        complete: whether the stream has ended, and the map is final.
         """
         with self._changed:
             full = len(self._queries) >= _WAITING
@@ -94,7 +94,7 @@ def _limit(query: zenoh.Query) -> int:
 
 def _message(copy: _Copy, limit: int) -> MapPoints:
     count = max(0, min(len(copy.points), limit, MAX_MAP_POINTS))
-    # Spread over the map, which is about in the order in which the points were first seen.
+    # Evenly spread over the map, whose points are about in the order in which they were first seen.
     points = copy.points.take(np.linspace(0, len(copy.points) - 1, count).astype(np.int64))
     return MapPoints(
         header=copy.header,

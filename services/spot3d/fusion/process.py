@@ -1,4 +1,4 @@
-"""The fusion stage's process: joins heat, poses and segments, fuses, and tells what it has found and how far it is."""
+"""The fusion stage's process: joins heat, poses and segments, fuses them, and publishes objects and progress."""
 
 import threading
 from collections.abc import Sequence
@@ -32,13 +32,13 @@ def run(
 ) -> None:
     """Fuse every frame whose heat and pose come, until stopped by `stop`, SIGINT or SIGTERM.
 
-    Publishes progress for every frame, the objects at the cadence of capture time, and both once more when
-    a stream is complete. Answers `fusion/map` (parameter `limit`: most points), `fusion/changes` (see `MapChanges`)
-    and `fusion/reset`. Another stream of frames, or another epoch of poses, is another scene: the map and the numbers
-    of the objects begin anew.
-    The map is kept in a file, at the end too if `keep_last`, and a fusion that is started again amid a stream goes on
-    from it. resume: the snapshot of an earlier map that the first stream goes on with, whose poses are of the same
-    world. Raises SnapshotError where that file is none.
+    Publishes progress for every frame, the objects at the cadence of capture time, and both once more when a stream is
+    complete. Answers `fusion/map` (parameter `limit`: most points), `fusion/changes` (see `MapChanges`) and
+    `fusion/reset`. Another stream of frames, or another epoch of poses, is another scene: the map and the object
+    numbers restart.
+    The map is saved to a file, at the end too if `keep_last`, and a fusion restarted within a stream resumes from it.
+    resume: the snapshot of an earlier map, with poses of the same world, from which the first stream resumes. Raises
+    SnapshotError if that file is none.
     """
     fusion = Fusion(settings)
     told = None if resume is None else resumed(fusion, resume)
@@ -66,6 +66,6 @@ def _fuse_all(fusion: Fusion, frames: Sequence[RgbdFrame]) -> None:
         wall, on_it = np.array([[0.0, 0.0, -1.0, 1.2]]), np.zeros(1, np.int8)
         fusion.observe(FrameSegments(labels, confidence, wall, on_it, frame.intrinsics), frame.stamp_ns)
     fusion.objects()
-    # What a full map and a snapshot need, which few frames do.
+    # Kernels for a full map and a snapshot, which few frames do not call.
     fusion.heatmap.restore(*fusion.heatmap.held())
     fusion.heatmap.evict(1, fusion.settings.tau)

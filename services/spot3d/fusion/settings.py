@@ -8,11 +8,11 @@ from spot3d.depth_noise import GRAZING_COS, RANGE_MAX, GrazingCos
 from spot3d.object_size import SIZE_MAX, SIZE_MIN, SizeMax
 
 Vote = Literal["parts", "disputed", "outline", "rounded", "balance", "gone"]
-"""A rule of the views' consensus that can be left out, to see what it is worth."""
+"""A rule of the views' consensus that can be left out, to measure what it is worth."""
 
 MAP_ALONE = "; map alone"
-"""Said of what has no part in the objects that the views' consensus finds, but in the map that is kept beside them and
-shown, and in the paper's way, which finds objects in it."""
+"""Marks settings without influence on the objects of the views' consensus. They act on the map that is kept and shown
+beside these, and in the paper's method, which finds objects in the map."""
 
 
 class FusionSettings(BaseModel):
@@ -106,9 +106,9 @@ class FusionSettings(BaseModel):
         description="... this share of the frames, whichever is lower: short runs count too; 0: tau as given (the "
         "paper)",
     )
-    # With 0.18, 0.15, 0.1, 0.05: clutter's detection is 0.90, 0.92, 0.92, 0.92, rendered desks' from near 0.96, 0.96,
-    # 0.95, 0.95 with 0.8, 0.8, 1.0, 1.0 boxes of none; redkitchen has 23 boxes with 0.15, 29 and 38 with the next two:
-    # of walls and shelves. What few views show is held to less (see `consensus`).
+    # With 0.18, 0.15, 0.1, 0.05: detection 0.90, 0.92, 0.92, 0.92 on clutter; 0.96, 0.96, 0.95, 0.95 on rendered desks
+    # from near, with 0.8, 0.8, 1.0, 1.0 boxes of no object. Redkitchen has 23 boxes with 0.15, 29 and 38 with the next
+    # two: of walls and shelves. Objects that few views show need less (see `consensus`).
     heat_min: float = Field(0.15, ge=0, le=1, description="eps: pseudo-average confidence from which something is kept")
 
     clustering: Literal["density", "consensus"] = Field(
@@ -180,8 +180,8 @@ PAPER = FusionSettings(
     density_points=50,
     volume_min=1e-6,
 )
-"""The paper's way (Sec. V) with its values (Sec. VI-A); no camera measures depth up to that range_max.
+"""The paper's method (Sec. V) with its values (Sec. VI-A); no camera measures depth up to that range_max.
 
-Departs from the paper in that a surface that comes into view again finds its points by voxel: else every pixel without
-a match adds a point, a tenth to a quarter of each frame's, without end.
+Departs from the paper: a surface that comes into view again finds its points by voxel. Otherwise every pixel without a
+match adds a point, a tenth to a quarter of each frame's, without end.
 """

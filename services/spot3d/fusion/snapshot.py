@@ -1,4 +1,4 @@
-"""The map and its objects in a file, from which another process of fusion goes on."""
+"""The map and its objects in a file, from which another fusion process resumes."""
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -46,14 +46,14 @@ _CLASSES = {
     )
 }
 _PARTS = ("state", "consensus", "identities")
-"""What of a fusion is kept: its map, and the objects that belong to it."""
+"""The parts of a fusion that are saved: its map, and the objects that belong to it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Account:
     """Which map a snapshot is of, and how far its stream was.
 
-    epoch: of the map; world: of its poses; fused_ns: stamp of the last frame in it.
+    epoch: of the map; world: epoch of its poses; fused_ns: stamp of the last frame in it.
     """
 
     stream: str | None
@@ -68,7 +68,7 @@ class Account:
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """What is to be kept of a fusion, once the update of the objects is made that was due at that moment."""
+    """What is to be saved of a fusion, once the update of the objects that was due then is made."""
 
     state: MapState
     consensus: ViewConsensus
@@ -78,12 +78,12 @@ class Kept:
 
 
 def keep(fusion: Fusion, told: Account) -> Kept:
-    """The map as it is now, copied, and the objects as they will be after the update that is made of it."""
+    """The map as it is now, copied, and the objects as they will be after the update made from it."""
     return Kept(fusion.map_state(), fusion.consensus, fusion.identities, fusion.settings, told)
 
 
 def fusion_snapshot(kept: Kept) -> Snapshot:
-    """The snapshot; no update of the objects may be made meanwhile."""
+    """The snapshot; no update of the objects may run meanwhile."""
     taken, arrays = kept.state.rows[:, FREQUENCY] > 0, dict[str, NDArray[Any]]()
     state = replace(kept.state, rows=kept.state.rows[taken], keys=kept.state.keys[taken])
     values = {"voxel": kept.settings.voxel, "account": asdict(kept.told)}
@@ -102,7 +102,7 @@ def read_account(path: Path) -> tuple[Account, Snapshot]:
 
 
 def resume(fusion: Fusion, kept: Snapshot, path: Path) -> None:
-    """Make the map and the objects those of a snapshot, wholly or, where that raises SnapshotError, not at all."""
+    """Replace map and objects by those of a snapshot, wholly or, where SnapshotError is raised, not at all."""
     arrays, values, settings = kept.arrays, kept.values, fusion.settings
     try:
         if values["voxel"] != settings.voxel:

@@ -1,4 +1,4 @@
-"""When fusion's map is kept in a file, and when it goes on from one."""
+"""When fusion's map is saved to a file, and when it is resumed from one."""
 
 import logging
 import time
@@ -14,7 +14,7 @@ from spot3d.fusion.snapshot import Account, Kept, fusion_snapshot, keep, read_ac
 log = logging.getLogger(__name__)
 
 BEFORE = "before"
-"""The map of the stream before has a file of its own: fusion-before.snapshot."""
+"""Suffix of the file with the map of the stream before: fusion-before.snapshot."""
 
 
 class SnapshotKeeper:
@@ -28,24 +28,24 @@ class SnapshotKeeper:
         self._kept: Account | None = None
 
     def due(self, complete: bool) -> bool:
-        """Whether the map is to be kept as it is after this frame; complete: it is the stream's last."""
+        """Whether the map is to be saved after this frame; complete: it is the stream's last."""
         return self._on and (complete or self._writer.due(time.monotonic()))
 
     def keep_last(self, fusion: Fusion, told: Account) -> None:
-        """Keep the map as the process ends, unless it has nothing that is not kept yet."""
+        """Save the map as the process ends, unless the last snapshot has all of it."""
         known = self._kept is not None and (self._kept.epoch, self._kept.fused_ns) == (told.epoch, told.fused_ns)
         if not self._on or known or told.fused_ns < 0:
             return
         kept = keep(fusion, told)
         try:
-            fusion.objects()  # of the keyframes, too, that came since the last update
+            fusion.objects()  # takes in the keyframes since the last update
         except Exception as error:
             self._node.crashed("objects", "no snapshot at the end", error)
         else:
             self.write(kept, last=True)
 
     def write(self, kept: Kept, last: bool = False) -> None:
-        """Write what was taken, in a thread of its own; last: before this returns."""
+        """Write a snapshot in a thread of its own; last: before this returns."""
         start_s = time.perf_counter()
         pieces = snapshot_bytes(fusion_snapshot(kept))
         log.debug("snapshot of %d bytes made in %.3f s", sum(map(len, pieces)), time.perf_counter() - start_s)
@@ -56,16 +56,16 @@ class SnapshotKeeper:
         self._node.counters.event("snapshots")
 
     def forget(self) -> None:
-        """Nothing goes on from the map that was kept last, nor from what is being written of it."""
+        """Void the last snapshot, and the one being written: nothing resumes from them."""
         if self._on:
             self._writer.forget()
 
     def close(self) -> None:
-        """Wait for what is being written."""
+        """Wait for the snapshot being written."""
         self._writer.close()
 
     def begin(self, fusion: Fusion, stream: str) -> Account | None:
-        """A stream begins: go on from its snapshot where there is one, and keep that of another stream apart."""
+        """A stream begins: resume from its snapshot if there is one; set that of another stream aside."""
         if not (self._on and self._path.exists()):
             return None
         try:
@@ -81,7 +81,7 @@ class SnapshotKeeper:
 
 
 def resumed(fusion: Fusion, path: Path) -> Account:
-    """Go on from the map in a file that somebody names. Raises SnapshotError, OSError."""
+    """Resume from the map in a file that the user names. Raises SnapshotError, OSError."""
     told, kept = read_account(path)
     resume(fusion, kept, path)
     return told

@@ -1,4 +1,4 @@
-"""What fusion does with what comes: joins heat, poses and segments, fuses, and tells how far it is."""
+"""What fusion does with its messages: joins heat, poses and segments, fuses them, and reports progress."""
 
 import logging
 import time
@@ -33,10 +33,10 @@ _OBJECTS, _PROGRESS = "fusion/objects", "fusion/progress"
 _MAP, _CHANGES, _RESET = "fusion/map", "fusion/changes", "fusion/reset"
 OUTPUTS, QUERIES = (_OBJECTS, _PROGRESS), (_MAP, _CHANGES, _RESET)
 _ALONE = 300
-"""Live: after so many fused frames without a word of the segments stage, ten seconds of a camera, that is told."""
+"""Live: after so many fused frames without a message of the segments stage, ten seconds of a camera, it is reported."""
 
 LOST, FAILED, AGAIN = "lost pose", "error", "fused before"
-"""Why a frame is skipped whose heat and pose are there."""
+"""Why a frame with heat and pose is skipped."""
 KEYFRAMES = "keyframes"
 """The event of a keyframe whose segments are taken in."""
 
@@ -45,7 +45,7 @@ M = TypeVar("M", bound=Message)
 
 
 class Stage:
-    """One robot's map, its objects, and the account of its stream."""
+    """One robot's map, its objects, and the ledger of its stream."""
 
     def __init__(
         self,
@@ -69,7 +69,7 @@ class Stage:
         self.last: Received[Message] | None = None
 
     def serve(self) -> None:
-        """Work on what comes, one thing at a time."""
+        """Handle the messages, one at a time."""
         serve(
             self.node,
             On(_HEAT, Heat, partial(self._take, self.inputs.add_heat)),
@@ -83,7 +83,7 @@ class Stage:
         )
 
     def keep_last(self) -> None:
-        """Keep what was fused since the last snapshot, once all else is closed: who is stopped may be started again."""
+        """Save what was fused since the last snapshot, once all else is closed: the stage may be started again."""
         if self.updates.ended:
             self.keeper.keep_last(self.fusion, self._account())
         else:
@@ -111,7 +111,7 @@ class Stage:
         self.ledger.extend_patience(time.monotonic())
 
     def _complete_if_due(self) -> None:
-        """No frame waits for live segments, but the last objects do: a short stream may be over before its first."""
+        """No frame waits for live segments, but the last objects do: a short stream may end before its first."""
         more = self.inputs.unanswered and "segments" in self.node.alive
         if self.ledger.due(time.monotonic(), more):
             self._complete()
@@ -122,7 +122,7 @@ class Stage:
             self._begin_stream(stream)
 
     def _begin_stream(self, stream: str) -> None:
-        """Another scene: nothing of the one before is left, unless this one was begun by an earlier process."""
+        """Reset for another scene, unless an earlier process began this stream."""
         self.node.counters.drop("of an earlier stream", self.inputs.clear())
         self.ledger = Ledger(self.node.link.credit_timeout_s)
         self.last = None
@@ -138,7 +138,7 @@ class Stage:
             self.ledger.go_on(told.fused, told.skipped, told.last_stamp_ns, told.in_stream)
 
     def _begin_map(self) -> None:
-        """An empty map of another epoch, whose objects are numbered anew."""
+        """Start an empty map of another epoch, whose objects are numbered anew."""
         self.updates.forget()
         self.answers.forget()
         self.fusion.reset()
@@ -206,7 +206,7 @@ class Stage:
             self._update(heat)
 
     def _refused(self, ready: Ready) -> str:
-        """Why a frame that has a pose is not fused, or nothing; another world begins with the first pose in it."""
+        """Why a frame with a pose is not fused, or empty; the first pose of another world begins another map."""
         pose = ready.pose.message
         verdict = self.world.judge(pose.epoch, pose.T_world_camera, pose.header.stamp_ns)
         if verdict == "begins" or (pose.epoch is None and ready.heat.recording != self.recording):
@@ -221,7 +221,7 @@ class Stage:
         return "" if verdict in ("same", "begins") else verdict
 
     def _observe(self, given: Received[Segments]) -> None:
-        """Take in a keyframe's segments; what was fused without them stays as it is where they cannot be used."""
+        """Take in a keyframe's segments; if they cannot be used, what was fused without them stays as it is."""
         stamp_ns = given.message.header.stamp_ns
         try:
             segments = frame_segments(given.message)
@@ -241,14 +241,14 @@ class Stage:
             self.node.note("no segments", text)
 
     def _update(self, heat: Received[Heat]) -> None:
-        """Start an update. Live it waits for a free moment; lossless it is made of exactly this frame."""
+        """Start an update. Live, a running one postpones it; lossless, it is made of exactly this frame."""
         if self.node.link.delivery == "live" and self.updates.busy:
             self.cadence.postpone()
         elif self.updates.wait(self._say_progress):
             self._submit(heat, complete=False)
 
     def _submit(self, given: Received[Message], complete: bool) -> None:
-        """Have the objects found, and the map kept where that is due."""
+        """Start finding the objects, and saving the map if that is due."""
         fusion, heatmap, kept = self.fusion, self.fusion.heatmap, None
         if self.keeper.due(complete) and fusion.frame_count:
             kept = keep(fusion, self._account())
@@ -272,7 +272,7 @@ class Stage:
             self._publish_progress(self.node.header(_PROGRESS, given))
 
     def _complete(self) -> None:
-        """Everything is in: the last objects, then the word that they are the last."""
+        """The stream is complete: publish the last objects, then that they are the last."""
         rest = self.inputs.rest()
         self.node.counters.drop(NO_SEGMENTS, sum(isinstance(frame, Ready) for frame in rest))
         self._account_for(rest)

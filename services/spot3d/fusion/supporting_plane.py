@@ -1,4 +1,4 @@
-"""The supporting plane, estimated anew in keyframes, and taken out of the heat of every frame (paper, Sec. V-A)."""
+"""The supporting plane: estimated in keyframes, and removed from the heat of every frame (paper, Sec. V-A)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,10 @@ _REMEMBERED = 10_000
 
 
 class SupportingPlane:
-    """What things stand on as the latest keyframe has it, and each one before.
+    """The supporting plane of the latest keyframe, and of each one before.
 
-    plane: (4,) world, None as long as there is none; candidates: (k, 4) world, the latest keyframe's dominant planes;
-    removed: those that were chosen, one a keyframe.
+    plane: (4,) world, None until there is one; candidates: (k, 4) world, the latest keyframe's dominant planes;
+    removed: the planes that were chosen, one a keyframe.
     """
 
     def __init__(self, settings: FusionSettings) -> None:
@@ -32,7 +32,7 @@ class SupportingPlane:
     def resume(
         self, plane: NDArray[np.float64] | None, candidates: NDArray[np.float64], removed: NDArray[np.float64]
     ) -> None:
-        """Go on from what another one knew; removed: (k, 4)."""
+        """Resume from another one's state; removed: (k, 4)."""
         self.plane, self.candidates, self.removed = plane, candidates, [*removed]
 
     def seen_from(self, T_world_camera: NDArray[np.float64]) -> NDArray[np.float64] | None:
@@ -42,7 +42,7 @@ class SupportingPlane:
     def remaining_heat(
         self, frame: LatticeFrame, T_world_camera: NDArray[np.float64], number: int, noise: DepthNoise
     ) -> NDArray[np.uint8]:
-        """The (h, w) heat of a frame without what lies on the plane, which is estimated anew if that is a keyframe.
+        """The (h, w) heat of a frame without the plane's; in keyframes the plane is estimated first.
 
         T_world_camera: (4, 4); number: of the frame, from 0; noise: of its depth.
         """
@@ -71,10 +71,10 @@ class SupportingPlane:
         number: int,
         noise: DepthNoise,
     ) -> None:
-        """Estimate the plane anew, from the planes known here. points: (h, w, 3) camera frame, z = 0 invalid."""
+        """Estimate the plane, starting from the planes known here. points: (h, w, 3) camera frame, z = 0 invalid."""
         settings, T_camera_world = self._settings, invert(T_world_camera)
         known = np.array([transform_plane(plane, T_camera_world) for plane in self.candidates]).reshape(-1, 4)
-        known = known[known[:, 3] > 0]  # what the camera has passed through faces away
+        known = known[known[:, 3] > 0]  # planes that the camera has passed through face away
         rng = np.random.default_rng((settings.seed, number))
         if settings.plane_search == "triples":
             planes = planes_by_ransac(points, settings, rng)

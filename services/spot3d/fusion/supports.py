@@ -1,11 +1,11 @@
-"""The surfaces on which things stand, seen of late, for people to look at."""
+"""The supporting surfaces seen recently, for display."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 _SAME_COSINE = np.cos(np.radians(10))
 _SAME_M = 0.05
-"""Planes within 10 degrees and 5 cm, below the camera that sees them, are one."""
+"""Planes within 10 degrees and 5 cm, measured below the camera that sees them, are one."""
 _MOST = 8
 
 
@@ -20,7 +20,7 @@ class RecentSupports:
         return np.array(self._planes).reshape(-1, 4)
 
     def add(self, plane: NDArray[np.float64], eye: NDArray[np.float64]) -> None:
-        """One more plane (4,), world, seen from the point `eye` (3,); it takes the place of those alike."""
+        """Add a plane (4,), world, seen from the point `eye` (3,); it replaces similar ones."""
         foot = eye - (plane[:3] @ eye + plane[3]) * plane[:3]
         others = [
             old for old in self._planes if old[:3] @ plane[:3] < _SAME_COSINE or abs(old[:3] @ foot + old[3]) > _SAME_M

@@ -18,14 +18,14 @@ from spot3d_schemas import Message, Object3D, Objects
 
 _OUT = "fusion/objects"
 _WORD_S = 1.0
-"""A stage that waits for an update says so this often: the first one may have to compile its kernels."""
+"""A stage that waits for an update reports progress this often: the first one may have to compile its kernels."""
 
 
 @dataclass(frozen=True, slots=True)
 class Update:
-    """One update to be computed: of the map as it was, after so many frames, when `given` had been worked on.
+    """One update to be computed: of the map after `frame_count` frames, once `given` was handled.
 
-    epoch: names the map. kept: what is to be written to a file afterwards.
+    epoch: of the map. kept: what is to be saved afterwards.
     """
 
     task: ObjectsTask
@@ -61,7 +61,7 @@ class Updates:
 
     @property
     def ended(self) -> bool:
-        """Whether no update is computed any more."""
+        """Whether the thread has ended."""
         return not self._thread.is_alive()
 
     @property
@@ -71,9 +71,9 @@ class Updates:
             return self._busy
 
     def wait(self, meanwhile: Callable[[], None], interval_s: float = _WORD_S) -> bool:
-        """Wait until no update is being computed; returns False where the stage is to stop.
+        """Wait until no update is being computed; returns False if the stage is to stop.
 
-        meanwhile: called again and again, so that whoever waits for this stage hears that it is there.
+        meanwhile: called repeatedly, so that those who wait for this stage hear that it is alive.
         """
         said_s = time.monotonic()
         while self.busy and not self._node.stop.is_set():
@@ -92,7 +92,7 @@ class Updates:
             self._changed.notify_all()
 
     def forget(self) -> None:
-        """What is being computed is of a map that is no more: it is not published any more when this returns."""
+        """Void the update being computed, as its map is gone: it is not published once this returns."""
         with self._publishing, self._changed:
             self._wanted = None
 

@@ -1,4 +1,4 @@
-"""Which poses belong to the map: those of its own world, where a camera can be."""
+"""Which poses belong to the map: those of its own world, at plausible places."""
 
 from collections import deque
 from typing import Literal
@@ -7,18 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 Verdict = Literal["same", "begins", "implausible pose", "pose too far from the origin", "pose of an earlier epoch"]
-"""What is to be said of a pose; the last three: why a frame is not fused whose pose is there and not lost."""
+"""The verdict on a pose; the last three: why a frame with a pose that is not lost is not fused."""
 
 _REACH_M = 2000.0
 """The map's voxels of 5 mm wrap beyond 2.6 km from the origin; no room is so large."""
 _JUMP_M = 0.5
-"""Given poses jump so far where their own map is corrected."""
+"""Given poses jump this far where their own map is corrected, metres."""
 _PAST = 16
-"""So many epochs before are known again."""
+"""Most earlier epochs that are remembered."""
 
 
 def why_refused(verdict: Verdict, T_world_camera: NDArray[np.float64]) -> str:
-    """What is wrong with a pose, (4, 4) metres, that was refused for its place, and what to do; else nothing."""
+    """What is wrong with the place of a refused pose, (4, 4) metres, and what to do; otherwise empty."""
     place = ", ".join(f"{value:.3g}" for value in T_world_camera[:3, 3])
     text = f"a pose at ({place}) m is not fused:"
     if verdict == "pose too far from the origin":
@@ -28,7 +28,7 @@ def why_refused(verdict: Verdict, T_world_camera: NDArray[np.float64]) -> str:
 
 
 class World:
-    """The world that the map is in, by the epoch of its poses.
+    """The world of the map, identified by the epoch of its poses.
 
     speed_max: fastest plausible camera, m/s.
     """
@@ -56,19 +56,19 @@ class World:
         return "same"
 
     def follow(self, epoch: str | None, T_world_camera: NDArray[np.float64], stamp_ns: int) -> None:
-        """A frame with this pose has been fused."""
+        """Record that a frame with this pose has been fused."""
         self.epoch, self._begun, self._last = epoch, True, (stamp_ns, T_world_camera[:3, 3].copy())
 
     def go_on(self, epoch: str | None) -> None:
-        """The map is one of this world, begun by another process."""
+        """Continue a map of this world that another process began."""
         self.epoch, self._begun, self._last = epoch, True, None
 
     def forget(self) -> None:
-        """The map is empty: it begins anew with the next pose, in this world or another."""
+        """Forget the world, as the map is empty: the next pose begins one, in this world or another."""
         self.epoch, self._begun, self._last = None, False, None
 
     def leave(self) -> None:
-        """Another world has begun: poses of this one come too late."""
+        """Leave this world for another: poses of this one come too late."""
         if self.epoch is not None:
             self._past.append(self.epoch)
         self.forget()

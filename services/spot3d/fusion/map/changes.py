@@ -1,4 +1,4 @@
-"""What changed in the 3D heatmap since somebody asked last, so that dashboards need not fetch the whole map."""
+"""Changes of the 3D heatmap since a client's last query, so that dashboards need not fetch the whole map."""
 
 import time
 
@@ -9,15 +9,15 @@ from spot3d.fusion.map.map_arrays import FIRST, FREQUENCY, HEAT
 from spot3d.kernel import kernel
 
 _TOLERANCE = 12
-"""Heat that changes by no more than this, 255ths, is the same for people: 5 %."""
+"""Heat that changes by no more than this, 255ths, looks the same: 5 %."""
 
 
 class ChangeLog:
-    """Numbers every change of a map's points that is worth telling; askers say up to which number they have them.
+    """Numbers each change of a map point that is worth sending; clients say up to which number they have them.
 
-    A change: a point that begins to count or ceases to, whose row another point has taken, whose heat has changed by
-    5 %, or that was seen twice as often as when it was told last. So a point is told a few times, not with every frame.
-    generation: of the map; what was told of another one is void. Until somebody asks, nothing is kept.
+    A change: a point begins or ceases to count, its row is reused for another point, its heat changes by 5 %, or it was
+    seen twice as often as when last sent. So a point is sent a few times, not with every frame. generation: of the map;
+    changes of another one are void. Nothing is recorded until a client asks.
     """
 
     def __init__(self) -> None:
@@ -29,7 +29,7 @@ class ChangeLog:
         self._first = np.zeros(0, np.float32)
 
     def clear(self) -> None:
-        """The map has been emptied: another one begins."""
+        """Start another generation, as the map has been emptied."""
         self.generation = max(time.time_ns(), self.generation + 1)
         self.last = 0
         for column in (self._change, self._frequency, self._heat, self._first):
@@ -38,10 +38,10 @@ class ChangeLog:
     def after(
         self, since: int, most: int, rows: NDArray[np.float32], limit: int, least: float, tau: float
     ) -> tuple[NDArray[np.int64], int, int]:
-        """The rows that changed after change number `since`, at most `most` >= 1 of them, the first to change first.
+        """The rows that changed after change number `since`, at most `most` >= 1, in the order of their changes.
 
-        rows: (n, 16) float32 map rows, of `limit` that there can be; least, tau: as of `frequent_points`. Returns row
-        numbers (k,), the number of the last change among them, and how many rows are left for the next call.
+        rows: (n, 16) float32 map rows, at most `limit`; least, tau: as in `frequent_points`. Returns row numbers (k,),
+        the number of the last change among them, and how many rows are left for the next call.
         """
         if len(self._change) < limit:
             # Untouched pages cost no memory.
@@ -61,7 +61,7 @@ class ChangeLog:
         return chosen, cursor, len(changed) - len(chosen)
 
     def as_sent(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.uint8], NDArray[np.uint32]]:
-        """Heat in 255ths and frequency (0: the point is no more) of rows, as of their last change."""
+        """Heat in 255ths and frequency (0: the point does not count) of rows, as of their last change."""
         return self._heat[rows], self._frequency[rows].astype(np.uint32)
 
 
@@ -76,7 +76,7 @@ def _number_changes(
     told_first: NDArray[np.float32],
     last: int,
 ) -> int:
-    """Give each row that has changed the next number, and note what is told of it; returns the last number."""
+    """Give each changed row the next number, and record its values as sent; returns the last number."""
     for row in range(len(rows)):
         now, before = rows[row, FREQUENCY], told_frequency[row]
         if now < least:

@@ -12,13 +12,13 @@ from spot3d.sensor import pinhole
 from spot3d.voxel_hash import EMPTY, empty_table, find_slot
 
 _EVICTED_SHARE = 0.2
-"""Points are evicted from among this share of them, the least useful."""
+"""Share of the points, the least useful, from among which points are evicted."""
 _SAMPLE = 2000
-"""About so many points tell how useful that share is."""
+"""About as many points are sampled to find the limit of that share."""
 
 
 class Heatmap3D:
-    """Bounded point map with a voxel hash; `arrays` is all that it holds."""
+    """Bounded point map with a voxel hash; `arrays` holds all of it."""
 
     def __init__(self, limit: int, voxel: float) -> None:
         self.limit = limit
@@ -56,7 +56,7 @@ class Heatmap3D:
         return self.arrays.rows[: self.used]
 
     def last_seen(self) -> NDArray[np.int32]:
-        """View of the number of the frame that saw each of these points last, (used,) int32."""
+        """View of the number of the frame that last saw each of these points, (used,) int32."""
         return self.arrays.numbers[: self.used, LAST]
 
     def clear(self) -> None:
@@ -66,13 +66,13 @@ class Heatmap3D:
         self.arrays.keys.fill(EMPTY)
 
     def held(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-        """`points`, and the voxel's key of each, (n,) int64, -1 = none; copied, as plainly as frames want it."""
+        """`points`, and each one's voxel key, (n,) int64, -1 = none; copied as simply as possible, as frames wait."""
         points = self.points()
         slots = self.arrays.row_slots[: len(points)]
         return points.copy(), np.where(slots >= 0, self.arrays.keys[slots], EMPTY)
 
     def restore(self, rows: NDArray[np.float32], keys: NDArray[np.int64]) -> None:
-        """Make the map that of which `held` has returned this, without its free rows; at most `limit` points."""
+        """Restore the map of which `held` returned this, without its free rows; at most `limit` points."""
         self.clear()
         self.arrays.counts[0] = len(rows)
         self.points()[:] = rows
@@ -103,11 +103,11 @@ class Heatmap3D:
         return index, merge(self.arrays, frame_number, pixels, candidates, pinhole(camera), pose, how, index)
 
     def evict(self, wanted: int, tau: float) -> int:
-        """Free the rows of so many of the least useful points, or of a fifth of all; returns of how many.
+        """Free the rows of `wanted` of the least useful points, or of a fifth of all; returns how many.
 
-        Least useful: of the least sum of pseudo-average confidence, c / (f + tau), and of how lately a point was seen,
-        as a share of all frames, so that what the camera looks at now is not what goes. The next call goes on where
-        this one ends: no frame waits for more than it needs itself.
+        Usefulness: the pseudo-average confidence, c / (f + tau), plus the number of the last frame that saw the point
+        as a share of all frames, so that what the camera looks at now stays. The next call continues where this one
+        ends: no frame waits for more than it needs itself.
         """
         step = max(1, self.used // _SAMPLE)
         sample, last = self.points()[::step], self.last_seen()[::step].astype(np.float32)
@@ -127,7 +127,7 @@ class Heatmap3D:
 
 @kernel()
 def _enter(known: MapArrays, wanted: NDArray[np.int64]) -> None:
-    """Put the keys of the first rows into the empty table; the slot of a row without one is -1."""
+    """Insert the first rows' keys into the empty table; a row without a key gets the slot -1."""
     for row in range(len(wanted)):
         known.row_slots[row] = -1
         if wanted[row] == EMPTY:
@@ -139,7 +139,7 @@ def _enter(known: MapArrays, wanted: NDArray[np.int64]) -> None:
 
 @kernel()
 def _evict(known: MapArrays, begin: int, wanted: int, least: np.float32, latest: np.float32, tau: np.float32) -> int:
-    """Free rows no more useful than `least`, from row `begin` on and around, until so many are free (see `evict`).
+    """Free rows no more useful than `least`, from row `begin` on and around, until `wanted` are freed (see `evict`).
 
     Returns the row after the last one looked at.
     """

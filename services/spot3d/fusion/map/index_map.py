@@ -36,7 +36,7 @@ class _LastFrame:
 class IndexMap:
     """For each pixel of the last fused frame, the row of its map point (paper: indexMap).
 
-    Before the first frame there is none: that meets the map through the voxels only.
+    The first frame has no predecessor: it is matched through the voxels only.
     """
 
     def __init__(self, settings: FusionSettings) -> None:
@@ -81,22 +81,22 @@ class IndexMap:
         return MatchCounts(*counts)
 
     def _make_room(self, heatmap: Heatmap3D, rows: int) -> None:
-        """Evict the least useful points; what a frame brings beyond the room that makes is left out."""
+        """Evict the least useful points; pixels that find no room even so are left out."""
         if heatmap.evict(rows, self.settings.tau) > 0 and self._last is not None:
             index = self._last.index
-            gone = heatmap.arrays.rows[index, FREQUENCY] == 0  # of index -1 whatever it says: it stays -1
+            gone = heatmap.arrays.rows[index, FREQUENCY] == 0  # at index -1 meaningless: it stays -1
             self._last = replace(self._last, index=np.where(gone, np.int32(-1), index))
 
 
 class RgbdImage(NamedTuple):
-    """What of a frame is warped: depth (h, w) float32 metres, colour (h, w, 3) uint8."""
+    """The images of a frame to be warped: depth (h, w) float32 metres, colour (h, w, 3) uint8."""
 
     depth: NDArray[np.float32]
     colour: NDArray[np.uint8]
 
 
 class Gates(NamedTuple):
-    """What a match agrees in: squared L2 distance of RGB 0..255, metres of depth, or times the depth's noise."""
+    """Limits for a match: squared L2 distance of RGB 0..255; metres of depth, or multiples of the depth's noise."""
 
     colour: np.float32
     depth: np.float32
@@ -116,8 +116,8 @@ def warp(
 ) -> None:
     """Warp the last frame's pixels into this one and keep the matches (paper, Eqs. 12-14).
 
-    A match agrees in colour and in depth; of several on one pixel the nearest wins. nearest:
-    (h, w), inf; index: (h, w), -1, which the map's rows are written to.
+    A match agrees in colour and in depth; of several on one pixel the nearest wins. nearest: (h, w), inf; index:
+    (h, w), -1, into which the map's rows are written.
     """
     fx, fy, cx, cy, noise = camera
     colour_gate, depth_gate, noise_gate = gates

@@ -1,4 +1,4 @@
-"""What the 3D heatmap is made of, as its kernels see it."""
+"""The arrays of the 3D heatmap, as its kernels see them."""
 
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ COLUMNS = 16
 
 
 class MapArrays(NamedTuple):
-    """What the map is made of.
+    """The arrays of the map.
 
     rows: (limit, 16) float32, of which the first `used` have held points: position in the world (metres), colour
     (RGB 0..255), weight of the running means, consolidated heat c, frequency f (0: the row is free), number of the
@@ -36,7 +36,7 @@ class MapArrays(NamedTuple):
 
 @kernel("i8(f4, f4, f4, f4)", forceinline=True)
 def key_at(x: np.float32, y: np.float32, z: np.float32, per_metre: np.float32) -> np.int64:
-    """Key of the voxel in which a point of the world lies."""
+    """Key of the voxel that contains a point of the world."""
     i, j, k = np.floor(x * per_metre), np.floor(y * per_metre), np.floor(z * per_metre)
     return voxel_key(np.int64(i), np.int64(j), np.int64(k), 0)
 
@@ -45,7 +45,7 @@ def key_at(x: np.float32, y: np.float32, z: np.float32, per_metre: np.float32) -
 def remove_key(
     slot: np.uint64, keys: NDArray[np.int64], slot_rows: NDArray[np.int32], row_slots: NDArray[np.int32]
 ) -> None:
-    """Free a slot, and move back those behind it that were put there because it was taken (Knuth 6.4, algorithm R)."""
+    """Free a slot, and move back the displaced keys behind it (Knuth 6.4, algorithm R)."""
     mask, hole = np.uint64(len(keys) - 1), slot
     while True:
         slot = (slot + np.uint64(1)) & mask

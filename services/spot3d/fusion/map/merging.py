@@ -11,8 +11,8 @@ from spot3d.sensor import Pinhole, axial_noise_kernel
 from spot3d.voxel_hash import EMPTY, find_slot
 
 _MOST_FRAMES = np.float32(1 << 16)
-"""Up to here single precision, of 24 bits, adds a frame's heat exactly to half of a 255th; beyond, less and less of it,
-and from 2^24 on nothing."""
+"""Up to here single precision, of 24 bits, adds a frame's heat exactly to half of a 255th. Beyond, it adds less and
+less of it, and from 2^24 on nothing."""
 
 
 class Pixels(NamedTuple):
@@ -71,12 +71,12 @@ def merge(
     how: Merging,
     index: NDArray[np.int32],
 ) -> tuple[int, int, int]:
-    """Give every valid pixel its map point: the candidate, one in the voxels that noise can reach, or a new one.
+    """Give every valid pixel its map point: the candidate, one in the voxels within reach of noise, or a new one.
 
-    Position and colour are running means, weighted by 1 / sigma_z^2 if `noise_weighting`. Without `look_up` all that
-    has no candidate is new, and no voxel is entered. Once no row is free, new points are left out. What a point's sums
-    hold is halved, mean and share alike, each time it has been seen 65,536 times. Fills in the index map, which is -1;
-    returns how many pixels were warped, found and new.
+    Position and colour are running means, weighted by 1 / sigma_z^2 if `noise_weighting`. Without `look_up`, each pixel
+    without a candidate becomes a new point, and no voxel is entered. Once no row is free, new points are left out. A
+    point's weight, heat and frequency are halved each time the frequency reaches 65,536. Fills in the index map, which
+    is -1; returns how many pixels were warped, found and new.
     """
     rows, numbers, keys, slot_rows, row_slots, free, counts = known
     used, free_count = counts[0], counts[1]
@@ -92,7 +92,7 @@ def merge(
             z = depth[v, u]
             if not 0 < z <= range_max:
                 continue
-            # In single precision, as the look-up has it: else a point on a voxel's border is entered in the next.
+            # In single precision, as in the look-up: else a point on a voxel's border is entered in the next.
             dx, dy = (np.float32(u) - cx) * per_fx, (np.float32(v) - cy) * per_fy
             x = (T[0, 0] * dx + T[0, 1] * dy + T[0, 2]) * z + T[0, 3]
             y = (T[1, 0] * dx + T[1, 1] * dy + T[1, 2]) * z + T[1, 3]

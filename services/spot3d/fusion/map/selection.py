@@ -32,7 +32,7 @@ class FrequentPoints:
 
 
 def counting(frame_count: int, settings: FusionSettings) -> tuple[float, float]:
-    """From how many frames on a point counts, min(5, 5 % of the frames), and tau (Eq. 15)."""
+    """The least frequency of a point that counts, min(5, 5 % of the frames), and tau (Eq. 15)."""
     least = min(settings.frequency_min, settings.frequency_share * frame_count)
     tau = min(settings.tau, settings.tau_share * frame_count) if settings.tau_share > 0 else settings.tau
     return max(1.0, least), tau
@@ -44,7 +44,7 @@ def frequent_points(rows: NDArray[np.float32], frame_count: int, settings: Fusio
     rows: (n, 16) float32 map rows, of which columns are copied.
     """
     least, tau = counting(frame_count, settings)
-    # As much room as there could be need of: what stays empty costs no memory. NumPy's own arrays are on huge pages.
+    # Room for all rows: unused pages cost no memory. NumPy's own arrays are on huge pages.
     vectors = [np.empty((len(rows), 3), np.float32) for _ in range(2)]
     scalars = [np.empty(len(rows), np.float32) for _ in range(2)]
     count: int = _copy_frequent(rows, np.float32(least), np.float32(tau), *vectors, *scalars)
@@ -61,7 +61,7 @@ def _copy_frequent(
     heat: NDArray[np.float32],
     frequency: NDArray[np.float32],
 ) -> int:
-    """Copy what was seen often enough, and say how much that is: one pass, as fusing waits for it."""
+    """Copy the frequent points and return their number: one pass, as fusing waits for it."""
     k = np.uint64(0)
     for row in range(len(rows)):
         f = rows[row, FREQUENCY]

@@ -1,4 +1,4 @@
-"""What segments stand on where whoever found them does not say it: a learned segmenter knows masks, and no planes."""
+"""Supports of segments whose segmenter gives none: a learned segmenter knows masks, and no planes."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from spot3d.geometry.standing import stands_on
 
 
 def with_support(keyframe: Keyframe, plane: NDArray[np.float64]) -> Keyframe:
-    """The keyframe with one plane, (4,) camera frame, which faces the camera, and on it what stands there."""
+    """The keyframe with one plane, (4,) camera frame, facing the camera, as the support of what stands on it."""
     points = back_project(keyframe.depth, keyframe.camera)
     height = points @ plane[:3] + plane[3]
     labels = np.where(keyframe.depth > 0, keyframe.labels, 0).ravel()

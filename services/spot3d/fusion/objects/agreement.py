@@ -1,4 +1,4 @@
-"""Which segments of different views are one object: as many views as see both have them in one segment.
+"""Clusters segments of different views into objects, by the share of the views that hold both in one segment.
 
 After M. Yan et al., MaskClustering, CVPR 2024 (see `views`).
 """
@@ -13,24 +13,24 @@ from scipy.sparse.csgraph import connected_components
 from spot3d.kernel import kernel
 
 _UNDER_SEGMENTED = 0.5
-"""A segment that this share of the views that see it divide, most of them, holds several objects: it supports nothing.
-Where it was 0.35, a laptop that four views in ten show as a screen and a keyboard was found neither whole nor in parts.
-From 0.45 to 0.6 the results are the same to an object in fifty; with 0.35 and 0.4 clutter has two in a hundred less."""
+"""A segment that this share of the views that see it divide, most of them, holds several objects, and supports nothing.
+With 0.35, a laptop that four views in ten show as a screen and a keyboard was found neither whole nor in parts. From
+0.45 to 0.6 the results are the same to one object in fifty; with 0.35 and 0.4 clutter has two in a hundred less."""
 _OBSERVERS = (20, 15, 10, 8, 6, 5, 4, 3, 2)
-"""What most views have seen joins first: later, what is joined is seen by more."""
+"""How many views must see both to join, in turn. The most first: what is joined is seen by more."""
 _AGREED = 0.6
-"""Share of the views of two segments that must have them in one: most, and a few more than can be chance. Where it was
-0.9, what a fifth of the views tore in two was found neither whole nor in parts. Detection, and F, with 0.5, 0.6, 0.7:
-rendered desks 0.68, 0.72, 0.70 and 97, 96, 95; the same shaken by 10 mm 0.53, 0.55, 0.53 and 93, 92, 87; built-in
-clutter 0.91, 0.92, 0.93 and 97; thirteen runs of redkitchen with 0.55 and 0.6 0.87, with 0.7 0.85, and 89."""
+"""Share of the views of two segments that must hold both in one: most, and a few more than can be chance. With 0.9,
+what a fifth of the views tore in two was found neither whole nor in parts. With 0.5, 0.6, 0.7: detection 0.68, 0.72,
+0.70 and F 97, 96, 95 on rendered desks; 0.53, 0.55, 0.53 and 93, 92, 87 on the same shaken by 10 mm; 0.91, 0.92, 0.93
+and 97 on built-in clutter. Thirteen runs of redkitchen: 0.87 with 0.55 and 0.6, 0.85 with 0.7, and 89."""
 _MOST = 0.5
-"""Share of the views of two objects that have them in one, from which the one that fewer views show is a part: most.
-With 0.4 the results are the same, with 0.6 half as much is gained: on built-in clutter 0.03 in success rate, of true
-poses and of shaken ones, and half of the boxes that are no object, for 0.006 in IoU and one of 106 objects."""
+"""Share of the views of two objects that hold both in one, from which the one that fewer views show is a part: most.
+With 0.4 the results are the same, with 0.6 half as much is gained: on built-in clutter, with true and with shaken
+poses, 0.03 in success rate and half of the boxes of no object, for 0.006 in IoU and one of 106 objects."""
 
 
 class Statements(NamedTuple):
-    """What frames say of n segments. A segment is observed by its own frame, and within itself: that is left out.
+    """What frames say of n segments, but for each one's own frame, which observes it, within itself.
 
     frame: (n,) the frame of each segment; observed: (k, 2) rows and frames that see objects in them; within: (m, 2)
     rows of segments and of those of other frames that hold them; divided: (d,) rows, one for each frame that divides
@@ -45,10 +45,10 @@ class Statements(NamedTuple):
 
 
 def clusters_of(said: Statements, views_min: int, object_share: float, join_parts: bool = True) -> NDArray[np.int64]:
-    """The cluster of each of n segments, (n,) int64; -1 for what holds several objects.
+    """The cluster of each of n segments, (n,) int64; -1 for a segment of several objects.
 
     An object is shown by `views_min` frames, and seen as one by `object_share` of those that see it. join_parts: what
-    most views have in one with a larger object is a part of that (see `_whole_of`).
+    most views hold in one with a larger object is a part of that (see `_whole_of`).
     """
     frame, observed, within, divided, background = said
     count = len(frame)
@@ -57,9 +57,9 @@ def clusters_of(said: Statements, views_min: int, object_share: float, join_part
     own = np.arange(count)
     observers = 1 + np.bincount(observed[:, 0], minlength=count)  # its own frame observes it as well
     under = np.bincount(divided, minlength=count) >= _UNDER_SEGMENTED * observers
-    # What spills over things and what is between them is seen as an object by few: it holds none but its like.
+    # A segment that spills over objects, or lies between them, is an object in few views: it holds only others like it.
     spilled = observers < object_share * (observers + np.bincount(background, minlength=count))
-    # What lies in a segment of several objects is not told apart by its frame, which then says nothing of it.
+    # A frame does not separate what lies in its segment of several objects, and so says nothing of it.
     misled = under[within[:, 1]] | (spilled[within[:, 1]] & ~spilled[within[:, 0]])
     silent = np.unique(within[misled, 0] * frames + frame[within[misled, 1]])
     observed = observed[~np.isin(observed[:, 0] * frames + observed[:, 1], silent)]
@@ -90,11 +90,11 @@ def clusters_of(said: Statements, views_min: int, object_share: float, join_part
 
 
 def _whole_of(pairs: tuple[NDArray[np.int64], ...], shown_by: NDArray[np.int64], views_min: int) -> NDArray[np.int64]:
-    """The cluster of each cluster, (n,), anew: an object that most views have in one with another is a part of it,
-    where more frames do so than show it by itself.
+    """The cluster of each cluster, (n,), with parts joined to their wholes.
 
-    pairs: as of `_pairs`; shown_by: (n,) frames that have segments of each cluster. What too few show for an object
-    stays as it is: it is rather an error of these than a part.
+    A cluster is a part of another if most views hold both in one, and more frames do so than show it by itself. pairs:
+    as of `_pairs`; shown_by: (n,) frames that have segments of each cluster. Clusters that too few frames show for an
+    object stay: they are errors of these rather than parts.
     """
     a, b, seen_by, supporters = pairs
     part, whole = np.where(shown_by[a] <= shown_by[b], (a, b), (b, a))
@@ -111,7 +111,7 @@ def _whole_of(pairs: tuple[NDArray[np.int64], ...], shown_by: NDArray[np.int64],
 
 
 def _incidence(rows: NDArray[np.int64], columns: NDArray[np.int64], shape: tuple[int, int]) -> csr_array:
-    places = rows.astype(np.int32), columns.astype(np.int32)  # products of matrices keep to these
+    places = rows.astype(np.int32), columns.astype(np.int32)  # the index type that products of matrices keep
     return _binary(csr_array((np.ones(len(rows), np.int32), places), shape))
 
 
@@ -122,8 +122,10 @@ def _binary(matrix: csr_array) -> csr_array:
 
 
 def _pairs(V: csr_array, C: csr_array, share: float) -> tuple[NDArray[np.int64], ...]:
-    """Pairs of rows that enough frames have in one segment, of those that see both: a, b, how many see both, and how
-    many have them in one."""
+    """Pairs of rows that enough of the frames that see both hold in one segment.
+
+    Returns a, b, how many frames see both, how many segments hold both.
+    """
     both = C @ C.T
     words = np.zeros((V.shape[0], -(-V.shape[1] // 64)), np.uint64)
     words.view(np.uint8)[:, : -(-V.shape[1] // 8)] = np.packbits(V.toarray().astype(np.bool_), axis=1)
@@ -143,7 +145,7 @@ def _compare(
 ) -> int:
     """Write the pairs of `_pairs` to (4, .) `found`; returns their count.
 
-    starts, columns, supporters: the matrix of supporters by rows; words: each row's frames as bits.
+    starts, columns, supporters: the sparse matrix of supporters by rows; words: each row's frames as bits.
     """
     count = 0
     for a in range(len(starts) - 1):

@@ -1,10 +1,10 @@
 """What cannot stand by itself is a part of what it stands on: a screen of its foot, a lid of its laptop.
 
-Where nothing carries it, it is a part of what has it in its box: a leg of its stool.
+If nothing carries it, it is a part of what has it in its box: a leg of its stool.
 
-Seen from near, things come apart where they are creased, and all views agree on it. What stands on another thing is as
-creased there, but it can stand. How far it is carried is not asked: what carries it is hidden by it. Nor is how hot
-that is: a laptop's base is a flat thing without edges, which alone would be too cold for an object.
+Seen from near, objects come apart at creases, and all views agree on it. There is such a crease below an object on
+another one too, but that object can stand. How much of a part is carried is not tested: it hides its carrier. Nor is
+the carrier's heat: a laptop's base is flat and without edges, and alone would be too cold for an object.
 """
 
 from collections.abc import Mapping, Set
@@ -19,30 +19,30 @@ from spot3d.fusion.objects.found import STANDS
 from spot3d.geometry.upright import upright_box
 
 TILT = np.tan(np.radians(10))
-"""No product may tip where it is tilted by 10 degrees (IEC 62368-1, stability of equipment): what would is none of its
-own. With 7, 10, 15 degrees four near desks have a detection of 0.89, 0.95, 0.95 and a success rate of 0.71, 0.83, 0.84;
-before lower edges and narrow feet counted, with 7, 10, 15 and 20 degrees, single frames of OSD 0.939, 0.939, 0.930,
-0.920. On redkitchen, clutter, far desks nothing changes."""
+"""No product may tip when tilted by 10 degrees (IEC 62368-1, stability of equipment): what would is no separate object.
+With 7, 10, 15 degrees on four near desks: detection 0.89, 0.95, 0.95, success rate 0.71, 0.83, 0.84. With 7, 10, 15, 20
+degrees, without lower edges and narrow feet, on single frames of OSD: 0.939, 0.939, 0.930, 0.920. On redkitchen,
+clutter, far desks nothing changes."""
 _BESIDE = 0.02
-"""What hangs in the air is fixed to what reaches up to it beneath it, or as near to that, metres: a neck to the back of
-its screen, of which the front alone is seen. On five rendered desks with two such screens each, which are not built in,
-detection is 0.88 and success 0.86 with 1, 2, 3 and 5 cm, and 0.83 and 0.74 without; elsewhere it is the same.
+"""What hangs in the air is fixed to what reaches up to it from below, within this distance, metres: a neck to the back
+of its screen, of which only the front is seen. On five rendered desks (not built in) with two such screens each:
+detection 0.88 and success 0.86 with 1, 2, 3 and 5 cm, 0.83 and 0.74 without; elsewhere it is the same.
 """
 _INSIDE = 0.5
-"""What cannot stand by itself, and is carried by nothing, is a part of what has at least this share of it in its box: a
-leg of its stool. Two things never fill the same space. On two floors with stools success is 0.73 with 0.25, 0.5 and
-0.75, 0.61 without; on eleven other scenes nothing changes."""
+"""What cannot stand by itself, and has no carrier, is a part of what has at least this share of it in its box: a leg of
+its stool. Two objects never fill the same space. On two floors with stools success is 0.73 with 0.25, 0.5 and 0.75, and
+0.61 without; on eleven other scenes nothing changes."""
 _LEVEL = np.array((1.0, 1.0, 0.0))
 Numbers = tuple[int, ...]
-"""Of the pieces that are one thing, in ascending order."""
+"""Numbers of the pieces of one object, ascending."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """A thing that may be a part of another one.
+    """An object, or a part of one.
 
-    box: upright; ground: how high the plane is that it stands above, along up, metres; NaN = not known; foot: upright
-    box of what it could stand on: of its lowest part, or of the lower edge of that if it leans (see `footing`).
+    box: upright; ground: height along up of the plane that it stands above, metres; NaN = unknown; foot: upright box of
+    what it could stand on: its lowest part, or the lower edge of that if it leans (see `footing`).
     """
 
     box: Box3D
@@ -54,13 +54,13 @@ class Piece:
 def put_together(
     pieces: Mapping[int, Piece], hot: Set[int], up: NDArray[np.float64], size_max: float
 ) -> dict[Numbers, Box3D]:
-    """The things that pieces are, by the numbers of these: each piece is in one thing, or in none if it is too cold.
+    """The boxes of the objects that pieces form, by the pieces' numbers; pieces that are too cold may be in none.
 
-    hot: the pieces that are objects; the others are things only as far as they carry one of these. up: (3,) unit,
-    world. size_max: no thing that is put together has a longer edge, metres.
+    hot: the pieces that are objects; the others are in an object only if they carry one of these. up: (3,) unit, world.
+    size_max: longest edge, metres, of an object of several pieces.
     """
     things: dict[Numbers, Piece] = {(number,): piece for number, piece in pieces.items()}
-    # From above: what a part carries stands on the whole of which it is one.
+    # From above: what a part carries stands on the whole to which the part belongs.
     parts: list[Numbers] = [(number,) for number in hot]
     waiting = sorted(parts, key=lambda numbers: (-_ends(things[numbers].box, up)[0], numbers))
     while waiting:
@@ -81,19 +81,19 @@ def put_together(
 
 
 def _cannot_stand(piece: Piece) -> bool:
-    """Whether a thing would fall over: its middle is so close to above an edge of its foot, for how high it is."""
+    """Whether a piece would fall over: its centre is too near to an edge of its foot for its height."""
     box, foot = piece.box, piece.foot
     aside = np.abs((box.centre - foot.centre) @ foot.rotation[:, :2])
     return bool((foot.size[:2] / 2 - aside).min() < TILT * box.size[2] / 2)
 
 
 def _carrier_of(part: Numbers, things: Mapping[Numbers, Piece], up: NDArray[np.float64]) -> Numbers:
-    """The thing that a part is fixed to, as it cannot stand on it by itself; () where there is none."""
+    """The object that a part is fixed to, as it cannot stand on it by itself; () if there is none."""
     piece, axes = things[part], things[part].foot.rotation
     if not _cannot_stand(piece):
         return ()
     low, _ = _ends(piece.box, up)
-    # Not on a plane alone.
+    # Fixed to more than a plane.
     held = piece.leans or not abs(low - piece.ground) < STANDS
     foot = piece.foot
     grown = replace(foot, size=foot.size + 2 * _BESIDE * _LEVEL) if held else foot
@@ -104,14 +104,14 @@ def _carrier_of(part: Numbers, things: Mapping[Numbers, Piece], up: NDArray[np.f
             continue
         below = _outline(other.box, axes)
         shared, _ = cv2.intersectConvexConvex(reached, below)
-        # What is above a plane alone stands on that beside other things, whose boxes may reach beneath its own.
+        # A piece on a plane stands there beside other objects, whose boxes may reach beneath its own.
         if shared > 0 and (held or cv2.pointPolygonTest(below, (x, y), False) >= 0):
             carriers.append((-shared, numbers))
     return min(carriers)[1] if carriers else _around(part, things)
 
 
 def _around(part: Numbers, things: Mapping[Numbers, Piece]) -> Numbers:
-    """The larger thing that has most of a part in its box, and at least half; () where there is none."""
+    """The larger object that has most of a part in its box, and at least half; () if there is none."""
     box = things[part].box
     larger = [numbers for numbers, other in things.items() if other.box.volume > box.volume]
     if not larger:
@@ -124,7 +124,7 @@ def _around(part: Numbers, things: Mapping[Numbers, Piece]) -> Numbers:
 
 
 def _ends(box: Box3D, up: NDArray[np.float64]) -> tuple[float, float]:
-    """How high an upright box begins and ends, along up."""
+    """Heights along up at which an upright box begins and ends."""
     height = float(up @ box.centre)
     return height - float(box.size[2]) / 2, height + float(box.size[2]) / 2
 

@@ -17,21 +17,21 @@ from spot3d.fusion.settings import FusionSettings
 
 
 class Judged(NamedTuple):
-    """What a cluster is. confidence: the pseudo-average of Eq. 15, over views."""
+    """A cluster that is an object. confidence: the pseudo-average of Eq. 15, over views."""
 
     piece: Piece
     confidence: float
 
 
 class Least(NamedTuple):
-    """What an object takes: so many keyframes, and tau of its confidence. Both are less while there are few."""
+    """Least keyframes of an object, and tau of its confidence; both are less while there are few keyframes."""
 
     views: int
     tau: float
 
 
 class ClusterJudge:
-    """Judges clusters of a graph's segments. least: with as many keyframes as the graph has now."""
+    """Judges clusters of a graph's segments. least: for the graph's present number of keyframes."""
 
     def __init__(self, graph: SegmentGraph, settings: FusionSettings) -> None:
         self._graph, self._settings = graph, settings
@@ -40,12 +40,12 @@ class ClusterJudge:
         self.least = Least(min(settings.views_min, count), tau)
 
     def judged(self, members: NDArray[np.int64], said: NDArray[np.int32], up: NDArray[np.float64]) -> Judged | str:
-        """The box of a cluster's segments and its confidence, or why it is no object. said: of the members."""
+        """The box of a cluster's segments and its confidence, or why it is no object. said: about the members."""
         settings, segments = self._settings, self._graph.segments
         least, tau = self.least
         if len(members) < least or len(own := np.unique(segments.frame.rows[members])) < least:
             return TOO_SELDOM
-        # A view sees a cluster where it sees half of its segments, and an object where most of these say so.
+        # A view sees a cluster if it sees most of its segments, and as an object if most of these say so.
         frames, frame = np.unique(np.concatenate((own, said[:, 1])), return_inverse=True)
         seen, through, background = (
             np.bincount(frame[len(own) :], which, len(frames))
@@ -62,14 +62,14 @@ class ClusterJudge:
             return MOSTLY_BACKGROUND
         confidence = float(segments.heat.rows[members].sum() / (max(len(members), sees.sum()) + tau))
         views = self._seen(members)
-        # What is too large as its views have it is not made an object by leaving out what they disagree on.
+        # A cluster that is too large in its views is no object, even if leaving out disputed points makes it smaller.
         low, high = views.places.min(axis=0).min(axis=0), views.places.max(axis=0).max(axis=0)
         if np.linalg.norm(high - low) > settings.size_max < self._box_of(views, up).size.max():
             return TOO_LARGE
         views = self._undisputed(views, members)
         box = self._box_of(views, up)
         shortest, middle, _ = np.sort(box.size)
-        # A thing that is measured 2 cm across has a box that is less: its faces are trimmed and drawn in.
+        # An object measured as 2 cm wide has a smaller box: its faces are trimmed and drawn in.
         if middle < settings.size_min - settings.plane_distance or box.volume < settings.volume_min:
             return TOO_SMALL
         if shortest < settings.plane_distance:
@@ -77,9 +77,9 @@ class ClusterJudge:
         return Judged(self._piece(views, box, segments.support.rows[members], up), confidence)
 
     def box_of_all(self, around: Box3D, pieces: Numbers, whole: NDArray[np.int64], up: NDArray[np.float64]) -> Box3D:
-        """The box of a thing in pieces, by all of their segments and by those (rows) that have it whole.
+        """The box of an object in pieces, from all of their segments and those (rows) that hold it whole.
 
-        around: of all pieces; that is the box where hardly a view has them whole, or some see more than an object.
+        around: the box of all pieces, returned if too few views hold it whole, or if the other is too large.
         """
         segments = self._graph.segments
         if len(np.unique(segments.frame.rows[whole])) < self.least.views:
@@ -89,19 +89,19 @@ class ClusterJudge:
         return box if box.size.max() <= self._settings.size_max else around
 
     def _piece(self, views: Seen, box: Box3D, support: NDArray[np.float64], up: NDArray[np.float64]) -> Piece:
-        """How something stands. support: of all of its segments, with what is disputed."""
+        """How a cluster stands. support: of all of its segments, disputed ones too."""
         ground = ground_below(box, support, up)
         edge = lower_edge(views, box, TILT)
         if edge is not None:
             return Piece(box, ground, edge, leans=True)
         foot = None
-        # A foot that is narrower than the least thing is not told from noise.
+        # A foot that is narrower than the least object cannot be told from noise.
         if TILT * box.size[2] > self._settings.size_min:
             foot = narrow_foot(views, box, TILT)
         return Piece(box, ground, box if foot is None else foot, leans=False)
 
     def _undisputed(self, views: Seen, rows: NDArray[np.int64]) -> Seen:
-        """What these segments saw of something, without what most of the other views that see it have elsewhere."""
+        """What these segments saw of an object, without the points that other views dispute (see `disputed`)."""
         if "disputed" in self._settings.skipped:
             return views
         graph = self._graph
@@ -112,7 +112,7 @@ class ClusterJudge:
         return views.with_places(places, kept)
 
     def _seen(self, rows: NDArray[np.int64]) -> Seen:
-        """What was seen of something by these segments, in the order of their frames."""
+        """What these segments saw of an object, in the order of their frames."""
         segments, frame = self._graph.segments, self._graph.segments.frame.rows[rows]
         outline = segments.outline.rows[rows]
         poses = np.array([self._graph.views[number].pose for number in frame.tolist()], np.float64)

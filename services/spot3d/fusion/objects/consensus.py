@@ -25,26 +25,26 @@ from spot3d.fusion.settings import FusionSettings
 from spot3d.pose_corrections import PoseCorrections
 
 _TURNED = np.cos(np.deg2rad(0.5))
-"""Boxes that were made with another up are made anew: half a degree moves the corner of a mug by a millimetre."""
+"""Boxes computed with another up are computed again: half a degree moves the corner of a mug by a millimetre."""
 _HOT = 0.5
-"""The hottest object of a scene is mostly hotter than this: of redkitchen 0.6, of built-in scenes 0.6 to 0.8."""
+"""The hottest object of a scene is mostly hotter than this: 0.6 on redkitchen, 0.6 to 0.8 on built-in scenes."""
 _SPREAD = 0.1
-"""Standard deviation of an object's heat from view to view: 0.10 to 0.16 on each data set. With it 0.93 of HOTS'
-objects are detected that one view sees through all stages, without it 0.89, with a tenth of a box more a frame that is
-of none. Where many views see them, in 31 runs, it earns 0.009 in detection, and costs 0.02 in success and half a box of
-none a scene; redkitchen has 25 boxes for 21: a newspaper on a stand and a leaflet more, a part of a screen on the wall,
-and one of a pillar.
+"""Standard deviation of an object's heat from view to view: 0.10 to 0.16 on each data set. With it, 0.93 of HOTS'
+objects that one view sees are detected through all stages, without it 0.89, at the cost of a tenth of a box of no
+object a frame. With many views, in 31 runs, it gains 0.009 in detection, and costs 0.02 in success and half a box of no
+object a scene. Redkitchen has 25 boxes instead of 21: a newspaper on a stand and a leaflet more, a part of a screen on
+the wall, and one of a pillar.
 """
 _DROPPED_SHARE = 0.1
-"""Where there are too many keyframes, so many go at once."""
+"""Share of the limit dropped at once if there are too many keyframes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Consensus:
     """What the views agree on.
 
-    objects: numbered; up: (3,) unit, world; left_out: candidates by reason (see `reasons`); dropped: keyframes that
-    went because there were too many.
+    objects: numbered; up: (3,) unit, world; left_out: number of candidates by reason (see `reasons`); dropped: number
+    of keyframes dropped as there were too many.
     """
 
     objects: list[FoundObject]
@@ -66,24 +66,24 @@ class Described:
 
 
 class ViewConsensus:
-    """Takes in keyframes, and lets their segments vote which of them are one object.
+    """Takes in keyframes, and clusters their segments into objects by the votes of the views.
 
-    An update looks at the keyframes that came since the last one, clusters anew what hangs together with what they
-    see, and describes anew those clusters of which something has changed.
+    An update takes in the keyframes since the last one, clusters anew the connected components of what they see, and
+    describes anew the clusters that have changed.
     """
 
     def __init__(self, settings: FusionSettings) -> None:
         self._settings = settings
         self._waiting: deque[Keyframe] = deque()
         self._skipped = 0
-        # Of the updates alone from here on: they may run in a thread of their own.
+        # Only updates use what follows: they may run in a thread of their own.
         self._dropped = 0
         self._in_keyframes: Counter[str] = Counter()  # what was left out of single keyframes, by reason
         self._taken: deque[Keyframe] = deque()
         self._graph = SegmentGraph()
         self._verdicts: dict[int, Described | str] = {}  # of each cluster the object that it is, or why it is none
         self._described_up = np.zeros(3)
-        self._some_gone = False  # since objects were compared with the hottest one
+        self._some_gone = False  # keyframes were dropped since objects were compared with the hottest one
         self._next_cluster = 0
         self._next_identity = 1
 
@@ -92,27 +92,27 @@ class ViewConsensus:
 
     @property
     def dropped(self) -> int:
-        """How many keyframes went because there were more than `keyframe_limit`, the oldest first.
+        """How many keyframes were dropped because there were more than `keyframe_limit`, the oldest first.
 
-        The objects that no other keyframe shows went with them. Those whose place later ones took are not counted.
+        The objects that no other keyframe shows went with them. Keyframes that later ones replaced are not counted.
         """
         return self._dropped + self._skipped
 
     def add(self, keyframe: Keyframe) -> None:
-        """Take in one keyframe, the latest one; it is looked at with the next update."""
+        """Take in one keyframe, the latest; the next update uses it."""
         self._waiting.append(keyframe)
         if len(self._waiting) > self._settings.keyframe_limit:
             self._waiting.popleft()
             self._skipped += 1
 
     def without_waiting(self) -> "ViewConsensus":
-        """The same without the keyframes that came since the last update: it shares everything else with this one."""
+        """A copy without the keyframes that came since the last update; it shares everything else with this one."""
         shared = copy(self)
         shared._waiting = deque()
         return shared
 
     def take_waiting(self) -> list[Keyframe]:
-        """The keyframes that came since the last update, which are that update's to take in."""
+        """Remove and return the keyframes that came since the last update, for the next one to take in."""
         waiting, self._waiting = self._waiting, deque()
         return list(waiting)
 
@@ -124,9 +124,9 @@ class ViewConsensus:
     ) -> Consensus:
         """Take in keyframes, in their order, and find the objects. Updates run one at a time.
 
-        calibration: by which they all are to be seen, as far as is known by now; corrections: of their poses, in the
-        axes of the map of poses.
-        Where one cannot be taken in, that is raised, and those after it are the next update's.
+        calibration: by which all keyframes are seen, as far as known by now; corrections: of their poses, in the axes
+        of the map of poses.
+        If one cannot be taken in, the exception is raised, and those after it are left to the next update.
         """
         graph = self._graph
         self._taken.extend(keyframes)
@@ -134,7 +134,7 @@ class ViewConsensus:
             self._take_in(self._taken.popleft())
         graph.see_anew(calibration, corrections)
         up = graph.up()
-        # Before the first keyframe nothing is known to be up, and nothing described.
+        # Before the first keyframe, up is unknown, and nothing is described.
         if graph.views and up @ self._described_up < _TURNED:
             graph.segments.touched.rows[:] = True
             self._described_up = up
@@ -157,7 +157,7 @@ class ViewConsensus:
         least = self._judge().least
         self._in_keyframes[WITHOUT_DEPTH] += graph.take_in(keyframe, self._settings.range_max)
         for reason, count in keyframe.left_out.items():
-            # Whoever finds segments may have reasons of their own, but not ever new ones.
+            # Segmenters may have reasons of their own, but not an unbounded number of them.
             self._in_keyframes[reason if reason in KEYFRAME_REASONS else OTHER] += count
         outdated = graph.outdated()
         excess = len(graph.views) - len(outdated) - limit
@@ -172,17 +172,17 @@ class ViewConsensus:
             graph.segments.touched.rows[:] = True
 
     def _judge(self) -> ClusterJudge:
-        """By what clusters are judged while there are as many keyframes as now."""
+        """Judges clusters by the present number of keyframes."""
         return ClusterJudge(self._graph, self._settings)
 
     def _gone(self) -> NDArray[np.bool_]:
-        """Which segments show what is not there any more."""
+        """Which segments show what is no longer there."""
         if "gone" in self._settings.skipped:
             return np.zeros(len(self._graph.segments), np.bool_)
         return gone_segments(self._graph.said, self._graph.segments.frame.rows)
 
     def _cluster(self, gone: NDArray[np.bool_]) -> int:
-        """Cluster anew what hangs together with what is touched; clusters from the returned number on have changed.
+        """Cluster anew the components with touched segments; clusters from the returned number on have changed.
 
         What is gone is not joined with what has taken its place.
         """
@@ -223,7 +223,7 @@ class ViewConsensus:
         self._number_warm()
 
     def _object(self, members: NDArray[np.int64], judged: Judged) -> FoundObject:
-        """What segments show, without a number."""
+        """The object of these segments, without a number."""
         segments = self._graph.segments
         pixels = segments.pixels.rows[members]
         return FoundObject(
@@ -236,10 +236,10 @@ class ViewConsensus:
         )
 
     def _number_warm(self) -> None:
-        """Number what is warm beside the hottest object that there is by now; what is cold loses its number.
+        """Number the clusters that are warm relative to the hottest object; cold ones lose their number.
 
-        Cold is what is below eps by more than the mean of so many views may be by chance. A frame's heat is a share of
-        its maximum, which wanders: where even the hottest object of all is colder than `_HOT`, eps falls in proportion.
+        Cold is a confidence below eps by more than chance explains in a mean over its views. A frame's heat is a share
+        of its maximum, which varies: where even the hottest object is colder than `_HOT`, eps falls in proportion.
         """
         segments, described = self._graph.segments, self._described()
         hottest = max((found.item.confidence for found in described.values()), default=0.0)
@@ -268,9 +268,9 @@ class ViewConsensus:
         return {number: found for number, found in self._verdicts.items() if not isinstance(found, str)}
 
     def _whole_objects(self, up: NDArray[np.float64]) -> tuple[list[FoundObject], int]:
-        """The objects, with what cannot stand by itself put together with what it stands on.
+        """The objects, joined with what they stand on where they cannot stand by themselves.
 
-        And how many clusters are too cold, and not a part of these.
+        Also returned: how many clusters are too cold, and not a part of an object.
         """
         found, judge = self._described(), self._judge()
         hot = {number for number, each in found.items() if each.item.id}
@@ -285,7 +285,7 @@ class ViewConsensus:
 
 
 def _one_of(parts: list[FoundObject], box: Box3D) -> FoundObject:
-    """The object that these are together: it has the number of the first one found, and the heat of the hottest."""
+    """The object that these form together, with the least of their numbers and the highest confidence."""
     if len(parts) == 1:
         return parts[0]
     points = [part.points for part in parts]

@@ -1,4 +1,4 @@
-"""Which points of an object's segments other views give to something else: a segment may spill onto its neighbours."""
+"""Which points of an object's segments other views assign to another object: segments spill onto their neighbours."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,26 +7,26 @@ from spot3d.fusion.objects.views import NEAREST, TOLERANCE, View, ViewImage
 from spot3d.kernel import kernel
 
 _HELD = 0.3
-"""A point is an object's where this share of the other views that see it have it in the object. From 0.15 to 0.6 the
-boxes of each data set fit alike within 0.01 of IoU, and in clutter better than without, by 0.03; its detection rate
-falls from 0.91 to 0.88 over that span. Nor is it the object's where more views have it in another: detection on clutter
-0.93 for 0.92, and with poses 10 mm off 0.88 for 0.85; elsewhere as without."""
+"""A point is kept if this share of the other views that see it hold it in the object. From 0.15 to 0.6 the boxes of
+each data set fit alike within 0.01 of IoU, and in clutter 0.03 better than without; clutter's detection rate falls from
+0.91 to 0.88 over that span. A point is dropped if more views hold it in another object: detection on clutter 0.93
+instead of 0.92, with poses 10 mm off 0.88 instead of 0.85; elsewhere the same."""
 _ASKED = 20
-"""So many of an object's views are asked, evenly spread over them."""
+"""Most views of an object that are asked, evenly spread over them."""
 _ANSWERS = 2
-"""What fewer other views see, they say nothing of."""
+"""Points that fewer other views see are kept."""
 _POINTS = 20
-"""A segment of which no more points are left shows no face of the object."""
+"""A segment with no more points left shows no face of the object."""
 
 
 def without_disputed(
     places: NDArray[np.float32], frame: NDArray[np.int64], views: dict[int, tuple[View, NDArray[np.bool_]]]
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """The (n, k, 3) places of an object's segments, world, without those that most other views have elsewhere.
+    """The (n, k, 3) points of an object's segments, world, without those that other views dispute.
 
-    frame: (n,) number of the view that each segment is of; views: by number, those that have segments of the object,
-    each with which of its labels these are, (256,). In the place of what is left out stands another of the same
-    segment's points. Also returned: (n,) which segments keep enough of theirs; all, if none does.
+    frame: (n,) number of the view of each segment; views: by number, those with segments of the object, each with a
+    mask of its labels that are these, (256,). A disputed point is replaced by another point of the same segment. Also
+    returned: (n,) which segments keep enough points; all, if none does.
     """
     numbers = list(views)
     seen, held, lost = np.zeros((3, *places.shape[:2]), np.int32)
@@ -54,9 +54,9 @@ def _tally(
     held: NDArray[np.int32],
     lost: NDArray[np.int32],
 ) -> None:
-    """Add, for each place of the segments that are asked for, whether a view sees it, and the object there, or another.
+    """For each point of the segments to be asked about, count a view if it sees it, in the object, or in another.
 
-    columns: (n, 3, m) places: what `seen_at` says, but of several at once, in a tenth of the time.
+    columns: (n, 3, m) points; as in `seen_at`, but for several at once, in a tenth of the time.
     """
     labels, depth, pose, focal = view
     h, w = depth.shape

@@ -1,5 +1,4 @@
-"""What a thing could stand on, as far as it was seen: mostly all of its box, but of a lid its lower edge, of a screen
-with its neck the neck."""
+"""What an object could stand on, as far as it was seen: mostly its whole box; a lid's lower edge; a screen's neck."""
 
 import numpy as np
 
@@ -7,18 +6,18 @@ from spot3d.boxes import Box3D
 from spot3d.fusion.objects.found import STANDS, THINNEST, Seen, ends_of, faces
 
 _TILTS = ((15.0, 7), (5.0, 3), (5 / 3, 3))
-"""So many tilts, so many degrees apart, are tried, then others around the best: a degree off, a sheet of 25 cm is less
-than half a centimetre thicker."""
+"""Step, degrees, and number of the tilts tried in turn, each around the best before: a degree off, a sheet of 25 cm is
+less than half a centimetre thicker."""
 _TOLD = 3
-"""So many points, and views, tell how wide a foot is: two are its edges, and one more is no accident."""
+"""Least points, and views, that tell a foot's width: two points are its edges, and one more is no accident."""
 _ASIDE = 1e-3
-"""From less than so far aside, metres, a thing is seen from straight above: nothing is left or right."""
+"""Nearer to straight above than this, metres to the side, a view has no left or right."""
 
 
 def lower_edge(seen: Seen, box: Box3D, thin: float) -> Box3D | None:
-    """The upright box around the lower edge of a sheet that leans, without a height, at the bottom of its box.
+    """The upright box, without a height, around the lower edge of a leaning sheet, at the bottom of its box.
 
-    thin: a sheet is less thick than so much of its length, and what leans less than so much stands upright. None of
+    thin: a sheet is thinner than this share of its length, and upright if the tangent of its tilt is less. None for
     what is no sheet, stands, or lies: reaches further level than up.
     """
     edges = (_edge_along(seen, box, axis, thin) for axis in (0, 1) if box.size[axis] <= box.size[2])
@@ -26,11 +25,11 @@ def lower_edge(seen: Seen, box: Box3D, thin: float) -> Box3D | None:
 
 
 def narrow_foot(seen: Seen, box: Box3D, thin: float) -> Box3D | None:
-    """The upright box, without a height, around the foot of what would fall over on it to the left or right; None of
-    what would not, or of which too few views see the bottom. How deep a foot is, it hides itself, and what stands
-    before it hides its width: it is as wide as the view has it that sees most of it.
+    """The upright box, without a height, around the foot of an object that would fall over on it to the left or right.
 
-    thin: it falls if its middle is less than so much of its height inside the foot's edge.
+    None if it would not, or if too few views see the bottom. A foot hides its depth, and what stands before it its
+    width: the view that sees most of it decides. The box is the median over the views. thin: the object falls if its
+    middle is less than this share of the middle's height inside the foot's edge.
     """
     up, places = box.rotation[:, 2], seen.places.astype(np.float64) - box.centre
     low = places @ up < STANDS - box.size[2] / 2
@@ -51,7 +50,7 @@ def narrow_foot(seen: Seen, box: Box3D, thin: float) -> Box3D | None:
 
 
 def _edge_along(seen: Seen, box: Box3D, axis: int, thin: float) -> Box3D | None:
-    """As `lower_edge`, of a sheet that leans along this one of the box's level axes."""
+    """As `lower_edge`, for a sheet that leans along this one of the box's level axes."""
     level, up, tilt = box.rotation[:, axis], box.rotation[:, 2], 0.0
     for step, count in _TILTS:
         tilts = tilt + np.radians(step) * (np.arange(count) - count // 2)

@@ -1,4 +1,4 @@
-"""Which segments show what is not there any more: later views see what lies behind them."""
+"""Which segments show what is no longer there: later views see what lies behind them."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,16 +6,16 @@ from numpy.typing import NDArray
 from spot3d.fusion.objects.views import THROUGH
 
 _LOOKS = 10
-"""So many later views in a row look through a segment that is gone, three seconds of a moving camera. With 3, 5, 8 and
-12 redkitchen's F is 87.2, 87.4, 87.7 and 87.7, and of every frame 85.5, 86.2, 86.3 and 86.3, as where none is gone:
-real poses are off by more than a view tolerates, now and then. Eight of nine things that are put where others stood
-are found with each, five where none is gone."""
+"""A segment is gone if this many later views in a row look through it, three seconds of a moving camera. With 3, 5, 8,
+12: F 87.2, 87.4, 87.7, 87.7 on redkitchen, and of every frame 85.5, 86.2, 86.3, 86.3, as without this rule: real poses
+are off by more than a view tolerates, now and then. With each, eight of nine objects that are put where others stood
+are found, without the rule five."""
 
 
 def gone_segments(said: NDArray[np.int32], frame: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which (n,) segments the ten latest of the later views that look at their places all look through.
+    """Which (n,) segments are looked through by the ten latest of the later views that look at their places.
 
-    said: (m, 4) what views say (see `SegmentGraph`); frame: (n,) the view that each segment is of.
+    said: (m, 4) what views say (see `SegmentGraph`); frame: (n,) the view of each segment.
     """
     through = np.bincount(said[said[:, 2] == THROUGH, 0], minlength=len(frame))
     said = said[(through >= _LOOKS)[said[:, 0]]]

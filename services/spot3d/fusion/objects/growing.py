@@ -1,4 +1,4 @@
-"""Rows that come at the end, at a cost of their own and not of all that there are."""
+"""Arrays to which rows are appended at a cost that does not depend on how many there are."""
 
 from typing import Any, Generic, TypeVar
 
@@ -9,7 +9,7 @@ Number = TypeVar("Number", bound=np.generic)
 
 
 class Growing(Generic[Number]):
-    """An array of rows of one shape, held in twice the room that it needs at most."""
+    """An array of rows of one shape, with at most twice the memory that it needs."""
 
     def __init__(self, dtype: DTypeLike, *shape: int) -> None:
         self._held: NDArray[Any] = np.zeros((0, *shape), dtype)
@@ -20,7 +20,7 @@ class Growing(Generic[Number]):
 
     @property
     def rows(self) -> NDArray[Number]:
-        """The rows, (n, *shape): a view, of these rows until some are added or taken away."""
+        """The rows, (n, *shape): a view, valid until rows are added or removed."""
         return self._held[: self._count]
 
     def extend(self, more: NDArray[Any]) -> None:
@@ -34,6 +34,6 @@ class Growing(Generic[Number]):
         self._count = count
 
     def keep(self, chosen: NDArray[np.bool_]) -> None:
-        """Keep chosen rows alone, in their order; the room of the others is given back."""
+        """Keep only the chosen rows, in their order; the memory of the others is released."""
         self._held = self._held[: self._count][chosen].copy()
         self._count = len(self._held)

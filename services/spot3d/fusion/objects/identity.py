@@ -1,4 +1,4 @@
-"""Stable identities: the object seen in the last update keeps its number in this one."""
+"""Stable identities: an object of the last update keeps its number in this one."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ class Identities:
         self._next = 1
 
     def assign(self, objects: list[FoundObject]) -> list[FoundObject]:
-        """The objects with their numbers, in the order of these."""
+        """The objects with their numbers, sorted by number."""
         known = list(self._boxes)
         overlap = iou_matrix_3d([item.box for item in objects], [self._boxes[number] for number in known])
         numbers = [0] * len(objects)

@@ -1,4 +1,4 @@
-"""A keyframe as fusion knows it: what was found in one frame, and where that frame was."""
+"""A keyframe as fusion keeps it: the segments found in one frame, and that frame's pose."""
 
 from collections import OrderedDict
 from dataclasses import dataclass, field
@@ -12,16 +12,16 @@ from spot3d.camera import Intrinsics
 from spot3d.frame_segments import FrameSegments
 
 _STEP = 0.02
-"""Depth that steps by more than this within two pixels is another surface's, metres: eps_min of the paper."""
+"""A depth step of more than this within two pixels leads to another surface, metres: eps_min of the paper."""
 
 
 @dataclass(frozen=True, slots=True)
 class FusedFrame:
     """What is kept of a frame that was fused.
 
-    colour: (h, w, 3) uint8 RGB on fusion's lattice; depth: (h, w) float32 metres, 0 = invalid; camera: of that
-    lattice; T_world_camera: (4, 4); T_map_camera: (4, 4), in the map of poses, which slides in the world as it is
-    better known where it lies. calibration: what depth, camera and poses have been corrected by.
+    colour: (h, w, 3) uint8 RGB on fusion's lattice; depth: (h, w) float32 metres, 0 = invalid; camera: of that lattice;
+    T_world_camera: (4, 4); T_map_camera: (4, 4), in the map of poses, which moves in the world as its place becomes
+    better known. calibration: what depth, camera and poses have been corrected by.
     """
 
     stamp_ns: int
@@ -35,12 +35,12 @@ class FusedFrame:
 
 @dataclass(frozen=True, slots=True)
 class Keyframe:
-    """A fused frame with the objects that were found in it alone.
+    """A fused frame with the segments that were found in it alone.
 
-    labels: (h, w) uint8 on the lattice of `depth`, 0 = no object, k = segment k - 1; depth: (h, w) float32 metres,
-    0 = invalid; colour: (h, w, 3) uint8 RGB; camera: of that lattice; T_map_camera: (4, 4) float64, in the map of
-    poses, which is the consensus' world: its views must not slide against each other. heat, planes (camera frame),
-    stands_on and left_out: as in `FrameSegments`. calibration: as in `FusedFrame`.
+    labels: (h, w) uint8 on the lattice of `depth`, 0 = no object, k = segment k - 1; depth: (h, w) float32 metres, 0 =
+    invalid; colour: (h, w, 3) uint8 RGB; camera: of that lattice; T_map_camera: (4, 4) float64, in the map of poses,
+    which is the consensus' world: its views must not move against each other. heat, planes (camera frame), stands_on
+    and left_out: as in `FrameSegments`. calibration: as in `FusedFrame`.
     """
 
     stamp_ns: int
@@ -61,7 +61,7 @@ class Keyframe:
 
 
 def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
-    """The keyframe that a frame and its segments make, on the frame's lattice."""
+    """The keyframe of a frame and its segments, on the frame's lattice."""
     seen = segments.seen_by(frame.camera)
     labels = seen.labels
     if segments.camera != frame.camera:
@@ -82,11 +82,11 @@ def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
 
 
 def without_spill(labels: NDArray[np.uint8], depth: NDArray[np.float32], width: int) -> NDArray[np.uint8]:
-    """Labels without what lies in front of or behind its own segment along the outline.
+    """Labels without pixels along the outline that lie in front of or behind their own segment.
 
-    labels: (h, w), drawn on another lattice; depth: (h, w) metres; width: pixels that an outline may be off. A box
-    would reach for such points however few they are: they lie on the wall behind, or on what is in front. What has no
-    inside stays.
+    labels: (h, w), drawn on another lattice; depth: (h, w) metres; width: pixels that an outline may be off. Such
+    pixels lie on the wall behind or on what is in front, and a box would reach for them, however few. A segment without
+    an inside stays.
     """
     around, reach = (np.ones((side, side), np.uint8) for side in (2 * width + 1, 4 * width + 1))
     kept = labels.copy()
@@ -102,19 +102,19 @@ def without_spill(labels: NDArray[np.uint8], depth: NDArray[np.float32], width: 
 
 
 class FusedFrames:
-    """The frames fused last, by stamp, for segments that come after them."""
+    """The last fused frames, by stamp, for segments that come after them."""
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
         self._frames: OrderedDict[int, FusedFrame] = OrderedDict()
 
     def add(self, frame: FusedFrame) -> None:
-        """Keep one more; the one that was fused first goes when there are too many."""
+        """Keep one more frame; the one that was fused first goes when there are too many."""
         self._frames.pop(frame.stamp_ns, None)
         self._frames[frame.stamp_ns] = frame
         while len(self._frames) > self._limit:
             self._frames.popitem(last=False)
 
     def take(self, stamp_ns: int) -> FusedFrame | None:
-        """The frame of this stamp, which goes with it; None where it is not there (any more)."""
+        """Remove and return the frame of this stamp; None if it is not there (any more)."""
         return self._frames.pop(stamp_ns, None)

@@ -1,4 +1,4 @@
-"""Numbers that stay from update to update: of clusters, and of the objects that some of them are."""
+"""Numbers of clusters, and of the objects among them, that stay from update to update."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,7 @@ def number_clusters(
 ) -> tuple[NDArray[np.int64], int]:
     """The number of each segment's cluster, (n,), and how many clusters are new; new numbers count up from `first`.
 
-    found: (n,) clusters from 0 on, -1 = none; before: (n,) the numbers that the segments had. A cluster of the same
+    found: (n,) clusters from 0 on, -1 = none; before: (n,) the segments' previous numbers. A cluster of the same
     segments as before, none of which is touched, keeps its number.
     """
     inside, count = found >= 0, int(found.max(initial=-1)) + 1
@@ -27,10 +27,10 @@ def number_clusters(
 def number_objects(
     objects: list[NDArray[np.int64]], columns: tuple[NDArray[np.int64], ...], taken: set[int], first: int
 ) -> list[int]:
-    """The numbers of objects, each given by the rows of its segments: what most of these had, or a new one.
+    """The numbers of objects, each given by its segments' rows: the one that most of these had, or a new one.
 
-    columns: what number each segment had last, (n,), before that, and so on, 0 = none; taken: numbers of other
-    objects; new numbers count up from `first`. Where several want the same number, the earlier in the list gets it.
+    columns: the number that each segment had last, (n,), the one before that, and so on, 0 = none; taken: numbers of
+    other objects; new numbers count up from `first`. If several want the same number, the earlier in the list gets it.
     """
     taken, given = set(taken), [0] * len(objects)
     for column in columns:

@@ -1,4 +1,4 @@
-"""Why what was taken for an object is left out: the reasons by which `Objects` counts it."""
+"""Why a candidate is no object: the reasons by which `Objects` counts what is left out."""
 
 TOO_SELDOM = "seen too seldom"
 """In fewer keyframes than `views_min`: mostly fragments of one view."""

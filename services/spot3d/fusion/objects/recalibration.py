@@ -1,4 +1,4 @@
-"""What keyframes saw, had their camera been calibrated or posed otherwise: both are known better as a run goes on."""
+"""Keyframes as seen with another calibration or pose of their camera: both become better known as a run goes on."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
@@ -13,23 +13,23 @@ from spot3d.pose_corrections import PoseCorrections
 from spot3d.trajectory import rotation_from_vector
 
 _STEP = 0.0005
-"""Poses that are better known by less than this, metres and radians, stay: a quarter of a pixel's noise at a metre.
+"""Smaller changes of poses, metres and radians, are ignored: a quarter of a pixel's noise at a metre.
 
-With the whole of it what stays lies apart from what moves: clutter and a desk seen from near, with poses shaken by
-10 mm, have an IoU that is 0.02 less. An update of the objects takes as long.
+With a whole pixel's noise, views that stay lie apart from views that move: clutter and a desk seen from near, with
+poses shaken by 10 mm, have an IoU that is 0.02 less. An update of the objects takes as long.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """When a keyframe was seen, by which calibration, and what its pose has been corrected by since (6,)."""
+    """When a keyframe was seen, with which calibration, and the twist (6,) that has corrected its pose since."""
 
     stamp_ns: int
     calibration: Calibration
     twist: tuple[float, ...] = (0.0,) * 6
 
     def by_now(self, calibration: Calibration, corrections: PoseCorrections | None) -> Self:
-        """The same by all that is known now; corrections: in the axes of the views' world."""
+        """The same with all that is known now; corrections: in the axes of the views' world."""
         twist = None if corrections is None else corrections.at(self.stamp_ns)
         if twist is None or np.abs(twist - self.twist).max() < _STEP:
             return replace(self, calibration=calibration)
@@ -37,10 +37,10 @@ class Placement:
 
 
 class _Straightening(NamedTuple):
-    """What a camera saw is bent otherwise: by the exponential of bend, (rows, columns), see `spot3d.calibration.Bend`.
+    """A change of bend: depth is multiplied by the exponential of bend, (rows, columns), see `spot3d.calibration.Bend`.
 
-    to_image: (3, 3) from an arm, from the camera in the views' world, to where in the image it is, 0..1 of its width
-    and height, times its depth, and to that.
+    to_image: (3, 3) from an arm, a vector from the camera in the views' world, to its place in the image, 0..1 of the
+    width and height, times its depth, and to that depth.
     """
 
     bend: NDArray[np.float64]
@@ -53,7 +53,7 @@ class _Straightening(NamedTuple):
         return cls(bend, lens @ view.pose[:, :3])
 
     def of_arms(self, arms: NDArray[np.floating]) -> NDArray[np.float64]:
-        """By what arms (..., 3) are bent otherwise, (...)."""
+        """Logarithm, (...), of the factor by which arms (..., 3) change."""
         across, down, depth = np.moveaxis(arms @ self.to_image.T, -1, 0)
         depth = np.maximum(depth, NEAREST)
         return bend_at(self.bend, across / depth, down / depth)
@@ -63,9 +63,9 @@ class _Straightening(NamedTuple):
 class Change:
     """How what one camera saw moves.
 
-    camera: (3,) where it is, step: (3,) how far it moves, and linear: (3, 3) how what it saw moves about it, in the
-    views' world, once it is straightened, if that is not None; axes: (3, 3) the camera's, after it; factor: of depth;
-    shift: (2,) of the principal point, focal lengths.
+    camera: (3,) its place; step: (3,) its move; linear: (3, 3) how what it saw moves about it, in the views' world,
+    once it is straightened, if `straightening` is not None; axes: (3, 3) the camera's, after the change; factor: of
+    depth; shift: (2,) of the principal point, focal lengths.
     """
 
     camera: NDArray[np.float64]
@@ -78,12 +78,12 @@ class Change:
 
     @classmethod
     def of(cls, view: View, before: Placement, now: Placement) -> Self:
-        """Of a view that was seen by one calibration and pose, and is to be by another."""
+        """The change of a view from one calibration and pose to another."""
         axes, origin = np.split(view.pose.astype(np.float64), [3], axis=1)
         turn = _rotation(before.calibration.turn).T @ _rotation(now.calibration.turn)
         factor = now.calibration.depth_factor / before.calibration.depth_factor
         shift = np.subtract(now.calibration.centre, before.calibration.centre)
-        # The inverse, not the transpose: what single precision lacks of a rotation must not add up over many changes.
+        # The inverse, not the transpose: single precision errors of a rotation must not add up over many changes.
         inverse = np.linalg.inv(axes)
         turned = _rotation(now.twist[3:]) @ _rotation(before.twist[3:]).T
         linear = factor * turned @ inverse @ turn @ sheared((shift[0], shift[1])) @ axes
@@ -93,13 +93,13 @@ class Change:
         return cls(-(inverse @ origin)[:, 0], step, linear, turn.T @ axes @ turned.T, factor, shift, straightening)
 
     def straightened(self, points: NDArray[np.float32]) -> NDArray[np.float64]:
-        """By what (..., 3) points are bent otherwise, (...), before all else."""
+        """Logarithm, (...), of the factor by which (..., 3) points are straightened, before all else."""
         if self.straightening is None:
             return np.zeros(points.shape[:-1])
         return self.straightening.of_arms(points - self.camera)
 
     def moved(self, points: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Where (..., 3) points come to lie."""
+        """The points, (..., 3), after the change."""
         arms = np.exp(self.straightened(points))[..., None] * (points - self.camera)
         return self.camera + self.step + arms @ self.linear.T
 
@@ -120,9 +120,9 @@ def changed_view(view: View, change: Change) -> View:
 
 
 def change_segments(segments: SegmentTable, rows: NDArray[np.int64], change: Change) -> None:
-    """Put segments of the one keyframe that changes where it then has them."""
+    """Move the segments of the keyframe that changes."""
     spheres, blur, support = segments.spheres.rows, segments.blur.rows, segments.support.rows
-    # What a segment stands on is bent as the segment is.
+    # The support of a segment is bent as the segment is.
     nearer = np.exp(change.straightened(segments.places.rows[rows]).mean(axis=1))[:, None]
     for points in (segments.places.rows, segments.outline.rows):
         points[rows] = change.moved(points[rows])

@@ -1,4 +1,4 @@
-"""The graph of the keyframes' segments: which views there are, and what each says of the others' segments."""
+"""The graph of the keyframes' segments: the views, and what each says of the others' segments."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,16 +17,16 @@ from spot3d.pose_corrections import PoseCorrections
 _LEVEL = 0.985
 """Supports whose normals are within 10 degrees have the same up."""
 _SAME_PLACE, _SAME_TURN, _SAME_VIEWS = 0.05, np.deg2rad(3.0), 5
-"""Of keyframes so near to each other, metres and radians, the last five are kept: at a range of 1 m, 5 cm to the side
-show a thing from 3 degrees further round. A still camera must not crowd out all else."""
+"""Of keyframes as near to each other as this, metres and radians, the last five are kept: at a range of 1 m, 5 cm to
+the side show an object from 3 degrees further round. A still camera must not crowd out all else."""
 
 
 class SegmentGraph:
-    """Segments of keyframes, and of each the keyframes that see it, whether as a whole, and within which segment.
+    """Segments of keyframes, and for each the keyframes that see it, whether as a whole, and within which segment.
 
     segments: a row each; said: (m, 4) int32, what other keyframes say of segments: row of the segment, keyframe, what
     (see `views`), row of the segment that holds the whole of it, or -1; views: by the keyframe's number, oldest first;
-    rows_of: the segment of each label of a view, (256,), -1 = none.
+    rows_of: the segment's row for each label of a view, (256,), -1 = none.
     """
 
     def __init__(self) -> None:
@@ -34,8 +34,8 @@ class SegmentGraph:
         self.views: dict[int, View] = {}
         self.rows_of: dict[int, NDArray[np.int32]] = {}
         self._said = Growing[np.int32](np.int32, 4)
-        self._linked = 0  # of what is said so many rows are in the segments' `part`
-        self._placed: dict[int, Placement] = {}  # by what each view was seen
+        self._linked = 0  # rows of `said` that are in the segments' `part` already
+        self._placed: dict[int, Placement] = {}  # calibration and pose correction of each view
         self._reaches = Growing[np.float32](np.float32, 4)  # centre and reach of each view
         self._normals: dict[int, NDArray[np.float64]] = {}
         self._next_keyframe = 0
@@ -45,7 +45,7 @@ class SegmentGraph:
         return self._said.rows
 
     def take_in(self, keyframe: Keyframe, range_max: float = np.inf) -> int:
-        """Ask the new view about the segments that there are, and the views that there are about the new segments.
+        """Ask the new view about the present segments, and the present views about the new segments.
 
         range_max: see `view_of`. Returns how many of its segments have too little depth to be entered.
         """
@@ -70,7 +70,7 @@ class SegmentGraph:
         return int(np.count_nonzero(shown)) - count
 
     def _views_of(self, spheres: NDArray[np.float32]) -> list[int]:
-        """The keyframes within whose reach one of these spheres, (k, 4), lies."""
+        """The keyframes whose reach one of these spheres, (k, 4), touches."""
         reaches = self._reaches.rows
         away = np.linalg.norm(reaches[:, None, :3] - spheres[None, :, :3], axis=2)
         near = (away <= reaches[:, None, 3] + spheres[None, :, 3]).any(axis=1)
@@ -79,14 +79,14 @@ class SegmentGraph:
     def _enter(
         self, asked: NDArray[np.int64], keyframe: int, said: NDArray[np.uint8], holder: NDArray[np.int32]
     ) -> None:
-        """Keep what a keyframe says of the segments in these rows."""
+        """Record what a keyframe says of the segments in these rows."""
         some = np.flatnonzero(said != NOTHING)
         whole = np.where(said[some] == WHOLE, holder[some], -1)
         self._said.extend(np.column_stack((asked[some], np.full(len(some), keyframe), said[some], whole)))
         self.segments.touched.rows[asked[some]] = True
 
     def statements(self, rows: NDArray[np.int64]) -> Statements:
-        """What the views say of these segments, and of what holds them among these."""
+        """What the views say of these segments, and of the segments among these that hold them."""
         segments, local = self.segments, np.full(len(self.segments) + 1, -1)  # row -1: of no segment
         local[rows] = np.arange(len(rows))
         said = self.said[local[self.said[:, 0]] >= 0]
@@ -103,7 +103,7 @@ class SegmentGraph:
         )
 
     def outdated(self) -> list[int]:
-        """The keyframe that the latest one takes the place of: the oldest where there are enough of the same view."""
+        """The keyframes that the latest one replaces: those of nearly the same view, but for the last five."""
         numbers = np.fromiter(self.views, np.int64, len(self.views))
         poses = np.stack([view.pose for view in self.views.values()]).astype(np.float64)
         places = -np.einsum("kij,ki->kj", poses[:, :, :3], poses[:, :, 3])
@@ -113,7 +113,7 @@ class SegmentGraph:
         return [int(number) for number in numbers[same][:-_SAME_VIEWS]]
 
     def drop(self, gone: list[int]) -> list[int]:
-        """Forget keyframes, their segments and all that is said of and by them; returns clusters that are no more."""
+        """Forget keyframes, their segments and all that is said of and by them; returns clusters that are gone."""
         segments, said = self.segments, self._said.rows
         numbers = np.fromiter(self.views, np.int64, len(self.views))
         for number in gone:
@@ -133,13 +133,15 @@ class SegmentGraph:
         said[:, 0], said[:, 3] = row_now[said[:, 0]], row_now[said[:, 3]]
         for rows in self.rows_of.values():
             rows[:] = row_now[rows]
-        self._link_anew()  # what hung together by what is gone may not any more
+        self._link_anew()  # what the dropped rows linked may be linked no more
         none_left: list[int] = np.setdiff1d(lost, segments.cluster.rows).tolist()
         return none_left
 
     def see_anew(self, calibration: Calibration, corrections: PoseCorrections | None = None) -> None:
-        """See keyframes by this calibration of the camera and by these poses; those of which that changes something
-        are asked anew, and so is what they saw."""
+        """Apply this calibration, and these corrections of poses, to the keyframes.
+
+        Those that change are asked anew about all segments, and all others about theirs.
+        """
         segments, views = self.segments, self.views
         by_now = {number: placed.by_now(calibration, corrections) for number, placed in self._placed.items()}
         anew = [number for number, placed in by_now.items() if placed != self._placed[number]]
@@ -158,7 +160,7 @@ class SegmentGraph:
         self._ask_anew(anew)
 
     def _ask_anew(self, moved: list[int]) -> None:
-        """Ask these keyframes about all segments, and all others about theirs."""
+        """Ask these keyframes about all segments, and all others about their segments."""
         segments, said = self.segments, self._said.rows
         has_moved = np.isin(segments.frame.rows, moved)
         outdated = has_moved[said[:, 0]] | np.isin(said[:, 1], moved)
@@ -181,7 +183,7 @@ class SegmentGraph:
             self._enter(rows, number, answer, self.rows_of[number][label])
 
     def up(self) -> NDArray[np.float64]:
-        """The direction that most keyframes' supporting planes have for their normal."""
+        """The common normal of most keyframes' main supporting planes."""
         normals = list(self._normals.values())
         if not normals:
             return np.array([0.0, 0.0, 1.0])
@@ -191,7 +193,7 @@ class SegmentGraph:
         return np.asarray(mean / np.linalg.norm(mean))
 
     def _link_anew(self) -> None:
-        """Enter all links again; a cluster hangs together until it is clustered anew, whatever links it lost."""
+        """Enter all links again; a cluster stays connected until it is clustered anew, whatever links it lost."""
         part, cluster = np.arange(len(self.segments)), self.segments.cluster.rows
         clustered = np.flatnonzero(cluster >= 0)
         _, first, number = np.unique(cluster[clustered], return_index=True, return_inverse=True)
@@ -200,7 +202,7 @@ class SegmentGraph:
         self._linked = 0
 
     def hang_together(self) -> None:
-        """Enter the links that came since the last time into the segments' `part`."""
+        """Enter the links since the last call into `part`, the segments' connected components."""
         part = self.segments.part.rows
         links = self._said.rows[self._linked :]
         links = links[links[:, 3] >= 0]

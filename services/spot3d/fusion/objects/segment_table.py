@@ -1,4 +1,4 @@
-"""The segments of all keyframes as rows, and how a keyframe becomes some of them."""
+"""The table of all keyframes' segments, a row each."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,23 +12,24 @@ from spot3d.fusion.objects.views import SAMPLE
 from spot3d.geometry.planes import transform_plane
 
 _PIXELS = 20
-"""A segment of fewer pixels of the lattice has no shape."""
+"""A segment of fewer pixels with depth, on the lattice, has no shape."""
 _AROUND = 4
-"""What a segment stands on is looked at this far around it, pixels, and a quarter of its length more."""
+"""A segment's support is sampled this far around it, pixels, and a quarter of its length more."""
 _BENT = 0.02
-"""As far from its plane may a support be there, metres: what depth sensors bend it by, and no step to another."""
+"""Furthest that these samples may be from the plane, metres: what depth sensors bend it by, and no step to another."""
 
 
 class SegmentTable:
     """Rows of all segments, keyframe after keyframe.
 
-    frame: (n,) int64, number of each one's keyframe; places: (n, SAMPLE, 3) float32 world; spheres: (n, 4) float32,
-    centre and radius around these; blur: (n, 3) float32 world, metres, how far depth noise scatters them along the ray,
-    more than it does from near; outline: (n, OUTERMOST, 3) float32 world, how far a torn one reaches (see `outline`),
-    NaN of others; heat: (n,); colour: (n, 3) mean RGB; pixels: (n,) int64; support: (n, 4) plane, world, zeros = none.
-    What the consensus makes of them, all (n,): identity: int64, number of the object that it belonged to last, 0 =
-    none; former: int64, the number before that; cluster: int64, -1 = none; part: int64, the first of the rows that it
-    hangs together with; touched: bool, something about it is new.
+    frame: (n,) int64, number of each one's keyframe; places: (n, SAMPLE, 3) float32 world, its points; spheres: (n, 4)
+    float32, centre and radius around these; blur: (n, 3) float32 world, metres, how much more than from near depth
+    noise scatters them along the ray; outline: (n, OUTERMOST, 3) float32 world, how far a torn one reaches (see
+    `outline`), NaN for others; heat: (n,); colour: (n, 3) mean RGB; pixels: (n,) int64; support: (n, 4) plane, world,
+    zeros = none.
+    Of the consensus, all (n,): identity: int64, number of the object that it belonged to last, 0 = none; former: int64,
+    the number before that; cluster: int64, -1 = none; part: int64, the first row of its connected component; touched:
+    bool, something about it is new.
     """
 
     def __init__(self) -> None:
@@ -76,7 +77,7 @@ class SegmentTable:
         colours = keyframe.colour.reshape(-1, 3)
         supports = [_support(keyframe, k, pixels, grid) for k, pixels in zip(labels.tolist(), members, strict=True)]
         means = [colours[pixels].mean(axis=0) for pixels in members]
-        # Nothing is entered before all is known: what fails leaves the table as it is.
+        # All is computed before anything is entered: a failure leaves the table as it is.
         self.part.extend(len(self) + np.arange(count))
         self.frame.extend(np.full(count, number))
         self.places.extend(places)
@@ -94,20 +95,20 @@ class SegmentTable:
         return rows
 
     def keep(self, chosen: NDArray[np.bool_]) -> None:
-        """Keep chosen rows alone, in their order. `part` is to be found anew."""
+        """Keep only the chosen rows, in their order. `part` must then be found anew."""
         for column in vars(self).values():
             column.keep(chosen)
 
 
 def spheres_around(places: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Centre and radius of a sphere around each of (n, m, 3) points, (n, 4)."""
+    """Centre and radius, (n, 4), of a sphere around each segment's points, (n, m, 3)."""
     centres = (places.min(axis=1) + places.max(axis=1)) / 2
     squares = ((places - centres[:, None]) ** 2).sum(axis=2).max(axis=1)
     return np.column_stack((centres, np.sqrt(squares))).astype(np.float32)
 
 
 def _blur(middles: NDArray[np.float32], noise: DepthNoise) -> NDArray[np.float64]:
-    """Along the rays to (n, 3) points, camera frame, the standard deviation of depth, less what it is from near."""
+    """Vectors along the rays to (n, 3) points, camera frame: depth's standard deviation less its floor."""
     rays = middles / np.linalg.norm(middles, axis=1, keepdims=True)
     return np.asarray((noise.sigma(middles[:, 2]) - noise.floor)[:, None] * rays, np.float64)
 
@@ -115,7 +116,7 @@ def _blur(middles: NDArray[np.float32], noise: DepthNoise) -> NDArray[np.float64
 def _support(
     keyframe: Keyframe, label: int, pixels: NDArray[np.int64], grid: NDArray[np.float32]
 ) -> NDArray[np.float64]:
-    """The plane that a segment stands on, world, shifted to what is seen of it around the segment: depth bends planes.
+    """The plane that a segment stands on, world, shifted to its points around the segment, as depth bends planes.
 
     pixels: flat numbers of the segment's; grid: (h, w, 3) float32 points, camera frame. Zeros: it stands on none.
     """

@@ -1,4 +1,4 @@
-"""What the keyframes' views say of each other's segments: which see one, and as part of what.
+"""What the keyframes' views say of each other's segments: which see one, and within which of their own.
 
 After M. Yan, J. Zhang, Y. Zhu and H. Wang, *MaskClustering: View Consensus Based Mask Graph Clustering for
 Open-Vocabulary 3D Instance Segmentation*, CVPR 2024.
@@ -14,36 +14,36 @@ from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.kernel import kernel, part
 
 STRIDE = 2
-"""Of a view's lattice every second pixel is kept each way: a label is asked for within centimetres."""
+"""Every second pixel of a view's lattice is kept each way: labels are looked up to within centimetres."""
 SAMPLE = 200
-"""A segment is so many of its points."""
+"""Points by which a segment is represented."""
 _TESTED = 4
-"""One in this many of these is projected: 50 tell a share to 7 %."""
+"""One in this many of these is projected: 50 give a share to within 7 %."""
 TOLERANCE = np.float32(0.03)
-"""A point is seen where depth agrees within this, metres: as far as surfaces lie apart by depth noise and by poses."""
+"""A point is seen if depth agrees within this, metres: depth noise and poses move surfaces apart by as much."""
 NEAREST = np.float32(0.1)
-"""What is nearer than this, metres, or behind the camera, is not seen."""
+"""Points nearer than this, metres, or behind the camera, are not seen."""
 _SEEN = 0.3
-"""A view sees a segment of which it sees this share."""
+"""A view sees a segment if it sees this share of it."""
 _WITHIN = 0.75
-"""A segment lies in one of a view's where this share of what is seen carries its label."""
+"""A segment lies in one of a view's if this share of its points that are seen carries that label."""
 _BACKGROUND = 0.5
-"""A view that says of more than this share that there is no object says nothing of what belongs together."""
+"""A view that sees no object on more than this share of a segment says nothing of what belongs together."""
 _THROUGH = 0.5
-"""A view looks through a segment where it sees what lies behind this share of it: most. With 0.3, 0.5 and 0.7 the
-success rate on five tables on which things change is 0.97, 0.95 and 0.95, and redkitchen's F 87.6, 87.7 and 87.7."""
+"""A view looks through a segment if it sees what lies behind this share of it: most. With 0.3, 0.5, 0.7: success rate
+0.97, 0.95, 0.95 on five tables on which things change, and F 87.6, 87.7, 87.7 on redkitchen."""
 _SPLIT = 0.2
-"""A view splits a segment that lies in two of its own, each with this share."""
+"""A view divides a segment that lies in two of its own, each with this share."""
 
 FAR = np.uint16(65535)
-"""Depth, in a view, of what is farther away than objects are looked for, millimetres."""
+"""Depth, in a view, beyond the range in which objects are looked for, millimetres."""
 
 _UNSEEN, _BEHIND = -1, -2
-"""What a view sees of a place, in the stead of a pixel."""
+"""What a view sees of a point, instead of a pixel's number."""
 
 NOTHING, THROUGH, BACKGROUND, OBJECT, WHOLE, DIVIDED = range(6)
-"""What a view says of a segment: does not see it; sees what lies behind it; sees background; sees objects; all in one;
-in several."""
+"""A view's answer about a segment: does not see it; sees what lies behind it; sees background; sees objects; sees all
+of it in one; in several."""
 
 
 class ViewImage(NamedTuple):
@@ -57,11 +57,11 @@ class ViewImage(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """A keyframe as later ones are compared with it.
+    """A keyframe's view, as later ones are compared with it.
 
     labels: (h, w) uint8, 0 = no object; depth: (h, w) uint16 millimetres, 0 = invalid, `FAR` = beyond range_max,
     metres, where there is no object; pose: (3, 4) float32, from the world to the camera; focal: (4,) float32, fx, fy,
-    cx, cy; centre: (3,) float32 world and reach, metres: a segment that lies further from there is not seen.
+    cx, cy; centre: (3,) float32 world and reach, metres: segments beyond this sphere are not seen.
     """
 
     labels: NDArray[np.uint8]
@@ -73,15 +73,15 @@ class View:
     reach: float
 
     def image(self) -> ViewImage:
-        """The part of it in which kernels look things up."""
+        """The arrays in which kernels look things up."""
         return ViewImage(self.labels, self.depth, self.pose, self.focal)
 
 
 def view_of(keyframe: Keyframe, range_max: float = np.inf) -> View:
     """The view of a keyframe: every second pixel of its lattice.
 
-    range_max: metres; farther away nobody looked for objects, so what carries no label there is not seen. On
-    three rendered desks from which the camera steps back to 3.2 m detection is 0.94 with 2.5 m, and 0.85 without.
+    range_max: metres; objects were not looked for beyond it, so what has no label there is not seen. On three rendered
+    desks from which the camera steps back to 3.2 m detection is 0.94 with 2.5 m, and 0.85 without.
     """
     T, camera = np.linalg.inv(keyframe.T_map_camera), keyframe.camera
     millimetres = np.rint(keyframe.depth[::STRIDE, ::STRIDE] * 1000)
@@ -97,9 +97,9 @@ def view_of(keyframe: Keyframe, range_max: float = np.inf) -> View:
 def within_reach(
     depth: NDArray[np.uint16], pose: NDArray[np.float32], focal: NDArray[np.float32], range_max: float
 ) -> tuple[NDArray[np.float32], float]:
-    """`centre` and `reach` of the `View` with these."""
+    """`centre` and `reach` of the `View` with these arrays."""
     deepest = float(np.where(depth < FAR, depth, range_max * 1000).max(initial=0)) / 1000 + float(TOLERANCE)
-    # What is seen lies in a pyramid as deep as this: the sphere is around its apex and its base's corners.
+    # All that is seen lies in a pyramid as deep as this: the sphere is around its apex and its base's corners.
     h, w = depth.shape
     u, v = (np.array((-1.0, w, -1.0, w)) - focal[2]) / focal[0], (np.array((-1.0, -1.0, h, h)) - focal[3]) / focal[1]
     corners = deepest * np.column_stack((u, v, np.ones(4)))
@@ -116,9 +116,10 @@ def ask(
     said: NDArray[np.uint8],
     label: NDArray[np.uint8],
 ) -> None:
-    """Enter what a view says of each of (n, SAMPLE, 3) segments' places, world: `said`, (n,), and in which label.
+    """Write a view's answers about n segments, (n, SAMPLE, 3) points, world, to `said`, and the labels to `label`,
+    (n,).
 
-    spheres: (n, 4) float32, centre and radius around each one's places: what is out of reach is not projected.
+    spheres: (n, 4) float32, centre and radius around each one's points: those out of reach are not projected.
     """
     limit = np.append(view.centre, np.array((view.reach, view.range_max), np.float32))
     _ask(view.image(), limit, places, spheres, said, label)
@@ -134,8 +135,10 @@ def seen_at(
     focal: NDArray[np.float32],
     range_max: float,
 ) -> int:
-    """The flat number of the pixel in which a view (see `View`) sees place [i, k] of (n, m, 3), `_UNSEEN`, or `_BEHIND`
-    where it sees what lies behind."""
+    """Flat number of the pixel in which a view (see `View`) sees point [i, k] of (n, m, 3).
+
+    `_UNSEEN` if it does not see it, `_BEHIND` if it sees what lies behind.
+    """
     h, w = depth.shape
     x, y, z = places[i, k, 0], places[i, k, 1], places[i, k, 2]
     c = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]

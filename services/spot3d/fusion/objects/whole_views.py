@@ -1,4 +1,4 @@
-"""Views that have in one segment what others have in pieces: of a lamp with its shade in view, which others cut off."""
+"""Views that hold in one segment what others have in pieces: a lamp with its shade in view, which others cut off."""
 
 from collections.abc import Iterable
 
@@ -11,7 +11,7 @@ from spot3d.fusion.objects.balance import Numbers
 def wholes(
     things: Iterable[Numbers], said: NDArray[np.int32], cluster: NDArray[np.int64]
 ) -> dict[Numbers, NDArray[np.int64]]:
-    """For each thing of several pieces, the rows of the segments that hold several of these and nothing of others.
+    """For each object of several pieces, the rows of the segments that hold several of these and none of other objects.
 
     things: the pieces of each, which are numbers of clusters; said: see `SegmentGraph`; cluster: (n,) of each segment.
     """
@@ -21,11 +21,11 @@ def wholes(
         return {}
     said = said[said[:, 3] >= 0]
     pieces, holder = cluster[said[:, 0]], said[:, 3]
-    # Of all that is said, first what is about those that hold any of these: sorting the rest takes long.
+    # First select what is said of segments in holders of any of these pieces: sorting the rest takes long.
     asked = np.zeros(len(cluster), np.bool_)
     asked[holder[np.isin(pieces, np.concatenate(several))]] = True
     about = asked[holder] & np.isin(pieces, np.concatenate(things))
-    # Each pair of a holder and a piece once; pairs are sorted by far faster as single numbers.
+    # Each pair of a holder and a piece once; pairs are sorted far faster as single numbers.
     numbers = int(cluster.max()) + 1
     holder, pieces = np.divmod(np.unique(holder[about].astype(np.int64) * numbers + pieces[about]), numbers)
     found = {}

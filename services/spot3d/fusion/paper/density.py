@@ -14,12 +14,12 @@ from spot3d.fusion.settings import FusionSettings
 from spot3d.geometry.upright import rotation_to_upright
 
 _SAME_PLANE = 0.1
-"""K-means has as few clusters as leave every plane this near to its cluster's centre in n, 6 degrees, and b, metres."""
+"""K-means has the fewest clusters whose planes are all this near to the centre in n, 6 degrees, and b, metres."""
 
 
 @dataclass(frozen=True, slots=True)
 class RemovedPlanes:
-    """The different planes that keyframes removed. planes: (n, 4) float64, world; count: (n,) keyframes of each."""
+    """The distinct planes that keyframes removed. planes: (n, 4) float64, world; count: (n,) keyframes of each."""
 
     planes: NDArray[np.float64]
     count: NDArray[np.int64]
@@ -28,11 +28,10 @@ class RemovedPlanes:
 def find_by_density(
     points: FrequentPoints, keyframe_planes: NDArray[np.float64], settings: FusionSettings
 ) -> tuple[list[FoundObject], NDArray[np.float64], Counter[str]]:
-    """The objects among the map's frequent points, most confident first, not yet numbered; up, (3,) unit; and what is
-    none, by reason.
+    """The objects among the map's frequent points, up, and the number of candidates left out, by reason.
 
-    keyframe_planes: (k, 4) float64, world, the plane that each keyframe removed: the paper's matrix P*. Without any
-    there are no objects: nothing says where up is.
+    Objects: most confident first, not yet numbered; up: (3,) unit. keyframe_planes: (k, 4) float64, world, the plane
+    that each keyframe removed: the paper's matrix P*. Without any there are no objects, as up is unknown.
     """
     if len(keyframe_planes) == 0:
         return [], np.array([0.0, 0.0, 1.0]), Counter()
@@ -47,10 +46,10 @@ def find_by_density(
 
 
 def unique_planes(keyframe_planes: NDArray[np.float64]) -> RemovedPlanes:
-    """The different planes (walls, floor, table) among those of the keyframes, by K-means over their parameters.
+    """The distinct planes (walls, floor, table) among those of the keyframes, by K-means over their parameters.
 
-    keyframe_planes: (k, 4) float64, world, k > 0. The plane that fits a cluster best is its mean. The paper does not
-    say how many clusters there are: here the fewest of which each holds one plane (`_SAME_PLANE`).
+    keyframe_planes: (k, 4) float64, world, k > 0. The plane of a cluster is its mean. The paper does not give the
+    number of clusters: here it is the least for which each holds one plane (`_SAME_PLANE`).
     """
     from sklearn.cluster import KMeans  # slow to import, and used by the paper's way alone
 
@@ -65,9 +64,9 @@ def unique_planes(keyframe_planes: NDArray[np.float64]) -> RemovedPlanes:
 
 
 def up_direction(removed: RemovedPlanes, xyz: NDArray[np.float32], settings: FusionSettings) -> NDArray[np.float64]:
-    """The normal of the supporting plane, (3,) unit, by all (n, 3) points of the map.
+    """The normal of the supporting plane, (3,) unit.
 
-    The supporting plane is the one that most keyframes removed; its normal is fitted to the map's points on it.
+    The supporting plane is the one that most keyframes removed; its normal is fitted to the map's (n, 3) points on it.
     """
     plane: NDArray[np.float64] = removed.planes[np.argmax(removed.count)]
     inliers = xyz[on_planes(xyz, plane[None], settings)].astype(np.float64)
@@ -90,9 +89,9 @@ def cluster_by_density(
 ) -> tuple[list[tuple[NDArray[np.int64], Box3D]], int]:
     """DBSCAN, a box in the direction of gravity around each cluster, merging, and the volume filter.
 
-    Returns the rows of each cluster's points and its box; and how many boxes the volume filter dropped.
-    xyz: (n, 3) float32 metres, without planes; up: (3,) unit. A box is from the least to the largest coordinate along
-    the axes of Eq. 16; clusters whose boxes intersect are one, and boxes below `volume_min` are none. No other rule.
+    Returns the rows of each cluster's points with its box, and how many boxes the volume filter dropped.
+    xyz: (n, 3) float32 metres, without planes; up: (3,) unit. A box spans the least to the largest coordinate along the
+    axes of Eq. 16. Clusters whose boxes intersect are merged, boxes below `volume_min` dropped. There is no other rule.
     """
     labels = density_labels(xyz, settings)
     clusters = [np.flatnonzero(labels == label) for label in range(labels.max(initial=-1) + 1)]
@@ -112,13 +111,13 @@ def cluster_by_density(
 def density_labels(xyz: NDArray[np.float32], settings: FusionSettings) -> NDArray[np.int64]:
     """DBSCAN's cluster of each of (n, 3) points, (n,) int64, -1 = noise.
 
-    Departs from the paper in that the points of a cell of `density_cell` are one at their mean, with their number as
-    its weight: DBSCAN's time and memory are those of all pairs of neighbours, hundreds for each point here. A point
-    moves by less than the cell's diagonal, 9 mm, most by 2 mm, against a radius of 20 mm. The paper gives neither
-    radius nor least neighbours: the radius is eps_min, so that what is apart by less than the least object is one. A
-    surface of a frame has 430 points within it at VGA and 1 m, 110 at half size, that of a map about as many, and what
-    noise leaves of a table up to a tenth of that. With 20, 50, 100 points 25, 14, 9 boxes hold 75, 66, 31 % of
-    redkitchen's labelled points, and single frames detect 0.07, 0.21, 0.35 of HOTS' objects, 0.66, 0.66, 0.62 of OSD's.
+    Departs from the paper: the points of a cell of `density_cell` become one at their mean, weighted by their number,
+    as DBSCAN's time and memory grow with all pairs of neighbours, hundreds for each point here. A point moves by less
+    than the cell's diagonal, 9 mm, most by 2 mm, against a radius of 20 mm. The paper gives neither radius nor least
+    neighbours. The radius is eps_min, so that what is apart by less than the least object is one. A surface of a frame
+    has 430 points within it at VGA and 1 m, 110 at half size, that of a map about as many, and what noise leaves of a
+    table up to a tenth of that. With 20, 50, 100 points: 25, 14, 9 boxes hold 75, 66, 31 % of redkitchen's labelled
+    points, and single frames detect 0.07, 0.21, 0.35 of HOTS' objects, 0.66, 0.66, 0.62 of OSD's.
     """
     if len(xyz) == 0:
         return np.zeros(0, np.int64)
@@ -141,7 +140,7 @@ def _cells(xyz: NDArray[np.float32], edge: float) -> tuple[NDArray[np.int64], ND
 
 
 def intersecting(low: NDArray[np.float64], high: NDArray[np.float64]) -> list[list[int]]:
-    """Groups of boxes that intersect, or whose common boxes do, until none does.
+    """Groups of boxes that intersect, merged until no two groups' common boxes do.
 
     low, high: (n, 3) ends of boxes along common axes.
     """

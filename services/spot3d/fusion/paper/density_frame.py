@@ -1,4 +1,4 @@
-"""Objects of a single frame as the paper has them: no fusion, the rest as in Sec. V (paper, Sec. VI-A)."""
+"""Objects of a single frame by the paper's method: no fusion, the rest as in Sec. V (paper, Sec. VI-A)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from spot3d.fusion.settings import FusionSettings
 from spot3d.geometry.planes import on_plane, supporting_plane
 
 _ROUNDING = 1e-5
-"""Metres: the points that a box ends at belong to it, whatever the rounding."""
+"""Margin, metres: the points at which a box ends belong to it, whatever the rounding."""
 
 
 def find_by_density_in_frame(
@@ -19,8 +19,9 @@ def find_by_density_in_frame(
 ) -> list[NDArray[np.int64]]:
     """Remove the supporting plane, cluster the hot points, and take the pixels of all points in each cluster's 3D box.
 
-    depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths. Hot is what has H_2D >= eps: the paper does
-    not say so for single frames, and there is no frequency to average by. Returns flat pixel numbers of each object.
+    depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8, 255ths. Hot points have H_2D >= eps: the paper does
+    not define them for single frames, where there is no frequency to average by. Returns each object's flat pixel
+    numbers.
     """
     points = back_project(depth, camera)
     planes = planes_by_ransac(points, settings, np.random.default_rng(settings.seed))

@@ -1,4 +1,4 @@
-"""The dominant planes of a frame through triples of its points, as the paper finds them (Sec. V-A)."""
+"""The dominant planes of a frame through triples of its points, by the paper's method (Sec. V-A)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,8 +7,9 @@ from spot3d.fusion.settings import FusionSettings
 from spot3d.geometry.planes import count_inliers, neighbour_triples
 
 _SAME_ANGLE, _SAME_DISTANCE = float(np.cos(np.deg2rad(10.0))), 0.05
-"""Planes that differ less, metres at the triple's first point, are not distinct: the paper does not say which are. A
-triple of its noise turns by a few degrees, and a surface's noise at 3 m and more reaches over some centimetres."""
+"""Planes that differ by less, in angle and in metres at the triple's first point, are not distinct; the paper does not
+define it. Noise turns a triple by a few degrees, and a surface's noise at 3 m and more reaches over some
+centimetres."""
 
 
 def planes_by_ransac(
@@ -40,7 +41,7 @@ def planes_by_ransac(
 def _distinct(
     planes: NDArray[np.float64], x1: NDArray[np.float64], inliers: NDArray[np.int32], most: int
 ) -> NDArray[np.float64]:
-    """At most so many of (n, 4) planes, those of most inliers first, without those that are hardly another.
+    """At most `most` of (n, 4) planes, those with most inliers first, without near duplicates.
 
     x1: (n, 3), a point of each plane.
     """

@@ -1,4 +1,4 @@
-"""Where the supporting plane of a keyframe lies in the frames after it, as the paper has it (Sec. V-A, Eq. 11)."""
+"""Where the supporting plane of a keyframe lies in the frames after it, by the paper's method (Sec. V-A, Eq. 11)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,9 +9,9 @@ from spot3d.camera import Intrinsics, invert
 def project_inliers(
     inliers: NDArray[np.float32], T_world_camera: NDArray[np.float64], camera: Intrinsics
 ) -> NDArray[np.bool_]:
-    """The pixels, (h, w), that a keyframe's points on its plane project to, rounded to the nearest.
+    """The pixels, (h, w), onto which a keyframe's points on its plane project, rounded to the nearest.
 
-    inliers: (n, 3) metres, world. Whatever the frame sees at a pixel: the paper compares no depth.
+    inliers: (n, 3) metres, world. The paper compares no depth: what the frame sees at a pixel does not matter.
     """
     T = invert(T_world_camera).astype(np.float32)
     x, y, z = (inliers @ T[:3, :3].T + T[:3, 3]).T
