@@ -13,7 +13,7 @@ from spot3d.bridge.flow import Flow, Put, QueryForwarder, TokenMirror
 from spot3d.bridge.pacing import Pacing
 from spot3d.bridge.settings import BridgeSettings
 from spot3d.dataflow.counters import Counters
-from spot3d.dataflow.lingering import close_at_once
+from spot3d.dataflow.lingering import disable_linger
 from spot3d.dataflow.session import zenoh_config
 from spot3d.dataflow.settings import LinkSettings
 from spot3d_schemas import BRIDGE, TOPICS, Topic
@@ -90,7 +90,7 @@ class Crossing:
             if one.exception() is None:
                 stack.callback(one.result().close)
         opened = [one.result() for one in tries]
-        close_at_once()
+        disable_linger()
         return opened
 
     def _declare_echoes(self) -> None:

@@ -224,7 +224,7 @@ def router(
     # Checked as settings are, so that a typo is reported as one.
     resolved = load_settings(settings, overrides={"link": {"mode": "router", "listen": endpoints, "connect": others}})
     from spot3d.dataflow.heartbeat import Heartbeat
-    from spot3d.dataflow.lingering import close_at_once
+    from spot3d.dataflow.lingering import disable_linger
     from spot3d.dataflow.router import open_router
     from spot3d.dataflow.stopping import stop_on_signals
     from spot3d.security.access import access_control
@@ -239,7 +239,7 @@ def router(
             stages.chmod(0o666)  # its folder restricts access: stages may run as other users
         typer.echo(f"router at {', '.join(endpoints)}")
         while not stopped.wait(_NEWCOMERS_S):
-            close_at_once()
+            disable_linger()
             heartbeat.beat()
         heartbeat.close()
 

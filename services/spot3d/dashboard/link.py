@@ -78,7 +78,7 @@ class Link:
         self._answers: queue.Queue[Heard] = queue.Queue(ROBOTS_MAX)
         self._lock = threading.Lock()
         self._fleet: dict[str, Handler[zenoh.Sample]] = {}
-        self._ears: dict[tuple[str, str], zenoh.Subscriber[Handler[zenoh.Sample]]] = {}
+        self._subscribers: dict[tuple[str, str], zenoh.Subscriber[Handler[zenoh.Sample]]] = {}
         self._session: zenoh.Session | None = None
         self.alive: dict[str, frozenset[str]] = {}
         self.connected = False
@@ -115,7 +115,7 @@ class Link:
     def drain(self) -> Iterator[Heard]:
         """All valid messages since the last call."""
         with self._lock:
-            handlers = [*self._fleet.items(), *((topic, ear.handler) for (_, topic), ear in self._ears.items())]
+            handlers = [*self._fleet.items(), *((topic, ear.handler) for (_, topic), ear in self._subscribers.items())]
         for topic, handler in handlers:
             while (sample := _received(handler)) is not None:
                 message = _decoded(sample, topic)
@@ -189,18 +189,18 @@ class Link:
             return
         left_out = {topic for topic, there in self._interest.pictures() if not there}
         wanted = {(robot, topic) for robot in self._interest.robots for topic in _SHOWN if topic not in left_out}
-        for place in self._ears.keys() - wanted:
-            end_subscription(self._ears.pop(place))
-        for robot, topic in wanted - self._ears.keys():
+        for place in self._subscribers.keys() - wanted:
+            end_subscription(self._subscribers.pop(place))
+        for robot, topic in wanted - self._subscribers.keys():
             channel: RingChannel[zenoh.Sample] = RingChannel(_WAITING[topic])
-            self._ears[robot, topic] = self._session.declare_subscriber(key(robot, topic), channel)
+            self._subscribers[robot, topic] = self._session.declare_subscriber(key(robot, topic), channel)
 
     def _hush(self) -> None:
         with self._lock:
             self._session, self.connected, self.alive = None, False, {}
-            for subscriber in self._ears.values():
+            for subscriber in self._subscribers.values():
                 end_subscription(subscriber)
-            self._ears, self._fleet = {}, {}
+            self._subscribers, self._fleet = {}, {}
 
 
 def _hear_fleet(session: zenoh.Session, topic: str, stack: ExitStack) -> Handler[zenoh.Sample]:

@@ -19,14 +19,14 @@ _RECENT_S = 10.0
 _UNITS = (("day", 86400.0), ("hour", 3600.0), ("minute", 60.0), ("second", 1.0))
 
 
-def ways_ns(trace: Sequence[Hop]) -> list[int]:
+def travel_times_ns(trace: Sequence[Hop]) -> list[int]:
     """The travel times from each stage's sending to the next one's receiving, by their wall clocks."""
     return [after.received_ns - before.sent_ns for before, after in pairwise(trace)]
 
 
 def one_clock(trace: Sequence[Hop]) -> bool:
     """Whether the travel times of a trace are plausible; if not, the clocks differ and lags mean nothing."""
-    return all(_EARLIEST_NS <= way_ns <= _LATEST_NS for way_ns in ways_ns(trace))
+    return all(_EARLIEST_NS <= way_ns <= _LATEST_NS for way_ns in travel_times_ns(trace))
 
 
 def spoken(seconds: float) -> str:
@@ -47,23 +47,25 @@ class Clocks:
     """Travel times of each stage's messages to this one, by both wall clocks; any thread may add. Monotonic seconds."""
 
     def __init__(self) -> None:
-        self._ways_ns: dict[str, deque[int]] = {stage: deque(maxlen=_JUDGED) for stage in STAGES}
+        self._travel_times_ns: dict[str, deque[int]] = {stage: deque(maxlen=_JUDGED) for stage in STAGES}
         self._heard_s: dict[str, float] = {}
         self._lock = threading.Lock()
 
     def observe(self, header: Header, received_ns: int, now_s: float) -> None:
         """Record a message that arrived at `received_ns`, wall clock."""
-        if header.trace and (sender := header.trace[-1]).stage in self._ways_ns:
+        if header.trace and (sender := header.trace[-1]).stage in self._travel_times_ns:
             with self._lock:
-                self._ways_ns[sender.stage].append(received_ns - sender.sent_ns)
+                self._travel_times_ns[sender.stage].append(received_ns - sender.sent_ns)
                 self._heard_s[sender.stage] = now_s
 
     def notice(self, now_s: float) -> str:
         """A warning about the clock that differs most from this one's; empty if none clearly does."""
         with self._lock:
             recent = [stage for stage, heard_s in self._heard_s.items() if now_s - heard_s < _RECENT_S]
-            ways_ns = {stage: median(ways) for stage in recent if len(ways := self._ways_ns[stage]) >= _ENOUGH}
-        apart = {stage: way for stage, way in ways_ns.items() if not _EARLIEST_NS <= way <= _LATEST_NS}
+            travel_times_ns = {
+                stage: median(ways) for stage in recent if len(ways := self._travel_times_ns[stage]) >= _ENOUGH
+            }
+        apart = {stage: way for stage, way in travel_times_ns.items() if not _EARLIEST_NS <= way <= _LATEST_NS}
         if not apart:
             return ""
         stage = max(apart, key=lambda name: abs(apart[name]))

@@ -17,7 +17,7 @@ _AT_ONCE = struct.pack("ii", 1, 0)
 _DESCRIPTORS = Path("/proc/self/fd")
 
 
-def close_at_once(all_hosts: bool = False) -> None:
+def disable_linger(all_hosts: bool = False) -> None:
     """Set this process's present TCP connections to other hosts to close without lingering; only on Linux.
 
     all_hosts: those within this host as well, as at the end of a router; data that has not arrived is lost.

@@ -75,7 +75,7 @@ def let_stages_go_first() -> None:
     _stand_back(_ONLOOKERS_NICENESS)
 
 
-def use_what_is_left() -> None:
+def run_when_idle() -> None:
     """Let this process run only on processors that nobody else wants, for work that nobody ever waits for.
 
     Niceness is not enough: when a stage's frame comes, Linux lets a nice process finish its time slice of some
@@ -90,8 +90,8 @@ def use_what_is_left() -> None:
                 Path("/proc/self/autogroup").write_text(str(_ONLOOKERS_NICENESS), encoding="ascii")
 
 
-def let_it_finish(pid: int) -> None:
-    """Give the session of a process that called `use_what_is_left` the priority of work that no frame waits for.
+def raise_session_priority(pid: int) -> None:
+    """Give the session of a process that called `run_when_idle` the priority of work that no frame waits for.
 
     On busy processors it then ends in seconds, not minutes: somebody waits for it.
     """

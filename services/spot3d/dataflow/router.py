@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 import zenoh
 
-from spot3d.dataflow.lingering import close_at_once
+from spot3d.dataflow.lingering import disable_linger
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 
@@ -53,4 +53,4 @@ def open_router(
         try:
             yield session
         finally:
-            close_at_once(all_hosts=True)
+            disable_linger(all_hosts=True)

@@ -65,7 +65,7 @@ class _Degraded(Derived):
     def __init__(self, sequence: FrameSequence, worse: Degradation) -> None:
         super().__init__(sequence)
         self._worse = worse
-        self.intrinsics = self._told_camera(sequence.intrinsics)
+        self.intrinsics = self._stated_camera(sequence.intrinsics)
         poses = late([sequence.true_pose(index) for index in range(len(sequence))], worse.late)
         self._told = shaken(misplaced(poses, *worse.mount, SEED), worse.metres, worse.degrees, SEED)
 
@@ -76,11 +76,11 @@ class _Degraded(Derived):
             colour=self._colour(frame, number),
             depth=self._depth(frame, number),
             depth_scale=1.0,
-            intrinsics=self._told_camera(frame.intrinsics),
+            intrinsics=self._stated_camera(frame.intrinsics),
             T_world_camera=self._told[number],
         )
 
-    def _told_camera(self, camera: Intrinsics) -> Intrinsics:
+    def _stated_camera(self, camera: Intrinsics) -> Intrinsics:
         worse = self._worse
         fx, fy = camera.fx * worse.focal, camera.fy * worse.focal
         return replace(camera, fx=fx, fy=fy, cy=camera.cy + worse.centre * camera.width)

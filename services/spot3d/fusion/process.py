@@ -41,7 +41,7 @@ def run(
     SnapshotError if that file is none.
     """
     fusion = Fusion(settings)
-    told = None if resume is None else resumed(fusion, resume)
+    account = None if resume is None else resumed(fusion, resume)
     warm_up("fusion", partial(_fuse_all, Fusion(settings)))
     with stop_on_signals(stop) as stopped:
         with (
@@ -50,7 +50,7 @@ def run(
             closing(Updates(node, keeper)) as updates,
             closing(MapAnswers(node)) as answers,
         ):
-            stage = Stage(node, fusion, keeper, updates, answers, told)
+            stage = Stage(node, fusion, keeper, updates, answers, account)
             stage.serve()
         if keep_last:
             stage.keep_last()

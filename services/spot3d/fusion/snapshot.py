@@ -74,19 +74,19 @@ class Kept:
     consensus: ViewConsensus
     identities: Identities
     settings: FusionSettings
-    told: Account
+    account: Account
 
 
-def keep(fusion: Fusion, told: Account) -> Kept:
+def keep(fusion: Fusion, account: Account) -> Kept:
     """The map as it is now, copied, and the objects as they will be after the update made from it."""
-    return Kept(fusion.map_state(), fusion.consensus, fusion.identities, fusion.settings, told)
+    return Kept(fusion.map_state(), fusion.consensus, fusion.identities, fusion.settings, account)
 
 
 def fusion_snapshot(kept: Kept) -> Snapshot:
     """The snapshot; no update of the objects may run meanwhile."""
     taken, arrays = kept.state.rows[:, FREQUENCY] > 0, dict[str, NDArray[Any]]()
     state = replace(kept.state, rows=kept.state.rows[taken], keys=kept.state.keys[taken])
-    values = {"voxel": kept.settings.voxel, "account": asdict(kept.told)}
+    values = {"voxel": kept.settings.voxel, "account": asdict(kept.account)}
     for name, part in zip(_PARTS, (state, kept.consensus.without_waiting(), kept.identities), strict=True):
         values[name] = saved(part, arrays, _CLASSES, kept.settings)
     return Snapshot(_KIND, values, arrays)

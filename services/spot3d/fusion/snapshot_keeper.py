@@ -31,12 +31,12 @@ class SnapshotKeeper:
         """Whether the map is to be saved after this frame; complete: it is the stream's last."""
         return self._on and (complete or self._writer.due(time.monotonic()))
 
-    def keep_last(self, fusion: Fusion, told: Account) -> None:
+    def keep_last(self, fusion: Fusion, account: Account) -> None:
         """Save the map as the process ends, unless the last snapshot has all of it."""
-        known = self._kept is not None and (self._kept.epoch, self._kept.fused_ns) == (told.epoch, told.fused_ns)
-        if not self._on or known or told.fused_ns < 0:
+        known = self._kept is not None and (self._kept.epoch, self._kept.fused_ns) == (account.epoch, account.fused_ns)
+        if not self._on or known or account.fused_ns < 0:
             return
-        kept = keep(fusion, told)
+        kept = keep(fusion, account)
         try:
             fusion.objects()  # takes in the keyframes since the last update
         except Exception as error:
@@ -49,10 +49,10 @@ class SnapshotKeeper:
         start_s = time.perf_counter()
         pieces = snapshot_bytes(fusion_snapshot(kept))
         log.debug("snapshot of %d bytes made in %.3f s", sum(map(len, pieces)), time.perf_counter() - start_s)
-        self._writer.write(pieces, last, partial(self._written, kept.told))
+        self._writer.write(pieces, last, partial(self._written, kept.account))
 
-    def _written(self, told: Account) -> None:
-        self._kept = told
+    def _written(self, account: Account) -> None:
+        self._kept = account
         self._node.counters.event("snapshots")
 
     def forget(self) -> None:
@@ -69,11 +69,11 @@ class SnapshotKeeper:
         if not (self._on and self._path.exists()):
             return None
         try:
-            told, kept = read_account(self._path)
-            if told.stream == stream:
+            account, kept = read_account(self._path)
+            if account.stream == stream:
                 resume(fusion, kept, self._path)
                 log.info("goes on from %s: %d frames of this stream", self._path, fusion.frame_count)
-                return told
+                return account
             self._path.replace(self._path.with_stem(f"{self._path.stem}-{BEFORE}"))
         except (SnapshotError, OSError) as error:
             self._node.note("no snapshot", f"begins with an empty map: {error}")
@@ -82,6 +82,6 @@ class SnapshotKeeper:
 
 def resumed(fusion: Fusion, path: Path) -> Account:
     """Resume from the map in a file that the user names. Raises SnapshotError, OSError."""
-    told, kept = read_account(path)
+    account, kept = read_account(path)
     resume(fusion, kept, path)
-    return told
+    return account

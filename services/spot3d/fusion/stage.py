@@ -54,7 +54,7 @@ class Stage:
         keeper: SnapshotKeeper,
         updates: Updates,
         answers: MapAnswers,
-        told: Account | None,
+        account: Account | None,
     ) -> None:
         self.node, self.fusion, self.keeper = node, fusion, keeper
         self.updates, self.answers = updates, answers
@@ -62,8 +62,8 @@ class Stage:
         self.cadence = Cadence(fusion.settings.object_interval_s)
         self.ledger = Ledger(node.link.credit_timeout_s)
         self.world = World(fusion.settings.speed_max)
-        self.epoch = new_stream() if told is None else told.epoch
-        self.goes_on = told is not None
+        self.epoch = new_stream() if account is None else account.epoch
+        self.goes_on = account is not None
         self.fused_ns, self.recording = -1, 0
         self.camera: CameraIntrinsics | None = None
         self.last: Received[Message] | None = None
@@ -131,11 +131,11 @@ class Stage:
             return
         self._begin_map()
         self.world = World(self.fusion.settings.speed_max)
-        told = self.keeper.begin(self.fusion, stream)
-        if told is not None:
-            self.epoch, self.fused_ns = told.epoch, told.fused_ns
-            self.world.go_on(told.world)
-            self.ledger.go_on(told.fused, told.skipped, told.last_stamp_ns, told.in_stream)
+        account = self.keeper.begin(self.fusion, stream)
+        if account is not None:
+            self.epoch, self.fused_ns = account.epoch, account.fused_ns
+            self.world.go_on(account.world)
+            self.ledger.go_on(account.fused, account.skipped, account.last_stamp_ns, account.in_stream)
 
     def _begin_map(self) -> None:
         """Start an empty map of another epoch, whose objects are numbered anew."""

@@ -13,9 +13,9 @@ import spot3d
 from spot3d.frame import RgbdFrame
 from spot3d.recorder import foxglove_messages as made
 from spot3d.recorder.edge_points import edge_points
+from spot3d.recorder.export_items import Cloud, ExportItem, items_of_recording, items_of_run
 from spot3d.recorder.mcap_contents import open_mcap
 from spot3d.recorder.mcap_writer import McapWriter
-from spot3d.recorder.sights import Cloud, Sight, sights_of_recording, sights_of_run
 from spot3d.source.errors import SourceError
 
 
@@ -44,9 +44,9 @@ def export(source: Path, out: Path, complain: Callable[[str], None]) -> dict[str
     the disk is full.
     """
     if source.is_dir():
-        sights: Iterable[tuple[int, Sight]] = sights_of_run(source, complain)
+        sights: Iterable[tuple[int, ExportItem]] = items_of_run(source, complain)
     else:
-        sights = sights_of_recording(open_mcap(source), complain)
+        sights = items_of_recording(open_mcap(source), complain)
     writer = McapWriter(out, "", f"spot3d {spot3d.__version__}")
     try:
         exporter = _Exporter(writer)
@@ -74,7 +74,7 @@ class _Exporter:
             schema = message.get_schema()
             self._channels[topic] = writer.channel(topic, schema.name, schema.data, schema.encoding, "protobuf", {})
 
-    def add(self, stamp_ns: int, sight: Sight) -> None:
+    def add(self, stamp_ns: int, sight: ExportItem) -> None:
         """Write the messages that show one sight."""
         if isinstance(sight, RgbdFrame):
             self._put("/camera/image", stamp_ns, made.image(stamp_ns, sight.colour))

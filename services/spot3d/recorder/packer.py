@@ -13,7 +13,7 @@ from typing import Any
 
 import msgpack
 
-from spot3d.dataflow.process_use import KEEPING_MEMORY, let_it_finish
+from spot3d.dataflow.process_use import KEEPING_MEMORY, raise_session_priority
 from spot3d.recorder.backlog import Backlog, Heard
 from spot3d.recorder.mcap_writer import ChannelSpec
 from spot3d_schemas import STAGES
@@ -80,7 +80,7 @@ class Packer:
     def hurry(self) -> None:
         """Raise the process's priority, because somebody waits for it now."""
         with suppress(ProcessLookupError):
-            let_it_finish(self._process.pid)
+            raise_session_priority(self._process.pid)
 
     def finish(self, frames: str, skipped: dict[str, str]) -> None:
         """Wait until everything is in the file, or nothing more can be written. frames: the topic of the frames."""

@@ -21,7 +21,7 @@ from typing import Any
 import msgpack
 
 import spot3d
-from spot3d.dataflow.process_use import use_what_is_left
+from spot3d.dataflow.process_use import run_when_idle
 from spot3d.recorder.mcap_writer import McapWriter
 from spot3d.recorder.profile import PROFILE
 
@@ -117,7 +117,7 @@ def main(wire: Connection, memory: int, path: Path, delivery: str) -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     if delivery == "live":
-        use_what_is_left()
+        run_when_idle()
     try:
         packing = _Packing(wire, memoryview(mmap.mmap(memory, 0)), path)
     except OSError as error:

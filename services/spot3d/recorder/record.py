@@ -130,7 +130,7 @@ class _Recorder:
             stack.callback(end_threads, threads)
             stack.callback(self._backlog.close)
             for topic in self._topics:
-                subscriber = session.declare_subscriber(key(self._link.robot, topic), self._waiting_room(topic))
+                subscriber = session.declare_subscriber(key(self._link.robot, topic), self._channel(topic))
                 stack.callback(subscriber.undeclare)
                 reader = threading.Thread(target=self._hear, args=(topic, subscriber.handler), name=topic, daemon=True)
                 threads.append(reader)
@@ -153,7 +153,7 @@ class _Recorder:
         recorded.size, recorded.error = packer.size, packer.error
         recorded.seconds = 1e-9 * (packer.end_ns - packer.start_ns)
 
-    def _waiting_room(self, topic: str) -> "FifoChannel[zenoh.Sample] | RingChannel[zenoh.Sample]":
+    def _channel(self, topic: str) -> "FifoChannel[zenoh.Sample] | RingChannel[zenoh.Sample]":
         """The topic's queue. Live, a full one drops the oldest message: a sender that waits for one waits for all."""
         size = max(waiting(topic, self._link), _WAITING)
         return FifoChannel(size) if self._link.delivery == "lossless" else RingChannel(size)

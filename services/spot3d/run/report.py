@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import spot3d
-from spot3d.dataflow.clocks import ways_ns
+from spot3d.dataflow.clocks import travel_times_ns
 from spot3d.machine import machine
 from spot3d.run.lost_tracking import Stretch
 from spot3d.run.results import RunResult
@@ -160,7 +160,7 @@ class HopTimes:
 
     def add(self, trace: Sequence[Hop], whole: str = "") -> None:
         """Take in one trace; `whole` names the time from the first stage's sending to the last one's."""
-        hops = zip(pairwise(trace), ways_ns(trace), strict=True)
+        hops = zip(pairwise(trace), travel_times_ns(trace), strict=True)
         times = [(f"{before.stage} to {after.stage}", way_ns) for (before, after), way_ns in hops]
         if whole and len(trace) > 1:
             times.append((whole, trace[-1].sent_ns - trace[0].sent_ns))

@@ -39,10 +39,10 @@ class _Robot:
 
     def __init__(self, session: zenoh.Session, name: str, stack: ExitStack) -> None:
         self._name, self._alive = name, stack.enter_context(watch_alive(session, name))
-        self._ears: list[Ear] = []
+        self._handlers: list[Ear] = []
         for stage in (*STAGES, BRIDGE):
             ear = session.declare_subscriber(key(name, f"{stage}/health"), RingChannel(1))
-            self._ears.append(stack.enter_context(ear).handler)
+            self._handlers.append(stack.enter_context(ear).handler)
         self._objects_ear = subscribe_kept(session, key(name, "fusion/objects"), 1, stack)
         self._records = StageRecords()
         self._health: dict[str, Health] = {}
@@ -53,7 +53,7 @@ class _Robot:
         end_s = time.monotonic() + duration_s
         fresh = not self._health
         while time.monotonic() < end_s and not (fresh and self._processes().keys() <= self._health.keys()):
-            for ear in self._ears:
+            for ear in self._handlers:
                 for health in arrived(ear, Health):
                     self._health[health.stage] = health
                     self._records.receive(health, time.monotonic())

@@ -11,7 +11,7 @@ from spot3d.source.calibration import load_calibration
 from spot3d.source.errors import SourceError
 from spot3d.source.intrinsics_files import FocalAndCentre, intrinsics_for, seven_scenes_values
 from spot3d.source.recording import RecordedFrame, Recording, first_readable_shape
-from spot3d.source.text_files import read_pose_matrix, tell_left_out
+from spot3d.source.text_files import log_skipped, read_pose_matrix
 
 log = logging.getLogger(__name__)
 
@@ -76,5 +76,5 @@ def _poses(folder: Path, stems: list[str]) -> dict[str, NDArray[np.float64] | No
             poses[stem] = read_pose_matrix(path)
         except SourceError as error:
             malformed.append(error)
-    tell_left_out(f"poses of {folder}", len(poses) + len(malformed), malformed)
+    log_skipped(f"poses of {folder}", len(poses) + len(malformed), malformed)
     return poses

@@ -104,11 +104,11 @@ def read_stamped_lines(path: Path, parse: Callable[[list[str], str], T]) -> list
             lines.append((_stamp_ns(words, where), parse(words[1:], where)))
         except SourceError as error:
             malformed.append(error)
-    tell_left_out(f"lines of {path}", len(lines) + len(malformed), malformed)
+    log_skipped(f"lines of {path}", len(lines) + len(malformed), malformed)
     return sorted(lines, key=lambda entry: entry[0])
 
 
-def tell_left_out(what: str, count: int, malformed: list[SourceError]) -> None:
+def log_skipped(what: str, count: int, malformed: list[SourceError]) -> None:
     """Log how many of `count` items are skipped, and why the first one is. Raises that error if all are malformed."""
     if malformed and len(malformed) == count:
         raise malformed[0]

@@ -122,7 +122,7 @@ def test_a_few_keyframes_that_move_are_asked_as_all_would_be() -> None:
         graph._placed[row] = replace(graph._placed[row], calibration=Calibration(1.0, (1e-12, 0.0, 0.0)))
         assert np.any(twist) == (row % 3 == 1)
     all_of_them.update([], corrections=some)
-    said = [np.unique(votes._graph.said, axis=0) for votes in (few, all_of_them)]
+    said = [np.unique(votes._graph.observations, axis=0) for votes in (few, all_of_them)]
     assert len(said[0]) > 100
     differ = {tuple(row) for row in said[0].tolist()} ^ {tuple(row) for row in said[1].tolist()}
     assert len(differ) < 0.02 * len(said[0])

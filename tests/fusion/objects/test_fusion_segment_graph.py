@@ -48,7 +48,7 @@ def test_what_a_keyframe_spoke_of_is_touched_when_it_goes(cluster: int) -> None:
     graph = graph_of([*keyframes(2), apart])
     lone = np.flatnonzero(graph.segments.frame.rows == 2)
     assert len(lone) == 1
-    assert not np.isin(graph.said[:, :2], (lone[0],))[:, 0].any(), "nobody else sees it"
+    assert not np.isin(graph.observations[:, :2], (lone[0],))[:, 0].any(), "nobody else sees it"
     graph.segments.cluster.rows[[0, lone[0]]] = cluster
     gone = graph.drop([0])
     assert gone == []
@@ -91,7 +91,7 @@ def test_what_a_keyframe_that_moves_has_seen_or_spoken_of_is_touched() -> None:
 def test_a_keyframe_without_segments_that_moves_is_asked_anew() -> None:
     blind = replace(keyframe(look_at((0.0, -0.95, 0.7)), labels={}), stamp_ns=2)
     graph = graph_of([*keyframes(2), blind])
-    spoken = np.count_nonzero(graph.said[:, 1] == 2)
+    spoken = np.count_nonzero(graph.observations[:, 1] == 2)
     assert spoken > 0
     graph.see_anew(Calibration(), shifted(2))
-    assert np.count_nonzero(graph.said[:, 1] == 2) == spoken
+    assert np.count_nonzero(graph.observations[:, 1] == 2) == spoken

@@ -47,8 +47,8 @@ class ChangeLog:
             # Untouched pages cost no memory.
             self._change, self._frequency = np.zeros(limit, np.int64), np.zeros(limit, np.float32)
             self._heat, self._first = np.zeros(limit, np.uint8), np.zeros(limit, np.float32)
-        told = self._change, self._frequency, self._heat, self._first
-        self.last = int(_number_changes(rows, np.float32(least), np.float32(tau), *told, self.last))
+        sent = self._change, self._frequency, self._heat, self._first
+        self.last = int(_number_changes(rows, np.float32(least), np.float32(tau), *sent, self.last))
         change = self._change[: len(rows)]
         changed = np.flatnonzero(change > since)
         if len(changed) > most:
@@ -71,14 +71,14 @@ def _number_changes(
     least: np.float32,
     tau: np.float32,
     change: NDArray[np.int64],
-    told_frequency: NDArray[np.float32],
-    told_heat: NDArray[np.uint8],
-    told_first: NDArray[np.float32],
+    sent_frequency: NDArray[np.float32],
+    sent_heat: NDArray[np.uint8],
+    sent_first: NDArray[np.float32],
     last: int,
 ) -> int:
     """Give each changed row the next number, and record its values as sent; returns the last number."""
     for row in range(len(rows)):
-        now, before = rows[row, FREQUENCY], told_frequency[row]
+        now, before = rows[row, FREQUENCY], sent_frequency[row]
         if now < least:
             now = np.float32(0)
         if now == 0 and before == 0:
@@ -86,10 +86,10 @@ def _number_changes(
         heat = np.float32(0)
         if now > 0:
             heat = np.float32(255) * (rows[row, HEAT] / (now + tau))
-        same = before > 0 and before <= now < 2 * before and rows[row, FIRST] == told_first[row]
-        if same and abs(heat - np.float32(told_heat[row])) <= np.float32(_TOLERANCE):
+        same = before > 0 and before <= now < 2 * before and rows[row, FIRST] == sent_first[row]
+        if same and abs(heat - np.float32(sent_heat[row])) <= np.float32(_TOLERANCE):
             continue
         last += 1
-        change[row], told_frequency[row], told_heat[row] = last, now, np.uint8(heat + np.float32(0.5))
-        told_first[row] = rows[row, FIRST]
+        change[row], sent_frequency[row], sent_heat[row] = last, now, np.uint8(heat + np.float32(0.5))
+        sent_first[row] = rows[row, FIRST]
     return last

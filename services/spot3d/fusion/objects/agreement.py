@@ -44,13 +44,15 @@ class Statements(NamedTuple):
     background: NDArray[np.int64]
 
 
-def clusters_of(said: Statements, views_min: int, object_share: float, join_parts: bool = True) -> NDArray[np.int64]:
+def clusters_of(
+    statements: Statements, views_min: int, object_share: float, join_parts: bool = True
+) -> NDArray[np.int64]:
     """The cluster of each of n segments, (n,) int64; -1 for a segment of several objects.
 
     An object is shown by `views_min` frames, and seen as one by `object_share` of those that see it. join_parts: what
     most views hold in one with a larger object is a part of that (see `_whole_of`).
     """
-    frame, observed, within, divided, background = said
+    frame, observed, within, divided, background = statements
     count = len(frame)
     # A frame may see objects in segments, and have none of its own.
     frames = 1 + int(max(frame.max(initial=-1), observed[:, 1].max(initial=-1)))

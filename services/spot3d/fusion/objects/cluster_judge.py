@@ -39,17 +39,19 @@ class ClusterJudge:
         tau = min(settings.views_tau, settings.tau_share * count) if settings.tau_share else settings.views_tau
         self.least = Least(min(settings.views_min, count), tau)
 
-    def judged(self, members: NDArray[np.int64], said: NDArray[np.int32], up: NDArray[np.float64]) -> Judged | str:
-        """The box of a cluster's segments and its confidence, or why it is no object. said: about the members."""
+    def judged(
+        self, members: NDArray[np.int64], observations: NDArray[np.int32], up: NDArray[np.float64]
+    ) -> Judged | str:
+        """The box of a cluster's segments and its confidence, or why it is no object. observations: of the members."""
         settings, segments = self._settings, self._graph.segments
         least, tau = self.least
         if len(members) < least or len(own := np.unique(segments.frame.rows[members])) < least:
             return TOO_SELDOM
         # A view sees a cluster if it sees most of its segments, and as an object if most of these say so.
-        frames, frame = np.unique(np.concatenate((own, said[:, 1])), return_inverse=True)
+        frames, frame = np.unique(np.concatenate((own, observations[:, 1])), return_inverse=True)
         seen, through, background = (
             np.bincount(frame[len(own) :], which, len(frames))
-            for which in (said[:, 2] > THROUGH, said[:, 2] == THROUGH, said[:, 2] == BACKGROUND)
+            for which in (observations[:, 2] > THROUGH, observations[:, 2] == THROUGH, observations[:, 2] == BACKGROUND)
         )
         mine = np.isin(frames, own)
         sees = mine | (2 * seen > len(members))

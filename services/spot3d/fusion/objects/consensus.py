@@ -140,7 +140,7 @@ class ViewConsensus:
             self._described_up = up
         touched = bool(graph.segments.touched.rows.any())
         if touched:
-            graph.hang_together()
+            graph.merge_components()
         if touched or self._some_gone:
             gone = self._gone()
             self._describe(self._cluster(gone) if touched else self._next_cluster, up, gone)
@@ -179,7 +179,7 @@ class ViewConsensus:
         """Which segments show what is no longer there."""
         if "gone" in self._settings.skipped:
             return np.zeros(len(self._graph.segments), np.bool_)
-        return gone_segments(self._graph.said, self._graph.segments.frame.rows)
+        return gone_segments(self._graph.observations, self._graph.segments.frame.rows)
 
     def _cluster(self, gone: NDArray[np.bool_]) -> int:
         """Cluster anew the components with touched segments; clusters from the returned number on have changed.
@@ -188,10 +188,10 @@ class ViewConsensus:
         """
         graph, settings = self._graph, self._settings
         segments = graph.segments
-        part, touched = segments.part.rows, segments.touched.rows
+        component, touched = segments.component.rows, segments.touched.rows
         anew = np.zeros(len(segments), np.bool_)
-        anew[part[touched]] = True
-        rows = np.flatnonzero(anew[part])
+        anew[component[touched]] = True
+        rows = np.flatnonzero(anew[component])
         found = np.full(len(segments), -1)
         for together in (rows[~gone[rows]], rows[gone[rows]]):
             join_parts = "parts" not in settings.skipped
@@ -208,12 +208,12 @@ class ViewConsensus:
 
     def _describe(self, first: int, up: NDArray[np.float64], gone: NDArray[np.bool_]) -> None:
         """Describe the clusters from this number on: as objects, or why they are none."""
-        segments, said, judge = self._graph.segments, self._graph.said, self._judge()
+        segments, observations, judge = self._graph.segments, self._graph.observations, self._judge()
         cluster = segments.cluster.rows
         members_of = _grouped(cluster, first, self._next_cluster)
-        said_of = _grouped(cluster[said[:, 0]], first, self._next_cluster)
-        for number, (members, about) in enumerate(zip(members_of, said_of, strict=True), start=first):
-            judged = judge.judged(members, said[about], up)
+        observations_of = _grouped(cluster[observations[:, 0]], first, self._next_cluster)
+        for number, (members, about) in enumerate(zip(members_of, observations_of, strict=True), start=first):
+            judged = judge.judged(members, observations[about], up)
             if isinstance(judged, str):
                 self._verdicts[number] = judged
             elif gone[members].all():
@@ -278,7 +278,7 @@ class ViewConsensus:
             return [found[number].item for number in hot], len(found) - len(hot)
         pieces = {number: each.piece for number, each in found.items()}
         boxes = put_together(pieces, hot, up, self._settings.size_max)
-        for thing, rows in wholes(boxes, self._graph.said, self._graph.segments.cluster.rows).items():
+        for thing, rows in wholes(boxes, self._graph.observations, self._graph.segments.cluster.rows).items():
             boxes[thing] = judge.box_of_all(boxes[thing], thing, rows, up)
         objects = [_one_of([found[number].item for number in thing], box) for thing, box in boxes.items()]
         return objects, len(found) - sum(map(len, boxes))

@@ -12,14 +12,14 @@ are off by more than a view tolerates, now and then. With each, eight of nine ob
 are found, without the rule five."""
 
 
-def gone_segments(said: NDArray[np.int32], frame: NDArray[np.int64]) -> NDArray[np.bool_]:
+def gone_segments(observations: NDArray[np.int32], frame: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Which (n,) segments are looked through by the ten latest of the later views that look at their places.
 
-    said: (m, 4) what views say (see `SegmentGraph`); frame: (n,) the view of each segment.
+    observations: (m, 4), see `SegmentGraph`; frame: (n,) the view of each segment.
     """
-    through = np.bincount(said[said[:, 2] == THROUGH, 0], minlength=len(frame))
-    said = said[(through >= _LOOKS)[said[:, 0]]]
-    later = said[said[:, 1] > frame[said[:, 0]]]
+    through = np.bincount(observations[observations[:, 2] == THROUGH, 0], minlength=len(frame))
+    observations = observations[(through >= _LOOKS)[observations[:, 0]]]
+    later = observations[observations[:, 1] > frame[observations[:, 0]]]
     later = later[np.lexsort((later[:, 1], later[:, 0]))]
     row, first, count = np.unique(later[:, 0], return_index=True, return_counts=True)
     passed = np.append(0, np.cumsum(later[:, 2] == THROUGH))

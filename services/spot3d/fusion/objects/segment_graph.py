@@ -24,25 +24,25 @@ the side show an object from 3 degrees further round. A still camera must not cr
 class SegmentGraph:
     """Segments of keyframes, and for each the keyframes that see it, whether as a whole, and within which segment.
 
-    segments: a row each; said: (m, 4) int32, what other keyframes say of segments: row of the segment, keyframe, what
-    (see `views`), row of the segment that holds the whole of it, or -1; views: by the keyframe's number, oldest first;
-    rows_of: the segment's row for each label of a view, (256,), -1 = none.
+    segments: a row each; observations: (m, 4) int32, each of one segment by another keyframe: row of the segment,
+    keyframe, answer (see `views`), row of the segment that holds the whole of it, or -1; views: by the keyframe's
+    number, oldest first; rows_of: the segment's row for each label of a view, (256,), -1 = none.
     """
 
     def __init__(self) -> None:
         self.segments = SegmentTable()
         self.views: dict[int, View] = {}
         self.rows_of: dict[int, NDArray[np.int32]] = {}
-        self._said = Growing[np.int32](np.int32, 4)
-        self._linked = 0  # rows of `said` that are in the segments' `part` already
+        self._observations = Growing[np.int32](np.int32, 4)
+        self._linked = 0  # rows of `observations` that are in the segments' `component` already
         self._placed: dict[int, Placement] = {}  # calibration and pose correction of each view
         self._reaches = Growing[np.float32](np.float32, 4)  # centre and reach of each view
         self._normals: dict[int, NDArray[np.float64]] = {}
         self._next_keyframe = 0
 
     @property
-    def said(self) -> NDArray[np.int32]:
-        return self._said.rows
+    def observations(self) -> NDArray[np.int32]:
+        return self._observations.rows
 
     def take_in(self, keyframe: Keyframe, range_max: float = np.inf) -> int:
         """Ask the new view about the present segments, and the present views about the new segments.
@@ -54,13 +54,13 @@ class SegmentGraph:
         row_of = segments.extend(keyframe, number)
         self._next_keyframe += 1
         count = len(segments) - old
-        said, label = np.empty((2, max(old, count)), np.uint8)
+        answers, label = np.empty((2, max(old, count)), np.uint8)
         places, spheres = segments.places.rows, segments.spheres.rows
-        ask(view, places[:old], spheres[:old], said[:old], label[:old])
-        self._enter(np.arange(old), number, said[:old], row_of[label[:old]])
+        ask(view, places[:old], spheres[:old], answers[:old], label[:old])
+        self._enter(np.arange(old), number, answers[:old], row_of[label[:old]])
         for other in self._views_of(spheres[old:]):
-            ask(self.views[other], places[old:], spheres[old:], said[:count], label[:count])
-            self._enter(np.arange(old, old + count), other, said[:count], self.rows_of[other][label[:count]])
+            ask(self.views[other], places[old:], spheres[old:], answers[:count], label[:count])
+            self._enter(np.arange(old, old + count), other, answers[:count], self.rows_of[other][label[:count]])
         self.views[number], self.rows_of[number] = view, row_of
         self._placed[number] = Placement(keyframe.stamp_ns, keyframe.calibration)
         self._reaches.extend(np.append(view.centre, np.float32(view.reach))[None])
@@ -77,29 +77,29 @@ class SegmentGraph:
         return [number for number, is_near in zip(self.views, near.tolist(), strict=True) if is_near]
 
     def _enter(
-        self, asked: NDArray[np.int64], keyframe: int, said: NDArray[np.uint8], holder: NDArray[np.int32]
+        self, asked: NDArray[np.int64], keyframe: int, answers: NDArray[np.uint8], holder: NDArray[np.int32]
     ) -> None:
         """Record what a keyframe says of the segments in these rows."""
-        some = np.flatnonzero(said != NOTHING)
-        whole = np.where(said[some] == WHOLE, holder[some], -1)
-        self._said.extend(np.column_stack((asked[some], np.full(len(some), keyframe), said[some], whole)))
+        some = np.flatnonzero(answers != NOTHING)
+        whole = np.where(answers[some] == WHOLE, holder[some], -1)
+        self._observations.extend(np.column_stack((asked[some], np.full(len(some), keyframe), answers[some], whole)))
         self.segments.touched.rows[asked[some]] = True
 
     def statements(self, rows: NDArray[np.int64]) -> Statements:
         """What the views say of these segments, and of the segments among these that hold them."""
         segments, local = self.segments, np.full(len(self.segments) + 1, -1)  # row -1: of no segment
         local[rows] = np.arange(len(rows))
-        said = self.said[local[self.said[:, 0]] >= 0]
-        _, frame = np.unique(np.concatenate((segments.frame.rows[rows], said[:, 1])), return_inverse=True)
+        observations = self.observations[local[self.observations[:, 0]] >= 0]
+        _, frame = np.unique(np.concatenate((segments.frame.rows[rows], observations[:, 1])), return_inverse=True)
         own, by = frame[: len(rows)], frame[len(rows) :]
-        row, holder = local[said[:, 0]], local[said[:, 3]]
-        observed, whole = said[:, 2] >= OBJECT, holder >= 0
+        row, holder = local[observations[:, 0]], local[observations[:, 3]]
+        observed, whole = observations[:, 2] >= OBJECT, holder >= 0
         return Statements(
             own,
             np.column_stack((row, by))[observed],
             np.column_stack((row, holder))[whole],
-            row[said[:, 2] == DIVIDED],
-            row[said[:, 2] == BACKGROUND],
+            row[observations[:, 2] == DIVIDED],
+            row[observations[:, 2] == BACKGROUND],
         )
 
     def outdated(self) -> list[int]:
@@ -113,8 +113,8 @@ class SegmentGraph:
         return [int(number) for number in numbers[same][:-_SAME_VIEWS]]
 
     def drop(self, gone: list[int]) -> list[int]:
-        """Forget keyframes, their segments and all that is said of and by them; returns clusters that are gone."""
-        segments, said = self.segments, self._said.rows
+        """Forget keyframes, their segments and all observations of and by them; returns clusters that are gone."""
+        segments, observations = self.segments, self._observations.rows
         numbers = np.fromiter(self.views, np.int64, len(self.views))
         for number in gone:
             del self.views[number], self.rows_of[number], self._placed[number]
@@ -123,17 +123,17 @@ class SegmentGraph:
         kept = ~np.isin(segments.frame.rows, gone)
         lost = np.unique(segments.cluster.rows[~kept])
         lost = lost[lost >= 0]
-        by_gone = np.isin(said[:, 1], gone)
-        segments.touched.rows[said[by_gone, 0]] = True
+        by_gone = np.isin(observations[:, 1], gone)
+        segments.touched.rows[observations[by_gone, 0]] = True
         segments.touched.rows[np.isin(segments.cluster.rows, lost)] = True
         row_now = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
-        self._said.keep(~by_gone & kept[said[:, 0]])
+        self._observations.keep(~by_gone & kept[observations[:, 0]])
         segments.keep(kept)
-        said = self._said.rows
-        said[:, 0], said[:, 3] = row_now[said[:, 0]], row_now[said[:, 3]]
+        observations = self._observations.rows
+        observations[:, 0], observations[:, 3] = row_now[observations[:, 0]], row_now[observations[:, 3]]
         for rows in self.rows_of.values():
             rows[:] = row_now[rows]
-        self._link_anew()  # what the dropped rows linked may be linked no more
+        self._rebuild_components()  # what the dropped rows linked may be linked no more
         none_left: list[int] = np.setdiff1d(lost, segments.cluster.rows).tolist()
         return none_left
 
@@ -161,12 +161,12 @@ class SegmentGraph:
 
     def _ask_anew(self, moved: list[int]) -> None:
         """Ask these keyframes about all segments, and all others about their segments."""
-        segments, said = self.segments, self._said.rows
+        segments, observations = self.segments, self._observations.rows
         has_moved = np.isin(segments.frame.rows, moved)
-        outdated = has_moved[said[:, 0]] | np.isin(said[:, 1], moved)
-        segments.touched.rows[said[outdated, 0]] = True
-        self._said.keep(~outdated)
-        self._link_anew()
+        outdated = has_moved[observations[:, 0]] | np.isin(observations[:, 1], moved)
+        segments.touched.rows[observations[outdated, 0]] = True
+        self._observations.keep(~outdated)
+        self._rebuild_components()
         every, theirs = np.arange(len(segments)), np.flatnonzero(has_moved)
         segments.touched.rows[theirs] = True
         places, spheres = segments.places.rows, segments.spheres.rows
@@ -192,25 +192,25 @@ class SegmentGraph:
         mean = some[alike[np.argmax(alike.sum(axis=1))]].mean(axis=0)
         return np.asarray(mean / np.linalg.norm(mean))
 
-    def _link_anew(self) -> None:
+    def _rebuild_components(self) -> None:
         """Enter all links again; a cluster stays connected until it is clustered anew, whatever links it lost."""
-        part, cluster = np.arange(len(self.segments)), self.segments.cluster.rows
+        component, cluster = np.arange(len(self.segments)), self.segments.cluster.rows
         clustered = np.flatnonzero(cluster >= 0)
         _, first, number = np.unique(cluster[clustered], return_index=True, return_inverse=True)
-        part[clustered] = clustered[first][number]
-        self.segments.part.rows[:] = part
+        component[clustered] = clustered[first][number]
+        self.segments.component.rows[:] = component
         self._linked = 0
 
-    def hang_together(self) -> None:
-        """Enter the links since the last call into `part`, the segments' connected components."""
-        part = self.segments.part.rows
-        links = self._said.rows[self._linked :]
+    def merge_components(self) -> None:
+        """Enter the links since the last call into `component`, the segments' connected components."""
+        component = self.segments.component.rows
+        links = self._observations.rows[self._linked :]
         links = links[links[:, 3] >= 0]
-        parts, ends = np.unique(part[np.concatenate((links[:, 0], links[:, 3]))], return_inverse=True)
+        parts, ends = np.unique(component[np.concatenate((links[:, 0], links[:, 3]))], return_inverse=True)
         matrix = csr_array((np.ones(len(links)), (ends[: len(links)], ends[len(links) :])), (len(parts), len(parts)))
         _, group = connected_components(matrix, directed=False)
         _, lowest = np.unique(group, return_index=True)
-        first = np.arange(len(part))
+        first = np.arange(len(component))
         first[parts] = parts[lowest[group]]
-        part[:] = first[part]
-        self._linked = len(self._said)
+        component[:] = first[component]
+        self._linked = len(self._observations)

@@ -28,8 +28,8 @@ class SegmentTable:
     `outline`), NaN for others; heat: (n,); colour: (n, 3) mean RGB; pixels: (n,) int64; support: (n, 4) plane, world,
     zeros = none.
     Of the consensus, all (n,): identity: int64, number of the object that it belonged to last, 0 = none; former: int64,
-    the number before that; cluster: int64, -1 = none; part: int64, the first row of its connected component; touched:
-    bool, something about it is new.
+    the number before that; cluster: int64, -1 = none; component: int64, the first row of its connected component;
+    touched: bool, something about it is new.
     """
 
     def __init__(self) -> None:
@@ -45,7 +45,7 @@ class SegmentTable:
         self.identity = Growing[np.int64](np.int64)
         self.former = Growing[np.int64](np.int64)
         self.cluster = Growing[np.int64](np.int64)
-        self.part = Growing[np.int64](np.int64)
+        self.component = Growing[np.int64](np.int64)
         self.touched = Growing[np.bool_](np.bool_)
 
     def __len__(self) -> int:
@@ -78,7 +78,7 @@ class SegmentTable:
         supports = [_support(keyframe, k, pixels, grid) for k, pixels in zip(labels.tolist(), members, strict=True)]
         means = [colours[pixels].mean(axis=0) for pixels in members]
         # All is computed before anything is entered: a failure leaves the table as it is.
-        self.part.extend(len(self) + np.arange(count))
+        self.component.extend(len(self) + np.arange(count))
         self.frame.extend(np.full(count, number))
         self.places.extend(places)
         self.spheres.extend(spheres_around(places))
@@ -95,7 +95,7 @@ class SegmentTable:
         return rows
 
     def keep(self, chosen: NDArray[np.bool_]) -> None:
-        """Keep only the chosen rows, in their order. `part` must then be found anew."""
+        """Keep only the chosen rows, in their order. `component` must then be found anew."""
         for column in vars(self).values():
             column.keep(chosen)
 

@@ -113,16 +113,16 @@ def ask(
     view: View,
     places: NDArray[np.float32],
     spheres: NDArray[np.float32],
-    said: NDArray[np.uint8],
+    answer: NDArray[np.uint8],
     label: NDArray[np.uint8],
 ) -> None:
-    """Write a view's answers about n segments, (n, SAMPLE, 3) points, world, to `said`, and the labels to `label`,
+    """Write a view's answers about n segments, (n, SAMPLE, 3) points, world, to `answer`, and the labels to `label`,
     (n,).
 
     spheres: (n, 4) float32, centre and radius around each one's points: those out of reach are not projected.
     """
     limit = np.append(view.centre, np.array((view.reach, view.range_max), np.float32))
-    _ask(view.image(), limit, places, spheres, said, label)
+    _ask(view.image(), limit, places, spheres, answer, label)
 
 
 @part()
@@ -165,7 +165,7 @@ def _ask(
     limit: NDArray[np.float32],
     places: NDArray[np.float32],
     spheres: NDArray[np.float32],
-    said: NDArray[np.uint8],
+    answer: NDArray[np.uint8],
     label: NDArray[np.uint8],
 ) -> None:
     """As `ask`. limit: (5,) centre, reach and range_max of the view."""
@@ -174,7 +174,7 @@ def _ask(
     count = np.zeros(256, np.int32)
     tested = (places.shape[1] + _TESTED - 1) // _TESTED
     for i in range(len(places)):
-        said[i], label[i] = NOTHING, 0
+        answer[i], label[i] = NOTHING, 0
         a, b, c = spheres[i, 0] - limit[0], spheres[i, 1] - limit[1], spheres[i, 2] - limit[2]
         if a * a + b * b + c * c > (spheres[i, 3] + limit[3]) ** 2:
             continue
@@ -191,9 +191,9 @@ def _ask(
                 count[labels[pixel // w, pixel % w]] += 1
         if seen < _SEEN * tested:
             if through >= _THROUGH * tested:
-                said[i] = THROUGH
+                answer[i] = THROUGH
             continue
-        said[i] = BACKGROUND
+        answer[i] = BACKGROUND
         if count[0] > _BACKGROUND * seen:
             continue
         best, large = 0, 0
@@ -201,8 +201,8 @@ def _ask(
             large += count[number] >= _SPLIT * seen
             if count[number] > count[best]:
                 best = number
-        said[i] = OBJECT
+        answer[i] = OBJECT
         if large >= 2:
-            said[i] = DIVIDED
+            answer[i] = DIVIDED
         elif count[best] >= _WITHIN * seen:
-            said[i], label[i] = WHOLE, best
+            answer[i], label[i] = WHOLE, best

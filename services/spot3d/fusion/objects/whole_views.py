@@ -9,19 +9,20 @@ from spot3d.fusion.objects.balance import Numbers
 
 
 def wholes(
-    things: Iterable[Numbers], said: NDArray[np.int32], cluster: NDArray[np.int64]
+    things: Iterable[Numbers], observations: NDArray[np.int32], cluster: NDArray[np.int64]
 ) -> dict[Numbers, NDArray[np.int64]]:
     """For each object of several pieces, the rows of the segments that hold several of these and none of other objects.
 
-    things: the pieces of each, which are numbers of clusters; said: see `SegmentGraph`; cluster: (n,) of each segment.
+    things: the pieces of each, which are numbers of clusters; observations: see `SegmentGraph`; cluster: (n,) of
+    each segment.
     """
     things = list(things)
     several = [thing for thing in things if len(thing) > 1]
     if not several:
         return {}
-    said = said[said[:, 3] >= 0]
-    pieces, holder = cluster[said[:, 0]], said[:, 3]
-    # First select what is said of segments in holders of any of these pieces: sorting the rest takes long.
+    observations = observations[observations[:, 3] >= 0]
+    pieces, holder = cluster[observations[:, 0]], observations[:, 3]
+    # First select the observations of segments in holders of any of these pieces: sorting the rest takes long.
     asked = np.zeros(len(cluster), np.bool_)
     asked[holder[np.isin(pieces, np.concatenate(several))]] = True
     about = asked[holder] & np.isin(pieces, np.concatenate(things))

@@ -5,7 +5,7 @@ from typing import Any
 
 from spot3d.source.errors import SourceError
 from spot3d.source.ros.bag import Bag
-from spot3d.source.ros.transforms import Motion, Pose, TransformTree, poses_that_are, stamp_of, transform_of
+from spot3d.source.ros.transforms import Motion, Pose, TransformTree, stamp_of, transform_of, valid_poses
 
 TF = "tf2_msgs/msg/TFMessage"
 _ODOMETRY, _TRANSFORM = "nav_msgs/msg/Odometry", "geometry_msgs/msg/TransformStamped"
@@ -52,7 +52,7 @@ def _of_tree(tree: TransformTree, camera_frame: str, world: str) -> PoseAt:
 def _of_messages(bag: Bag, topic: str, kind: str, camera_frame: str) -> PoseAt:
     messages = [message for _, _, message in bag.messages(topic)]
     body = getattr(messages[-1], "child_frame_id", "") if messages else ""
-    posed = poses_that_are(messages, lambda message: _pose(message, kind), f"poses of {topic}")
+    posed = valid_poses(messages, lambda message: _pose(message, kind), f"poses of {topic}")
     motion = Motion([(stamp_of(message), pose) for message, pose in posed])
     T_body_camera = transform_tree(bag, dynamic=False).fixed_between(body, camera_frame) if body else None
     if body and T_body_camera is None:

@@ -70,10 +70,10 @@ class TransformTree:
         Raises ValueError if all of a topic are malformed.
         """
         tree = TransformTree()
-        for one, T in poses_that_are(static, _transform, "transforms of /tf_static"):
+        for one, T in valid_poses(static, _transform, "transforms of /tf_static"):
             tree.fixed[_name(one.child_frame_id)] = (_name(one.header.frame_id), T)
         stamped: dict[tuple[str, str], list[tuple[int, Pose]]] = {}
-        for one, T in poses_that_are(dynamic, _transform, "transforms of /tf"):
+        for one, T in valid_poses(dynamic, _transform, "transforms of /tf"):
             edge = (_name(one.child_frame_id), _name(one.header.frame_id))
             stamped.setdefault(edge, []).append((stamp_of(one), T))
         for (child, parent), poses in stamped.items():
@@ -122,7 +122,7 @@ class TransformTree:
         return T
 
 
-def poses_that_are(messages: Sequence[Any], pose_of: Callable[[Any], Pose], what: str) -> list[tuple[Any, Pose]]:
+def valid_poses(messages: Sequence[Any], pose_of: Callable[[Any], Pose], what: str) -> list[tuple[Any, Pose]]:
     """The messages with a valid pose, and the poses. Others are skipped and logged. Raises ValueError if all are."""
     found: list[tuple[Any, Pose]] = []
     refused: list[ValueError] = []

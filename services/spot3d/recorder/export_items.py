@@ -36,11 +36,11 @@ class Cloud:
     rgb: NDArray[np.uint8]
 
 
-Sight = RgbdFrame | NDArray[np.float64] | RunResult | Cloud
+ExportItem = RgbdFrame | NDArray[np.float64] | RunResult | Cloud
 """A frame, the camera's pose T_world_camera (4, 4), the objects of one update, or points."""
 
 
-def sights_of_run(folder: Path, complain: Callable[[str], None]) -> Iterator[tuple[int, Sight]]:
+def items_of_run(folder: Path, complain: Callable[[str], None]) -> Iterator[tuple[int, ExportItem]]:
     """Stamp and sight from the files of a run. Frames come from its input, if that is still there.
 
     Raises SourceError if the folder holds no run's results.
@@ -85,7 +85,7 @@ def _frames_of_run(folder: Path, complain: Callable[[str], None]) -> Iterator[tu
         yield frame.stamp_ns, frame
 
 
-def sights_of_recording(contents: McapContents, complain: Callable[[str], None]) -> Iterator[tuple[int, Sight]]:
+def items_of_recording(contents: McapContents, complain: Callable[[str], None]) -> Iterator[tuple[int, ExportItem]]:
     """Stamp and sight from the messages of a recording. Every half second a frame becomes points.
 
     complain: called with what cannot be read.
