@@ -159,6 +159,23 @@ def test_tum_association(tum: Path) -> None:
     assert sequence.has_true_poses
 
 
+def test_tum_poses_are_those_of_the_depth_images_times(tum: Path) -> None:
+    (tum / "groundtruth.txt").write_text("0.9 1 2 3 0 0 0 1\n1.05 4 5 6 0 0 0 1\n1.22 7 8 9 0 0 0 1\n")
+    poses = [frame.T_world_camera for frame in open_source(tum)]
+    assert all(pose is not None for pose in poses)
+    np.testing.assert_allclose(poses[0][:3, 3], (3, 4, 5), atol=1e-6)
+    np.testing.assert_allclose(poses[1][:3, 3], np.array((4, 5, 6)) + 3 * 0.150001 / 0.17, atol=1e-6)
+
+
+def test_a_tum_pose_near_an_end_or_a_gap_is_the_nearest(tum: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (tum / "groundtruth.txt").write_text("0.985 1 2 3 0 0 0 1\n1.5 7 8 9 0 0 0 1\n")
+    poses = [frame.T_world_camera for frame in open_source(tum)]
+    assert poses[0] is not None
+    np.testing.assert_array_equal(poses[0][:3, 3], (1, 2, 3))
+    assert poses[1] is None, "the gap of half a second is too long"
+    assert "2 of 3 depth images have no pose at their time" in caplog.text
+
+
 def test_tum_intrinsics_file_comes_first(tum: Path) -> None:
     (tum / "intrinsics.txt").write_text("# fx fy cx cy\n500 501 300 200\n")
     assert open_source(tum).intrinsics.fy == 501
@@ -280,6 +297,21 @@ def test_tum_errors(tum: Path, change: Callable[[Path], None], message: str) -> 
     change(tum)
     with pytest.raises(SourceError, match=message):
         list(open_source(tum))
+
+
+def test_a_recording_whose_images_all_have_another_size_is_refused_at_once(seven_scenes: Path) -> None:
+    for path in seven_scenes.glob("*.color.png"):
+        write(path, colour_image(HEIGHT // 2, WIDTH // 2))
+    with pytest.raises(SourceError, match=r"none of 3 frames .* size mismatch"):
+        open_source(seven_scenes)
+
+
+def test_frames_that_are_numbered_by_time_are_refused_at_once(seven_scenes: Path) -> None:
+    for kind in ("color", "depth"):
+        stem = seven_scenes / "frame-1341841278842700"
+        (seven_scenes / f"frame-000003.{kind}.png").rename(f"{stem}.{kind}.png")
+    with pytest.raises(SourceError, match=r"frame-1341841278842700\.depth\.png: .* number the frames from 0"):
+        open_source(seven_scenes)
 
 
 BROKEN = [

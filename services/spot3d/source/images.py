@@ -9,10 +9,13 @@ from numpy.typing import NDArray
 
 from spot3d.source.errors import SourceError
 
+COLOUR = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+"""How colour is decoded: as its pixels are stored. An EXIF orientation would turn colour, but not depth."""
+
 
 def read_colour(path: Path) -> NDArray[np.uint8]:
     """Colour image (h, w, 3) uint8 RGB of a PNG or JPEG file. Raises SourceError if missing or unreadable."""
-    image = decoded_image(_file_bytes(path), cv2.IMREAD_COLOR)
+    image = decoded_image(_file_bytes(path), COLOUR)
     if image is None:
         raise SourceError(f"{path} is no readable image; copy or convert the recording again")
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)

@@ -1,9 +1,10 @@
 """Frames of a recording on disk, read on access."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import cv2
 import numpy as np
@@ -19,6 +20,8 @@ from spot3d.source.sequence import FrameSequence
 
 if TYPE_CHECKING:
     from spot3d.source.colour_registration import ColourRegistration
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +76,7 @@ class Recording(FrameSequence):
     def __getitem__(self, index: int) -> RgbdFrame:
         """Reads one frame. Raises SourceError if a file is missing, unreadable or of the wrong size."""
         entry = self.frames[index]
-        depth, colour = self._images(entry)
+        depth, colour = self.images(entry)
         if self.registration is None:
             frame = RgbdFrame(entry.stamp_ns, colour, depth, self.depth_scale, self.camera, entry.T_world_camera)
             return halve(frame) if self.halved else frame
@@ -85,8 +88,8 @@ class Recording(FrameSequence):
         colour = self.registration.register(colour, metres)
         return RgbdFrame(entry.stamp_ns, colour, depth, self.depth_scale, self.intrinsics, entry.T_world_camera)
 
-    def _images(self, entry: RecordedFrame) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
-        """A frame's depth and colour at full size, which is checked. Invalid depth is 0."""
+    def images(self, entry: RecordedFrame) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
+        """A frame's depth and colour at full size. Invalid depth is 0. Raises SourceError as `__getitem__` does."""
         depth = read_depth(entry.depth)
         if self.invalid:
             depth[depth == self.invalid] = 0
@@ -99,15 +102,29 @@ class Recording(FrameSequence):
 
 def first_readable_shape(frames: list[RecordedFrame]) -> tuple[int, int]:
     """Depth's shape (h, w) in the first frame whose two images can be read. Raises SourceError if there is none."""
+
+    def shape(entry: RecordedFrame) -> tuple[int, int]:
+        read_colour(entry.colour)
+        height, width = read_depth(entry.depth).shape
+        return height, width
+
+    return _of_first_readable(frames, shape)
+
+
+def with_a_readable_frame(recording: Recording) -> Recording:
+    """The recording. Raises SourceError if it has no frame whose images can be read and have their camera's size."""
+    _of_first_readable(recording.frames, recording.images)
+    return recording
+
+
+def _of_first_readable(frames: list[RecordedFrame], read: Callable[[RecordedFrame], T]) -> T:
+    """What `read` returns for the first frame for which it does not raise SourceError. Raises one if it always does."""
     refused: SourceError | None = None
     for entry in frames:
         try:
-            read_colour(entry.colour)
-            height, width = read_depth(entry.depth).shape
+            return read(entry)
         except SourceError as error:
             refused = refused or error
-        else:
-            return height, width
     raise SourceError(f"none of {len(frames)} frames has depth and colour that can be read; the first: {refused}")
 
 

@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 from spot3d.source.calibration import load_calibration
 from spot3d.source.errors import SourceError
 from spot3d.source.intrinsics_files import FocalAndCentre, intrinsics_for, seven_scenes_values
-from spot3d.source.recording import RecordedFrame, Recording, first_readable_shape
+from spot3d.source.recording import RecordedFrame, Recording, first_readable_shape, with_a_readable_frame
 from spot3d.source.text_files import log_skipped, read_pose_matrix
 
 log = logging.getLogger(__name__)
 
 RATE_HZ = 30
+_LAST = int(np.iinfo(np.int64).max) * RATE_HZ // 10**9
+"""The number of the last frame whose time is a timestamp."""
 METRES_PER_UNIT = 0.001
 INVALID = 65535
 DEPTH_NAME = re.compile(r"frame-(\d+)\.depth\.png")
@@ -40,6 +42,11 @@ def open_seven_scenes(folder: Path, intrinsics: FocalAndCentre | None = None) ->
         if (match := DEPTH_NAME.fullmatch(path.name))
     )
     stems = [stem for _, stem in numbered]
+    if numbered and numbered[-1][0] > _LAST:
+        raise SourceError(
+            f"{folder / numbered[-1][1]}.depth.png: frame N is taken at N / {RATE_HZ} s, and no time is that large; "
+            "number the frames from 0, or use TUM's layout, whose lists hold times"
+        )
     coloured = {path.name.partition(".")[0] for path in folder.glob("frame-*.color.*")}
     if alone := len(coloured.difference(stems)):
         log.warning("%s: %d of %d colour images have no depth image, and are left out", folder, alone, len(coloured))
@@ -56,7 +63,8 @@ def open_seven_scenes(folder: Path, intrinsics: FocalAndCentre | None = None) ->
     values = intrinsics or seven_scenes_values(folder)
     where = "--intrinsics" if intrinsics else str(folder / "camera-intrinsics.txt")
     camera = intrinsics_for(values, first_readable_shape(frames), where)
-    return Recording(frames, camera, METRES_PER_UNIT, load_calibration(folder, camera), INVALID)
+    recording = Recording(frames, camera, METRES_PER_UNIT, load_calibration(folder, camera), INVALID)
+    return with_a_readable_frame(recording)
 
 
 def _colour_path(folder: Path, stem: str) -> Path:

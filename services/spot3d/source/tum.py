@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from spot3d.source.errors import SourceError
 from spot3d.source.intrinsics_files import FocalAndCentre, intrinsics_for, tum_values
-from spot3d.source.recording import RecordedFrame, Recording, first_readable_shape
+from spot3d.source.motion import Motion, Pose
+from spot3d.source.recording import RecordedFrame, Recording, first_readable_shape, with_a_readable_frame
 from spot3d.source.text_files import pose_of_words, read_stamped_lines
 
 log = logging.getLogger(__name__)
@@ -26,8 +27,9 @@ def is_tum(folder: Path) -> bool:
 def open_tum(folder: Path, intrinsics: FocalAndCentre | None = None) -> Recording:
     """Opens `rgb.txt`, `depth.txt` and, where there is one, `groundtruth.txt` (`stamp tx ty tz qx qy qz qw`).
 
-    Each depth image is paired with the colour image and the pose nearest in time, up to 20 ms off. A depth image
-    without colour is skipped, one without pose has no true pose. Stamps are the depth images'. Depth is 5000 per metre.
+    Each depth image is paired with the colour image nearest in time, up to 20 ms off, and with the pose at its time
+    (see `_poses_at`). A depth image without colour is skipped, one without pose has no true pose. Stamps are the depth
+    images'. Depth is 5000 per metre.
     In the published data colour is registered and lens distortion small, so neither is corrected. `intrinsics` (fx, fy,
     cx, cy) override `intrinsics.txt` and the published values. Malformed lines are skipped and logged. The image size
     is that of the first frame that can be read. Raises SourceError.
@@ -46,10 +48,10 @@ def open_tum(folder: Path, intrinsics: FocalAndCentre | None = None) -> Recordin
     truth = read_stamped_lines(truth_path, pose_of_words) if truth_path.is_file() else []
     stamps = np.array([stamp for stamp, _ in depths], np.int64)
     with_colour = nearest_in_time(stamps, np.array([stamp for stamp, _ in colours], np.int64))
-    with_truth = nearest_in_time(stamps, np.array([stamp for stamp, _ in truth], np.int64))
+    poses = _poses_at(stamps, truth)
     frames = [
-        RecordedFrame(stamp_ns, colours[c][1], depth, truth[t][1] if t >= 0 else None)
-        for (stamp_ns, depth), c, t in zip(depths, with_colour, with_truth, strict=True)
+        RecordedFrame(stamp_ns, colours[c][1], depth, pose)
+        for (stamp_ns, depth), c, pose in zip(depths, with_colour, poses, strict=True)
         if c >= 0
     ]
     if not frames:
@@ -57,9 +59,31 @@ def open_tum(folder: Path, intrinsics: FocalAndCentre | None = None) -> Recordin
     if len(frames) < len(depths):
         alone = len(depths) - len(frames)
         log.warning("%s: %d of %d depth images have no colour within 20 ms", folder, alone, len(depths))
+    without_pose = sum(pose is None for pose in poses)
+    if truth and without_pose:
+        log.warning(
+            "%s: %d of %d depth images have no pose at their time; do the two share a clock?",
+            truth_path,
+            without_pose,
+            len(depths),
+        )
     where = "--intrinsics" if intrinsics else str(folder / "intrinsics.txt")
     camera = intrinsics_for(intrinsics or tum_values(folder), first_readable_shape(frames), where)
-    return Recording(frames, camera, METRES_PER_UNIT)
+    return with_a_readable_frame(Recording(frames, camera, METRES_PER_UNIT))
+
+
+def _poses_at(stamps_ns: NDArray[np.int64], truth: list[tuple[int, Pose]]) -> list[Pose | None]:
+    """The pose (4, 4) at each stamp: interpolated, or the nearest one up to 20 ms off at an end or in a gap.
+
+    A body that is carried moves by a centimetre in 20 ms, as far as its poses are true.
+    """
+    motion = Motion(truth)
+    nearest = nearest_in_time(stamps_ns, np.array([stamp for stamp, _ in truth], np.int64))
+    poses = []
+    for stamp_ns, row in zip(stamps_ns.tolist(), nearest.tolist(), strict=True):
+        between = motion.at(stamp_ns)
+        poses.append(truth[row][1] if between is None and row >= 0 else between)
+    return poses
 
 
 def nearest_in_time(stamps_ns: NDArray[np.int64], others_ns: NDArray[np.int64]) -> NDArray[np.int64]:

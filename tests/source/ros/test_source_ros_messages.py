@@ -8,9 +8,10 @@ from bag_writer import Speaker
 
 from spot3d.camera import invert
 from spot3d.source.errors import SourceError
+from spot3d.source.motion import Motion
 from spot3d.source.ros.images import colour_image, depth_image
 from spot3d.source.ros.topics import COMPRESSED, IMAGE, INFO, TopicNames, find_topics
-from spot3d.source.ros.transforms import Motion, TransformTree
+from spot3d.source.ros.transforms import TransformTree
 
 SPEAKER = Speaker(2)
 RNG = np.random.default_rng(0)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.source.errors import SourceError
-from spot3d.source.images import decoded_image
+from spot3d.source.images import COLOUR, decoded_image
 
 _CHANNELS = {"rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4, "mono8": 1, "8UC1": 1}
 _DEPTH_TYPES = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
@@ -21,7 +21,7 @@ MILLIMETRES = 0.001
 def colour_image(message: Any) -> NDArray[np.uint8]:
     """(h, w, 3) uint8 RGB from an Image (rgb8, bgr8, rgba8, bgra8, mono8) or CompressedImage. Raises SourceError."""
     if not hasattr(message, "encoding"):
-        return np.asarray(cv2.cvtColor(_unpacked(message, message.data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB), np.uint8)
+        return np.asarray(cv2.cvtColor(_unpacked(message, message.data, COLOUR), cv2.COLOR_BGR2RGB), np.uint8)
     encoding = message.encoding
     channels = _CHANNELS.get(encoding)
     if channels is None:

@@ -4,8 +4,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from spot3d.source.errors import SourceError
+from spot3d.source.motion import Motion, Pose
 from spot3d.source.ros.bag import Bag
-from spot3d.source.ros.transforms import Motion, Pose, TransformTree, stamp_of, transform_of, valid_poses
+from spot3d.source.ros.transforms import TransformTree, stamp_of, transform_of, valid_poses
 
 TF = "tf2_msgs/msg/TFMessage"
 _ODOMETRY, _TRANSFORM = "nav_msgs/msg/Odometry", "geometry_msgs/msg/TransformStamped"
