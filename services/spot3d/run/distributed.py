@@ -13,6 +13,7 @@ from spot3d.run.meeting import open_meeting
 from spot3d.run.monitor import RunMonitor
 from spot3d.run.overview_frames import OverviewFrames
 from spot3d.run.results import RunResult, empty_snapshot
+from spot3d.run.stage_files import LOGS, SETTINGS
 from spot3d.run.supervisor import Supervisor
 from spot3d.settings import Settings
 from spot3d.source.selected import Selection
@@ -52,12 +53,12 @@ class Plan:
     @property
     def logs(self) -> Path:
         """The folder of the stages' logs and settings."""
-        return self.folder / "logs"
+        return self.folder / LOGS
 
     @property
     def settings_file(self) -> Path:
         """The stages' settings."""
-        return self.logs / "settings.toml"
+        return self.logs / SETTINGS
 
 
 def run_distributed(plan: Plan, supervisor: Supervisor, monitor: RunMonitor, keep: Keep) -> RunResult:

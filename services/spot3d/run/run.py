@@ -1,6 +1,5 @@
 """`spot3d run`: turns an input into a folder of results."""
 
-import shutil
 import time
 from collections.abc import Sequence
 from contextlib import nullcontext, suppress
@@ -23,6 +22,7 @@ from spot3d.run.overview_frames import OverviewFrames
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import RESULTS, RunResult, write_json, write_results
 from spot3d.run.sole_writer import sole_writer
+from spot3d.run.stage_files import SNAPSHOTS, delete_logs, delete_snapshots
 from spot3d.run.supervisor import Supervisor
 from spot3d.settings import Settings, to_toml
 from spot3d.source.errors import NOT_PLAYED, SourceError
@@ -34,8 +34,6 @@ from spot3d.source.sequences import is_stream
 _UNFINISHED = "the run goes on, was killed, or could not begin"
 """The report's error until the run has ended."""
 _OVERVIEW = "overview.png"
-_SNAPSHOTS = "snapshots"
-"""Folder of the snapshots that restarted stages go on from; deleted when the run ends, unless it is killed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +135,7 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
         report.error = f"no frame was fused: {reasons or 'none came'}"
     if in_process:
         # Logs of an earlier run's processes would be taken for this one's.
-        shutil.rmtree(plan.logs, ignore_errors=True)
+        delete_logs(folder)
     name = Path(selection.name).name or selection.name
     camera_path = np.array([item.T_world_camera[:3, 3] for item in result.path()]).reshape(-1, 3)
     wall_s = time.perf_counter() - start_s
@@ -154,7 +152,7 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
         raise
     # Last: a reader that sees that the run has ended well finds all of its files.
     _write_report(folder, result, report, wall_s)
-    shutil.rmtree(folder / _SNAPSHOTS, ignore_errors=True)
+    delete_snapshots(folder)
     if seen is not None and seen.first is not None:
         sequence = FrameList([seen.first])
     return Finished(folder, sequence, result, report)
@@ -176,8 +174,8 @@ def _write_report(folder: Path, result: RunResult, report: RunReport, wall_s: fl
 
 def _write_stages_settings(plan: Plan) -> None:
     """Write the settings for the stages of this run, which keep their snapshots in its own folder."""
-    shutil.rmtree(plan.folder / _SNAPSHOTS, ignore_errors=True)
-    snapshots = plan.settings.link.snapshot_folder or str((plan.folder / _SNAPSHOTS).absolute())
+    delete_snapshots(plan.folder)
+    snapshots = plan.settings.link.snapshot_folder or str((plan.folder / SNAPSHOTS).absolute())
     plan.logs.mkdir(exist_ok=True)
     stages = plan.settings.changed("link", snapshot_folder=snapshots)
     plan.settings_file.write_text(to_toml(stages), encoding="utf-8")
