@@ -243,3 +243,16 @@ def test_a_run_says_that_its_camera_began_anew(tmp_path: Path, monkeypatch: pyte
     result = runner.invoke(cli.app, ["run", "scene", "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
     assert f"the camera began anew: what it saw before is in {tmp_path / 'streams'}" in result.output
+
+
+@pytest.mark.parametrize("pose", ["kiss", "truth", "robot/odom"])
+def test_given_poses_are_doubted_where_no_two_views_agree(
+    pose: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    report = RunReport("scene", "processes", 9, (640, 480), fused=9)
+    done = Finished(tmp_path, FrameList(), RunResult(frame_count=9, left_out={"seen too seldom": 42}), report)
+    monkeypatch.setattr("spot3d.run.run.run", lambda *_arguments: done)
+    result = runner.invoke(cli.app, ["run", "scene", "--out", str(tmp_path), "--pose", pose])
+    assert result.exit_code == 0, result.output
+    assert "no objects: 42 candidates" in result.output
+    assert ("are the given poses camera-to-world" in result.output) == (pose != "kiss")

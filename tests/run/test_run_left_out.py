@@ -12,7 +12,7 @@ from spot3d.camera import Intrinsics
 from spot3d.found_object import FoundObject
 from spot3d.frame_segments import KEYFRAME_REASONS
 from spot3d.fusion.objects.reasons import REASONS
-from spot3d.run.left_out import first_depth, forgotten, why_so_few
+from spot3d.run.left_out import first_depth, forgotten, pose_doubt, why_so_few
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import RunResult
 from spot3d.settings import load_settings
@@ -113,6 +113,41 @@ def test_parts_of_keyframes_are_told_where_nothing_else_is() -> None:
 
 def test_frames_that_were_not_fused_are_told_elsewhere() -> None:
     assert why_so_few(result(0, {}, frames=0), 0, load_settings()) == ""
+
+
+@pytest.mark.parametrize(
+    ("found", "left_out", "fused", "skipped"),
+    [
+        (0, {"seen too seldom": 42, "too small in a keyframe": 139}, 30, {}),
+        (0, {"background in most views": 3}, 30, {}),
+        (0, {"no longer there": 3}, 30, {}),
+        (8, {}, 1, {"implausible pose": 29}),
+        (0, {}, 0, {"pose too far from the origin": 30}),
+        (8, {}, 9, {"implausible pose": 5, "pose too far from the origin": 5}),
+    ],
+)
+def test_where_poses_hardly_are_what_they_have_to_be_it_is_said_what_that_is(
+    found: int, left_out: dict[str, int], fused: int, skipped: dict[str, int]
+) -> None:
+    assert pose_doubt(result(found, left_out, fused), fused, skipped) == (
+        "are the given poses camera-to-world, in metres, of a camera with x right, y down, z forward? "
+        "Compare with --pose kiss, which does without them"
+    )
+
+
+@pytest.mark.parametrize(
+    ("found", "left_out", "fused", "skipped"),
+    [
+        (0, {}, 0, {}),
+        (0, {"too large": 3, "seen too seldom": 0}, 30, {}),
+        (1, {"seen too seldom": 42, "no longer there": 3}, 30, {}),
+        (8, {}, 20, {"implausible pose": 10, "lost pose": 30}),
+    ],
+)
+def test_poses_without_a_sign_of_a_fault_are_not_doubted(
+    found: int, left_out: dict[str, int], fused: int, skipped: dict[str, int]
+) -> None:
+    assert pose_doubt(result(found, left_out, fused), fused, skipped) == ""
 
 
 def test_forgotten_keyframes_are_told() -> None:

@@ -144,7 +144,8 @@ def run(
     with dashboard_if_wanted(show, in_process, resolved, settings, folder, console) as page:
         endpoints = (*(listen or ()), *(() if page is None else (page.endpoint,)))
         usual = None if listen else USUAL_ENDPOINT
-        _conclude(run_input(chosen, resolved, folder, console, in_process, topic, endpoints, usual), resolved)
+        done = run_input(chosen, resolved, folder, console, in_process, topic, endpoints, usual)
+        _conclude(done, resolved, topic is not None or resolved.pose.provider == "given")
         if page is not None:
             page.keep(console)
 
@@ -179,7 +180,7 @@ def demo(
         model = build_scene(seed)
         true = [(item.name, Box3D(item.centre, item.size, item.rotation)) for item in model.boxes]
         console.print(demo_table(*match_objects(true, done.result.objects)))
-        _conclude(done, resolved)
+        _conclude(done, resolved, False)
         if page is None:
             typer.echo(f"see it live in the browser: {own_command()} demo --dashboard")
         else:
@@ -252,11 +253,11 @@ def print_settings(settings: SettingsOption = None, preset: PresetOption = None)
     typer.echo(to_toml(load_settings(settings, preset)), nl=False)
 
 
-def _conclude(done: "Finished", settings: Settings) -> None:
-    """Print how a run went, and end with the exit code for programs."""
+def _conclude(done: "Finished", settings: Settings, given_poses: bool) -> None:
+    """Print how a run went, and end with the exit code for programs. given_poses: they are no odometry's."""
     from spot3d.pose import delay, depth_scale, orientation
     from spot3d.run.earlier_streams import FOLDER as EARLIER
-    from spot3d.run.left_out import first_depth, forgotten, why_so_few
+    from spot3d.run.left_out import first_depth, forgotten, pose_doubt, why_so_few
     from spot3d.run.lost_tracking import notice
 
     report, result = done.report, done.result
@@ -268,11 +269,13 @@ def _conclude(done: "Finished", settings: Settings) -> None:
         f" ({f'not fused: {reasons}' if dropped else 'none dropped'}); results in {done.folder}"
     )
     few = why_so_few(result, report.keyframes, settings)
+    doubt = pose_doubt(result, report.fused, report.skipped) if given_poses else ""
     seen = "" if result.objects else first_depth(done.sequence)
     known = result.calibration()
-    given = depth_scale.notice(known.depth_factor), delay.notice(result.delay_s()), orientation.notice(known)
+    corrected = depth_scale.notice(known.depth_factor), delay.notice(result.delay_s()), orientation.notice(known)
     anew = f"the camera began anew: what it saw before is in {done.folder / EARLIER}" if report.earlier_streams else ""
-    for line in (anew, few, seen, notice(report.lost), *given, forgotten(result.keyframes_dropped, settings)):
+    lost, unkept = notice(report.lost), forgotten(result.keyframes_dropped, settings)
+    for line in (anew, few, doubt, seen, lost, *corrected, unkept):
         if line:
             typer.echo(line)
     typer.echo(f"picture: {done.folder / 'overview.png'}")

@@ -1,5 +1,6 @@
 """Why a run found nothing, or almost nothing: one line for people."""
 
+from collections.abc import Mapping
 from contextlib import suppress
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from spot3d.frame_segments import KEYFRAME_REASONS
 from spot3d.fusion.objects.reasons import GONE, MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
 from spot3d.fusion.settings import FusionSettings
+from spot3d.fusion.worlds import Verdict
 from spot3d.run.results import RunResult
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
@@ -15,6 +17,10 @@ from spot3d.source.sequence import FrameSequence
 _FEW = 4
 """People are told why if fewer than one in four candidates is an object. It is one in three on redkitchen, whose
 shelves and walls are candidates too, and four in five or more on a cabinet and in built-in scenes, cluttered or not."""
+_VIEWS_DISAGREE = (TOO_SELDOM, MOSTLY_BACKGROUND, GONE)
+"""Why candidates are no objects where poses do not put one thing at one place."""
+_FAR_OFF: tuple[Verdict, ...] = ("implausible pose", "pose too far from the origin")
+"""Why frames are not fused whose poses have too large a unit."""
 
 
 def why_so_few(result: RunResult, keyframes: int, settings: Settings) -> str:
@@ -47,6 +53,20 @@ def why_so_few(result: RunResult, keyframes: int, settings: Settings) -> str:
     if settings.fusion.clustering == "density" and ordered[0] == TOO_SMALL:
         advice = "if these are objects, lower fusion.volume_min"
     return f"{head if found else 'no objects'}: {', '.join(said)}" + (f"; {advice}" if advice else "")
+
+
+def pose_doubt(result: RunResult, fused: int, skipped: Mapping[str, int]) -> str:
+    """What given poses have to be, where they hardly can be that; empty if there is no sign of it.
+
+    fused: number of frames. skipped: number of the others, by reason.
+    """
+    nothing_agrees = not result.objects and any(result.left_out.get(reason) for reason in _VIEWS_DISAGREE)
+    if not nothing_agrees and sum(skipped.get(reason, 0) for reason in _FAR_OFF) <= fused:
+        return ""
+    return (
+        "are the given poses camera-to-world, in metres, of a camera with x right, y down, z forward? "
+        "Compare with --pose kiss, which does without them"
+    )
 
 
 def first_depth(sequence: FrameSequence) -> str:
