@@ -256,3 +256,14 @@ def test_given_poses_are_doubted_where_no_two_views_agree(
     assert result.exit_code == 0, result.output
     assert "no objects: 42 candidates" in result.output
     assert ("are the given poses camera-to-world" in result.output) == (pose != "kiss")
+
+
+@pytest.mark.parametrize("fused", [0, 9])
+def test_the_unit_of_depth_is_doubted_only_where_frames_were_fused(
+    fused: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("spot3d.run.left_out.first_depth", lambda _sequence: "half of the first frame's depth")
+    done = Finished(tmp_path, FrameList(), RunResult(), RunReport("folder", "processes", 9, (640, 480), fused=fused))
+    monkeypatch.setattr("spot3d.run.run.run", lambda *_arguments: done)
+    result = runner.invoke(cli.app, ["run", "scene", "--out", str(tmp_path)])
+    assert ("half of the first frame's depth" in result.output) == (fused > 0)

@@ -17,6 +17,7 @@ from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import RunResult
 from spot3d.settings import load_settings
 from spot3d.source.recording import RecordedFrame, Recording
+from spot3d.source.selected import Selected
 from spot3d.source.sequence import FrameList
 
 FOUND = FoundObject(1, Box3D(np.zeros(3), np.full(3, 0.1), np.eye(3)), 0.5, 12, 345)
@@ -171,10 +172,12 @@ def test_the_first_frame_s_depth_shows_a_wrong_unit(tmp_path: Path) -> None:
     paths = tmp_path / "colour.png", tmp_path / "depth.png"
     assert cv2.imwrite(str(paths[0]), np.zeros((2, 4, 3), np.uint8))
     assert cv2.imwrite(str(paths[1]), np.array([[0, 0, 0, 6000], [6000, 6100, 6200, 9000]], np.uint16))
-    assert first_depth(Recording([RecordedFrame(0, *paths, None)], camera, 0.001)) == (
+    recording = Recording([RecordedFrame(0, *paths, None)], camera, 0.001)
+    assert first_depth(recording) == (
         "half of the first frame's depth is below 6.10 m, read as units of 1 mm; if that is not so, give the unit of a "
         "folder with --depth-unit METRES"
     )
+    assert first_depth(Selected(recording, range(1))) == first_depth(recording)
+    assert not first_depth(FrameList([recording[0]])), "other inputs take no --depth-unit"
     paths[1].unlink()
-    assert not first_depth(Recording([RecordedFrame(0, *paths, None)], camera, 0.001))
-    assert not first_depth(FrameList())
+    assert not first_depth(recording)

@@ -270,7 +270,7 @@ def _conclude(done: "Finished", settings: Settings, given_poses: bool) -> None:
     )
     few = why_so_few(result, report.keyframes, settings)
     doubt = pose_doubt(result, report.fused, report.skipped) if given_poses else ""
-    seen = "" if result.objects else first_depth(done.sequence)
+    seen = first_depth(done.sequence) if report.fused and not result.objects else ""
     known = result.calibration()
     corrected = depth_scale.notice(known.depth_factor), delay.notice(result.delay_s()), orientation.notice(known)
     anew = f"the camera began anew: what it saw before is in {done.folder / EARLIER}" if report.earlier_streams else ""

@@ -12,6 +12,8 @@ from spot3d.fusion.worlds import Verdict
 from spot3d.run.results import RunResult
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
+from spot3d.source.recording import Recording
+from spot3d.source.selected import Selected
 from spot3d.source.sequence import FrameSequence
 
 _FEW = 4
@@ -70,7 +72,13 @@ def pose_doubt(result: RunResult, fused: int, skipped: Mapping[str, int]) -> str
 
 
 def first_depth(sequence: FrameSequence) -> str:
-    """The median depth of the first frame, in words, which shows a wrong unit; empty if it has no depth."""
+    """The median depth of a folder's first frame, in words, which shows a wrong unit; empty if it has no depth.
+
+    Other inputs have a unit of their own: empty for them, too.
+    """
+    recording = sequence.original if isinstance(sequence, Selected) else sequence
+    if not isinstance(recording, Recording):
+        return ""
     with suppress(SourceError, IndexError):
         frame = sequence[0]
         metres = frame.depth_metres()
