@@ -113,6 +113,9 @@ def test_errors_name_the_field_and_the_place(text, named, tmp_path):
         ("SPOT3D_FUSION__TAU", "much", ("fusion.tau", "'much'", "the environment")),
         ("SPOT3D_FUSOIN__TAU", "1", ("SPOT3D_FUSOIN__TAU", "no section", "FUSION")),
         ("SPOT3D_LINK__CONNECT", "[", ("environment", "link")),
+        ("SPOT3D_FUSION_TAU", "5", ("SPOT3D_FUSION_TAU in", "two underscores", "SPOT3D_FUSION__TAU")),
+        ("spot3d_link_snapshot_folder", "x", ("spot3d_link_snapshot_folder in", "SPOT3D_LINK__SNAPSHOT_FOLDER")),
+        ("SPOT3D_PROPOSALS_EDGES__COLOUR_CONTRAST", "4", ("SPOT3D_PROPOSALS__EDGES__COLOUR_CONTRAST",)),
     ],
 )
 def test_errors_in_the_environment(name, value, named, monkeypatch):
@@ -149,6 +152,15 @@ def test_what_is_not_finite_round_trips(tmp_path):
 def test_other_variables_are_left_alone():
     environment = {"SPOT3D_DATA": "d", "SPOT3D_FUSION__TAU": "1", "SPOT3D_PRESET": "paper", "HOME": "h"}
     assert without_settings(environment) == {"SPOT3D_DATA": "d", "HOME": "h"}
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["SPOT3D_DASHBOARD_PORT", "SPOT3D_DATA", "SPOT3D_FUZZ_SECONDS", "SPOT3D_CONTAINERS", "SPOT3D_SHARED_MEMORY"],
+)
+def test_variables_that_are_no_settings_are_not_refused(name, monkeypatch):
+    monkeypatch.setenv(name, "8088")
+    load_settings()
 
 
 def test_a_greatest_size_below_the_least_is_refused() -> None:

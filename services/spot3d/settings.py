@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -28,6 +29,8 @@ from spot3d.source.settings import SourceSettings
 
 Preset = Literal["default", "paper"]
 ENVIRONMENT_PREFIX = "SPOT3D_"
+_NO_SETTINGS = ("SPOT3D_DASHBOARD_PORT",)
+"""Variables of docker-compose.yml that look like a setting with one underscore too few."""
 
 Layer = dict[str, Any]
 
@@ -139,15 +142,25 @@ def _is_setting(name: str) -> bool:
 
 
 def _environment() -> Layer:
-    for name in filter(_is_setting, os.environ):
+    for name in os.environ:
+        _refuse_one_underscore(name)
         section = name.upper().removeprefix(ENVIRONMENT_PREFIX).split("__")[0].lower()
-        if section not in Settings.model_fields:
+        if _is_setting(name) and section not in Settings.model_fields:
             known = ", ".join(part.upper() for part in Settings.model_fields)
             raise InvalidSettingsError(f"{name} in the environment: there is no section {section}; there are {known}")
     try:
         return EnvSettingsSource(Settings)()
     except SettingsError as error:
         raise InvalidSettingsError(f"the environment: {error}") from error
+
+
+def _refuse_one_underscore(name: str) -> None:
+    """Refuse a variable that begins with a section's name, but has one underscore behind it, and would be ignored."""
+    pattern = rf"{ENVIRONMENT_PREFIX}({'|'.join(Settings.model_fields)})_([^_].*)"
+    match = re.fullmatch(pattern, name, re.IGNORECASE)
+    if match and name not in _NO_SETTINGS:
+        meant = f"{ENVIRONMENT_PREFIX}{match[1]}__{match[2]}".upper()
+        raise InvalidSettingsError(f"{name} in the environment: two underscores follow a section's name, as in {meant}")
 
 
 def _merged(below: Layer, above: Layer) -> Layer:
