@@ -28,7 +28,8 @@ class Intrinsics:
 
     def __post_init__(self) -> None:
         if not (self.fx > 0 and self.fy > 0 and np.isfinite([self.fx, self.fy, self.cx, self.cy]).all()):
-            raise ValueError(f"focal lengths must be positive and all values finite, got {self}")
+            given = f"fx {self.fx:g}, fy {self.fy:g}, cx {self.cx:g}, cy {self.cy:g}"
+            raise ValueError(f"focal lengths must be positive and all values finite, in pixels, got {given}")
         if self.width < 1 or self.height < 1:
             raise ValueError(f"image size must be positive, got {self.width}x{self.height}")
 
