@@ -8,7 +8,7 @@ import numpy as np
 
 from spot3d.camera import Intrinsics, off_centre
 from spot3d.source.errors import SourceError
-from spot3d.source.text_files import read_matrix, read_text
+from spot3d.source.text_files import read_text
 
 log = logging.getLogger(__name__)
 
@@ -24,6 +24,7 @@ TUM_PUBLISHED: dict[str, FocalAndCentre] = {
 _FOCAL_LEAST, _FOCAL_MOST = 0.05, 50.0
 """Focal lengths per image width: fields of view of 169 and of 1 degrees."""
 _SKEW_MOST_PX = 0.5
+_FORMS = "expected fx fy cx cy, or [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
 HINT = "give them as --intrinsics fx,fy,cx,cy (pixels)"
 
 
@@ -37,29 +38,25 @@ def parse_intrinsics(text: str, where: str = "--intrinsics") -> FocalAndCentre:
 
 
 def seven_scenes_values(folder: Path) -> FocalAndCentre:
-    """(fx, fy, cx, cy) of the folder's `camera-intrinsics.txt`, a 3x3 matrix of the depth camera.
+    """(fx, fy, cx, cy) of the folder's `camera-intrinsics.txt`, which are the depth camera's.
 
     Raises SourceError if it is missing or malformed.
     """
     path = folder / "camera-intrinsics.txt"
     if not path.is_file():
         raise SourceError(f"no intrinsics: {path} is missing; {HINT}; 7-Scenes' own are 585,585,320,240")
-    matrix = read_matrix(path, 3)
-    if not (np.allclose(matrix[2], [0, 0, 1]) and matrix[1, 0] == 0 and abs(matrix[0, 1]) <= _SKEW_MOST_PX):
-        raise SourceError(f"{path} is malformed: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
-    return float(matrix[0, 0]), float(matrix[1, 1]), float(matrix[0, 2]), float(matrix[1, 2])
+    return _values_of_file(path)
 
 
 def tum_values(folder: Path) -> FocalAndCentre:
-    """(fx, fy, cx, cy) from `intrinsics.txt` (`# fx fy cx cy`, then the numbers), else TUM's published values.
+    """(fx, fy, cx, cy) from `intrinsics.txt`, else TUM's published values.
 
     `freiburg1..3` (or `fr1..3`) in the folder's name selects the published values. Raises SourceError if neither is
     there or the file is malformed.
     """
     path = folder / "intrinsics.txt"
     if path.is_file():
-        lines = [line.split("#")[0].strip() for line in read_text(path).splitlines()]
-        return parse_intrinsics(" ".join(line for line in lines if line), str(path))
+        return _values_of_file(path)
     match = re.search(r"(?:freiburg|(?<![a-z])fr)([123])(?!\d)", folder.resolve().name.lower())
     if match is None:
         raise SourceError(
@@ -67,6 +64,27 @@ def tum_values(folder: Path) -> FocalAndCentre:
             f"(freiburg1, 2 or 3); {HINT}"
         )
     return TUM_PUBLISHED[match[1]]
+
+
+def _values_of_file(path: Path) -> FocalAndCentre:
+    """(fx, fy, cx, cy) of a file with these four numbers, or with a 3x3 matrix. `#` starts a comment.
+
+    Raises SourceError if it is missing or holds anything else.
+    """
+    words = " ".join(line.split("#")[0] for line in read_text(path).splitlines()).replace(",", " ").split()
+    try:
+        values = np.array([float(word) for word in words])
+    except ValueError:
+        raise SourceError(f"{path} is malformed: not only numbers; {_FORMS}") from None
+    if values.size == 4:
+        fx, fy, cx, cy = values.tolist()
+        return fx, fy, cx, cy
+    if values.size != 9:
+        raise SourceError(f"{path} is malformed: {values.size} numbers; {_FORMS}")
+    (fx, skew, cx), (zero, fy, cy), last = values.reshape(3, 3).tolist()
+    if not (np.allclose(last, [0, 0, 1]) and zero == 0 and abs(skew) <= _SKEW_MOST_PX):
+        raise SourceError(f"{path} is malformed: {_FORMS}")
+    return fx, fy, cx, cy
 
 
 def intrinsics_for(values: FocalAndCentre, shape: tuple[int, int], where: str) -> Intrinsics:
