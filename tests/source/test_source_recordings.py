@@ -274,7 +274,11 @@ def test_seven_scenes_errors(seven_scenes: Path, change: Callable[[Path], None],
     ("change", "message"),
     [
         (_replace("rgb.txt", None), "rgb.txt is missing"),
-        (_replace("rgb.txt", "noon rgb/1.000000.png\n"), "rgb.txt:1 .*no time"),
+        (_replace("rgb.txt", "noon rgb/1.000000.png\n"), "rgb.txt:1 .*no time in seconds, with which a line begins$"),
+        (
+            _replace("depth.txt", "1341841278000000000 depth/1.000000.png\n"),
+            r"depth.txt:1 .*no time in seconds.*; is it in another unit, such as nanoseconds\?$",
+        ),
         (_replace("depth.txt", "1.0\n"), "nothing follows"),
         (_replace("rgb.txt", "7.0 rgb/1.000000.png\n"), "within 20 ms"),
         (_replace("rgb.txt", "1.0 rgb/none.png\n"), "none.png is missing"),

@@ -123,7 +123,8 @@ def _stamp_ns(words: list[str], where: str) -> int:
     except ArithmeticError:  # no number, or nan
         in_range = False
     if not in_range:
-        raise SourceError(f"{where} is malformed: {words[0]!r} is no time in seconds, with which a line begins")
+        unit = "; is it in another unit, such as nanoseconds?" if words[0].isdecimal() else ""
+        raise SourceError(f"{where} is malformed: {words[0]!r} is no time in seconds, with which a line begins{unit}")
     if len(words) < 2:
         raise SourceError(f"{where} is malformed: nothing follows the time")
     return int(stamp_ns)
