@@ -92,6 +92,13 @@ def test_seven_scenes_without_poses(seven_scenes: Path) -> None:
     assert not open_source(seven_scenes).has_true_poses
 
 
+@pytest.mark.parametrize("ending", ["jpg", "jpeg", "PNG", "JPG", "JPEG"])
+def test_colour_of_seven_scenes_ends_as_cameras_write_it(seven_scenes: Path, ending: str) -> None:
+    for path in seven_scenes.glob("*.color.png"):
+        path.rename(path.with_suffix(f".{ending}"))
+    assert (open_source(seven_scenes)[2].colour == (200, 100, 50)).all()
+
+
 def test_a_lost_pose_is_no_pose(seven_scenes: Path) -> None:
     np.savetxt(seven_scenes / "frame-000001.pose.txt", np.full((4, 4), -np.inf))
     sequence = open_source(seven_scenes)
@@ -234,7 +241,7 @@ def _calibration(x: float) -> str:
         (_replace("frame-000000.depth.png", ""), "is empty"),
         (_replace("frame-000000.depth.png", "no image"), "no readable image"),
         (_replace("frame-000000.color.png", "no image"), "no readable image"),
-        (_replace("frame-000000.color.png", None), "frame-000000.color.jpg is missing"),
+        (_replace("frame-000000.color.png", None), "frame-000000.color.png is missing"),
         (_replace("frame-000000.depth.png", np.zeros((HEIGHT, WIDTH), np.uint8)), "8-bit depth"),
         (_replace("frame-000000.depth.png", np.zeros((HEIGHT, WIDTH, 3), np.uint16)), "one-channel"),
         (_replace("frame-000001.depth.png", np.zeros((HEIGHT, 9), np.uint16)), "size mismatch.*9x16"),

@@ -20,6 +20,7 @@ _LAST = int(np.iinfo(np.int64).max) * RATE_HZ // 10**9
 """The number of the last frame whose time is a timestamp."""
 METRES_PER_UNIT = 0.001
 INVALID = 65535
+_COLOUR_ENDINGS = ("png", "jpg", "jpeg", "PNG", "JPG", "JPEG")
 DEPTH_NAME = re.compile(r"frame-(\d+)\.depth\.png")
 
 
@@ -29,7 +30,7 @@ def is_seven_scenes(folder: Path) -> bool:
 
 
 def open_seven_scenes(folder: Path, intrinsics: FocalAndCentre | None = None) -> Recording:
-    """Opens `frame-NNNNNN.{color.jpg|color.png,depth.png,pose.txt}` and `camera-intrinsics.txt`.
+    """Opens `frame-NNNNNN.{color.png|jpg|jpeg,depth.png,pose.txt}` and `camera-intrinsics.txt`.
 
     Depth is in mm, 0 and 65535 invalid. Poses and intrinsics are the depth camera's. Frame N has the stamp N / 30 s.
     Colour is registered to depth by `load_calibration`. `intrinsics` (fx, fy, cx, cy) override the file. A frame has no
@@ -68,8 +69,9 @@ def open_seven_scenes(folder: Path, intrinsics: FocalAndCentre | None = None) ->
 
 
 def _colour_path(folder: Path, stem: str) -> Path:
-    png = folder / f"{stem}.color.png"
-    return png if png.is_file() else folder / f"{stem}.color.jpg"
+    """The frame's colour image, or where it should be."""
+    paths = [folder / f"{stem}.color.{ending}" for ending in _COLOUR_ENDINGS]
+    return next((path for path in paths if path.is_file()), paths[0])
 
 
 def _poses(folder: Path, stems: list[str]) -> dict[str, NDArray[np.float64] | None]:
