@@ -446,7 +446,7 @@ def test_folder_errors(seven_scenes: Path, tmp_path: Path) -> None:
             open_source(path)
     inner = tmp_path / "outer" / "seq-01"
     inner.mkdir(parents=True)
-    with pytest.raises(SourceError, match="is no recording"):
+    with pytest.raises(SourceError, match=r"is no recording: .*; depth images of a folder are 16-bit PNG$"):
         open_source(inner)
     write(inner / "frame-000000.depth.png", depth_image())
     with pytest.raises(SourceError, match="seq-01"):

@@ -108,5 +108,5 @@ def _open_path(folder: Path, intrinsics: FocalAndCentre | None, topics: TopicNam
             raise SourceError(f"{folder} holds recordings, but is none itself; open one, such as {folder / name}")
     raise SourceError(
         f"{folder} is no recording: neither frame-NNNNNN.depth.png (7-Scenes), nor depth.txt and rgb.txt "
-        "(TUM RGB-D), nor metadata.yaml (ROS 2)"
+        "(TUM RGB-D), nor metadata.yaml (ROS 2); depth images of a folder are 16-bit PNG"
     )
