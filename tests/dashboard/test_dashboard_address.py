@@ -2,7 +2,7 @@
 
 import socket
 import sys
-from contextlib import closing, suppress
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("viser", reason="the dashboard's packages are not installed")
 
 from spot3d.cli import app as cli
+from spot3d.dashboard import free_port as free_port_module
 from spot3d.dashboard.free_port import free_port
 from spot3d.dashboard.process import open_server
 from spot3d.dashboard.settings import DashboardSettings
@@ -40,21 +41,33 @@ def test_what_is_no_name_of_a_host_is_refused() -> None:
         free_port(DashboardSettings(host="a..b"))
 
 
-def test_a_port_that_is_taken_gives_way_to_the_next_free_one() -> None:
+def test_the_usual_port_gives_way_to_the_next_free_one_where_it_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     with closing(socket.create_server(("127.0.0.1", 0))) as taken:
         port = taken.getsockname()[1]
-        with open_server(DashboardSettings(port=port)) as server:
-            assert port < server.get_port() < port + 1000
+        monkeypatch.setattr(free_port_module, "_USUAL", range(port, port + 100))
+        with open_server(DashboardSettings()) as server:
+            assert port < server.get_port() < port + 100
+
+
+def test_where_no_usual_port_is_free_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    with closing(socket.create_server(("127.0.0.1", 0))) as taken:
+        port = taken.getsockname()[1]
+        monkeypatch.setattr(free_port_module, "_USUAL", range(port, port + 1))
+        with pytest.raises(OSError, match=rf"at 127\.0\.0\.1: no port from {port} to {port} is free"):
+            free_port(DashboardSettings())
+
+
+def test_a_port_that_was_asked_for_and_is_taken_is_refused() -> None:
+    with closing(socket.create_server(("127.0.0.1", 0))) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(OSError, match="cannot serve") as refused:
+            free_port(DashboardSettings(port=port))
+    assert str(refused.value) == (
+        f"cannot serve the page at 127.0.0.1, port {port}: Address already in use; "
+        "choose another, or none for the next that is free (dashboard.port)"
+    )
 
 
 def test_any_port_will_do() -> None:
     with open_server(DashboardSettings(port=0)) as server:
         assert server.get_port() > 0
-
-
-def test_no_port_beyond_the_last_is_tried() -> None:
-    with closing(socket.socket()) as taken:
-        with suppress(OSError):  # somebody else's, which is as well
-            taken.bind(("127.0.0.1", 65_535))
-        with pytest.raises(OSError, match=r"at 127\.0\.0\.1: no port from 65535 to 65535 is free"):
-            free_port(DashboardSettings(port=65_535))

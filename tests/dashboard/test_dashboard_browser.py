@@ -52,7 +52,7 @@ pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome i
 
 @contextmanager
 def dashboard(link: LinkSettings) -> Iterator[viser.ViserServer]:
-    settings, stop = DashboardSettings(port=18_300), threading.Event()
+    settings, stop = DashboardSettings(port=0), threading.Event()
     with open_server(settings) as server:
         thread = threading.Thread(target=serve, args=(server, link, settings, stop))
         thread.start()

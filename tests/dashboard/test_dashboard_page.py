@@ -39,7 +39,7 @@ class Fleet(Link):
 
 @pytest.fixture
 def server() -> Iterator[viser.ViserServer]:
-    with open_server(DashboardSettings(port=18_420, points_max=1000)) as server:
+    with open_server(DashboardSettings(port=0, points_max=1000)) as server:
         yield server
 
 

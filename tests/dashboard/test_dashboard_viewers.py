@@ -50,7 +50,7 @@ def test_ten_viewers_see_it_go_on_while_one_is_stuck_and_all_views_are_moved(mon
 
     monkeypatch.setattr(page, "fly", fly_for_long)
     endpoint = free_loopback_endpoint()
-    settings, router = DashboardSettings(port=18_350), LinkSettings(mode="router", listen=(endpoint,), connect=())
+    settings, router = DashboardSettings(port=0), LinkSettings(mode="router", listen=(endpoint,), connect=())
     with open_server(settings) as server:
         thread = threading.Thread(target=serve, args=(server, router, settings, stop))
         thread.start()
