@@ -3,12 +3,12 @@
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from tempfile import TemporaryDirectory
 
 import zenoh
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.run.display import Watcher
+from spot3d.run.socket_folder import stages_socket
 from spot3d.security.access import access_control
 from spot3d.settings import Settings
 
@@ -49,6 +49,6 @@ def _listening(settings: Settings, listen: tuple[str, ...], apart: bool) -> Iter
     with ExitStack() as stack:
         spare, endpoint = apart and bool(listen), free_loopback_endpoint()
         if spare:
-            endpoint = f"unixsock-stream/{stack.enter_context(TemporaryDirectory(prefix='spot3d-'))}/stages"
+            endpoint = f"unixsock-stream/{stack.enter_context(stages_socket())}"
         router = open_router((endpoint, *listen), link=settings.link, access=access, spare=spare)
         yield Meeting(stack.enter_context(router), endpoint)
