@@ -17,7 +17,6 @@ from spot3d.source.errors import SourceError
 from spot3d.source.halving import halve
 from spot3d.source.recording import Recording
 from spot3d.source.sequences import open_source
-from spot3d.source.tum import nearest_in_time
 from spot3d.trajectory import rotation_from_vector
 
 WIDTH, HEIGHT = 24, 16
@@ -186,21 +185,6 @@ def test_a_tum_pose_near_an_end_or_a_gap_is_the_nearest(tum: Path, caplog: pytes
 def test_tum_intrinsics_file_comes_first(tum: Path) -> None:
     (tum / "intrinsics.txt").write_text("# fx fy cx cy\n500 501 300 200\n")
     assert open_source(tum).intrinsics.fy == 501
-
-
-@pytest.mark.parametrize(
-    ("stamps", "others", "expected"),
-    [
-        ([], [], []),
-        ([5], [], [-1]),
-        ([0], [20_000_000], [0]),
-        ([0], [20_000_001], [-1]),
-        ([100_000_000, 110_000_000], [95_000_000, 108_000_000], [0, 1]),
-    ],
-)
-def test_nearest_in_time(stamps: list[int], others: list[int], expected: list[int]) -> None:
-    found = nearest_in_time(np.array(stamps, np.int64), np.array(others, np.int64))
-    assert found.tolist() == expected
 
 
 def _replace(name: str, content: str | bytes | np.ndarray | None) -> Callable[..., None]:
