@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from spot3d.run.supervisor import RESTARTS_MAX, RESTARTS_S, Child, Death, Supervisor, last_line
 from spot3d_schemas import CameraIntrinsics
+from waiting import wait_until
 
 LIMIT_S = 60.0
 
@@ -54,6 +55,21 @@ def test_a_run_cannot_go_on_without_the_process_that_starts_its_stages(tmp_path:
         death = first_death(supervisor)
     assert death.fatal
     assert "SIGKILL" in death.message
+
+
+def test_a_stage_that_hangs_is_killed_and_started_again(tmp_path: Path) -> None:
+    with Supervisor() as supervisor:
+        supervisor.start("fusion", ["--connect", "tcp/127.0.0.1:9", "--supervised"], tmp_path / "fusion.log")
+        wait_until(lambda: "fusion" in supervisor.processes(), "fusion runs", LIMIT_S)
+        hanging = supervisor.processes()["fusion"]
+        os.kill(hanging, signal.SIGSTOP)
+        assert not supervisor.poll({})
+        supervisor.kill("fusion")
+        assert not supervisor.processes(), "it is not to be killed again"
+        death = first_death(supervisor)
+        assert death.message == "fusion was killed by SIGKILL; started again (1 of 5 in 10 minutes)"
+        wait_until(lambda: "fusion" in supervisor.processes(), "fusion runs again", LIMIT_S)
+        assert supervisor.processes()["fusion"] != hanging
 
 
 def test_only_restarts_of_the_last_minutes_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,6 +16,7 @@ from spot3d.dataflow.router import free_loopback_endpoint
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.fusion.snapshot import read_account
+from spot3d.run.silence import SILENT_S
 from spot3d.settings import without_settings
 from spot3d_schemas import Objects, Progress, decode, key
 from waiting import wait_until
@@ -173,6 +174,28 @@ def test_a_killed_stage_is_started_again_and_ctrl_c_ends_all(endless):
     assert (endless.out / "heatmap.ply").stat().st_size > 1000
     assert (endless.out / "trajectory.txt").stat().st_size > 0
     assert (endless.out / "overview.png").exists()
+
+
+def test_a_stage_that_hangs_is_told_killed_and_started_again(endless):
+    told = f"segments has given no sign of life for {SILENT_S:.0f} s: it hangs, and is killed"
+    before = endless.wait_for_stages()
+    # Only what has said something can hang: until then a stage may compile.
+    with open_session(LinkSettings(connect=(endless.endpoint,))) as session:
+        heard: list[object] = []
+        subscriber = session.declare_subscriber(key("robot", "segments/health"), heard.append)
+        wait_until(lambda: bool(heard), "segments is on line", START_S)
+        subscriber.undeclare()
+    os.kill(before["segments"], signal.SIGSTOP)
+    wait_until(lambda: "segments was killed by SIGKILL; started again" in endless.said, "its death is told", 60)
+    assert told in endless.said
+    assert endless.said.count("no sign of life") == 1, "those that wait for it do not hang"
+    after = endless.wait_for_stages()
+    assert {stage for stage in STAGES if after[stage] != before[stage]} == {"segments"}
+    endless.process.send_signal(signal.SIGINT)
+    assert endless.process.wait(20) == 130
+    report = json.loads((endless.out / "report.json").read_text())
+    assert report["events"][0] == told
+    assert report["restarts"] == {"segments": 1}
 
 
 def test_stages_end_with_a_run_that_is_killed(endless):

@@ -140,7 +140,7 @@ class Collector:
             topic: f"{topic} is said by another process as well, which is not listened to"
             for topic in self._producers.contested(time.monotonic())
         }
-        latest = {stage: totals.latest for stage, totals in self.health.items()}
+        latest = self.latest()
         source, proposals, segments = (latest.get(stage) for stage in ("source", "proposals", "segments"))
         if proposals is not None and AlignmentWatch.EVENT in proposals.events:
             kinds[AlignmentWatch.EVENT] = proposals.state or AlignmentWatch.EVENT
@@ -154,6 +154,10 @@ class Collector:
         self._news.clear()
         self._told.update(kinds)
         return news
+
+    def latest(self) -> dict[str, Health]:
+        """The last health message of each stage."""
+        return {stage: totals.latest for stage, totals in self.health.items()}
 
     def counts(self) -> tuple[int, Counter[str]]:
         """Frames of all streams so far: how many are fused, and how many are not, by reason."""

@@ -13,6 +13,7 @@ from spot3d.run.meeting import open_meeting
 from spot3d.run.monitor import RunMonitor
 from spot3d.run.overview_frames import OverviewFrames
 from spot3d.run.results import RunResult, empty_snapshot
+from spot3d.run.silence import SILENT_S, Silence
 from spot3d.run.stage_files import LOGS, SETTINGS
 from spot3d.run.supervisor import Supervisor
 from spot3d.settings import Settings
@@ -96,10 +97,13 @@ def _follow(
 ) -> None:
     """Watch the stages until the source has ended and the last objects are here."""
     report, awaited, began_s = monitor.report, plan.pose_topic, time.monotonic()
-    kept_s, ended_s = began_s, inf
+    kept_s, ended_s, silence = began_s, inf, Silence(plan.settings.link.health_interval_s)
     while not monitor.stop.wait(_POLL_S):
         collector.drain()
         monitor.tell(*collector.news())
+        for stage in silence.look(collector.latest(), supervisor.processes(), time.monotonic()):
+            monitor.tell(f"{stage} has given no sign of life for {SILENT_S:.0f} s: it hangs, and is killed")
+            supervisor.kill(stage)
         for death in supervisor.poll({"source": _source_again(plan, endpoint, collector)}):
             monitor.tell(death.message)
             if death.fatal:

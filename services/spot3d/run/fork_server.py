@@ -2,9 +2,10 @@
 
     python -m spot3d.run.fork_server NEWS
 
-Standard input takes one JSON object a line, {"start": stage, "arguments": [...], "log": file} or {"end": stage}. File
-descriptor NEWS gives one a line, {"stage": name, "code": exit code}, when a stage has ended; on standard output a
-library may print when it is imported. When standard input closes, all stages are ended.
+Standard input takes one JSON object a line, {"start": stage, "arguments": [...], "log": file}, {"end": stage} or
+{"kill": stage}. File descriptor NEWS gives one a line, {"stage": name, "pid": process id} when a stage has started and
+{"stage": name, "code": exit code} when it has ended; on standard output a library may print when it is imported. When
+standard input closes, all stages are ended.
 """
 
 import gc
@@ -68,6 +69,8 @@ class _ForkServer:
     def _obey(self, order: dict[str, Any]) -> None:
         if "start" in order:
             self._fork(order["start"], order["arguments"], Path(order["log"]))
+        elif "kill" in order:
+            self._signal(signal.SIGKILL, order["kill"])
         else:
             self._signal(signal.SIGTERM, order["end"])
 
@@ -80,6 +83,7 @@ class _ForkServer:
             _become(stage, arguments, reading, log)
         os.close(reading)
         self._stages[pid], self._lifelines[pid] = stage, writing
+        self._tell({"stage": stage, "pid": pid})
 
     def _reap(self) -> None:
         """Report the stages that have ended."""
@@ -88,9 +92,11 @@ class _ForkServer:
             if pid == 0:
                 return
             os.close(self._lifelines.pop(pid))
-            told = {"stage": self._stages.pop(pid), "code": os.waitstatus_to_exitcode(status)}
-            with suppress(BrokenPipeError):  # the supervisor is gone
-                os.write(self._told, json.dumps(told).encode() + b"\n")
+            self._tell({"stage": self._stages.pop(pid), "code": os.waitstatus_to_exitcode(status)})
+
+    def _tell(self, news: dict[str, str | int]) -> None:
+        with suppress(BrokenPipeError):  # the supervisor is gone
+            os.write(self._told, json.dumps(news).encode() + b"\n")
 
     def _signal(self, number: signal.Signals, stage: str | None = None) -> None:
         """Send a signal to one stage, or all; an ended stage stays a process until it is reaped."""

@@ -33,7 +33,7 @@ _ENVIRONMENT = {"PYTHONUNBUFFERED": "1", "PYDANTIC_DISABLE_PLUGINS": "__all__"}
 
 @dataclass(slots=True)
 class Child:
-    """One stage's process. code: its exit code, None while it runs.
+    """One stage's process. pid: None until it runs, and once it is killed or has ended. code: its exit code, or None.
 
     restarts: their number. recent_s: times of the latest ones, seconds.
     """
@@ -41,6 +41,7 @@ class Child:
     stage: str
     arguments: list[str]
     log: Path
+    pid: int | None = None
     code: int | None = None
     restarts: int = 0
     recent_s: deque[float] = field(default_factory=deque)
@@ -107,6 +108,11 @@ class Supervisor:
         """How often each stage was restarted."""
         return {stage: child.restarts for stage, child in self.children.items()}
 
+    def processes(self) -> dict[str, int]:
+        """Process id of each stage that runs, and is neither killed nor asked to end."""
+        running = {stage: child.pid for stage, child in self.children.items() if not child.finished}
+        return {stage: pid for stage, pid in running.items() if pid is not None}
+
     def poll(self, restart_arguments: Mapping[str, Sequence[str]]) -> list[Death]:
         """Find stages that have died and restart them, with new arguments if given; call it several times a second."""
         code = self._fork_server.poll()
@@ -122,6 +128,11 @@ class Supervisor:
         """Ask one stage to end and do not start it again."""
         self.children[stage].finished = True
         self._order({"end": stage})
+
+    def kill(self, stage: str) -> None:
+        """Kill one stage, which hangs; `poll` finds it dead."""
+        self.children[stage].pid = None
+        self._order({"kill": stage})
 
     def stop(self) -> None:
         """End every process: first by asking, after three seconds by force."""
@@ -142,7 +153,7 @@ class Supervisor:
         self._news.close()
 
     def _launch(self, child: Child) -> None:
-        child.code = None
+        child.pid = child.code = None
         self._order({"start": child.stage, "arguments": child.arguments, "log": str(child.log.absolute())})
 
     def _order(self, order: Mapping[str, object]) -> None:
@@ -155,7 +166,8 @@ class Supervisor:
     def _listen(self, told: IO[bytes]) -> None:
         for line in told:
             news = json.loads(line)
-            self.children[news["stage"]].code = news["code"]
+            child = self.children[news["stage"]]
+            child.pid, child.code = news.get("pid"), news.get("code")
 
     def _revive(self, child: Child, arguments: Sequence[str] | None) -> Death | None:
         """Restart the child if it has died; returns what happened, None if nothing did."""
