@@ -5,7 +5,7 @@ import pytest
 from spot3d.dataflow.alive import Alive
 from spot3d.dataflow.cadence import Cadence
 from spot3d.dataflow.credit import Credit
-from spot3d.dataflow.ledger import NEVER_ARRIVED, Ledger
+from spot3d.dataflow.ledger import IN_RESTART, NEVER_ARRIVED, Ledger
 from spot3d.dataflow.order import RESTART_NS, StreamOrder, Verdict
 from spot3d.dataflow.producers import Producers
 from spot3d.dataflow.streams import Streams
@@ -60,6 +60,19 @@ def test_ledger_counts_what_never_arrived() -> None:
     assert ledger.due(6.0)
     assert ledger.close() == 3
     assert (ledger.skipped[NEVER_ARRIVED], ledger.last_stamp_ns) == (3, 40)
+
+
+def test_ledger_counts_what_an_earlier_process_has_forgotten() -> None:
+    """Fusion goes on from an account of two frames, after it had seen five; then the source is started again."""
+    ledger = Ledger(patience_s=5)
+    ledger.go_on(2, {}, 20, in_stream=2)
+    ledger.fuse(60, 0.0)
+    ledger.end(6, 60, 0.0)
+    assert ledger.close() == 3
+    assert ledger.skipped == {IN_RESTART: 3}
+    assert ledger.end(5, 60, 1.0), "a source that is started again at the end may count otherwise"
+    assert not ledger.due(99.0)
+    assert ledger.skipped == {IN_RESTART: 3}
 
 
 def test_ledger_waits_for_more_than_frames_while_it_comes() -> None:

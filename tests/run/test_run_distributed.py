@@ -1,9 +1,10 @@
-"""A run's own watch over its stages."""
+"""A run's own watch over its stages, and how it goes on after a restart of its source."""
 
 from collections import Counter
 from pathlib import Path
 from threading import Event
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from schemas_samples import SAMPLES
@@ -35,3 +36,32 @@ def test_objects_that_do_not_come_are_told_with_where_to_look(tmp_path: Path, mo
     distributed._follow(plan, "", supervisor, collector, monitor, pytest.fail)
     assert report.error.startswith("the last update of the objects did not come in ")
     assert report.error.endswith(f" s; {tmp_path / 'logs' / 'fusion.log'} may say why")
+
+
+@pytest.mark.parametrize(
+    ("progress", "unsent", "told"),
+    [
+        (None, {}, []),
+        # Fusion was started again, and knows of three frames; seven of ten had been sent.
+        ({"fused": 2, "skipped": {"no heat": 1}, "last_stamp_ns": 70}, {}, ["--after-ns", "70", "--sent", "7"]),
+        ({"fused": 2, "skipped": {}, "last_stamp_ns": 70}, {"cannot be read": 2}, ["--after-ns", "70", "--sent", "5"]),
+    ],
+)
+def test_a_source_that_is_started_again_is_told_how_many_frames_were_sent(
+    progress: dict[str, Any] | None, unsent: dict[str, int], told: list[str], tmp_path: Path
+) -> None:
+    stamps_ns = range(10, 110, 10)
+    said = None if progress is None else SAMPLES["Progress"].model_copy(update=progress)
+    plan = Plan(Selection("recording"), load_settings(), tmp_path, stamps_ns=stamps_ns)
+    collector = SimpleNamespace(stream="s", progress=said, unsent=lambda: Counter(unsent))
+    arguments = distributed._source_again(plan, "tcp/127.0.0.1:1", collector)
+    assert arguments[0] == "recording"
+    _, _, after = " ".join(arguments).partition("--stream s")
+    assert after.split() == told
+
+
+def test_a_source_of_a_camera_is_told_what_fusion_has_accounted_for(tmp_path: Path) -> None:
+    progress = SAMPLES["Progress"].model_copy(update={"fused": 5, "skipped": {"no pose": 1}, "last_stamp_ns": 70})
+    collector = SimpleNamespace(stream="s", progress=progress, unsent=Counter)
+    plan = Plan(Selection("realsense"), load_settings(), tmp_path)
+    assert distributed._source_again(plan, "tcp/127.0.0.1:1", collector)[-2:] == ["--sent", "6"]

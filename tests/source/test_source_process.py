@@ -19,6 +19,7 @@ from spot3d.dataflow.settings import LinkSettings
 from spot3d.frame import RgbdFrame
 from spot3d.source.errors import SourceError
 from spot3d.source.image_limit import refuse_large_images
+from spot3d.source.player import Sent
 from spot3d.source.process import run
 from spot3d.source.sequence import CAMERA_LOST, CAMERA_MISSING, Note
 from spot3d.source.settings import SourceSettings
@@ -178,6 +179,21 @@ def test_a_source_that_waits_for_its_camera_does_not_hang(tmp_path: Path, monkey
         time.sleep(0.5)
         beat.unlink(missing_ok=True)
         wait_until(beat.exists, "it beats, though it only waits", 10)
+
+
+def test_a_source_that_continues_a_stream_counts_what_was_sent_of_it_before() -> None:
+    """Also where nothing is left to send: the end is the one that its stream has."""
+    endpoint = free_loopback_endpoint()
+    link = LinkSettings(robot="again", connect=(endpoint,), credit_timeout_s=0.1)
+    earlier = Sent(frames=7, stamp_ns=300_000_000)
+    with open_router((endpoint,)) as session, listening(session, "again", "source/end") as ear:
+        ends: list[End] = ear.heard["source/end"]
+        for frames, told in ((3, (10, 450_000_000)), (0, (7, 300_000_000))):
+            ends.clear()
+            recording = Recording(frames, 350_000_000)
+            run(link, SourceSettings(), recording, stop=threading.Event(), stream="s", wait_for=(), earlier=earlier)
+            ear.wait(lambda: bool(ends), 20)
+            assert {(end.frames_sent, end.header.stamp_ns) for end in ends} == {told}
 
 
 def test_a_source_says_for_whom_it_waits_and_begins_when_they_are_there(caplog: pytest.LogCaptureFixture) -> None:

@@ -7,11 +7,13 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from spot3d.dataflow.ledger import IN_RESTART, NEVER_ARRIVED
 from spot3d.dataflow.router import free_loopback_endpoint
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
@@ -62,11 +64,11 @@ def is_running(pid: int) -> bool:
 class Run:
     """A run in the background, and what it says."""
 
-    def __init__(self, out: Path) -> None:
+    def __init__(self, out: Path, frames: int, *more: str) -> None:
         self.out = out
         self.endpoint = free_loopback_endpoint()
         self.process = subprocess.Popen(
-            arguments(out, 100_000, "--listen", self.endpoint),
+            arguments(out, frames, "--listen", self.endpoint, *more),
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -86,11 +88,11 @@ class Run:
         return stages_of(self.process.pid)
 
 
-@pytest.fixture
-def endless(tmp_path) -> Iterator[Run]:
+@contextmanager
+def running(out: Path, frames: int, *more: str) -> Iterator[Run]:
     if not Path("/proc/self/stat").exists():
         pytest.skip("needs /proc to see the processes")
-    run = Run(tmp_path / "out")
+    run = Run(out, frames, *more)
     children: dict[str, int] = {}
     try:
         children = run.wait_for_stages()
@@ -104,6 +106,12 @@ def endless(tmp_path) -> Iterator[Run]:
         for pid in {*children.values()}:
             if is_running(pid):
                 os.kill(pid, signal.SIGKILL)
+
+
+@pytest.fixture
+def endless(tmp_path) -> Iterator[Run]:
+    with running(tmp_path / "out", 100_000) as run:
+        yield run
 
 
 def test_processes_give_the_same_objects_as_one_process(tmp_path):
@@ -196,6 +204,31 @@ def test_a_stage_that_hangs_is_told_killed_and_started_again(endless):
     report = json.loads((endless.out / "report.json").read_text())
     assert report["events"][0] == told
     assert report["restarts"] == {"segments": 1}
+
+
+def test_every_frame_is_accounted_for_where_fusion_and_then_the_source_are_killed(tmp_path):
+    frames, words = 80, list[Progress]()
+    with (
+        running(tmp_path / "out", frames, "--pose", "truth", "--rate", "10") as run,
+        open_session(LinkSettings(connect=(run.endpoint,))) as session,
+    ):
+        subscriber = session.declare_subscriber(
+            key("robot", "fusion/progress"), lambda sample: words.append(decode(sample.payload.to_bytes(), Progress))
+        )
+        wait_until(lambda: bool(words) and words[-1].fused >= 20, "frames are fused", START_S)
+        os.kill(run.wait_for_stages()["fusion"], signal.SIGKILL)
+        wait_until(lambda: "fusion was killed by SIGKILL" in run.said, "fusion's death is told")
+        words.clear()
+        wait_until(lambda: bool(words) and words[-1].fused >= 5, "frames are fused again")
+        os.kill(run.wait_for_stages()["source"], signal.SIGKILL)
+        wait_until(lambda: "source was killed by SIGKILL" in run.said, "the source's death is told")
+        subscriber.undeclare()
+        assert run.process.wait(START_S) == 0
+    counts = json.loads((run.out / "report.json").read_text())["frames"]
+    assert counts["fused"] + sum(counts["skipped"].values()) == counts["input"] == frames
+    assert counts["skipped"].keys() <= {NEVER_ARRIVED, IN_RESTART}, "fusion itself knows what it has forgotten"
+    assert counts["skipped"], "what fusion had not kept is lost"
+    assert "none dropped" not in run.said
 
 
 def test_stages_end_with_a_run_that_is_killed(endless):

@@ -58,6 +58,7 @@ def source(
     pose_topic: Annotated[str | None, typer.Option("--pose-topic", help="ROS bags: the camera's poses")] = None,
     pose_from_elsewhere: Annotated[bool, typer.Option("--no-pose-stage", help="do not wait for a pose stage")] = False,
     after_ns: Annotated[int | None, typer.Option(hidden=True)] = None,
+    sent: Annotated[int, typer.Option(hidden=True)] = 0,
     stream: Annotated[str | None, typer.Option(hidden=True)] = None,
     supervised: SupervisedOption = False,
 ) -> None:
@@ -74,6 +75,7 @@ def source(
         pose_topic=pose_topic,
     ) | link_overrides(robot, connect, listen, lossless)
     resolved = load_settings(settings, preset, overrides)
+    from spot3d.source.player import Sent
     from spot3d.source.process import MissingStagesError
     from spot3d.source.process import run as run_source
     from spot3d.source.selected import open_selected_stream, open_selection, selection
@@ -84,8 +86,11 @@ def source(
     sequence = opened(chosen, resolved.source)
     awaited = _awaited(input_name, resolved.link.delivery == "live", supervised)
     wait_for = tuple(stage for stage in awaited if stage != "pose" or not pose_from_elsewhere)
+    earlier = Sent(sent, after_ns or 0)
     try:
-        run_source(resolved.link, resolved.source, sequence, stop=stop, wait_for=wait_for, stream=stream)
+        run_source(
+            resolved.link, resolved.source, sequence, stop=stop, wait_for=wait_for, stream=stream, earlier=earlier
+        )
     except MissingStagesError as error:
         raise CommandError(str(error)) from error
 

@@ -39,9 +39,14 @@ class Ledger:
         self._account(stamp_ns, now_s)
 
     def end(self, frames_sent: int, stamp_ns: int, now_s: float) -> bool:
-        """Note the end that the source announces; returns whether this end is complete already."""
-        if self._end != (frames_sent, stamp_ns):
-            self._end, self._touched_s, self.complete = (frames_sent, stamp_ns), now_s, False
+        """Note the end that the source announces; returns whether this end is complete already.
+
+        Of one end a source that was started again may announce another number of frames.
+        """
+        if self._end is None or self._end[1] != stamp_ns:
+            self._touched_s, self.complete = now_s, False
+        if not self.complete:
+            self._end = (frames_sent, stamp_ns)
         return self.complete
 
     def extend_patience(self, now_s: float) -> None:

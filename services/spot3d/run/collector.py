@@ -167,6 +167,11 @@ class Collector:
             skipped.update(self.progress.skipped)
         return fused, skipped
 
+    def unsent(self) -> Counter[str]:
+        """Frames of the input that were never sent, of which fusion cannot know, by reason."""
+        drops = self.health["source"].drops() if "source" in self.health else {}
+        return Counter({why: count for why, count in drops.items() if why in NOT_PLAYED or why.endswith(IN_THE_INPUT)})
+
     def snapshot(self, timeout_s: float) -> MapSnapshot:
         """The stream's map as fusion answers now; if it does not, its last answer, at first an empty map.
 
@@ -194,10 +199,7 @@ class Collector:
             report.stages[stage] = StageReport(restarts=count) if totals is None else totals.report(count)
             if totals is not None:
                 report.drops[stage] = totals.drops()
-        # Fusion cannot know of frames that were never sent.
-        unsent = report.drops.get("source", {})
-        unsent = {why: count for why, count in unsent.items() if why in NOT_PLAYED or why.endswith(IN_THE_INPUT)}
-        report.skipped |= unsent
+        report.skipped |= self.unsent()
         if self._seen is not None:
             # The number of a camera's frames is known only once they have come.
             report.played = report.fused + sum(report.skipped.values())

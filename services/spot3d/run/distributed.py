@@ -1,9 +1,10 @@
 """A run with each stage in a process of its own, all connected to this process's router."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import inf
 from pathlib import Path
 
@@ -39,7 +40,8 @@ class Plan:
     """What to run, and into which folder. pose_topic: key of external poses, or None.
 
     listen: endpoints for other programs. usual: one more, if it is free. seen: takes some frames of a camera; None: the
-    input is none. stream: the name of the frames' stream, which a restarted source continues.
+    input is none. stamps_ns: of the input's frames; empty for a camera. stream: the name of the frames' stream, which a
+    restarted source continues.
     """
 
     selection: Selection
@@ -49,6 +51,7 @@ class Plan:
     listen: tuple[str, ...] = ()
     usual: str | None = None
     seen: OverviewFrames | None = None
+    stamps_ns: Sequence[int] = ()
     stream: str = field(default_factory=new_stream)
 
     @property
@@ -98,13 +101,14 @@ def _follow(
     """Watch the stages until the source has ended and the last objects are here."""
     report, awaited, began_s = monitor.report, plan.pose_topic, time.monotonic()
     kept_s, ended_s, silence = began_s, inf, Silence(plan.settings.link.health_interval_s)
+    source_again = partial(_source_again, plan, endpoint, collector)
     while not monitor.stop.wait(_POLL_S):
         collector.drain()
         monitor.tell(*collector.news())
         for stage in silence.look(collector.latest(), supervisor.processes(), time.monotonic()):
             monitor.tell(f"{stage} has given no sign of life for {SILENT_S:.0f} s: it hangs, and is killed")
             supervisor.kill(stage)
-        for death in supervisor.poll({"source": _source_again(plan, endpoint, collector)}):
+        for death in supervisor.poll({"source": source_again}):
             monitor.tell(death.message)
             if death.fatal:
                 report.error = death.message
@@ -145,12 +149,18 @@ def _complete(collector: Collector) -> bool:
 
 def _source_again(plan: Plan, endpoint: str, collector: Collector) -> list[str]:
     """Command line of a restarted source, which goes on after the last frame that is accounted for."""
-    after_ns = None if collector.progress is None else collector.progress.last_stamp_ns
-    return _arguments(replace(plan, stream=collector.stream), "source", endpoint, after_ns)
+    progress, plan = collector.progress, replace(plan, stream=collector.stream)
+    if progress is None:
+        return _arguments(plan, "source", endpoint)
+    after_ns = progress.last_stamp_ns
+    # Fusion has forgotten some frames if it was started again; how many a camera has sent, nobody else knows.
+    begun = sum(stamp_ns <= after_ns for stamp_ns in plan.stamps_ns) - collector.unsent().total()
+    sent = max(begun, progress.fused + sum(progress.skipped.values()))
+    return [*_arguments(plan, "source", endpoint), "--after-ns", str(after_ns), "--sent", str(sent)]
 
 
-def _arguments(plan: Plan, stage: str, endpoint: str, after_ns: int | None = None) -> list[str]:
-    """Command line of one stage. after_ns: a restarted source goes on after this stamp."""
+def _arguments(plan: Plan, stage: str, endpoint: str) -> list[str]:
+    """Command line of one stage."""
     arguments = ["--settings", str(plan.settings_file), "--connect", endpoint, "--supervised"]
     if stage != "source":
         return arguments
@@ -163,6 +173,4 @@ def _arguments(plan: Plan, stage: str, endpoint: str, after_ns: int | None = Non
     if plan.pose_topic is not None:
         arguments.append("--no-pose-stage")
     arguments += ["--stream", plan.stream]
-    if after_ns is not None:
-        arguments += ["--after-ns", str(after_ns)]
     return [selection.name, *arguments]

@@ -77,7 +77,7 @@ def run(
             raise SourceError(f"{name} has no true poses; choose --pose kiss or --pose gicp")
         with sole_writer(folder):
             console.print(f"results go to {folder}", markup=False, highlight=False, soft_wrap=True)
-            plan = Plan(selection, settings, folder, pose_topic, tuple(listen), usual, seen)
+            plan = Plan(selection, settings, folder, pose_topic, tuple(listen), usual, seen, sequence.stamps_ns)
             return _run(sequence, plan, console, supervisor)
 
 

@@ -113,8 +113,11 @@ class Supervisor:
         running = {stage: child.pid for stage, child in self.children.items() if not child.finished}
         return {stage: pid for stage, pid in running.items() if pid is not None}
 
-    def poll(self, restart_arguments: Mapping[str, Sequence[str]]) -> list[Death]:
-        """Find stages that have died and restart them, with new arguments if given; call it several times a second."""
+    def poll(self, restart_arguments: Mapping[str, Callable[[], Sequence[str]]]) -> list[Death]:
+        """Find stages that have died and restart them; call it several times a second.
+
+        restart_arguments: give a stage's new arguments; others keep theirs.
+        """
         code = self._fork_server.poll()
         if code is not None:
             return [Death("fork server", f"the process that starts the stages {_how(code)}", fatal=True)]
@@ -169,7 +172,7 @@ class Supervisor:
             child = self.children[news["stage"]]
             child.pid, child.code = news.get("pid"), news.get("code")
 
-    def _revive(self, child: Child, arguments: Sequence[str] | None) -> Death | None:
+    def _revive(self, child: Child, arguments: Callable[[], Sequence[str]] | None) -> Death | None:
         """Restart the child if it has died; returns what happened, None if nothing did."""
         code = child.code
         if code is None:
@@ -191,7 +194,7 @@ class Supervisor:
             return Death(child.stage, message, fatal=True)
         recent_s.append(now_s)
         child.restarts += 1
-        child.arguments = child.arguments if arguments is None else list(arguments)
+        child.arguments = child.arguments if arguments is None else list(arguments())
         self._launch(child)
         text = f"{child.stage} {how}; started again ({len(recent_s)} of {RESTARTS_MAX} {often})"
         return Death(child.stage, text, fatal=False)

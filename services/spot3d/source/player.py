@@ -3,6 +3,7 @@
 import logging
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 from pydantic import ValidationError
 
@@ -30,16 +31,27 @@ _END_INTERVAL_S = 0.5
 _DONE = object()
 
 
-class Player:
-    """One pass through a sequence."""
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """What an earlier process has sent of a stream: how many frames, and the last stamp."""
 
-    def __init__(self, node: Node, stream: str, settings: SourceSettings) -> None:
+    frames: int = 0
+    stamp_ns: int = 0
+
+
+class Player:
+    """One pass through a sequence.
+
+    sent: frames that this process has sent; in_stream: frames of the stream, with those that an earlier one has sent.
+    """
+
+    def __init__(self, node: Node, stream: str, settings: SourceSettings, earlier: Sent) -> None:
         self.node, self.alive, self.stream, self.settings = node, node.alive, stream, settings
         self.credit = Credit(node.link.in_flight)
         self.previews = Previews(node, PREVIEW)
         self.order = StreamOrder()
-        self.sent = self.sent_before = 0
-        self.last_stamp_ns = 0
+        self.sent, self.in_stream = 0, earlier.frames
+        self.last_stamp_ns = earlier.stamp_ns
         self.leaving: Iterator[None] | None = None
 
     def play(self, sequence: FrameSequence | FrameStream, rate_hz: float | None) -> None:
@@ -127,9 +139,9 @@ class Player:
 
     def _leave(self, leaving: Iterator[None]) -> bool:
         """Whether the old stream is complete. If so, starts a new one, for which fusion starts a new map."""
-        if self.sent > self.sent_before and next(leaving, _DONE) is not _DONE:
+        if self.in_stream and next(leaving, _DONE) is not _DONE:
             return False
-        self.leaving, self.stream, self.sent_before = None, new_stream(), self.sent
+        self.leaving, self.stream, self.in_stream = None, new_stream(), 0
         return True
 
     def _header(self, stamp_ns: int) -> Header:
@@ -150,6 +162,7 @@ class Player:
         self.node.publish(OUT, message)
         self.previews.offer(message.header, frame.colour, frame.intrinsics)
         self.sent += 1
+        self.in_stream += 1
         self.last_stamp_ns = frame.stamp_ns
 
     def _unsendable(self, stamp_ns: int, error: ValueError) -> None:
@@ -207,7 +220,7 @@ class Player:
             if now_s - said_s >= _END_INTERVAL_S:
                 said_s = now_s
                 header = self.node.numbered(END, self._header(self.last_stamp_ns))
-                self.node.publish(END, End(header=header, frames_sent=self.sent - self.sent_before))
+                self.node.publish(END, End(header=header, frames_sent=self.in_stream))
             progress = self._read_progress(wait_s)
             if progress is not None:
                 if progress.complete and progress.last_stamp_ns >= self.last_stamp_ns:

@@ -10,7 +10,7 @@ from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.streams import new_stream
 from spot3d.source.image_limit import refuse_large_images
-from spot3d.source.player import END, OUT, PREVIEW, Player
+from spot3d.source.player import END, OUT, PREVIEW, Player, Sent
 from spot3d.source.sequence import FrameSequence, FrameStream
 from spot3d.source.settings import SourceSettings
 from spot3d_schemas import STAGES
@@ -39,13 +39,15 @@ def run(
     stop: threading.Event | None = None,
     wait_for: tuple[str, ...] | None = None,
     stream: str | None = None,
+    earlier: Sent | None = None,
 ) -> None:
     """Publish every frame of `sequence`, then its end. Returns when fusion has answered, or when stopped.
 
     rate_hz: frames per second; None: `settings.rate_hz`, and if that is 0 the recorded stamps (live) or as fast as
     fusion's progress allows (lossless). wait_for: stages that must be alive before the first frame; None: all of them
-    in a lossless run, none in a live one. stream: a stream that this source continues; None: a new one. Raises
-    MissingStagesError naming the stages that do not come, and SourceError for images that are too large.
+    in a lossless run, none in a live one. stream: a stream that this source continues; None: a new one.
+    earlier: what was sent of it before. Raises MissingStagesError naming the stages that do not come, and SourceError
+    for images that are too large.
     """
     if wait_for is None:
         wait_for = EVERY_STAGE if link.delivery == "lossless" else ()
@@ -56,7 +58,8 @@ def run(
         Node("source", link, stopped, (_PROGRESS,), (OUT, END, PREVIEW)) as node,
     ):
         _wait_for(node, node.alive, wait_for)
-        Player(node, stream or new_stream(), settings).play(sequence, rate_hz or settings.rate_hz or None)
+        player = Player(node, stream or new_stream(), settings, earlier or Sent())
+        player.play(sequence, rate_hz or settings.rate_hz or None)
 
 
 def _wait_for(node: Node, alive: Alive, stages: tuple[str, ...]) -> None:
