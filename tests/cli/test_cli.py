@@ -267,3 +267,12 @@ def test_the_unit_of_depth_is_doubted_only_where_frames_were_fused(
     monkeypatch.setattr("spot3d.run.run.run", lambda *_arguments: done)
     result = runner.invoke(cli.app, ["run", "scene", "--out", str(tmp_path)])
     assert ("half of the first frame's depth" in result.output) == (fused > 0)
+
+
+def test_a_run_says_that_it_was_interrupted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    report = RunReport("scene", "processes", 3000, (640, 480), fused=160, interrupted=True)
+    done = Finished(tmp_path, FrameList(), RunResult(), report)
+    monkeypatch.setattr("spot3d.run.run.run", lambda *_arguments: done)
+    result = runner.invoke(cli.app, ["run", "scene", "--out", str(tmp_path)])
+    assert result.exit_code == 130, result.output
+    assert "0 objects from 160 of 3000 frames in 0.0 s (interrupted; not fused: 2840 not reached); " in result.output

@@ -2,7 +2,7 @@
 
 import pytest
 
-from spot3d.run.report import RunReport, StageReport
+from spot3d.run.report import UNACCOUNTED, RunReport, StageReport
 
 
 @pytest.mark.parametrize(
@@ -18,3 +18,33 @@ def test_a_stage_that_only_failed_is_told(p50: float | None, errors: int, said: 
     report.stages["source"] = StageReport(step_ms={"p50": 1.0})
     report.stages["proposals"] = StageReport(step_ms={"p50": p50}, errors=errors, last_error="odd" if errors else "")
     assert report.useless_stage() == said
+
+
+@pytest.mark.parametrize(
+    ("fused", "skipped", "interrupted", "said"),
+    [
+        (9, {}, False, "none dropped"),
+        (7, {"no heat": 2, "no pose": 0}, False, "not fused: 2 no heat"),
+        (7, {"no heat": 1}, False, "not fused: 1 no heat, 1 not reached"),
+        (3, {}, True, "interrupted; not fused: 6 not reached"),
+        (9, {}, True, "interrupted; none dropped"),
+    ],
+)
+def test_what_was_not_fused_is_told(fused: int, skipped: dict[str, int], interrupted: bool, said: str) -> None:
+    report = RunReport("scene", "processes", 9, (1, 1), fused=fused, skipped=skipped, interrupted=interrupted)
+    assert report.not_fused() == said
+
+
+@pytest.mark.parametrize("skipped", [{}, {"no heat": 1}, {"no heat": 2}])
+def test_every_frame_of_an_input_that_was_played_is_accounted_for(skipped: dict[str, int]) -> None:
+    report = RunReport("scene", "processes", 9, (1, 1), fused=7, skipped=dict(skipped))
+    report.close()
+    assert report.fused + sum(report.skipped.values()) == report.played
+    assert report.skipped.get(UNACCOUNTED, 0) == 2 - sum(skipped.values())
+
+
+def test_frames_that_a_source_tried_twice_to_play_count_once() -> None:
+    """Killed amid four unreadable frames of ten, it was started again before them."""
+    report = RunReport("scene", "processes", 10, (1, 1), fused=5, skipped={"no pose": 1, "cannot be read": 7})
+    report.close()
+    assert report.skipped == {"no pose": 1, "cannot be read": 4}

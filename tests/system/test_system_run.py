@@ -173,6 +173,7 @@ def test_a_killed_stage_is_started_again_and_ctrl_c_ends_all(endless):
     endless.process.send_signal(signal.SIGINT)
     wait_until(lambda: not any(map(is_running, after.values())), "every stage has ended", 8)
     assert endless.process.wait(20) == 130
+    wait_until(lambda: "(interrupted; not fused: " in endless.said, "so does its last line say", 5)
     objects = json.loads((endless.out / "objects.json").read_text())
     assert objects["frame_count"] > 0
     report = json.loads((endless.out / "report.json").read_text())

@@ -261,12 +261,10 @@ def _conclude(done: "Finished", settings: Settings, given_poses: bool) -> None:
     from spot3d.run.lost_tracking import notice
 
     report, result = done.report, done.result
-    dropped = sum(report.skipped.values())
-    reasons = ", ".join(f"{count} {reason}" for reason, count in report.skipped.items() if count)
     found = len(result.objects)
     typer.echo(
         f"{found} object{'s' * (found != 1)} from {report.fused} of {report.played} frames in {report.wall_s:.1f} s"
-        f" ({f'not fused: {reasons}' if dropped else 'none dropped'}); results in {done.folder}"
+        f" ({report.not_fused()}); results in {done.folder}"
     )
     few = why_so_few(result, report.keyframes, settings)
     doubt = pose_doubt(result, report.fused, report.skipped) if given_poses else ""

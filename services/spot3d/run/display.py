@@ -33,10 +33,11 @@ def progress_bar(total: int | None, console: Console) -> Iterator[Watcher]:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("starting", total=total, objects=0, dropped="none dropped")
+        task = bar.add_task("starting", total=total, objects=0, dropped="")
 
         def follow(fused: int, dropped: int, objects: int) -> None:
-            text = f"[red]{dropped} not fused" if dropped else "none dropped"
+            # None so far may be on the way, or lost: what never came is known only at the end.
+            text = f"[red]{dropped} not fused" if dropped else ""
             bar.update(task, completed=fused + dropped, objects=objects, dropped=text, description="fusing")
 
         def say(text: str, style: str | None = None) -> None:

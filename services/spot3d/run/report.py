@@ -14,12 +14,15 @@ from spot3d.dataflow.clocks import travel_times_ns
 from spot3d.machine import machine
 from spot3d.run.lost_tracking import Stretch
 from spot3d.run.results import RunResult
+from spot3d.source.errors import NOT_PLAYED
 from spot3d_schemas import Hop
 
 _TIMES = 10_000
 """Times kept per hop: five minutes of a camera, 0.3 MB; p99 is then of a hundred."""
 _HOPS = 16
 """Maximum number of distinct hops: senders can invent stages."""
+UNACCOUNTED = "not accounted for"
+"""Why a frame of an input that was played to its end is missing, where no stage says why."""
 
 
 @dataclass(slots=True)
@@ -74,6 +77,31 @@ class RunReport:
     events: list[str] = field(default_factory=list)
     error: str = ""
     earlier_streams: list[dict[str, Any]] = field(default_factory=list)
+
+    @property
+    def missing(self) -> int:
+        """Frames of the input that are neither fused nor skipped."""
+        return max(0, self.played - self.fused - sum(self.skipped.values()))
+
+    def close(self) -> None:
+        """Account for every frame of an input that was played to its end, and for each once."""
+        twice = self.fused + sum(self.skipped.values()) - self.played
+        for why in NOT_PLAYED:
+            # A source that was started again has read some frames again, and counted again which it cannot play.
+            again = max(0, min(twice, self.skipped.get(why, 0) - 1))
+            if again:
+                self.skipped[why] -= again
+                twice -= again
+        if self.missing:
+            self.skipped[UNACCOUNTED] = self.missing
+
+    def not_fused(self) -> str:
+        """How many frames were not fused, and why, in words; what is missing, the run has not reached."""
+        reasons = [f"{count} {reason}" for reason, count in self.skipped.items() if count]
+        if self.missing:
+            reasons.append(f"{self.missing} not reached")
+        said = f"not fused: {', '.join(reasons)}" if reasons else "none dropped"
+        return f"interrupted; {said}" if self.interrupted else said
 
     def useless_stage(self) -> str:
         """The stage that did nothing but fail, and its error: the results lack its output. Empty if there is none."""

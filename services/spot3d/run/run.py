@@ -125,6 +125,8 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
 
             result = run_distributed(plan, supervisor, monitor, keep)
     monitor.tell(*files.notices())
+    if not (report.error or report.interrupted):
+        report.close()
     skipped = report.skipped
     not_played = [f"{skipped[why]} of {report.played} frames {why}" for why in NOT_PLAYED if why in skipped]
     if not_played and not report.error:
