@@ -38,16 +38,24 @@ def test_a_stage_that_leaves_its_work_lying_beats_no_more(tmp_path: Path, monkey
         beaten_s, process = map(int, beat.read_text().split())
         assert 0 <= time.clock_gettime(time.CLOCK_BOOTTIME) - beaten_s < 30
         assert process == os.getpid()
+        heard: list[object] = []
+        subscriber = session.declare_subscriber(key("beating", "fusion/health"), heard.append)
+        wait_until(lambda: bool(heard))
         publisher = session.declare_publisher(key("beating", "source/end"), encoding=encoding(End))
         wait_until(lambda: publisher.matching_status.matching)
         publisher.put(encode(end))
         wait_until(lambda: node._inbox.waiting)
         time.sleep(0.3)
         beat.unlink(missing_ok=True)
+        heard.clear()
         time.sleep(1.2)
         assert not beat.exists()
-        assert node.next() is not None
+        assert not heard, "nor does it say that it is well"
+        node.turn()
         wait_until(beat.exists)
+        assert node.next() is not None
+        wait_until(lambda: bool(heard))
+        subscriber.undeclare()
     assert not beat.exists()
 
 

@@ -34,8 +34,10 @@ def test_who_waits_for_an_update_is_called_again_and_again() -> None:
     with closing(Updates(node, SnapshotKeeper(node))) as updates:
         assert updates.wait(count, 0.01)
         assert not calls, "nothing to wait for"
+        turned_s = node._turned_s
         updates.submit(Update(fail_at_last, 0, Received(progress, 0), 0, False, False, "a"))
         assert updates.wait(count, 0.01)
+        assert node._turned_s > turned_s, "a stage that waits for an update does not hang"
         for _ in range(2):  # an update that fails does not keep the next one from being computed
             updates.submit(Update(fail_at_last, 0, Received(progress, 0), 0, False, False, "a"))
             assert updates.wait(count, 10.0)

@@ -9,7 +9,7 @@ from pathlib import Path
 log = logging.getLogger(__name__)
 
 STUCK_S = 20.0
-"""A process whose loop has stood still for this long writes no more heartbeats."""
+"""A process whose loop has stood still for this long writes no more heartbeats, and no more health messages."""
 _INTERVAL_S = 1.0
 
 

@@ -136,7 +136,7 @@ class Node:
 
         Messages of an earlier stream are dropped and counted.
         """
-        self._turned_s = time.monotonic()
+        self.turn()
         item = self._inbox.get(min(timeout_s, _IDLE_S))
         if item is None or item[0] not in _OF_A_STREAM:
             return item
@@ -156,7 +156,11 @@ class Node:
         """Sleep for this long, or until the stage is to stop."""
         end_s = time.monotonic() + duration_s
         while (left_s := end_s - time.monotonic()) > 0 and not self.stop.wait(min(left_s, 1.0)):
-            self._turned_s = time.monotonic()
+            self.turn()
+
+    def turn(self) -> None:
+        """Note that the stage's own thread does not hang, though it may leave its inputs waiting."""
+        self._turned_s = time.monotonic()
 
     @property
     def stream(self) -> str | None:
@@ -272,9 +276,9 @@ class Node:
 
     def _report(self) -> None:
         while not self._gone.wait(self.link.health_interval_s):
-            self._publish_health()
-            # A stage without waiting inputs may rest. A stage that leaves them waiting hangs.
+            # A stage without waiting inputs may rest. A stage that leaves them waiting hangs, and does not look alive.
             if not self._inbox.waiting or time.monotonic() - self._turned_s < STUCK_S:
+                self._publish_health()
                 self._heartbeat.beat()
 
     def _publish_health(self) -> None:

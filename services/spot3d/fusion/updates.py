@@ -77,6 +77,7 @@ class Updates:
         """
         said_s = time.monotonic()
         while self.busy and not self._node.stop.is_set():
+            self._node.turn()
             with self._changed:
                 self._changed.wait_for(lambda: not self._busy, 0.1)
             if time.monotonic() - said_s >= interval_s:

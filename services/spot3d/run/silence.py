@@ -7,9 +7,9 @@ from spot3d_schemas import Health
 SILENT_S = 20.0
 """A stage whose health is this late hangs.
 
-A thread of its own publishes it, which neither a slow core nor compiling holds up. A stage that hangs holds up the
-others as well, until Zenoh closes its full connection after five seconds; a machine that swaps may take a few times as
-long.
+A thread of its own publishes it, which neither compiling holds up nor a core that takes less than `STUCK_S` for a
+frame. A stage that hangs holds up the others as well, until Zenoh closes its full connection after five seconds; a
+machine that swaps may take a few times as long.
 """
 _LOOK_S = 0.5
 """Longest time between two looks that counts: after more the run itself has stood still, and so has what it hears."""
