@@ -9,11 +9,11 @@ from fusion_room import CAMERA, ROOM, TABLE, THREE, Cuboid, View, look_at, stand
 from numpy.typing import NDArray
 
 from spot3d.boxes import iou_matrix_2d
-from spot3d.camera import Intrinsics, back_project, invert
+from spot3d.camera import Intrinsics, invert
 from spot3d.frame_segments import BELOW_SUPPORT, NO_SUPPORT, TOO_COLD, TOO_LONG, TOO_LOW, TOO_MANY, FrameSegments
 from spot3d.geometry.downsampling import LatticeFrame
 from spot3d.geometry.planes import transform_plane
-from spot3d.segments.finder import _pixels, _segments, find_segments
+from spot3d.segments.finder import _pixels, _segments, candidate_planes, find_segments
 from spot3d.segments.levels import Levels
 from spot3d.segments.settings import SegmentsSettings
 
@@ -356,8 +356,8 @@ def test_of_more_objects_than_a_message_takes_the_largest_are_kept() -> None:
     depth = np.ones(camera.shape, np.float32)
     colour, heat = np.zeros((*camera.shape, 3), np.uint8), np.full(camera.shape, 100, np.uint8)
     height = np.full(depth.size, 0.01, np.float32)
-    frame, points = LatticeFrame(colour, depth, heat, camera), back_project(depth, camera)
-    segments = _segments(parts, frame, points, on_table(height), Counter(), SETTINGS)
+    frame = LatticeFrame(colour, depth, heat, camera)
+    segments = _segments(parts, frame, candidate_planes(frame, SETTINGS), on_table(height), Counter(), SETTINGS)
     assert (len(segments), segments.left_out) == (255, {TOO_MANY: 45})
     assert np.unique(segments.labels).tolist() == list(range(256))
     assert not segments.labels.ravel()[parts[7]].any()

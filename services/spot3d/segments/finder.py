@@ -28,6 +28,7 @@ from spot3d.segments.settings import SegmentsSettings, Step
 from spot3d.segments.supports import beside_support, choose_support, expected_up, heights, held_heat, lift
 from spot3d.segments.torn import join_torn
 from spot3d.segments.vessels import hollow_groups
+from spot3d.segments.walls import is_wall
 from spot3d_schemas.limits import MAX_SEGMENTS
 
 _TRIM = 0.005
@@ -93,7 +94,7 @@ def find_on_lattice(
     if support is None:
         nothing = np.zeros(frame.depth.shape, np.float32)
         levels = Levels(planes[:0], nothing.astype(np.int8), nothing, nothing)
-        return _segments([], frame, points, levels, Counter({NO_SUPPORT: 1}), settings)
+        return _segments([], frame, among, levels, Counter({NO_SUPPORT: 1}), settings)
     wanted = {step: step not in settings.skipped for step in get_args(Step)}
     levels, out, long = _standing_out(frame, among, support, wanted, settings)
     regions, below = _surfaces(frame, among, support, levels.height, out, wanted, settings)
@@ -108,7 +109,7 @@ def find_on_lattice(
         parts = join_hanging(parts, points, levels.height.ravel(), up, np.concatenate([long, *too_long]))
     if wanted["contained"]:
         parts = join_contained(parts, points, among.normals, up)
-    return _segments(parts, frame, points, levels, left_out, settings)
+    return _segments(parts, frame, among, levels, left_out, settings)
 
 
 def _standing_out(
@@ -209,24 +210,27 @@ def _join_vessels(
 def _segments(
     parts: list[NDArray[np.int64]],
     frame: LatticeFrame,
-    points: NDArray[np.float32],
+    among: CandidatePlanes,
     levels: Levels,
     left_out: Counter[str],
     settings: SegmentsSettings,
 ) -> FrameSegments:
     """The parts as segments, the largest first and at most MAX_SEGMENTS, with their holes filled.
 
-    levels: the supports that they may stand on.
+    A piece of a wall holds no heat: it has a vote on what is not part of it, and is no object itself. levels: the
+    supports that the parts may stand on.
     """
     left_out[TOO_MANY] = max(0, len(parts) - MAX_SEGMENTS)
     parts = sorted(parts, key=len, reverse=True)[:MAX_SEGMENTS]
     labels = np.zeros(frame.depth.shape, np.int32)
     clear = levels.height - levels.tolerance  # height above the support beyond noise
+    up = levels.planes[0, :3] if len(levels.planes) else np.zeros(3)
     heat, stand_on = np.zeros(len(parts), np.float32), np.full(len(parts), -1, np.int8)
     for number, pixels in enumerate(parts):
         labels.ravel()[pixels] = number + 1
-        heat[number] = frame.heat.ravel()[pixels].mean() / 255
-        if stands_on(pixels, clear, points, levels.planes[0, :3], STANDS):
+        if "walls" in settings.skipped or not is_wall(pixels, frame, among.points, among.normals, up, settings):
+            heat[number] = frame.heat.ravel()[pixels].mean() / 255
+        if stands_on(pixels, clear, among.points, up, STANDS):
             stand_on[number] = levels.of(pixels, _TRIM)
     if "holes" not in settings.skipped:
         labels = fill_holes(labels, frame.depth, frame.colour, frame.camera.fx)

@@ -13,6 +13,7 @@ Step = Literal[
     "bend",
     "beside",
     "levels",
+    "walls",
     "colour",
     "vessels",
     "torn",
@@ -112,9 +113,9 @@ class SegmentsSettings(BaseModel):
     skipped: tuple[Step, ...] = Field(
         (),
         description="steps to leave out, for ablations: removal of the support and other planes, its bend, its edge "
-        "(what is beside it is not cut where it is high), lower supports, joining of what is of one colour, of "
-        "vessels, of torn surfaces, of fragments, of what something hides in part, of what hangs in the air, of what "
-        "lies in another's box, filling of holes",
+        "(what is beside it is not cut where it is high), lower supports, cooling of walls, joining of what is of one "
+        "colour, of vessels, of torn surfaces, of fragments, of what something hides in part, of what hangs in the "
+        "air, of what lies in another's box, filling of holes",
     )
     seed: int = Field(0, ge=0, description="seed of RANSAC's choice of triples")
 
