@@ -39,9 +39,9 @@ def checked_noise(floor: float, growth: float, at: float) -> DepthNoise:
         NoiseMessage(**noise._asdict())
     except ValueError:
         raise ValueError(
-            f"depth noise has a floor of {MIN_DEPTH_NOISE:g} to {MAX_DEPTH_NOISE:g} m, growth of 0 to "
-            f"{MAX_DEPTH_NOISE:g} and is least at 0 to {MAX_LEAST_NOISY_RANGE:g} m, and at 1 m it is no more than "
-            f"{MAX_DEPTH_NOISE:g} m; got {floor:g}, {growth:g}, {at:g}: are they in metres?"
+            f"depth noise must have a floor of {MIN_DEPTH_NOISE:g} to {MAX_DEPTH_NOISE:g} m, a growth of 0 to "
+            f"{MAX_DEPTH_NOISE:g}, its minimum at 0 to {MAX_LEAST_NOISY_RANGE:g} m, and at most {MAX_DEPTH_NOISE:g} "
+            f"m at 1 m; got {floor:g}, {growth:g}, {at:g}; give them in metres"
         ) from None
     return noise
 
@@ -62,8 +62,8 @@ GrazingCos = Annotated[
     Field(
         ge=0,
         lt=1,
-        description="depth as steep as a surface seen at less than this cosine lies between two surfaces, and is left "
-        "out, or moved to one of them; 0: it is not",
+        description="cosine of the viewing angle below which sloping depth counts as mixed pixels of an edge: "
+        "removed, or moved to one of its surfaces; 0: off",
     ),
 ]
 """The setting of stages that leave out such depth."""
@@ -86,7 +86,9 @@ def stereo_noise(baseline_m: float, focal_px: float, subpixel: float = SUBPIXEL)
     focal_px: of the depth image at the size at which disparity is computed. Raises ValueError.
     """
     if not (baseline_m > 0 and focal_px > 0 and subpixel > 0):
-        raise ValueError(f"baseline, focal length and subpixel must be positive: {baseline_m}, {focal_px}, {subpixel}")
+        raise ValueError(
+            f"baseline, focal length and subpixel must be positive; got {baseline_m}, {focal_px}, {subpixel}"
+        )
     return checked_noise(_MILLIMETRE_STEPS, subpixel / (focal_px * baseline_m), 0.0)
 
 
@@ -115,6 +117,6 @@ def parse_noise(text: str) -> DepthNoise:
     if not kind and len(values) == 3:
         return checked_noise(*values)
     raise ValueError(
-        f"{text!r} is no depth noise: give {', '.join(PRESETS)}, stereo:BASELINE,FOCAL or "
+        f"{text!r} is not a depth noise; give {', '.join(PRESETS)}, stereo:BASELINE,FOCAL or "
         "stereo:BASELINE,FOCAL,SUBPIXEL (metres, pixels), or FLOOR,GROWTH,AT (metres)"
     )

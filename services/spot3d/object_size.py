@@ -13,7 +13,7 @@ SIZE_MAX = 1.0
 def _above_the_least(size_max: float, info: ValidationInfo) -> float:
     size_min = info.data.get("size_min", 0.0)
     if size_max <= size_min:
-        raise ValueError(f"nothing is as small as this and as large as size_min, {size_min:g} m")
+        raise ValueError(f"must be greater than size_min, which is {size_min:g} m")
     return size_max
 
 

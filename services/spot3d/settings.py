@@ -47,10 +47,10 @@ class Settings(BaseSettings):
     )
 
     preset: Preset = Field(
-        "default", description="what is not set otherwise: default (measured better) or paper (its method)"
+        "default", description="values of settings that are not given: default (measured better) or paper (the paper's)"
     )
-    size_min: float = Field(SIZE_MIN, ge=0, description="eps_min, metres: an object's least size, for every stage")
-    size_max: SizeMax = Field(SIZE_MAX, gt=0, description="eps_max, metres: an object's greatest size, for every stage")
+    size_min: float = Field(SIZE_MIN, ge=0, description="eps_min: least size of an object, metres, for all stages")
+    size_max: SizeMax = Field(SIZE_MAX, gt=0, description="eps_max: greatest size of an object, metres, for all stages")
     source: SourceSettings = SourceSettings()
     pose: PoseSettings = PoseSettings()
     proposals: ProposalSettings = ProposalSettings()
@@ -122,7 +122,7 @@ def read_toml(file: Path) -> Layer:
     except OSError as error:
         raise InvalidSettingsError(f"cannot read settings from {file}: {why(error)}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InvalidSettingsError(f"{file} is no valid TOML: {error}") from error
+        raise InvalidSettingsError(f"{file} is not valid TOML: {error}") from error
 
 
 def to_toml(settings: BaseModel) -> str:
@@ -147,7 +147,7 @@ def _environment() -> Layer:
         section = name.upper().removeprefix(ENVIRONMENT_PREFIX).split("__")[0].lower()
         if _is_setting(name) and section not in Settings.model_fields:
             known = ", ".join(part.upper() for part in Settings.model_fields)
-            raise InvalidSettingsError(f"{name} in the environment: there is no section {section}; there are {known}")
+            raise InvalidSettingsError(f"{name} in the environment: there is no section {section}; use one of {known}")
     try:
         return EnvSettingsSource(Settings)()
     except SettingsError as error:
@@ -160,7 +160,9 @@ def _refuse_one_underscore(name: str) -> None:
     match = re.fullmatch(pattern, name, re.IGNORECASE)
     if match and name not in _NO_SETTINGS:
         meant = f"{ENVIRONMENT_PREFIX}{match[1]}__{match[2]}".upper()
-        raise InvalidSettingsError(f"{name} in the environment: two underscores follow a section's name, as in {meant}")
+        raise InvalidSettingsError(
+            f"{name} in the environment: two underscores must follow the section's name, as in {meant}"
+        )
 
 
 def _merged(below: Layer, above: Layer) -> Layer:
@@ -178,7 +180,7 @@ def _first_error(error: ValidationError, layers: Mapping[str, Layer]) -> str:
     path = [str(part) for part in first["loc"]]
     origin = next((name for name, layer in layers.items() if _holds(layer, path)), "the preset")
     if first["type"] == "extra_forbidden":
-        return f"{'.'.join(path)}: there is no such setting (set in {origin})"
+        return f"{'.'.join(path)}: there is no such setting (set in {origin}); `spot3d settings` lists all"
     given = repr(first["input"])
     return f"{'.'.join(path)}: {first['msg'].removeprefix('Value error, ')}, got {given[:80]} (set in {origin})"
 

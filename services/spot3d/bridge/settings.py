@@ -10,7 +10,7 @@ from spot3d_schemas import STAGES
 
 def _known(stage: str) -> str:
     if stage not in STAGES:
-        raise ValueError(f"there is no such stage; there are {', '.join(STAGES)}")
+        raise ValueError(f"unknown stage; choose from {', '.join(STAGES)}")
     return stage
 
 
@@ -20,17 +20,17 @@ class BridgeSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     ground: tuple[Endpoint, ...] = Field(
-        ("tcp/ground-station:7447",), description="the router on the other side of the link; tried for ever"
+        ("tcp/ground-station:7447",),
+        description="endpoints of the router on the other side of the link; retried until one answers",
     )
     stages: tuple[Annotated[str, AfterValidator(_known)], ...] = Field(
-        ("source", "pose", "proposals", "heatmap"), description="stages on this side; all others are on the other one"
+        ("source", "pose", "proposals", "heatmap"),
+        description="stages on this side of the link; all others run on the other side",
     )
     silence_s: float = Field(
         0.6,
         gt=0,
-        description="without an echo from the other side for this long, new connections are tried beside the old ones, "
-        "which TCP may leave waiting for seconds after the link is back",
+        description="time without an echo from the other side after which new connections are tried beside the old "
+        "ones, seconds; TCP may take seconds to resume old ones",
     )
-    attempt_s: float = Field(
-        1.0, gt=0, description="longest that connecting may take where the other side answers, seconds"
-    )
+    attempt_s: float = Field(1.0, gt=0, description="longest time to connect once the other side answers, seconds")

@@ -21,32 +21,39 @@ class FusionSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     plane_distance: float = Field(
-        0.005, gt=0, description="eps_p: distance in metres within which a point lies on a plane"
+        0.005, gt=0, description="eps_p: largest distance of a point from a plane that it lies on, metres"
     )
     plane_triples: int = Field(
-        10_000, ge=10, le=1_000_000, description="triples of neighbouring pixels that RANSAC tries" + MAP_ALONE
+        10_000,
+        ge=10,
+        le=1_000_000,
+        description="number of triples of neighbouring pixels that RANSAC tries" + MAP_ALONE,
     )
-    plane_candidates: int = Field(5, ge=1, le=20, description="dominant planes among which heat decides" + MAP_ALONE)
+    plane_candidates: int = Field(
+        5, ge=1, le=20, description="number of dominant planes of which heat selects the support" + MAP_ALONE
+    )
     plane_search: Literal["refined", "triples"] = Field(
         "refined",
-        description="triples: planes through three points each, all points counted, as the paper has it for the first "
-        "keyframe, at every one; refined: known planes and a tenth of the triples, ranked on samples of the points, "
-        "then fitted to the inliers" + MAP_ALONE,
+        description="refined: known planes and a tenth of the triples, ranked on samples of the points and fitted to "
+        "their inliers; triples: planes through three points, counted on all points, at every keyframe "
+        "(the paper: at the first)" + MAP_ALONE,
     )
     plane_heat_max: float = Field(
         0.5,
         gt=0,
         le=1,
-        description="a plane hotter than this on average is an object's own face and supports nothing; 1: heat alone "
-        "decides (the paper)" + MAP_ALONE,
+        description=(
+            "planes with a higher mean heat are faces of objects, not supports; 1: heat alone decides (the paper)"
+        )
+        + MAP_ALONE,
     )
     keyframe_interval: int = Field(
-        10, ge=1, description="frames between two estimates of the supporting plane" + MAP_ALONE
+        10, ge=1, description="number of frames between two estimates of the supporting plane" + MAP_ALONE
     )
     plane_pixels: Literal["own", "keyframe"] = Field(
         "own",
-        description="what loses its heat in a frame after a keyframe: own: what of the frame itself lies on the "
-        "supporting plane; keyframe: the pixels that the keyframe's points on it project to (the paper)" + MAP_ALONE,
+        description="pixels that lose their heat in frames after a keyframe: own: the frame's own on the supporting "
+        "plane; keyframe: those onto which the keyframe's points on it project (the paper)" + MAP_ALONE,
     )
     plane_removal: bool = Field(True, description="remove supporting planes; off: ablation noPlRem" + MAP_ALONE)
 
@@ -57,98 +64,120 @@ class FusionSettings(BaseModel):
         0.01, gt=0, description="eps_Z: largest depth difference of matching pixels, metres" + MAP_ALONE
     )
     noise_gate: float = Field(
-        3.0, ge=0, description="gates never close below this many standard deviations of the depth noise" + MAP_ALONE
+        3.0, ge=0, description="least width of the gates, in standard deviations of the depth noise" + MAP_ALONE
     )
     grazing_cos: GrazingCos = GRAZING_COS
     lattice_width: int = Field(
         320,
         ge=40,
-        description="a frame is fused at about this many samples across 58 degrees, each the mean of its block",
+        description="number of samples across 58 degrees of view at which a frame is fused; each is the mean of "
+        "its block",
     )
     noise_weighting: bool = Field(
         True,
-        description="running means weigh a sample by 1 / sigma^2 of its depth; off: plain means (the paper)"
+        description="weight samples in running means by 1 / sigma^2 of their depth; off: plain means (the paper)"
         + MAP_ALONE,
     )
     look_up: bool = Field(
         True,
-        description="a pixel that no pixel of the last frame matches finds the point that lies in its voxel; off: it "
-        "is a new point (the paper), and only map_limit bounds the map" + MAP_ALONE,
+        description="match pixels without a match in the last frame to the map point in their voxel; off: each adds "
+        "a point (the paper), and only map_limit bounds the map" + MAP_ALONE,
     )
     speed_max: float = Field(
-        20.0, gt=0, description="fastest plausible camera, m/s: a pose further off than that is not fused"
+        20.0,
+        gt=0,
+        description="highest plausible speed of the camera, m/s; a frame whose pose implies more is not fused",
     )
     voxel: float = Field(
         0.005, gt=0.001, le=0.1, description="edge of the look-up voxels of map points, metres" + MAP_ALONE
     )
     map_limit: int = Field(
-        2_000_000, ge=1000, le=20_000_000, description="most points that the 3D heatmap holds" + MAP_ALONE
+        2_000_000, ge=1000, le=20_000_000, description="largest number of points of the 3D heatmap" + MAP_ALONE
     )
     keyframe_limit: int = Field(
-        200, ge=1, le=10_000, description="most keyframes whose segments are kept, the latest; 0.2 MB each"
+        200, ge=1, le=10_000, description="number of latest keyframes whose segments are kept; each takes 0.2 MB"
     )
     range_max: float = Field(
         RANGE_MAX,
         gt=0,
-        description="depth beyond this, where noise exceeds half of eps_min, is not fused, metres; what a keyframe has "
-        "as no object there it does not see: it was not looked for (segments.range_max)",
+        description="largest depth that is fused, metres (noise exceeds half of eps_min beyond 2.5 m); keyframes "
+        "have no vote beyond it (see segments.range_max)",
     )
 
-    frequency_min: int = Field(5, ge=1, description="points seen in fewer frames are dropped, or ..." + MAP_ALONE)
-    frequency_share: float = Field(
-        0.05, ge=0, le=1, description="... seen in less than this share of the frames, whichever is lower" + MAP_ALONE
+    frequency_min: int = Field(
+        5,
+        ge=1,
+        description="least number of frames that see a point that is kept; at most frequency_share of all frames"
+        + MAP_ALONE,
     )
-    tau: float = Field(10.0, ge=0, description="tau: favours points seen more often; or ..." + MAP_ALONE)
+    frequency_share: float = Field(
+        0.05, ge=0, le=1, description="upper limit of frequency_min, as a fraction of all frames" + MAP_ALONE
+    )
+    tau: float = Field(
+        10.0,
+        ge=0,
+        description="tau: pseudo-count of frames that favours points seen more often; at most tau_share of all frames"
+        + MAP_ALONE,
+    )
     tau_share: float = Field(
         0.05,
         ge=0,
         le=1,
-        description="... this share of the frames, whichever is lower: short runs count too; 0: tau as given (the "
-        "paper)",
+        description="upper limit of tau and views_tau as a fraction of the frames or keyframes, for short runs; 0: "
+        "no limit (the paper)",
     )
     # With 0.18, 0.15, 0.1, 0.05: detection 0.90, 0.92, 0.92, 0.92 on clutter; 0.96, 0.96, 0.95, 0.95 on rendered desks
     # from near, with 0.8, 0.8, 1.0, 1.0 boxes of no object. Redkitchen has 23 boxes with 0.15, 29 and 38 with the next
     # two: of walls and shelves. Objects that few views show need less (see `consensus`).
-    heat_min: float = Field(0.15, ge=0, le=1, description="eps: pseudo-average confidence from which something is kept")
+    heat_min: float = Field(
+        0.15, ge=0, le=1, description="eps: least pseudo-average confidence of the points and objects that are kept"
+    )
 
     clustering: Literal["density", "consensus"] = Field(
         "consensus",
-        description="density: threshold, K-means over the keyframes' planes, their removal, DBSCAN, merging, volume, "
-        "and no other rule (the paper); consensus: the segments of keyframes, joined where most views agree, in "
-        "which what is said to be of the `map alone` has no part",
+        description="consensus: segments of keyframes, joined where most views agree; settings marked `map alone` do "
+        "not affect it. density: threshold, K-means over the keyframes' planes, their removal, DBSCAN, "
+        "merging, volume (the paper)",
     )
     density_radius: float = Field(0.02, gt=0, description="DBSCAN's radius, metres" + MAP_ALONE)
-    density_points: int = Field(20, ge=1, description="DBSCAN's least neighbours of a core point" + MAP_ALONE)
+    density_points: int = Field(
+        20, ge=1, description="least number of neighbours of a core point of DBSCAN" + MAP_ALONE
+    )
     density_cell: float = Field(
         0.005,
         ge=0,
         le=0.1,
-        description="DBSCAN sees the points of a cell of this edge as one at their mean, with their number as its "
-        "weight, metres; 0: every point (the paper)" + MAP_ALONE,
+        description="edge of cells whose points DBSCAN takes as one at their mean, weighted by their number, metres; "
+        "0: every point (the paper)" + MAP_ALONE,
     )
     object_interval_s: float = Field(0.4, gt=0, description="capture time between two updates of the objects, seconds")
-    views_min: int = Field(3, ge=1, description="an object is seen in at least so many keyframes, if there are as many")
+    views_min: int = Field(
+        3, ge=1, description="least number of keyframes that must see an object; all of them, if there are fewer"
+    )
     views_tau: float = Field(
         1.0,
         ge=0,
-        description="tau of an object's confidence, in keyframes, as 10 frames are about one; at most `tau_share` of "
-        "them",
+        description="tau of an object's confidence, in keyframes (one for about 10 frames); at most `tau_share` "
+        "of the keyframes",
     )
     object_share: float = Field(
-        0.3, ge=0, le=1, description="share of the keyframes that see an object which must see it as one"
+        0.3, ge=0, le=1, description="least share of the keyframes that see an object which must see it as an object"
     )
     skipped: tuple[Vote, ...] = Field(
         (),
-        description="rules of the consensus to leave out, for ablations: what most views have in one with something "
-        "larger is a part of it; points that most views have elsewhere are left out; what lacks depth reaches as far "
-        "as its outline; what most views fit a surface of revolution to is round; what is too thin to stand by itself "
-        "is a part of what it stands on; what the latest keyframes look through is there no more",
+        description="rules of the consensus to leave out, for ablations: what most views see as part of something "
+        "larger joins it (parts); points that most views see elsewhere are removed (disputed); what "
+        "lacks depth extends to its outline in colour (outline); surfaces of revolution are completed "
+        "(rounded); what is too thin to stand joins what it stands on (balance); what the latest "
+        "keyframes look through is removed (gone)",
     )
     size_min: float = Field(
-        SIZE_MIN, ge=0, description="an object's second longest edge is at least this, less `plane_distance`, metres"
+        SIZE_MIN,
+        ge=0,
+        description="least second-longest edge of an object, metres; it may be shorter by `plane_distance`",
     )
-    size_max: SizeMax = Field(SIZE_MAX, gt=0, description="an object's longest edge is at most this, metres")
-    volume_min: float = Field(1e-6, ge=0, description="boxes below this volume are dropped, cubic metres")
+    size_max: SizeMax = Field(SIZE_MAX, gt=0, description="greatest longest edge of an object, metres")
+    volume_min: float = Field(1e-6, ge=0, description="least volume of a box, cubic metres; smaller ones are dropped")
     seed: int = Field(0, ge=0, description="seed of RANSAC's choice of triples" + MAP_ALONE)
 
 

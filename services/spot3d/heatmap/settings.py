@@ -15,21 +15,21 @@ class HeatmapSettings(BaseModel):
     depth_range_min: float = Field(
         0.5,
         ge=0,
-        description="eps_delta: depth range in metres above which a proposal's background is masked",
+        description="eps_delta: depth range above which a proposal's background is masked, metres",
     )
     size_min: float = Field(
-        SIZE_MIN, ge=0, description="eps_min: a proposal smaller than this (metres) both ways is rejected"
+        SIZE_MIN, ge=0, description="eps_min: proposals whose width and height are both below this are rejected, metres"
     )
     size_max: SizeMax = Field(
-        SIZE_MAX, gt=0, description="eps_max: a proposal larger than this (metres) both ways is rejected"
+        SIZE_MAX, gt=0, description="eps_max: proposals whose width and height are both above this are rejected, metres"
     )
     size_depth: Literal["middle", "foreground"] = Field(
         "middle",
-        description="Z_mu by which a proposal's size is judged: middle: half of its nearest and farthest depth, by "
-        "which its background is masked; foreground: the mean depth of what is not masked (the paper)",
+        description="depth Z_mu at which a proposal's size is measured: middle: midway between its nearest and "
+        "farthest depth; foreground: the mean depth of what is not masked (the paper)",
     )
     soft_filter: bool = Field(True, description="mask the background of proposals (off: ablation noSFilt)")
-    hard_filter: bool = Field(True, description="reject odd-sized proposals (off: ablation noHFilt)")
+    hard_filter: bool = Field(True, description="reject proposals of implausible size (off: ablation noHFilt)")
 
 
 PAPER = HeatmapSettings(depth_range_min=0.5, size_depth="foreground", soft_filter=True, hard_filter=True)

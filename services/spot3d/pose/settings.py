@@ -12,8 +12,8 @@ class PoseSettings(BaseModel):
 
     provider: Literal["kiss", "gicp", "given"] = Field(
         "kiss",
-        description="kiss: KISS-ICP refined against a local map of planes; gicp: generalised ICP "
-        "(small_gicp); given: the poses that the frames bring along",
+        description="kiss: KISS-ICP refined against a local map of planes; gicp: generalised ICP (small_gicp); "
+        "given: poses from the input",
     )
 
     # Larger values change nothing, as the noise is measured; values below the noise fail (redkitchen, 5 to 20 mm).
@@ -21,68 +21,82 @@ class PoseSettings(BaseModel):
         0.02,
         ge=0,
         le=0.2,
-        description="given: how far off the given poses may be, standard deviation of each axis, metres: so far they "
-        "are corrected against the map of the frames before; 0: they are taken as they are",
+        description="given: largest standard deviation of the poses' position error on each axis, metres; they are "
+        "corrected against the map by so much; 0: no correction",
     )
     given_turn_sigma: float = Field(
-        0.014, gt=0, le=0.2, description="given: the same of the rotation about each axis, radians"
+        0.014,
+        gt=0,
+        le=0.2,
+        description="given: largest standard deviation of the poses' rotation error about each axis, radians",
     )
 
     given_delay_sigma: float = Field(
         0.03,
         ge=0,
-        description="how late given poses may be, or early, standard deviation in seconds; their delay is estimated "
-        "from how the camera's velocity and what depth says differ together; 0: they are taken as they are",
+        description="given: standard deviation of the poses' delay against the images, seconds; the delay is "
+        "estimated from the motion in poses and depth; 0: not estimated",
     )
     mount_turn_sigma: float = Field(
         0.014,
         ge=0,
         le=0.2,
-        description="given: how far the camera may be turned against what the poses are of, standard deviation about "
-        "each axis, radians: it is estimated from views at a slant to each other; 0: poses are taken as they are",
+        description="given: standard deviation of the camera's rotation against the body whose poses are given, "
+        "about each axis, radians; it is estimated from views from different sides; 0: not estimated",
     )
     centre_sigma: float = Field(
         0.02,
         ge=0,
         le=0.2,
-        description="given: how far off the principal point may be, standard deviation along each axis, focal lengths "
-        "(0.02: ten pixels of 640): it is estimated along with the turn; 0: it is taken as it is",
+        description="given: standard deviation of the principal point's error along each axis, in focal lengths "
+        "(0.02: about ten pixels of 640); it is estimated with that rotation; 0: not estimated",
     )
     depth_scale_sigma: float = Field(
         0.02,
         ge=0,
         le=0.1,
-        description="given: how true the camera's depth is, standard deviation of its scale: it is estimated against "
-        "the given poses, and depth is corrected by what is probable; 0: it is taken as it is",
+        description="given: standard deviation of the error of depth's scale, as a fraction; it is estimated against "
+        "the given poses, and depth is corrected; 0: not estimated",
     )
     depth_bend_sigma: float = Field(
         0.01,
         ge=0,
         le=0.1,
-        description="how far depth's scale in a part of the image may be off that of all, standard deviation: cameras "
-        "bend what they see alike in all images, so that keyframes can tell; 0: it is taken as it is",
+        description="standard deviation by which depth's scale in a part of the image differs from the mean, as a "
+        "fraction; it is estimated from keyframes, and depth is corrected; 0: not estimated",
     )
 
     lattice_width: int = Field(
         128,
         ge=40,
         le=640,
-        description="surface points are sampled at up to this many columns, each a plane fit",
+        description="largest number of image columns at which surface points are sampled; each point is a plane fit",
     )
     range_max: float = Field(4.0, gt=0, le=20, description="depth beyond this is not used, metres")
-    surfel_limit: int = Field(100_000, ge=1000, le=2_000_000, description="most surfels; the longest unseen half goes")
+    surfel_limit: int = Field(
+        100_000,
+        ge=1000,
+        le=2_000_000,
+        description="largest number of surfels in the map; beyond it, the half unseen for longest is deleted",
+    )
 
     landmark_interval: float = Field(
-        0.045, ge=0, description="least time between two frames that are compared with landmarks, seconds"
+        0.045, ge=0, description="shortest time between two frames that are compared with landmarks, seconds"
     )
-    features: int = Field(500, ge=50, le=5000, description="image features looked for in a frame")
-    landmark_limit: int = Field(20_000, ge=1000, le=250_000, description="most landmarks; those known last stay")
+    features: int = Field(500, ge=50, le=5000, description="largest number of image features per frame")
+    landmark_limit: int = Field(
+        20_000,
+        ge=1000,
+        le=250_000,
+        description="largest number of landmarks; beyond it, those not recognised for longest are deleted",
+    )
 
     weakness_max: float = Field(
         1.0,
         gt=0,
-        description="largest standard deviation of the pose in its least constrained direction, if the noise of the "
-        "points were independent, as a multiple of that noise (metres; radians at 1 m): a bare wall holds no pose",
+        description="largest standard deviation of the pose in its least constrained direction (metres; radians at 1 "
+        "m), as a multiple of the points' noise; above it, as at a bare wall, the surface does not "
+        "constrain the pose",
     )
-    speed_max: float = Field(3.0, gt=0, description="fastest plausible camera, m/s")
-    turn_max: float = Field(5.0, gt=0, description="fastest plausible turn, rad/s")
+    speed_max: float = Field(3.0, gt=0, description="highest plausible speed of the camera, m/s")
+    turn_max: float = Field(5.0, gt=0, description="highest plausible turn rate of the camera, rad/s")

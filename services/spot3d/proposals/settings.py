@@ -12,10 +12,12 @@ class EdgeSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    depth: bool = Field(True, description="edges of depth beside those of colour; off: colour alone, at full weight")
-    min_magnitude: float = Field(0.2, gt=0, lt=1, description="edges weaker than this are no edges")
+    depth: bool = Field(
+        True, description="use edges of depth beside those of colour; off: colour alone, at full weight"
+    )
+    min_magnitude: float = Field(0.2, gt=0, lt=1, description="weaker edges are ignored; magnitudes are in [0, 1]")
     colour_contrast: float = Field(
-        20.0, gt=0, description="colour gradient that counts as a full edge, grey levels per pixel"
+        20.0, gt=0, description="colour gradient of an edge of magnitude 1, grey levels per pixel"
     )
 
 
@@ -26,39 +28,40 @@ class ProposalSettings(BaseModel):
 
     PAPER: ClassVar[Self]
 
-    max_boxes: int = Field(1000, ge=1, le=10_000, description="M, number of proposals a frame")
-    alpha: float = Field(0.5, gt=0, lt=1, description="alpha, IoU of neighbouring windows of the search")
-    beta: float = Field(0.75, gt=0, le=1, description="beta, IoU above which the weaker of two boxes is dropped")
+    max_boxes: int = Field(1000, ge=1, le=10_000, description="M: largest number of proposals per frame")
+    alpha: float = Field(0.5, gt=0, lt=1, description="alpha: IoU of neighbouring windows of the search")
+    beta: float = Field(0.75, gt=0, le=1, description="beta: IoU above which the weaker of two boxes is dropped")
     apart: float = Field(
         0.5,
         gt=0,
         le=1,
-        description="a box with a larger IoU with a better one comes after all others: the first boxes are of many "
-        "objects, since one that overlaps by 0.5 is of the same; 1: by score alone (EdgeBoxes)",
+        description="boxes with a larger IoU with a better box come after all others, since they show the same "
+        "object; 1: order by score alone (EdgeBoxes)",
     )
     cluster_min_magnitude: float = Field(
-        1.0, ge=0, description="groups of a lower sum of magnitudes join their neighbours"
+        1.0, ge=0, description="edge groups with a smaller sum of magnitudes are merged into their neighbours"
     )
     min_box_area: float = Field(1000.0, ge=16, description="smallest window at 640x480, square pixels")
     scaled_area: bool = Field(
-        True, description="min_box_area follows the size of the searched image; off: its own pixels whatever the size"
+        True, description="scale min_box_area with the size of the searched image; off: pixels of that image"
     )
-    gamma: float = Field(3.0, gt=0, description="gamma, exponent of the affinity of two edge groups")
-    refined: int = Field(150, ge=0, le=1_000_000, description="how many of the best windows of the search are refined")
+    gamma: float = Field(3.0, gt=0, description="gamma: exponent of the affinity of two edge groups")
+    refined: int = Field(150, ge=0, le=1_000_000, description="number of the search's best windows that are refined")
     finest: int = Field(
         24,
         ge=0,
         le=1000,
-        description="last move of a refined window's side, as a part of that side; 0: EdgeBoxes' own, three pixels",
+        description="a window's sides are refined in steps down to its size divided by this; 0: down to three pixels "
+        "(EdgeBoxes)",
     )
     search_width: int = Field(
-        320, ge=40, description="larger images are searched at about this many pixels across: faster, and calmer edges"
+        320, ge=40, description="larger images are searched at about this width, pixels: faster, and edges are smoother"
     )
     metric_culling: bool = Field(
         True, description="skip windows that the hard filter (paper, Sec. IV-C, Eq. 5) would reject anyway"
     )
-    size_min: float = Field(SIZE_MIN, ge=0, description="epsilon_min, smallest cross-section, metres")
-    size_max: SizeMax = Field(SIZE_MAX, gt=0, description="epsilon_max, largest cross-section, metres")
+    size_min: float = Field(SIZE_MIN, ge=0, description="epsilon_min: smallest cross-section, metres")
+    size_max: SizeMax = Field(SIZE_MAX, gt=0, description="epsilon_max: largest cross-section, metres")
     edges: EdgeSettings = EdgeSettings()
 
 

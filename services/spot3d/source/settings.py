@@ -16,11 +16,11 @@ class SourceSettings(BaseModel):
         le=1000,
         description="frames per second to play at; 0: the recorded rate",
     )
-    halved: bool = Field(False, description="play frames at half size")
+    halved: bool = Field(False, description="play frames at half their width and height")
     depth_noise: str = Field(
         "",
         description="noise of the depth: kinect-v1, d415, d435, d455, tof, stereo:BASELINE,FOCAL[,SUBPIXEL] or "
-        "FLOOR,GROWTH,AT in metres (and pixels); empty: what the input knows of itself, else a Kinect v1's",
+        "FLOOR,GROWTH,AT in metres (and pixels); empty: as the input states, otherwise a Kinect v1's",
     )
     depth_unit: float = Field(
         0.0,
@@ -32,7 +32,9 @@ class SourceSettings(BaseModel):
     colour_topic: str = Field("", description="ROS bags: topic of the colour images; empty: found by type and name")
     depth_topic: str = Field("", description="ROS bags: topic of the depth images; empty: found by type and name")
     pose_topic: str = Field(
-        "", description="ROS bags: topic of the camera's poses, for provider given: odometry, poses, /tf or /tf:WORLD"
+        "",
+        description='ROS bags: topic of the camera\'s poses, used by pose.provider = "given": odometry, poses, /tf or '
+        "/tf:WORLD",
     )
 
     @field_validator("depth_noise")
