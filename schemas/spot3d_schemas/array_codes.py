@@ -44,9 +44,11 @@ def delta_zlib_decode(data: memoryview, dtype: np.dtype[Any], shape: tuple[int, 
         # One byte more than expected, so that deflate sees its end mark and a longer stream is detected.
         planes = inflate.decompress(data, expected + 1)
     except zlib.error as error:
-        raise ValueError(f"the deflated bytes are damaged ({error})") from None
+        raise ValueError(f"the deflated data is damaged ({error})") from None
     if len(planes) != expected or not inflate.eof:
-        raise ValueError(f"the deflated bytes do not hold the {expected} bytes of shape {list(shape)}")
+        raise ValueError(
+            f"the deflated data is not the {expected} bytes of shape {list(shape)}; send both for the same array"
+        )
     stacked = np.frombuffer(planes, np.uint8).reshape(dtype.itemsize, -1)
     zigzag = np.array(stacked.T, order="C").view(f"<u{dtype.itemsize}").reshape(shape)
     # In place: the largest image's temporaries would be most of what decoding may allocate.
@@ -66,9 +68,9 @@ def jpeg_encode(colour: NDArray[np.uint8], quality: int) -> bytes:
         how = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
         done, code = cv2.imencode(".jpg", cv2.cvtColor(colour, cv2.COLOR_RGB2BGR), how)
     except cv2.error as error:
-        raise ValueError(f"OpenCV cannot code the image as JPEG: {error}") from None
+        raise ValueError(f"OpenCV cannot encode the image as JPEG: {error}") from None
     if not done:
-        raise ValueError("OpenCV cannot code the image as JPEG")
+        raise ValueError("OpenCV cannot encode the image as JPEG; send it raw")
     return bytes(code)
 
 
@@ -92,7 +94,7 @@ def jpeg_decode(data: memoryview, shape: tuple[int, ...]) -> NDArray[np.uint8]:
 def _jpeg_size(data: memoryview) -> tuple[int, int]:
     """(height, width) from a JPEG's frame header, which is looked for strictly, segment by segment."""
     if bytes(data[:2]) != b"\xff\xd8" or bytes(data[-2:]) != b"\xff\xd9":
-        raise ValueError("the data is not one whole JPEG image")
+        raise ValueError("the data is not one complete JPEG image")
     at = 2
     while at + 9 <= len(data):
         if data[at] != 0xFF:

@@ -62,7 +62,7 @@ class ArraySpec:
         # Each axis by itself as well: a zero elsewhere must not hide a size that NumPy cannot even state.
         if rows > self.most or largest > self.most:
             free = "x".join(self.free)
-            raise ValueError(f"the shape {list(shape)} is beyond the limit of {self.most} {free}; send less")
+            raise ValueError(f"the shape {list(shape)} exceeds the limit of {self.most} {free}; send less")
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -88,7 +88,7 @@ class ArraySpec:
         array = value.view(np.ndarray) if laid_out else np.array(value, order="C")
         array.flags.writeable = False
         if self.finite and not np.isfinite(array).all():
-            raise ValueError("holds NaN or infinity; every value must be finite")
+            raise ValueError("contains NaN or infinity; every value must be finite")
         return array
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
@@ -148,14 +148,14 @@ def decode_array(described: Mapping[str, Any], data: memoryview, spec: ArraySpec
     dtype = spec.dtype(described.get("dtype"))
     stated = described.get("shape")
     if not isinstance(stated, list) or not all(type(size) is int and size >= 0 for size in stated):
-        raise ValueError("the shape must be a list of whole numbers")
+        raise ValueError("the shape must be a list of integers")
     shape = tuple(stated)
     spec.check_shape(shape)
     encoding = described.get("encoding")
     if encoding == RAW:
         expected = math.prod(shape) * dtype.itemsize
         if len(data) != expected:
-            raise ValueError(f"{len(data)} bytes of data; {dtype} of shape {list(shape)} takes {expected}")
+            raise ValueError(f"{len(data)} bytes of data, but {dtype} of shape {list(shape)} takes {expected}")
         return np.frombuffer(data, dtype).reshape(shape)
     if encoding not in spec.thin:
         accepted = " or ".join(sorted((RAW, *spec.thin)))

@@ -49,7 +49,7 @@ def encode(message: Message, *, thin_link: bool = False, jpeg_quality: int = 90)
         try:
             head += (packer.pack(name), packer.pack(value))
         except UnicodeEncodeError as error:
-            raise CodecError(f"{message.SCHEMA}.{name}: is no text that UTF-8 has: {error}") from None
+            raise CodecError(f"{message.SCHEMA}.{name}: cannot be encoded as UTF-8: {error}") from None
     pieces: list[bytes | memoryview] = [b"".join(head)]
     at = len(pieces[0])
     for name, spec in specs.items():
@@ -60,7 +60,9 @@ def encode(message: Message, *, thin_link: bool = False, jpeg_quality: int = 90)
         pieces += array
         at += sum(map(len, array))
     if at > MAX_MESSAGE_BYTES:
-        raise CodecError(f"{message.SCHEMA}: {at} bytes; a message has at most {MAX_MESSAGE_BYTES}: send less")
+        raise CodecError(
+            f"{message.SCHEMA}: {at} bytes exceed the limit of {MAX_MESSAGE_BYTES} for a message; send less"
+        )
     return b"".join(pieces)
 
 
@@ -161,7 +163,9 @@ def _described(name: str, dtype: str, shape: tuple[int, ...], code: str) -> byte
 
 def _field_spans(view: memoryview, max_values: int, schema: str) -> dict[str, Span]:
     if len(view) > MAX_MESSAGE_BYTES:
-        raise CodecError(f"{schema}: {len(view)} bytes; a message has at most {MAX_MESSAGE_BYTES}")
+        raise CodecError(
+            f"{schema}: {len(view)} bytes exceed the limit of {MAX_MESSAGE_BYTES} for a message; send less"
+        )
     try:
         return map_spans(view, (0, len(view)), MAX_FIELDS, max_values)
     except ValueError as error:
@@ -170,7 +174,7 @@ def _field_spans(view: memoryview, max_values: int, schema: str) -> dict[str, Sp
 
 def _header(view: memoryview, spans: dict[str, Span], schema: str) -> dict[str, Any]:
     if "header" not in spans:
-        raise CodecError(f"{schema}.header: is missing; every message begins with one")
+        raise CodecError(f"{schema}.header: is missing; every message must have one")
     try:
         header = unpack(view, spans["header"], MAX_FIELD_BYTES)
     except ValueError as error:
@@ -190,7 +194,9 @@ def _check_schema(header: dict[str, Any], message: type[Message]) -> None:
     stated = header.get("version")
     parts = _VERSION.fullmatch(stated) if isinstance(stated, str) else None
     if parts is None:
-        raise CodecError(f"{schema}.header.version: is {str(stated)[:60]!r}; expected one like {message.VERSION!r}")
+        raise CodecError(
+            f"{schema}.header.version: is {str(stated)[:60]!r}; expected a version such as {message.VERSION!r}"
+        )
     major = message.VERSION.partition(".")[0]
     if int(parts[1]) != int(major):
         raise CodecError(

@@ -46,7 +46,9 @@ class CameraIntrinsics(Record):
     @model_validator(mode="after")
     def _within_limit(self) -> Self:
         if self.width * self.height > MAX_IMAGE_PIXELS:
-            raise ValueError(f"{self.width}x{self.height} is beyond the limit of {MAX_IMAGE_PIXELS} pixels")
+            raise ValueError(
+                f"{self.width}x{self.height} exceeds the limit of {MAX_IMAGE_PIXELS} pixels; scale the images down"
+            )
         return self
 
     @property
@@ -71,7 +73,7 @@ class DepthNoise(Record):
     def _is_a_cameras(self) -> Self:
         sigma = self.floor + self.growth * (1 - self.at) ** 2
         if sigma > MAX_DEPTH_NOISE:
-            raise ValueError(f"{sigma:g} m at 1 m is more than a depth camera's noise: is it in metres?")
+            raise ValueError(f"{sigma:g} m at 1 m is implausibly large for a depth camera; give it in metres")
         return self
 
 
@@ -188,23 +190,25 @@ class Segments(Message):
     @classmethod
     def _heat_is_a_confidence(cls, heat: Array) -> Array:
         if heat.size and not (heat.min() >= 0 and heat.max() <= 1):
-            raise ValueError(f"reaches from {heat.min():.3g} to {heat.max():.3g}; a confidence is in [0, 1]")
+            raise ValueError(f"ranges from {heat.min():.3g} to {heat.max():.3g}; a confidence must be in [0, 1]")
         return heat
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         if self.keyframe != (self.intrinsics is not None):
-            raise ValueError("intrinsics are those of a keyframe's labels, and only of a keyframe's")
+            raise ValueError("a keyframe must have intrinsics, and any other frame must have none")
         shape = (0, 0) if self.intrinsics is None else self.intrinsics.shape
         if self.labels.shape != shape:
             raise ValueError(f"labels are {list(self.labels.shape)}; expected {list(shape)} (h, w)")
         count, most = len(self.heat), int(self.labels.max(initial=0))
         if not self.keyframe and (count or len(self.planes)):
-            raise ValueError("a frame that is no keyframe has no segments and no planes")
+            raise ValueError("a frame that is not a keyframe must have no segments and no planes")
         if most > count:
-            raise ValueError(f"labels reach {most}, but heat has {count} rows: one for each segment")
+            raise ValueError(f"the largest label is {most}, but heat has {count} rows; send one row for each segment")
         if len(self.stands_on) != count:
-            raise ValueError(f"stands_on has {len(self.stands_on)} rows, but heat has {count}")
+            raise ValueError(
+                f"stands_on has {len(self.stands_on)} rows, but heat has {count}; send one for each segment"
+            )
         if count and not (self.stands_on.min() >= -1 and self.stands_on.max() < len(self.planes)):
-            raise ValueError(f"stands_on names rows of the {len(self.planes)} planes, or -1")
+            raise ValueError(f"stands_on must hold rows of the {len(self.planes)} planes, or -1")
         return self

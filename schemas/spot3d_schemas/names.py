@@ -16,6 +16,6 @@ def checked_name(name: str) -> str:
     """`name` itself where it can be one chunk of a Zenoh key expression; else raises ValueError."""
     if not is_name(name):
         raise ValueError(
-            f"{name[:80]!r} cannot be part of a key: give 1 to {MAX_NAME} characters, no / * $ # ? @ or space"
+            f"{name[:80]!r} cannot be part of a key; give 1 to {MAX_NAME} characters without / * $ # ? @ or spaces"
         )
     return name

@@ -32,11 +32,11 @@ class NumbersSpec:
             numbers = _checked_list(value, math.prod(self.shape))
         # Plain floats: on so few numbers NumPy's calls would take most of the time of decoding a frame.
         if not all(map(math.isfinite, numbers)):
-            raise ValueError("holds NaN or infinity; every number must be finite")
+            raise ValueError("contains NaN or infinity; every number must be finite")
         if self.meaning == "rigid":
             _check_rotation(numbers[0:3], numbers[4:7], numbers[8:11])
             if max(abs(n - m) for n, m in zip(numbers[12:], (0, 0, 0, 1), strict=True)) > _TOLERANCE:
-                raise ValueError(f"the bottom row is {numbers[12:]}; a rigid transform's is 0 0 0 1")
+                raise ValueError(f"the bottom row is {numbers[12:]}; that of a rigid transform must be 0 0 0 1")
         elif self.meaning == "rotation":
             _check_rotation(numbers[0:3], numbers[3:6], numbers[6:9])
         array = np.array(numbers, dtype=np.float64).reshape(self.shape)
@@ -77,10 +77,10 @@ def _check_rotation(x: list[float], y: list[float], z: list[float]) -> None:
     lengths = (_dot(x, x) - 1, _dot(y, y) - 1, _dot(z, z) - 1)
     products = (_dot(x, y), _dot(y, z), _dot(z, x))
     if max(map(abs, (*lengths, *products))) > _TOLERANCE:
-        raise ValueError("the 3x3 part is no rotation: its rows must be orthonormal to 1e-3")
+        raise ValueError("the 3x3 part is not a rotation: its rows must be orthonormal to 1e-3")
     cross = [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]]
     if _dot(cross, z) < 0:
-        raise ValueError("the 3x3 part is a reflection (determinant -1); a rotation's is +1")
+        raise ValueError("the 3x3 part is a reflection (determinant -1); that of a rotation must be +1")
 
 
 def _dot(a: list[float], b: list[float]) -> float:

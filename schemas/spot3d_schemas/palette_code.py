@@ -72,9 +72,9 @@ def palette_decode(data: memoryview, dtype: np.dtype[Any], shape: tuple[int, ...
     try:
         stream = memoryview(inflate.decompress(data, most + 1))
     except zlib.error as error:
-        raise ValueError(f"the deflated bytes are damaged ({error})") from None
+        raise ValueError(f"the deflated data is damaged ({error})") from None
     if not inflate.eof or not _HEAD.size <= len(stream) <= most:
-        raise ValueError(f"the deflated bytes do not hold an image of shape {list(shape)}")
+        raise ValueError(f"the deflated data is not an image of shape {list(shape)}")
     count, escaped = _HEAD.unpack_from(stream)
     ends = np.cumsum((_HEAD.size, count * dtype.itemsize, height * row))
     inside = None
@@ -84,7 +84,7 @@ def palette_decode(data: memoryview, dtype: np.dtype[Any], shape: tuple[int, ...
     coded = 0 if inside is None else int(np.count_nonzero(inside))
     small_end = int(ends[-1]) + (coded + 1) // 2
     if inside is None or len(stream) != small_end + 2 * escaped:
-        raise ValueError(f"the palette's parts do not make an image of shape {list(shape)}")
+        raise ValueError(f"the parts of the palette do not form an image of shape {list(shape)}")
     differences = np.frombuffer(stream[ends[0] : ends[1]], f"<u{dtype.itemsize}")
     values = np.add.accumulate(differences, dtype=differences.dtype)
     steps = _steps(stream[ends[2] : small_end], stream[small_end:], coded)
@@ -96,7 +96,7 @@ def palette_decode(data: memoryview, dtype: np.dtype[Any], shape: tuple[int, ...
         ranks = np.zeros(shape, np.uint16)
         ranks[inside] = np.add.accumulate(steps, dtype=np.uint16, out=steps)
     if ranks.max() >= count:
-        raise ValueError(f"the palette has {count} values, but a pixel has the rank {ranks.max()}")
+        raise ValueError(f"the palette has {count} values, but a pixel refers to value {ranks.max()}")
     image: NDArray[Any] = values[ranks].view(dtype)
     return image
 
@@ -111,7 +111,7 @@ def _ranked(bits: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.uint16]]:
         values = np.flatnonzero(there).astype(bits.dtype)
         places = (np.cumsum(there) - 1)[bits]
     if len(values) > MOST_VALUES:
-        raise ManyValuesError(f"{len(values)} distinct values; at most {MOST_VALUES} are taken")
+        raise ManyValuesError(f"{len(values)} distinct values; at most {MOST_VALUES} are possible")
     return values, places.astype(np.uint16)
 
 
@@ -124,7 +124,7 @@ def _steps(small: memoryview, escapes: memoryview, count: int) -> NDArray[np.uin
     escaped = zigzag == _ESCAPE
     low, high = np.frombuffer(escapes, np.uint8).reshape(2, -1).astype(np.uint16)
     if np.count_nonzero(escaped) != len(low):
-        raise ValueError(f"{len(low)} escapes follow; the steps name {np.count_nonzero(escaped)}")
+        raise ValueError(f"the data has {len(low)} escapes, but its steps refer to {np.count_nonzero(escaped)}")
     zigzag[escaped] += low | high << 8
     sign = zigzag & 1
     np.negative(sign, out=sign)

@@ -59,8 +59,8 @@ def _tags() -> tuple[_Tag | None, ...]:
 _TAGS = _tags()
 _PLAIN = tuple(0 if tag is None or tag.length_bytes or tag.children else tag.size for tag in _TAGS)
 """Bytes of a value whose first byte alone gives its size, as of most values; else 0."""
-_CUT_OFF = "the message is cut off"
-_TOO_MANY = "holds more values than are accepted; send less"
+_CUT_OFF = "the message is truncated"
+_TOO_MANY = "contains more values than the limit; send less"
 _BIN_TAGS = frozenset((0xC4, 0xC5, 0xC6))
 _MAP_TAGS = frozenset((*range(0x80, 0x90), 0xDE, 0xDF))
 
@@ -119,12 +119,12 @@ def map_spans(payload: memoryview, span: Span, max_fields: int, max_values: int)
     if tag.length_bytes:
         count = int.from_bytes(payload[start + 1 : at], "big")
     if count > max_fields:
-        raise ValueError(f"a map of {count} fields; at most {max_fields} are accepted")
+        raise ValueError(f"a map of {count} fields exceeds the limit of {max_fields}; send less")
     spans: dict[str, Span] = {}
     for _ in range(count):
         key, key_end = _key(payload, at)
         if key in spans:
-            raise ValueError(f"the field {key!r} comes twice")
+            raise ValueError(f"the field {key!r} occurs twice; send it once")
         at, values = end_of(payload, key_end, max_values)
         spans[key] = (key_end, at)
         max_values -= values
@@ -139,7 +139,7 @@ def bin_data(payload: memoryview, span: Span) -> memoryview:
     first = payload[start]
     tag = _TAGS[first]
     if first not in _BIN_TAGS or tag is None:
-        raise ValueError("data must be msgpack bin")
+        raise ValueError("data must be of msgpack's type bin")
     return payload[start + tag.size : end]
 
 
@@ -152,7 +152,7 @@ def unpack(payload: memoryview, span: Span, max_bytes: int) -> Any:
     """The value at `span`, decoded. Raises ValueError where it is longer than `max_bytes` or not valid."""
     start, end = span
     if end - start > max_bytes:
-        raise ValueError(f"is {end - start} bytes long; at most {max_bytes} are accepted")
+        raise ValueError(f"is {end - start} bytes long, and the limit is {max_bytes}; send less")
     try:
         return msgpack.unpackb(payload[start:end])
     except (ValueError, OverflowError, msgpack.UnpackException) as error:
@@ -171,7 +171,7 @@ def _key(payload: memoryview, start: int) -> tuple[str, int]:
     else:
         raise ValueError("a map's keys must be strings")
     if end - begin > MAX_NAME:
-        raise ValueError(f"a map's keys have at most {MAX_NAME} bytes")
+        raise ValueError(f"a map's keys must have at most {MAX_NAME} bytes")
     try:
         return str(payload[begin:end], "utf-8"), end
     except UnicodeDecodeError:

@@ -89,21 +89,22 @@ class Pose(Message):
     @classmethod
     def _is_hardly_bent(cls, bend: Array | None) -> Array | None:
         if bend is not None and np.abs(bend).max() > MAX_BEND:
-            raise ValueError(f"reaches {np.abs(bend).max():.3g}; the logarithm of a factor, it may reach {MAX_BEND}")
+            raise ValueError(f"reaches {np.abs(bend).max():.3g}; logarithms of factors must stay within {MAX_BEND}")
         return bend
 
     @field_validator("corrected_ns")
     @classmethod
     def _stamps_rise(cls, stamps: tuple[int, ...]) -> tuple[int, ...]:
         if any(later <= earlier for earlier, later in pairwise(stamps)):
-            raise ValueError("each stamp must be later than the one before it")
+            raise ValueError("each timestamp must be later than the one before it")
         return stamps
 
     @model_validator(mode="after")
     def _one_for_each_stamp(self) -> Self:
         if len(self.corrections) != len(self.corrected_ns):
             raise ValueError(
-                f"has {len(self.corrections)} corrections, but {len(self.corrected_ns)} stamps in corrected_ns"
+                f"has {len(self.corrections)} corrections, but {len(self.corrected_ns)} timestamps in "
+                "corrected_ns; send one for each"
             )
         return self
 
@@ -128,7 +129,7 @@ class Object3D(Record):
     @classmethod
     def _size_is_not_negative(cls, size: Array) -> Array:
         if (size < 0).any():
-            raise ValueError(f"is {size.tolist()}; no side may be negative")
+            raise ValueError(f"is {size.tolist()}; side lengths must not be negative")
         return size
 
 

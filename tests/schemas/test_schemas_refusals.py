@@ -83,8 +83,8 @@ NO_BOTTOM = np.array([*np.eye(4)[:3].ravel(), 0, 0, 0.1, 1]).tolist()
         ("Frame", put("depth", "dtype", ["uint16"]), ["spot3d.Frame.depth", "uint16 or float32"]),
         ("Frame", put("depth", "shape", [4, 7]), ["spot3d.Frame.depth", "48 bytes", "56"]),
         ("Frame", put("depth", "shape", [24]), ["spot3d.Frame.depth", "(h, w)"]),
-        ("Frame", put("depth", "shape", [4, -6]), ["spot3d.Frame.depth", "whole numbers"]),
-        ("Frame", put("depth", "shape", [4, 6.0]), ["spot3d.Frame.depth", "whole numbers"]),
+        ("Frame", put("depth", "shape", [4, -6]), ["spot3d.Frame.depth", "list of integers"]),
+        ("Frame", put("depth", "shape", [4, 6.0]), ["spot3d.Frame.depth", "list of integers"]),
         ("Frame", put("depth", "shape", [0, 6]), ["spot3d.Frame.depth", "(h, w)"]),
         ("Frame", put("depth", "shape", [2**40, 2**40]), ["spot3d.Frame.depth", "limit"]),
         ("Frame", put("depth", "encoding", "png"), ["spot3d.Frame.depth", "png", "delta-zlib or palette or raw"]),
@@ -105,7 +105,7 @@ NO_BOTTOM = np.array([*np.eye(4)[:3].ravel(), 0, 0, 0.1, 1]).tolist()
         ("Segments", put("intrinsics", None), ["spot3d.Segments", "intrinsics", "keyframe"]),
         ("Segments", put("keyframe", False), ["spot3d.Segments", "keyframe"]),
         ("Segments", put("labels", "shape", [6, 4]), ["spot3d.Segments", "[6, 4]", "[4, 6]"]),
-        ("Segments", put("labels", "data", bytes(23) + b"\x03"), ["spot3d.Segments", "reach 3", "2 rows"]),
+        ("Segments", put("labels", "data", bytes(23) + b"\x03"), ["spot3d.Segments", "largest label is 3", "2 rows"]),
         ("Segments", put("heat", "data", b"\0\0\0\0\0\0\0\x40"), ["spot3d.Segments.heat", "[0, 1]"]),
         ("Segments", put("planes", "data", bytes(32)), ["spot3d.Segments.planes", "unit normal"]),
         ("Segments", put("planes", "dtype", "float32"), ["spot3d.Segments.planes", "float64"]),
@@ -114,7 +114,7 @@ NO_BOTTOM = np.array([*np.eye(4)[:3].ravel(), 0, 0, 0.1, 1]).tolist()
         ("Segments", put("stands_on", "data", b"\0\xfe"), ["spot3d.Segments", "stands_on"]),
         ("Pose", put("T_world_camera", None), ["spot3d.Pose.T_world_camera", "16 numbers"]),
         ("Pose", put("corrected_ns", [5, 5]), ["spot3d.Pose.corrected_ns", "later"]),
-        ("Pose", put("corrected_ns", [1, 2, 3]), ["spot3d.Pose", "2 corrections", "3 stamps"]),
+        ("Pose", put("corrected_ns", [1, 2, 3]), ["spot3d.Pose", "2 corrections", "3 timestamps"]),
         ("Pose", put("corrected_ns", list(range(1025))), ["spot3d.Pose.corrected_ns", "1024"]),
         ("Pose", put("corrections", "data", b"\0\0\0\0\0\0\xf8\x7f" * 12), ["spot3d.Pose.corrections", "NaN"]),
         ("Pose", put("status", "fine"), ["spot3d.Pose.status", "lost", "fine"]),
@@ -165,12 +165,12 @@ def test_one_row_fewer_than_points_is_refused() -> None:
         (b"\x01", "expected a msgpack map"),
         (b"\x80\x80", "1 bytes follow"),
         (b"\x81\x01\x01", "keys must be strings"),
-        (b"\x81\xa1", "cut off"),
-        (b"\x82\xa1a\x01\xa1a\x01", "comes twice"),
+        (b"\x81\xa1", "truncated"),
+        (b"\x82\xa1a\x01\xa1a\x01", "occurs twice"),
         (b"\x81\xa1a\xc1", "not msgpack"),
         (b"\x81\xa1\xff\x01", "UTF-8"),
-        (b"\x81\xa1a\xc6\xff\xff\xff\xff", "cut off"),
-        (b"\xdf\xff\xff\xff\xff", "at most 64"),
+        (b"\x81\xa1a\xc6\xff\xff\xff\xff", "truncated"),
+        (b"\xdf\xff\xff\xff\xff", "limit of 64"),
         (b"\x81\xa1a\xdd\xff\xff\xff\xff", "more values"),
     ],
 )
@@ -228,7 +228,7 @@ def test_a_frame_of_an_older_sender_states_no_noise(name: str) -> None:
     with pytest.raises(CodecError, match=r"depth_noise\.floor: input should be greater than or equal to 0\.000001"):
         decode(msgpack.packb(wire), type(SAMPLES[name]))
     wire["depth_noise"] |= {"floor": 0.001, "growth": 0.1, "at": 8.0}
-    with pytest.raises(CodecError, match=r"depth_noise: 4\.901 m at 1 m is more .* is it in metres\?"):
+    with pytest.raises(CodecError, match=r"depth_noise: 4\.901 m at 1 m is implausibly large .* give it in metres"):
         decode(msgpack.packb(wire), type(SAMPLES[name]))
 
 
