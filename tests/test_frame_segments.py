@@ -30,7 +30,7 @@ def made(**changes: Any) -> FrameSegments:
     [
         ({"labels": np.zeros((8, 6), np.uint8)}, "labels"),
         ({"labels": np.zeros((6, 8), np.int32)}, "labels"),
-        ({"labels": np.full((6, 8), 3, np.uint8)}, "reach 3"),
+        ({"labels": np.full((6, 8), 3, np.uint8)}, "the largest label is 3, but there are 2 segments"),
         ({"heat": np.array([0.5, 1.5], np.float32)}, "heat"),
         ({"heat": np.array([0.5, np.nan], np.float32)}, "heat"),
         ({"heat": np.zeros(256, np.float32), "stands_on": np.zeros(256, np.int8)}, "256 segments"),

@@ -138,7 +138,7 @@ def test_trajectories_that_cannot_be_compared(lengths: tuple[int, int], message:
 def test_bytes_that_are_no_text_are_named(tmp_path: Path) -> None:
     path = tmp_path / "poses.txt"
     path.write_bytes(b"\xff\xfe1.5 0 0")
-    with pytest.raises(ValueError, match=r"poses\.txt is no text in UTF-8"):
+    with pytest.raises(ValueError, match=r"poses\.txt is not UTF-8 text"):
         read_tum(path)
     path.write_bytes(b"\xef\xbb\xbf# stamp tx ty tz qx qy qz qw\n1.5 0 0 0 0 0 0 1\n")
     assert read_tum(path)[0] == [1_500_000_000]

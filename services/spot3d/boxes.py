@@ -45,7 +45,7 @@ class Box3D:
         lengths = a * a + d * d + g * g - 1, b * b + e * e + h * h - 1, c * c + f * f + i * i - 1
         cosines = a * b + d * e + g * h, a * c + d * f + g * i, b * c + e * f + h * i
         if max(map(abs, lengths + cosines)) > ROTATION_TOLERANCE or determinant < 0:
-            raise ValueError(f"box rotation is no right-handed rotation matrix: {self.rotation.tolist()}")
+            raise ValueError(f"box rotation is not a right-handed rotation matrix: {self.rotation.tolist()}")
 
     @property
     def volume(self) -> float:
@@ -86,7 +86,7 @@ def _rectangles(boxes: ArrayLike) -> NDArray[np.float64]:
         raise ValueError(f"2D boxes must be (M, 4) [x, y, w, h], got shape {values.shape}")
     values = values[:, :4]
     if not np.isfinite(values).all() or (values[:, 2:] < 0).any():
-        raise ValueError("2D boxes must be finite with sizes that are not negative")
+        raise ValueError("2D boxes must be finite, and their sizes not negative")
     return values
 
 

@@ -29,7 +29,7 @@ class Intrinsics:
     def __post_init__(self) -> None:
         if not (self.fx > 0 and self.fy > 0 and np.isfinite([self.fx, self.fy, self.cx, self.cy]).all()):
             given = f"fx {self.fx:g}, fy {self.fy:g}, cx {self.cx:g}, cy {self.cy:g}"
-            raise ValueError(f"focal lengths must be positive and all values finite, in pixels, got {given}")
+            raise ValueError(f"focal lengths must be positive and all values finite, in pixels; got {given}")
         if self.width < 1 or self.height < 1:
             raise ValueError(f"image size must be positive, got {self.width}x{self.height}")
 
@@ -65,8 +65,8 @@ def off_centre(camera: Intrinsics) -> str:
         return ""
     place = f"({camera.cx:g}, {camera.cy:g})"
     return (
-        f"the principal point {place} is far from the middle of {camera.width}x{camera.height} pixels: are the "
-        "intrinsics those of images of this size?"
+        f"the principal point {place} is far from the centre of the {camera.width}x{camera.height} image: check that "
+        "the intrinsics are those of images of this size"
     )
 
 

@@ -108,7 +108,7 @@ class AlignmentWatch:
         self._seen = self._EVERY * self._MOST
         sides = zip(offset, (("left", "right"), ("up", "down")), strict=True)
         ways = " and ".join(f"{abs(pixels)} pixels {side[pixels > 0]}" for pixels, side in sides if pixels)
-        return f"{self.EVENT}, by about {ways}: register it with depth, in the driver or by calibration.json"
+        return f"{self.EVENT}, by about {ways}: register it with depth, in the camera's driver or by calibration.json"
 
 
 def _depth_edges(metres: NDArray[np.float32]) -> NDArray[np.float32]:

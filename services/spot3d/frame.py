@@ -27,7 +27,7 @@ class RgbdFrame:
 
     def __post_init__(self) -> None:
         if self.depth.dtype not in (np.dtype(np.uint16), np.dtype(np.float32)):
-            raise ValueError(f"depth is {self.depth.dtype}; give uint16 units with their scale, or float32 metres")
+            raise ValueError(f"depth is {self.depth.dtype}; give uint16 with depth_scale, or float32 in metres")
         if self.colour.dtype != np.uint8 or self.colour.shape != (*self.intrinsics.shape, 3):
             raise ValueError(
                 f"colour is {self.colour.dtype} {self.colour.shape}; expected uint8 {(*self.intrinsics.shape, 3)}"
@@ -35,7 +35,7 @@ class RgbdFrame:
         if self.depth.shape != self.intrinsics.shape:
             raise ValueError(f"depth is {self.depth.shape}, but the intrinsics are for {self.intrinsics.shape}")
         if not (np.isfinite(self.depth_scale) and self.depth_scale > 0):
-            raise ValueError(f"depth_scale must be positive metres per unit, got {self.depth_scale}")
+            raise ValueError(f"depth_scale must be positive (metres per unit), got {self.depth_scale}")
 
     def depth_metres(self) -> NDArray[np.float32]:
         """Depth as (h, w) float32 metres; whatever is not a positive finite number becomes 0 = invalid."""

@@ -52,16 +52,18 @@ class FrameSegments:
         _check("labels", self.labels, np.uint8, self.camera.shape)
         count, planes = len(self.heat), len(self.planes)
         if count > MAX_SEGMENTS or planes > MAX_PLANES:
-            raise ValueError(f"{count} segments on {planes} planes; at most {MAX_SEGMENTS} on {MAX_PLANES} are taken")
+            raise ValueError(
+                f"{count} segments on {planes} planes exceed the limits of {MAX_SEGMENTS} and {MAX_PLANES}"
+            )
         _check("heat", self.heat, np.float32, (count,))
         _check("planes", self.planes, np.float64, (planes, 4))
         _check("stands_on", self.stands_on, np.int8, (count,))
         if self.labels.max(initial=0) > count:
-            raise ValueError(f"labels reach {self.labels.max()}, but there are {count} segments")
+            raise ValueError(f"the largest label is {self.labels.max()}, but there are {count} segments")
         if not ((self.heat >= 0) & (self.heat <= 1)).all():
             raise ValueError("heat must be in [0, 1]")
         if not ((self.stands_on >= -1) & (self.stands_on < planes)).all():
-            raise ValueError(f"stands_on must name one of {planes} planes, or -1")
+            raise ValueError(f"stands_on must hold rows of the {planes} planes, or -1")
 
     def __len__(self) -> int:
         return len(self.heat)

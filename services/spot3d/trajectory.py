@@ -50,7 +50,7 @@ def rotation_from_quaternion(quaternion: NDArray[np.float64]) -> NDArray[np.floa
     """(3, 3) rotation matrix of a quaternion (x, y, z, w) of any length but zero (ValueError)."""
     norm = float(np.linalg.norm(quaternion))
     if not norm > 0:
-        raise ValueError("a quaternion of length zero is no rotation")
+        raise ValueError("a quaternion of length zero is not a rotation")
     x, y, z, w = quaternion / norm
     return np.array(
         [
@@ -125,7 +125,7 @@ def read_tum(path: Path) -> tuple[list[int], NDArray[np.float64]]:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path} is no text in UTF-8: {error}") from error
+        raise ValueError(f"{path} is not UTF-8 text: {error}") from error
     for number, line in enumerate(text.splitlines(), start=1):
         fields = line.split()
         if not fields or fields[0].startswith("#"):
@@ -184,7 +184,9 @@ def rpe(true: NDArray[np.float64], estimated: NDArray[np.float64]) -> tuple[dict
 
 def _check_pair(true: NDArray[np.float64], estimated: NDArray[np.float64], least: int) -> None:
     if true.shape != estimated.shape or true.shape[1:] != (4, 4):
-        raise ValueError(f"two (n, 4, 4) trajectories are needed, got {true.shape} and {estimated.shape}")
+        raise ValueError(
+            f"two trajectories (n, 4, 4) of equal length are needed, got {true.shape} and {estimated.shape}"
+        )
     if len(true) < least:
         raise ValueError(f"at least {least} poses are needed, got {len(true)}")
 

@@ -28,7 +28,7 @@ FOLDERS = [("camera-intrinsics.txt", seven_scenes_values), ("intrinsics.txt", tu
 def test_values_that_no_camera_has_are_refused_in_words(text: str, given: str) -> None:
     with pytest.raises(SourceError) as refused:
         intrinsics_for(parse_intrinsics(text), (480, 640), "--intrinsics")
-    said = f"--intrinsics: focal lengths must be positive and all values finite, in pixels, got {given}"
+    said = f"--intrinsics: focal lengths must be positive and all values finite, in pixels; got {given}"
     assert str(refused.value) == said
 
 
@@ -53,9 +53,9 @@ def test_either_layout_takes_four_numbers_or_a_matrix(
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "0 numbers; expected fx fy cx cy, or"),
-        ("520 521 320 240 0.1", "5 numbers; expected"),
-        ("fx 520", "not only numbers; expected"),
+        ("", "it has 0 numbers; expected fx fy cx cy, or"),
+        ("520 521 320 240 0.1", "it has 5 numbers; expected"),
+        ("fx 520", "it contains text that is not a number; expected"),
         ("520 3 320 0 520 240 0 0 1", r"expected fx fy cx cy, or \[\[fx, 0, cx\], \[0, fy, cy\]"),
         ("520 0 320 0 520 240 0 0 7", "expected"),
     ],

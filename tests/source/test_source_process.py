@@ -40,14 +40,17 @@ def test_images_of_the_largest_size_are_played(size: tuple[int, int]) -> None:
     ("size", "halved", "remedy"),
     [
         ((2049, 2048), False, "use --half"),
-        ((2049, 2048), True, "scale colour and depth down"),
+        ((2049, 2048), True, "scale colour and depth images down"),
         ((8193, 400), False, "use --half"),
-        ((400, 8193), True, "scale colour and depth down"),
-        ((4098, 4096), False, "scale colour and depth down"),
+        ((400, 8193), True, "scale colour and depth images down"),
+        ((4098, 4096), False, "scale colour and depth images down"),
     ],
 )
 def test_larger_images_are_refused_in_one_sentence(size: tuple[int, int], halved: bool, remedy: str) -> None:
-    said = rf"^{size[0]} x {size[1]} pixels are more than a message holds, 4194304 in all and 8192 a side; {remedy}$"
+    said = (
+        rf"^images of {size[0]} x {size[1]} pixels are too large for a message, which holds 4194304 pixels and 8192 a "
+        rf"side; {remedy}$"
+    )
     with pytest.raises(SourceError, match=said):
         refuse_large_images(camera(*size), halved)
 
@@ -69,7 +72,7 @@ def test_large_images_end_the_source_before_any_is_sent() -> None:
     link = LinkSettings(robot="large", connect=(endpoint,))
     with open_router((endpoint,)):
         for sequence in (LargeRecording(1), LargeCamera()):
-            with pytest.raises(SourceError, match=r"2592 x 1944 pixels are more than a message holds.*use --half"):
+            with pytest.raises(SourceError, match=r"2592 x 1944 pixels are too large for a message.*use --half"):
                 run(link, SourceSettings(), sequence, stop=threading.Event())
 
 
@@ -96,7 +99,8 @@ def test_frames_that_no_message_holds_are_counted_and_the_others_played() -> Non
     assert [frame.header.seq for frame in frames] == [0, 1, 2], "nobody misses what was never sent"
     assert health[-1].drops == {"cannot be sent": 2}
     why = health[-1].last_error
-    assert why.startswith("the frame of 50000000 ns cannot be sent.T_world_camera: the 3x3 part is no rotation"), why
+    said = "the frame at 50000000 ns cannot be sent: frame.T_world_camera: the 3x3 part is not a rotation"
+    assert why.startswith(said), why
 
 
 class GappyRecording(Recording):
@@ -206,7 +210,7 @@ def test_a_source_says_for_whom_it_waits_and_begins_when_they_are_there(caplog: 
         session.liveliness().declare_token(alive_key("early", "pose")),
         playing(link, Recording(2), wait_for=("pose", "heatmap", "fusion")),
     ):
-        wait_until(lambda: "waiting for heatmap, fusion, for 180 s at most" in caplog.text, "it says so", 20)
+        wait_until(lambda: "waiting for heatmap, fusion (at most 180 s)" in caplog.text, "it says so", 20)
         assert not ear.heard["source/frame"]
         with (
             session.liveliness().declare_token(alive_key("early", "heatmap")),

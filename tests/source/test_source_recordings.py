@@ -223,36 +223,39 @@ def _calibration(x: float) -> str:
     ("change", "message"),
     [
         (_replace("frame-000000.depth.png", ""), "is empty"),
-        (_replace("frame-000000.depth.png", "no image"), "no readable image"),
-        (_replace("frame-000000.color.png", "no image"), "no readable image"),
+        (_replace("frame-000000.depth.png", "no image"), "not a readable image"),
+        (_replace("frame-000000.color.png", "no image"), "not a readable image"),
         (_replace("frame-000000.color.png", None), "frame-000000.color.png is missing"),
         (_replace("frame-000000.depth.png", np.zeros((HEIGHT, WIDTH), np.uint8)), "8-bit depth"),
-        (_replace("frame-000000.depth.png", np.zeros((HEIGHT, WIDTH, 3), np.uint16)), "one-channel"),
+        (_replace("frame-000000.depth.png", np.zeros((HEIGHT, WIDTH, 3), np.uint16)), "16-bit PNG with one channel"),
         (_replace("frame-000001.depth.png", np.zeros((HEIGHT, 9), np.uint16)), "size mismatch.*9x16"),
         (_replace("frame-000001.color.png", colour_image(8, 12)), "size mismatch.*12x8"),
         (_replace("camera-intrinsics.txt", None), "no intrinsics.*--intrinsics"),
         (_replace("camera-intrinsics.txt", "1 2 3"), "3 numbers; expected fx fy cx cy, or"),
         (_replace("camera-intrinsics.txt", "20 0 12 0 20 8 0 0 7"), "malformed"),
-        (_replace("camera-intrinsics.txt", "20 0 320 0 20 240 0 0 1"), "another image size"),
+        (_replace("camera-intrinsics.txt", "20 0 320 0 20 240 0 0 1"), "intrinsics of images of this size"),
         (_replace("camera-intrinsics.txt", "-20 0 12 0 20 8 0 0 1"), "positive"),
         (_replace("calibration.json", "{"), "calibration.json is malformed"),
         (_replace("calibration.json", "[" * 100_000), "calibration.json is malformed"),
-        (_replace("calibration.json", "[]"), "calibration.json is malformed: the whole: Input should be"),
-        (_replace("calibration.json", _calibration(25.0)), "cameras 25 m apart; it is in metres"),
-        (_replace("calibration.json", _calibration(0.1).replace("[[1.0", "[[-1.0")), "no rotation and translation"),
-        (_replace("calibration.json", _calibration(0.1).replace("1.0]]", "2.0]]")), "no rotation and translation"),
-        (_replace("calibration.json", _calibration(0.1).replace('"cx": 12', '"cx": 99')), "another image size"),
+        (_replace("calibration.json", "[]"), "calibration.json is malformed: the document: Input should be"),
+        (_replace("calibration.json", _calibration(25.0)), "cameras 25 m apart; give the translation in metres"),
+        (_replace("calibration.json", _calibration(0.1).replace("[[1.0", "[[-1.0")), "not a rigid transform"),
+        (_replace("calibration.json", _calibration(0.1).replace("1.0]]", "2.0]]")), "not a rigid transform"),
+        (
+            _replace("calibration.json", _calibration(0.1).replace('"cx": 12', '"cx": 99')),
+            "intrinsics of images of this size",
+        ),
         (_replace("calibration.json", _calibration(0.1).replace('"fx": 20', '"fx": 1e300')), "of 1e.300 and 20 pixels"),
         (
             _replace("camera-intrinsics.txt", "0.02 0 12 0 0.02 8 0 0 1"),
-            "of 0.02 and 0.02 pixels; .*another unit",
+            "of 0.02 and 0.02 pixels .*; give them in pixels",
         ),
         (_replace("camera-intrinsics.txt", "20 3 12 0 20 8 0 0 1"), "malformed: expected"),
-        (_replace("frame-000001.depth.png", bomb()), "no readable image"),
-        (_replace("frame-000001.color.png", bomb()), "no readable image"),
+        (_replace("frame-000001.depth.png", bomb()), "not a readable image"),
+        (_replace("frame-000001.color.png", bomb()), "not a readable image"),
         (_replace("calibration.json", "{}"), "give .registered"),
         (_replace("calibration.json", '{"colour": {"fx": "wide"}}'), "colour.fx"),
-        (_replace("calibration.json", _calibration(float("nan"))), "no rotation and translation"),
+        (_replace("calibration.json", _calibration(float("nan"))), "not a rigid transform"),
     ],
 )
 def test_seven_scenes_errors(seven_scenes: Path, change: Callable[[Path], None], message: str) -> None:
@@ -265,27 +268,36 @@ def test_seven_scenes_errors(seven_scenes: Path, change: Callable[[Path], None],
     ("change", "message"),
     [
         (_replace("rgb.txt", None), "rgb.txt is missing"),
-        (_replace("rgb.txt", "noon rgb/1.000000.png\n"), "rgb.txt:1 .*no time in seconds, with which a line begins$"),
+        (
+            _replace("rgb.txt", "noon rgb/1.000000.png\n"),
+            "rgb.txt:1 .*must begin with a timestamp in seconds, not with 'noon'$",
+        ),
         (
             _replace("depth.txt", "1341841278000000000 depth/1.000000.png\n"),
-            r"depth.txt:1 .*no time in seconds.*; is it in another unit, such as nanoseconds\?$",
+            r"depth.txt:1 .*must begin with a timestamp in seconds.*; is it in another unit, such as nanoseconds\?$",
         ),
         (_replace("depth.txt", "1.0\n"), "nothing follows"),
         (_replace("rgb.txt", "7.0 rgb/1.000000.png\n"), "within 20 ms"),
         (_replace("rgb.txt", "1.0 rgb/none.png\n"), "none.png is missing"),
         (_replace("groundtruth.txt", "1.0 0 0 0 0 0 0\n"), "groundtruth.txt:1 .*expected"),
         (_replace("groundtruth.txt", "1.0 0 0 0 0 0 0 2\n"), "length is 2.000"),
-        (_replace("groundtruth.txt", "1.0 0 0 0 0 0 0 w\n"), "groundtruth.txt:1 .*'w' is no finite number; expected"),
+        (
+            _replace("groundtruth.txt", "1.0 0 0 0 0 0 0 w\n"),
+            "groundtruth.txt:1 .*'w' is not a finite number; expected",
+        ),
         (
             _replace("groundtruth.txt", "1.0 0 0 nan 0 0 0 1\n"),
-            "groundtruth.txt:1 .*'nan' is no finite number; expected",
+            "groundtruth.txt:1 .*'nan' is not a finite number; expected",
         ),
-        (_replace("groundtruth.txt", "nan 0 0 0 0 0 0 1\n"), "groundtruth.txt:1 .*'nan' is no time in seconds"),
+        (
+            _replace("groundtruth.txt", "nan 0 0 0 0 0 0 1\n"),
+            "groundtruth.txt:1 .*timestamp in seconds, not with 'nan'",
+        ),
         (_replace("intrinsics.txt", "1 2 3\n"), "3 numbers; expected fx fy cx cy, or"),
         (_replace("depth.txt", "1.0 depth/nu\0ll.png\n"), "cannot be read: embedded null byte"),
         (_replace("depth.txt", f"1.0 depth/{'x' * 5000}.png\n"), "cannot be read: File name too long"),
-        (_replace("depth.txt", "# nothing\n"), "depth.txt lists no image"),
-        (_replace("rgb.txt", ""), "rgb.txt lists no image"),
+        (_replace("depth.txt", "# nothing\n"), "depth.txt lists no images"),
+        (_replace("rgb.txt", ""), "rgb.txt lists no images"),
     ],
 )
 def test_tum_errors(tum: Path, change: Callable[[Path], None], message: str) -> None:
@@ -338,14 +350,14 @@ def test_a_folder_without_any_frame_that_can_be_read_is_refused(
 ) -> None:
     for number in (0, 1, 3):
         change(seven_scenes, f"frame-{number:06d}")
-    with pytest.raises(SourceError, match=r"none of 3 frames .* can be read; the first: .*frame-000000\."):
+    with pytest.raises(SourceError, match=r"none of 3 frames has readable .*; the first error: .*frame-000000\."):
         open_source(seven_scenes)
 
 
 def test_colour_without_depth_is_told(seven_scenes: Path, caplog: pytest.LogCaptureFixture) -> None:
     (seven_scenes / "frame-000001.depth.png").unlink()
     assert open_source(seven_scenes).stamps_ns == [0, 100_000_000]
-    assert f"{seven_scenes}: 1 of 3 colour images have no depth image, and are left out" in caplog.text
+    assert f"{seven_scenes}: 1 of 3 colour images are left out, as they have no depth image" in caplog.text
 
 
 def test_a_broken_first_image_of_tum_is_that_of_one_frame(tum: Path) -> None:
@@ -399,13 +411,13 @@ def test_a_malformed_line_of_images_is_left_out_and_told(tum: Path, caplog: pyte
     (tum / "depth.txt").write_text(f"noon depth/0.9.png\n{lines}")
     assert open_source(tum).stamps_ns == [1_000_000_000, 1_200_001_000]
     assert "1 of 4 lines of" in caplog.text
-    assert "1 of 3 depth images have no colour within 20 ms" in caplog.text
+    assert "1 of 3 depth images are left out, as they have no colour image within 20 ms" in caplog.text
 
 
 def test_intrinsics_of_half_the_size_are_told(seven_scenes: Path, caplog: pytest.LogCaptureFixture) -> None:
     (seven_scenes / "camera-intrinsics.txt").write_text("10 0 6\n0 10 4\n0 0 1\n")
     open_source(seven_scenes)
-    assert "the principal point (6, 4) is far from the middle of 24x16 pixels" in caplog.text
+    assert "the principal point (6, 4) is far from the centre of the 24x16 image" in caplog.text
 
 
 def test_lists_of_images_may_have_a_byte_order_mark_and_spaces_in_names(tum: Path) -> None:
@@ -417,7 +429,7 @@ def test_lists_of_images_may_have_a_byte_order_mark_and_spaces_in_names(tum: Pat
 
 def test_tum_unknown_camera(tum: Path) -> None:
     renamed = tum.rename(tum.parent / "my_desk")
-    with pytest.raises(SourceError, match="names no TUM camera"):
+    with pytest.raises(SourceError, match="does not contain a TUM camera"):
         open_source(renamed)
 
 
@@ -430,7 +442,7 @@ def test_folder_errors(seven_scenes: Path, tmp_path: Path) -> None:
             open_source(path)
     inner = tmp_path / "outer" / "seq-01"
     inner.mkdir(parents=True)
-    with pytest.raises(SourceError, match=r"is no recording: .*; depth images of a folder are 16-bit PNG$"):
+    with pytest.raises(SourceError, match=r"is not a recording: .* Depth images in a folder must be 16-bit PNG$"):
         open_source(inner)
     write(inner / "frame-000000.depth.png", depth_image())
     with pytest.raises(SourceError, match="seq-01"):
@@ -482,5 +494,5 @@ def test_the_unit_of_depth_can_be_told(tum: Path, halved: bool) -> None:
 
 
 def test_what_tells_its_unit_itself_takes_no_other() -> None:
-    with pytest.raises(SourceError, match="scene tells its depth's unit itself; leave --depth-unit away"):
+    with pytest.raises(SourceError, match="scene states its own unit of depth; omit --depth-unit"):
         open_source("scene", 2, depth_unit=0.001)

@@ -97,15 +97,18 @@ def load_calibration(folder: Path, depth: Intrinsics) -> ColourCamera | None:
             raise ValueError('give "registered": true, or both "colour" and "T_colour_depth"')
         T_colour_depth = np.array(entries.T_colour_depth)
         if not is_rigid(T_colour_depth):
-            raise ValueError("T_colour_depth is no rotation and translation")
+            raise ValueError(
+                "T_colour_depth is not a rigid transform; give a rotation and a translation, with 0 0 0 1 as the "
+                "last row"
+            )
         if (apart_m := float(np.linalg.norm(T_colour_depth[:3, 3]))) > _APART_MOST_M:
-            raise ValueError(f"T_colour_depth has the cameras {apart_m:g} m apart; it is in metres")
+            raise ValueError(f"T_colour_depth puts the cameras {apart_m:g} m apart; give the translation in metres")
         colour = entries.colour
         values = (colour.fx, colour.fy, colour.cx, colour.cy)
         return ColourCamera(intrinsics_for(values, (colour.height, colour.width), str(path)), T_colour_depth)
     except ValidationError as error:
         first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"]) or "the whole"
+        field = ".".join(str(part) for part in first["loc"]) or "the document"
         raise SourceError(f"{path} is malformed: {field}: {first['msg']}") from None
     except (ValueError, RecursionError) as error:
         raise SourceError(f"{path} is malformed: {error}") from None

@@ -9,10 +9,10 @@ def refuse_large_images(camera: Intrinsics, halved: bool) -> None:
     """Raises SourceError if this camera's frames are larger than a message holds. halved: they are halved already."""
     if _fits(camera):
         return
-    remedy = "use --half" if not halved and _fits(camera.halved()) else "scale colour and depth down"
+    remedy = "use --half" if not halved and _fits(camera.halved()) else "scale colour and depth images down"
     raise SourceError(
-        f"{camera.width} x {camera.height} pixels are more than a message holds, {MAX_IMAGE_PIXELS} in all and "
-        f"{MAX_IMAGE_SIDE} a side; {remedy}"
+        f"images of {camera.width} x {camera.height} pixels are too large for a message, which holds "
+        f"{MAX_IMAGE_PIXELS} pixels and {MAX_IMAGE_SIDE} a side; {remedy}"
     )
 
 

@@ -17,7 +17,7 @@ def read_colour(path: Path) -> NDArray[np.uint8]:
     """Colour image (h, w, 3) uint8 RGB of a PNG or JPEG file. Raises SourceError if missing or unreadable."""
     image = decoded_image(_file_bytes(path), COLOUR)
     if image is None:
-        raise SourceError(f"{path} is no readable image; copy or convert the recording again")
+        raise SourceError(f"{path} is not a readable image; copy or convert the recording again")
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
 
 
@@ -25,11 +25,11 @@ def read_depth(path: Path) -> NDArray[np.uint16]:
     """Depth image (h, w) uint16 in the file's units. Raises SourceError unless it is 16-bit, one channel."""
     image = decoded_image(_file_bytes(path), cv2.IMREAD_UNCHANGED)
     if image is None:
-        raise SourceError(f"{path} is no readable image; copy or convert the recording again")
+        raise SourceError(f"{path} is not a readable image; copy or convert the recording again")
     if image.dtype == np.uint8:
-        raise SourceError(f"{path} is 8-bit depth, which tells only 256 distances apart; export depth as 16-bit PNG")
+        raise SourceError(f"{path} is 8-bit depth, which has only 256 levels; export depth as 16-bit PNG")
     if image.dtype != np.uint16 or image.ndim != 2:
-        raise SourceError(f"{path} is {image.dtype} {image.shape}; depth must be a 16-bit, one-channel PNG")
+        raise SourceError(f"{path} is {image.dtype} {image.shape}; depth must be a 16-bit PNG with one channel")
     return np.asarray(image, np.uint16)
 
 

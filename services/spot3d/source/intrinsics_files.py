@@ -33,7 +33,7 @@ def parse_intrinsics(text: str, where: str = "--intrinsics") -> FocalAndCentre:
     try:
         fx, fy, cx, cy = (float(word) for word in text.replace(",", " ").split())
     except ValueError:
-        raise SourceError(f"{where}: {text.strip()!r} is not four numbers fx,fy,cx,cy in pixels") from None
+        raise SourceError(f"{where}: {text.strip()!r} is not four numbers; give fx,fy,cx,cy in pixels") from None
     return fx, fy, cx, cy
 
 
@@ -60,8 +60,8 @@ def tum_values(folder: Path) -> FocalAndCentre:
     match = re.search(r"(?:freiburg|(?<![a-z])fr)([123])(?!\d)", folder.resolve().name.lower())
     if match is None:
         raise SourceError(
-            f"no intrinsics: {path} is missing and {folder.resolve().name!r} names no TUM camera "
-            f"(freiburg1, 2 or 3); {HINT}"
+            f"no intrinsics: {path} is missing, and the folder name {folder.resolve().name!r} does not contain a TUM "
+            f"camera (freiburg1, 2 or 3); {HINT}"
         )
     return TUM_PUBLISHED[match[1]]
 
@@ -75,12 +75,12 @@ def _values_of_file(path: Path) -> FocalAndCentre:
     try:
         values = np.array([float(word) for word in words])
     except ValueError:
-        raise SourceError(f"{path} is malformed: not only numbers; {_FORMS}") from None
+        raise SourceError(f"{path} is malformed: it contains text that is not a number; {_FORMS}") from None
     if values.size == 4:
         fx, fy, cx, cy = values.tolist()
         return fx, fy, cx, cy
     if values.size != 9:
-        raise SourceError(f"{path} is malformed: {values.size} numbers; {_FORMS}")
+        raise SourceError(f"{path} is malformed: it has {values.size} numbers; {_FORMS}")
     (fx, skew, cx), (zero, fy, cy), last = values.reshape(3, 3).tolist()
     if not (np.allclose(last, [0, 0, 1]) and zero == 0 and abs(skew) <= _SKEW_MOST_PX):
         raise SourceError(f"{path} is malformed: {_FORMS}")
@@ -97,14 +97,14 @@ def intrinsics_for(values: FocalAndCentre, shape: tuple[int, int], where: str) -
         raise SourceError(f"{where}: {error}") from error
     if not all(_FOCAL_LEAST < focal / width < _FOCAL_MOST for focal in (fx, fy)):
         raise SourceError(
-            f"{where}: no camera of {width}x{height} pixels has focal lengths of {fx:g} and {fy:g} pixels; are they in "
-            "another unit?"
+            f"{where}: focal lengths of {fx:g} and {fy:g} pixels are implausible for images of {width}x{height} "
+            "pixels; give them in pixels"
         )
     if not (0 <= cx < width and 0 <= cy < height):
         raise SourceError(
-            f"{where}: the principal point ({cx:g}, {cy:g}) is outside of the {width}x{height} image; "
-            "are these the intrinsics of another image size?"
+            f"{where}: the principal point ({cx:g}, {cy:g}) is outside the {width}x{height} image; give the "
+            "intrinsics of images of this size"
         )
     if doubt := off_centre(intrinsics):
-        log.warning("%s: %s All that is found would be bent.", where, doubt)
+        log.warning("%s: %s; otherwise all boxes are distorted", where, doubt)
     return intrinsics

@@ -46,23 +46,25 @@ class McapSequence(FrameSequence):
         try:
             places = _places(contents, self._topic) if self._topic else []
         except (CodecError, TypeError, ValueError) as error:
-            raise SourceError(f"{contents.path}: cannot find its frames: {error}") from error
+            raise SourceError(f"{contents.path}: cannot index its frames: {error}") from error
         if not places:
             raise SourceError(
-                f"{contents.path} holds no frames: no message of source/frame or heatmap/heat; its topics are "
-                f"{', '.join(contents.topics) or 'none'}"
+                f"{contents.path} contains no frames: it has no messages on source/frame or heatmap/heat; its topics "
+                f"are {', '.join(contents.topics) or 'none'}"
             )
         if not contents.complete:
-            log.warning("%s was not finished: %d bytes at its end are lost", contents.path, contents.lost_bytes)
+            log.warning("%s is incomplete: its last %d bytes are lost", contents.path, contents.lost_bytes)
         streams = _streams(places)
         stragglers = len(places) - sum(map(len, streams))
         if stragglers:
-            told = "no later stamp than the one before, and are left out"
+            told = "a timestamp no later than the one before, and are left out"
             log.warning("%s: %d of %d frames have %s", contents.path, stragglers, len(places), told)
         self._places = max(streams, key=len)
         if len(streams) > 1:
             told = ", ".join(str(len(stream)) for stream in streams)
-            log.warning("%s holds %d streams of %s frames; the longest is played", contents.path, len(streams), told)
+            log.warning(
+                "%s contains %d streams, of %s frames; the longest is played", contents.path, len(streams), told
+            )
         self._chunk: tuple[int, list[bytes]] = (-1, [])
         self.stamps_ns = [place.stamp_ns for place in self._places]
         first = self._first()
@@ -137,7 +139,7 @@ def _searched(contents: McapContents, topic: str) -> Iterator[tuple[int, int, st
         try:
             messages = _messages(contents, chunk, topic)
         except SourceError as error:
-            log.warning("the frames of a chunk are left out: %s", error)
+            log.warning("the frames of a damaged chunk are left out: %s", error)
             continue
         for data in messages:
             header = peek_header(data)

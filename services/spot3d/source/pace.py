@@ -29,6 +29,9 @@ class Pace:
         late_s = time.monotonic() - self._start_s - after_s
         if late_s > _BEHIND_S:
             self._start_s += late_s
-            self._node.note("behind", f"the source is {late_s:.1f} s behind its pace; it goes on from here")
+            self._node.note(
+                "behind",
+                f"the source is {late_s:.1f} s behind its schedule, and continues from here without catching up",
+            )
         elif late_s < 0:
             self._node.rest(-late_s)

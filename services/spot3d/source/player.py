@@ -128,7 +128,9 @@ class Player:
             self.node.counters.drop(f"{arrival.refused} {IN_THE_INPUT}")
             return False
         if arrival.restarted and self.leaving is None:
-            self.node.note("streams", "the camera's stamps went back: another stream begins when this one is complete")
+            self.node.note(
+                "streams", "the camera's timestamps went back: a new stream begins when this one is complete"
+            )
             if self.node.link.delivery == "lossless":
                 self._wait_for_credit(0)
             self.leaving = self._ending(0.0)
@@ -167,10 +169,10 @@ class Player:
 
     def _unsendable(self, stamp_ns: int, error: ValueError) -> None:
         """Count a frame that no message can hold, and report why."""
-        what = f"the frame of {stamp_ns} ns {UNSENDABLE}"
-        why = first_problem(what, error) if isinstance(error, ValidationError) else f"{what}: {error}"
+        what = f"the frame at {stamp_ns} ns {UNSENDABLE}"
+        why = first_problem("frame", error) if isinstance(error, ValidationError) else str(error)
         self.node.counters.drop(UNSENDABLE)
-        self.node.failed(UNSENDABLE, why)
+        self.node.failed(UNSENDABLE, f"{what}: {why}")
 
     def _read_progress(self, timeout_s: float) -> Progress | None:
         """The newest progress that is there or comes within `timeout_s`, or None. Updates the credit."""
@@ -195,12 +197,12 @@ class Player:
                 lost = self.credit.give_up()
                 self.node.counters.drop("lost in flight", len(lost))
                 log.warning(
-                    "no progress for %.1f s: %d frames (%d to %d ns) count as lost; absent: %s",
+                    "no progress for %.1f s: %d frames (%d to %d ns) count as lost; stages not running: %s",
                     limit_s,
                     len(lost),
                     lost[0],
                     lost[-1],
-                    ", ".join(stage for stage in STAGES if stage != "source" and stage not in self.alive) or "nobody",
+                    ", ".join(stage for stage in STAGES if stage != "source" and stage not in self.alive) or "none",
                 )
 
     def _ending(self, wait_s: float) -> Iterator[None]:

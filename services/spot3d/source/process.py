@@ -69,11 +69,11 @@ def _wait_for(node: Node, alive: Alive, stages: tuple[str, ...]) -> None:
             return
         if time.monotonic() > end_s:
             raise MissingStagesError(
-                f"no sign of {', '.join(missing)} for robot {node.link.robot!r} within {START_LIMIT_S:.0f} s; start "
-                f"{'it' if len(missing) == 1 else 'them'} on the router at {', '.join(node.link.connect)}"
+                f"{', '.join(missing)} of robot {node.link.robot!r} did not come on line within {START_LIMIT_S:.0f} "
+                f"s; start {'it' if len(missing) == 1 else 'them'} on the router at {', '.join(node.link.connect)}"
             )
         if not said:
-            log.info("waiting for %s, for %.0f s at most", ", ".join(missing), START_LIMIT_S)
+            log.info("waiting for %s (at most %.0f s)", ", ".join(missing), START_LIMIT_S)
             said = True
         # Taking messages keeps the heartbeat alive. They belong to an earlier stream.
         node.next(0.0)

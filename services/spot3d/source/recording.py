@@ -125,7 +125,7 @@ def _of_first_readable(frames: list[RecordedFrame], read: Callable[[RecordedFram
             return read(entry)
         except SourceError as error:
             refused = refused or error
-    raise SourceError(f"none of {len(frames)} frames has depth and colour that can be read; the first: {refused}")
+    raise SourceError(f"none of {len(frames)} frames has readable depth and colour images; the first error: {refused}")
 
 
 def _averaged(colour: NDArray[np.uint8], shape: tuple[int, int]) -> NDArray[np.uint8]:
@@ -138,7 +138,7 @@ def _averaged(colour: NDArray[np.uint8], shape: tuple[int, int]) -> NDArray[np.u
 def _require_size(path: Path, shape: tuple[int, ...], intrinsics: Intrinsics) -> None:
     if shape != intrinsics.shape:
         raise SourceError(
-            f"size mismatch: {path} is {shape[1]}x{shape[0]}, but its camera's intrinsics are for "
-            f"{intrinsics.width}x{intrinsics.height}; all images of a camera share one size, "
-            "and colour has depth's size unless calibration.json says otherwise"
+            f"size mismatch: {path} is {shape[1]}x{shape[0]}, but the camera's intrinsics are for "
+            f"{intrinsics.width}x{intrinsics.height}; all images of a camera must have one size, and colour that of "
+            "depth unless calibration.json states another"
         )

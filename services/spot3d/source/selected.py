@@ -66,9 +66,9 @@ def open_selection(selection: Selection, settings: SourceSettings) -> FrameSeque
 def open_selected_stream(selection: Selection, settings: SourceSettings) -> FrameStream:
     """The selected frames of a camera, at half size where the settings say so. Raises SourceError."""
     if selection.intrinsics is not None:
-        raise SourceError(f"{selection.name} has its own intrinsics; leave --intrinsics away")
+        raise SourceError(f"{selection.name} states its own intrinsics; omit --intrinsics")
     if settings.depth_unit:
-        raise SourceError(f"{selection.name} tells its depth's unit itself; leave --depth-unit away")
+        raise SourceError(f"{selection.name} states its own unit of depth; omit --depth-unit")
     return _SelectedStream(open_stream(selection.name), selection, settings)
 
 

@@ -25,7 +25,7 @@ def refuse_misnamed_scene(name: str) -> None:
     """Raises SourceError for a name that begins like a built-in scene's."""
     if name.startswith(("scene:", "scenes:")):
         raise SourceError(
-            f"{name} names no built-in scene; there are {SPELLINGS}, and for spot3d evaluate {SPELLINGS_OF_MANY}"
+            f"{name} is not a built-in scene; give {SPELLINGS}, or for spot3d evaluate {SPELLINGS_OF_MANY}"
         )
 
 
@@ -48,13 +48,13 @@ def open_source(
     sequence: FrameSequence
     if (scene := parse_scene_name(str(path_or_name))) is not None:
         if intrinsics is not None:
-            raise SourceError("the built-in scene has its own camera; leave --intrinsics away")
+            raise SourceError("the built-in scene has its own camera; omit --intrinsics")
         from spot3d.source.scene.scene import Scene  # numba takes a second to import
 
         sequence = Scene(scene.seed, scene.kind, frames)
     elif is_our_mcap(Path(path_or_name)):
         if intrinsics is not None:
-            raise SourceError("a recording has its own intrinsics; leave --intrinsics away")
+            raise SourceError("a file of spot3d record states its own intrinsics; omit --intrinsics")
         from spot3d.source.mcap_sequence import open_recorded_mcap  # its packages are an extra's
 
         sequence = open_recorded_mcap(Path(path_or_name))
@@ -62,7 +62,7 @@ def open_source(
         sequence = _open_path(Path(path_or_name), intrinsics, topics or TopicNames())
     if depth_unit:
         if not isinstance(sequence, Recording):
-            raise SourceError(f"{path_or_name} tells its depth's unit itself; leave --depth-unit away")
+            raise SourceError(f"{path_or_name} states its own unit of depth; omit --depth-unit")
         sequence = replace(sequence, depth_scale=depth_unit)
     return at_half_size(sequence) if halved else sequence
 
@@ -97,7 +97,7 @@ def _open_path(folder: Path, intrinsics: FocalAndCentre | None, topics: TopicNam
 
         return open_bag(folder, topics, intrinsics)
     if not folder.is_dir():
-        raise SourceError(f"{folder} is a file, and no ROS bag (.bag, .mcap, .db3); give a folder or such a file")
+        raise SourceError(f"{folder} is a file, but not a ROS bag (.bag, .mcap, .db3); give a folder or a bag")
     if is_tum(folder):
         return open_tum(folder, intrinsics)
     if is_seven_scenes(folder):
@@ -105,8 +105,10 @@ def _open_path(folder: Path, intrinsics: FocalAndCentre | None, topics: TopicNam
     inner = sorted(path.name for path in folder.iterdir() if path.is_dir())
     for name in inner:
         if is_tum(folder / name) or is_seven_scenes(folder / name):
-            raise SourceError(f"{folder} holds recordings, but is none itself; open one, such as {folder / name}")
+            raise SourceError(
+                f"{folder} contains recordings, but is not one itself; give one of them, such as {folder / name}"
+            )
     raise SourceError(
-        f"{folder} is no recording: neither frame-NNNNNN.depth.png (7-Scenes), nor depth.txt and rgb.txt "
-        "(TUM RGB-D), nor metadata.yaml (ROS 2); depth images of a folder are 16-bit PNG"
+        f"{folder} is not a recording: it has neither frame-NNNNNN.depth.png (7-Scenes), nor depth.txt and rgb.txt "
+        "(TUM RGB-D), nor metadata.yaml (ROS 2). Depth images in a folder must be 16-bit PNG"
     )

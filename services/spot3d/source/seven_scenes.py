@@ -45,12 +45,14 @@ def open_seven_scenes(folder: Path, intrinsics: FocalAndCentre | None = None) ->
     stems = [stem for _, stem in numbered]
     if numbered and numbered[-1][0] > _LAST:
         raise SourceError(
-            f"{folder / numbered[-1][1]}.depth.png: frame N is taken at N / {RATE_HZ} s, and no time is that large; "
-            "number the frames from 0, or use TUM's layout, whose lists hold times"
+            f"{folder / numbered[-1][1]}.depth.png: frame N is timed at N / {RATE_HZ} s, and this number is too "
+            "large; number the frames from 0, or use TUM's layout, which lists timestamps"
         )
     coloured = {path.name.partition(".")[0] for path in folder.glob("frame-*.color.*")}
     if alone := len(coloured.difference(stems)):
-        log.warning("%s: %d of %d colour images have no depth image, and are left out", folder, alone, len(coloured))
+        log.warning(
+            "%s: %d of %d colour images are left out, as they have no depth image", folder, alone, len(coloured)
+        )
     poses = _poses(folder, stems)
     frames = [
         RecordedFrame(

@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 # Rotations written with a handful of digits are orthonormal within about this tolerance.
 _ROTATION_TOLERANCE = 1e-2
-_POSE_LINE = "expected `stamp tx ty tz qx qy qz qw`: seconds, metres and a quaternion of length 1"
+_POSE_LINE = "expected `timestamp tx ty tz qx qy qz qw`: seconds, metres and a unit quaternion"
 _STAMP_MAX_NS = np.iinfo(np.int64).max
 
 
@@ -33,7 +33,7 @@ def read_text(path: Path) -> str:
     except OSError as error:
         raise SourceError(f"{path} cannot be read: {why(error)}") from error
     except UnicodeDecodeError as error:
-        raise SourceError(f"{path} cannot be read as text: {error}") from error
+        raise SourceError(f"{path} is not a text file: {error}") from error
 
 
 def read_matrix(path: Path, size: int) -> NDArray[np.float64]:
@@ -42,9 +42,11 @@ def read_matrix(path: Path, size: int) -> NDArray[np.float64]:
     try:
         values = np.array([float(word) for word in words])
     except ValueError:
-        raise SourceError(f"{path} is malformed: not only numbers; expected {size}x{size} numbers") from None
+        raise SourceError(
+            f"{path} is malformed: it contains text that is not a number; expected {size}x{size} numbers"
+        ) from None
     if values.size != size * size:
-        raise SourceError(f"{path} is malformed: {values.size} numbers, expected {size}x{size}")
+        raise SourceError(f"{path} is malformed: it has {values.size} numbers; expected {size}x{size}")
     return values.reshape(size, size)
 
 
@@ -58,7 +60,7 @@ def read_pose_matrix(path: Path) -> NDArray[np.float64] | None:
     if not np.isfinite(T_world_camera).all():
         return None
     if not is_rigid(T_world_camera):
-        raise SourceError(f"{path} is malformed: not a camera-to-world rotation and translation")
+        raise SourceError(f"{path} is malformed: expected a rigid 4x4 transform, camera to world, in metres")
     T_world_camera[:3, :3] = nearest_rotation(T_world_camera[:3, :3])
     T_world_camera[3] = (0, 0, 0, 1)
     return T_world_camera
@@ -78,7 +80,7 @@ def pose_of_words(words: list[str], where: str) -> NDArray[np.float64]:
     """
     for word in words:
         if not _is_finite(word):
-            raise SourceError(f"{where} is malformed: {word!r} is no finite number; {_POSE_LINE}")
+            raise SourceError(f"{where} is malformed: {word!r} is not a finite number; {_POSE_LINE}")
     if len(words) != 7:
         raise SourceError(f"{where} is malformed: it has {1 + len(words)} numbers; {_POSE_LINE}")
     values = np.array([float(word) for word in words])
@@ -124,9 +126,11 @@ def _stamp_ns(words: list[str], where: str) -> int:
         in_range = False
     if not in_range:
         unit = "; is it in another unit, such as nanoseconds?" if words[0].isdecimal() else ""
-        raise SourceError(f"{where} is malformed: {words[0]!r} is no time in seconds, with which a line begins{unit}")
+        raise SourceError(
+            f"{where} is malformed: it must begin with a timestamp in seconds, not with {words[0]!r}{unit}"
+        )
     if len(words) < 2:
-        raise SourceError(f"{where} is malformed: nothing follows the time")
+        raise SourceError(f"{where} is malformed: nothing follows the timestamp")
     return int(stamp_ns)
 
 

@@ -43,7 +43,7 @@ def open_tum(folder: Path, intrinsics: FocalAndCentre | None = None) -> Recordin
     colours = read_stamped_lines(folder / "rgb.txt", file)
     for name, listed in (("depth.txt", depths), ("rgb.txt", colours)):
         if not listed:
-            raise SourceError(f"{folder / name} lists no image; is the recording complete?")
+            raise SourceError(f"{folder / name} lists no images; is the recording complete?")
     truth_path = folder / "groundtruth.txt"
     truth = read_stamped_lines(truth_path, pose_of_words) if truth_path.is_file() else []
     stamps = np.array([stamp for stamp, _ in depths], np.int64)
@@ -55,14 +55,22 @@ def open_tum(folder: Path, intrinsics: FocalAndCentre | None = None) -> Recordin
         if c >= 0
     ]
     if not frames:
-        raise SourceError(f"{folder}: no depth image has colour within 20 ms; do depth.txt and rgb.txt share a clock?")
+        raise SourceError(
+            f"{folder}: no depth image has a colour image within 20 ms; check that depth.txt and rgb.txt use the "
+            "same clock"
+        )
     if len(frames) < len(depths):
         alone = len(depths) - len(frames)
-        log.warning("%s: %d of %d depth images have no colour within 20 ms", folder, alone, len(depths))
+        log.warning(
+            "%s: %d of %d depth images are left out, as they have no colour image within 20 ms",
+            folder,
+            alone,
+            len(depths),
+        )
     without_pose = sum(pose is None for pose in poses)
     if truth and without_pose:
         log.warning(
-            "%s: %d of %d depth images have no pose at their time; do the two share a clock?",
+            "%s: %d of %d depth images have no pose at their time; check that both use the same clock",
             truth_path,
             without_pose,
             len(depths),

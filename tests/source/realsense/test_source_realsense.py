@@ -127,7 +127,7 @@ def test_a_camera_is_taken_by_its_serial_number() -> None:
     listener = Listener(RealSenseCamera("789", devices=lambda: [one.device for one in plugged]))
     try:
         wait_for(listener, ["camera missing"])
-        assert listener.texts == ["the RealSense camera 789 is not plugged in; waiting for it; found: 123, 456"]
+        assert listener.texts == ["the RealSense camera 789 is not connected; waiting for it; connected: 123, 456"]
         listener.notes.clear()
         plugged.append(SoftwareCamera(CAMERA, serial="789"))
         while "camera found" not in listener.notes:
@@ -141,7 +141,7 @@ def test_a_camera_is_taken_by_its_serial_number() -> None:
 def test_a_name_with_a_serial_number_is_a_camera() -> None:
     assert is_stream("realsense:0123")
     assert isinstance(open_stream("realsense:0123"), RealSenseCamera)
-    with pytest.raises(SourceError, match="realsense: names no camera; give realsense:SERIAL, or realsense for"):
+    with pytest.raises(SourceError, match="realsense: lacks a serial number; give realsense:SERIAL, or realsense for"):
         open_stream("realsense:")
     assert not is_stream("realsenses:0123")
 

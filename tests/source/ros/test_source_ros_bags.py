@@ -119,20 +119,24 @@ def test_depth_that_is_not_registered_is_registered_by_tf_static(tmp_path: Path)
     np.testing.assert_array_equal(registered.colour, expected)
     np.testing.assert_array_equal(registered.depth, frame.depth)
     assert registered.intrinsics == CAMERA
-    with pytest.raises(SourceError, match=r"not registered.*cam_color.*/tf_static does not say"):
+    with pytest.raises(SourceError, match=r"not registered.*cam_color.*/tf_static does not connect the two frames"):
         open_source(write_bag(tmp_path, "db3", said))
 
 
 @pytest.mark.parametrize(
     ("leave_out", "names", "expected"),
     [
-        (r"depth", TopicNames(), r"no depth topic among: .*/camera/color/image_raw \(Image\).*--depth-topic"),
-        (r"/color/image", TopicNames(), r"no colour topic among: .*/odom \(Odometry\).*--colour-topic"),
-        (r"camera_info", TopicNames(), r"no camera_info beside /camera/aligned_depth_to_color/image_raw.*--intrinsics"),
-        ("", TopicNames(depth="/depth"), r"topic /depth is not in the bag; there are: "),
-        ("", TopicNames(depth="/odom"), r"topic /odom is nav_msgs/msg/Odometry, no image"),
-        ("", TopicNames(pose="/vio"), r"no pose topic /vio among: /odom"),
-        ("tf_static", TopicNames(pose="/odom"), r"where base_link is, but /tf_static does not say"),
+        (r"depth", TopicNames(), r"found no depth topic among: .*/camera/color/image_raw \(Image\).*--depth-topic"),
+        (r"/color/image", TopicNames(), r"found no colour topic among: .*/odom \(Odometry\).*--colour-topic"),
+        (
+            r"camera_info",
+            TopicNames(),
+            r"no camera_info with intrinsics beside /camera/aligned_depth_to_color/image_raw.*--intrinsics",
+        ),
+        ("", TopicNames(depth="/depth"), r"topic /depth is not in the bag; it contains: "),
+        ("", TopicNames(depth="/odom"), r"topic /odom has type nav_msgs/msg/Odometry, not an image type"),
+        ("", TopicNames(pose="/vio"), r"/vio is not a pose topic; choose one of: /odom"),
+        ("tf_static", TopicNames(pose="/odom"), r"gives poses of base_link, but /tf_static does not connect it"),
     ],
 )
 def test_what_is_missing_is_named(tmp_path: Path, leave_out: str, names: TopicNames, expected: str) -> None:
@@ -185,5 +189,5 @@ def test_an_mcap_file_of_something_else_is_refused(tmp_path: Path, profile: str,
     with pytest.raises(SourceError, match=expected):
         open_source(path)
     path.write_bytes(b"not at all")
-    with pytest.raises(SourceError, match="is no MCAP file"):
+    with pytest.raises(SourceError, match="is not an MCAP file"):
         open_source(path)

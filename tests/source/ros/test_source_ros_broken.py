@@ -70,10 +70,15 @@ def test_a_broken_image_is_that_of_one_frame(
 @pytest.mark.parametrize(
     ("topic", "change", "expected"),
     [
-        (DEPTH, eight_bits, r"none of 4 pairs of .* can be read; the first: a depth image is '8UC1'; taken are"),
-        (COLOUR, cut, r"none of 4 pairs of .* can be read; the first: an image of 64x48 rgb8 has rows of"),
+        (
+            DEPTH,
+            eight_bits,
+            r"none of 4 image pairs of .* can be read; the first error: a depth image has the encoding "
+            r"'8UC1'; supported are",
+        ),
+        (COLOUR, cut, r"none of 4 image pairs of .* can be read; the first error: an image of 64x48 rgb8 has"),
         (DEPTH, half_as_high, r"image_raw is 64x24, but its camera_info is for 64x48; .*--intrinsics"),
-        (f"{NAME}/camera_info", uncalibrated, r"focal lengths must be positive .*; was the camera calibrated\?"),
+        (f"{NAME}/camera_info", uncalibrated, r"focal lengths must be positive .*; calibrate the camera"),
     ],
 )
 def test_a_bag_of_which_nothing_can_be_read_is_refused(
@@ -94,7 +99,7 @@ def test_intrinsics_of_another_size_are_told(tmp_path: Path, caplog: pytest.LogC
         return replace(message, k=np.array([30.0, 0, 15.5, 0, 30.5, 11.5, 0, 0, 1]))
 
     open_source(write_bag(tmp_path, "mcap", said_with(f"{NAME}/camera_info", range(COUNT), halved)))
-    said = f"{NAME}/camera_info: the principal point (15.5, 11.5) is far from the middle of 64x48 pixels"
+    said = f"{NAME}/camera_info: the principal point (15.5, 11.5) is far from the centre of the 64x48 image"
     assert said in caplog.text
 
 
@@ -123,12 +128,14 @@ def test_a_broken_pose_is_left_out_and_told(
     bag = open_source(write_bag(tmp_path, "mcap", said), topics=TopicNames(pose=topic))
     for index in (0, 2, 3):
         np.testing.assert_allclose(bag.true_pose(index), FRAMES[index].T_world_camera, atol=1e-9)
-    assert f"1 of 4 {what} are left out; the first: " in caplog.text
+    assert f"1 of 4 {what} are left out; the first error: " in caplog.text
 
 
 def test_poses_of_another_time_are_refused(tmp_path: Path) -> None:
     said = [*camera_messages(SPEAKER, FRAMES, START_NS), ("/pose", 5, SPEAKER.pose(5, "map", np.eye(4)))]
-    with pytest.raises(SourceError, match=r"/pose has no pose at the time of any frame; do their stamps share a clock"):
+    with pytest.raises(
+        SourceError, match=r"/pose has no pose at the time of any frame; check that both use the same clock"
+    ):
         open_source(write_bag(tmp_path, "mcap", said), topics=TopicNames(pose="/pose"))
 
 
@@ -138,7 +145,7 @@ def test_one_image_without_a_stamp_leaves_the_others_theirs(tmp_path: Path, capl
 
     bag = open_source(write_bag(tmp_path, "mcap", said_with(DEPTH, range(1, 2), unstamped)))
     assert [bag.stamps_ns[index] for index in (0, 2, 3)] == [START_NS + FRAMES[index].stamp_ns for index in (0, 2, 3)]
-    assert f"{DEPTH}: 1 of 4 messages have no stamp: their time of receipt is taken" in caplog.text
+    assert f"{DEPTH}: 1 of 4 messages have no timestamp: their time of receipt is used" in caplog.text
 
 
 def test_a_message_too_short_for_a_stamp_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -80,10 +80,10 @@ def test_compressed_float_depth_is_inverse_depth_in_steps() -> None:
 @pytest.mark.parametrize(
     ("message", "expected"),
     [
-        (SPEAKER.image(0, "c", "yuv422", RGB), "a colour image is 'yuv422'; taken are rgb8"),
-        (SPEAKER.compressed(0, "c", "jpeg", b"\xff\xd8 not a picture"), "not readable as PNG or JPEG"),
+        (SPEAKER.image(0, "c", "yuv422", RGB), "a colour image has the encoding 'yuv422'; supported are rgb8"),
+        (SPEAKER.compressed(0, "c", "jpeg", b"\xff\xd8 not a picture"), "cannot be decoded as PNG or JPEG"),
         (SPEAKER.compressed(0, "c", "jpeg", b""), "0 bytes"),
-        (SPEAKER.compressed(0, "c", "png", far_too_large()), "not readable as PNG or JPEG"),
+        (SPEAKER.compressed(0, "c", "png", far_too_large()), "cannot be decoded as PNG or JPEG"),
     ],
 )
 def test_colour_that_cannot_be_read_is_told(message: object, expected: str) -> None:
@@ -94,8 +94,11 @@ def test_colour_that_cannot_be_read_is_told(message: object, expected: str) -> N
 @pytest.mark.parametrize(
     ("message", "expected"),
     [
-        (SPEAKER.image(0, "c", "8UC1", MILLIMETRES.astype(np.uint8)), "a depth image is '8UC1'; taken are 16UC1"),
-        (SPEAKER.compressed(0, "c", "jpeg", png(RGB)), r"compressed depth is uint8.*expected 16 bits"),
+        (
+            SPEAKER.image(0, "c", "8UC1", MILLIMETRES.astype(np.uint8)),
+            "a depth image has the encoding '8UC1'; supported are 16UC1",
+        ),
+        (SPEAKER.compressed(0, "c", "jpeg", png(RGB)), r"compressed depth is uint8.*expected one channel of 16 bits"),
     ],
 )
 def test_depth_that_cannot_be_read_is_told(message: object, expected: str) -> None:
@@ -106,7 +109,7 @@ def test_depth_that_cannot_be_read_is_told(message: object, expected: str) -> No
 def test_an_image_that_is_shorter_than_it_says_is_told() -> None:
     message = SPEAKER.image(0, "c", "16UC1", MILLIMETRES)
     message.height = 50
-    with pytest.raises(SourceError, match="an image of 7x50 16UC1 has rows of 17 bytes and 85 in all"):
+    with pytest.raises(SourceError, match="an image of 7x50 16UC1 has 17 bytes per row and 85 in total"):
         depth_image(message)
 
 

@@ -100,15 +100,15 @@ def test_a_bag_gives_the_depth_that_was_packed(tmp_path: Path, kind: str) -> Non
     [
         (b"", "has 0 bytes, too few for its header"),
         (bytes(11), "has 11 bytes, too few for its header"),
-        (bytes(19), "in RVL has 7 bytes, too few for its size"),
-        (bytes(40), "says that it is 0x0; is it damaged"),
-        (bytes(12) + struct.pack("<II", 2**31, 2**31), "says that it is 2147483648x2147483648"),
-        (bytes(12) + struct.pack("<II", 8192, 8192), "says that it is 8192x8192"),
-        (bytes(12) + struct.pack("<II", 4, 3), "damaged behind pixel 0 of 4x3"),
-        (bytes(12) + struct.pack("<III", 4, 3, 0), "damaged behind pixel 0 of 4x3"),  # runs of nothing
-        (bytes(12) + struct.pack("<IIII", 4, 3, 2**32 - 1, 2**32 - 1), "behind pixel 0"),  # a number without an end
-        (bytes(12) + struct.pack("<III", 4, 3, 0x7D100000), "behind pixel 7"),  # 13 others, where 5 are left
-        (bytes(12) + struct.pack("<III", 4, 3, 0xD1000000), "behind pixel 0"),  # 13 zeros
+        (bytes(19), "in RVL has 7 bytes, which is too few for its size"),
+        (bytes(40), "states a size of 0x0 pixels; is it damaged"),
+        (bytes(12) + struct.pack("<II", 2**31, 2**31), "states a size of 2147483648x2147483648"),
+        (bytes(12) + struct.pack("<II", 8192, 8192), "states a size of 8192x8192"),
+        (bytes(12) + struct.pack("<II", 4, 3), "damaged after pixel 0 of 4x3"),
+        (bytes(12) + struct.pack("<III", 4, 3, 0), "damaged after pixel 0 of 4x3"),  # runs of nothing
+        (bytes(12) + struct.pack("<IIII", 4, 3, 2**32 - 1, 2**32 - 1), "after pixel 0"),  # a number without an end
+        (bytes(12) + struct.pack("<III", 4, 3, 0x7D100000), "after pixel 7"),  # 13 others, where 5 are left
+        (bytes(12) + struct.pack("<III", 4, 3, 0xD1000000), "after pixel 0"),  # 13 zeros
     ],
 )
 def test_damage_is_told(data: bytes, expected: str) -> None:
@@ -119,7 +119,7 @@ def test_damage_is_told(data: bytes, expected: str) -> None:
 def test_every_cut_is_told() -> None:
     whole = rvl(FRAMES[0].depth[::4, ::4])
     for length in range(8, len(whole) - 4):
-        with pytest.raises(SourceError, match="damaged behind pixel"):
+        with pytest.raises(SourceError, match="damaged after pixel"):
             decode_rvl(whole[:length])
 
 

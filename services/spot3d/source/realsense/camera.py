@@ -26,7 +26,7 @@ def open_camera(name: str) -> "RealSenseCamera":
     """The camera of this name. Raises SourceError if the serial number or the SDK is missing."""
     _, colon, serial = name.partition(":")
     if colon and not serial:
-        raise SourceError(f"{name} names no camera; give {_NAME}:SERIAL, or {_NAME} for the first that is plugged in")
+        raise SourceError(f"{name} lacks a serial number; give {_NAME}:SERIAL, or {_NAME} for the first camera found")
     return RealSenseCamera(serial)
 
 
@@ -66,16 +66,16 @@ class RealSenseCamera:
 
     def _what_is_missing(self, devices: Sequence[Any]) -> str:
         if not self._serial:
-            return "no RealSense camera is plugged in; waiting for one"
+            return "no RealSense camera is connected; waiting for one"
         found = ", ".join(map(_serial_of, devices)) or "none"
-        return f"the RealSense camera {self._serial} is not plugged in; waiting for it; found: {found}"
+        return f"the RealSense camera {self._serial} is not connected; waiting for it; connected: {found}"
 
     def _opened(self, device: Any, stop: Event, note: Note) -> Iterator[RgbdFrame | None]:
         note("camera found", f"streaming from {device.get_info(sdk().camera_info.name)} {_serial_of(device)}")
         since_s = time.monotonic()
         for frame in streamed(device, stop, note, lambda: False):
             if frame is None and time.monotonic() - since_s > self._silent_s:
-                raise RuntimeError(f"no depth with colour for {self._silent_s:g} s")
+                raise RuntimeError(f"no pairs of depth and colour images for {self._silent_s:g} s")
             yield frame
             if frame is not None:
                 since_s = time.monotonic()

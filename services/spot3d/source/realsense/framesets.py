@@ -33,7 +33,7 @@ def sdk() -> Any:
         hint = "which is not installed: pip install 'spot3d[realsense]'"
         raise SourceError(f"RealSense cameras and recordings need pyrealsense2, {hint}") from None
     except ImportError as error:
-        hint = f"which cannot be loaded ({error}): on Debian and Ubuntu its libusb is in the package libusb-1.0-0"
+        hint = f"which cannot be loaded ({error}): on Debian and Ubuntu install libusb-1.0-0"
         raise SourceError(f"RealSense cameras and recordings need pyrealsense2, {hint}") from None
     return pyrealsense2
 
@@ -56,7 +56,7 @@ def streamed(device: Any, stop: Event, note: Note, ended: Callable[[], bool]) ->
                 yield framesets.frame(frameset)
                 continue
             if arrived:
-                note("unmatched images", "depth is left out that has no colour of its time")
+                note("unmatched images", "depth images without a colour image of the same time are left out")
             elif ended():
                 return
             yield None
@@ -86,7 +86,7 @@ def _start(pipeline: Any, recorded: bool) -> None:
             return
         except RuntimeError as error:
             refused = error
-    raise RuntimeError(f"it gives no depth with colour ({refused})")
+    raise RuntimeError(f"it cannot stream depth and colour together ({refused})")
 
 
 class Framesets:
@@ -135,7 +135,7 @@ class Framesets:
         if form == self._rs.format.bgr8:
             return np.ascontiguousarray(pixels[..., ::-1])
         if form != self._rs.format.rgb8:
-            raise ValueError(f"colour is {form}; record it as rgb8 or bgr8")
+            raise ValueError(f"the colour format is {form}; use rgb8 or bgr8")
         return pixels
 
 
@@ -147,5 +147,8 @@ def _noise(rs: Any, device: Any, sensor: Any, depth: Any) -> DepthNoise:
     name = device.get_info(rs.camera_info.name) if device.supports(rs.camera_info.name) else ""
     if "L5" in name:  # the lidar cameras
         return TIME_OF_FLIGHT
-    log.warning("the camera %s does not state its baseline; its depth's noise is taken for a Kinect v1's", name)
+    log.warning(
+        "the camera %s does not state its baseline; the depth noise of a Kinect v1 is assumed (--noise sets another)",
+        name,
+    )
     return KINECT_V1

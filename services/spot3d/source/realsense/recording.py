@@ -61,4 +61,4 @@ class RealSenseRecording:
             playback = rs.context().load_device(str(self._path))
             yield from streamed(playback, stop, note, lambda: playback.current_status() == rs.playback_status.stopped)
         except (RuntimeError, ValueError) as error:
-            raise SourceError(f"{self._path} cannot be played: {error}; does it hold depth and colour?") from error
+            raise SourceError(f"{self._path} cannot be played: {error}; does it contain depth and colour?") from error

@@ -35,10 +35,10 @@ class Bag:
     def __init__(self, path: Path) -> None:
         if path.suffix == ".mcap" and (profile := mcap_profile(path)) != "ros2":
             if profile is None:
-                raise SourceError(f"{path} is no MCAP file; is the recording complete?")
+                raise SourceError(f"{path} is not an MCAP file; is the recording complete?")
             raise SourceError(
-                f"{path} is an MCAP file, but no ROS 2 bag: its profile is {profile!r}, not 'ros2'"
-                + ("; convert it to a .bag, or record with ROS 2" if profile == "ros1" else "")
+                f"{path} is an MCAP file, but not a ROS 2 bag: its profile is {profile!r}, not 'ros2'"
+                + ("; convert it to .bag, or record with ROS 2" if profile == "ros1" else "")
             )
         self.path = path
         with _told(path):
@@ -60,7 +60,9 @@ class Bag:
                 continue
             yield topic, received_ns, message
         if refused:
-            log.warning("%d messages of %s are left out; the first: %s", len(refused), ", ".join(topics), refused[0])
+            log.warning(
+                "%d messages of %s are left out; the first error: %s", len(refused), ", ".join(topics), refused[0]
+            )
 
     def stamps(self, *topics: str) -> "dict[str, BagTopic]":
         """Indexes the messages of the topics in one pass through the bag. Their types must begin with a header."""
@@ -105,7 +107,7 @@ class BagTopic:
         self.stamps_ns = np.where(stamped, times_ns[:, 1], times_ns[:, 0])
         if not stamped.all():
             count = np.count_nonzero(~stamped)
-            told = "have no stamp: their time of receipt is taken"
+            told = "have no timestamp: their time of receipt is used"
             log.warning("%s: %d of %d messages %s", topic, count, len(stamped), told)
         self._bag = bag
         # A reader for each topic: with one for all, ROS 1 unpacks a chunk anew at each change of topic.
@@ -142,7 +144,7 @@ def _opened_for(owner: object, path: Path) -> Any:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ModuleNotFoundError:
-        raise SourceError("ROS bags are read by rosbags, which is not installed: pip install 'spot3d[ros]'") from None
+        raise SourceError("reading ROS bags needs rosbags, which is not installed: pip install 'spot3d[ros]'") from None
     # Bags of ROS 2 before Iron do not include their message definitions.
     reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
     reader.open()
@@ -159,4 +161,6 @@ def _told(path: Path) -> Iterator[None]:
         raise
     except Exception as error:
         text = str(error) or type(error).__name__
-        raise SourceError(f"{path} cannot be read as a ROS bag: {text}; is it complete? Else reindex it") from error
+        raise SourceError(
+            f"{path} cannot be read as a ROS bag: {text}; check that it is complete, or reindex it"
+        ) from error

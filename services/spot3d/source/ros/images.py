@@ -25,7 +25,7 @@ def colour_image(message: Any) -> NDArray[np.uint8]:
     encoding = message.encoding
     channels = _CHANNELS.get(encoding)
     if channels is None:
-        raise SourceError(f"a colour image is {encoding!r}; taken are {', '.join(_CHANNELS)}")
+        raise SourceError(f"a colour image has the encoding {encoding!r}; supported are {', '.join(_CHANNELS)}")
     image = _rows(message, np.dtype(np.uint8), channels)
     if channels == 1:
         return np.repeat(image, 3, axis=2)
@@ -41,7 +41,9 @@ def depth_image(message: Any) -> NDArray[np.uint16] | NDArray[np.float32]:
     if hasattr(message, "encoding"):
         dtype = _DEPTH_TYPES.get(message.encoding)
         if dtype is None:
-            raise SourceError(f"a depth image is {message.encoding!r}; taken are {', '.join(_DEPTH_TYPES)}")
+            raise SourceError(
+                f"a depth image has the encoding {message.encoding!r}; supported are {', '.join(_DEPTH_TYPES)}"
+            )
         return _valid(_rows(message, np.dtype(dtype), 1)[..., 0])
     kind = message.format
     if "compressedDepth" not in kind:
@@ -65,7 +67,8 @@ def _rows(message: Any, dtype: np.dtype[Any], channels: int) -> NDArray[Any]:
     data, row = np.asarray(message.data, np.uint8), width * channels * dtype.itemsize
     if height < 1 or width < 1 or step < row or len(data) < step * (height - 1) + row:
         raise SourceError(
-            f"an image of {width}x{height} {message.encoding} has rows of {step} bytes and {len(data)} in all"
+            f"an image of {width}x{height} {message.encoding} has {step} bytes per row and {len(data)} in total, "
+            "which does not fit its size"
         )
     padded = np.zeros(step * height, np.uint8)
     padded[: len(data)] = data[: step * height]
@@ -77,14 +80,16 @@ def _rows(message: Any, dtype: np.dtype[Any], channels: int) -> NDArray[Any]:
 def _unpacked(message: Any, data: NDArray[np.uint8], how: int) -> NDArray[Any]:
     image = decoded_image(np.asarray(data, np.uint8), how)
     if image is None:
-        raise SourceError(f"a compressed image ({message.format!r}, {len(data)} bytes) is not readable as PNG or JPEG")
+        raise SourceError(
+            f"a compressed image ({message.format!r}, {len(data)} bytes) cannot be decoded as PNG or JPEG"
+        )
     return image
 
 
 def _sixteen_bits(message: Any, data: NDArray[np.uint8]) -> NDArray[np.uint16]:
     image = _unpacked(message, data, cv2.IMREAD_UNCHANGED)
     if image.dtype != np.uint16 or image.ndim != 2:
-        raise SourceError(f"compressed depth is {image.dtype} {image.shape}; expected 16 bits and one channel")
+        raise SourceError(f"compressed depth is {image.dtype} {image.shape}; expected one channel of 16 bits")
     return image
 
 

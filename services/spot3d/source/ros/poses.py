@@ -34,7 +34,7 @@ def poses_of(bag: Bag, topic: str, camera_frame: str) -> PoseAt:
     name, _, world = topic.partition(":")
     kind = bag.types.get(name)
     if kind not in _TAKEN:
-        raise SourceError(f"{bag.path}: no pose topic {name} among: {_candidates(bag.types)}")
+        raise SourceError(f"{bag.path}: {name} is not a pose topic; choose one of: {_candidates(bag.types)}")
     try:
         if kind in (TF, "tf/msg/tfMessage"):
             return _of_tree(transform_tree(bag, dynamic=True), camera_frame, world)
@@ -46,7 +46,7 @@ def poses_of(bag: Bag, topic: str, camera_frame: str) -> PoseAt:
 def _of_tree(tree: TransformTree, camera_frame: str, world: str) -> PoseAt:
     world = world or tree.root(camera_frame)
     if world == camera_frame.removeprefix("/") or not tree.connected(world, camera_frame):
-        raise SourceError(f"no transforms lead from {world} to the camera's frame {camera_frame} in /tf and /tf_static")
+        raise SourceError(f"/tf and /tf_static do not connect {world} with the camera's frame {camera_frame}")
     return lambda stamp_ns: tree.between(world, camera_frame, stamp_ns)
 
 
@@ -58,8 +58,8 @@ def _of_messages(bag: Bag, topic: str, kind: str, camera_frame: str) -> PoseAt:
     T_body_camera = transform_tree(bag, dynamic=False).fixed_between(body, camera_frame) if body else None
     if body and T_body_camera is None:
         raise SourceError(
-            f"{topic} tells where {body} is, but /tf_static does not say how the camera's frame {camera_frame} is "
-            "mounted on it; record /tf_static as well, or take --pose /tf"
+            f"{topic} gives poses of {body}, but /tf_static does not connect it with the camera's frame "
+            f"{camera_frame}; record /tf_static as well, or use --pose /tf"
         )
 
     def pose_at(stamp_ns: int) -> Pose | None:
@@ -78,4 +78,4 @@ def _pose(message: Any, kind: str) -> Pose:
 
 def _candidates(types: Mapping[str, str]) -> str:
     found = sorted(topic for topic, kind in types.items() if kind in _TAKEN and topic != "/tf_static")
-    return ", ".join(found) or "none (Odometry, PoseStamped, TransformStamped and /tf are taken)"
+    return ", ".join(found) or "none (supported are Odometry, PoseStamped, TransformStamped and /tf)"

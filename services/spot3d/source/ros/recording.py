@@ -48,11 +48,12 @@ def open_bag(path: Path, names: TopicNames, intrinsics: FocalAndCentre | None = 
     rows, of_depth, of_colour = _paired(depths.stamps_ns, colours.stamps_ns)
     if not len(rows):
         raise SourceError(
-            f"{path}: of {len(depths)} images of {topics.depth} none has one of the {len(colours)} of {topics.colour} "
-            "within 20 ms; do their stamps come from one clock? Name others with --depth-topic and --colour-topic"
+            f"{path}: none of {len(depths)} images of {topics.depth} is within 20 ms of one of the {len(colours)} of "
+            f"{topics.colour}; check that both use the same clock, or choose others with --depth-topic and "
+            "--colour-topic"
         )
     if len(rows) < len(depths):
-        alone, text = len(depths) - len(rows), "have no colour within 20 ms, or another's stamp"
+        alone, text = len(depths) - len(rows), "are left out: no colour image within 20 ms, or a duplicate timestamp"
         log.warning("%s: %d of %d depth images %s", path, alone, len(depths), text)
     depth_camera, colour_camera = _camera(bag, topics.depth_info), _camera(bag, topics.colour_info)
     stated = None if intrinsics is not None else depth_camera.intrinsics
@@ -64,10 +65,12 @@ def open_bag(path: Path, names: TopicNames, intrinsics: FocalAndCentre | None = 
     elif stated is not None:
         camera = stated
     else:
-        raise SourceError(f"{path}: no camera_info beside {topics.depth} says its intrinsics; {HINT}")
+        raise SourceError(f"{path}: there is no camera_info with intrinsics beside {topics.depth}; {HINT}")
     pose_at = poses_of(bag, names.pose, depth_camera.frame) if names.pose else None
     if pose_at is not None and all(pose_at(int(stamp_ns)) is None for stamp_ns in rows):
-        raise SourceError(f"{path}: {names.pose} has no pose at the time of any frame; do their stamps share a clock?")
+        raise SourceError(
+            f"{path}: {names.pose} has no pose at the time of any frame; check that both use the same clock"
+        )
     return BagRecording(
         depths=depths,
         colours=colours,
@@ -158,7 +161,8 @@ def _first_readable(
         else:
             return (height, width), depth.header.frame_id, colour.header.frame_id
     raise SourceError(
-        f"none of {len(of_depth)} pairs of {depths.name} and {colours.name} can be read; the first: {refused}"
+        f"none of {len(of_depth)} image pairs of {depths.name} and {colours.name} can be read; the first error: "
+        f"{refused}"
     )
 
 
@@ -181,12 +185,12 @@ def _intrinsics(info_topic: str, info: Any) -> Intrinsics:
     k = np.asarray(info.k if hasattr(info, "k") else info.K, np.float64)
     coefficients = np.asarray(info.d if hasattr(info, "d") else info.D, np.float64)
     if "rect" not in info_topic and np.abs(coefficients).max(initial=0) > _BENT:
-        log.warning("%s: images are taken as a pinhole camera's; rectified ones would fit better", info_topic)
+        log.warning("%s: the images have lens distortion, which is ignored; use rectified images", info_topic)
     fx, fy, cx, cy = (float(k[place]) for place in (0, 4, 2, 5))
     try:
         return intrinsics_for((fx, fy, cx, cy), (info.height, info.width), info_topic)
     except SourceError as error:
-        raise SourceError(f"{error}; was the camera calibrated?") from error
+        raise SourceError(f"{error}; calibrate the camera, so that its camera_info is valid") from error
 
 
 def _unregistered(
@@ -197,14 +201,17 @@ def _unregistered(
     if colour.intrinsics is None:
         if same_frame:
             return None
-        raise SourceError(f"{bag.path}: {topics.colour} is not registered with depth, and has no camera_info beside it")
+        raise SourceError(
+            f"{bag.path}: {topics.colour} is not registered with depth, and has no camera_info; record it, or depth "
+            "registered with colour"
+        )
     if same_frame:
         return None if _same_pixels(camera, colour.intrinsics) else ColourCamera(colour.intrinsics, np.eye(4))
     T_colour_depth = transform_tree(bag, dynamic=False).fixed_between(colour.frame, depth.frame)
     if T_colour_depth is None:
         raise SourceError(
-            f"{bag.path}: {topics.depth} ({depth.frame}) is not registered with {topics.colour} ({colour.frame}), and "
-            "/tf_static does not say how the two are mounted; record it as well, or depth registered with colour"
+            f"{bag.path}: {topics.depth} ({depth.frame}) is not registered with {topics.colour} ({colour.frame}), "
+            "and /tf_static does not connect the two frames; record it as well, or depth registered with colour"
         )
     return ColourCamera(colour.intrinsics, T_colour_depth)
 

@@ -24,15 +24,15 @@ _NIBBLES_MOST = 10
 def decode_rvl(data: bytes) -> NDArray[np.uint16]:
     """Decodes an RVL image after its size, as ROS sends it, to (h, w) uint16. Raises SourceError if it is damaged."""
     if len(data) < _SIZE.size:
-        raise SourceError(f"a depth image in RVL has {len(data)} bytes, too few for its size")
+        raise SourceError(f"a depth image in RVL has {len(data)} bytes, which is too few for its size")
     columns, rows = _SIZE.unpack_from(data)
     if not 0 < max(rows, columns) <= MAX_IMAGE_SIDE or not 0 < rows * columns <= MAX_IMAGE_PIXELS:
-        raise SourceError(f"a depth image in RVL says that it is {columns}x{rows}; is it damaged?")
+        raise SourceError(f"a depth image in RVL states a size of {columns}x{rows} pixels; is it damaged?")
     words = np.frombuffer(data, "<u4", (len(data) - _SIZE.size) // 4, _SIZE.size).astype(np.uint32)
     pixels = np.zeros(rows * columns, np.uint16)
     there = _decode(words, pixels)
     if there < len(pixels):
-        raise SourceError(f"a depth image in RVL is damaged behind pixel {there} of {columns}x{rows}")
+        raise SourceError(f"a depth image in RVL is damaged after pixel {there} of {columns}x{rows}")
     return pixels.reshape(rows, columns)
 
 

@@ -46,7 +46,7 @@ def find_topics(types: Mapping[str, str], names: TopicNames) -> CameraTopics:
     colours = _named(names.colour, images, types) or [topic for topic in images if _is_colour(topic)]
     for what, option, found in (("depth", "--depth-topic", depths), ("colour", "--colour-topic", colours)):
         if not found:
-            raise SourceError(f"no {what} topic among: {_listed(types)}; name it with {option}")
+            raise SourceError(f"found no {what} topic among: {_listed(types)}; name it with {option}")
     _, chosen_colour, chosen_depth = min((_cost(c, d), c, d) for c in colours for d in depths)
     return CameraTopics(chosen_colour, chosen_depth, info_of(chosen_colour, types), info_of(chosen_depth, types))
 
@@ -61,7 +61,7 @@ def info_of(image: str, types: Mapping[str, str]) -> str | None:
 def _named(name: str, images: list[str], types: Mapping[str, str]) -> list[str]:
     if name and name not in images:
         kind = types.get(name)
-        what = f"is {kind}, no image" if kind else f"is not in the bag; there are: {_listed(types)}"
+        what = f"has type {kind}, not an image type" if kind else f"is not in the bag; it contains: {_listed(types)}"
         raise SourceError(f"the topic {name} {what}")
     return [name] if name else []
 
@@ -97,4 +97,4 @@ def _cost(colour: str, depth: str) -> tuple[bool, bool, int, int, int, int]:
 
 
 def _listed(types: Mapping[str, str]) -> str:
-    return ", ".join(f"{topic} ({kind.split('/')[-1]})" for topic, kind in sorted(types.items())) or "no topics at all"
+    return ", ".join(f"{topic} ({kind.split('/')[-1]})" for topic, kind in sorted(types.items())) or "no topics"

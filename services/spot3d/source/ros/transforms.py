@@ -19,7 +19,7 @@ def transform_of(translation: Any, rotation: Any) -> Pose:
     quaternion = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
     position = np.array([translation.x, translation.y, translation.z])
     if not (np.isfinite(position).all() and np.isfinite(quaternion).all()):
-        raise ValueError("a pose holds what is no number")
+        raise ValueError("a pose contains a value that is not a number")
     return pose_from_quaternion(position, quaternion)
 
 
@@ -101,7 +101,7 @@ def valid_poses(messages: Sequence[Any], pose_of: Callable[[Any], Pose], what: s
     if refused and not found:
         raise refused[0]
     if refused:
-        log.warning("%d of %d %s are left out; the first: %s", len(refused), len(messages), what, refused[0])
+        log.warning("%d of %d %s are left out; the first error: %s", len(refused), len(messages), what, refused[0])
     return found
 
 

@@ -41,7 +41,7 @@ def arrange(stream: tuple[int, ...], gap: float, region: Region, fill: Callable[
         except NoRoomError:
             continue
         return arrangement.done
-    raise RuntimeError(f"scene {stream}: no arrangement found in 1000 attempts")
+    raise RuntimeError(f"scene {stream}: no arrangement of its objects found in 1000 attempts; choose another seed")
 
 
 class Arrangement:
