@@ -137,7 +137,7 @@ def test_the_last_update_of_the_objects_may_fail(monkeypatch: pytest.MonkeyPatch
 def test_frames_of_a_time_that_no_message_holds_are_skipped() -> None:
     result, steps = run((-20, 0, 33, 10**16))
     assert result.skipped == {"cannot be sent": 2}
-    assert result.unreadable == f"the frame of {10**22} ns cannot be sent: no message holds such a time"
+    assert result.unreadable == f"the frame at {10**22} ns cannot be sent: its timestamp is out of range"
     assert [step.frame.stamp_ns for step in steps] == [0, 33 * MS]
 
 

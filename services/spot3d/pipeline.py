@@ -108,7 +108,7 @@ def _next_frame(sequence: FrameSequence, index: int, result: PipelineResult, las
         return None
     if not 0 <= frame.stamp_ns <= MAX_COUNT:
         result.skipped[UNSENDABLE] += 1
-        result.unreadable = f"the frame of {frame.stamp_ns} ns {UNSENDABLE}: no message holds such a time"
+        result.unreadable = f"the frame at {frame.stamp_ns} ns {UNSENDABLE}: its timestamp is out of range"
         return None
     if frame.stamp_ns <= last_ns:
         result.skipped[f"{DUPLICATE if frame.stamp_ns == last_ns else OUT_OF_ORDER} {IN_THE_INPUT}"] += 1

@@ -71,8 +71,8 @@ def test_another_process_goes_on_with_the_same_map_and_the_same_numbers(file: Pa
         (lambda data: data[: len(data) // 2], "damaged"),
         (lambda data: data[:100] + bytes([data[100] ^ 1]) + data[101:], "damaged"),
         (lambda data: data[:-1], "damaged"),
-        (lambda _data: b"", "no snapshot"),
-        (lambda _data: b"PK\x03\x04 another program's", "no snapshot"),
+        (lambda _data: b"", "not a snapshot"),
+        (lambda _data: b"PK\x03\x04 another program's", "not a snapshot"),
         (lambda data: data[:18], "damaged"),
     ],
 )

@@ -161,7 +161,7 @@ def test_depths_scale_and_the_principal_point_are_told_apart(factor: float, rows
 def test_a_turn_is_told_in_degrees_about_the_cameras_axes() -> None:
     assert notice(Calibration(turn=(0.004, 0.005, 0.0), centre=(0.0, 0.008))) == ""
     x, y, z = TURN.tolist()
-    turned_by = "turned by 1.7 deg against the given poses (1.5, -0.5, 0.5 about its x, y, z)"
+    turned_by = "rotated by 1.7 deg against the given poses (1.5, -0.5, 0.5 deg about its x, y, z axes)"
     assert turned_by in notice(Calibration(turn=(x, y, z)))
     both = notice(Calibration(turn=(x, y, z), centre=(0.001, -0.03)))
     assert turned_by in both

@@ -91,7 +91,7 @@ def test_a_stage_that_is_started_again_goes_on_in_its_world(node: NodeOfTest) ->
 def test_who_was_never_followed_is_not_sent_back(node: NodeOfTest) -> None:
     stage = _Stage(node, PoseSettings())  # type: ignore[arg-type]
     answer(stage, frames(40, 1000 * S, metres=1000.0), begins=True)
-    assert "no frame has been followed yet" in node.state
+    assert "no frame has been tracked yet" in node.state
     assert "depth_scale" in node.state
     answer(stage, frames(1, 1010 * S))
     assert node.state == ""
@@ -112,4 +112,4 @@ def test_intrinsics_of_another_image_size_are_told_once_and_with_what_is_lost(no
     assert node.notes == []
     answer(stage, wrong(1000.0))
     assert [text for text in node.notes if "principal point" in text and "lost" not in text] == node.notes[:1]
-    assert "intrinsics those of images of this size" in node.state
+    assert "intrinsics are those of images of this size" in node.state

@@ -65,7 +65,7 @@ class MapAnswers:
         with self._changed:
             full = len(self._queries) >= _WAITING
         if full:
-            self._node.refuse(query, TOPIC, "too many ask for the map at once; ask again in a second")
+            self._node.refuse(query, TOPIC, "too many requests for the map; ask again in a second")
             return
         copy, now_s = self._copy, time.monotonic()
         if copy is None or now_s - copy.at_s > _FRESH_S or copy.complete != complete:

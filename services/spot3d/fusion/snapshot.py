@@ -98,7 +98,7 @@ def read_account(path: Path) -> tuple[Account, Snapshot]:
     try:
         return Account(**kept.values["account"]), kept
     except (KeyError, TypeError) as error:
-        raise SnapshotError(f"{path} has no account of its map: {error}") from error
+        raise SnapshotError(f"{path} has no valid account of its map: {error}") from error
 
 
 def resume(fusion: Fusion, kept: Snapshot, path: Path) -> None:
@@ -106,18 +106,20 @@ def resume(fusion: Fusion, kept: Snapshot, path: Path) -> None:
     arrays, values, settings = kept.arrays, kept.values, fusion.settings
     try:
         if values["voxel"] != settings.voxel:
-            raise SnapshotError(f"{path} has voxels of {values['voxel']} m, and fusion.voxel is {settings.voxel} m")
+            raise SnapshotError(
+                f"{path} has voxels of {values['voxel']} m, but fusion.voxel is {settings.voxel} m; set it to the same"
+            )
         state, consensus, identities = (restored(values[name], arrays, _CLASSES, settings) for name in _PARTS)
         ours = fusion.map_state(), fusion.consensus, fusion.identities
         if not all(map(same_fields, ours, (state, consensus, identities))):
             raise SnapshotError(f"{path} is of another version of spot3d")
         if (count := len(state.rows)) > settings.map_limit:
-            raise SnapshotError(f"{path} has {count} points, and fusion.map_limit is {settings.map_limit}: raise it")
+            raise SnapshotError(f"{path} has {count} points, but fusion.map_limit is {settings.map_limit}; raise it")
         as_here = state.rows.dtype == np.float32 and state.rows.shape[1:] == fusion.heatmap.arrays.rows.shape[1:]
         if not as_here or state.keys.shape != state.rows.shape[:1]:
             raise SnapshotError(f"{path} has points of another version of spot3d")
         if not state.poses.T_world_map.shape == state.poses.T_theirs_map.shape == (4, 4):
-            raise SnapshotError(f"{path} has no place of its map in the world")
+            raise SnapshotError(f"{path} lacks the pose of its map in the world")
     except SnapshotError:
         raise
     except (KeyError, ValueError, TypeError, AttributeError) as error:

@@ -40,7 +40,7 @@ class SnapshotKeeper:
         try:
             fusion.objects()  # takes in the keyframes since the last update
         except Exception as error:
-            self._node.crashed("objects", "no snapshot at the end", error)
+            self._node.crashed("objects", "cannot write the last snapshot", error)
         else:
             self.write(kept, last=True)
 
@@ -72,11 +72,11 @@ class SnapshotKeeper:
             account, kept = read_account(self._path)
             if account.stream == stream:
                 resume(fusion, kept, self._path)
-                log.info("goes on from %s: %d frames of this stream", self._path, fusion.frame_count)
+                log.info("resumes from %s: %d frames of this stream", self._path, fusion.frame_count)
                 return account
             self._path.replace(self._path.with_stem(f"{self._path.stem}-{BEFORE}"))
         except (SnapshotError, OSError) as error:
-            self._node.note("no snapshot", f"begins with an empty map: {error}")
+            self._node.note("no snapshot", f"the map begins empty: {error}")
         return None
 
 

@@ -87,7 +87,7 @@ class Stage:
         if self.updates.ended:
             self.keeper.keep_last(self.fusion, self._account())
         else:
-            log.warning("stopped amid an update of the objects: the last snapshot stays as it is")
+            log.warning("stopped during an update of the objects: the last snapshot is kept")
 
     def _account(self) -> Account:
         ledger = self.ledger
@@ -175,7 +175,7 @@ class Stage:
             self.ledger.skip(refused, stamp_ns, time.monotonic())
             return
         if self.camera not in (None, message.intrinsics):
-            self.node.note("intrinsics changed", f"the camera has become {message.intrinsics}")
+            self.node.note("intrinsics changed", f"the intrinsics have changed to {message.intrinsics}")
         self.camera = message.intrinsics
         frame = rgbd_frame(message)
         start_s = time.perf_counter()
@@ -210,8 +210,8 @@ class Stage:
         pose = ready.pose.message
         verdict = self.world.judge(pose.epoch, pose.T_world_camera, pose.header.stamp_ns)
         if verdict == "begins" or (pose.epoch is None and ready.heat.recording != self.recording):
-            why = f"poses of another world (epoch {pose.epoch})" if pose.epoch else "another recording"
-            text = f"{why}: the map begins anew, {self.fusion.frame_count} frames of the one before are left behind"
+            why = f"poses in another world (epoch {pose.epoch})" if pose.epoch else "another recording"
+            text = f"{why}: a new map begins; the {self.fusion.frame_count} frames of the old one are left behind"
             self.node.note("another world", text)
             self.world.leave()
             self._begin_map()
@@ -237,7 +237,10 @@ class Stage:
     def _note_if_alone(self) -> None:
         alone = self.inputs.alone
         if alone and alone % _ALONE == 0:
-            text = f"no word of the segments stage in {alone} frames, which are fused without it: is it running?"
+            text = (
+                f"no segments for {alone} frames, which are fused without them: check that the segments stage is "
+                "running"
+            )
             self.node.note("no segments", text)
 
     def _update(self, heat: Received[Heat]) -> None:
@@ -309,7 +312,7 @@ class Stage:
     def _answer_reset(self, query: zenoh.Query) -> None:
         name = b"somebody who gives no name" if query.payload is None else query.payload.to_bytes()[:100]
         who = name.decode(errors="replace")  # anybody may ask, with anything
-        text = f"reset, asked for by {who!r}: {self.fusion.frame_count} frames and their objects are forgotten"
+        text = f"reset requested by {who!r}: {self.fusion.frame_count} frames and their objects are deleted"
         log.warning("%s", text)
         self.node.counters.event("reset")
         self._begin_map()

@@ -20,11 +20,15 @@ _PAST = 16
 def why_refused(verdict: Verdict, T_world_camera: NDArray[np.float64]) -> str:
     """What is wrong with the place of a refused pose, (4, 4) metres, and what to do; otherwise empty."""
     place = ", ".join(f"{value:.3g}" for value in T_world_camera[:3, 3])
-    text = f"a pose at ({place}) m is not fused:"
+    text = f"the pose at ({place}) m is not used:"
     if verdict == "pose too far from the origin":
-        reach = f"the map reaches {_REACH_M:g} m from its world's origin"
-        return f"{text} {reach}; give poses in a world that begins nearby, as where the camera starts"
-    return f"{text} no camera can be there so soon" if verdict == "implausible pose" else ""
+        reach = f"the map extends to {_REACH_M:g} m from the origin of its world"
+        return f"{text} {reach}; give poses in a world whose origin is nearby, such as the first pose"
+    return (
+        f"{text} its speed is above fusion.speed_max; check the poses' unit and timestamps"
+        if verdict == "implausible pose"
+        else ""
+    )
 
 
 class World:

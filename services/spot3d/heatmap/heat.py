@@ -45,7 +45,7 @@ def weighted_heat(
         raise ValueError(f"depth is {depth.shape}, but the intrinsics are for {camera.shape}")
     boxes = np.ascontiguousarray(boxes, dtype=np.float32).reshape(-1, 5)
     if not np.isfinite(boxes).all():
-        raise ValueError("proposals hold values that are not finite")
+        raise ValueError("proposals contain values that are not finite")
     tiles = depth_tiles(depth)
     proposals = filter_proposals(boxes, tiles, camera, settings)
     heat = sum_proposals(proposals, tiles, depth.shape)

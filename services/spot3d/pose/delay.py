@@ -69,7 +69,10 @@ def notice(delay_s: float) -> str:
     if abs(delay_s) < NOTABLE_S:
         return ""
     side = "older" if delay_s > 0 else "newer"
-    return f"given poses are {1e3 * abs(delay_s):.0f} ms {side} than their images, and are corrected: check the stamps"
+    return (
+        f"given poses are {1e3 * abs(delay_s):.0f} ms {side} than their images; this is corrected, but check the "
+        "timestamps"
+    )
 
 
 class _Given(NamedTuple):

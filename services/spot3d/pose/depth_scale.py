@@ -25,7 +25,7 @@ def notice(factor: float) -> str:
     if abs(off) < NOTABLE:
         return ""
     return (
-        f"depth is {abs(off):.1%} too {'long' if off > 0 else 'short'} for the given poses, and is corrected: "
+        f"depth is {abs(off):.1%} too {'long' if off > 0 else 'short'} for the given poses; this is corrected, but "
         "calibrate the camera, or check the poses"
     )
 

@@ -16,9 +16,9 @@ class GivenPoses:
     def track(self, frame: RgbdFrame) -> PoseEstimate:
         """The given pose with its rotation made exact, or the last good one with status "lost"."""
         if frame.T_world_camera is None:
-            return PoseEstimate(self._last, "lost", "the frame brings no pose along")
+            return PoseEstimate(self._last, "lost", "the frame has no given pose")
         pose = checked_pose(frame.T_world_camera)
         if pose is None:
-            return PoseEstimate(self._last, "lost", "the given pose is no rigid transform")
+            return PoseEstimate(self._last, "lost", "the given pose is not a rigid transform")
         self._last = pose
         return PoseEstimate(pose, "ok")

@@ -34,14 +34,15 @@ def notice(known: Calibration) -> str:
     if angle >= NOTABLE:
         about = ", ".join(f"{math.degrees(part):.1f}" for part in known.turn)
         found.append(
-            f"the camera is turned by {math.degrees(angle):.1f} deg against the given poses ({about} about its x, y, z)"
+            f"the camera is rotated by {math.degrees(angle):.1f} deg against the given poses ({about} deg about "
+            "its x, y, z axes)"
         )
     if offset >= NOTABLE:
         x, y = (f"{100 * part:+.1f}" for part in known.centre)
         found.append(f"cx and cy are too large by {x} and {y} % of the focal length")
     if not found:
         return ""
-    return f"{' and '.join(found)}, and that is corrected: check its intrinsics, and how it is mounted"
+    return f"{' and '.join(found)}; this is corrected, but check its intrinsics and its mount"
 
 
 def decided(errors: CommonErrors, vector: NDArray[np.float64], log_scale: float) -> NDArray[np.float64]:

@@ -131,15 +131,15 @@ class _Stage:
         try:
             kept = read_tracker(path, stream)
         except (SnapshotError, OSError) as error:
-            log.warning("begins another world: %s", error)
+            log.warning("tracking begins a new world: %s", error)
             return
         if kept is not None and kept[0].stamp_ns >= stamp_ns:
-            log.warning("begins another world: stamps have gone back since %s was written", path)
+            log.warning("tracking begins a new world: timestamps are older than the snapshot %s", path)
         elif kept is not None:
             state, self.epoch = kept
             self.tracker.resume(state)
             self.followed = True
-            log.info("looks for itself in the world of %s, of %d surfels", path, len(state.keys))
+            log.info("relocalising in the world of %s, of %d surfels", path, len(state.keys))
 
     def _track(self, frame: RgbdFrame) -> PoseEstimate:
         start_s = time.perf_counter()
@@ -160,15 +160,19 @@ class _Stage:
         known = bool(self.node.state)
         if self.last.status == "ok":
             if self.lost_since is not None and known:
-                log.info("found again after %.1f s", 1e-9 * (stamp_ns - self.lost_since[0]))
+                log.info("tracking recovered after %.1f s", 1e-9 * (stamp_ns - self.lost_since[0]))
             self.lost_since, self.node.state, self.followed = None, "", True
             return
         if self.lost_since is None:
             self.lost_since = (stamp_ns, time.strftime("%H:%M:%S"))
         lost_ns = stamp_ns - self.lost_since[0]
         if lost_ns >= _TOLD_NS:
-            what = f"lost since {self.lost_since[1]}, for {1e-9 * lost_ns:.0f} s of frames"
-            advice = "move the camera back to where it was" if self.followed else "no frame has been followed yet"
+            what = f"tracking lost since {self.lost_since[1]}, for {1e-9 * lost_ns:.0f} s of frames"
+            advice = (
+                "move the camera back to a place that it saw before"
+                if self.followed
+                else "no frame has been tracked yet"
+            )
             doubt = off_centre(camera)
             self.node.state = f"{what}: {advice} ({self.last.reason})" + (f"; {doubt}" if doubt else "")
             if not known:

@@ -139,13 +139,13 @@ def implausible(
     motion = invert(T_world_last) @ registration.T_world_camera
     shift, turn = float(np.linalg.norm(motion[:3, 3])), float(rotation_angle(motion[:3, :3]))
     if registration.overlap < overlap_min:
-        return f"{registration.overlap:.0%} of the points meet the map, {overlap_min:.0%} are needed"
+        return f"{registration.overlap:.0%} of the points overlap the map, but {overlap_min:.0%} are needed"
     if not registration.residual <= RESIDUAL_MAX:
-        return f"points lie {1e3 * registration.residual:.1f} mm off the map"
+        return f"points are {1e3 * registration.residual:.1f} mm away from the map"
     if shift > settings.speed_max * elapsed:
-        return f"a jump of {shift:.2f} m in {elapsed:.3f} s"
+        return f"an implausible motion of {shift:.2f} m in {elapsed:.3f} s"
     if turn > settings.turn_max * elapsed:
-        return f"a turn of {np.degrees(turn):.0f} deg in {elapsed:.3f} s"
+        return f"an implausible turn of {np.degrees(turn):.0f} deg in {elapsed:.3f} s"
     return ""
 
 

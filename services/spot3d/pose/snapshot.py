@@ -43,11 +43,11 @@ def read_tracker(path: Path, stream: str) -> tuple[TrackerState, str] | None:
         keys, surfels, pose = arrays["keys"], arrays["surfels"], arrays["T_world_camera"]
         bend = arrays["bend"]
         if surfels.shape != (len(keys), HELD) or pose.shape != (4, 4) or (len(bend) and bend.shape != BEND_SHAPE):
-            raise SnapshotError(f"{path} has arrays of other shapes than a tracker's")
+            raise SnapshotError(f"{path} has arrays of wrong shapes")
         known = tuple(tuple(row) for row in bend.tolist())
         state = TrackerState(int(kept.values["stamp_ns"]), pose, keys, surfels, landmarks, known)
         return state, str(kept.values["epoch"])
     except (KeyError, ValueError) as error:
         if isinstance(error, SnapshotError):
             raise
-        raise SnapshotError(f"{path} lacks a part of a tracker's: {error}") from error
+        raise SnapshotError(f"{path} lacks a part of the tracker's state: {error}") from error

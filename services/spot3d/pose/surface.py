@@ -71,9 +71,9 @@ def why_few(depth_m: NDArray[np.float32], found: int, settings: PoseSettings) ->
         return "the depth image is empty"
     middle = float(np.median(valid))
     if middle >= settings.range_max:
-        reach = f"only what is nearer than {settings.range_max:g} m is used"
-        return f"depth is {middle:.3g} m in the median, and {reach}: is its unit (depth_scale) right?"
-    return f"too few points: {found} on smooth surfaces, {POINTS_MIN} are needed"
+        reach = f"only depth below {settings.range_max:g} m is used"
+        return f"the median depth is {middle:.3g} m, and {reach}; check its unit (depth_scale)"
+    return f"only {found} points on smooth surfaces, but {POINTS_MIN} are needed"
 
 
 def information(surface: Surface) -> NDArray[np.float64]:

@@ -56,7 +56,7 @@ _LANDMARKS_OFF = 0.25
 _SEEN_AGAIN, _CLEARLY = 0.25, 1.5
 # Least overlap of a lost frame, for which a false match is likelier, and its least margin over any other place.
 _RECOVERY_OVERLAP, _RECOVERY_MARGIN = 0.7, 0.1
-_MAY_BE_NOISE = "it may be noise that holds the view's pose in some direction"
+_MAY_BE_NOISE = "some direction of the pose may be constrained by noise alone"
 # After this many lost frames only every fifth is searched for: a long loss must not occupy a core.
 _PATIENCE, _SEARCH_INTERVAL = 60, 5
 
@@ -152,12 +152,12 @@ class MapTracker:
         )
         weak = view.is_weak(view.information)
         if weak and view.is_weak(view.information + _SEEN_AGAIN * view.features.information(view.camera)):
-            return self._lose("the view does not hold the pose in every direction")
+            return self._lose("the view does not constrain the pose in every direction")
         if last is None:
             anchor = checked_pose(frame.T_world_camera)
             return self._accept(view, np.eye(4) if anchor is None else anchor)
         if stamp_ns <= last.stamp_ns:
-            return self._lose(f"stamp {stamp_ns} does not follow {last.stamp_ns}")
+            return self._lose(f"the timestamp {stamp_ns} is not later than the last one, {last.stamp_ns}")
         if weak:
             return self._follow_landmarks(last, view)
         if self._lost_frames:
@@ -232,7 +232,7 @@ class MapTracker:
         """Pose by landmarks of a frame whose surface would slide or spin if registered alone, as of a plain table."""
         place = relocalised(view.features, self._drift.map.rows)
         if place is None:
-            return self._lose("the view's surface does not hold the pose in every direction, nor do landmarks")
+            return self._lose("neither surface nor landmarks constrain the pose in every direction")
         doubt = self._doubt(Registration(place.T_world_camera, 1.0, 0.0), last, view, OVERLAP_MIN)
         if doubt:
             return self._lose(doubt)
@@ -252,13 +252,13 @@ class MapTracker:
         Otherwise the pose is that by landmarks, if the surface confirms it.
         """
         if self._lost_frames > _PATIENCE and self._lost_frames % _SEARCH_INTERVAL:
-            return self._lose(f"lost for {self._lost_frames} frames, searched for in every fifth")
+            return self._lose(f"lost for {self._lost_frames} frames; only every fifth frame is searched")
         tried = self._searched(last, view)
         best = best_of(tried)
         doubt = self._doubt(best, last, view, _RECOVERY_OVERLAP)
         rivals = (other for other in tried if other.overlap > best.overlap - _RECOVERY_MARGIN)
         if not doubt and any(elsewhere(best.T_world_camera, rival.T_world_camera) for rival in rivals):
-            doubt = "the view fits the map in two places"
+            doubt = "the view matches the map in two places"
         if not doubt:
             placed = self._placed(view, best.T_world_camera)
             if placed is not None:
@@ -266,7 +266,7 @@ class MapTracker:
             doubt = _MAY_BE_NOISE
         known_again = self._known_again(last, view)
         if known_again is None:
-            return self._lose(f"not found again: {doubt}")
+            return self._lose(f"not relocalised: {doubt}")
         return self._accept(view, known_again)
 
     def _searched(self, last: _Fix, view: View) -> list[Registration]:

@@ -33,8 +33,8 @@ _ALIKE = math.cos(math.radians(15))
 def notice(side: str) -> str:
     """Message that another side of the image seems to be up than the settings say, and what to do about it."""
     return (
-        f"the {side} side of the image seems to be up: if the camera is mounted so, set segments.image_up = "
-        f'"{side}", or objects are missed'
+        f"the {side} side of the image seems to be up: if the camera is mounted that way, set segments.image_up = "
+        f'"{side}"; otherwise objects are missed'
     )
 
 
