@@ -79,7 +79,7 @@ def test_what_is_wanted_crosses_both_ways_by_certificate(fleet: Path) -> None:
     """Begun before there is a ground station: its state says so, and is true again when there is one."""
     with TwoSides(fleet) as sides, sides.bridge("drone", fleet):
         wait_until(lambda: bool(sides.states) and "no answer" in sides.states[-1])
-        assert f"nothing crosses to {sides.air}" in sides.states[-1]
+        assert f"no messages to {sides.air}" in sides.states[-1]
         ground = sides.open_ground()
         there, here = set[str](), set[str]()
         ground.declare_subscriber(HEAT, lambda sample: there.add(sample.payload.to_string()))
@@ -99,7 +99,7 @@ def test_what_is_wanted_crosses_both_ways_by_certificate(fleet: Path) -> None:
     [
         # It does not trust the ground's certificate either.
         ("drone", "stranger", "the router's certificate is refused: unable to get local issuer certificate"),
-        ("other-drone", ".", "has this side's certificate a role there"),
+        ("other-drone", ".", "check that this side's certificate has a role there"),
     ],
 )
 def test_a_bridge_that_is_refused_says_why(fleet: Path, certificate: str, folder: str, words: str) -> None:

@@ -47,8 +47,8 @@ def grows(at_s: float) -> float:
 @pytest.mark.parametrize(
     ("lag_s", "said"),
     [
-        (grows, "frames are sent 2.8 s later after their capture than they were: "),
-        (lambda at_s: 0.05 + min(0.1 * at_s, 1.0), "frames are sent 1.0 s later"),
+        (grows, "the delay from capture to sending has grown by 2.8 s: "),
+        (lambda at_s: 0.05 + min(0.1 * at_s, 1.0), "the delay from capture to sending has grown by 1.0 s"),
         (lambda at_s: 0.05 + 0.01 * at_s, ""),
         (lambda _: 0.8, ""),
         (lambda at_s: 0.05 + max(0.0, 0.9 - abs(at_s - 28.0)), ""),

@@ -64,7 +64,7 @@ def test_the_clock_that_differs_most_is_told_while_its_device_is_heard() -> None
         clocks.observe(sent("source", 5 * HOUR), 0 if number == 3 else 5 * HOUR, 0.0)
         clocks.observe(sent("nobody", 5 * HOUR), 0, 0.0)
     told = clocks.notice(1.0)
-    assert told.startswith("the clock where heatmap runs is about 1 hour ahead of this one,")
+    assert told.startswith("the clock of the device that runs heatmap is about 1 hour ahead of this one,")
     assert clocks.notice(11.0) == ""
 
 
@@ -100,7 +100,7 @@ def test_a_stage_says_that_clocks_differ_by_an_hour_and_tells_no_lag() -> None:
             stop.set()
             serving.join(20)
     assert health is not None
-    assert "the clock where source runs is about 1 hour behind this one," in health.state
+    assert "the clock of the device that runs source is about 1 hour behind this one," in health.state
     assert health.latency_ms_p50 is None
 
 

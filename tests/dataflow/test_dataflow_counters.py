@@ -76,7 +76,7 @@ def test_lines_of_one_reason_are_few(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level("WARNING"):
         said = [limited_log.say("a", f"a {i}", 0.1 * i) for i in range(150)]
         assert [i for i, one in enumerate(said) if one] == [0, 100]
-        assert caplog.messages == ["a 0", "a 100 (99 more of these since)"]
+        assert caplog.messages == ["a 0", "a 100 (99 more since the last one)"]
         assert limited_log.say("b", "b", 0.0)
         assert sum(limited_log.say(f"reason {i}", "made up", 1.0) for i in range(10_000)) < 70
 
@@ -96,7 +96,7 @@ def test_the_first_of_a_kind_is_logged_with_its_traceback(caplog: pytest.LogCapt
     first, second = caplog.messages
     assert first.startswith("no pose: ZeroDivisionError: division by zero\nTraceback")
     assert "in divide" in first
-    assert second == "no pose: ZeroDivisionError: division by zero (3 more of these since)"
+    assert second == "no pose: ZeroDivisionError: division by zero (3 more since the last one)"
     assert node.counters.health(HEADER, 10.0, USE).errors == 2
 
 
@@ -171,9 +171,9 @@ def test_wrong_link_settings_are_refused(wrong: dict[str, object]) -> None:
 def test_a_text_that_utf8_does_not_have_is_told_all_the_same() -> None:
     """As of a file whose name is of another encoding; what is wrong now may name it as well."""
     counters = Counters("source", 10.0)
-    counters.error("caf\udce9/7.png is no readable image")
+    counters.error("caf\udce9/7.png is not a readable image")
     health = decode(encode(counters.health(HEADER, 10.0, USE, "caf\udce9 is full")), Health)
-    assert (health.last_error, health.state) == (r"caf\udce9/7.png is no readable image", r"caf\udce9 is full")
+    assert (health.last_error, health.state) == (r"caf\udce9/7.png is not a readable image", r"caf\udce9 is full")
 
 
 def test_tokens_that_anybody_may_declare_end_nothing() -> None:

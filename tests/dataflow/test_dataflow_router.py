@@ -35,7 +35,7 @@ def test_a_router_that_is_not_there_is_told_of_in_words(caplog: pytest.LogCaptur
     endpoint = free_loopback_endpoint()
     with pytest.raises(StoppedError), open_session(LinkSettings(connect=(endpoint,)), patience_s=0.1):
         pass
-    said = "trying again: nobody answers; does one run there (spot3d router)?"
+    said = "retrying: no answer; start one there (spot3d router)"
     assert caplog.messages == [f"no router at {endpoint} yet, {said}"]
 
 

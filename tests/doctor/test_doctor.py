@@ -64,14 +64,19 @@ def test_nothing_is_said_of_what_is_well() -> None:
     [
         ([answer(stage, host="ground", spot3d="9.9") for stage in STAGES], "versions on ground", "problem", "d 9.9"),
         ([*FLEET, answer(pid=2)], "stages", "problem", "pose runs 2 times: drone (1), drone (2)"),
-        (FLEET[1:], "stages", "note", "do not say what they run on: source"),
+        (FLEET[1:], "stages", "note", "do not state their versions: source"),
         ([answer(stage, 80.0) for stage in STAGES], "clock on drone", "problem", "+80.0 ms"),
         ([answer(stage, -3.6e6) for stage in STAGES], "clock on drone", "problem", "about 1 hour behind this device's"),
         ([*FLEET[1:], answer("source", 3.6e6, 2.0)], "clock on drone", "problem", "about 1 hour ahead of"),
         ([answer(stage, -80.0, 40.0) for stage in STAGES], None, "", ""),
         ([answer(stage, -80.0, 90.0) for stage in STAGES], "clock on drone", "note", "+- 90.0 ms"),
         ([*FLEET[1:], answer("source", 80.0, 90.0)], None, "", ""),
-        ([*FLEET[1:], answer("source", kernels_missing=2)], "kernels on drone", "note", "2 of the modules"),
+        (
+            [*FLEET[1:], answer("source", kernels_missing=2)],
+            "kernels on drone",
+            "note",
+            "2 modules have kernels that are not compiled",
+        ),
         ([*FLEET[1:], answer("source", shared_memory_bytes=2**26)], "shared memory on drone", "problem", "67 MB"),
         ([*FLEET[1:], answer("source", shared_memory_bytes=0)], "shared memory on drone", "note", "off"),
         ([*FLEET[1:], answer("source", disk_free_bytes=10**9)], "disk on drone", "problem", "1.0 GB left in /var"),
@@ -94,7 +99,7 @@ def test_what_a_stage_says_of_itself_is_a_problem() -> None:
     header = Header(robot="robot", seq=0, stamp_ns=1, frame_id="pose")
     numbers = {"pid": 1, "uptime_s": 1.0, "last_error": "", "cpu_s": 0.0, "rss_bytes": 1}
     well = Health(header=header, stage="pose", **fields, **times, **numbers)
-    lost = well.model_copy(update={"state": "the stamps of frames stand still"})
+    lost = well.model_copy(update={"state": "the timestamps of frames do not advance"})
     assert states({"pose": [lost, well], "fusion": [well], "source": []}) == []
     (found,) = states({"pose": [well, lost], "fusion": [well], "source": []})
     assert (found.level, found.what, found.text) == ("problem", "pose", lost.state)
@@ -116,7 +121,7 @@ def test_a_lossless_run_is_not_told_to_mend_its_shared_memory() -> None:
     """It has none, by intention, and its stages cannot say why."""
     finding = shared_memory(0, "on drone")
     assert (finding.level, "a lossless run" in finding.text) == ("note", True)
-    assert "a lossless one does without" in finding.remedy
+    assert "a lossless run does not use it" in finding.remedy
 
 
 def test_kernels_are_missing_until_they_are_compiled_and_when_they_change(
@@ -223,4 +228,4 @@ def test_no_router(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("spot3d.doctor.examine._CONNECT_S", 0.2)
     outcome = CliRunner().invoke(app, ["doctor", "--connect", free_loopback_endpoint()], env={"COLUMNS": "200"})
     assert outcome.exit_code == 1
-    assert "nobody answers" in outcome.output
+    assert "no answer" in outcome.output

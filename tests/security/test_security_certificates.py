@@ -49,7 +49,7 @@ def test_a_certificate_for_each_role_of_one_authority(tmp_path: Path) -> None:
 def test_what_is_there_is_replaced_only_if_asked(tmp_path: Path) -> None:
     ask(tmp_path, "drone")
     before = certificate(tmp_path, "drone"), certificate(tmp_path, "ca")
-    with pytest.raises(CommandError, match=r"holds certificates of drone already; --renew"):
+    with pytest.raises(CommandError, match=r"already contains certificates of drone; --renew"):
         ask(tmp_path, "drone", "ground")
     assert not (tmp_path / "ground.pem").exists()
     ask(tmp_path, "drone", "--renew")
@@ -61,9 +61,12 @@ def test_what_is_there_is_replaced_only_if_asked(tmp_path: Path) -> None:
     ("arguments", "words"),
     [
         (("a/b",), "cannot be part of a key"),
-        (("ca",), "the authority's own name"),
-        (("drone", "--days", "4000"), "but the authority only until"),
-        (("drone", "--host", "ground=10.0.0.2"), "hosts are given for ground, for whom no certificate is asked"),
+        (("ca",), "the name of the authority itself"),
+        (("drone", "--days", "4000"), "but the authority is valid only until"),
+        (
+            ("drone", "--host", "ground=10.0.0.2"),
+            "hosts are given for ground, but no certificate is requested for them",
+        ),
         (("drone", "--host", "drone"), "is not NAME=ADDRESS"),
     ],
 )
@@ -75,7 +78,7 @@ def test_what_makes_no_certificate_is_told(tmp_path: Path, arguments: tuple[str,
 def test_half_an_authority_is_refused(tmp_path: Path) -> None:
     ask(tmp_path, "drone")
     (tmp_path / "ca.key").unlink()
-    with pytest.raises(CommandError, match=r"holds one of ca.pem and ca.key"):
+    with pytest.raises(CommandError, match=r"contains only one of ca.pem and ca.key"):
         ask(tmp_path, "ground")
 
 
@@ -100,5 +103,5 @@ def test_a_file_of_the_authority_that_is_none_is_named(tmp_path: Path, name: str
     (tmp_path / name).write_bytes(content)
     with pytest.raises(CommandError) as refused:
         ask(tmp_path, "ground")
-    remedy = "bring back the one there was, or begin in an empty folder"
-    assert str(refused.value) == f"{tmp_path / name} is no {kind} in PEM: {remedy}"
+    remedy = "restore the original, or use an empty folder"
+    assert str(refused.value) == f"{tmp_path / name} is not a {kind} in PEM: {remedy}"

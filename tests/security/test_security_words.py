@@ -49,7 +49,7 @@ def test_own_certificate_that_cannot_be_used_is_refused_before_it_is_shown(
 
 def test_what_is_no_certificate_is_told(fleet: Path, tmp_path: Path) -> None:
     (tmp_path / "ca.pem").write_text("no certificate")
-    with pytest.raises(TlsError, match=r"ca.pem is no certificate of an authority"):
+    with pytest.raises(TlsError, match=r"ca.pem is not a valid CA certificate"):
         own_certificate(link(fleet, "drone").model_copy(update={"ca": tmp_path / "ca.pem"}))
     with pytest.raises(ValueError, match="belong together"):
         LinkSettings(certificate=fleet / "drone.pem")
@@ -69,11 +69,11 @@ def test_a_router_tells_whom_it_refuses_and_the_refused_learns_why(fleet: Path) 
         try:
             assert router.stdout is not None
             assert "ground.pem is for ground, valid until" in router.stdout.readline()
-            assert router.stdout.readline() == f"router at {endpoint}\n"
+            assert router.stdout.readline() == f"router listens at {endpoint}\n"
             assert probe(endpoint, link(fleet, "drone")).name == "ground"
-            with pytest.raises(TlsError, match=r"the router refuses: .*certificate required"):
+            with pytest.raises(TlsError, match=r"the router refuses this side: .*certificate required"):
                 probe(endpoint, link(fleet, None))
-            with pytest.raises(TlsError, match=r"the router refuses: .*certificate expired"):
+            with pytest.raises(TlsError, match=r"the router refuses this side: .*certificate expired"):
                 probe(endpoint, link(fleet, "expired"))
             foreign = link(fleet, "drone").model_copy(update={"ca": fleet / "stranger" / "ca.pem"})
             with pytest.raises(TlsError, match=r"the router's certificate is refused: .*certificate"):

@@ -23,7 +23,10 @@ _TICK_S = 0.05
 _ASKED_S = 0.3
 """The other side is probed for this long before the old connections are looked at again."""
 
-_MUTE, _ROLE = "connected, but it does not answer", "; has this side's certificate a role there ([access])?"
+_MUTE, _ROLE = (
+    "connected, but the other side does not answer",
+    "; check that this side's certificate has a role there ([access])",
+)
 
 log = logging.getLogger("spot3d.bridge")
 
@@ -93,18 +96,18 @@ class _Bridge:
         if self._lost_s is None:
             return ""
         where, lost_s = ", ".join(self._settings.ground), time.monotonic() - self._lost_s
-        return f"nothing crosses to {where}, for {lost_s:.0f} s: {self._why}"
+        return f"no messages to {where} for {lost_s:.0f} s: {self._why}"
 
     def _note_silence(self) -> None:
         if self._lost_s is None:
             self._lost_s = time.monotonic()
             self._why = "no answer"
             self._counters.event("link lost")
-            log.warning("the other side is silent: trying new connections beside the old ones")
+            log.warning("the other side does not answer: trying new connections beside the old ones")
 
     def _note_echo(self) -> None:
         if self._lost_s is not None:
-            log.info("the other side is there, after %.1f s", time.monotonic() - self._lost_s)
+            log.info("the other side answers again, after %.1f s", time.monotonic() - self._lost_s)
             self._lost_s = None
 
     def _report(self) -> None:

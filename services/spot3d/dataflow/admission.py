@@ -34,7 +34,7 @@ class Admission:
         """The verdict on a message that has just arrived."""
         if not self._producers.admit(topic, header.sender, now_s):
             self._counters.drop(f"{topic} {SECOND}")
-            text = f"{topic}: somebody else says it as well (process {header.sender}); is refused"
+            text = f"{topic}: messages of a second sender (process {header.sender}) are refused; end one of the two"
             self._limited_log.say(f"{topic} {SECOND}", text, now_s)
             return Verdict(refused=SECOND)
         if topic == _CAPTURES:
@@ -47,7 +47,7 @@ class Admission:
         self._counters.drop(f"{topic} lost on the way", arrival.missing)
         if arrival.restarted:
             self._counters.event("another recording")
-            text = f"{topic}: stamps went back: another recording begins"
+            text = f"{topic}: timestamps went back: a new recording begins"
             self._limited_log.say("another recording", text, now_s)
         if arrival.refused:
             self._counters.drop(f"{topic} {arrival.refused}")

@@ -55,5 +55,7 @@ class CaptureLag:
         latest_s = min(lag_s for at_s, lag_s in lags if lags[-1][0] - at_s <= _SPAN_S)
         if abs(least_s) > _SAME_CLOCK_S or latest_s - least_s < _LAG_S:
             return ""
-        later = f"frames are sent {latest_s - least_s:.1f} s later after their capture than they were"
-        return f"{later}: what takes them from the camera is too slow, or keeps a queue; let it send the newest only"
+        later = f"the delay from capture to sending has grown by {latest_s - least_s:.1f} s"
+        return (
+            f"{later}: the program that reads the camera is too slow, or queues frames; let it send only the newest one"
+        )

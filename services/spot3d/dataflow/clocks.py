@@ -69,5 +69,5 @@ class Clocks:
         if not apart:
             return ""
         stage = max(apart, key=lambda name: abs(apart[name]))
-        text = f"the clock where {stage} runs is {offset_in_words(-1e-9 * apart[stage], 'this one')}"
-        return f"{text}, and lags say nothing: synchronise the clocks (spot3d doctor)"
+        text = f"the clock of the device that runs {stage} is {offset_in_words(-1e-9 * apart[stage], 'this one')}"
+        return f"{text}, so that latencies are meaningless: synchronise the clocks (spot3d doctor)"

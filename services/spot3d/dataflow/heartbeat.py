@@ -37,7 +37,7 @@ class Heartbeat:
         except OSError as error:
             # A full disk may be so for a moment only.
             if not self._told:
-                log.warning("no heartbeat in %s: %s", self._path, error.strerror)
+                log.warning("cannot write the heartbeat %s: %s", self._path, error.strerror)
             self._told = True
 
     def close(self) -> None:

@@ -125,7 +125,7 @@ class Node:
                 thread.start()
             stack.callback(self._leave)
             self._exit = stack.pop_all()
-        self._log.info("%s of %s is on line", self.stage, self.link.robot)
+        self._log.info("%s of robot %s is on line", self.stage, self.link.robot)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -247,7 +247,7 @@ class Node:
                     continue
                 message = decode(payload, expected)
             except CodecError as error:
-                self.failed(f"{topic} {str(error).partition(':')[0]}", f"{topic}: refused: {error}")
+                self.failed(f"{topic} {str(error).partition(':')[0]}", f"{topic}: message refused: {error}")
                 continue
             self.counters.received()
             arrival = self._admission.judge(topic, message.header, time.monotonic())
@@ -293,9 +293,11 @@ class Node:
         wrong = [self.state] if self.state else []
         count = len(self.alive.processes(self.stage))
         if count > 1:
-            wrong.append(f"{count} processes of {self.stage} are running for {self.link.robot}: end all but one")
+            wrong.append(f"{count} processes of {self.stage} are running for robot {self.link.robot}: end all but one")
         now_s = time.monotonic()
-        wrong += [f"{topic} is said by more than one process" for topic in self._admission.contested(now_s)]
+        wrong += [
+            f"more than one process publishes {topic}: end all but one" for topic in self._admission.contested(now_s)
+        ]
         for about_what, text in (("stamps", self._admission.stamps(now_s)), ("clocks", self._clocks.notice(now_s))):
             if text:
                 self._limited_log.say(about_what, text, now_s)

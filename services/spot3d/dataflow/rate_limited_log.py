@@ -38,6 +38,6 @@ class RateLimitedLog:
                 return False
             self._said[reason] = (now_s, 0)
         where = [] if error is None or not first else "".join(traceback.format_exception(error)).splitlines()
-        said = printable(text) + (f" ({silent} more of these since)" if silent else "")
+        said = printable(text) + (f" ({silent} more since the last one)" if silent else "")
         self._log.warning("%s", "\n".join((said, *map(printable, where))))
         return True

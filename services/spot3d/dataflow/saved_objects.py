@@ -71,7 +71,7 @@ def restored(said: Any, arrays: Mapping[str, NDArray[Any]], classes: Classes, gi
         pairs = [[restored(part, arrays, classes, given) for part in pair] for pair in held]
         return _MAPS[kind](dict(pairs))
     except (KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"the state is not of this version ({error})") from error
+        raise ValueError(f"the saved state is of another version ({error})") from error
 
 
 def same_fields(one: object, other: object) -> bool:

@@ -22,7 +22,7 @@ _LEASE_MS = 2000
 """A peer that is silent for this long counts as gone."""
 _LARGE_BYTES = 65536
 """Messages of at least this size go through shared memory between processes on one host."""
-_IN_USE = "the port or socket may be in use: end the program that listens there, or give another"
+_IN_USE = "the port or socket may be in use: end the program that listens there, or choose another"
 
 
 def zenoh_config(link: LinkSettings) -> zenoh.Config:
@@ -87,7 +87,11 @@ def open_session(
     zenoh.init_log_from_env_or("error,zenoh_link_tls=warn")
     own = own_certificate(link)
     if own is not None and own.soon_over:
-        log.warning("this side's certificate %s is for %s: make a new one in time", link.certificate, own)
+        log.warning(
+            "this side's certificate %s is for %s and expires soon: make a new one (spot3d certificates --renew)",
+            link.certificate,
+            own,
+        )
     # A session that is left open keeps the interpreter from ending.
     with _open(link, stop or threading.Event(), more, time.monotonic() + patience_s) as session:
         yield session
@@ -106,17 +110,17 @@ def _open(
         except zenoh.ZError as error:
             if link.mode != "client":
                 where, reason = ", ".join(link.listen or link.connect), first_line(error)
-                remedy = _IN_USE if "in use" in reason else "is that an address of this device?"
+                remedy = _IN_USE if "in use" in reason else "check that it is an address of this device"
                 raise ConnectionError(f"cannot listen at {where}: {reason}; {remedy}") from error
             if tries % 10 == 0:
-                reason = why_refused(link) or f"{first_line(error)}; does one run there (spot3d router)?"
-                log.warning("no router at %s yet, trying again: %s", ", ".join(link.connect), reason)
+                reason = why_refused(link) or f"{first_line(error)}; start one there (spot3d router)"
+                log.warning("no router at %s yet, retrying: %s", ", ".join(link.connect), reason)
             tries += 1
             stop.wait(0.1)
     raise StoppedError
 
 
 def first_line(error: Exception) -> str:
-    """Zenoh's error text without its place in Zenoh's source; `nobody answers` where it names only the endpoint."""
+    """Zenoh's error text without its place in Zenoh's source; `no answer` where it names only the endpoint."""
     said = str(error).partition("\n")[0].partition(" at /")[0].strip()
-    return "nobody answers" if said.startswith("Unable to connect to any of") else said
+    return "no answer" if said.startswith("Unable to connect to any of") else said

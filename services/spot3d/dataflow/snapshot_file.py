@@ -36,7 +36,7 @@ def snapshot_bytes(snapshot: Snapshot) -> list[bytes]:
     """The file's content in pieces, a copy: the snapshot's arrays may change afterwards."""
     described = [[name, array.dtype.str, list(array.shape)] for name, array in snapshot.arrays.items()]
     if any(array.dtype.hasobject or array.dtype.names for array in snapshot.arrays.values()):
-        raise TypeError("arrays of plain numbers alone can be kept")
+        raise TypeError("only arrays of numbers can be saved")
     head = json.dumps({"kind": snapshot.kind, "values": snapshot.values, "arrays": described}, allow_nan=False).encode()
     return [_MAGIC, _LENGTH.pack(len(head)), head, *(array.tobytes() for array in snapshot.arrays.values())]
 
@@ -65,14 +65,14 @@ def read_snapshot(path: Path, kind: str) -> Snapshot:
     """The snapshot in a file. Raises SnapshotError if it is damaged or of another kind, and OSError."""
     data = path.read_bytes()
     if not data.startswith(_MAGIC):
-        raise SnapshotError(f"{path} is no snapshot of spot3d, or one of another version")
+        raise SnapshotError(f"{path} is not a snapshot of spot3d, or is one of another version")
     body, at = memoryview(data)[: -_CHECKSUM.size], len(_MAGIC) + _LENGTH.size
     if len(body) < at or zlib.crc32(body) != _CHECKSUM.unpack(data[-_CHECKSUM.size :])[0]:
-        raise SnapshotError(f"{path} is damaged: its checksum is wrong; it is not used")
+        raise SnapshotError(f"{path} is damaged (wrong checksum) and is not used")
     (length,) = _LENGTH.unpack(body[len(_MAGIC) : at])
     try:
         if length > _HEAD_MAX:
-            raise ValueError("its description is too long")
+            raise ValueError("the description is too long")
         head = json.loads(bytes(body[at : at + length]))
         arrays, at = {}, at + length
         for name, dtype, shape in head["arrays"]:
@@ -81,7 +81,7 @@ def read_snapshot(path: Path, kind: str) -> Snapshot:
             at += arrays[name].nbytes
         snapshot = Snapshot(head["kind"], head["values"], arrays)
     except (ValueError, KeyError, TypeError) as error:
-        raise SnapshotError(f"{path} cannot be read: {error}; it is not used") from error
+        raise SnapshotError(f"{path} cannot be read and is not used: {error}") from error
     if snapshot.kind != kind:
         raise SnapshotError(f"{path} is a snapshot of {snapshot.kind}, not of {kind}")
     return snapshot

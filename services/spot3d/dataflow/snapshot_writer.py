@@ -73,7 +73,7 @@ class SnapshotWriter:
         self.close()
         busy = self._thread is not None and self._thread.is_alive()
         if busy:
-            self._failed("the snapshot before is still being written: what came since is lost in a restart")
+            self._failed("the previous snapshot is still being written; a restart would lose what came since")
         return busy
 
     def _write(self, pieces: list[bytes], written: Callable[[], None]) -> None:
@@ -81,7 +81,10 @@ class SnapshotWriter:
             write_snapshot(self.path, pieces)
         except OSError as error:
             self._last_s = time.monotonic() + _PATIENCE_S - self._interval_s
-            self._failed(f"no snapshot in {self.path.parent}: {error.strerror or error}; a restart would begin anew")
+            self._failed(
+                f"cannot write a snapshot to {self.path.parent}: {error.strerror or error}; a restart would begin "
+                "with an empty map"
+            )
             return
         with self._placing:
             if self._wanted is pieces:
@@ -93,4 +96,4 @@ class SnapshotWriter:
         try:
             self.path.unlink(missing_ok=True)
         except OSError as error:
-            self._failed(f"cannot delete {self.path}: {why(error)}; a restart would go on from what was forgotten")
+            self._failed(f"cannot delete {self.path}: {why(error)}; a restart would resume from the deleted map")

@@ -44,6 +44,8 @@ class StampPace:
         if span_s < _SPAN_S or _SLOW * stamped_s > span_s:
             return ""
         if stamped_s <= 0:
-            return "the stamps of frames stand still: stamp_ns is the time of capture, another one for each frame"
-        slower = f"about {float(f'{span_s / stamped_s:.1g}'):,.0f} times more slowly than time"
-        return f"the stamps of frames go {slower}: stamp_ns is in nanoseconds (a microsecond is 1000 of them)"
+            return "the timestamps of frames do not advance: set stamp_ns to each frame's time of capture"
+        slower = f"about {float(f'{span_s / stamped_s:.1g}'):,.0f} times too slowly"
+        return (
+            f"the timestamps of frames advance {slower}: give stamp_ns in nanoseconds (a microsecond is 1000 of them)"
+        )

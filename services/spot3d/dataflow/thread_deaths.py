@@ -22,9 +22,9 @@ def end_with_any_thread() -> None:
 def _end(death: threading.ExceptHookArgs) -> None:
     if death.exc_type is SystemExit:
         return
-    name = "one without a name" if death.thread is None else death.thread.name
+    name = "unnamed" if death.thread is None else death.thread.name
     traceback.print_exception(death.exc_type, death.exc_value, death.exc_traceback)
     why = f"{death.exc_type.__name__}: {death.exc_value}"
-    sys.stderr.write(f"error: the process ends: its thread {name!r} died of {why}\n")
+    sys.stderr.write(f"error: the process ends, as its thread {name!r} failed with {why}\n")
     sys.stderr.flush()
     os._exit(EXIT_CODE)

@@ -64,7 +64,7 @@ def own_certificate(link: LinkSettings) -> Validity | None:
     except ssl.SSLCertVerificationError as error:
         raise TlsError(
             f"the certificate {link.certificate} is not accepted by {link.ca or 'public authorities'}: "
-            f"{error.verify_message}; make a new one with spot3d certificates, and look at this device's clock"
+            f"{error.verify_message}; make a new one with spot3d certificates, and check this device's clock"
         ) from error
 
 
@@ -89,7 +89,7 @@ def probe(endpoint: str, link: LinkSettings) -> Validity:
     except ssl.SSLCertVerificationError as error:
         raise TlsError(f"{endpoint}: the router's certificate is refused: {error.verify_message}") from error
     except ssl.SSLError as error:
-        raise TlsError(f"{endpoint}: the router refuses: {_words(error)}") from error
+        raise TlsError(f"{endpoint}: the router refuses this side: {_words(error)}") from error
     except OSError as error:
         raise TlsError(f"{endpoint}: {error.strerror or error}") from error
 
@@ -119,7 +119,9 @@ def _context(protocol: int, link: LinkSettings) -> ssl.SSLContext:
         except ssl.SSLError as error:
             if error.reason == "KEY_VALUES_MISMATCH":
                 raise TlsError(f"{link.key} is not the key of the certificate {link.certificate}") from error
-            raise TlsError(f"{link.certificate} and {link.key} are no certificate and key: {_words(error)}") from error
+            raise TlsError(
+                f"{link.certificate} and {link.key} are not a valid certificate and key: {_words(error)}"
+            ) from error
     return context
 
 
@@ -128,7 +130,7 @@ def _load_authority(context: ssl.SSLContext, file: Path) -> None:
     try:
         context.load_verify_locations(file)
     except ssl.SSLError as error:
-        raise TlsError(f"{file} is no certificate of an authority: {_words(error)}") from error
+        raise TlsError(f"{file} is not a valid CA certificate: {_words(error)}") from error
 
 
 def _refuse_unreadable(file: Path) -> None:
@@ -156,7 +158,7 @@ def _validity(certificate: Mapping[str, object] | None) -> Validity:
     fields = certificate or {}
     subject = fields.get("subject")
     parts = subject if isinstance(subject, tuple) else ()
-    named = next((value for part in parts for name, value in part if name == "commonName"), "no name")
+    named = next((value for part in parts for name, value in part if name == "commonName"), "unnamed")
     ends_s = ssl.cert_time_to_seconds(str(fields["notAfter"]))
     return Validity(named, datetime.datetime.fromtimestamp(ends_s, datetime.UTC))
 

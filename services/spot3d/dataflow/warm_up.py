@@ -24,7 +24,7 @@ def warm_up(stage: str, work: Callable[[Sequence[RgbdFrame]], object]) -> None:
     log = logging.getLogger(f"spot3d.{stage}")
     start_s = time.monotonic()
     word = threading.Timer(
-        _SLOW_S, log.info, ("compiles its kernels, before it goes on line: up to some minutes, once",)
+        _SLOW_S, log.info, ("compiling kernels before going on line; this takes up to some minutes, only once",)
     )
     word.daemon = True
     word.start()
@@ -33,12 +33,12 @@ def warm_up(stage: str, work: Callable[[Sequence[RgbdFrame]], object]) -> None:
     except ModuleNotFoundError:
         raise
     except Exception as error:
-        log.warning("the kernels are not warm: %s: %s", type(error).__name__, error)
+        log.warning("cannot warm up the kernels: %s: %s", type(error).__name__, error)
     finally:
         word.cancel()
     took_s = time.monotonic() - start_s
     if took_s > _SLOW_S:
-        log.info("compiled the kernels in %.0f s; they are kept for the next start", took_s)
+        log.info("compiled the kernels in %.0f s; they are cached for the next start", took_s)
 
 
 def _frame(index: int) -> RgbdFrame:

@@ -27,7 +27,7 @@ def examine(link: LinkSettings, seconds: float) -> tuple[list[Finding], list[Top
             findings += look_at(ask_all(session, link.robot), there, ended)
             return findings + states(health), topic_rates(health)
     except TlsError:
-        return [*findings, Finding("problem", "router", "not tried without a certificate", "see above")], []
+        return [*findings, Finding("problem", "router", "not tested without a valid certificate", "see above")], []
     except StoppedError:
         return findings + reached(link, answered=False), []
 
@@ -36,8 +36,8 @@ def reached(link: LinkSettings, answered: bool = True) -> list[Finding]:
     """Findings about the router's endpoints, and the certificates that it shows."""
     where = ", ".join(link.connect)
     if not answered:
-        reason = why_refused(link) or "nobody answers"
-        remedy = "start it, set [link] connect, and look at the way there: addresses, firewall, docs/security.md"
+        reason = why_refused(link) or "no answer"
+        remedy = "start the router, set [link] connect, and check the network: addresses, firewall, docs/security.md"
         return [Finding("problem", "router", f"{where}: {reason}", remedy)]
     findings = [Finding("ok", "router", f"reached at {where}")]
     for endpoint in link.connect:
@@ -45,8 +45,8 @@ def reached(link: LinkSettings, answered: bool = True) -> list[Finding]:
             try:
                 shown = probe(endpoint, link)
             except TlsError as error:
-                findings.append(Finding("note", "router", str(error), "another of its endpoints was reached"))
+                findings.append(Finding("note", "router", str(error), "connected through another of its endpoints"))
                 continue
-            remedy = "make it a new one: spot3d certificates --renew" if shown.soon_over else ""
+            remedy = "make a new certificate for it: spot3d certificates --renew" if shown.soon_over else ""
             findings.append(Finding("problem" if remedy else "ok", "router's certificate", str(shown), remedy))
     return findings

@@ -75,16 +75,19 @@ def stages(alive: Mapping[str, bool], answers: Sequence[Answer], ended: bool = F
         )
     mute = [stage for stage in expected if stage not in pids]
     if mute:
-        text = f"alive, but they do not say what they run on: {', '.join(mute)}"
-        return Finding("note", "stages", text, "an older version, or someone else's stage")
+        text = f"alive, but they do not state their versions: {', '.join(mute)}"
+        return Finding("note", "stages", text, "they are an older version, or your own program")
     text = f"all alive: {', '.join(expected)}"
-    return Finding("ok", "stages", f"{text}; the source has ended, with its recording" if ended else text)
+    return Finding("ok", "stages", f"{text}; the source has ended, as its recording is over" if ended else text)
 
 
 def states(by_stage: Mapping[str, Sequence[Health]]) -> list[Finding]:
     """The problem that each stage stated last, and what to do."""
     wrong = [(stage, health[-1].state) for stage, health in by_stage.items() if health and health[-1].state]
-    return [Finding("problem", stage, state, "status --watch follows it; its log has more") for stage, state in wrong]
+    return [
+        Finding("problem", stage, state, "watch it with: spot3d status --watch; its log has details")
+        for stage, state in wrong
+    ]
 
 
 def versions(host: str, there: Sequence[Answer]) -> Finding:
@@ -104,13 +107,13 @@ def clock(host: str, there: Sequence[Answer]) -> Finding:
     worst = max(there, key=lambda answer: abs(answer.offset_ms) - answer.within_ms)
     if abs(worst.offset_ms) - worst.within_ms > CLOCK_MS:
         best = worst  # two devices may have one name
-    text = f"{best.offset_ms:+.1f} ms beside this device's, +- {best.within_ms:.1f} ms"
+    text = f"{best.offset_ms:+.1f} ms against this device's, +- {best.within_ms:.1f} ms"
     if abs(best.offset_ms) - best.within_ms > CLOCK_MS:
         text = offset_in_words(best.offset_ms / 1000, "this device's") + f": {text}"
         remedy = "synchronise the clocks: chrony or systemd-timesyncd on both, the drone from the ground station"
         return Finding("problem", f"clock on {host}", text, remedy)
     if best.within_ms > CLOCK_MS:
-        return Finding("note", f"clock on {host}", text, "the link is too slow to tell more")
+        return Finding("note", f"clock on {host}", text, "the link is too slow for a more exact measurement")
     return Finding("ok", f"clock on {host}", text)
 
 

@@ -39,29 +39,33 @@ def certificate(link: LinkSettings) -> Finding:
     except TlsError as error:
         return Finding("problem", "certificate", str(error), _RENEW)
     if own is None:
-        return Finding("ok", "certificate", "none is set ([link] certificate, key, ca): the link is open to everybody")
+        return Finding("ok", "certificate", "none is set ([link] certificate, key, ca): anybody can connect")
     return Finding("problem" if own.soon_over else "ok", "certificate", str(own), _RENEW if own.soon_over else "")
 
 
 def kernels(missing: int, where: str) -> Finding:
     """Finding about kernels. missing: number of modules whose kernels are not compiled."""
     if not missing:
-        return Finding("ok", f"kernels {where}", "compiled, and kept for the next start")
-    text = f"{missing} of the modules that have some are not compiled: their first use takes seconds"
+        return Finding("ok", f"kernels {where}", "compiled and cached")
+    text = f"{missing} modules have kernels that are not compiled yet: their first use takes seconds"
     return Finding(
-        "note", f"kernels {where}", text, "start every stage once before the flight, or spot3d demo --frames 30"
+        "note", f"kernels {where}", text, "start every stage once before the mission, or run spot3d demo --frames 30"
     )
 
 
 def shared_memory(room: int, where: str) -> Finding:
     """Finding about shared memory. room: bytes left for images; 0: not used."""
     if not room:
-        text = "not used (off, no /dev/shm, or a lossless run): images go by the network, at twice the processor time"
-        remedy = "for a live run mount /dev/shm, and leave link.shared_memory on; a lossless one does without"
+        text = (
+            "not used (off, no /dev/shm, or a lossless run): images go through the network stack, at twice the CPU time"
+        )
+        remedy = "for a live run, mount /dev/shm and keep link.shared_memory on; a lossless run does not use it"
         return Finding("note", f"shared memory {where}", text, remedy)
     little = room < SHARED_BYTES
     remedy = (
-        f"give it {SHARED_BYTES >> 20} MB (docker: --shm-size), or set link.shared_memory = false" if little else ""
+        f"enlarge it to {SHARED_BYTES >> 20} MB (docker: --shm-size), or set link.shared_memory = false"
+        if little
+        else ""
     )
     return Finding("problem" if little else "ok", f"shared memory {where}", f"{room / 1e6:.0f} MB left", remedy)
 

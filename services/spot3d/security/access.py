@@ -25,11 +25,15 @@ class AccessSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    robots: Names = Field((), description="may say and hear what is under the robot of their own name, and no more")
-    stations: Names = Field((), description="ground stations and operators: everything of every robot, reset included")
-    dashboards: Names = Field((), description="hear everything and may ask for the map; they say nothing")
+    robots: Names = Field((), description="names of robots: each may publish and receive only under its own name")
+    stations: Names = Field(
+        (), description="names of ground stations and operators: they may do everything on every robot, including reset"
+    )
+    dashboards: Names = Field(
+        (), description="names of dashboards: they receive everything and may request the map, but publish nothing"
+    )
     this_host: bool = Field(
-        True, description="processes of this host, on tcp/127.0.0.1 or a Unix socket, need no certificate"
+        True, description="allow processes of this host, on tcp/127.0.0.1 or a Unix socket, without a certificate"
     )
 
     @property

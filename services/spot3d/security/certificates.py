@@ -57,12 +57,12 @@ def open_authority(folder: Path, now: datetime.datetime) -> Authority:
     """
     certificate, key = folder / f"{CA}.pem", folder / f"{CA}.key"
     if certificate.exists() != key.exists():
-        raise ValueError(f"{folder} holds one of {CA}.pem and {CA}.key: bring the other, or begin in an empty folder")
+        raise ValueError(f"{folder} contains only one of {CA}.pem and {CA}.key: add the other, or use an empty folder")
     if not certificate.exists():
         return _make_authority(folder, now)
     private = _read(key, "private key without a password", lambda data: load_pem_private_key(data, None))
     if not isinstance(private, ec.EllipticCurvePrivateKey):
-        raise ValueError(f"{key} is no key of an elliptic curve; it was not made by this program")
+        raise ValueError(f"{key} is not an elliptic-curve key, so it was not made by spot3d certificates")
     return Authority(_read(certificate, "certificate", x509.load_pem_x509_certificate), private)
 
 
@@ -71,8 +71,8 @@ def _read(file: Path, kind: str, load: Callable[[bytes], T]) -> T:
     try:
         return load(file.read_bytes())
     except (ValueError, TypeError, UnsupportedAlgorithm) as error:
-        remedy = "bring back the one there was, or begin in an empty folder"
-        raise ValueError(f"{file} is no {kind} in PEM: {remedy}") from error
+        remedy = "restore the original, or use an empty folder"
+        raise ValueError(f"{file} is not a {kind} in PEM: {remedy}") from error
 
 
 def issue(
@@ -91,7 +91,10 @@ def issue(
     """
     last = authority.certificate.not_valid_after_utc
     if ends > last:
-        raise ValueError(f"{name} would be valid until {ends:%Y-%m-%d}, but the authority only until {last:%Y-%m-%d}")
+        raise ValueError(
+            f"{name} would be valid until {ends:%Y-%m-%d}, but the authority is valid only until {last:%Y-%m-%d}; "
+            "give fewer days"
+        )
     key = ec.generate_private_key(ec.SECP256R1())
     usages = [ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH]
     certificate = (
@@ -114,12 +117,12 @@ def issue_all(
     """
     unknown = sorted(set(hosts) - set(names))
     if unknown:
-        raise ValueError(f"hosts are given for {', '.join(unknown)}, for whom no certificate is asked")
+        raise ValueError(f"hosts are given for {', '.join(unknown)}, but no certificate is requested for them")
     if CA in names:
-        raise ValueError(f"{CA} is the authority's own name")
+        raise ValueError(f"{CA} is the name of the authority itself; choose another name")
     there = [name for name in names if (folder / f"{name}.pem").exists()]
     if there and not renew:
-        raise ValueError(f"{folder} holds certificates of {', '.join(there)} already; --renew replaces them")
+        raise ValueError(f"{folder} already contains certificates of {', '.join(there)}; --renew replaces them")
     now = datetime.datetime.now(datetime.UTC)
     folder.mkdir(parents=True, exist_ok=True)
     authority = open_authority(folder, now)
