@@ -26,7 +26,7 @@ def test_an_unfinished_recording_says_what_is_lost(recording: Path, tmp_path: Pa
     recording.write_bytes(whole[: len(whole) // 2])
     assert export(recording, tmp_path / "out.mcap", complaints.append)["/camera/image"] == 2
     (said,) = complaints
-    assert "was not finished" in said
+    assert "is incomplete" in said
 
 
 def test_a_recording_that_shows_nothing_is_refused(tmp_path: Path) -> None:
@@ -34,7 +34,7 @@ def test_a_recording_that_shows_nothing_is_refused(tmp_path: Path) -> None:
     header = Header(robot=ROBOT, seq=0, stamp_ns=1, frame_id="camera")
     lost = Pose(header=header, T_world_camera=np.eye(4), status="lost", reason="dark", provider="kiss")
     write_recording(path, [[("pose/pose", 0.0, lost)]])
-    with pytest.raises(SourceError, match=r"lost\.mcap holds nothing to export"):
+    with pytest.raises(SourceError, match=r"lost\.mcap has nothing to export"):
         export(path, out, lambda text: None)
     assert not out.exists()
 
@@ -46,6 +46,6 @@ def test_a_run_of_nothing_is_refused(tmp_path: Path) -> None:
     (run / "trajectory.txt").touch()
     (run / "report.json").write_text(json.dumps({"selection": {"name": "/nowhere"}}))
     (run / "settings.toml").touch()
-    with pytest.raises(SourceError, match="run holds nothing to export"):
+    with pytest.raises(SourceError, match="run has nothing to export"):
         export(run, out, lambda text: None)
     assert not out.exists()

@@ -13,6 +13,8 @@ import pytest
 import zenoh
 from recordings import ROBOT, damage_second_chunk, frame, write_recording
 
+from spot3d.cli.options import CommandError
+from spot3d.cli.recordings import play as play_command
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.recorder.keyboard import on_key
@@ -142,9 +144,21 @@ def test_in_a_loop_until_it_is_stopped(contents: McapContents, link: LinkSetting
 
 def test_not_beside_the_stage_itself(contents: McapContents, link: LinkSettings, session: zenoh.Session) -> None:
     token = session.liveliness().declare_token(alive_key(ROBOT, "pose"))
-    with pytest.raises(StageAliveError, match="pose of robot 'robot' is alive; play under another name"):
+    with pytest.raises(StageAliveError, match="pose of robot 'robot' is running; play under another name"):
         play(contents, Playing(tuple(contents.topics)), link)
     token.undeclare()
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "said"),
+    [
+        (5.0, None, "is 0.4 s long, but --from is 5 s$"),
+        (0.3, 0.2, "is 0.4 s long, but --from is 0.3 s and --to 0.2 s$"),
+    ],
+)
+def test_what_plays_nothing_is_refused(contents: McapContents, start: float, end: float | None, said: str) -> None:
+    with pytest.raises(CommandError, match=rf"^nothing to play: {contents.path} {said}"):
+        play_command(contents.path, start=start, end=end)
 
 
 def test_a_key_pauses_and_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:

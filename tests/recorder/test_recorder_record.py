@@ -169,7 +169,7 @@ def test_who_writes_may_die_and_it_is_told_in_one_line(session: zenoh.Session, e
         said, _ = recorder.communicate(timeout=LIMIT_S)
     assert recorder.returncode == 1
     assert said.count("\n") == 1
-    assert "the process that writes it has died (SIGKILL); it holds the first" in said
+    assert "the process that writes it has ended (SIGKILL); it holds the first" in said
     assert ", 5 messages of 1 topics" in said
     assert len(open_source(path)) == 5
 

@@ -22,13 +22,13 @@ from spot3d.cli.options import (
 from spot3d.settings import load_settings
 
 TopicsOption = Annotated[
-    list[str] | None, typer.Option(help="only these topics, as source/*; may be repeated; default: all")
+    list[str] | None, typer.Option(help="record only these topics, such as source/*; may be repeated; default: all")
 ]
 RecordingArgument = Annotated[Path, typer.Argument(metavar="RECORDING.mcap", help="file of spot3d record")]
 
 
 def record(
-    out: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="the new file")],
+    out: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="file to write")],
     topics: TopicsOption = None,
     settings: SettingsOption = None,
     robot: RobotOption = None,
@@ -49,7 +49,7 @@ def record(
     except NoSuchTopicError as error:
         raise CommandError(str(error)) from error
     except FileExistsError as error:
-        raise CommandError(f"{out} exists already; give another name, or delete it") from error
+        raise CommandError(f"{out} already exists; give another name, or delete it") from error
     typer.echo(recorded.summary())
     if recorded.error:
         raise typer.Exit(1)
@@ -58,10 +58,12 @@ def record(
 def play(
     recording: RecordingArgument,
     topics: TopicsOption = None,
-    rate: Annotated[float, typer.Option(min=0.01, max=100, help="so many times as fast as it was")] = 1.0,
-    loop: Annotated[bool, typer.Option("--loop", help="again and again, until Ctrl-C")] = False,
-    start: Annotated[float, typer.Option("--from", min=0, help="seconds from its beginning")] = 0.0,
-    end: Annotated[float | None, typer.Option("--to", min=0, help="seconds from its beginning")] = None,
+    rate: Annotated[
+        float, typer.Option(min=0.01, max=100, help="speed relative to the recording: 2 is twice as fast")
+    ] = 1.0,
+    loop: Annotated[bool, typer.Option("--loop", help="play repeatedly until Ctrl-C")] = False,
+    start: Annotated[float, typer.Option("--from", min=0, help="where to start, seconds from the beginning")] = 0.0,
+    end: Annotated[float | None, typer.Option("--to", min=0, help="where to end, seconds from the beginning")] = None,
     settings: SettingsOption = None,
     robot: RobotOption = None,
     connect: ConnectOption = None,
@@ -81,8 +83,11 @@ def play(
         resolved = load_settings(settings, None, link_overrides(robot or contents.robot, connect, listen, lossless))
         length_s = 1e-9 * (contents.end_ns - contents.start_ns)
         if start >= (length_s if end is None else min(end, length_s)):
-            raise CommandError(f"nothing to play: {recording} is {length_s:.1f} s long, --from is {start:g}")
-        state = "" if contents.complete else f" (not finished; {contents.lost_bytes} bytes at its end are lost)"
+            until = "" if end is None else f" and --to {end:g} s"
+            raise CommandError(
+                f"nothing to play: {recording} is {length_s:.1f} s long, but --from is {start:g} s{until}"
+            )
+        state = "" if contents.complete else f" (incomplete; its last {contents.lost_bytes} bytes are lost)"
         pause = "; space pauses" if sys.stdin.isatty() else ""
         typer.echo(f"{recording}: {length_s:.1f} s, {len(chosen)} topics{state}, as robot {resolved.link.robot}{pause}")
         sent = play_recording(contents, Playing(chosen, rate, loop, start, end), resolved.link)
@@ -93,20 +98,20 @@ def play(
 
 def export(
     source: Annotated[Path, typer.Argument(metavar="RUN|RECORDING.mcap", help="results of spot3d run, or a recording")],
-    out: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="the new file")],
+    out: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="file to write")],
 ) -> None:
     """Write a run or a recording in Foxglove's schemas, for Foxglove, Lichtblick and Rerun."""
     from spot3d.recorder.foxglove_export import export as export_all
     from spot3d.recorder.mcap_contents import BrokenRecordingError
 
     if not source.exists():
-        raise CommandError(f"{source} does not exist; give a folder of results, or a recording")
+        raise CommandError(f"{source} does not exist; give a folder of results of spot3d run, or a recording")
     try:
         written = export_all(source, out, say)
     except BrokenRecordingError as error:
         raise CommandError(str(error)) from error
     except FileExistsError as error:
-        raise CommandError(f"{out} exists already; give another name, or delete it") from error
+        raise CommandError(f"{out} already exists; give another name, or delete it") from error
     typer.echo(f"{out}: {', '.join(f'{count} {topic}' for topic, count in written.items())}")
 
 

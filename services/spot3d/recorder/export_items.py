@@ -47,7 +47,7 @@ def items_of_run(folder: Path, complain: Callable[[str], None]) -> Iterator[tupl
     """
     report = folder / "report.json"
     if not report.is_file():
-        raise SourceError(f"{folder} is no folder of results: report.json is missing")
+        raise SourceError(f"{folder} is not a folder of results: report.json is missing")
     try:
         stamps, poses = read_tum(folder / TRAJECTORY)
         final = found_in(json.loads((folder / "objects.json").read_text(encoding="utf-8")))
@@ -91,7 +91,7 @@ def items_of_recording(contents: McapContents, complain: Callable[[str], None]) 
     complain: called with what cannot be read.
     """
     if not contents.complete:
-        complain(f"{contents.path} was not finished: {contents.lost_bytes} bytes at its end are lost")
+        complain(f"{contents.path} is incomplete: its last {contents.lost_bytes} bytes are lost")
     topic_of = {number: topic for topic, number in contents.topics.items()}
     images = "source/frame" if "source/frame" in contents.topics else "heatmap/heat"
     wanted = {images, "pose/pose", "fusion/objects"}

@@ -53,7 +53,7 @@ def export(source: Path, out: Path, complain: Callable[[str], None]) -> dict[str
         for stamp_ns, sight in sights:
             exporter.add(stamp_ns, sight)
         if not any(exporter.written.values()):
-            raise SourceError(f"{source} holds nothing to export: no frame, no pose and no object")
+            raise SourceError(f"{source} has nothing to export: no frames, poses or objects")
         writer.close()
     except BaseException:
         with suppress(OSError):

@@ -103,9 +103,9 @@ class McapContents:
 def open_mcap(path: Path) -> McapContents:
     """Opens a recording. Messages are read on access. Raises BrokenRecordingError, OSError."""
     if not path.exists():
-        raise BrokenRecordingError(f"{path} does not exist; give a file that spot3d record has written")
+        raise BrokenRecordingError(f"{path} does not exist; give a file written by spot3d record")
     if not is_our_mcap(path):
-        raise BrokenRecordingError(f"{path} is no recording of spot3d (an MCAP file with the profile {PROFILE!r})")
+        raise BrokenRecordingError(f"{path} is not a recording of spot3d (an MCAP file with the profile {PROFILE!r})")
     contents = McapContents(path)
     size = path.stat().st_size
     with path.open("rb") as stream:

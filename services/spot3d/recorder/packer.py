@@ -117,7 +117,7 @@ class Packer:
     def _how_it_died(self) -> str:
         code = self._process.wait()
         how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-        return f"the process that writes it has died ({how})"
+        return f"the process that writes it has ended ({how})"
 
 
 def _stages_in_this_session() -> bool:

@@ -65,7 +65,7 @@ class _Player:
         self._contents, self._playing, self._link = contents, playing, link
         # Topics of a later version of spot3d, for example.
         if unknown := [topic for topic in playing.topics if topic not in TOPICS]:
-            log.warning("%s is left out: this version does not know it", ", ".join(unknown))
+            log.warning("%s is left out: this version of spot3d does not know the topic", ", ".join(unknown))
         known = tuple(topic for topic in playing.topics if topic in TOPICS)
         self._topic_of = {number: topic for topic, number in contents.topics.items() if topic in known}
         # Without the bridge: replayed messages cross no link.
@@ -119,6 +119,6 @@ def _refuse_alive(session: zenoh.Session, robot: str, stages: set[str]) -> None:
     alive = {token.stage for token in tokens if token is not None}
     if alive & stages:
         raise StageAliveError(
-            f"{', '.join(sorted(alive & stages))} of robot {robot!r} is alive; play under another name with --robot, "
-            "or leave its topics away with --topics"
+            f"{', '.join(sorted(alive & stages))} of robot {robot!r} is running; play under another name with "
+            "--robot, or omit its topics with --topics"
         )

@@ -73,7 +73,7 @@ def matching_topics(patterns: Sequence[str], known: Sequence[str]) -> tuple[str,
     """The known topics that match a pattern (`source/*`); without patterns, all. Raises NoSuchTopicError."""
     for pattern in patterns:
         if not fnmatch.filter(known, pattern):
-            raise NoSuchTopicError(f"no topic matches {pattern!r}; there are {', '.join(known)}")
+            raise NoSuchTopicError(f"no topic matches {pattern!r}; choose from {', '.join(known)}")
     return tuple(topic for topic in known if not patterns or any(fnmatch.fnmatch(topic, item) for item in patterns))
 
 
