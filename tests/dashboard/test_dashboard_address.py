@@ -31,13 +31,13 @@ def test_an_address_that_is_not_ours_is_refused_in_one_line(
     assert end.value.code == 2
     assert capsys.readouterr().err == (
         f"error: cannot serve the page at {FOREIGN}: Cannot assign requested address; "
-        "is that an address of this device? (dashboard.host)\n"
+        "set dashboard.host to an address of this device\n"
     )
     assert not list(tmp_path.iterdir()), "the run has not begun"
 
 
 def test_what_is_no_name_of_a_host_is_refused() -> None:
-    with pytest.raises(OSError, match=r"at a\.\.b: that is no name of a host; is that an address"):
+    with pytest.raises(OSError, match=r"at a\.\.b: it is not a valid host name; set dashboard.host to an address"):
         free_port(DashboardSettings(host="a..b"))
 
 
@@ -64,7 +64,7 @@ def test_a_port_that_was_asked_for_and_is_taken_is_refused() -> None:
             free_port(DashboardSettings(port=port))
     assert str(refused.value) == (
         f"cannot serve the page at 127.0.0.1, port {port}: Address already in use; "
-        "choose another, or none for the next that is free (dashboard.port)"
+        "set dashboard.port to another one, or leave it unset for the next free one"
     )
 
 

@@ -125,7 +125,7 @@ def test_the_page_in_a_browser() -> None:
                     with router_process(listen=endpoint):
                         tab.get_by_text("none answers at").wait_for(state="hidden")
                         expect(tab.get_by_role("row").filter(has_text="fusion")).to_contain_text(
-                            "has finished nothing for", timeout=LIMIT_MS
+                            "has produced no output for", timeout=LIMIT_MS
                         )
 
 
@@ -191,7 +191,7 @@ def reset_asks_first(tab: Tab, session: zenoh.Session) -> None:
     before = generation(session)
     tab.get_by_text("Reset the map ...").click()
     tab.get_by_role("button", name="Reset", exact=True).click()
-    said(tab, "fusion begins anew")
+    said(tab, "fusion restarts with an empty map")
     assert generation(session) != before
 
 

@@ -50,32 +50,32 @@ def working(until_s: int, silent: tuple[str, ...] = ()) -> StageRecords:
 def test_nothing_was_heard_yet() -> None:
     records = StageRecords()
     assert said(records, "pose", 5.0, alive=()) == "bad: is not running"
-    assert said(records, "pose", 5.0) == "waits: is there, and has not said yet how it is"
+    assert said(records, "pose", 5.0) == "waits: is running, but has not published its health yet"
     assert records.latest("pose") is None
 
 
 def test_all_is_well() -> None:
-    assert said(working(8), "fusion", 8.2) == "good: 30 a second, 8 ms each, 40 ms behind the camera"
+    assert said(working(8), "fusion", 8.2) == "good: 30 a second, 8 ms per step, 40 ms behind the camera"
 
 
 def test_a_stage_that_has_gone() -> None:
     records = working(8)
-    assert said(records, "pose", 8.9, alive=("source",)) == "bad: is not running, since 1 s"
-    assert said(records, "pose", 20.0, alive=("source",)) == "bad: is not running, since 12 s"
+    assert said(records, "pose", 8.9, alive=("source",)) == "bad: is not running (for 1 s)"
+    assert said(records, "pose", 20.0, alive=("source",)) == "bad: is not running (for 12 s)"
 
 
 def test_a_stage_that_hangs_is_given_up_after_two_seconds() -> None:
     records, others = working(8), tuple(stage for stage in STAGES if stage != "heatmap")
     assert said(records, "heatmap", 9.9).startswith("good")
     silent = "for {} s: it hangs, or the link to it is cut"
-    assert said(records, "heatmap", 10.1, others) == f"bad: does not answer, {silent.format(2)}"
+    assert said(records, "heatmap", 10.1, others) == f"bad: has not answered {silent.format(2)}"
     for second in (11, 12):
         for stage in others:
             rate_hz = 0.0 if stage in ("segments", "fusion") else 30.0
             records.receive(health(stage, received=30 * second, rate_hz=rate_hz), float(second))
-    assert said(records, "heatmap", 12.2, others) == f"bad: does not answer, {silent.format(4)}"
-    assert said(records, "fusion", 12.2, others) == "waits: waits: no heat for 4.2 s, as heatmap does not answer"
-    assert said(records, "heatmap", 13.0).startswith("bad: has said nothing for 5 s: it hangs")
+    assert said(records, "heatmap", 12.2, others) == f"bad: has not answered {silent.format(4)}"
+    assert said(records, "fusion", 12.2, others) == "waits: waits: no heat for 4.2 s, because heatmap does not answer"
+    assert said(records, "heatmap", 13.0).startswith("bad: has sent nothing for 5 s: it hangs")
     records.receive(health("heatmap", received=300), 13.1)
     assert said(records, "heatmap", 13.2).startswith("good")
 
@@ -87,17 +87,17 @@ def test_who_waits_says_for_what_and_since_when() -> None:
             idle = stage in ("pose", "fusion")
             records.receive(health(stage, received=30 * second, rate_hz=0.0 if idle else 30.0), float(second))
     assert said(records, "fusion", 11.2) == "waits: waits: no pose for 3.2 s"
-    assert said(records, "pose", 11.2) == "bad: has its input, and has finished nothing for 3.2 s"
+    assert said(records, "pose", 11.2) == "bad: receives input, but has produced no output for 3.2 s"
     assert said(records, "heatmap", 11.2).startswith("good")
     alone = tuple(stage for stage in STAGES if stage != "pose")
-    assert said(records, "fusion", 11.2, alone) == "waits: waits: no pose for 3.2 s, as pose is not running"
+    assert said(records, "fusion", 11.2, alone) == "waits: waits: no pose for 3.2 s, because pose is not running"
 
 
 def test_of_those_who_say_nothing_of_themselves_nothing_is_said() -> None:
     records = working(8, silent=("pose", "heatmap"))
     for second in (9, 10, 11):
         records.receive(health("fusion", rate_hz=0.0), float(second))
-    assert said(records, "fusion", 11.0) == "waits: has finished nothing for 3.0 s"
+    assert said(records, "fusion", 11.0) == "waits: has produced no output for 3.0 s"
 
 
 def test_a_camera_program_that_stops_is_waited_for() -> None:
@@ -107,8 +107,8 @@ def test_a_camera_program_that_stops_is_waited_for() -> None:
         for stage in STAGES[1:]:
             records.receive(health(stage, rate_hz=0.0, received=240), float(second))
     assert said(records, "pose", 11.0) == "waits: waits: no frame for 3.0 s"
-    assert said(records, "source", 11.0) == "waits: is there, and has not said yet how it is"
-    assert "as a program of yours need not" in said(records, "source", 16.0)
+    assert said(records, "source", 11.0) == "waits: is running, but has not published its health yet"
+    assert "as your own program may not" in said(records, "source", 16.0)
 
 
 def test_at_the_end_of_a_recording_everybody_waits_for_frames() -> None:
@@ -137,7 +137,7 @@ def test_drops_are_told_by_second() -> None:
         ({"errors": 1, "last_error": "it broke"}, "bad: fails: it broke"),
         ({"latency_ms_p50": 850.0}, "waits: is 0.8 s behind the camera"),
         ({"latency_ms_p50": None, "step_ms_p50": None}, "good: 30 a second"),
-        ({"pid": 2, "drops": {"no heat": 50}}, "good: 30 a second, 8 ms each, 40 ms behind the camera"),
+        ({"pid": 2, "drops": {"no heat": 50}}, "good: 30 a second, 8 ms per step, 40 ms behind the camera"),
     ],
 )
 def test_what_one_message_says(changes: dict[str, Any], expected: str) -> None:
@@ -171,14 +171,14 @@ def test_a_bridge_is_told_of_where_there_is_one() -> None:
     both = (*STAGES, BRIDGE)
     records = working(8)
     assert BRIDGE not in [word.stage for word in records.words(STAGES, 8.0)]
-    assert said(records, BRIDGE, 8.0, both) == "waits: is there, and has not said yet how it is"
+    assert said(records, BRIDGE, 8.0, both) == "waits: is running, but has not published its health yet"
     for second in range(9):
         skipped = {"heatmap/heat skipped": 25 * second}
         records.receive(health(BRIDGE, published=92 * second, drops=skipped, rate_hz=0.0), float(second))
-    assert said(records, BRIDGE, 8.0, both) == "good: 92 messages a second cross"
+    assert said(records, BRIDGE, 8.0, both) == "good: passes on 92 messages a second"
     assert records.drops() == {BRIDGE: {"heatmap/heat skipped": 200}}
-    cut = "nothing crosses to tcp/10.0.0.2:7447, for 5 s: no answer"
+    cut = "no messages to tcp/10.0.0.2:7447 for 5 s: no answer"
     records.receive(health(BRIDGE, state=cut), 9.0)
     assert said(records, BRIDGE, 9.0, both) == f"bad: {cut}"
-    assert said(records, BRIDGE, 14.0, both).startswith("bad: has said nothing for 5 s")
-    assert said(records, BRIDGE, 14.0) == "bad: does not answer, for 5 s: it hangs, or the link to it is cut"
+    assert said(records, BRIDGE, 14.0, both).startswith("bad: has sent nothing for 5 s")
+    assert said(records, BRIDGE, 14.0) == "bad: has not answered for 5 s: it hangs, or the link to it is cut"

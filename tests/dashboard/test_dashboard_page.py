@@ -72,7 +72,7 @@ def test_a_robot_too_many_takes_the_place_of_the_one_that_is_gone_the_longest(se
         page._slow_s = 0.0
         page.step()
         assert set(page._robots) == {*others, "late", "later"}, "none is gone"
-        assert "17 robots are alive; the first 16 are listened to" in page._panel.waiting._said
+        assert "17 robots are running; only the first 16 are shown" in page._panel.waiting._said
     finally:
         page.close()
 

@@ -137,13 +137,13 @@ def test_texts_are_told_and_escaped() -> None:
     robot = robot_with("fusion/objects", "fusion/changes", "fusion/health")
     assert summary(robot).startswith("**drone**: 1 object in 9 frames")
     assert "router" in waiting_for(False, "tcp/a:1", [], None, None)
-    assert "knows none yet" in waiting_for(True, "tcp/a:1", [], None, None)
+    assert "no robot is connected to the router" in waiting_for(True, "tcp/a:1", [], None, None)
     assert "is gone" in waiting_for(True, "tcp/a:1", ["drone"], robot, None)
     robot.alive = frozenset(("fusion",))
-    assert "has no source" in waiting_for(True, "tcp/a:1", ["drone"], robot, None)
+    assert "no source is running" in waiting_for(True, "tcp/a:1", ["drone"], robot, None)
     assert waiting_for(True, "tcp/a:1", ["drone"], robot, 0.1) == ""
     robot.receive("fusion/progress", SAMPLES["Progress"], 1.0)
-    assert "no `source/preview`" in waiting_for(True, "tcp/a:1", ["drone"], robot, None)
+    assert "not publish `source/preview`" in waiting_for(True, "tcp/a:1", ["drone"], robot, None)
     assert "<b>late" not in drop_table({"fusion": {"<b>late": 3}})
     words = robot.records.words(("fusion",), 1.0, "")
     assert "&lt;" not in health_table(words)
@@ -163,7 +163,7 @@ def test_a_run_that_is_complete_waits_for_nothing() -> None:
 def test_the_panel_says_why_nothing_crosses() -> None:
     robot = robot_with("fusion/health")
     assert ">bridge<" not in health_table(robot.records.words(STAGES, 1.0))
-    state = "nothing crosses to tcp/10.0.0.2:7447, for 5 s: no answer"
+    state = "no messages to tcp/10.0.0.2:7447 for 5 s: no answer"
     cut = SAMPLES["Health"].model_copy(update={"stage": BRIDGE, "state": state, "drops": {"heatmap/heat skipped": 7}})
     robot.receive("bridge/health", cut, 1.0)
     table = health_table(robot.records.words((*STAGES, BRIDGE), 1.0))

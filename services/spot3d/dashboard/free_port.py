@@ -29,16 +29,16 @@ async def _free_port(host: str, asked_for: int | None) -> int:
             if error.errno not in _NOT_OURS:
                 raise OSError(_refusal(host, reason)) from error
             if asked_for is not None:
-                advice = "choose another, or none for the next that is free (dashboard.port)"
+                advice = "set dashboard.port to another one, or leave it unset for the next free one"
                 raise OSError(f"cannot serve the page at {host}, port {port}: {reason}; {advice}") from error
         except UnicodeError as error:
-            raise OSError(_refusal(host, "that is no name of a host")) from error
+            raise OSError(_refusal(host, "it is not a valid host name")) from error
         else:
             server.close()
             return port
     first, last = _USUAL[0], _USUAL[-1]
-    raise OSError(f"cannot serve the page at {host}: no port from {first} to {last} is free (dashboard.port)")
+    raise OSError(f"cannot serve the page at {host}: no port from {first} to {last} is free; set dashboard.port")
 
 
 def _refusal(host: str, reason: str) -> str:
-    return f"cannot serve the page at {host}: {reason}; is that an address of this device? (dashboard.host)"
+    return f"cannot serve the page at {host}: {reason}; set dashboard.host to an address of this device"

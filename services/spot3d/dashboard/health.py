@@ -103,10 +103,10 @@ class StageRecords:
             return Word(stage, "bad", self._absent(stage, silent_s))
         if not records:
             if now_s - self._there_s[stage] > SILENT_S:
-                return Word(stage, "waits", "is there, and does not say how it is, as a program of yours need not")
-            return Word(stage, "waits", "is there, and has not said yet how it is")
+                return Word(stage, "waits", "is running, but publishes no health, as your own program may not")
+            return Word(stage, "waits", "is running, but has not published its health yet")
         if silent_s > SILENT_S:
-            return Word(stage, "bad", f"has said nothing for {silent_s:.0f} s: it hangs, or the link to it is cut")
+            return Word(stage, "bad", f"has sent nothing for {silent_s:.0f} s: it hangs, or the link to it is cut")
         newest, oldest = records[-1].health, self._before(stage, now_s)
         if newest.state:
             return Word(stage, "bad", newest.state)
@@ -118,7 +118,7 @@ class StageRecords:
         if stage == BRIDGE:
             # It skips images on purpose; the table of drops shows how many.
             crossed_hz = (newest.published - oldest.health.published) / span_s if span_s > 0 else 0.0
-            return Word(stage, "good", f"{crossed_hz:.0f} messages a second cross")
+            return Word(stage, "good", f"passes on {crossed_hz:.0f} messages a second")
         idle = self._idle(stage, alive, now_s)
         if idle is not None:
             return idle
@@ -133,9 +133,9 @@ class StageRecords:
     def _absent(self, stage: str, silent_s: float) -> str:
         """Why a stage is gone: it has ended, or it hangs or is cut off."""
         if self._cut(stage):
-            return f"does not answer, for {silent_s:.0f} s: it hangs, or the link to it is cut"
+            return f"has not answered for {silent_s:.0f} s: it hangs, or the link to it is cut"
         gone = "is not running, or the link is cut" if stage == BRIDGE else "is not running"
-        return f"{gone}, since {silent_s:.0f} s" if self._heard[stage] else gone
+        return f"{gone} (for {silent_s:.0f} s)" if self._heard[stage] else gone
 
     def _cut(self, stage: str) -> bool:
         """Whether a stage that is gone was silent before."""
@@ -153,11 +153,13 @@ class StageRecords:
         if idle_s < IDLE_S:
             return None
         if stage == "source":
-            return Word(stage, "waits", f"has sent no frame for {idle_s:.1f} s: it waits for the stages, or has ended")
+            return Word(
+                stage, "waits", f"has sent no frame for {idle_s:.1f} s: it waits for other stages, or has ended"
+            )
         for giver in _INPUTS[stage]:
             if giver not in alive:
                 why = f"{giver} {'does not answer' if self._cut(giver) else 'is not running'}"
-                return Word(stage, "waits", f"waits: no {_GIVES[giver]} for {idle_s:.1f} s, as {why}")
+                return Word(stage, "waits", f"waits: no {_GIVES[giver]} for {idle_s:.1f} s, because {why}")
         longest_s, giver = max((self._idle_s(giver, now_s), giver) for giver in _INPUTS[stage])
         if longest_s >= IDLE_S:
             return Word(stage, "waits", f"waits: no {_GIVES[giver]} for {longest_s:.1f} s")
@@ -166,9 +168,9 @@ class StageRecords:
         if not all(map(self.latest, _INPUTS[stage])):
             # With two inputs, either may be missing.
             sole = _GIVES[_INPUTS[stage][0]] if len(_INPUTS[stage]) == 1 else ""
-            nothing = f"waits: no {sole}" if sole and self._gets_nothing(stage) else "has finished nothing"
+            nothing = f"waits: no {sole}" if sole and self._gets_nothing(stage) else "has produced no output"
             return Word(stage, "waits", f"{nothing} for {idle_s:.1f} s")
-        return Word(stage, "bad", f"has its input, and has finished nothing for {idle_s:.1f} s")
+        return Word(stage, "bad", f"receives input, but has produced no output for {idle_s:.1f} s")
 
     def _gets_nothing(self, stage: str) -> bool:
         """Whether a stage received no message between its last two health messages."""
@@ -196,7 +198,7 @@ class StageRecords:
 def _well(health: Health) -> str:
     said = [] if health.rate_hz is None else [f"{health.rate_hz:.0f} a second"]
     if health.step_ms_p50 is not None:
-        said.append(f"{health.step_ms_p50:.0f} ms each")
+        said.append(f"{health.step_ms_p50:.0f} ms per step")
     if health.latency_ms_p50 is not None:
         said.append(f"{health.latency_ms_p50:.0f} ms behind the camera")
-    return ", ".join(said) or "is there"
+    return ", ".join(said) or "is running"

@@ -144,7 +144,7 @@ class Link:
                     try:
                         self._poll(session)
                     except zenoh.ZError as error:  # a session that is connecting again, say
-                        log.warning("who is there is not known: %s", error)
+                        log.warning("cannot tell which robots are alive: %s", error)
                         self._pause_s = _POLL_S
         except (StoppedError, zenoh.ZError) as error:
             if not self._stop.is_set():
@@ -227,7 +227,7 @@ def _decoded(sample: zenoh.Sample, topic: str) -> Message | None:
     try:
         return None if payload is None else decode(payload, TOPICS[topic].message)
     except CodecError as error:
-        log.warning("%s: refused: %s", sample.key_expr, error)
+        log.warning("%s: message refused: %s", sample.key_expr, error)
         return None
 
 

@@ -112,7 +112,7 @@ class Page:
         frames_s = None if first is None or first.frame_s is None else now_s - first.frame_s
         waiting = waiting_for(self._link.connected, self._where, sorted(self._robots), first, frames_s)
         if len(self._link.alive) > ROBOTS_MAX:
-            waiting += f" {len(self._link.alive)} robots are alive; the first {ROBOTS_MAX} are listened to."
+            waiting += f" {len(self._link.alive)} robots are running; only the first {ROBOTS_MAX} are shown."
         panel.waiting.say(waiting)
         panel.summary.say("  \n".join(summary(robot) for robot in shown))
         titled = len(shown) > 1
@@ -219,9 +219,11 @@ class Page:
             done = self._link.ask(robot.name, "fusion/reset") is not None
             if client is not None:
                 text = (
-                    "fusion begins anew"
+                    "fusion restarts with an empty map"
                     if done
-                    else "fusion did not answer: is it running, and may we reset it (spot3d doctor)?"
+                    else (
+                        "fusion did not answer: check that it runs and that this dashboard may reset it (spot3d doctor)"
+                    )
                 )
                 client.add_notification(robot.name, text, color="green" if done else "red", auto_close_seconds=6.0)
 
@@ -229,7 +231,7 @@ class Page:
 def _tell_failure(flight: Future[None]) -> None:
     error = None if flight.cancelled() else flight.exception()
     if error is not None:
-        log.warning("a browser's view was not moved: %s: %s", type(error).__name__, error)
+        log.warning("cannot move a browser's view: %s: %s", type(error).__name__, error)
 
 
 def _extent(robot: Robot, R_view_world: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, NDArray[np.float64]]:

@@ -69,9 +69,9 @@ class Panel:
             self._table = gui.add_folder("Number, size, confidence")
         self._gui = gui
         with gui.add_folder("View"):
-            self._paused = gui.add_checkbox("Pause", False, hint="the page stands still; the robot does not")
+            self._paused = gui.add_checkbox("Pause", False, hint="freezes the page, not the robot")
             self._points = gui.add_dropdown("Points", ["colour", "heat"])
-            self._heat = gui.add_checkbox("Heat over the picture", False)
+            self._heat = gui.add_checkbox("Heat over the image", False)
             self._parts = {
                 name: gui.add_checkbox(name, True) for name in ("Boxes", "Labels", "Planes", "Path", "Camera")
             }
@@ -80,7 +80,7 @@ class Panel:
         with gui.add_folder("Save and reset"):
             save = gui.add_button_group("Save", ["objects.json", "heatmap.ply", "view.png"])
             save.on_click(lambda event: actions.save(event.client, save.value))
-            reset = gui.add_button("Reset the map ...", color="red", hint="asks first")
+            reset = gui.add_button("Reset the map ...", color="red", hint="asks for confirmation")
             reset.on_click(lambda event: self._ask_reset(event.client))
         with gui.add_folder("Latency", expand_by_default=False):
             self.latency = _Text(gui.add_html(""))
@@ -181,7 +181,7 @@ class Panel:
             return
         modal = client.gui.add_modal("Reset the map?")
         with modal:
-            client.gui.add_markdown("Fusion forgets the map and all objects, for everybody. This cannot be undone.")
+            client.gui.add_markdown("Fusion deletes the map and all objects, for all users. This cannot be undone.")
             sure = client.gui.add_button("Reset", color="red")
             no = client.gui.add_button("Cancel")
 

@@ -16,27 +16,27 @@ def waiting_for(router: bool, where: str, robots: Sequence[str], robot: Robot | 
     frames_s: how long ago the last frame of the robot shown came, None: none has come.
     """
     if robot is not None and robot.complete and not robot.alive:
-        ended = f"The run of **{robot.name}** is complete, and its stages have ended: what they found stays here."
-        return ended if router else f"{ended} Its router is gone as well: none answers at `{where}`."
+        ended = f"The run of **{robot.name}** is complete, and its stages have ended. Its results stay here."
+        return ended if router else f"{ended} Its router has ended too: none answers at `{where}`."
     if not router:
         return (
-            f"Waiting for a router: none answers at `{where}`. Start `spot3d run`, `spot3d router` or `zenohd` there, "
-            "or say where it is with `--connect`."
+            f"Waiting for a router: none answers at `{where}`. Start `spot3d run`, `spot3d router` or `zenohd` "
+            "there, or give its address with `--connect`."
         )
     if not robots or robot is None:
-        return f"Waiting for a robot: the router at `{where}` knows none yet. Start the stages of one."
+        return f"Waiting for a robot: no robot is connected to the router at `{where}`. Start its stages."
     if not robot.alive:
-        return f"**{robot.name}** is gone: none of its stages is running. What is shown is the last that was heard."
+        return f"**{robot.name}** is gone: none of its stages is running. The last state received is shown."
     if frames_s is None:
         progress = robot.progress
         came = 0 if progress is None else progress.fused + sum(progress.skipped.values())
         if came and robot.records.latest("source") is None:
             return (
-                f"No picture of **{robot.name}**: its frames come from a program that publishes no `source/preview`. "
-                "Boxes and map are shown all the same."
+                f"No image of **{robot.name}**: the program that sends its frames does not publish `source/preview`. "
+                "Boxes and map are shown anyway."
             )
         if "source" not in robot.alive:
-            return f"Waiting for a frame of **{robot.name}**: it has no source. Start one with `spot3d source`."
+            return f"Waiting for a frame of **{robot.name}**: no source is running. Start one with `spot3d source`."
         return f"Waiting for the first frame of **{robot.name}**."
     return ""
 
@@ -51,9 +51,9 @@ def summary(robot: Robot) -> str:
     if robot.map.total:
         text += f", {robot.map.total / 1000:.0f} k points"
     if robot.map.behind:
-        text += f" ({robot.map.behind / 1000:.0f} k on their way)"
+        text += f" ({robot.map.behind / 1000:.0f} k more are being fetched)"
     if robot.map.left_out:
-        text += f" (of which {robot.map.limit} are shown: dashboard.points_max)"
+        text += f" (only {robot.map.limit} of them are shown; see dashboard.points_max)"
     if robot.complete:
         text += ", complete"
     return text
@@ -72,7 +72,7 @@ def health_table(words: Sequence[Word]) -> str:
 def hop_table(times: Mapping[str, Mapping[str, float]]) -> str:
     """Latency of each hop, milliseconds."""
     if not times:
-        return "no frame has come through yet"
+        return "no frame has passed through yet"
     rows = "".join(
         f"<tr><td>{escape(name)}</td>{_number(said['p50'])}{_number(said['p99'])}</tr>" for name, said in times.items()
     )
@@ -83,7 +83,7 @@ def drop_table(drops: Mapping[str, Mapping[str, int]]) -> str:
     """Drops so far, by stage and reason."""
     counted = [(count, stage, reason) for stage in HEARD for reason, count in drops.get(stage, {}).items()]
     if not counted:
-        return "nothing dropped"
+        return "none dropped"
     counted.sort(reverse=True)
     rows = "".join(
         f"<tr><td><b>{escape(stage)}</b></td><td>{escape(reason)}</td>{_right(str(count))}</tr>"
