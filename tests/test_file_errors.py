@@ -16,11 +16,11 @@ from spot3d.file_errors import in_words
         (OSError(errno.EIO, os.strerror(errno.EIO), "/a/b"), "cannot use /a/b: Input/output error"),
         (
             OSError(errno.EROFS, os.strerror(errno.EROFS), "/a/b"),
-            "cannot use /a/b: its file system is read-only; give another path",
+            "cannot use /a/b: the file system is read-only; give another path",
         ),
         (
             OSError(errno.EACCES, os.strerror(errno.EACCES), "/a/b"),
-            "cannot use /a/b: you lack the permission; give another path, or change its permissions",
+            "cannot use /a/b: permission denied; give another path, or change its permissions",
         ),
     ],
 )

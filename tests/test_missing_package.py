@@ -18,13 +18,13 @@ for name in ("numba", "cv2", "scipy", "sklearn", "kiss_icp", "small_gicp"):
 @pytest.mark.parametrize(
     ("name", "told"),
     [
-        ("cv2", "cv2 is not installed; every stage's packages come with: pip install 'spot3d[all]'"),
+        ("cv2", "cv2 is not installed; install the packages of all stages with: pip install 'spot3d[all]'"),
         (
             "scipy.spatial",
-            "scipy.spatial is not installed; every stage's packages come with: pip install 'spot3d[all]'",
+            "scipy.spatial is not installed; install the packages of all stages with: pip install 'spot3d[all]'",
         ),
-        ("small_gicp", "small_gicp is not installed; it comes with: pip install 'spot3d[gicp]'"),
-        ("mcap.writer", "mcap.writer is not installed; it comes with: pip install 'spot3d[record]'"),
+        ("small_gicp", "small_gicp is not installed; install it with: pip install 'spot3d[gicp]'"),
+        ("mcap.writer", "mcap.writer is not installed; install it with: pip install 'spot3d[record]'"),
         ("spot3d.fused", "as Python says it"),
         (None, "as Python says it"),
     ],
@@ -38,7 +38,7 @@ def test_the_package_says_it(name: str) -> None:
     code = f"{WITHOUT}\nfrom spot3d import {name}"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 1
-    assert "is not installed; every stage's packages come with: pip install" in done.stderr.splitlines()[-1]
+    assert "is not installed; install the packages of all stages with: pip install" in done.stderr.splitlines()[-1]
 
 
 @pytest.mark.parametrize(

@@ -42,5 +42,7 @@ class Failures:
     def refuse(self) -> None:
         """Raise StageFailedError, with each failed stage's count and last error, unless none failed."""
         if self.errors:
-            said = [f"{count} of {stage}, the last: {self.last_error[stage]}" for stage, count in self.errors.items()]
-            raise StageFailedError(f"a run with failures is not measured: {'; '.join(said)}")
+            said = [
+                f"{count} of {stage}, the last one: {self.last_error[stage]}" for stage, count in self.errors.items()
+            ]
+            raise StageFailedError(f"a run with failures cannot be measured: {'; '.join(said)}")

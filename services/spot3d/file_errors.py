@@ -3,13 +3,13 @@
 import errno
 
 _WHY = {
-    errno.ENOENT: "it, or the folder that it is in, does not exist; look at how it is spelt, or make the folder",
-    errno.EEXIST: "it is a file, and a folder is needed; give another path",
-    errno.ENOTDIR: "a part of its path is a file, and a folder is needed; give another path",
-    errno.EISDIR: "it is a folder, and a file is needed; give the path of a file",
-    errno.EACCES: "you lack the permission; give another path, or change its permissions",
-    errno.EPERM: "you lack the permission; give another path, or change its permissions",
-    errno.EROFS: "its file system is read-only; give another path",
+    errno.ENOENT: "it, or the folder that it is in, does not exist; check the spelling, or create the folder",
+    errno.EEXIST: "it is a file, but a folder is needed; give another path",
+    errno.ENOTDIR: "a part of its path is a file, but must be a folder; give another path",
+    errno.EISDIR: "it is a folder, but a file is needed; give the path of a file",
+    errno.EACCES: "permission denied; give another path, or change its permissions",
+    errno.EPERM: "permission denied; give another path, or change its permissions",
+    errno.EROFS: "the file system is read-only; give another path",
     errno.ENOSPC: "the disk is full; free some space, or give another path",
 }
 

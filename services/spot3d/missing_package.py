@@ -17,5 +17,5 @@ def in_words(error: ModuleNotFoundError) -> str:
     if package in ("", "spot3d", "spot3d_schemas"):
         return str(error)
     if extra := _EXTRAS.get(package):
-        return f"{error.name} is not installed; it comes with: pip install 'spot3d[{extra}]'"
-    return f"{error.name} is not installed; every stage's packages come with: pip install 'spot3d[all]'"
+        return f"{error.name} is not installed; install it with: pip install 'spot3d[{extra}]'"
+    return f"{error.name} is not installed; install the packages of all stages with: pip install 'spot3d[all]'"

@@ -144,7 +144,7 @@ def test_what_is_no_recording_is_told_and_not_tried_for_ever() -> None:
     (HERE / "nothing").mkdir()
     compose("up", "--detach", "--no-deps", "source", SPOT3D_DATA=str(HERE / "nothing"))
     wait(lambda: inspect("source", "{{.RestartCount}} {{.State.Status}} {{.State.ExitCode}}") == "3 exited 2")
-    assert f"error: /recording{HERE}/nothing is no recording" in compose("logs", "source")
+    assert f"error: /recording{HERE}/nothing is not a recording" in compose("logs", "source")
 
 
 def test_any_setting_reaches_the_stages() -> None:

@@ -34,8 +34,8 @@ def test_objects_that_do_not_come_are_told_with_where_to_look(tmp_path: Path, mo
     report, plan = RunReport("scene", "processes", 3, (1, 1)), Plan(Selection("scene", 3), load_settings(), tmp_path)
     monitor = RunMonitor(report, SimpleNamespace(), watcher, Event())
     distributed._follow(plan, "", supervisor, collector, monitor, pytest.fail)
-    assert report.error.startswith("the last update of the objects did not come in ")
-    assert report.error.endswith(f" s; {tmp_path / 'logs' / 'fusion.log'} may say why")
+    assert report.error.startswith("the last update of the objects did not come within ")
+    assert report.error.endswith(f" s; see {tmp_path / 'logs' / 'fusion.log'}")
 
 
 @pytest.mark.parametrize(

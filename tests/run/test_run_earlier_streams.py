@@ -134,7 +134,7 @@ def test_what_came_before_and_what_comes_after_are_both_kept(said: Said, tmp_pat
     said.until(lambda: len(collector.poses) == 2)
 
     place = "streams/1"
-    assert collector.news() == [f"another stream of the camera begins; what was found before is in {place}"]
+    assert collector.news() == [f"the camera begins another stream; earlier results are in {place}"]
     assert [item.stamp_ns for item in collector.result(empty_snapshot()).trajectory] == [5 * S, 6 * S]
     assert collector.result(empty_snapshot()).frame_count == 2
     assert read_tum(tmp_path / place / "trajectory.txt")[0] == [100 * S, 102 * S]
@@ -178,7 +178,7 @@ def test_of_many_streams_the_last_are_kept_and_all_frames_are_counted(said: Said
     collector.fill(report, {})
     assert [document["folder"] for document in report.earlier_streams] == [f"streams/{number}" for number in kept]
     said.until(lambda: collector.counts()[0] == 2 * (MOST + 3))
-    assert "streams/3 is deleted: more than 20 streams" in collector.news()
+    assert "streams/3 is deleted, since at most 20 streams are kept" in collector.news()
 
 
 def test_a_map_of_another_stream_is_not_taken(said: Said) -> None:

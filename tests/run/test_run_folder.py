@@ -38,7 +38,7 @@ def test_nothing_of_an_earlier_run_is_there_when_the_stages_start(
     with pytest.raises(StartedError):
         run(Selection("scene", 3), load_settings(), tmp_path, Console(quiet=True), in_process)
     report = json.loads((tmp_path / "report.json").read_text())
-    assert report["error"] == "the run goes on, was killed, or could not begin"
+    assert report["error"] == "the run is still in progress, was killed, or could not begin"
     assert (report["input"], report["frames"]["fused"]) == ("scene", 0)
     left = {path.name for path in tmp_path.iterdir() if path.is_file() and path.read_text() == "of the run before"}
     assert not left
@@ -59,8 +59,8 @@ def test_a_report_tells_of_results_that_could_not_be_written(tmp_path: Path, mon
     with pytest.raises(OSError, match="No space"):
         run(Selection("scene", 3), load_settings(), tmp_path, Console(quiet=True), in_process=True)
     report = json.loads((tmp_path / "report.json").read_text())
-    assert told == ["the run goes on, was killed, or could not begin"]
-    assert report["error"].startswith("not all results are written: ")
+    assert told == ["the run is still in progress, was killed, or could not begin"]
+    assert report["error"].startswith("cannot write all results: ")
     assert report["frames"]["fused"] == 3
 
 

@@ -34,7 +34,9 @@ def test_lines_come_back_and_the_limit_is_told(tmp_path: Path) -> None:
     with GrowingFiles(tmp_path, limit_bytes=len(whole) - 1) as files:
         for stamp_ns in (5, 6, 7):
             files.add_update(stamp_ns, FOUND, complete=False)
-        assert files.notices() == [f"objects.jsonl is at its limit of {len(whole) - 1} bytes: it lacks 2 updates"]
+        assert files.notices() == [
+            f"objects.jsonl has reached its limit of {len(whole) - 1} bytes; 2 updates are missing"
+        ]
     assert len(path.read_text().splitlines()) == 1
 
 
@@ -44,7 +46,7 @@ def test_a_full_disk_ends_nothing(tmp_path: Path) -> None:
     with GrowingFiles(tmp_path) as files:
         for stamp_ns in (5, 6):
             files.add_pose(stamp_ns, np.eye(4))
-        assert files.notices() == ["trajectory.txt cannot be written: No space left on device: it lacks 2 poses"]
+        assert files.notices() == ["trajectory.txt cannot be written: No space left on device; 2 poses are missing"]
 
 
 def test_a_trajectory_is_written_as_it_goes_and_its_limit_is_told(tmp_path: Path) -> None:
@@ -59,5 +61,5 @@ def test_a_trajectory_is_written_as_it_goes_and_its_limit_is_told(tmp_path: Path
         np.testing.assert_allclose(path[2, :3, 3], (2, 0, 0))
         assert files.notices() == []
         files.add_pose(10**9, np.eye(4))
-        assert files.notices() == ["trajectory.txt is at its limit of 300 bytes: it lacks 1 poses"]
+        assert files.notices() == ["trajectory.txt has reached its limit of 300 bytes; 1 poses are missing"]
     assert read_tum(place)[0] == stamps

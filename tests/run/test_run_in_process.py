@@ -16,7 +16,7 @@ FRAMES = 3
 SAID = "no proposals for the frame at 66666666 ns: ValueError: odd"
 
 
-@pytest.mark.parametrize(("failures", "error"), [(1, ""), (FRAMES, f"proposals failed whenever it was asked: {SAID}")])
+@pytest.mark.parametrize(("failures", "error"), [(1, ""), (FRAMES, f"proposals failed on every frame: {SAID}")])
 def test_single_failures_are_counted_and_a_core_that_only_fails_makes_no_success(
     failures: int, error: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

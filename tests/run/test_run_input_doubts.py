@@ -67,7 +67,7 @@ def test_colour_that_is_moved_rightly_is_not_told(tmp_path: Path, halved: bool) 
     """Each run of 7-Scenes' own recordings said that their colour is moved, as if that were in doubt."""
     assert input_doubts(open_source(str(kitchen(tmp_path / "own", registered=False)), halved=halved), False) == []
     (said,) = input_doubts(open_source(str(kitchen(tmp_path / "other", registered=True)), halved=halved), False)
-    assert "it lies on depth as it is: say so in calibration.json" in said
+    assert 'it is already registered with depth: write {"registered": true} into calibration.json' in said
 
 
 def test_frames_that_are_far_apart_are_told_of_odometry_alone() -> None:

@@ -39,20 +39,20 @@ def result(found: int, left_out: dict[str, int], frames: int = 30) -> RunResult:
         (
             0,
             {"seen too seldom": 1},
-            "no objects: 1 candidate was seen in fewer than 3 keyframes; move the camera around things, slowly, or "
-            "record for longer",
+            "no objects: 1 candidate was seen in fewer than 3 keyframes; move the camera slowly around the "
+            "objects, or record for longer",
         ),
         (
             1,
             {"too small": 3, "too thin": 1, "seen too seldom": 99},
             "only 1 of 5 candidates is an object: 3 were smaller than 2 cm (eps_min) or 1 cm3, 1 thinner than 5 mm "
-            "(eps_p); if these are objects, go nearer, or lower size_min",
+            "(eps_p); if these are objects, move the camera nearer, or lower size_min",
         ),
         (
             2,
             {"background in most views": 7},
             "only 2 of 9 candidates are objects: 7 were background in most views; other views see a table or a wall "
-            "there: see whether the poses fit the depth",
+            "there: check that the poses fit the depth",
         ),
         (0, {"a newer reason": 1}, "no objects: 1 candidate was a newer reason"),
     ],
@@ -84,12 +84,12 @@ def test_every_reason_has_words_of_its_own() -> None:
 @pytest.mark.parametrize(
     ("preset", "keyframes", "said"),
     [
-        (None, 12, "nothing in 12 keyframes looked like one: an object rises 1 cm above a surface"),
-        (None, 0, "no keyframe's segments reached fusion"),
+        (None, 12, "no candidates in 12 keyframes: an object must rise 1 cm above a visible surface"),
+        (None, 0, "fusion received no segments of keyframes"),
         (
             "paper",
             0,
-            "nothing that stands on a supporting plane was seen often enough (fusion.frequency_min 5), hot "
+            "nothing on a supporting plane was seen often enough (fusion.frequency_min 5), hot "
             "(fusion.heat_min 0.25) and dense enough (fusion.density_points 50)",
         ),
     ],
@@ -132,7 +132,7 @@ def test_where_poses_hardly_are_what_they_have_to_be_it_is_said_what_that_is(
 ) -> None:
     assert pose_doubt(result(found, left_out, fused), fused, skipped) == (
         "are the given poses camera-to-world, in metres, of a camera with x right, y down, z forward? "
-        "Compare with --pose kiss, which does without them"
+        "Compare with --pose kiss, which does not use them"
     )
 
 
@@ -154,8 +154,8 @@ def test_poses_without_a_sign_of_a_fault_are_not_doubted(
 def test_forgotten_keyframes_are_told() -> None:
     assert forgotten(0, load_settings()) == ""
     assert forgotten(20, load_settings()) == (
-        "the first 20 keyframes were forgotten, with objects that only they show: fusion keeps 200 "
-        "(fusion.keyframe_limit)"
+        "the first 20 keyframes were forgotten, with objects that only they show: fusion keeps 200; "
+        "raise fusion.keyframe_limit"
     )
 
 
@@ -174,7 +174,7 @@ def test_the_first_frame_s_depth_shows_a_wrong_unit(tmp_path: Path) -> None:
     assert cv2.imwrite(str(paths[1]), np.array([[0, 0, 0, 6000], [6000, 6100, 6200, 9000]], np.uint16))
     recording = Recording([RecordedFrame(0, *paths, None)], camera, 0.001)
     assert first_depth(recording) == (
-        "half of the first frame's depth is below 6.10 m, read as units of 1 mm; if that is not so, give the unit of a "
+        "the median depth of the first frame is 6.10 m, read as units of 1 mm; if that is wrong, set the unit of a "
         "folder with --depth-unit METRES"
     )
     assert first_depth(Selected(recording, range(1))) == first_depth(recording)

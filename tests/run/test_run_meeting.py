@@ -40,7 +40,7 @@ def test_others_reach_a_run_at_the_usual_endpoint(apart: bool) -> None:
         assert reached(meeting, usual)
         assert reached(meeting, meeting.endpoint)
         assert meeting.endpoint.startswith("unixsock-stream/") == apart
-    assert (told.notes, told.events) == ([f"status, dashboard and record reach this run at {usual}"], [])
+    assert (told.notes, told.events) == ([f"status, dashboard and record can reach this run at {usual}"], [])
 
 
 @pytest.mark.parametrize("others", [0, 1])
@@ -53,7 +53,7 @@ def test_a_run_goes_without_the_usual_endpoint_where_that_is_taken(others: int) 
         assert meeting.endpoint.startswith("unixsock-stream/") == bool(listen), "only who can come is kept apart"
     assert (told.notes, told.events) == (
         [],
-        [f"{usual} is taken: other programs reach this run only where --listen says"],
+        [f"{usual} is in use: other programs can reach this run only at endpoints given with --listen"],
     )
 
 

@@ -8,7 +8,7 @@ from spot3d.run.report import UNACCOUNTED, RunReport, StageReport
 @pytest.mark.parametrize(
     ("p50", "errors", "said"),
     [
-        (None, 2, "proposals failed whenever it was asked: odd"),
+        (None, 2, "proposals failed on every frame: odd"),
         (4.0, 2, ""),  # single frames
         (None, 0, ""),  # nobody asked it
     ],

@@ -136,7 +136,7 @@ def test_stretches_of_lost_tracking_are_told():
 def test_why_tracking_was_lost_is_told_and_reported():
     tracking = LostTracking()
     for index in range(40):
-        tracking.add(index, index >= 10, "a jump of 2 m" if index < 12 else "the depth image is empty")
+        tracking.add(index, index >= 10, "an implausible motion of 2 m" if index < 12 else "the depth image is empty")
     assert notice(tracking.stretches()).endswith("(the depth image is empty)")
     report = RunReport("desk", "processes", 40, (640, 480), lost=tracking.stretches())
     lost = report_document(report, RunResult())["frames"]["lost"]
@@ -147,7 +147,7 @@ def test_who_was_never_followed_had_nowhere_to_move_back_to():
     tracking = LostTracking()
     for index in range(40):
         tracking.add(index, True, "the depth image is empty")
-    assert notice(tracking.stretches()) == "none of the 40 frames could be followed (the depth image is empty)"
+    assert notice(tracking.stretches()) == "none of the 40 frames could be tracked (the depth image is empty)"
 
 
 def test_of_very_many_stretches_the_longest_are_kept():

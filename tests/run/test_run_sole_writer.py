@@ -18,7 +18,7 @@ _HOLD = "import sys, pathlib\nfrom spot3d.run.sole_writer import sole_writer\n" 
 def test_a_second_run_is_refused_until_the_first_has_ended(tmp_path: Path) -> None:
     folder = tmp_path / "new" / "out"
     with sole_writer(folder):
-        with pytest.raises(SourceError, match=r"another run writes into .*out; give this one a folder of its own"):
+        with pytest.raises(SourceError, match=r"another run writes into .*out; choose another folder"):
             sole_writer(folder).__enter__()
         with sole_writer(tmp_path / "other"):
             pass

@@ -51,10 +51,10 @@ def test_status_fits_a_terminal(known, said):
 def test_a_bridge_has_a_row() -> None:
     text = io.StringIO()
     alive = dict.fromkeys((*STAGES, BRIDGE), 1)
-    cut = health(BRIDGE, {"late": 4}, None).model_copy(update={"state": "nothing crosses"})
+    cut = health(BRIDGE, {"late": 4}, None).model_copy(update={"state": "no messages to tcp/10.0.0.2:7447"})
     Console(file=text, width=80).print(status_table("robot", alive, {BRIDGE: cut}))
     assert "bridge dropped: 4 late" in text.getvalue()
-    assert "bridge: nothing crosses" in text.getvalue()
+    assert "bridge: no messages to tcp/10.0.0.2:7447" in text.getvalue()
 
 
 @pytest.mark.parametrize(("rates", "told"), [((0.0, 0.0), True), ((0.0, 10.0), False), ((None, 0.0), False)])
@@ -66,4 +66,4 @@ def test_that_no_frame_comes_is_told(rates: tuple[float | None, float | None], t
         for stage, rate in zip(("pose", "proposals"), rates, strict=True)
     }
     Console(file=text, width=80).print(status_table("robot", dict.fromkeys(STAGES, 1), known))
-    assert ("no frame has come to pose, proposals in the last second" in text.getvalue()) == told
+    assert ("pose, proposals received no frame in the last second" in text.getvalue()) == told

@@ -63,7 +63,7 @@ def test_the_doctor_misses_no_source_after_a_whole_recording(complete: bool, lev
     code, said = asked("doctor", GONE, complete, "--seconds", "1.5")
     (line,) = [line for line in said.splitlines() if " stages: " in line]
     assert line.split()[0] == level
-    assert ("the source has ended, with its recording" in line) == complete
+    assert ("the source has ended, as its recording is over" in line) == complete
     assert complete or "not alive: source" in line
     # Of this machine, which may have little room.
     problems = [line for line in said.splitlines() if line.startswith("problem")]

@@ -40,7 +40,7 @@ def test_the_reason_of_a_death_is_what_was_wrong_not_where_to_read_on(tmp_path: 
         CameraIntrinsics(fx=500.0, fy=500.0, cx=0.0, cy=0.0, width=4096, height=2048)
     log.write_text("".join(traceback.format_exception(refused.value)))
     assert "pydantic.dev" in log.read_text().splitlines()[-1]
-    assert last_line(log).startswith("Value error, 4096x2048 is beyond the limit")
+    assert last_line(log).startswith("Value error, 4096x2048 exceeds the limit")
 
 
 def test_a_run_cannot_go_on_without_the_process_that_starts_its_stages(tmp_path: Path) -> None:
@@ -67,7 +67,7 @@ def test_a_stage_that_hangs_is_killed_and_started_again(tmp_path: Path) -> None:
         supervisor.kill("fusion")
         assert not supervisor.processes(), "it is not to be killed again"
         death = first_death(supervisor)
-        assert death.message == "fusion was killed by SIGKILL; started again (1 of 5 in 10 minutes)"
+        assert death.message == "fusion was killed by SIGKILL; restarted (1 of 5 in 10 minutes)"
         wait_until(lambda: "fusion" in supervisor.processes(), "fusion runs again", LIMIT_S)
         assert supervisor.processes()["fusion"] != hanging
 
@@ -84,9 +84,9 @@ def test_only_restarts_of_the_last_minutes_count(tmp_path: Path, monkeypatch: py
             (death,) = supervisor.poll({})
             assert not death.fatal
             now_s += RESTARTS_S / RESTARTS_MAX
-        assert "started again (5 of 5 in 10 minutes)" in death.message
+        assert "restarted (5 of 5 in 10 minutes)" in death.message
         assert supervisor.restarts() == {"fusion": 3 * RESTARTS_MAX}
         now_s -= 1.0
         (death,) = supervisor.poll({})
     assert death.fatal
-    assert "was started 5 times in 10 minutes; giving up" in death.message
+    assert "was restarted 5 times in 10 minutes; giving up" in death.message

@@ -58,7 +58,7 @@ def test_frames_that_cannot_be_read_are_counted_and_told(tmp_path: Path, more: t
     assert f"{FRAMES - 1} of {FRAMES} frames" in done.stdout
     assert "1 cannot be read" in done.stdout
     last = done.stderr.splitlines()[-1]
-    assert last.startswith(f"error: 1 of {FRAMES} frames cannot be read; the last that failed: ")
+    assert last.startswith(f"error: 1 of {FRAMES} frames cannot be read; the last error: ")
     assert f"frame-{BROKEN:06d}.depth.png" in last
     report = json.loads((out / "report.json").read_text())
     assert report["frames"]["skipped"] == {"cannot be read": 1}
@@ -106,7 +106,7 @@ def test_frames_that_no_message_holds_are_counted_and_told(tmp_path: Path) -> No
     done = spot3d("run", str(frames), "--pose", "kiss", "--out", str(out))
     assert done.returncode == 1, done.stderr
     last = done.stderr.splitlines()[-1]
-    assert last.startswith(f"error: 1 of {FRAMES - 1} frames cannot be sent; the last that failed: the frame of -10000")
+    assert last.startswith(f"error: 1 of {FRAMES - 1} frames cannot be sent; the last error: the frame at -10000")
     assert "greater than or equal to 0" in last
     assert json.loads((out / "report.json").read_text())["frames"]["skipped"] == {"cannot be sent": 1}
 
@@ -136,7 +136,7 @@ def test_an_endpoint_that_cannot_be_had_is_told_in_one_line(tmp_path: Path) -> N
             assert taken.returncode == 2, taken.stderr
             assert endpoint in taken.stderr.splitlines()[-1]
             assert "cannot listen" in taken.stderr.splitlines()[-1]
-            assert "end the program that listens there, or give another" in taken.stderr.splitlines()[-1]
+            assert "end the program that listens there, or choose another" in taken.stderr.splitlines()[-1]
             assert "Traceback" not in taken.stderr
     bogus = spot3d("run", "scene", "--out", str(tmp_path), "--listen", "bogus")
     assert (bogus.returncode, len(bogus.stderr.splitlines())) == (2, 1)
@@ -159,7 +159,7 @@ def test_a_process_one_of_whose_threads_dies_ends() -> None:
     done = subprocess.run([sys.executable, "-c", DYING], capture_output=True, text=True, timeout=30, check=False)
     assert done.returncode == 70
     last = done.stderr.splitlines()[-1]
-    assert last == "error: the process ends: its thread 'objects' died of ZeroDivisionError: division by zero"
+    assert last == "error: the process ends, as its thread 'objects' failed with ZeroDivisionError: division by zero"
 
 
 def test_a_file_that_cannot_be_written_whole_is_not_there(tmp_path: Path) -> None:

@@ -75,7 +75,7 @@ def test_a_run_says_that_poses_are_late(late: Path, tmp_path: Path) -> None:
         stdout, report = run(late, out, *more)
         assert report["delay_s"] == pytest.approx(LATE / RATE, rel=0.4)
         said = re.search(
-            r"^given poses are (\d+) ms older than their images, .*: check the stamps", stdout, re.MULTILINE
+            r"^given poses are (\d+) ms older than their images; .* check the timestamps", stdout, re.MULTILINE
         )
         assert said is not None, stdout
         assert 0.001 * float(said[1]) == pytest.approx(report["delay_s"], abs=0.001)

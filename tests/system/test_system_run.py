@@ -162,7 +162,7 @@ def test_a_killed_stage_is_started_again_and_ctrl_c_ends_all(endless):
         before = endless.wait_for_stages()
         at_kill = fused[-1]
         os.kill(before["heatmap"], signal.SIGKILL)
-        wait_until(lambda: "heatmap was killed by SIGKILL; started again" in endless.said, "the death is told", 5)
+        wait_until(lambda: "heatmap was killed by SIGKILL; restarted" in endless.said, "the death is told", 5)
         wait_until(lambda: fused[-1] >= at_kill + 5, "frames are fused again", 40)
         assert fused == sorted(fused), "fusion has lost nothing that it had fused"
         subscriber.undeclare()
@@ -186,7 +186,7 @@ def test_a_killed_stage_is_started_again_and_ctrl_c_ends_all(endless):
 
 
 def test_a_stage_that_hangs_is_told_killed_and_started_again(endless):
-    told = f"segments has given no sign of life for {SILENT_S:.0f} s: it hangs, and is killed"
+    told = f"segments has not responded for {SILENT_S:.0f} s; it hangs and is killed"
     before = endless.wait_for_stages()
     # Only what has said something can hang: until then a stage may compile.
     with open_session(LinkSettings(connect=(endless.endpoint,))) as session:
@@ -195,9 +195,9 @@ def test_a_stage_that_hangs_is_told_killed_and_started_again(endless):
         wait_until(lambda: bool(heard), "segments is on line", START_S)
         subscriber.undeclare()
     os.kill(before["segments"], signal.SIGSTOP)
-    wait_until(lambda: "segments was killed by SIGKILL; started again" in endless.said, "its death is told", 60)
+    wait_until(lambda: "segments was killed by SIGKILL; restarted" in endless.said, "its death is told", 60)
     assert told in endless.said
-    assert endless.said.count("no sign of life") == 1, "those that wait for it do not hang"
+    assert endless.said.count("has not responded") == 1, "those that wait for it do not hang"
     after = endless.wait_for_stages()
     assert {stage for stage in STAGES if after[stage] != before[stage]} == {"segments"}
     endless.process.send_signal(signal.SIGINT)

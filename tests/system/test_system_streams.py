@@ -98,7 +98,7 @@ def test_a_run_goes_on_with_a_camera_whose_stamps_go_back(live, tmp_path: Path) 
         (earlier,), health = report.earlier_streams, collector.health["source"].latest
         points = collector.snapshot(20).total
         told = collector.news()
-    assert told == ["another stream of the camera begins; what was found before is in streams/1"]
+    assert told == ["the camera begins another stream; earlier results are in streams/1"]
     assert earlier["fused"] + sum(earlier["skipped"].values()) == 40
     # No frame goes uncounted.
     assert health.drops.keys() <= {"stray stamp in the input", "between two streams in the input"}
@@ -131,7 +131,7 @@ def test_nobody_else_is_heard_while_the_source_is_there(live) -> None:
         ear.wait(lambda: ear.stream != before and ear.fused >= 3)
         ours = ear.stream
         with source(stages.link, Recording(10_000, 9 * S)):
-            ear.wait(lambda: "source/frame is said by more than one process" in _state(ear, "pose"))
+            ear.wait(lambda: "more than one process publishes source/frame" in _state(ear, "pose"))
             fused = ear.fused
             ear.wait(lambda: ear.fused >= fused + 5)
             # An intruder's frame, hours ahead, and a pose and a heat in step with ours, from afar.
@@ -145,7 +145,7 @@ def test_nobody_else_is_heard_while_the_source_is_there(live) -> None:
             image = frame.model_dump(include={"intrinsics", "depth_scale", "colour", "depth"})
             heat = np.full(frame.depth.shape, 255, np.uint8)
             put(session, "heatmap/heat", Heat(**image, header=header, heat=heat, accepted=1, masked=0, rejected=0))
-            ear.wait(lambda: "pose/pose is said by more than one process" in _state(ear, "fusion"))
+            ear.wait(lambda: "more than one process publishes pose/pose" in _state(ear, "fusion"))
             fused = ear.fused
             ear.wait(lambda: ear.fused >= fused + 5)
         assert ear.stream == ours

@@ -35,7 +35,7 @@ class BoundedFile:
         """Append one line, without its end."""
         line = text.encode() + b"\n"
         if not self._reason and self._bytes + len(line) > self._limit:
-            self._reason = f"is at its limit of {self._limit} bytes"
+            self._reason = f"has reached its limit of {self._limit} bytes"
         if not self._reason:
             try:
                 written = self._stream.write(line)
@@ -51,4 +51,4 @@ class BoundedFile:
 
     def notice(self) -> str | None:
         """A message for people if lines are missing."""
-        return f"{self._path.name} {self._reason}: it lacks {self._missing} {self._what}" if self._missing else None
+        return f"{self._path.name} {self._reason}; {self._missing} {self._what} are missing" if self._missing else None

@@ -137,7 +137,7 @@ class Collector:
         The source's log has each time that the camera was gone, and its events count them.
         """
         kinds = {
-            topic: f"{topic} is said by another process as well, which is not listened to"
+            topic: f"another process publishes {topic} as well; its messages are ignored"
             for topic in self._producers.contested(time.monotonic())
         }
         latest = self.latest()
@@ -146,7 +146,7 @@ class Collector:
             kinds[AlignmentWatch.EVENT] = proposals.state or AlignmentWatch.EVENT
         if source is not None:
             gone = [kind for kind in CAMERA_GONE if kind in source.events]
-            kinds |= {kind: f"{kind}: it is waited for (logs/source.log)" for kind in gone}
+            kinds |= {kind: f"{kind}: waiting for it (see logs/source.log)" for kind in gone}
         if segments is not None:
             sides = [side for side in IMAGE_UP if event_of(side) in segments.events]
             kinds |= {event_of(side): notice(side) for side in sides}

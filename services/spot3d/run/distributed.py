@@ -106,7 +106,7 @@ def _follow(
         collector.drain()
         monitor.tell(*collector.news())
         for stage in silence.look(collector.latest(), supervisor.processes(), time.monotonic()):
-            monitor.tell(f"{stage} has given no sign of life for {SILENT_S:.0f} s: it hangs, and is killed")
+            monitor.tell(f"{stage} has not responded for {SILENT_S:.0f} s; it hangs and is killed")
             supervisor.kill(stage)
         for death in supervisor.poll({"source": source_again}):
             monitor.tell(death.message)
@@ -115,7 +115,9 @@ def _follow(
                 return
         if awaited is not None and (collector.poses or time.monotonic() - began_s > _NO_POSE_S):
             if not collector.poses:
-                monitor.tell(f"no pose has come on {awaited}: is it published, and does it reach this run?")
+                monitor.tell(
+                    f"no pose has come on {awaited}: check that it is published, and that this run can receive it"
+                )
             awaited = None
         if collector.progress is not None:
             _show(collector, monitor)
@@ -128,8 +130,8 @@ def _follow(
             if _complete(collector):
                 return
             if time.monotonic() - ended_s > _FINAL_OBJECTS_S:
-                waited = f"the last update of the objects did not come in {_FINAL_OBJECTS_S:g} s"
-                report.error = f"{waited}; {plan.logs / 'fusion.log'} may say why"
+                waited = f"the last update of the objects did not come within {_FINAL_OBJECTS_S:g} s"
+                report.error = f"{waited}; see {plan.logs / 'fusion.log'}"
                 return
     report.interrupted = True
     supervisor.end("source")

@@ -53,7 +53,7 @@ class EarlierStreams:
         self._count += 1
         place = self._run / FOLDER / str(self._count)
         told = self._files.notices()
-        told.append(f"another stream of the camera begins; what was found before is in {place.relative_to(self._run)}")
+        told.append(f"the camera begins another stream; earlier results are in {place.relative_to(self._run)}")
         try:
             place.mkdir(parents=True, exist_ok=True)
             self._files.leave(place)
@@ -62,11 +62,11 @@ class EarlierStreams:
                     kept.replace(place / name)
             write_json(place / "objects.json", objects_document(found))
         except OSError as error:
-            told.append(f"not all of it is kept: {error}")
+            told.append(f"these results are incomplete: {error}")
         if self._count > MOST:
             oldest = self._run / FOLDER / str(self._count - MOST)
             shutil.rmtree(oldest, ignore_errors=True)
-            told.append(f"{oldest.relative_to(self._run)} is deleted: more than {MOST} streams")
+            told.append(f"{oldest.relative_to(self._run)} is deleted, since at most {MOST} streams are kept")
         self._add(place, found, progress, lost)
         return told
 

@@ -75,7 +75,9 @@ def run_in_process(sequence: FrameSequence, settings: Settings, monitor: RunMoni
     if result.unreadable:
         report.stages["source"].last_error = result.unreadable
     if not result.complete:
-        report.error = report.useless_stage() or f"there are no last objects: {failures.last_error['fusion']}"
+        report.error = report.useless_stage() or (
+            f"the last update of the objects failed: {failures.last_error['fusion']}"
+        )
     report.stages["all"] = StageReport(cpu_s=use.cpu_s, rss_mb=use.rss_bytes / 2**20)
     return run
 

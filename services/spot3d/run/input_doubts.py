@@ -17,14 +17,14 @@ dark frames.
 Of colour that has to be moved the ratio is 4.5 with 8 frames over redkitchen, and 1.8 or more with any 8 in a row. Of
 colour that lies on depth (redkitchen once moved, fr3/cabinet, built-in scenes) it is 2.7 or more.
 """
-_SAY_SO = 'say so in calibration.json in the folder: {"registered": true}'
+_SAY_SO = 'write {"registered": true} into calibration.json in the folder'
 _ON_DEPTH = (
-    "colour is moved by some 2 cm, as that of 7-Scenes' Kinect, whose intrinsics the depth has, but it lies on "
-    f"depth as it is: {_SAY_SO}"
+    "colour is shifted by some 2 cm, as the depth has the intrinsics of 7-Scenes' Kinect, but it is already "
+    f"registered with depth: {_SAY_SO}"
 )
 _UNSURE = (
-    "colour is taken for that of 7-Scenes' Kinect, whose intrinsics the depth has, and moved by some 2 cm onto it: "
-    f"where it lies on depth already, {_SAY_SO}"
+    "colour is shifted by some 2 cm onto depth, as the depth has the intrinsics of 7-Scenes' Kinect: if it is "
+    f"already registered with depth, {_SAY_SO}"
 )
 
 
@@ -35,9 +35,9 @@ def input_doubts(sequence: FrameSequence, odometry: bool) -> list[str]:
     if isinstance(recording, Recording) and recording.colour_by_default and (doubt := _colour(recording)):
         doubts.append(doubt)
     if odometry and len(sequence) > 1 and sequence.rate_hz < _FOLLOWED_HZ:
-        text = f"frames are {1 / sequence.rate_hz:.2g} s apart, which odometry follows roughly: boxes may be too wide"
-        own = ", or take the poses that are recorded (--pose truth)" if sequence.has_true_poses else ""
-        doubts.append(f"{text}; play more frames a second{own}")
+        text = f"frames are {1 / sequence.rate_hz:.2g} s apart, too far for accurate odometry: boxes may be too wide"
+        own = ", or use the recorded poses (--pose truth)" if sequence.has_true_poses else ""
+        doubts.append(f"{text}; play more frames per second{own}")
     return doubts
 
 

@@ -98,9 +98,9 @@ class _Keeper:
             self._folder = StreamFolder(self._out, self._robot, stream, time.time())
             log.info("stream %s begins: %s", stream, self._folder.path)
             for gone in drop_oldest(self._out, self._keep, self._folder.path):
-                log.info("%s is deleted: more than %d streams", gone, self._keep)
+                log.info("%s is deleted: more than %d streams are kept", gone, self._keep)
         except OSError as error:
-            log.error("no results of stream %s: %s", stream, error)
+            log.error("cannot write results of stream %s: %s", stream, error)
         self._written_s = time.monotonic()
 
     def _take(self, message: Message) -> None:
@@ -127,7 +127,7 @@ class _Keeper:
         if folder is not None:
             if not folder.complete:
                 self._write(folder, map_s, last=True)
-                log.info("stream %s has not been completed; results in %s", folder.stream, folder.path)
+                log.info("stream %s ended incomplete; results in %s", folder.stream, folder.path)
             folder.close()
         self._seen.forget()
 
@@ -138,4 +138,4 @@ class _Keeper:
         try:
             folder.write(points, self._seen.views if pictured else None)
         except OSError as error:
-            log.error("the results of stream %s are not whole: %s", folder.stream, error)
+            log.error("the results of stream %s are incomplete: %s", folder.stream, error)

@@ -66,8 +66,8 @@ def pose_doubt(result: RunResult, fused: int, skipped: Mapping[str, int]) -> str
     if not nothing_agrees and sum(skipped.get(reason, 0) for reason in _FAR_OFF) <= fused:
         return ""
     return (
-        "are the given poses camera-to-world, in metres, of a camera with x right, y down, z forward? "
-        "Compare with --pose kiss, which does without them"
+        "are the given poses camera-to-world, in metres, of a camera with x right, y down, z forward? Compare with "
+        "--pose kiss, which does not use them"
     )
 
 
@@ -86,8 +86,8 @@ def first_depth(sequence: FrameSequence) -> str:
         if measured.size:
             unit = "metres" if frame.depth_scale == 1 else f"units of {1000 * frame.depth_scale:g} mm"
             return (
-                f"half of the first frame's depth is below {np.median(measured):.2f} m, read as {unit}; if that is not "
-                "so, give the unit of a folder with --depth-unit METRES"
+                f"the median depth of the first frame is {np.median(measured):.2f} m, read as {unit}; if that is "
+                "wrong, set the unit of a folder with --depth-unit METRES"
             )
     return ""
 
@@ -100,18 +100,18 @@ def forgotten(keyframes_dropped: int, settings: Settings) -> str:
     first = "keyframe was" if one else f"{keyframes_dropped} keyframes were"
     return (
         f"the first {first} forgotten, with objects that only {'it shows' if one else 'they show'}: fusion keeps "
-        f"{settings.fusion.keyframe_limit} (fusion.keyframe_limit)"
+        f"{settings.fusion.keyframe_limit}; raise fusion.keyframe_limit"
     )
 
 
 _ADVICE = {
     TOO_LARGE: "if these are objects, raise size_max",
     TOO_COLD: "if these are objects, lower fusion.heat_min and segments.heat_min",
-    TOO_SMALL: "if these are objects, go nearer, or lower size_min",
+    TOO_SMALL: "if these are objects, move the camera nearer, or lower size_min",
     TOO_THIN: "if these are objects, lower fusion.plane_distance",
-    MOSTLY_BACKGROUND: "other views see a table or a wall there: see whether the poses fit the depth",
+    MOSTLY_BACKGROUND: "other views see a table or a wall there: check that the poses fit the depth",
     GONE: "the scene changed, or poses drift",
-    TOO_SELDOM: "move the camera around things, slowly, or record for longer",
+    TOO_SELDOM: "move the camera slowly around the objects, or record for longer",
 }
 """What can be done about the most frequent reason for leaving out candidates."""
 
@@ -137,14 +137,16 @@ def _without_candidates(keyframes: int, settings: Settings) -> str:
     fusion, segments = settings.fusion, settings.segments
     if fusion.clustering == "density":
         return (
-            "nothing that stands on a supporting plane was seen often enough (fusion.frequency_min "
-            f"{fusion.frequency_min}), hot (fusion.heat_min {fusion.heat_min:g}) and dense enough "
-            f"(fusion.density_points {fusion.density_points})"
+            f"nothing on a supporting plane was seen often enough (fusion.frequency_min {fusion.frequency_min}), hot "
+            f"(fusion.heat_min {fusion.heat_min:g}) and dense enough (fusion.density_points {fusion.density_points})"
         )
     if not keyframes:
-        return "no keyframe's segments reached fusion; is the segments stage running, and segments.enabled?"
+        return (
+            "fusion received no segments of keyframes; check that the segments stage is running and segments.enabled "
+            "is true"
+        )
     return (
-        f"nothing in {keyframes} keyframes looked like one: an object rises {100 * segments.height_min:g} cm above a "
-        f"surface that is in view, is at most {segments.size_max:g} m long, and within {segments.range_max:g} m of "
-        "the camera (segments.height_min, size_max, range_max)"
+        f"no candidates in {keyframes} keyframes: an object must rise {100 * segments.height_min:g} cm above a "
+        f"visible surface, be at most {segments.size_max:g} m long, and be within {segments.range_max:g} m of the "
+        "camera (segments.height_min, size_max, range_max)"
     )

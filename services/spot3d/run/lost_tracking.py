@@ -63,8 +63,8 @@ def notice(found: Sequence[Stretch]) -> str:
     count, last = sum(stretch.frames for stretch in long), long[-1]
     text = f"tracking was lost in {count} frames" + (f", in {len(long)} stretches" if len(long) > 1 else "")
     if last.to_the_end and last.from_the_start:
-        text = f"none of the {count} frames could be followed"
+        text = f"none of the {count} frames could be tracked"
     elif last.to_the_end:
-        text += f", the last {last.frames} of them to the end: the camera had to move back to where it was"
+        text += f", the last {last.frames} of them to the end: the camera did not return to a place that it saw before"
     longest = max(long, key=lambda stretch: stretch.frames)
     return f"{text} ({longest.reason})" if longest.reason else text

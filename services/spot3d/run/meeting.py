@@ -37,9 +37,11 @@ def open_meeting(
             # Looking whether it is free would not be enough: another run may begin at the same time.
             try:
                 meeting = stack.enter_context(_listening(settings, (usual, *listen), apart))
-                watcher.on_note(f"status, dashboard and record reach this run at {usual}")
+                watcher.on_note(f"status, dashboard and record can reach this run at {usual}")
             except ConnectionError:
-                watcher.on_event(f"{usual} is taken: other programs reach this run only where --listen says")
+                watcher.on_event(
+                    f"{usual} is in use: other programs can reach this run only at endpoints given with --listen"
+                )
         yield meeting or stack.enter_context(_listening(settings, listen, apart))
 
 

@@ -106,7 +106,7 @@ class RunReport:
     def useless_stage(self) -> str:
         """The stage that did nothing but fail, and its error: the results lack its output. Empty if there is none."""
         failed = (stage for stage, item in self.stages.items() if item.only_failed)
-        return next((f"{stage} failed whenever it was asked: {self.stages[stage].last_error}" for stage in failed), "")
+        return next((f"{stage} failed on every frame: {self.stages[stage].last_error}" for stage in failed), "")
 
 
 def report_document(report: RunReport, result: RunResult) -> dict[str, Any]:

@@ -136,7 +136,7 @@ def found_in(document: Any) -> RunResult:
         )
         return RunResult(objects=found, up=(x, y, z), frame_count=int(document["frame_count"]))
     except (KeyError, TypeError) as error:
-        raise ValueError(f"no objects of a run: {type(error).__name__} {error}") from error
+        raise ValueError(f"not a valid objects.json of a run: {type(error).__name__} {error}") from error
 
 
 def json_bytes(document: dict[str, Any]) -> bytes:
@@ -182,9 +182,9 @@ def read_ply(path: Path) -> MapSnapshot:
     header, found, body = path.read_bytes().partition(b"end_header\n")
     count = re.search(rb"^element vertex (\d+)$", header, re.MULTILINE)
     if not found or b"comment spot3d 3D heatmap" not in header or count is None:
-        raise ValueError(f"{path} is no heatmap.ply of a run")
+        raise ValueError(f"{path} is not a heatmap.ply of a run")
     if len(body) != int(count[1]) * _VERTEX.itemsize:
-        raise ValueError(f"{path} is cut off")
+        raise ValueError(f"{path} is truncated")
     rows = np.frombuffer(body, _VERTEX)
     xyz = np.stack([rows[axis] for axis in "xyz"], axis=1)
     rgb = np.stack([rows[channel] for channel in ("red", "green", "blue")], axis=1)

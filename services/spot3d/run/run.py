@@ -31,7 +31,7 @@ from spot3d.source.selected import Selection, open_selection
 from spot3d.source.sequence import FrameList, FrameSequence
 from spot3d.source.sequences import is_stream
 
-_UNFINISHED = "the run goes on, was killed, or could not begin"
+_UNFINISHED = "the run is still in progress, was killed, or could not begin"
 """The report's error until the run has ended."""
 _OVERVIEW = "overview.png"
 
@@ -76,7 +76,7 @@ def run(
         if settings.pose.provider == "given" and not sequence.has_true_poses and pose_topic is None:
             raise SourceError(f"{name} has no true poses; choose --pose kiss or --pose gicp")
         with sole_writer(folder):
-            console.print(f"results go to {folder}", markup=False, highlight=False, soft_wrap=True)
+            console.print(f"writing results to {folder}", markup=False, highlight=False, soft_wrap=True)
             plan = Plan(selection, settings, folder, pose_topic, tuple(listen), usual, seen, sequence.stamps_ns)
             return _run(sequence, plan, console, supervisor)
 
@@ -86,7 +86,7 @@ def _refuse_other_than_utf8(folder: Path) -> None:
     try:
         str(folder.absolute()).encode()
     except UnicodeEncodeError as error:
-        raise SourceError(f"{str(folder)!a} is no name in UTF-8; give another folder with --out") from error
+        raise SourceError(f"{str(folder)!a} is not a valid UTF-8 path; give another folder with --out") from error
 
 
 def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supervisor | None) -> Finished:
@@ -121,7 +121,7 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
                     _write_report(folder, result, replace(report, error=_UNFINISHED), time.perf_counter() - start_s)
                     write_results(folder, result)
                 except OSError as error:
-                    watcher.on_event(f"not kept so far: {error}")
+                    watcher.on_event(f"cannot save the results so far: {error}")
 
             result = run_distributed(plan, supervisor, monitor, keep)
     monitor.tell(*files.notices())
@@ -130,11 +130,11 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
     skipped = report.skipped
     not_played = [f"{skipped[why]} of {report.played} frames {why}" for why in NOT_PLAYED if why in skipped]
     if not_played and not report.error:
-        report.error = f"{', '.join(not_played)}; the last that failed: {report.stages['source'].last_error}"
+        report.error = f"{', '.join(not_played)}; the last error: {report.stages['source'].last_error}"
     report.error = report.error or report.useless_stage()
     if not (report.fused or report.error or report.interrupted):
         reasons = ", ".join(f"{count} {reason}" for reason, count in report.skipped.items() if count)
-        report.error = f"no frame was fused: {reasons or 'none came'}"
+        report.error = f"no frame was fused: {reasons or 'none was received'}"
     if in_process:
         # Logs of an earlier run's processes would be taken for this one's.
         delete_logs(folder)
@@ -148,7 +148,7 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
         write_results(folder, result)
         write_overview(folder / _OVERVIEW, name, views, result, camera_path)
     except OSError as error:
-        report.error = report.error or f"not all results are written: {error}"
+        report.error = report.error or f"cannot write all results: {error}"
         with suppress(OSError):
             _write_report(folder, result, report, wall_s)
         raise

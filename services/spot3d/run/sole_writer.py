@@ -32,6 +32,6 @@ def _lock(handle: int, folder: Path) -> None:
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
-        raise SourceError(f"another run writes into {folder}; give this one a folder of its own with --out") from error
+        raise SourceError(f"another run writes into {folder}; choose another folder with --out") from error
     except OSError as error:
         log.debug("%s cannot be locked: %s", folder, error)

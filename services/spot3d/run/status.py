@@ -95,7 +95,9 @@ def show_status(link: LinkSettings, console: Console, watch: bool) -> bool:
             session = stack.enter_context(open_session(link, patience_s=_CONNECT_S))
         except StoppedError:
             where = ", ".join(link.connect)
-            raise ConnectionError(f"no router answers at {where}; is the dataflow running? (--connect)") from None
+            raise ConnectionError(
+                f"no router answers at {where}; start the dataflow, or give the router's address with --connect"
+            ) from None
         robot = _Robot(session, link.robot, stack)
         if watch:
             _watch(robot, console)
@@ -129,7 +131,7 @@ def status_table(
             state = "ended"
         item = health.get(stage)
         if there > 1:
-            text = f"{there} processes of {stage} are running; one is heard: end the others"
+            text = f"{there} processes of {stage} are running, but only one is used: end the others"
             details.append(Text(text, style="bold red"))
         if item is not None and item.state:
             details.append(Text(printable(f"{stage}: {item.state}"), style="bold red"))
@@ -155,7 +157,7 @@ def status_table(
     if ended:
         details.append(Text("the recording has ended, and all of its frames are accounted for"))
     elif readers and all(item.rate_hz == 0 for item in readers):
-        text = f"no frame has come to {', '.join(item.stage for item in readers)} in the last second"
+        text = f"{', '.join(item.stage for item in readers)} received no frame in the last second"
         details.append(Text(printable(text), style="yellow"))
     if objects is not None:
         left_out = ", ".join(f"{count} {reason}" for reason, count in objects.left_out.items())

@@ -190,13 +190,13 @@ class Supervisor:
         often = f"in {RESTARTS_S / 60:.0f} minutes"
         if len(recent_s) == RESTARTS_MAX:
             child.finished = True
-            message = f"{child.stage} {how} and was started {RESTARTS_MAX} times {often}; giving up, see {child.log}"
+            message = f"{child.stage} {how} and was restarted {RESTARTS_MAX} times {often}; giving up, see {child.log}"
             return Death(child.stage, message, fatal=True)
         recent_s.append(now_s)
         child.restarts += 1
         child.arguments = child.arguments if arguments is None else list(arguments())
         self._launch(child)
-        text = f"{child.stage} {how}; started again ({len(recent_s)} of {RESTARTS_MAX} {often})"
+        text = f"{child.stage} {how}; restarted ({len(recent_s)} of {RESTARTS_MAX} {often})"
         return Death(child.stage, text, fatal=False)
 
 
