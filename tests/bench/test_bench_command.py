@@ -84,7 +84,7 @@ def test_what_a_live_run_reports_becomes_a_row(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_an_unknown_part_is_refused() -> None:
-    with pytest.raises(CommandError, match="there are kernels, pose"):
+    with pytest.raises(CommandError, match="choose from kernels, pose"):
         CliRunner().invoke(app, ["--only", "nothing"], catch_exceptions=False)
 
 

@@ -216,7 +216,7 @@ def test_intrinsics_are_of_one_data_set(tmp_path: Path) -> None:
     assert CliRunner().invoke(app, words, catch_exceptions=False).exit_code == 0
     assert json.loads((tmp_path / "numbers.json").read_text())["record"]["options"]["intrinsics"] == "60,61,32,24"
     result = CliRunner().invoke(app, ["all", str(tmp_path), "--intrinsics", "60,61,32,24"])
-    assert "one data set's" in str(result.exception)
+    assert "one data set;" in str(result.exception)
 
 
 @pytest.mark.parametrize("words", [["run", "scene:3"], ["points", "scene:3", "--of", "out"]])
@@ -226,7 +226,7 @@ def test_a_run_is_asked_for_in_one_way(words: list[str]) -> None:
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(SourceError, match=r"holds no finished run: cannot use .*trajectory.txt: it, or"):
+    with pytest.raises(SourceError, match=r"does not contain a finished run: cannot use .*trajectory.txt: it, or"):
         CliRunner().invoke(app, ["run", "scene:3", "--of", str(tmp_path)], catch_exceptions=False)
 
 
@@ -238,4 +238,4 @@ def test_a_stage_that_fails_is_told_in_a_line(table: str, monkeypatch: pytest.Mo
     monkeypatch.setattr(pipeline, "weighted_heat", fails)
     failed = CliRunner().invoke(app, [table, "scene:2", "--frames", "2", "--half"]).exception
     assert isinstance(failed, CommandError)
-    assert "2 of heatmap, the last: no heat for" in str(failed)
+    assert "2 of heatmap, the last one: no heat for" in str(failed)

@@ -53,7 +53,7 @@ def test_a_folder_in_osds_layout_has_a_camera_of_its_own(tmp_path: Path) -> None
     (tmp_path / "camera-intrinsics.txt").write_text("570.34 0 319.5\n0 570.34 239.5\n0 0 1\n")
     misfit = open_dataset(str(tmp_path), Settings()).frames
     assert misfit is not None
-    with pytest.raises(SourceError, match=r"camera-intrinsics\.txt.*outside of the 64x48 image"):
+    with pytest.raises(SourceError, match=r"camera-intrinsics\.txt.*outside the 64x48 image"):
         misfit.read(0)
 
 
@@ -155,16 +155,16 @@ def test_missing(tmp_path: Path, write: Callable[[Path], None], removed: str, me
 
 
 BROKEN: list[tuple[Callable[[Path], None], str, str, str]] = [
-    (write_rgbd_scenes, "desk/desk_1.mat", "no MATLAB file", "is no MATLAB file with bboxes"),
+    (write_rgbd_scenes, "desk/desk_1.mat", "not a MATLAB file", "is not a MATLAB file with bboxes"),
     (write_uw_scenes, "pc/01.ply", "ply\nend_header\n", "has no vertices with x, y, z"),
-    (write_uw_scenes, "pc/01.ply", "solid", "is no PLY file"),
-    (write_uw_scenes, "pc/01.label", "3\n1\n2\n3\n", "does not fit its cloud"),
-    (write_uw_scenes, "pc/01.label", "a b", "not only whole numbers"),
+    (write_uw_scenes, "pc/01.ply", "solid", "is not a PLY file"),
+    (write_uw_scenes, "pc/01.label", "3\n1\n2\n3\n", "does not match its cloud"),
+    (write_uw_scenes, "pc/01.label", "a b", "it contains text that is not an integer"),
     (write_uw_scenes, "pc/01.label", "2832\n" + "11\n" * 2832, "unknown labels"),
     (write_uw_scenes, "pc/01.pose", "1 0 0 0 0 0\n", "01.pose:1 is malformed"),
     (write_uw_scenes, "pc/01.pose", "0 0 0 0 0 0 0\n", "01.pose:1 is malformed"),
     (write_uw_scenes, "pc/01.pose", "1 0 0 0 0 0 nan\n", "01.pose:1 is malformed"),
-    (write_uw_scenes, "pc/01.pose", "\n", "holds no pose"),
+    (write_uw_scenes, "pc/01.pose", "\n", "contains no poses"),
 ]
 
 
@@ -193,17 +193,17 @@ def test_binary_ply(tmp_path: Path) -> None:
     path.write_bytes((header + faces).encode() + rows.tobytes())
     np.testing.assert_array_equal(read_ply_points(path), xyz)
     path.write_bytes((header + faces).encode() + rows[:-1].tobytes())
-    with pytest.raises(SourceError, match=r"malformed|cut off"):
+    with pytest.raises(SourceError, match=r"malformed|is truncated"):
         read_ply_points(path)
 
 
 def test_unknown_folder(tmp_path: Path) -> None:
     assert dataset_kind(tmp_path) is None
-    with pytest.raises(SourceError, match="none of the data sets"):
+    with pytest.raises(SourceError, match="not one of the data sets"):
         open_dataset(str(tmp_path), Settings())
-    with pytest.raises(SourceError, match="is no folder"):
+    with pytest.raises(SourceError, match="is not a folder"):
         open_dataset(str(tmp_path / "nowhere"), Settings())
-    with pytest.raises(SourceError, match="is no folder"):
+    with pytest.raises(SourceError, match="is not a folder"):
         datasets_below(tmp_path / "nowhere")
 
 

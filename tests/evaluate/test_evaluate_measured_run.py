@@ -62,5 +62,7 @@ def test_a_run_in_which_a_stage_fails_is_not_measured(
         raise ValueError("one odd frame")
 
     monkeypatch.setattr(pipeline, "weighted_heat", fails)
-    with pytest.raises(StageFailedError, match=r"\d+ of heatmap, the last: no heat for .*: ValueError: one odd frame"):
+    with pytest.raises(
+        StageFailedError, match=r"\d+ of heatmap, the last one: no heat for .*: ValueError: one odd frame"
+    ):
         measured(Scene(2, frames=2), Settings())

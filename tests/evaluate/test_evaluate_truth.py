@@ -175,7 +175,7 @@ def test_broken_objects_name_the_field(tmp_path: Path, change: dict[str, Any], m
         read_found_objects(path)
 
 
-@pytest.mark.parametrize(("text", "message"), [("", "no valid JSON"), ("[]", "the document"), ("{}", "objects")])
+@pytest.mark.parametrize(("text", "message"), [("", "not valid JSON"), ("[]", "the document"), ("{}", "objects")])
 def test_a_file_that_holds_no_objects_is_refused(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "objects.json").write_text(text)
     with pytest.raises(ValueError, match=message):

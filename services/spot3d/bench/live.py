@@ -29,9 +29,9 @@ def live_table(materials: Sequence[Material], rate_hz: float, seconds: float, sa
             _add(table, material, rate_hz, live_run(str(recording), rate_hz, seconds, scratch / "out"))
     table.notes += [
         f"The first {len(materials[0]) if materials else 0} frames, played to and fro from uncompressed files.",
-        "Latency: from the source's sending a frame to its being fused. First fused: from the command. CPU cores: CPU "
-        "seconds of all stages a second from then on. Not fused: frames by reason; busy: "
-        "messages that a stage left aside for newer ones.",
+        "Latency: from sending by the source to fusing. First fused: from the command. CPU cores: CPU seconds per "
+        "second of all stages from then on. Not fused: frames by reason; busy: messages that a stage skipped for "
+        "newer ones.",
     ]
     return table
 

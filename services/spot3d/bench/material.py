@@ -50,7 +50,7 @@ class Material:
         """True T_world_camera (4, 4) of a frame. Raises SourceError where the data has none."""
         pose = self.frames[index].T_world_camera
         if pose is None:
-            raise SourceError(f"{self.data}: frame {index} has no true pose; fusion is measured with true poses")
+            raise SourceError(f"{self.data}: frame {index} has no true pose, which measuring fusion needs")
         return pose
 
 

@@ -67,7 +67,7 @@ def loopback() -> Iterator[Callable[[bytes], bytes]]:
         # Messages sent before the router knows the subscriber are lost.
         while arrived.try_recv() is None:
             if time.monotonic() > deadline:
-                raise OSError("two Zenoh sessions on loopback do not find each other")
+                raise OSError("two Zenoh sessions on loopback cannot connect to each other")
             publisher.put(b"")
             time.sleep(0.05)
         while arrived.try_recv() is not None:

@@ -17,7 +17,7 @@ from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
 from spot3d.trajectory import rpe
 
-REFERENCES = {"KISS-ICP's defaults, every 2nd pixel": 100.0, "the same, told a range of 5 m": 5.0}
+REFERENCES = {"KISS-ICP's defaults, every 2nd pixel": 100.0, "the same, with a range of 5 m": 5.0}
 """Range of KISS-ICP, metres: its default, for lidars, and a depth camera's. Its voxels are a hundredth of it."""
 
 
@@ -30,8 +30,8 @@ def pose_table(materials: Sequence[Material], settings: PoseSettings, say: Calla
         for name, range_max in REFERENCES.items():
             table.add(*_pose_row(material, settings, name, range_max))
     table.notes.append(
-        "RPE: root mean square error of the shift between neighbouring frames. A reference's time is to be read "
-        "beside its RPE. Both on one thread."
+        "RPE: root mean square error of the shift between neighbouring frames. Compare a reference's time together "
+        "with its RPE. Both on one thread."
     )
     return table
 

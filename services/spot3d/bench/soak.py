@@ -51,7 +51,7 @@ log = logging.getLogger("spot3d.soak")
 
 def soak(
     input_name: Annotated[str, typer.Argument(metavar="INPUT", help="a recording's folder, or: scene")] = "scene",
-    minutes: Annotated[float, typer.Option(min=0.5, help="how long")] = 60.0,
+    minutes: Annotated[float, typer.Option(min=0.5, help="duration, minutes")] = 60.0,
     out: Annotated[Path, typer.Option(help="folder for the readings, plots and logs")] = Path("out/soak"),
 ) -> None:
     """Run live at 30 half-size frames a second and watch the processes; exit code 1 where one dies or grows."""
@@ -118,7 +118,7 @@ def watch(sequence: FrameSequence, seconds: float, out: Path) -> tuple[list[Read
             time.sleep(0.2)
         died = [f"{name} ended with {code}; see {out / name}.log" for name, code in _ended(processes).items()]
         if time.monotonic() - start_s < seconds - _END_S and not died:
-            died.append("the source has ended too early, see above")
+            died.append("the source has ended too early; see above")
     return readings, died
 
 

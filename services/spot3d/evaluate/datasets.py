@@ -58,7 +58,7 @@ def _opened(
     folder = Path(name)
     if not folder.is_dir():
         refuse_misnamed_scene(name)
-        raise SourceError(f"{folder} is no folder; give a data set's folder ({LAYOUTS}), scene or scenes:5")
+        raise SourceError(f"{folder} is not a folder; give a data set's folder ({LAYOUTS}), scene or scenes:5")
     kind = dataset_kind(folder)
     if kind == "OSD":
         return DataSet(folder.name, kind, frames=open_osd(folder, every, frames, intrinsics))
@@ -69,7 +69,7 @@ def _opened(
         _has_own_camera(name, intrinsics)
         return DataSet(folder.name, kind, sequences=open_uw_scenes(folder, every, frames))
     if kind is None:
-        raise SourceError(f"{folder} is none of the data sets {LAYOUTS}; docs/measured.md says how each is laid out")
+        raise SourceError(f"{folder} is not one of the data sets {LAYOUTS}; docs/measured.md describes their layouts")
     sequence = open_selection(Selection(name, frames, every, intrinsics), source)
     return DataSet(folder.name, kind, sequences=(LabelledSequence(folder.name, sequence, _truth_of(folder)),))
 
@@ -90,7 +90,7 @@ def dataset_kind(folder: Path) -> str | None:
 def datasets_below(root: Path) -> list[Path]:
     """Folders of data sets: the root itself, or those up to two folders below it, by name."""
     if not root.is_dir():
-        raise SourceError(f"{root} is no folder; give the one that holds the data sets")
+        raise SourceError(f"{root} is not a folder; give the one that contains the data sets")
     level, found = [root], list[Path]()
     for _ in range(DEPTH + 1):
         found += [folder for folder in level if dataset_kind(folder) is not None]
@@ -143,7 +143,7 @@ def both_sizes(datasets: list[DataSet]) -> list[tuple[DataSet, str]]:
 
 def _has_own_camera(name: str, intrinsics: FocalAndCentre | None) -> None:
     if intrinsics is not None:
-        raise SourceError(f"{name} has its own camera; leave --intrinsics away")
+        raise SourceError(f"{name} has its own camera; omit --intrinsics")
 
 
 def _truth_of(folder: Path) -> LabelledScene | None:

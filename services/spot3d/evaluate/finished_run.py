@@ -53,7 +53,7 @@ def finished_table(dataset: DataSet, folder: Path, settings: Settings) -> Table:
         known = Calibration(float(report["depth_factor"]), centre=(float(x), float(y)), bend=bend)
     except (OSError, ValueError, KeyError, TypeError) as error:
         reason = in_words(error) if isinstance(error, OSError) else error
-        raise SourceError(f"{folder} holds no finished run: {reason}") from error
+        raise SourceError(f"{folder} does not contain a finished run: {reason}") from error
     T = world_alignment(item.sequence, list(zip(stamps, poses, strict=True)))
     index_of = {stamp: index for index, stamp in enumerate(item.sequence.stamps_ns)}
     played = [(index_of[stamp], pose) for stamp, pose in zip(stamps, poses, strict=True) if stamp in index_of]
@@ -77,9 +77,9 @@ def finished_table(dataset: DataSet, folder: Path, settings: Settings) -> Table:
         done.append([Measured(fixed, bent, [])])
     table.notes += behind_peer(item.name, [*overlap_measures(*done), *point_measures(*done)])
     table.notes += [
-        "The found world is moved into the true one as all trusted poses agree best.",
-        "Left out of all but the columns with `all`: found boxes that meet no true object, on points that nobody "
-        "labelled.",
+        "The run's world is aligned with the true one so that all trusted poses agree best.",
+        "Left out, except from the columns with `all`: found boxes that overlap no true object, on points without a "
+        "label.",
         NOTE_NO_OBJECT,
         NOTE_CARRIED,
         NOTE_PEER,

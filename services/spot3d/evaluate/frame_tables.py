@@ -63,8 +63,8 @@ def proposals_table(datasets: list[DataSet], settings: Settings) -> Table:
     table.notes += [
         "Boxes: the proposals as they come; ours: what is found with them in the same frame. "
         f"Peer: {PEER}, the dominant plane and all beneath it taken away, radius {100 * RADIUS:g} cm.",
-        "No object: found boxes a frame that overlap every true one by less than IoU 0.25. Left out: boxes a frame "
-        "that hit nothing and lie mostly on pixels that nobody judged.",
+        "No object: found boxes per frame that overlap every true one by less than IoU 0.25. Left out: boxes per "
+        "frame that hit nothing and lie mostly on unlabelled pixels.",
     ]
     return table
 
@@ -121,7 +121,7 @@ def filters_table(datasets: list[DataSet], settings: Settings) -> Table:
             shares = (100 * counts[name] / total if total else None for name in ("accepted", "masked", "rejected"))
             table.add(dataset.name, "on" if culling else "off", total / max(1, frames), *shares)
     table.notes.append(
-        "Metric culling skips most windows of impossible size before they become proposals; the paper has none."
+        "Metric culling skips most windows of implausible size before they become proposals; the paper does not use it."
     )
     return table
 

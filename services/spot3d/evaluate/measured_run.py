@@ -90,7 +90,7 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
     """
     sequence, truth = item.sequence, item.truth or NO_TRUTH
     if item.truth is not None and not sequence.has_true_poses:
-        raise SourceError(f"{item.name} has no true poses to place its true objects by")
+        raise SourceError(f"{item.name} has no true poses, which are needed to place its true objects")
     settings = with_poses_there_are(settings, sequence)
     updates: list[list[tuple[int, Box3D]]] = []
     true_of = {stamp: sequence.true_pose(index) for index, stamp in enumerate(sequence.stamps_ns)}

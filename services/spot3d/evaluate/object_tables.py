@@ -29,8 +29,8 @@ NOTE_CARRIED = (
     "points with it and every other point with the nearest object; beside it, the run's world moved as a whole."
 )
 NOTE_POSES = (
-    "ATE: root mean square distance of the run's tracked cameras to the true ones, moved onto them as a whole; lost: "
-    "frames without a pose. A world that jumps shows here, not in what is carried."
+    "ATE: root mean square distance of the run's tracked cameras to the true ones, after rigid alignment; lost: "
+    "frames without a pose. A world that jumps affects these, not the carried numbers."
 )
 NOTE_NO_OBJECT = "No object: boxes that count, of a scene, and overlap every true object by less than IoU 0.25."
 NOTE_PEER = (
@@ -75,9 +75,9 @@ def ablations_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> 
         table.notes += behind_peer(f"{dataset.name}, whole", overlap_measures(ours, peer))
     table.notes += [
         "Without the hard filter, windows are not culled by their metric size either.",
-        "noFlying: depth between two surfaces stays; noRecent: holes in depth are not filled by the frames before; "
-        "noShare: what few views have as an object is one; noCorr: given poses are taken as they are. Without a step "
-        "of the finder (`segments.skipped`), or a rule of the consensus (`fusion.skipped`): as these settings say.",
+        "noFlying: depth between two surfaces is kept; noRecent: holes in depth are not filled from earlier frames; "
+        "noShare: what only few views show as an object counts as one; noCorr: given poses are not corrected. Other "
+        "rows leave out a step of the finder (`segments.skipped`) or a rule of the consensus (`fusion.skipped`).",
     ]
     _note_overlap(table, settings)
     return table
@@ -131,7 +131,7 @@ def points_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Tab
                 table.add(name, size, method, *point_cells(one), no_object, *pose_cells(some), time)
             table.notes += behind_peer(f"{name} at {size}", point_measures(ours, peer))
     table.notes += [
-        f"Poses: {settings.pose.provider}. Time: all stages but reading, one after the other.",
+        f"Poses: {settings.pose.provider}. Time: all stages except reading, one after the other.",
         NOTE_NO_OBJECT,
         NOTE_CARRIED,
         NOTE_POSES,
@@ -158,7 +158,7 @@ def stability_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> 
         strays = int(without_object([run.ours.fixed.iou]))
         table.notes.append(
             f"{item.name}: {len(ids)} ids given in {len(run.updates)} updates, {last} objects in the last one; "
-            f"{strays} boxes that count are no true object."
+            f"{strays} counted boxes match no true object."
         )
     table.notes.append(
         "Matched: share of updates with a box of IoU 0.25 or more; jitter: median change from one update to the next, "
@@ -215,8 +215,8 @@ def _note_overlap(table: Table, settings: Settings) -> None:
     table.notes += [
         "IoU: mean over true objects; IoU_o: mean over found ones; SR, DR: success and detection rate at IoU 0.5. "
         f"2D: boxes around projected points, about 50 views. Poses: {settings.pose.provider}.",
-        "Left out: found boxes that meet no true object, on points whose label says `ignore` (nobody labelled what "
-        "is there). SR all counts them as false, as the paper does with whatever is not labelled an object.",
+        "Left out: found boxes that overlap no true object, on points labelled `ignore` (unknown). SR all counts "
+        "them as false, as the paper does with all that is not labelled an object.",
         NOTE_NO_OBJECT,
         NOTE_PEER,
     ]

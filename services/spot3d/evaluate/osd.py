@@ -39,20 +39,20 @@ def open_osd(
     """
     for needed in ("image_color", "annotation"):
         if not (folder / needed).is_dir():
-            raise SourceError(f"{folder} is no complete OSD: the folder {needed} is missing")
+            raise SourceError(f"{folder} is not a complete OSD: the folder {needed} is missing")
     depth_folder = next((folder / name for name in DEPTH_FOLDERS if (folder / name).is_dir()), None)
     if depth_folder is None:
-        raise SourceError(f"{folder} is no complete OSD: it needs a folder {' or '.join(DEPTH_FOLDERS)}")
+        raise SourceError(f"{folder} is not a complete OSD: it needs a folder {' or '.join(DEPTH_FOLDERS)}")
     where = "--intrinsics"
     if intrinsics is None and (folder / CAMERA_FILE).is_file():
         intrinsics, where = seven_scenes_values(folder), str(folder / CAMERA_FILE)
     names = sorted((path.name for path in (folder / "image_color").glob("*.png")), key=_natural)[::every][:frames]
     if not names:
-        raise SourceError(f"{folder / 'image_color'} holds no PNG files")
+        raise SourceError(f"{folder / 'image_color'} contains no PNG files")
     for name in names:
         for inner in (depth_folder, folder / "annotation"):
             if not (inner / name).is_file():
-                raise SourceError(f"{inner / name} is missing, while image_color has it")
+                raise SourceError(f"{inner / name} is missing, but image_color has it")
 
     def read(index: int) -> LabelledFrame:
         name = names[index]
@@ -75,7 +75,7 @@ def open_osd(
 def _read_annotation(path: Path) -> NDArray[np.integer]:
     mask = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if mask is None or mask.ndim != 2 or mask.dtype not in (np.uint8, np.uint16):
-        raise SourceError(f"{path} is no one-channel mask of instances")
+        raise SourceError(f"{path} is not a mask of instances with one channel")
     return np.asarray(mask, np.int64)
 
 

@@ -32,7 +32,7 @@ def read_ply_points(path: Path) -> NDArray[np.float32]:
         start = stream.read(LONGEST_HEADER)
         end = start.find(b"end_header\n")
         if not start.startswith(b"ply") or end < 0:
-            raise SourceError(f"{path} is no PLY file")
+            raise SourceError(f"{path} is not a PLY file")
         form, count, names = _header(path, start[:end].decode("ascii", "replace").splitlines())
         stream.seek(end + len(b"end_header\n"))
         try:
@@ -47,7 +47,7 @@ def read_ply_points(path: Path) -> NDArray[np.float32]:
             raise SourceError(f"{path} is malformed: {error}") from error
     xyz = np.stack(columns, axis=1).astype(np.float32)
     if len(xyz) != count:
-        raise SourceError(f"{path} is cut off: {len(xyz)} of {count} vertices")
+        raise SourceError(f"{path} is truncated: it has {len(xyz)} of {count} vertices")
     return xyz
 
 
@@ -59,7 +59,7 @@ def _header(path: Path, lines: list[str]) -> tuple[str, int, dict[str, str]]:
             form = words[1]
         elif words[:1] == ["element"] and len(words) == 3:
             if words[1] != "vertex" and count < 0:
-                raise SourceError(f"{path}: its vertices do not come first")
+                raise SourceError(f"{path}: vertices must be the first element")
             element = words[1]
             count = int(words[2]) if element == "vertex" and words[2].isdigit() else count
         elif words[:1] == ["property"] and element == "vertex":

@@ -34,13 +34,13 @@ def open_rgbd_scenes(folder: Path, every: int = 1, frames: int | None = None) ->
     """
     sequences = sorted({path.parent for path in _depth_images(folder)})
     if not sequences:
-        raise SourceError(f"{folder} holds no frames of RGB-D Scenes 2011 (NAME/NAME_1_depth.png)")
+        raise SourceError(f"{folder} contains no frames of RGB-D Scenes 2011 (NAME/NAME_1_depth.png)")
     entries: list[tuple[Path, int, NDArray[np.float64]]] = []
     for sequence in sequences:
         boxes = _read_boxes(sequence.parent / f"{sequence.name}.mat")
         for number in range(1, len(boxes) + 1)[::every][:frames]:
             if not (sequence / f"{sequence.name}_{number}.png").is_file():
-                raise SourceError(f"{sequence / f'{sequence.name}_{number}.png'} is missing, while its boxes are there")
+                raise SourceError(f"{sequence / f'{sequence.name}_{number}.png'} is missing, but it has true boxes")
             entries.append((sequence, number, boxes[number - 1]))
 
     def read(index: int) -> LabelledFrame:
@@ -71,7 +71,7 @@ def _read_boxes(path: Path) -> list[NDArray[np.float64]]:
     try:
         cells = loadmat(path, squeeze_me=False, struct_as_record=True)["bboxes"].ravel()
     except (KeyError, MatReadError, NotImplementedError, TypeError, ValueError) as error:
-        raise SourceError(f"{path} is no MATLAB file with bboxes: {error}") from error
+        raise SourceError(f"{path} is not a MATLAB file with bboxes: {error}") from error
     return [_boxes_of(path, cell) for cell in cells]
 
 

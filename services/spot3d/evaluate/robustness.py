@@ -127,7 +127,7 @@ def robustness_table(
     datasets: with all frames of the sequences; every: the undegraded run takes each nth of them. only: which of GROUPS.
     Errors of given poses are left out if the system estimates its own.
     """
-    table = Table("robustness", "Objects of whole runs where input is worse", COLUMNS)
+    table = Table("robustness", "Objects of whole runs with degraded input", COLUMNS)
     own = settings.pose.provider != "given"
     base = Degradation(every=every)
     for dataset in datasets:
@@ -137,11 +137,11 @@ def robustness_table(
         chosen = {kind: levels for kind, levels in kinds.items() if not (own and kind in OF_GIVEN_POSES)}
         if dataset.halved and "half" in chosen:
             del chosen["half"]
-            table.notes.append(f"{dataset.name}: not once more at half size, as its frames are so already.")
+            table.notes.append(f"{dataset.name}: not measured at half size again, as its frames are so already.")
         camera = items[0].sequence.intrinsics
         table.notes.append(
-            f"{dataset.name}: {len(items[0].sequence)} frames of {camera.width}x{camera.height}, "
-            f"where nothing else is said every {every}; poses: {settings.pose.provider}."
+            f"{dataset.name}: {len(items[0].sequence)} frames of {camera.width}x{camera.height}, every {every} "
+            f"unless stated; poses: {settings.pose.provider}."
         )
         for worse, level in [("nothing", base), *((f"{k}: {n}", one) for k, v in chosen.items() for n, one in v)]:
             if level not in done:
@@ -151,21 +151,18 @@ def robustness_table(
         for kind, levels in chosen.items():
             table.curves += _curves(f"{dataset.name} {kind}", [(name, done[level]) for name, level in levels])
     if own and set(only) & set(OF_GIVEN_POSES):
-        table.notes.append(
-            "Shaken, late and misplaced poses are given ones; here the system finds its own, so they are left out."
-        )
+        table.notes.append("Shaken, late and misplaced poses are given poses; with odometry these rows are left out.")
     table.notes += [
         "Poses: each axis off by a smooth random error of this deviation, correlated over 10 frames. Delay: of poses "
-        "against images, in recorded frames. Mount: poses of what is fixed to the camera, so far away and turned by so "
-        "much. Centre: the principal point is told that much lower in the image (true poses, by which things are "
-        "carried, are then not those of such a camera). Focal: the focal length is told so many times as long. Scale: "
-        "depth times a factor, as of a camera out of calibration. Bent: depth is too long in parts of the image and "
-        "too short in others, by this deviation, alike in all frames. Depth: "
-        "noise added until its deviation is so many times that of a Kinect, 1.2 mm + 1.9 mm/m2 (z - 0.4 m)^2. Edges: "
-        "depth is the mean of the pixels within so many, or near things have grown by so many. Together: several of "
-        "these at once. Holes: share of the measured pixels lost in blobs, others in each frame. Colour: a white pixel "
-        "has so many photons, or colour is smeared along a line, another one in each frame. "
-        f"All with seed {SEED}.",
+        "against images, in recorded frames. Mount: poses of a body fixed to the camera, displaced and rotated by so "
+        "much. Centre: the stated principal point is that much lower in the image (true poses, by which objects are "
+        "carried, are then not those of such a camera). Focal: the stated focal length is so many times as long. "
+        "Scale: depth times a factor, as of a camera out of calibration. Bent: depth is too long in parts of the "
+        "image and too short in others, by this deviation, alike in all frames. Depth: noise is added until its "
+        "deviation is so many times that of a Kinect, 1.2 mm + 1.9 mm/m2 (z - 0.4 m)^2. Edges: depth is the mean of "
+        "the pixels within so many, or near objects are wider by so many. Together: several of these at once. Holes: "
+        "share of the measured pixels lost in blobs, others in each frame. Colour: a white pixel has so many "
+        f"photons, or colour has motion blur in one direction, another one in each frame. All with seed {SEED}.",
         NOTE_NO_OBJECT,
         NOTE_CARRIED,
         NOTE_POSES,

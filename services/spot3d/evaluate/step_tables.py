@@ -28,5 +28,5 @@ def steps_table(datasets: list[DataSet], settings: Settings) -> Table:
         for name, one in found.items():
             success, detection, a_frame, no_object, _ = one.cells()
             table.add(dataset.name, name, success, detection, mean_iou(one.iou), a_frame, no_object, one.true)
-    table.notes.append("The steps are those of `segments.skipped`; a rule that is worth nothing anywhere has no place.")
+    table.notes.append("The steps are those of `segments.skipped`.")
     return table

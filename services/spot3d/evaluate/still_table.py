@@ -47,8 +47,8 @@ def still_table(datasets: list[DataSet], settings: Settings) -> Table:
         table.curves += [recall_of(dataset.name, "ours", ours.iou), recall_of(dataset.name, PEER, peer.iou)]
         table.notes += ours.behind(peer, dataset.name)
     table.notes.append(
-        "A true box is around an object's pixels, with depth or without; a found one is around its 3D box, of which a "
-        "corner may reach beyond the object's outline."
+        "A true box encloses an object's pixels, with or without depth; a found one encloses its 3D box, whose "
+        "corners may lie outside the object's outline."
     )
     return table
 
@@ -81,7 +81,7 @@ def moving_table(datasets: list[DataSet], settings: Settings) -> Table:
         for name, (ours, peer) in found.items():
             table.add(dataset.name, name, *ours.cells(), *peer.cells(), peer.true)
             table.notes += ours.behind(peer, f"{dataset.name}, poses {name}")
-    table.notes.append("Boxes are moved as the run's poses are off on average.")
+    table.notes.append("Boxes are shifted by the mean error of the run's poses.")
     return table
 
 

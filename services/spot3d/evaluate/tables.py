@@ -91,4 +91,4 @@ def make_tables(names: list[str], datasets: list[DataSet], settings: Settings, s
 
 def _not_enough(datasets: list[DataSet], needed: str) -> SourceError:
     given = ", ".join(dataset.name for dataset in datasets)
-    return SourceError(f"{given or 'nothing'} is not enough for this table: it needs {needed}")
+    return SourceError(f"{given or 'nothing'} is not enough for this table, which needs {needed}")

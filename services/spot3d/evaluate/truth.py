@@ -161,7 +161,7 @@ def _read_json(path: Path, model: type[Model]) -> Model:
         where = ".".join(str(part) for part in first["loc"]) or "the document"
         raise ValueError(f"{path}: {where}: {first['msg']}") from error
     except ValueError as error:
-        raise ValueError(f"{path} is no valid JSON: {error}") from error
+        raise ValueError(f"{path} is not valid JSON: {error}") from error
 
 
 def _read_labelled_cloud(path: Path) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
@@ -169,7 +169,7 @@ def _read_labelled_cloud(path: Path) -> tuple[NDArray[np.float32], NDArray[np.ui
         with np.load(_existing(path), allow_pickle=False) as archive:
             xyz, label = archive["xyz_world"], archive["label"]
     except (EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{path}: expected an archive with xyz_world and label: {error}") from error
+        raise ValueError(f"{path}: expected an archive (.npz) with xyz_world and label: {error}") from error
     if xyz.ndim != 2 or xyz.shape[1] != 3 or xyz.dtype.kind != "f":
         raise ValueError(f"{path}: xyz_world must be floats (N, 3), got {xyz.dtype} {xyz.shape}")
     if label.shape != (len(xyz),) or label.dtype != np.uint8:

@@ -49,7 +49,7 @@ def open_uw_scenes(folder: Path, every: int = 1, frames: int | None = None) -> t
     """
     scenes = sorted(path for path in (folder / "imgs").glob("scene_*") if path.is_dir())
     if not scenes:
-        raise SourceError(f"{folder} is no complete RGB-D Scenes v2: imgs/scene_NN is missing")
+        raise SourceError(f"{folder} is not a complete RGB-D Scenes v2: imgs/scene_NN is missing")
     return tuple(_open_scene(folder, scene, every, frames) for scene in scenes)
 
 
@@ -141,7 +141,7 @@ def _read_poses(path: Path) -> NDArray[np.float64]:
         except ValueError as error:
             raise SourceError(f"{path}:{number} is malformed: {error}; expected `a b c d x y z`") from error
     if not poses:
-        raise SourceError(f"{path} holds no pose")
+        raise SourceError(f"{path} contains no poses")
     return np.array(poses)
 
 
@@ -149,9 +149,9 @@ def _read_labels(path: Path, points: int) -> NDArray[np.int64]:
     try:
         numbers = np.array(path.read_text(encoding="ascii").split(), dtype=np.int64)
     except (UnicodeDecodeError, ValueError) as error:
-        raise SourceError(f"{path} is malformed: not only whole numbers") from error
+        raise SourceError(f"{path} is malformed: it contains text that is not an integer") from error
     if not len(numbers) or numbers[0] != points or len(numbers) != points + 1:
-        raise SourceError(f"{path} does not fit its cloud of {points} points")
+        raise SourceError(f"{path} does not match its cloud of {points} points")
     unknown = set(np.unique(numbers[1:]).tolist()) - set(LABELS)
     if unknown:
         raise SourceError(f"{path}: unknown labels {sorted(unknown)}; known are 1 to 10")
