@@ -49,41 +49,41 @@ def test_settings_prints_what_can_be_read_again(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["schema", "Frome"], "there is no message 'Frome'; there are Frame"),
+        (["schema", "Frome"], "there is no message 'Frome'; choose from Frame"),
         (["run", "/nowhere/at/all", "--out", "{tmp}"], "/nowhere/at/all does not exist"),
         (["run", "/nowhere/at/all"], "/nowhere/at/all does not exist"),
         (["run", "scene", "--out", "{tmp}", "--pose", "magic"], "--pose magic: choose kiss or gicp"),
-        (["run", "scene:abc", "--out", "{tmp}"], "scene:abc names no built-in scene; there are scene, scene:SEED,"),
+        (["run", "scene:abc", "--out", "{tmp}"], "scene:abc is not a built-in scene; give scene, scene:SEED,"),
         (["run", "scenes:2", "--out", "{tmp}"], "for spot3d evaluate scenes:COUNT"),
-        (["source", "scene:1:nonsense"], "scene:1:nonsense names no built-in scene"),
-        (["evaluate", "points", "scenes:x"], "scenes:x names no built-in scene"),
+        (["source", "scene:1:nonsense"], "scene:1:nonsense is not a built-in scene"),
+        (["evaluate", "points", "scenes:x"], "scenes:x is not a built-in scene"),
         (["run", "scene", "--out", "{tmp}", "--intrinsics", "1,2"], "four numbers"),
-        (["run", "scene", "--out", "{tmp}", "--in-process", "--pose", "a/b"], "--in-process hears no topics"),
-        (["run", "scene", "--out", "{tmp}", "--pose", "/odom"], "--pose /odom is no key"),
-        (["run", "scene", "--out", "{tmp}", "--depth-topic", "/d"], "scene is no ROS bag: leave --depth-topic away"),
-        (["source", "scene", "--colour-topic", "/c", "--pose-topic", "/p"], "leave --colour-topic and --pose-topic"),
-        (["run", "scene", "--out", "{tmp}", "--in-process", "--dashboard"], "--in-process has no messages"),
+        (["run", "scene", "--out", "{tmp}", "--in-process", "--pose", "a/b"], "--in-process cannot receive topics"),
+        (["run", "scene", "--out", "{tmp}", "--pose", "/odom"], "--pose /odom is not a key"),
+        (["run", "scene", "--out", "{tmp}", "--depth-topic", "/d"], "scene is not a ROS bag: omit --depth-topic"),
+        (["source", "scene", "--colour-topic", "/c", "--pose-topic", "/p"], "omit --colour-topic and --pose-topic"),
+        (["run", "scene", "--out", "{tmp}", "--in-process", "--dashboard"], "--in-process publishes no messages"),
         (["run", "scene", "--out", "{tmp}/file/x", "--frames", "1"], "file/x: a part of its path is a file"),
-        (["demo", "--out", "{tmp}/file", "--frames", "1"], "cannot use {tmp}/file: it is a file, and a folder is"),
-        (["results", "{tmp}/file"], "cannot use {tmp}/file: it is a file, and a folder is needed; give another path"),
+        (["demo", "--out", "{tmp}/file", "--frames", "1"], "cannot use {tmp}/file: it is a file, but a folder is"),
+        (["results", "{tmp}/file"], "cannot use {tmp}/file: it is a file, but a folder is needed; give another path"),
         (["certificates", "drone", "--out", "{tmp}/file"], "cannot use {tmp}/file: it is a file"),
         (["router", "--stages", "{tmp}/file/socket"], "cannot use {tmp}/file: it is a file"),
         (["pose", "--connect", "nonsense"], "link.connect.0"),
         (["fusion", "--settings", "/nowhere.toml"], "/nowhere.toml: it, or the folder that it is in, does not exist"),
-        (["settings", "--settings", "{tmp}"], "cannot read settings from {tmp}: it is a folder, and a file is needed"),
-        (["fusion", "--resume", "{tmp}"], "cannot use {tmp}: it is a folder, and a file is needed"),
+        (["settings", "--settings", "{tmp}"], "cannot read settings from {tmp}: it is a folder, but a file is needed"),
+        (["fusion", "--resume", "{tmp}"], "cannot use {tmp}: it is a folder, but a file is needed"),
         (["status", "--connect", "tcp/127.0.0.1:1"], "no router answers at tcp/127.0.0.1:1"),
-        (["record", "{tmp}/new.mcap", "--topics", "sauce/*"], "no topic matches 'sauce/*'; there are source/frame"),
-        (["record", "{tmp}/file"], "file exists already"),
+        (["record", "{tmp}/new.mcap", "--topics", "sauce/*"], "no topic matches 'sauce/*'; choose from source/frame"),
+        (["record", "{tmp}/file"], "file already exists"),
         (["record", "{tmp}/none/new.mcap"], "none/new.mcap: it, or the folder that it is in, does not exist"),
-        (["play", "/nowhere.mcap"], "/nowhere.mcap does not exist; give a file that spot3d record has written"),
-        (["play", "{tmp}/file"], "file is no recording of spot3d"),
+        (["play", "/nowhere.mcap"], "/nowhere.mcap does not exist; give a file written by spot3d record"),
+        (["play", "{tmp}/file"], "file is not a recording of spot3d"),
         (["export", "{tmp}", "{tmp}/new.mcap"], "report.json is missing"),
         (["evaluate", "points", "/nowhere", "--json", "{tmp}/file/x.json"], "cannot use {tmp}/file: it is a file"),
         (["evaluate", "points", "/nowhere", "--json", "{tmp}"], "cannot use {tmp}: it is a folder"),
         (["evaluate", "points", "/nowhere", "--plots", "{tmp}/file"], "cannot use {tmp}/file: it is a file"),
         (["bench", "--data", "/nowhere", "--json", "{tmp}/file/x.json"], "cannot use {tmp}/file: it is a file"),
-        (["router", "--listen", "tcp/256.0.0.1:1"], "is that an address of this device?"),
+        (["router", "--listen", "tcp/256.0.0.1:1"], "check that it is an address of this device"),
         (["router", "--listen", "tcp/127.0.0.1"], "link.listen.0: expected tcp/ADDRESS:PORT"),
         (["bridge", "--ground", "tcp/10.0.0.1"], "bridge.ground.0: expected tcp/ADDRESS:PORT"),
     ],
@@ -120,10 +120,10 @@ def write_what_ends_like_a_bag(path):
     [
         (
             ["run", "{input}", "--out", "{tmp}", "--depth-topic", "/d"],
-            "{input} is no ROS bag: leave --depth-topic away",
+            "{input} is not a ROS bag: omit --depth-topic",
         ),
-        (["source", "{input}", "--pose-topic", "/p"], "{input} is no ROS bag: leave --pose-topic away"),
-        (["run", "{input}", "--out", "{tmp}", "--pose", "/odom"], "--pose /odom is no key of poses"),
+        (["source", "{input}", "--pose-topic", "/p"], "{input} is not a ROS bag: omit --pose-topic"),
+        (["run", "{input}", "--out", "{tmp}", "--pose", "/odom"], "--pose /odom is not a key of poses"),
     ],
 )
 def test_topics_of_recordings_that_only_end_like_a_bag_are_refused(name, options, said, tmp_path, monkeypatch, capsys):
@@ -147,7 +147,7 @@ def test_images_that_no_message_holds_are_refused_in_one_line(tmp_path, monkeypa
         cli.main()
     assert end.value.code == 2
     (error,) = capsys.readouterr().err.splitlines()
-    assert error.startswith("error: 2592 x 1944 pixels are more than a message holds")
+    assert error.startswith("error: images of 2592 x 1944 pixels are too large for a message")
     assert error.endswith("use --half")
 
 
@@ -242,7 +242,7 @@ def test_a_run_says_that_its_camera_began_anew(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr("spot3d.run.run.run", lambda *_arguments: done)
     result = runner.invoke(cli.app, ["run", "scene", "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
-    assert f"the camera began anew: what it saw before is in {tmp_path / 'streams'}" in result.output
+    assert f"the camera's stream restarted: earlier results are in {tmp_path / 'streams'}" in result.output
 
 
 @pytest.mark.parametrize("pose", ["kiss", "truth", "robot/odom"])
@@ -262,11 +262,11 @@ def test_given_poses_are_doubted_where_no_two_views_agree(
 def test_the_unit_of_depth_is_doubted_only_where_frames_were_fused(
     fused: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("spot3d.run.left_out.first_depth", lambda _sequence: "half of the first frame's depth")
+    monkeypatch.setattr("spot3d.run.left_out.first_depth", lambda _sequence: "the median depth of the first frame")
     done = Finished(tmp_path, FrameList(), RunResult(), RunReport("folder", "processes", 9, (640, 480), fused=fused))
     monkeypatch.setattr("spot3d.run.run.run", lambda *_arguments: done)
     result = runner.invoke(cli.app, ["run", "scene", "--out", str(tmp_path)])
-    assert ("half of the first frame's depth" in result.output) == (fused > 0)
+    assert ("the median depth of the first frame" in result.output) == (fused > 0)
 
 
 def test_a_run_says_that_it_was_interrupted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

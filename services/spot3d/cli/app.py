@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from spot3d.run.run import Finished
 
 app = typer.Typer(
-    help="Finds the objects in front of an RGB-D camera: 3D boxes around things nobody told it about.",
+    help="Finds the objects in front of an RGB-D camera: 3D boxes around unknown objects, without training.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -81,15 +81,21 @@ def run(
     input_name: InputArgument,
     out: Annotated[Path | None, typer.Option(help="folder for the results; default: out/ and INPUT's name")] = None,
     pose: Annotated[
-        str | None, typer.Option(metavar="kiss|gicp|truth|TOPIC", help="where camera poses come from; default: kiss")
+        str | None,
+        typer.Option(
+            metavar="kiss|gicp|truth|TOPIC",
+            help="source of the camera poses: kiss, gicp, truth or a topic; default: kiss",
+        ),
     ] = None,
     settings: SettingsOption = None,
     preset: PresetOption = None,
-    in_process: Annotated[bool, typer.Option("--in-process", help="all in one process, without Zenoh")] = False,
+    in_process: Annotated[
+        bool, typer.Option("--in-process", help="run all stages in one process, without Zenoh")
+    ] = False,
     half: HalfOption = False,
     frames: FramesOption = None,
     every: EveryOption = 1,
-    live: Annotated[bool, typer.Option("--live", help="at the recorded rate, dropping frames if busy")] = False,
+    live: Annotated[bool, typer.Option("--live", help="play at the recorded rate, and drop frames when busy")] = False,
     rate: RateOption = None,
     intrinsics: IntrinsicsOption = None,
     noise: NoiseOption = None,
@@ -117,7 +123,7 @@ def run(
     if topic is not None:
         _check_key(topic)
     if in_process and topic is not None:
-        raise CommandError(f"--in-process hears no topics; leave --in-process away, or do without --pose {pose}")
+        raise CommandError(f"--in-process cannot receive topics; omit --in-process, or --pose {pose}")
     overrides = play_overrides(
         half,
         rate,
@@ -129,7 +135,7 @@ def run(
     )
     camera = is_stream(input_name)
     if camera and in_process:
-        raise CommandError(f"--in-process plays recordings; leave it away for {input_name}, which plays live")
+        raise CommandError(f"--in-process plays only recordings; omit it for {input_name}, which plays live")
     overrides["link"] = {"delivery": "live" if live or camera else "lossless"}
     if pose is not None and topic is None:
         overrides["pose"] = {"provider": "given" if pose == "truth" else pose}
@@ -152,12 +158,14 @@ def run(
 
 @app.command()
 def demo(
-    frames: Annotated[int, typer.Option(min=1, help="length of the scene, frames at 30 Hz")] = 300,
-    seed: Annotated[int, typer.Option(min=0, help="which scene")] = 0,
+    frames: Annotated[int, typer.Option(min=1, help="length of the scene in frames, at 30 Hz")] = 300,
+    seed: Annotated[int, typer.Option(min=0, help="seed of the scene")] = 0,
     out: Annotated[Path, typer.Option(help="folder for the results")] = Path("out/demo"),
     settings: SettingsOption = None,
     preset: PresetOption = None,
-    in_process: Annotated[bool, typer.Option("--in-process", help="all in one process, without Zenoh")] = False,
+    in_process: Annotated[
+        bool, typer.Option("--in-process", help="run all stages in one process, without Zenoh")
+    ] = False,
     half: HalfOption = False,
     show: DashboardOption = False,
 ) -> None:
@@ -182,7 +190,7 @@ def demo(
         console.print(demo_table(*match_objects(true, done.result.objects)))
         _conclude(done, resolved, False)
         if page is None:
-            typer.echo(f"see it live in the browser: {own_command()} demo --dashboard")
+            typer.echo(f"to see it live in the browser: {own_command()} demo --dashboard")
         else:
             page.keep(console)
 
@@ -203,13 +211,13 @@ def topics(robot: RobotOption = None) -> None:
 
 
 @app.command()
-def schema(name: Annotated[str, typer.Argument(help="a message, such as Frame")]) -> None:
+def schema(name: Annotated[str, typer.Argument(help="name of a message, such as Frame")]) -> None:
     """Print the JSON Schema of a message, for clients in other languages."""
     from spot3d_schemas import MESSAGES, json_schema
 
     message = MESSAGES.get(name.removeprefix("spot3d."))
     if message is None:
-        raise CommandError(f"there is no message {name!r}; there are {', '.join(MESSAGES)}")
+        raise CommandError(f"there is no message {name!r}; choose from {', '.join(MESSAGES)}")
     typer.echo(json.dumps(json_schema(message), indent=2))
 
 
@@ -218,7 +226,7 @@ def status(
     settings: SettingsOption = None,
     robot: RobotOption = None,
     connect: ConnectOption = None,
-    watch: Annotated[bool, typer.Option("--watch", help="keep it up to date until Ctrl-C")] = False,
+    watch: Annotated[bool, typer.Option("--watch", help="update the table until Ctrl-C")] = False,
 ) -> None:
     """Print the live health of every stage; exit code 1 if something is wrong, as that one is not alive."""
     from rich.console import Console
@@ -232,11 +240,11 @@ def status(
 
 @app.command()
 def results(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="folder for a folder of each stream of frames")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="folder in which each stream of frames gets a folder")],
     settings: SettingsOption = None,
     robot: RobotOption = None,
     connect: ConnectOption = None,
-    keep: Annotated[int, typer.Option(min=1, help="delete the oldest of more streams than this")] = 100,
+    keep: Annotated[int, typer.Option(min=1, help="number of streams that are kept; older ones are deleted")] = 100,
     supervised: SupervisedOption = False,
 ) -> None:
     """Keep what the robot's stages find, in a folder for each stream of frames, until Ctrl-C."""
@@ -271,7 +279,11 @@ def _conclude(done: "Finished", settings: Settings, given_poses: bool) -> None:
     seen = first_depth(done.sequence) if report.fused and not result.objects else ""
     known = result.calibration()
     corrected = depth_scale.notice(known.depth_factor), delay.notice(result.delay_s()), orientation.notice(known)
-    anew = f"the camera began anew: what it saw before is in {done.folder / EARLIER}" if report.earlier_streams else ""
+    anew = (
+        f"the camera's stream restarted: earlier results are in {done.folder / EARLIER}"
+        if report.earlier_streams
+        else ""
+    )
     lost, unkept = notice(report.lost), forgotten(result.keyframes_dropped, settings)
     for line in (anew, few, doubt, seen, lost, *corrected, unkept):
         if line:
@@ -292,7 +304,9 @@ def _check_key(topic: str) -> None:
     try:
         zenoh.KeyExpr(topic)
     except zenoh.ZError as error:
-        raise CommandError(f"--pose {topic} is no key of poses, as ROBOT/odom is: {first_line(error)}") from error
+        raise CommandError(
+            f"--pose {topic} is not a key of poses; give one such as ROBOT/odom: {first_line(error)}"
+        ) from error
 
 
 def _fail(message: str, code: int = 2) -> NoReturn:

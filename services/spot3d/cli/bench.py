@@ -22,18 +22,22 @@ FEW = 24
 
 
 def bench(
-    json_file: Annotated[Path | None, typer.Option("--json", help="write the numbers and their record here")] = None,
-    plots: Annotated[Path | None, typer.Option(help="folder for pictures of the growth")] = None,
-    frames: Annotated[int, typer.Option(min=2, help="frames of a data set, which are held in memory")] = FRAMES,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", help="JSON file for the numbers and the conditions of the measurement")
+    ] = None,
+    plots: Annotated[Path | None, typer.Option(help="folder for plots of the growth")] = None,
+    frames: Annotated[
+        int, typer.Option(min=2, help="number of frames of a data set, which are held in memory")
+    ] = FRAMES,
     data: Annotated[
-        list[Path] | None, typer.Option(help="recording with true poses to measure on too; may be repeated")
+        list[Path] | None, typer.Option(help="recording with true poses to measure as well; may be repeated")
     ] = None,
     only: Annotated[
         list[str] | None, typer.Option(help=f"measure this part only: {', '.join(SECTIONS)}; may be repeated")
     ] = None,
-    live_seconds: Annotated[float, typer.Option(min=0.1, help="length of the live runs")] = 20.0,
+    live_seconds: Annotated[float, typer.Option(min=0.1, help="length of the live runs, seconds")] = 20.0,
     rate: Annotated[float, typer.Option(min=0.1, help="frames per second of the live runs")] = 30.0,
-    growth: Annotated[int, typer.Option(min=2, help="longest path of the growth, frames")] = 2000,
+    growth: Annotated[int, typer.Option(min=2, help="longest path of the growth measurement, frames")] = 2000,
 ) -> None:
     """Measure time and memory of every step and process on the built-in scene; print Markdown."""
     from spot3d.dataflow.process_use import stay_single_threaded
@@ -45,7 +49,7 @@ def bench(
     chosen = tuple(only or SECTIONS)
     for name in chosen:
         if name not in SECTIONS:
-            raise CommandError(f"there is nothing called {name!r} to measure; there are {', '.join(SECTIONS)}")
+            raise CommandError(f"there is no measurement {name!r}; choose from {', '.join(SECTIONS)}")
     check_outputs(json_file, plots)
     stay_single_threaded()
     settings = load_settings()

@@ -9,14 +9,18 @@ from spot3d.cli.options import CommandError
 
 
 def certificates(
-    names: Annotated[list[str], typer.Argument(metavar="NAME...", help="one certificate each, such as: drone ground")],
-    out: Annotated[Path, typer.Option(help="folder of the authority and the certificates")],
+    names: Annotated[
+        list[str], typer.Argument(metavar="NAME...", help="names to make a certificate for, such as: drone ground")
+    ],
+    out: Annotated[Path, typer.Option(help="folder for the authority and the certificates")],
     host: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=ADDRESS", help="where others connect to NAME; may be repeated"),
+        typer.Option(
+            metavar="NAME=ADDRESS", help="host name or address at which others connect to NAME; may be repeated"
+        ),
     ] = None,
-    days: Annotated[int, typer.Option(min=1, help="how long the certificates are valid")] = 365,
-    renew: Annotated[bool, typer.Option("--renew", help="replace certificates of these names")] = False,
+    days: Annotated[int, typer.Option(min=1, help="validity of the certificates, days")] = 365,
+    renew: Annotated[bool, typer.Option("--renew", help="replace existing certificates of these names")] = False,
 ) -> None:
     """Make a private certificate authority, or go on with the one in the folder, and a certificate for each NAME."""
     hosts: dict[str, list[str]] = {}
@@ -34,5 +38,6 @@ def certificates(
     for item in issued:
         typer.echo(f"{item.certificate} and {item.key.name}: {item.name}, valid until {item.valid_until:%Y-%m-%d}")
     typer.echo(
-        f"each device gets {CA}.pem and its own two files; keep {out / f'{CA}.key'} off them all: it makes new ones"
+        f"copy {CA}.pem and its own two files to each device; never copy {out / f'{CA}.key'}, which signs new "
+        "certificates"
     )

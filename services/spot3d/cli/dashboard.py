@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
 
 HostOption = Annotated[str | None, typer.Option(help="address to serve the page on; default: 127.0.0.1")]
-PortOption = Annotated[int | None, typer.Option(help="port to serve the page on; default: 8080, or the next free one")]
+PortOption = Annotated[int | None, typer.Option(help="port to serve the page on; default: 8080, or the next free port")]
 DashboardOption = Annotated[
-    bool, typer.Option("--dashboard", help="show it live in the browser, and stay there until Ctrl-C")
+    bool, typer.Option("--dashboard", help="show the run live in the browser, and stay there until Ctrl-C")
 ]
 
 
@@ -67,7 +67,7 @@ def dashboard_if_wanted(
     if not wanted:
         return nullcontext()
     if in_process:
-        raise CommandError("--in-process has no messages to show; leave --in-process or --dashboard away")
+        raise CommandError("--in-process publishes no messages for the dashboard; omit --in-process or --dashboard")
     if find_spec("viser") is None:
         raise CommandError("the dashboard needs viser: pip install 'spot3d[dashboard]'")
     from spot3d.dashboard.free_port import free_port

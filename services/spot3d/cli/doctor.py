@@ -21,7 +21,7 @@ def doctor(
     settings: SettingsOption = None,
     robot: RobotOption = None,
     connect: ConnectOption = None,
-    seconds: Annotated[float, typer.Option(min=1.5, help="how long rates are measured")] = 3.5,
+    seconds: Annotated[float, typer.Option(min=1.5, help="time over which rates are measured, seconds")] = 3.5,
 ) -> None:
     """Look at versions, clocks, certificates, kernels, memory and rates on every device; exit code 1 for a problem."""
     from spot3d.doctor.examine import examine
@@ -46,7 +46,7 @@ def show(console: Console, findings: Sequence[Finding], sent: Sequence[TopicRate
             console.print(Text(f"        -> {finding.remedy}"), soft_wrap=True)
     if not sent:
         return
-    console.print("\nsent (what nobody on the other side subscribes to crosses no link):", soft_wrap=True)
+    console.print("\nsent (topics without a subscriber on the other side do not cross a link):", soft_wrap=True)
     table = Table(box=SIMPLE_HEAD)
     for heading in ("topic", "messages/s", "Mbit/s"):
         table.add_column(heading, justify="left" if heading == "topic" else "right")

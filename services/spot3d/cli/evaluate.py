@@ -34,13 +34,19 @@ def evaluate(
         ),
     ],
     path: Annotated[
-        str, typer.Argument(metavar="PATH", help="a data set's folder, scene:SEED or scenes:5; for all: their root")
+        str,
+        typer.Argument(
+            metavar="PATH",
+            help="folder of a data set, scene:SEED or scenes:5; for all: the folder that contains the data sets",
+        ),
     ],
-    json_file: Annotated[Path | None, typer.Option("--json", help="write the numbers and their record here")] = None,
-    plots: Annotated[Path | None, typer.Option(help="folder for pictures of recall over IoU")] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", help="JSON file for the numbers and the conditions of the measurement")
+    ] = None,
+    plots: Annotated[Path | None, typer.Option(help="folder for plots of recall over IoU")] = None,
     pose: Annotated[
         Literal["given", "kiss", "gicp"],
-        typer.Option(help="where poses come from; given: the data's true ones (kiss where it has none)"),
+        typer.Option(help="source of the poses; given: the data's true ones (kiss where it has none)"),
     ] = "given",
     of: Annotated[Path | None, typer.Option(help="for run: the folder of a finished run of PATH, live or not")] = None,
     only: Annotated[
@@ -74,14 +80,14 @@ def evaluate(
     from spot3d.failures import StageFailedError
 
     if table not in (ALL, RUN, ROBUSTNESS, *TABLES):
-        raise CommandError(f"there is no table {table!r}; there are {', '.join(TABLES)}, run, robustness, and all")
+        raise CommandError(f"there is no table {table!r}; choose from {', '.join(TABLES)}, run, robustness, and all")
     kinds = GROUPS if only is None else tuple(only.replace(",", " ").split())
     if (only is not None and table != ROBUSTNESS) or not kinds or not set(kinds) <= set(GROUPS):
-        raise CommandError(f"--only is for robustness, and chooses some of {', '.join(GROUPS)}")
+        raise CommandError(f"--only applies to robustness; choose from {', '.join(GROUPS)}")
     if (table == RUN) != (of is not None):
-        raise CommandError("a finished run is measured by: spot3d evaluate run PATH --of FOLDER")
+        raise CommandError("measure a finished run with: spot3d evaluate run PATH --of FOLDER")
     if intrinsics is not None and table == ALL:
-        raise CommandError("--intrinsics are one data set's: name it and one table")
+        raise CommandError("--intrinsics apply to one data set; name it and one table")
     check_outputs(json_file, plots)
     stay_single_threaded()
     names = [path] if table != ALL else [*BUILT_IN, *map(str, datasets_below(Path(path)))]

@@ -20,34 +20,37 @@ InputArgument = Annotated[
     ),
 ]
 SettingsOption = Annotated[Path | None, typer.Option("--settings", help="TOML file; see: spot3d settings")]
-PresetOption = Annotated[Preset | None, typer.Option(help="what is not set otherwise")]
-RobotOption = Annotated[str | None, typer.Option(help="the robot's name, first part of every key")]
+PresetOption = Annotated[Preset | None, typer.Option(help="values of settings that are not given")]
+RobotOption = Annotated[str | None, typer.Option(help="the robot's name, the first part of every key")]
 ConnectOption = Annotated[
-    list[str] | None, typer.Option(help="router to connect to, as tcp/127.0.0.1:7447; may be repeated")
+    list[str] | None, typer.Option(help="router to connect to, such as tcp/127.0.0.1:7447; may be repeated")
 ]
 ListenOption = Annotated[
-    list[str] | None, typer.Option(help="endpoint to listen on, as a router for the others; may be repeated")
+    list[str] | None, typer.Option(help="endpoint to listen on, as the router of other programs; may be repeated")
 ]
 DeliveryOption = Annotated[
     bool | None,
     typer.Option("--lossless/--live", help="lossless: nothing is dropped; live: the latest frame wins"),
 ]
-FramesOption = Annotated[int | None, typer.Option(min=1, help="play at most so many frames")]
+FramesOption = Annotated[int | None, typer.Option(min=1, help="number of frames to play at most")]
 EveryOption = Annotated[int, typer.Option(min=1, help="play only every nth frame")]
-HalfOption = Annotated[bool, typer.Option("--half", help="frames at half size")]
+HalfOption = Annotated[bool, typer.Option("--half", help="play frames at half their width and height")]
 IntrinsicsOption = Annotated[
     str | None, typer.Option(metavar="FX,FY,CX,CY", help="depth camera's intrinsics, pixels, for any input folder")
 ]
-RateOption = Annotated[float | None, typer.Option(min=0.01, help="frames per second; default: as recorded")]
+RateOption = Annotated[float | None, typer.Option(min=0.01, help="frames per second to play at; default: as recorded")]
 NoiseOption = Annotated[
     str | None,
-    typer.Option("--noise", metavar="d435|tof|...", help="the depth's noise; see: spot3d settings"),
+    typer.Option("--noise", metavar="d435|tof|...", help="noise model of the depth; see: spot3d settings"),
 ]
 DepthUnitOption = Annotated[
-    float | None, typer.Option("--depth-unit", metavar="METRES", help="unit of the depth, for any input folder: 0.001")
+    float | None,
+    typer.Option(
+        "--depth-unit", metavar="METRES", help="unit of the depth in metres, for any input folder, such as 0.001"
+    ),
 ]
-ColourTopicOption = Annotated[str | None, typer.Option("--colour-topic", help="ROS bags: the colour images")]
-DepthTopicOption = Annotated[str | None, typer.Option("--depth-topic", help="ROS bags: the depth images")]
+ColourTopicOption = Annotated[str | None, typer.Option("--colour-topic", help="ROS bags: topic of the colour images")]
+DepthTopicOption = Annotated[str | None, typer.Option("--depth-topic", help="ROS bags: topic of the depth images")]
 SupervisedOption = Annotated[bool, typer.Option("--supervised", hidden=True)]
 
 
@@ -77,7 +80,7 @@ def check_topics(input_name: str, **options: str | None) -> None:
 
     given = [f"--{name.replace('_', '-')}" for name, topic in options.items() if topic is not None]
     if given and not has_topics(input_name):
-        raise CommandError(f"{input_name} is no ROS bag: leave {' and '.join(given)} away")
+        raise CommandError(f"{input_name} is not a ROS bag: omit {' and '.join(given)}")
 
 
 def link_overrides(
@@ -110,7 +113,7 @@ def out_folder(input_name: str) -> Path:
     name = place.stem if place.is_file() else place.name
     folder = Path("out") / (name.replace(":", "-") or "run")
     if folder.resolve() == place.resolve():
-        raise CommandError(f"{folder} is the input itself; say with --out where the results go")
+        raise CommandError(f"{folder} is the input itself; choose another folder for the results with --out")
     return folder
 
 

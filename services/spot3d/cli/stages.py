@@ -55,7 +55,9 @@ def source(
     depth_unit: DepthUnitOption = None,
     colour_topic: ColourTopicOption = None,
     depth_topic: DepthTopicOption = None,
-    pose_topic: Annotated[str | None, typer.Option("--pose-topic", help="ROS bags: the camera's poses")] = None,
+    pose_topic: Annotated[
+        str | None, typer.Option("--pose-topic", help="ROS bags: topic of the camera's poses")
+    ] = None,
     pose_from_elsewhere: Annotated[bool, typer.Option("--no-pose-stage", help="do not wait for a pose stage")] = False,
     after_ns: Annotated[int | None, typer.Option(hidden=True)] = None,
     sent: Annotated[int, typer.Option(hidden=True)] = 0,
@@ -170,7 +172,7 @@ def fusion(
     listen: ListenOption = None,
     lossless: DeliveryOption = None,
     resume: Annotated[
-        Path | None, typer.Option(help="go on with the map in this snapshot; its world must be that of the poses")
+        Path | None, typer.Option(help="resume from the map in this snapshot; the poses must be in the same world")
     ] = None,
     supervised: SupervisedOption = False,
 ) -> None:
@@ -192,7 +194,7 @@ def bridge(
     robot: RobotOption = None,
     connect: ConnectOption = None,
     ground: Annotated[
-        list[str] | None, typer.Option(help="the router on the other side, as tcp/ADDRESS:7447; may be repeated")
+        list[str] | None, typer.Option(help="router on the other side, such as tcp/ADDRESS:7447; may be repeated")
     ] = None,
     supervised: SupervisedOption = False,
 ) -> None:
@@ -210,10 +212,10 @@ def bridge(
 def router(
     settings: SettingsOption = None,
     listen: Annotated[list[str] | None, typer.Option(help="endpoints to listen on; may be repeated")] = None,
-    connect: Annotated[list[str] | None, typer.Option(help="other routers; may be repeated")] = None,
+    connect: Annotated[list[str] | None, typer.Option(help="other routers to connect to; may be repeated")] = None,
     stages: Annotated[
         Path | None,
-        typer.Option(help="Unix socket where the stages meet: nobody waits for who connects elsewhere"),
+        typer.Option(help="Unix socket for the stages, so that they do not wait for clients connected elsewhere"),
     ] = None,
     supervised: SupervisedOption = False,
 ) -> None:
@@ -242,7 +244,7 @@ def router(
     ):
         if stages is not None:
             stages.chmod(0o666)  # its folder restricts access: stages may run as other users
-        typer.echo(f"router at {', '.join(endpoints)}")
+        typer.echo(f"router listens at {', '.join(endpoints)}")
         while not stopped.wait(_NEWCOMERS_S):
             disable_linger()
             heartbeat.beat()
