@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.depth_noise import KINECT_V1, DepthNoise
-from spot3d.geometry.inverse_depth import fill_inverse_depth
 from spot3d.kernel import kernel
+from spot3d.proposals.holes import fill_along_colour
 from spot3d.proposals.inverse_depth import depth_strength
 from spot3d.proposals.settings import EdgeSettings
 
@@ -44,10 +44,9 @@ def detect_edges(
     weight = COLOUR_WEIGHT if has_depth else np.float32(1)
     strength = colour_strength(smooth, weight, np.float32(settings.colour_contrast), least)
     if has_depth:
-        inverse = np.empty_like(depth)
-        fill_inverse_depth(depth, inverse)
+        inverse = fill_along_colour(depth, smooth, focal_length, settings.colour_contrast * least / (1 - least))
         of_depth = depth_strength(inverse, focal_length, noise)
-        raise_to_depth(strength, of_depth, depth, least)
+        strength = np.maximum(strength, np.where(of_depth >= least, of_depth, 0))
     ridges = np.asarray(cv2.GaussianBlur(strength, (0, 0), ALONG), np.float32)
     return thin(strength, ridges)
 
@@ -88,25 +87,6 @@ def _colour_strength(
             if best > weakest:
                 g = np.float32(0.5) * np.sqrt(np.float32(best))
                 strength[y, x] = weight * g / (g + contrast)
-
-
-@kernel()
-def raise_to_depth(
-    strength: NDArray[np.float32], other: NDArray[np.float32], depth: NDArray[np.float32], least: np.float32
-) -> None:
-    """Raise `strength` to `other` (both (h, w) float32) where that is `least` or more and depth was measured.
-
-    Edges further than a pixel from measured depth belong to filled holes.
-    """
-    h, w = strength.shape
-    for y in range(1, h - 1):
-        for x in range(1, w - 1):
-            value = other[y, x]
-            if value < least or value <= strength[y, x]:
-                continue
-            seen = depth[y, x] > 0 or depth[y, x - 1] > 0 or depth[y, x + 1] > 0
-            if seen or depth[y - 1, x] > 0 or depth[y + 1, x] > 0:
-                strength[y, x] = value
 
 
 def thin(strength: NDArray[np.float32], smooth: NDArray[np.float32]) -> EdgeMap:
