@@ -48,8 +48,9 @@ $(INSTALLED): pyproject.toml constraints.txt
 demo: $(INSTALLED)
 	$(RUN) spot3d demo
 
+# In as many processes as there are cores, but no more than four: a test of the whole dataflow starts ten of its own.
 test: $(INSTALLED)
-	$(RUN) pytest
+	$(RUN) pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
 test-containers: $(INSTALLED)
 	SPOT3D_CONTAINERS=1 tests/containers/with_engine.sh $(RUN) pytest -x -v --log-cli-level=INFO tests/containers

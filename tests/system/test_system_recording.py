@@ -55,7 +55,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
             scene = ("run", "scene", "--half", "--frames", str(FRAMES))
             assert "none dropped" in done(spot3d(*scene, "--out", str(out), "--listen", endpoint))
             recorder.send_signal(signal.SIGINT)
-            assert "nothing skipped" in done(recorder)
+            # Previews are best effort in every run: a busy machine may lose one.
+            previews = "[0-9]+ [a-z]+/preview lost on the way"
+            assert re.search(f"; (nothing skipped|skipped: {previews}(, {previews})*)$", done(recorder))
         finally:
             recorder.kill()
     return out, path
