@@ -78,7 +78,7 @@ def test_a_broken_image_is_that_of_one_frame(
         ),
         (COLOUR, cut, r"none of 4 image pairs of .* can be read; the first error: an image of 64x48 rgb8 has"),
         (DEPTH, half_as_high, r"image_raw is 64x24, but its camera_info is for 64x48; .*--intrinsics"),
-        (f"{NAME}/camera_info", uncalibrated, r"focal lengths must be positive .*; calibrate the camera"),
+        (f"{NAME}/camera_info", uncalibrated, r"focal lengths must be positive .*; calibrate the camera.*--intrinsics"),
     ],
 )
 def test_a_bag_of_which_nothing_can_be_read_is_refused(
@@ -92,6 +92,12 @@ def test_a_bag_of_which_nothing_can_be_read_is_refused(
 def test_the_first_camera_info_that_is_one_counts(tmp_path: Path, topic: str) -> None:
     bag = open_source(write_bag(tmp_path, "mcap", said_with(topic, range(1), uncalibrated)))
     assert bag.intrinsics == CAMERA
+
+
+def test_a_camera_that_is_not_calibrated_needs_its_intrinsics_alone(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path, "mcap", said_with(f"{NAME}/camera_info", range(COUNT), uncalibrated))
+    given = (CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy)
+    assert open_source(bag, intrinsics=given).intrinsics == CAMERA
 
 
 def test_intrinsics_of_another_size_are_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -30,7 +30,7 @@ _BENT = 0.05
 
 @dataclass(frozen=True, slots=True)
 class _Camera:
-    """Frame in /tf of an image topic, empty if unknown, and its intrinsics, None without a camera_info."""
+    """Frame in /tf of an image topic, empty if unknown, and its intrinsics, None without a valid camera_info."""
 
     frame: str
     intrinsics: Intrinsics | None
@@ -55,7 +55,8 @@ def open_bag(path: Path, names: TopicNames, intrinsics: FocalAndCentre | None = 
     if len(rows) < len(depths):
         alone, text = len(depths) - len(rows), "are left out: no colour image within 20 ms, or a duplicate timestamp"
         log.warning("%s: %d of %d depth images %s", path, alone, len(depths), text)
-    depth_camera, colour_camera = _camera(bag, topics.depth_info), _camera(bag, topics.colour_info)
+    needed = intrinsics is None
+    depth_camera, colour_camera = (_camera(bag, topic, needed) for topic in (topics.depth_info, topics.colour_info))
     stated = None if intrinsics is not None else depth_camera.intrinsics
     shape, *frames = _first_readable(depths, colours, of_depth, of_colour, stated)
     depth_camera = replace(depth_camera, frame=frames[0] or depth_camera.frame)
@@ -166,17 +167,21 @@ def _first_readable(
     )
 
 
-def _camera(bag: Bag, info_topic: str | None) -> _Camera:
-    """Frame and intrinsics from the first camera_info with valid ones. Raises SourceError if all are invalid."""
-    refused: SourceError | None = None
+def _camera(bag: Bag, info_topic: str | None, needed: bool) -> _Camera:
+    """Frame and intrinsics from the first camera_info with valid ones.
+
+    If all are invalid, raises SourceError where they are needed, and has none elsewhere.
+    """
+    frame, refused = "", None
     for _, _, info in bag.messages(info_topic) if info_topic else ():
+        frame = frame or info.header.frame_id
         try:
             return _Camera(info.header.frame_id, _intrinsics(str(info_topic), info))
         except SourceError as error:
             refused = refused or error
-    if refused is not None:
+    if refused is not None and needed:
         raise refused
-    return _Camera("", None)
+    return _Camera(frame, None)
 
 
 def _intrinsics(info_topic: str, info: Any) -> Intrinsics:
@@ -190,7 +195,7 @@ def _intrinsics(info_topic: str, info: Any) -> Intrinsics:
     try:
         return intrinsics_for((fx, fy, cx, cy), (info.height, info.width), info_topic)
     except SourceError as error:
-        raise SourceError(f"{error}; calibrate the camera, so that its camera_info is valid") from error
+        raise SourceError(f"{error}; calibrate the camera, or {HINT}") from error
 
 
 def _unregistered(
@@ -202,8 +207,8 @@ def _unregistered(
         if same_frame:
             return None
         raise SourceError(
-            f"{bag.path}: {topics.colour} is not registered with depth, and has no camera_info; record it, or depth "
-            "registered with colour"
+            f"{bag.path}: {topics.colour} is not registered with depth, and has no valid camera_info; record one, or "
+            "depth registered with colour"
         )
     if same_frame:
         return None if _same_pixels(camera, colour.intrinsics) else ColourCamera(colour.intrinsics, np.eye(4))
