@@ -37,10 +37,10 @@ def fill_along_colour(
     colour, inverse, is_open = np.ascontiguousarray(colour), np.empty_like(depth), np.zeros(depth.shape, np.bool_)
     fill_inverse_depth(depth, inverse)
     _find_open(depth, colour, np.float32(focal_length * _BASELINE), contrast, is_open)
-    rows, columns = np.nonzero(is_open)
+    holes = np.flatnonzero(is_open).astype(np.int32)
     # Like the squares of a chessboard: no pixel has a neighbour of its own half, so that many are computed at once.
-    order = np.argsort((rows + columns) % 2, kind="stable")
-    holes = (rows * depth.shape[1] + columns)[order].astype(np.int32)
+    is_black = (holes // depth.shape[1] + holes % depth.shape[1]) % 2 == 1
+    holes = np.concatenate((holes[~is_black], holes[is_black]))
     neighbours, weights = np.empty((holes.size, 4), np.int32), np.empty((holes.size, 4), np.float32)
     _weigh(holes, colour, contrast, neighbours, weights)
     _relax(holes, neighbours, weights, inverse.reshape(-1))
@@ -48,13 +48,13 @@ def fill_along_colour(
 
 
 @part()
-def _contrast(colour: NDArray[np.uint8], y: int, x: int, v: int, u: int) -> np.float32:
-    """The largest squared difference of two pixels' channels."""
-    squared = np.float32(0)
+def _contrast(colour: NDArray[np.uint8], y: int, x: int, v: int, u: int) -> np.int64:
+    """The largest difference of two pixels' channels, grey levels."""
+    largest = np.int64(0)
     for channel in range(3):
-        apart = np.float32(colour[y, x, channel]) - np.float32(colour[v, u, channel])
-        squared = max(squared, apart * apart)
-    return squared
+        apart = abs(np.int64(colour[y, x, channel]) - np.int64(colour[v, u, channel]))
+        largest = apart if apart > largest else largest
+    return largest
 
 
 @kernel()
@@ -83,7 +83,7 @@ def _find_open(
                 # From the farther end to the last pixel of the hole: beside the nearer end colour may change.
                 first, last = (left + 1, x - 1) if apart > 0 else (left + 2, x)
                 for u in range(first, last + 1):
-                    shadow = shadow and _contrast(colour, y, u - 1, y, u) <= contrast * contrast
+                    shadow = shadow and _contrast(colour, y, u - 1, y, u) <= contrast
             is_open[y, left + 1 : x] = not shadow
             left = x
 
@@ -98,6 +98,8 @@ def _weigh(
 ) -> None:
     """Fill in the four `neighbours` of each of n pixels, and their `weights`, which sum up to one; (n, 4) both."""
     h, w, _ = colour.shape
+    apart = np.arange(256).astype(np.float32)
+    alike = _LEAK + np.exp(-(apart * apart) / (contrast * contrast))
     for k in range(holes.size):
         y, x = holes[k] // w, holes[k] % w
         total = np.float32(0)
@@ -106,7 +108,7 @@ def _weigh(
             neighbours[k, side], weights[k, side] = holes[k], 0
             if 0 <= v < h and 0 <= u < w:
                 neighbours[k, side] = v * w + u
-                weights[k, side] = _LEAK + np.exp(-_contrast(colour, y, x, v, u) / (contrast * contrast))
+                weights[k, side] = alike[_contrast(colour, y, x, v, u)]
             total += weights[k, side]
         for side in range(4):
             weights[k, side] /= total
