@@ -55,10 +55,10 @@ def test_a_concave_bend_is_an_edge_and_a_convex_one_a_weaker():
 
 
 def test_the_shadow_beside_an_object_does_not_widen_it():
-    _, depth = squares(BOX)
+    colour, depth = squares(BOX)
     x, y, w, h = BOX
-    depth[y : y + h, x - 8 : x] = 0  # as wide as that of two cameras 9 cm apart
-    edges = np.nonzero(depth_edges(depth).magnitude[y + h // 2])[0]
+    depth[y : y + h, x - 12 : x] = 0
+    edges = np.nonzero(detect_edges(colour, depth, camera().fx, EdgeSettings()).magnitude[y + h // 2])[0]
     np.testing.assert_allclose(edges, [x, x + w - 1], atol=1)
 
 

@@ -44,7 +44,7 @@ def detect_edges(
     weight = COLOUR_WEIGHT if has_depth else np.float32(1)
     strength = colour_strength(smooth, weight, np.float32(settings.colour_contrast), least)
     if has_depth:
-        inverse = fill_along_colour(depth, smooth, focal_length, settings.colour_contrast * least / (1 - least))
+        inverse = fill_along_colour(depth, smooth, settings.colour_contrast * least / (1 - least))
         of_depth = depth_strength(inverse, focal_length, noise)
         strength = np.maximum(strength, np.where(of_depth >= least, of_depth, 0))
     ridges = np.asarray(cv2.GaussianBlur(strength, (0, 0), ALONG), np.float32)
