@@ -12,12 +12,12 @@ from made_frame import frame_of
 from spot3d.calibration import NOMINAL, Calibration, bend_at, bend_of_image
 from spot3d.camera import invert
 from spot3d.pose import adjustment
-from spot3d.pose.adjustment import Adjustment, Seen
+from spot3d.pose.adjustment import Adjustment, NewKeyframe
 from spot3d.pose.common_errors import COMMON, CommonErrors, most_probable
 from spot3d.pose.correction import CorrectedPoses
-from spot3d.pose.hindsight import Hindsight, Learnt
+from spot3d.pose.keyframe_adjuster import KeyframeAdjuster, Learnt
 from spot3d.pose.motion import moved, turned, twist
-from spot3d.pose.plane_equations import CELLS, SeenPoints, plane_equations
+from spot3d.pose.plane_equations import BEND_NODES, SeenPoints, plane_equations
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import sample_surface
 from spot3d.source.scene.scene import Scene
@@ -67,7 +67,7 @@ def adjusted(
     wrong = Calibration(centre=(-told.centre[0], -told.centre[1])).camera(CAMERA)
     for number, (depth, pose, tracked) in enumerate(zip(depths, given, true, strict=True)):
         surface = sample_surface(depth * field / np.float32(told.depth_factor), wrong, SETTINGS)
-        made.add(Seen(number * STEP_NS, surface, wrong, NOMINAL, pose, *IN_TIME, tracked))
+        made.add(NewKeyframe(number * STEP_NS, surface, wrong, NOMINAL, pose, *IN_TIME, tracked))
     return made
 
 
@@ -156,7 +156,7 @@ def test_a_keyframe_that_was_straightened_is_the_one_that_was_told() -> None:
     straight = surface.points * np.exp(bend_at(np.array(known.bend), across, down))[:, None]
     straightened = replace(surface, points=straight.astype(np.float32))
     told, seen = (
-        adjustment._keyframe(Seen(0, one, CAMERA, by, here, *IN_TIME, here))
+        adjustment._keyframe(NewKeyframe(0, one, CAMERA, by, here, *IN_TIME, here))
         for one, by in ((surface, NOMINAL), (straightened, known))
     )
     np.testing.assert_allclose(seen.points, told.points, atol=1e-5)
@@ -185,7 +185,7 @@ def look_from_one_place(made: Adjustment, times: int) -> None:
         made.begin_anew()
         assert made.stamps_ns == []
         for number in range(FRAMES + 2 * time, FRAMES + 2 * time + 2):
-            made.add(Seen(number * STEP_NS, surface, CAMERA, NOMINAL, true[0], *IN_TIME, true[0]))
+            made.add(NewKeyframe(number * STEP_NS, surface, CAMERA, NOMINAL, true[0], *IN_TIME, true[0]))
 
 
 def test_what_was_learnt_counts_once_however_often_keyframes_begin_anew() -> None:
@@ -200,7 +200,7 @@ def test_what_was_learnt_counts_once_however_often_keyframes_begin_anew() -> Non
 def test_a_first_keyframe_stays_where_it_was_given() -> None:
     depths, true = scene()
     made = fresh(UNSURE)
-    made.add(Seen(0, sample_surface(depths[0], CAMERA, SETTINGS), CAMERA, NOMINAL, true[0], *IN_TIME, np.eye(4)))
+    made.add(NewKeyframe(0, sample_surface(depths[0], CAMERA, SETTINGS), CAMERA, NOMINAL, true[0], *IN_TIME, np.eye(4)))
     np.testing.assert_allclose(made.by(EXACT)[0], true[:1])
     estimate, information = estimated(made.common_errors())
     np.testing.assert_allclose(estimate, np.zeros(COMMON))
@@ -217,16 +217,16 @@ def test_a_delay_that_is_found_later_counts_for_the_keyframes_before() -> None:
         given = pose if found else moved(pose, -0.05 * velocity)
         late.append(given)
         surface = sample_surface(depth, CAMERA, SETTINGS)
-        made.add(Seen(number * STEP_NS, surface, CAMERA, NOMINAL, given, 0.05 * found, velocity, pose))
+        made.add(NewKeyframe(number * STEP_NS, surface, CAMERA, NOMINAL, given, 0.05 * found, velocity, pose))
     offsets = np.array([twist(*pair) for pair in zip(made.by(EXACT)[0], true, strict=True)])
     assert np.linalg.norm(offsets[:, :3], axis=1).max() < 0.1 * np.linalg.norm(np.array(late) - true, axis=(1, 2)).max()
 
 
 def test_each_point_lies_in_cells_whose_shares_are_one() -> None:
     surface = sample_surface(scene()[0][0], CAMERA, SETTINGS)
-    keyframe = adjustment._keyframe(Seen(0, surface, CAMERA, NOMINAL, np.eye(4), *IN_TIME, np.eye(4)))
+    keyframe = adjustment._keyframe(NewKeyframe(0, surface, CAMERA, NOMINAL, np.eye(4), *IN_TIME, np.eye(4)))
     np.testing.assert_allclose(keyframe.shares.sum(axis=1), 1.0)
-    columns, rows = CELLS
+    columns, rows = BEND_NODES
     u = (keyframe.shares * (keyframe.cells % columns)).sum(axis=1) / (columns - 1) * CAMERA.width
     x, _, z = keyframe.points.T
     np.testing.assert_allclose(u, CAMERA.fx * x / z + CAMERA.cx, atol=0.01)
@@ -238,7 +238,9 @@ def test_what_is_corrected_already_is_taken_back() -> None:
     known = Calibration(1.03, (0.01, -0.02, 0.005), (0.01, -0.02))
     depth, true = scene()[0][0], scene()[1][0]
     told, seen = (
-        adjustment._keyframe(Seen(0, sample_surface(image, camera, SETTINGS), camera, by, pose, *IN_TIME, np.eye(4)))
+        adjustment._keyframe(
+            NewKeyframe(0, sample_surface(image, camera, SETTINGS), camera, by, pose, *IN_TIME, np.eye(4))
+        )
         for image, camera, by, pose in (
             (depth, CAMERA, NOMINAL, true),
             (known.metres(depth), known.camera(CAMERA), known, turned(true, np.array(known.turn))),
@@ -284,13 +286,13 @@ def before_and_after(seed: int) -> tuple[float, float]:
 def test_keyframes_are_told_where_given_poses_are_on_average(monkeypatch: pytest.MonkeyPatch) -> None:
     """Between two of them odometry is as good as exact: what each given pose has of its own is averaged out."""
     frames, told = range(0, 300, 3), dict[int, NDArray[np.float64]]()
-    learn = Hindsight.learn
+    learn = KeyframeAdjuster.learn
 
-    def remembered(hindsight: Hindsight, seen: Seen, pose: NDArray[np.float64]) -> Learnt:
+    def remembered(adjuster: KeyframeAdjuster, seen: NewKeyframe, pose: NDArray[np.float64]) -> Learnt:
         told[seen.stamp_ns] = seen.given
-        return learn(hindsight, seen, pose)
+        return learn(adjuster, seen, pose)
 
-    monkeypatch.setattr(Hindsight, "learn", remembered)
+    monkeypatch.setattr(KeyframeAdjuster, "learn", remembered)
     made, tracker = Scene(0, frames=300, intrinsics=CAMERA), CorrectedPoses(SETTINGS)
     noise = 0.01 * np.random.default_rng(0).normal(size=(len(frames), 3))
     off = []

@@ -13,7 +13,7 @@ from made_frame import frame_of
 from spot3d.calibration import NOMINAL, bend_of_image
 from spot3d.evaluate.depth_errors import bent
 from spot3d.pose.estimate import PoseEstimate
-from spot3d.pose.hindsight import Adjusted
+from spot3d.pose.keyframe_adjuster import Adjusted
 from spot3d.pose.motion import moved, turned
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings

@@ -10,7 +10,7 @@ from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import transform_plane
 from spot3d.segments.foreground import long_pieces, standing_out
 from spot3d.segments.settings import SegmentsSettings
-from spot3d.segments.supports import lift
+from spot3d.segments.supports import noise_height
 
 SETTINGS = SegmentsSettings()
 POSE = look_at((0, -0.95, 0.7))
@@ -27,7 +27,9 @@ def out_of(
     long, normals = np.zeros(depth.shape, np.bool_), surface_normals(depth, CAMERA)
     for plane in others:
         long |= long_pieces(points, normals, plane, settings)
-    return standing_out(points, height, lift(depth, TABLE, settings), np.zeros(depth.shape, np.bool_), long, settings)
+    return standing_out(
+        points, height, noise_height(depth, TABLE, settings), np.zeros(depth.shape, np.bool_), long, settings
+    )
 
 
 def test_the_objects_stand_out_and_the_table_does_not() -> None:
@@ -88,7 +90,7 @@ def test_a_view_that_is_all_wall_is_a_wall() -> None:
         settings = SETTINGS.model_copy(update={"size_max": size_max})
         long = long_pieces(points, normals, facing, settings)
         assert long.all() if is_long else not long.any()
-        out = standing_out(points, height, lift(depth, TABLE, settings), nothing, long, settings)
+        out = standing_out(points, height, noise_height(depth, TABLE, settings), nothing, long, settings)
         assert not out.any() if is_long else out.all()
 
 
@@ -97,7 +99,7 @@ def test_what_is_beside_the_support_stands_out_though_it_is_lower() -> None:
     points = back_project(seen.depth, CAMERA)
     height = np.full(CAMERA.shape, -0.2, np.float32)
     beside = (seen.colour[..., None, :] == BOXES).all(-1).any(-1)
-    tolerance = lift(seen.depth, TABLE, SETTINGS)
+    tolerance = noise_height(seen.depth, TABLE, SETTINGS)
     out = standing_out(points, height, tolerance, beside, np.zeros(CAMERA.shape, np.bool_), SETTINGS)
     assert not out[~beside].any()
     assert out[beside].mean() > 0.9

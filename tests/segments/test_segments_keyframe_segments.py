@@ -205,11 +205,11 @@ def test_what_was_up_in_another_world_is_forgotten() -> None:
     planes = np.array([[*pose[2, :3], 0.7]])
     none = np.zeros(CAMERA.shape, np.uint8), np.zeros(0, np.float32), planes, np.zeros(0, np.int8), CAMERA, {}
     for _ in range(5):
-        finder._upward.learn(FrameSegments(*none), pose)
+        finder._up_direction.learn(FrameSegments(*none), pose)
     finder.wants(0, pose)
-    assert finder._upward.in_camera(pose) is not None
+    assert finder._up_direction.in_camera(pose) is not None
     finder.wants(33 * MS, pose, world="another")
-    assert finder._upward.in_camera(pose) is None
+    assert finder._up_direction.in_camera(pose) is None
 
 
 def test_a_keyframe_is_filled_by_the_scale_of_depth_that_is_known(monkeypatch: pytest.MonkeyPatch) -> None:

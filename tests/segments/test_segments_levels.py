@@ -13,7 +13,7 @@ from spot3d.geometry.planes import transform_plane
 from spot3d.segments.foreground import long_pieces
 from spot3d.segments.levels import Levels, LongPieces, with_lower
 from spot3d.segments.settings import SegmentsSettings
-from spot3d.segments.supports import beside_support, lift
+from spot3d.segments.supports import beside_support, noise_height
 
 SETTINGS = SegmentsSettings()
 POSE = look_at((0.1, -1.3, 0.9), (0, 0, -0.25))
@@ -35,7 +35,7 @@ def levels_of(seen: View, *others: NDArray[np.float64], settings: SegmentsSettin
     points = back_project(seen.depth, CAMERA)
     normals, table = surface_normals(seen.depth, CAMERA), seen_plane(0, 0, 1, 0)
     height = (points @ table[:3] + table[3]).astype(np.float32)
-    tolerance = lift(seen.depth, table, settings)
+    tolerance = noise_height(seen.depth, table, settings)
     main = Levels(table[None], np.zeros(height.shape, np.int8), height, tolerance)
     beside = beside_support(points, normals, height, tolerance, table[:3], settings)
     pieces: list[LongPieces] = [(plane, long_pieces(points, normals, plane, settings)) for plane in others]

@@ -17,7 +17,7 @@ from spot3d.segments.supports import (
     expected_up,
     heights,
     held_heat,
-    lift,
+    noise_height,
 )
 from spot3d.segments.upper_side import IMAGE_UP
 
@@ -189,13 +189,13 @@ def test_noise_lifts_what_lies_on_a_support_by_its_part_along_the_normal(away: f
     depth = np.full(1, away, np.float32)
     scatter = gate * float(noise.sigma(away))
     expected = max(settings.plane_distance, min(scatter, settings.height_min), scatter * min(1, 0.6 / away))
-    assert lift(depth, np.array([0, -1.0, 0, 0.6]), settings)[0] == pytest.approx(expected, rel=1e-5)
+    assert noise_height(depth, np.array([0, -1.0, 0, 0.6]), settings)[0] == pytest.approx(expected, rel=1e-5)
 
 
 def test_a_thin_thing_is_seen_on_a_table_far_away() -> None:
     """2 cm above it, by the noise of a Kinect 2.4 m away: less than three deviations along the ray."""
     assert float(CAMERA.noise.sigma(2.4)) * SETTINGS.noise_gate > 0.02
-    assert lift(np.full(1, 2.4, np.float32), np.array([0, -0.8, -0.6, 1.0]), SETTINGS)[0] < 0.02
+    assert noise_height(np.full(1, 2.4, np.float32), np.array([0, -0.8, -0.6, 1.0]), SETTINGS)[0] < 0.02
 
 
 SMALL_TABLE = Cuboid((0, 0, -0.02), (0.7, 0.6, 0.04), colour=(180, 150, 110))
@@ -206,7 +206,7 @@ TALL = Cuboid((0.1, 0.1, 0.1), (0.1, 0.1, 0.2), colour=(4, 5, 6))
 def beside(seen: View) -> NDArray[np.bool_]:
     points = back_project(seen.depth, CAMERA)
     height = (points @ TABLE[:3] + TABLE[3]).astype(np.float32)
-    tolerance = lift(seen.depth, TABLE, SETTINGS)
+    tolerance = noise_height(seen.depth, TABLE, SETTINGS)
     return beside_support(points, surface_normals(seen.depth, CAMERA), height, tolerance, TABLE[:3], SETTINGS)
 
 
@@ -230,7 +230,7 @@ def test_where_the_support_is_hidden_it_still_counts() -> None:
     sunk = (seen.colour == wide.colour).all(-1)
     points = back_project(seen.depth, CAMERA)
     height = np.where(sunk, np.float32(-0.03), points @ TABLE[:3] + TABLE[3]).astype(np.float32)
-    tolerance = lift(seen.depth, TABLE, SETTINGS)
+    tolerance = noise_height(seen.depth, TABLE, SETTINGS)
     found = beside_support(points, surface_normals(seen.depth, CAMERA), height, tolerance, TABLE[:3], SETTINGS)
     assert not found[sunk].any()
     assert found[(seen.colour == FLOOR.colour).all(-1)].mean() > 0.5

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from spot3d.geometry.upright import sampled
-from spot3d.segments.vessels import _ring_of, _share_near, hollow_groups
+from spot3d.segments.vessels import _ring_of, _share_near, vessel_groups
 
 UP = np.array([0.0, 0.0, 1.0])
 RADIUS, HEIGHT = 0.04, 0.1
@@ -34,7 +34,7 @@ def joined(*parts: Part, size_max: float = 1.0, tilt: float = 0.1, scatter: floa
     owner = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
     rows = [np.flatnonzero(owner == number) for number in range(len(parts))]
     samples = [sampled(points, part) for part in rows]
-    return sorted(sorted(group) for group in hollow_groups(rows, samples, normals, UP, size_max))
+    return sorted(sorted(group) for group in vessel_groups(rows, samples, normals, UP, size_max))
 
 
 # A mug seen from the front and above: its far inside above the near rim, and its near outside.
@@ -123,7 +123,7 @@ def test_a_hollow_wider_than_an_object_is_a_corner_of_the_room() -> None:
 
 
 def test_nothing_is_joined_where_there_is_nothing() -> None:
-    assert hollow_groups([], [], np.zeros((0, 3), np.float32), UP, 1.0) == []
+    assert vessel_groups([], [], np.zeros((0, 3), np.float32), UP, 1.0) == []
 
 
 def test_the_share_within_a_cylinder_is_that_of_its_points() -> None:

@@ -16,7 +16,7 @@ from spot3d.calibration import Calibration, sheared
 from spot3d.camera import Intrinsics, invert
 from spot3d.pose.common_errors import COMMON, CommonErrors, Equations, marginal, most_probable
 from spot3d.pose.motion import moved, turned, twist
-from spot3d.pose.plane_equations import CELLS, POSE, SeenPoints, plane_equations
+from spot3d.pose.plane_equations import BEND_NODES, POSE, SeenPoints, plane_equations
 from spot3d.pose.registration import DISTANCE
 from spot3d.pose.surface import Surface
 from spot3d.pose.surfel_map import VOXEL, plane_keys
@@ -40,7 +40,7 @@ _INDEPENDENT = 7.0
 # on a cabinet (TUM); of a centre 8 pixels of 640 off, redkitchen with true poses, 47, 89, 96 % of that.
 _ALIKE = 10.0
 # Number of unknowns shared by all keyframes: `CommonErrors`, the focal length, and depth's scale at each lattice node.
-_SHARED = COMMON + 1 + CELLS[0] * CELLS[1]
+_SHARED = COMMON + 1 + BEND_NODES[0] * BEND_NODES[1]
 _TURN, _CENTRE, _FIELD = slice(1, 4), slice(4, 6), slice(7, None)
 _WIDTH = 6
 # (3, cells): a mean and two slopes over the image.
@@ -60,7 +60,7 @@ WRONG_ALIKE_S = 1 / 3
 _APART = 1 - (1 - float(np.exp(-1e-9 * EVERY_NS / WRONG_ALIKE_S))) * WRONG_ALIKE_S / (1e-9 * EVERY_NS)
 
 
-class Seen(NamedTuple):
+class NewKeyframe(NamedTuple):
     """The surface and the poses of a frame that is to become a keyframe.
 
     surface, camera: with the calibration applied; given: (4, 4) the camera's pose by the calibration and the average of
@@ -83,8 +83,8 @@ class _Keyframe(NamedTuple):
     """A frame whose pose is adjusted.
 
     given, tracked: (4, 4) poses, and points, normals: (n, 3) of its surface, with only the delay corrected; delay_s,
-    velocity: see `Seen`; sigma: (n,) metres; cells, shares: (n, 4) the nodes of the lattice of `Bend` around each
-    point, and their weights.
+    velocity: see `NewKeyframe`; sigma: (n,) metres; cells, shares: (n, 4) the nodes of the lattice of `Bend` around
+    each point, and their weights.
     """
 
     stamp_ns: int
@@ -114,7 +114,7 @@ class Adjustment:
         held: tuple[float, float],
         shares: NDArray[np.float64],
     ) -> None:
-        self._sigmas = np.concatenate((sigmas, np.full(CELLS[0] * CELLS[1], bend_sigma)))
+        self._sigmas = np.concatenate((sigmas, np.full(BEND_NODES[0] * BEND_NODES[1], bend_sigma)))
         self._free = np.flatnonzero(self._sigmas)
         self._stated, self._shares = np.repeat(np.square(held), 3), shares
         # Variance of the given poses, relative to the stated one.
@@ -147,7 +147,7 @@ class Adjustment:
         """Start from a known bend of depth, (rows, columns)."""
         self._shared[_FIELD] = self._expected[_FIELD] = bend.ravel()
 
-    def add(self, seen: Seen) -> None:
+    def add(self, seen: NewKeyframe) -> None:
         """Add a keyframe, and adjust all."""
         if len(self._keyframes) == _KEYFRAMES:
             self._forget(_KEYFRAMES // 2)
@@ -284,7 +284,7 @@ class Adjustment:
         return worth * H, worth * g
 
 
-def _keyframe(seen: Seen) -> _Keyframe:
+def _keyframe(seen: NewKeyframe) -> _Keyframe:
     """The keyframe of a frame: points subsampled, the calibration undone."""
     chosen = slice(None, None, max(1, len(seen.surface) // _POINTS))
     surface, camera, known = seen.surface, seen.camera, seen.calibration
@@ -292,7 +292,7 @@ def _keyframe(seen: Seen) -> _Keyframe:
     points, normals, sigma = (array[chosen].astype(np.float64) for array in arrays)
     # A point's pixel is the same with and without the calibration.
     x, y, z = points.T
-    columns, rows = CELLS
+    columns, rows = BEND_NODES
     u = np.clip((camera.fx * x / z + camera.cx) / camera.width * (columns - 1), 0, columns - 1 - 1e-6)
     v = np.clip((camera.fy * y / z + camera.cy) / camera.height * (rows - 1), 0, rows - 1 - 1e-6)
     i, j = u.astype(np.int64), v.astype(np.int64)

@@ -5,7 +5,7 @@ surfaces fused from them are that thick. Each frame is registered to a local map
 between the registration and the given pose (maximum a posteriori, both Gaussian). The given pose is the prior of every
 frame, so that the world stays that of the given poses. Where depth does not constrain the pose, as along a bare plane,
 the prior alone decides. The noise of the given poses and the drift of the odometry are estimated along the way. Errors
-of earlier poses and of the camera that only later frames reveal are corrected afterwards (see `Hindsight`).
+of earlier poses and of the camera that only later frames reveal are corrected afterwards (see `KeyframeAdjuster`).
 """
 
 from dataclasses import replace
@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, invert
 from spot3d.frame import RgbdFrame
-from spot3d.pose.adjustment import WRONG_ALIKE_S, Seen
+from spot3d.pose.adjustment import WRONG_ALIKE_S, NewKeyframe
 from spot3d.pose.delay import PoseDelay
 from spot3d.pose.error_model import ErrorModel
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.given import GivenPoses
-from spot3d.pose.hindsight import Hindsight
+from spot3d.pose.keyframe_adjuster import KeyframeAdjuster
 from spot3d.pose.motion import moved, twist
 from spot3d.pose.registration import DISTANCE, KERNEL, OVERLAP_MIN, judged, refined
 from spot3d.pose.settings import PoseSettings
@@ -77,7 +77,7 @@ class CorrectedPoses:
         self._sigma = np.repeat((settings.given_sigma, settings.given_turn_sigma), 3)
         self._noise = MeasuredNoise(0.0)
         self._errors = ErrorModel(self._sigma)
-        self._hindsight = Hindsight.of_given_poses(settings)
+        self._adjuster = KeyframeAdjuster.of_given_poses(settings)
         self._delay = PoseDelay(settings.given_delay_sigma)
         self._T_world_map = np.eye(4)
         self._last: tuple[int, NDArray[np.float64]] | None = None
@@ -103,7 +103,7 @@ class CorrectedPoses:
         given = self._given.track(frame)
         if given.status == "lost":
             return given
-        known, news = self._hindsight.calibration, self._hindsight.news()
+        known, news = self._adjuster.calibration, self._adjuster.news()
         metres, camera = known.metres(frame.depth_metres()), known.camera(frame.intrinsics)
         followed = self._followed(given, frame.stamp_ns, metres, camera)
         corrections = None if news is None else news.corrections(self._T_world_map)
@@ -117,7 +117,7 @@ class CorrectedPoses:
         if leaps:
             self._delay.interrupt()
         surface = sample_surface(depth_m, intrinsics, self._settings)
-        pose = self._hindsight.turned(self._delay.compensated(stamp_ns, given.T_world_camera, surface))
+        pose = self._adjuster.turned(self._delay.compensated(stamp_ns, given.T_world_camera, surface))
         if abs(self._delay.delay_s - self._map_delay_s) >= _OUTDATED_S:
             self._replace_map(surface, pose)
         given = replace(given, T_world_camera=pose, delay_s=self._delay.applied_s)
@@ -164,19 +164,19 @@ class CorrectedPoses:
         pose[:3, :3] = nearest_rotation(pose[:3, :3])
         forgotten = self._insert(surface, pose)
         self._offsets.append(np.array((twist(pose, as_given), self._delay.velocity)))
-        if self._hindsight.due(stamp_ns):
-            known = self._hindsight.calibration
+        if self._adjuster.due(stamp_ns):
+            known = self._adjuster.calibration
             offset, velocity = np.mean(self._offsets, axis=0)
             on_average = invert(self._T_map_given) @ moved(pose, offset)
             delay_s = self._delay.delay_s
-            self._learn(Seen(stamp_ns, surface, camera, known, on_average, delay_s, velocity, registered), pose)
+            self._learn(NewKeyframe(stamp_ns, surface, camera, known, on_average, delay_s, velocity, registered), pose)
             self._offsets = []
         pose = self._settled(pose, given.T_world_camera, elapsed)
         return replace(given, T_world_camera=pose, forgotten=forgotten)
 
-    def _learn(self, seen: Seen, T_map_camera: NDArray[np.float64]) -> None:
+    def _learn(self, seen: NewKeyframe, T_map_camera: NDArray[np.float64]) -> None:
         """Add a keyframe, and move the map with the calibration."""
-        grown, looks = self._hindsight.learn(seen, T_map_camera)
+        grown, looks = self._adjuster.learn(seen, T_map_camera)
         if grown != 1:
             self._planes.rescale(grown)
             self._errors.rescaled(grown)
@@ -200,7 +200,7 @@ class CorrectedPoses:
     def _begin_anew(self, surface: Surface, given: PoseEstimate) -> PoseEstimate:
         """Start a new map with this frame, at its given pose."""
         self._forget()
-        self._hindsight.begin_anew()
+        self._adjuster.begin_anew()
         self._delay.interrupt()
         # Where the last map came to lie is as good a guess as any for the next one.
         self._insert(surface, invert(self._T_world_map) @ given.T_world_camera)

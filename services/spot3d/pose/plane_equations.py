@@ -10,9 +10,9 @@ from spot3d_schemas.limits import BEND_SHAPE
 
 POSE = 6
 """Unknowns of each frame: shift, and rotation about its camera, world axes."""
-CELLS = BEND_SHAPE[::-1]
+BEND_NODES = BEND_SHAPE[::-1]
 """Columns and rows of the lattice of depth's bend; with 12 and 8 redkitchen tells the same scale within 0.2 %."""
-OPTICS = 4 + CELLS[0] * CELLS[1]
+OPTICS = 4 + BEND_NODES[0] * BEND_NODES[1]
 """Unknowns shared by all frames: logarithm of depth's scale, the principal point's offset along x and y (see
 `Calibration`), logarithm of how much wider the camera sees than its intrinsics say, and logarithm of the relative scale
 of depth at each node of the lattice, row by row, bilinear between them.

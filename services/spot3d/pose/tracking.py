@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from spot3d.calibration import Bend
 from spot3d.frame import RgbdFrame
-from spot3d.pose.adjustment import Seen
+from spot3d.pose.adjustment import NewKeyframe
 from spot3d.pose.drift import DriftCorrection
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.features import FeatureDetector
-from spot3d.pose.hindsight import Hindsight
+from spot3d.pose.keyframe_adjuster import KeyframeAdjuster
 from spot3d.pose.landmark_map import Matches
 from spot3d.pose.motion import checked_pose, extrapolated
 from spot3d.pose.registration import (
@@ -98,14 +98,14 @@ class MapTracker:
         self._detector = FeatureDetector(settings.features, settings.range_max)
         self._drift = DriftCorrection(settings)
         self._compared_ns: int | None = None
-        self._hindsight = Hindsight.of_odometry(settings) if settings.depth_bend_sigma else None
+        self._adjuster = KeyframeAdjuster.of_odometry(settings) if settings.depth_bend_sigma else None
 
     def state(self) -> TrackerState | None:
         """The state to resume from, copied; None before the first pose."""
         if self._last is None:
             return None
         keys, surfels = self._registrar.planes.held()
-        bend = () if self._hindsight is None else self._hindsight.calibration.bend
+        bend = () if self._adjuster is None else self._adjuster.calibration.bend
         return TrackerState(
             self._last.stamp_ns, self._last.T_world_camera.copy(), keys, surfels, self._drift.map.rows.copy(), bend
         )
@@ -117,8 +117,8 @@ class MapTracker:
         self._drift.map.restore(state.landmarks)
         self._last, self._before = _Fix(state.T_world_camera, state.stamp_ns), None
         self._lost_frames = 1
-        if self._hindsight is not None:
-            self._hindsight.resume(state.bend)
+        if self._adjuster is not None:
+            self._adjuster.resume(state.bend)
 
     def track(self, frame: RgbdFrame) -> PoseEstimate:
         """Pose of the frame.
@@ -126,11 +126,11 @@ class MapTracker:
         The first frame whose surface and features constrain the pose starts the map. The world is anchored at its given
         pose, or at identity without a valid one. Later given poses are not used.
         """
-        if self._hindsight is None:
+        if self._adjuster is None:
             return self._tracked(frame, frame.depth_metres())
-        known = self._hindsight.calibration
+        known = self._adjuster.calibration
         estimate = self._tracked(frame, known.metres(frame.depth_metres()))
-        news = self._hindsight.news() if estimate.status == "ok" else None
+        news = self._adjuster.news() if estimate.status == "ok" else None
         return replace(estimate, calibration=known, corrections=None if news is None else news.where_the_last_is())
 
     def _tracked(self, frame: RgbdFrame, depth_m: NDArray[np.float32]) -> PoseEstimate:
@@ -317,10 +317,10 @@ class MapTracker:
         self._before = None if self._lost_frames else self._last
         self._last = _Fix(pose, view.stamp_ns)
         self._lost_frames = 0
-        if self._hindsight is not None and self._hindsight.due(view.stamp_ns):
-            known = self._hindsight.calibration
-            seen = Seen(view.stamp_ns, view.surface, view.camera, known, pose, 0.0, np.zeros(6), pose)
-            self._hindsight.learn(seen, pose)
+        if self._adjuster is not None and self._adjuster.due(view.stamp_ns):
+            known = self._adjuster.calibration
+            seen = NewKeyframe(view.stamp_ns, view.surface, view.camera, known, pose, 0.0, np.zeros(6), pose)
+            self._adjuster.learn(seen, pose)
         return PoseEstimate(pose, "ok", forgotten=self._forgotten() - forgotten)
 
     def _forgotten(self) -> int:

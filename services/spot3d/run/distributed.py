@@ -10,10 +10,10 @@ from pathlib import Path
 
 from spot3d.dataflow.streams import new_stream
 from spot3d.run.collector import Collector, relay_poses
-from spot3d.run.meeting import open_meeting
 from spot3d.run.monitor import RunMonitor
 from spot3d.run.overview_frames import OverviewFrames
 from spot3d.run.results import RunResult, empty_snapshot
+from spot3d.run.run_router import open_run_router
 from spot3d.run.silence import SILENT_S, Silence
 from spot3d.run.stage_files import LOGS, SETTINGS
 from spot3d.run.supervisor import Supervisor
@@ -75,8 +75,8 @@ def run_distributed(plan: Plan, supervisor: Supervisor, monitor: RunMonitor, kee
     with ExitStack() as stack:
         # With it a slow onlooker does not stall a lossless run, but external poses could not come in, either.
         apart = plan.settings.link.delivery == "lossless" and plan.pose_topic is None
-        meeting = stack.enter_context(open_meeting(plan.settings, plan.listen, plan.usual, apart, monitor.watcher))
-        session, endpoint = meeting.session, meeting.endpoint
+        router = stack.enter_context(open_run_router(plan.settings, plan.listen, plan.usual, apart, monitor.watcher))
+        session, endpoint = router.session, router.endpoint
         collector = stack.enter_context(Collector(session, robot, plan.stream, monitor.files, plan.seen))
         if plan.pose_topic is not None and plan.pose_topic != key(robot, "pose/pose"):
             stack.enter_context(relay_poses(session, plan.pose_topic, robot))
@@ -125,7 +125,7 @@ def _follow(
                 collector.fill(report, supervisor.restarts())
                 keep(collector.result(collector.snapshot(_MAP_INTERRUPTED_S)))
                 kept_s = time.monotonic()
-        if supervisor.finished("source"):
+        if supervisor.has_finished("source"):
             ended_s = min(ended_s, time.monotonic())
             if _complete(collector):
                 return

@@ -100,7 +100,7 @@ class Supervisor:
         self.children[stage] = Child(stage, list(arguments), log)
         self._launch(self.children[stage])
 
-    def finished(self, stage: str) -> bool:
+    def has_finished(self, stage: str) -> bool:
         """Whether the stage has ended, or was asked to, and is not started again."""
         return self.children[stage].finished
 

@@ -7,7 +7,7 @@ from spot3d.frame_segments import TOO_COLD, TOO_LONG, TOO_LOW, TOO_SMALL
 from spot3d.geometry.downsampling import LatticeFrame
 from spot3d.segments.settings import SegmentsSettings
 
-_FACES = 2**0.5
+_CUBE_SEEN = 2**0.5
 """A camera that looks down on a cube at 45 degrees sees this many times the area of one face. With 1, glare and
 fragments cost 0.03 of HOTS' success rate and 0.01 of clutter's, and no more objects are found."""
 
@@ -39,4 +39,4 @@ def fault_of(
 def covers_least(flat: NDArray[np.float32], frame: LatticeFrame, settings: SegmentsSettings) -> bool:
     """Whether these (n, 3) points of a frame cover at least the visible area of the smallest object."""
     area = float((flat[:, 2] ** 2).sum()) / (frame.camera.fx * frame.camera.fy)
-    return area >= _FACES * settings.size_min**2
+    return area >= _CUBE_SEEN * settings.size_min**2

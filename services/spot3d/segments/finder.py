@@ -25,9 +25,9 @@ from spot3d.segments.holes import fill_holes
 from spot3d.segments.levels import Levels, with_lower
 from spot3d.segments.occlusion import join_occluded
 from spot3d.segments.settings import SegmentsSettings, Step
-from spot3d.segments.supports import beside_support, choose_support, expected_up, heights, held_heat, lift
+from spot3d.segments.supports import beside_support, choose_support, expected_up, heights, held_heat, noise_height
 from spot3d.segments.torn import join_torn
-from spot3d.segments.vessels import hollow_groups
+from spot3d.segments.vessels import vessel_groups
 from spot3d.segments.walls import is_wall
 from spot3d_schemas.limits import MAX_SEGMENTS
 
@@ -123,7 +123,7 @@ def _standing_out(
     planes that are longer than an object."""
     points, normals, noise = among.points, among.normals, frame.camera.noise
     height = heights(points, support, bent=wanted["bend"])
-    tolerance = lift(frame.depth, support, settings, noise)
+    tolerance = noise_height(frame.depth, support, settings, noise)
     levels = Levels(support[None], np.zeros(height.shape, np.int8), height, tolerance)
     others = [
         (plane, long_pieces(points, normals, plane, settings, noise))
@@ -199,7 +199,7 @@ def _join_vessels(
     rows = [pixels[:: max(1, len(pixels) // _SAMPLE)] for pixels in parts]
     flat = points.reshape(-1, 3)
     samples = [taken(flat, row) for row in rows]
-    groups = hollow_groups(rows, samples, normals.reshape(-1, 3), up, settings.size_max, noise)
+    groups = vessel_groups(rows, samples, normals.reshape(-1, 3), up, settings.size_max, noise)
     joined = labels.copy()
     for first, *others in groups:
         for other in others:

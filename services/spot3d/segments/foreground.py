@@ -27,7 +27,7 @@ def standing_out(
     object.
 
     points: (h, w, 3) float32, camera frame; height, tolerance: (h, w) float32 metres above the support, and how much
-    of it may be noise (see `lift`); beside, long: (h, w) bool, see `beside_support` and `long_pieces`.
+    of it may be noise (see `noise_height`); beside, long: (h, w) bool, see `beside_support` and `long_pieces`.
     """
     depth = points[..., 2]
     free = beside | (height > tolerance)

@@ -12,8 +12,8 @@ from spot3d.segments.keyframes import Keyframes
 from spot3d.segments.recent_depth import RecentDepth
 from spot3d.segments.settings import SegmentsSettings
 from spot3d.segments.supports import clearly_faces
+from spot3d.segments.up_direction import UpDirection
 from spot3d.segments.upper_side import UpperSide
-from spot3d.segments.upward import Upward
 
 
 class KeyframeSegments:
@@ -30,7 +30,8 @@ class KeyframeSegments:
 
     def _begin(self, world: str | None) -> None:
         self._world = world
-        self._keyframes, self._upward, self._recent = Keyframes(self._settings), Upward(), RecentDepth(self._settings)
+        self._keyframes, self._recent = Keyframes(self._settings), RecentDepth(self._settings)
+        self._up_direction = UpDirection()
 
     @property
     def side_up(self) -> str:
@@ -65,11 +66,11 @@ class KeyframeSegments:
             depth = calibration.straightened(frame.depth_metres())
             lattice = to_lattice(frame.colour, depth, heat, frame.intrinsics, size, grazing_cos)
             filled = self._recent.filled(lattice, T_world_camera, frame.stamp_ns, calibration.depth_factor)
-            candidates, up = candidate_planes(filled, settings), self._upward.in_camera(T_world_camera)
+            candidates, up = candidate_planes(filled, settings), self._up_direction.in_camera(T_world_camera)
             found = find_on_lattice(filled, candidates, settings, up)
             self._upper_side.learn(candidates.planes, candidates.heat, up)
             if clearly_faces(found.planes, settings.image_up):
-                self._upward.learn(found, T_world_camera)
+                self._up_direction.learn(found, T_world_camera)
         if self._recent.wants(frame.stamp_ns):
             self._recent.remember(frame, heat, T_world_camera, calibration)
         return found

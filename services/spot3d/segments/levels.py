@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from spot3d.depth_noise import DepthNoise
 from spot3d.segments.hanging import STANDS
 from spot3d.segments.settings import SegmentsSettings
-from spot3d.segments.supports import above_extent, heights, lift
+from spot3d.segments.supports import above_extent, heights, noise_height
 
 _LEVEL = np.cos(np.radians(15))
-"""Supports whose normals agree to 15 degrees are level alike (see `upward`). Walls are long, too."""
+"""Supports whose normals agree to 15 degrees are level alike (see `up_direction`). Walls are long, too."""
 
 LongPieces = tuple[NDArray[np.float64], NDArray[np.bool_]]
 """A plane (4,), camera frame, and (h, w) bool, the pixels of its pieces that are longer than an object."""
@@ -23,7 +23,7 @@ class Levels:
 
     planes: (p, 4) camera frame, the main support first, then from the highest to the lowest. number: (h, w) int8, the
     row of `planes` that a pixel is above. height, tolerance: (h, w) float32 metres above it, and how much of that may
-    be noise (see `lift`). A pixel above none of them is assigned to the main one, below which it is.
+    be noise (see `noise_height`). A pixel above none of them is assigned to the main one, below which it is.
     """
 
     planes: NDArray[np.float64]
@@ -59,7 +59,7 @@ def with_lower(
     number, height, tolerance = main.number.copy(), main.height.copy(), main.tolerance.copy()
     for _, plane, pieces in sorted(lower, key=lambda one: -one[0]) if free.any() else ():
         over = heights(points, plane, bent="bend" not in settings.skipped)
-        slack = lift(points[..., 2], plane, settings, noise)
+        slack = noise_height(points[..., 2], plane, settings, noise)
         above = free & (over >= -slack)
         above[above] = above_extent(points[above], points[pieces], up)
         number[above], height[above], tolerance[above] = len(planes), over[above], slack[above]

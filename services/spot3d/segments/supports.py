@@ -12,12 +12,12 @@ from spot3d.segments.upper_side import CLEARLY, IMAGE_UP
 
 FACING = np.float32(0.8)
 """Cosine (37 degrees) between a pixel's normal and that of the plane it lies on; noise tilts normals by less."""
-_FACES = np.float32(np.cos(np.radians(25)))
+_FACING_COS = np.float32(np.cos(np.radians(25)))
 """The same for a pixel that counts for a support: few do near a plane through the edges of stairs, which rise by 30
 degrees and more. Objects found on three rendered stairs: 0.85 with 15 and 25 degrees, 0.33 if all pixels count; on
 other scenes the same, to one object in 60."""
 
-_FROM_BELOW = 0.02
+_LEAST_WEIGHT = 0.02
 """Weight of a plane that does not face up: little, but it may be the only one."""
 _REACH = 0.02
 """The bend is fitted to pixels this near to the plane, metres: twice what Kinect-type sensors bend a plane at 2 m."""
@@ -69,7 +69,7 @@ def held_heat(
     held = []
     for plane in planes:
         on = on_plane(plane, points, settings, noise)
-        facing = normals[on] @ plane[:3].astype(np.float32) > _FACES
+        facing = normals[on] @ plane[:3].astype(np.float32) > _FACING_COS
         share = np.count_nonzero(facing) / max(len(facing), 1)
         held.append(share * float(heat[on].sum(dtype=np.int64)))
     return np.array(held)
@@ -88,7 +88,7 @@ def choose_support(
     """
     best, most = None, 0.0
     for plane, heat in zip(planes, held.tolist(), strict=True):
-        counts = heat * max(_FROM_BELOW, float(up @ plane[:3]))
+        counts = heat * max(_LEAST_WEIGHT, float(up @ plane[:3]))
         if counts > most:
             best, most = plane, counts
     return best
@@ -125,7 +125,7 @@ def heights(points: NDArray[np.float32], plane: NDArray[np.float64], bent: bool 
 
 # Found on rendered desks 2.4 m away: 65 % if all noise counts as height, 81 % with this; 1.7 m away: 97 and 97 %. With
 # 7.5, 12.5 and 15 mm instead of `height_min`: 84, 76 and 70 %, and success on HOTS 0.89, 0.91 and 0.91 (0.91 with it).
-def lift(
+def noise_height(
     depth: NDArray[np.float32],
     plane: NDArray[np.float64],
     settings: SegmentsSettings,
@@ -155,8 +155,8 @@ def beside_support(
     """(h, w) bool: pixels no higher than a support and outside its extent, such as those of a chair at a table.
 
     points, normals: (h, w, 3) float32, camera frame, z = 0 invalid; height, tolerance: (h, w) float32 metres above the
-    support, and how much of it may be noise (see `lift`); up: (3,) its unit normal. A support covers the convex hull of
-    its seen points, because objects on it hide others. Pixels in its plane that face up belong to it anywhere.
+    support, and how much of it may be noise (see `noise_height`); up: (3,) its unit normal. A support covers the convex
+    hull of its seen points, because objects on it hide others. Pixels in its plane that face up belong to it anywhere.
     """
     low = (points[..., 2] > 0) & (points[..., 2] <= settings.range_max) & (height <= tolerance)
     on = low & (height >= -tolerance) & (normals @ up.astype(np.float32) > FACING)

@@ -27,7 +27,7 @@ _REMEMBERED, _FEWEST = 30, 20
 _SURE = 0.8
 """Share of the keyframes that must name the same other side."""
 _ALIKE = math.cos(math.radians(15))
-"""A plane whose normal has this cosine to the known up (see `upward`) is level, whichever side it faces by now."""
+"""A plane whose normal has this cosine to the known up (`up_direction.py`) is level, whichever side it faces by now."""
 
 
 def notice(side: str) -> str:

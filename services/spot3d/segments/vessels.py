@@ -47,7 +47,7 @@ class Hollow:
     rim: float
 
 
-def hollow_groups(
+def vessel_groups(
     parts: list[NDArray[np.int64]],
     samples: list[NDArray[np.float32]],
     normals: NDArray[np.float32],

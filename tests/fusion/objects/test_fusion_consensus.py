@@ -14,7 +14,7 @@ from spot3d.camera import Intrinsics
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.objects import cluster_judge
 from spot3d.fusion.objects.consensus import Consensus, ViewConsensus
-from spot3d.fusion.objects.found import Seen, box_of
+from spot3d.fusion.objects.found import ObjectViews, box_of
 from spot3d.fusion.objects.keyframes import FusedFrame, Keyframe, keyframe_of
 from spot3d.fusion.settings import FusionSettings
 
@@ -40,7 +40,7 @@ def boxes_made(monkeypatch: pytest.MonkeyPatch) -> list[Box3D]:
     """Every box that is made from here on."""
     made: list[Box3D] = []
 
-    def noted(seen: Seen, up: NDArray[np.float64], clearance: float, rounded: bool) -> Box3D:
+    def noted(seen: ObjectViews, up: NDArray[np.float64], clearance: float, rounded: bool) -> Box3D:
         made.append(box_of(seen, up, clearance, rounded))
         return made[-1]
 
@@ -437,7 +437,7 @@ def test_a_keyframe_that_cannot_be_taken_in_spares_the_others() -> None:
 def test_what_fails_in_an_update_is_made_good_in_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
     votes, fails = ViewConsensus(SETTINGS), [True]
 
-    def failing_once(seen: Seen, up: NDArray[np.float64], clearance: float, rounded: bool) -> Box3D:
+    def failing_once(seen: ObjectViews, up: NDArray[np.float64], clearance: float, rounded: bool) -> Box3D:
         if fails.pop() if fails else False:
             raise ValueError("no box")
         return box_of(seen, up, clearance, rounded)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spot3d.boxes import Box3D
 from spot3d.fusion.objects.balance import TILT
 from spot3d.fusion.objects.footing import lower_edge, narrow_foot
-from spot3d.fusion.objects.found import Seen, box_of
+from spot3d.fusion.objects.found import ObjectViews, box_of
 from spot3d.fusion.objects.outline import OUTERMOST
 from spot3d.fusion.objects.views import SAMPLE
 
@@ -18,14 +18,14 @@ UP = np.array([0.0, 0.0, 1.0])
 VIEWS = 24
 
 
-def seen(points: list[NDArray[np.float64]], eyes: NDArray[np.float64] | None = None) -> tuple[Seen, Box3D]:
+def seen(points: list[NDArray[np.float64]], eyes: NDArray[np.float64] | None = None) -> tuple[ObjectViews, Box3D]:
     """What was seen of a thing on a table, (SAMPLE, 3) points for each view, and its box. eyes: from where, (n, 3)."""
     count = len(points)
     eyes = np.tile((1.0, 0.0, 0.5), (count, 1)) if eyes is None else eyes
     places = np.array(points, np.float32)
     outline, blur = np.full((count, OUTERMOST, 3), np.nan, np.float32), np.zeros((count, 3), np.float32)
     table = np.broadcast_to(np.array([0.0, 0.0, 1.0, 0.0]), (count, 4))
-    views = Seen(places, outline, blur, table, np.arange(count), eyes)
+    views = ObjectViews(places, outline, blur, table, np.arange(count), eyes)
     return views, box_of(views, UP, 0.005)
 
 

@@ -8,7 +8,7 @@ from fusion_room import rotation_z
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D, iou_matrix_3d
-from spot3d.fusion.objects.found import Seen, box_of, ends_of
+from spot3d.fusion.objects.found import ObjectViews, box_of, ends_of
 from spot3d.fusion.objects.outline import OUTERMOST
 from spot3d.fusion.objects.views import SAMPLE
 
@@ -33,12 +33,12 @@ def seen(
     support: NDArray[np.float64] = TABLE,
     frame: list[int] | None = None,
     blur: tuple[float, float, float] = (0, 0, 0),
-) -> Seen:
+) -> ObjectViews:
     frames = np.arange(len(places)) if frame is None else np.array(frame)
     blurs = np.tile(np.float32(blur), (len(places), 1))
     outline = np.full((len(places), OUTERMOST, 3), np.nan, np.float32)
     supports, eyes = np.broadcast_to(support, (len(places), 4)), np.tile((1.0, 0.0, 0.5), (len(places), 1))
-    return Seen(np.array(places), outline, blurs, supports, frames, eyes)
+    return ObjectViews(np.array(places), outline, blurs, supports, frames, eyes)
 
 
 def true_box(yaw: float = 0.4) -> Box3D:
@@ -189,7 +189,7 @@ def test_a_view_ends_where_two_places_of_each_segment_lie_beyond() -> None:
 
 def test_what_is_known_of_a_segment_stays_with_its_places() -> None:
     rows = np.arange(3)
-    several = Seen(
+    several = ObjectViews(
         *(
             np.full((3, *shape), rows.reshape(3, *[1] * len(shape)))
             for shape in ((SAMPLE, 3), (OUTERMOST, 3), (3,), (4,))
@@ -203,5 +203,5 @@ def test_what_is_known_of_a_segment_stays_with_its_places() -> None:
         assert values.reshape(2, -1)[:, 0].tolist() == expected, name
 
 
-def vars_of(item: Seen) -> dict[str, NDArray[np.float64]]:
+def vars_of(item: ObjectViews) -> dict[str, NDArray[np.float64]]:
     return {field: getattr(item, field) for field in item.__slots__}

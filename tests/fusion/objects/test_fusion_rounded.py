@@ -7,7 +7,7 @@ import pytest
 from fusion_room import rotation_z
 from numpy.typing import NDArray
 
-from spot3d.fusion.objects.found import Seen, box_of
+from spot3d.fusion.objects.found import ObjectViews, box_of
 from spot3d.fusion.objects.outline import OUTERMOST
 from spot3d.fusion.objects.views import SAMPLE
 
@@ -68,7 +68,7 @@ def mouse(rng: np.random.Generator) -> NDArray[np.float64]:
     return (towards * axes)[facing & (towards[:, 2] > 0)][:SAMPLE]
 
 
-def seen(surfaces: list[Surface], noise: float = NOISE, wide: float = 40.0) -> Seen:
+def seen(surfaces: list[Surface], noise: float = NOISE, wide: float = 40.0) -> ObjectViews:
     """One segment in each of as many views, from one side, so many degrees wide."""
     rng, yaws = np.random.default_rng(1), np.deg2rad(np.linspace(-wide / 2, wide / 2, len(surfaces)))
     # A thing that is round looks alike from each view; what is not is turned with it, too, which changes nothing here.
@@ -77,7 +77,7 @@ def seen(surfaces: list[Surface], noise: float = NOISE, wide: float = 40.0) -> S
     eyes = np.array([rotation_z(yaw) @ (0.0, -0.8, 0.5) for yaw in yaws]) + CENTRE
     outline = np.full((len(places), OUTERMOST, 3), np.nan, np.float32)
     nothing = np.zeros((len(places), 4))
-    return Seen(
+    return ObjectViews(
         noisy.astype(np.float32), outline, nothing[:, :3].astype(np.float32), nothing, np.arange(len(eyes)), eyes
     )
 
@@ -139,5 +139,5 @@ def test_noise_hides_that_something_is_round() -> None:
 @pytest.mark.parametrize("places", [np.zeros((3, SAMPLE, 3)), np.full((2, SAMPLE, 3), (0.1, 0.2, 0.3))])
 def test_a_single_point_is_not_round(places: NDArray[np.float64]) -> None:
     views = seen([can] * len(places))
-    lone = Seen(places.astype(np.float32), views.outline, views.blur, views.support, views.frame, views.eyes)
+    lone = ObjectViews(places.astype(np.float32), views.outline, views.blur, views.support, views.frame, views.eyes)
     assert box_of(lone, UP, 0.005).size[:2].max() < 0.002

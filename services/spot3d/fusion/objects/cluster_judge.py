@@ -9,7 +9,7 @@ from spot3d.boxes import Box3D
 from spot3d.fusion.objects.balance import TILT, Numbers, Piece
 from spot3d.fusion.objects.disputed import without_disputed
 from spot3d.fusion.objects.footing import lower_edge, narrow_foot
-from spot3d.fusion.objects.found import Seen, box_of, ground_below
+from spot3d.fusion.objects.found import ObjectViews, box_of, ground_below
 from spot3d.fusion.objects.reasons import GONE, MOSTLY_BACKGROUND, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
 from spot3d.fusion.objects.segment_graph import SegmentGraph
 from spot3d.fusion.objects.views import BACKGROUND, THROUGH
@@ -90,7 +90,7 @@ class ClusterJudge:
         box = self._box_of(self._undisputed(self._seen(rows), rows), up)
         return box if box.size.max() <= self._settings.size_max else around
 
-    def _piece(self, views: Seen, box: Box3D, support: NDArray[np.float64], up: NDArray[np.float64]) -> Piece:
+    def _piece(self, views: ObjectViews, box: Box3D, support: NDArray[np.float64], up: NDArray[np.float64]) -> Piece:
         """How a cluster stands. support: of all of its segments, disputed ones too."""
         ground = ground_below(box, support, up)
         edge = lower_edge(views, box, TILT)
@@ -102,7 +102,7 @@ class ClusterJudge:
             foot = narrow_foot(views, box, TILT)
         return Piece(box, ground, box if foot is None else foot, leans=False)
 
-    def _undisputed(self, views: Seen, rows: NDArray[np.int64]) -> Seen:
+    def _undisputed(self, views: ObjectViews, rows: NDArray[np.int64]) -> ObjectViews:
         """What these segments saw of an object, without the points that other views dispute (see `disputed`)."""
         if "disputed" in self._settings.skipped:
             return views
@@ -113,12 +113,12 @@ class ClusterJudge:
         places, kept = without_disputed(views.places, views.frame, own)
         return views.with_places(places, kept)
 
-    def _seen(self, rows: NDArray[np.int64]) -> Seen:
+    def _seen(self, rows: NDArray[np.int64]) -> ObjectViews:
         """What these segments saw of an object, in the order of their frames."""
         segments, frame = self._graph.segments, self._graph.segments.frame.rows[rows]
         outline = segments.outline.rows[rows]
         poses = np.array([self._graph.views[number].pose for number in frame.tolist()], np.float64)
-        return Seen(
+        return ObjectViews(
             segments.places.rows[rows],
             outline if "outline" not in self._settings.skipped else np.full_like(outline, np.nan),
             segments.blur.rows[rows],
@@ -127,5 +127,5 @@ class ClusterJudge:
             -np.einsum("nji,nj->ni", poses[:, :, :3], poses[:, :, 3]),
         )
 
-    def _box_of(self, views: Seen, up: NDArray[np.float64]) -> Box3D:
+    def _box_of(self, views: ObjectViews, up: NDArray[np.float64]) -> Box3D:
         return box_of(views, up, self._settings.plane_distance, "rounded" not in self._settings.skipped)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from spot3d.boxes import Box3D
-from spot3d.fusion.objects.found import STANDS, THINNEST, Seen, ends_of, faces
+from spot3d.fusion.objects.found import STANDS, THINNEST, ObjectViews, ends_of, faces
 
 _TILTS = ((15.0, 7), (5.0, 3), (5 / 3, 3))
 """Step, degrees, and number of the tilts tried in turn, each around the best before: a degree off, a sheet of 25 cm is
@@ -14,7 +14,7 @@ _ASIDE = 1e-3
 """Nearer to straight above than this, metres to the side, a view has no left or right."""
 
 
-def lower_edge(seen: Seen, box: Box3D, thin: float) -> Box3D | None:
+def lower_edge(seen: ObjectViews, box: Box3D, thin: float) -> Box3D | None:
     """The upright box, without a height, around the lower edge of a leaning sheet, at the bottom of its box.
 
     thin: a sheet is thinner than this share of its length, and upright if the tangent of its tilt is less. None for
@@ -24,7 +24,7 @@ def lower_edge(seen: Seen, box: Box3D, thin: float) -> Box3D | None:
     return min((edge for edge in edges if edge is not None), key=lambda edge: float(edge.size[:2].min()), default=None)
 
 
-def narrow_foot(seen: Seen, box: Box3D, thin: float) -> Box3D | None:
+def narrow_foot(seen: ObjectViews, box: Box3D, thin: float) -> Box3D | None:
     """The upright box, without a height, around the foot of an object that would fall over on it to the left or right.
 
     None if it would not, or if too few views see the bottom. A foot hides its depth, and what stands before it its
@@ -49,7 +49,7 @@ def narrow_foot(seen: Seen, box: Box3D, thin: float) -> Box3D | None:
     return Box3D(centre, np.append(most - least, 0.0), box.rotation)
 
 
-def _edge_along(seen: Seen, box: Box3D, axis: int, thin: float) -> Box3D | None:
+def _edge_along(seen: ObjectViews, box: Box3D, axis: int, thin: float) -> Box3D | None:
     """As `lower_edge`, for a sheet that leans along this one of the box's level axes."""
     level, up, tilt = box.rotation[:, axis], box.rotation[:, 2], 0.0
     for step, count in _TILTS:

@@ -49,7 +49,7 @@ THINNEST = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen:
+class ObjectViews:
     """What n segments saw of one object.
 
     places: (n, SAMPLE, 3) float32 world, points of each segment; outline: (n, OUTERMOST, 3) float32 world, how far torn
@@ -71,7 +71,7 @@ class Seen:
         return type(self)(places[kept], outline, blur, support, self.frame[kept], self.eyes[kept])
 
 
-def box_of(seen: Seen, up: NDArray[np.float64], clearance: float, rounded: bool = True) -> Box3D:
+def box_of(seen: ObjectViews, up: NDArray[np.float64], clearance: float, rounded: bool = True) -> Box3D:
     """The upright box around an object as most of its views show it, down to its support.
 
     up: (3,) unit, world. clearance: height above the support, metres, that belongs to the support. rounded: extend
@@ -93,7 +93,7 @@ def box_of(seen: Seen, up: NDArray[np.float64], clearance: float, rounded: bool 
     return _standing(box, seen, up, clearance)
 
 
-def _axes_of(seen: Seen, up: NDArray[np.float64]) -> NDArray[np.float64]:
+def _axes_of(seen: ObjectViews, up: NDArray[np.float64]) -> NDArray[np.float64]:
     """The axes, as columns (3, 3), of the upright box around an object; the third is `up`.
 
     Its yaw brings the lower half of the points nearest to its sides, in the mean. Where two sides are seen and not the
@@ -138,7 +138,7 @@ def faces(
     return quantiles(lows, beyond)[0], quantiles(highs, beyond)[1]
 
 
-def ends_of(seen: Seen, axes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def ends_of(seen: ObjectViews, axes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The least and the greatest coordinate of an object in each view, (m, views), along (3, m) axes, unit, world."""
     starts = np.flatnonzero(np.diff(seen.frame, prepend=-1, append=np.iinfo(np.int64).max))
     lows, highs = np.empty((2, axes.shape[1], len(starts) - 1))
@@ -149,7 +149,7 @@ def ends_of(seen: Seen, axes: NDArray[np.float64]) -> tuple[NDArray[np.float64],
 def ground_below(box: Box3D, support: NDArray[np.float64], up: NDArray[np.float64]) -> float:
     """Height of the plane that most of an object's segments stand on, beneath the middle of its box.
 
-    support: (n, 4), of each (see `Seen`). Along up, metres; NaN if most of them stand on none.
+    support: (n, 4), of each (see `ObjectViews`). Along up, metres; NaN if most of them stand on none.
     """
     planes = support[support[:, :3].any(axis=1)]
     if 2 * len(planes) < len(support):
@@ -158,7 +158,7 @@ def ground_below(box: Box3D, support: NDArray[np.float64], up: NDArray[np.float6
     return float(np.median(below)) + float(up @ box.centre)
 
 
-def _standing(box: Box3D, seen: Seen, up: NDArray[np.float64], clearance: float) -> Box3D:
+def _standing(box: Box3D, seen: ObjectViews, up: NDArray[np.float64], clearance: float) -> Box3D:
     """The box with its bottom on the plane that most of its segments stand on, if near, or hidden beneath it."""
     ground = ground_below(box, seen.support, up)
     bottom = float(up @ box.centre) - float(box.size[2]) / 2

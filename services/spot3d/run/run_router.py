@@ -14,7 +14,7 @@ from spot3d.settings import Settings
 
 
 @dataclass(frozen=True, slots=True)
-class Meeting:
+class RunRouter:
     """The session of a run's router, and the endpoint of its stages."""
 
     session: zenoh.Session
@@ -22,9 +22,9 @@ class Meeting:
 
 
 @contextmanager
-def open_meeting(
+def open_run_router(
     settings: Settings, listen: tuple[str, ...], usual: str | None, apart: bool, watcher: Watcher
-) -> Iterator[Meeting]:
+) -> Iterator[RunRouter]:
     """The router of a run, for as long as the block is entered.
 
     listen: endpoints for other programs. usual: one more, left out if it is taken. apart: if other programs can connect
@@ -32,25 +32,25 @@ def open_meeting(
     Raises ConnectionError where it cannot listen, TlsError where its certificate cannot be used.
     """
     with ExitStack() as stack:
-        meeting: Meeting | None = None
+        router: RunRouter | None = None
         if usual is not None:
             # Looking whether it is free would not be enough: another run may begin at the same time.
             try:
-                meeting = stack.enter_context(_listening(settings, (usual, *listen), apart))
+                router = stack.enter_context(_listening(settings, (usual, *listen), apart))
                 watcher.on_note(f"status, dashboard and record can reach this run at {usual}")
             except ConnectionError:
                 watcher.on_event(
                     f"{usual} is in use: other programs can reach this run only at endpoints given with --listen"
                 )
-        yield meeting or stack.enter_context(_listening(settings, listen, apart))
+        yield router or stack.enter_context(_listening(settings, listen, apart))
 
 
 @contextmanager
-def _listening(settings: Settings, listen: tuple[str, ...], apart: bool) -> Iterator[Meeting]:
+def _listening(settings: Settings, listen: tuple[str, ...], apart: bool) -> Iterator[RunRouter]:
     access = access_control(settings.access) if settings.access.enabled else None
     with ExitStack() as stack:
         spare, endpoint = apart and bool(listen), free_loopback_endpoint()
         if spare:
             endpoint = f"unixsock-stream/{stack.enter_context(stages_socket())}"
         router = open_router((endpoint, *listen), link=settings.link, access=access, spare=spare)
-        yield Meeting(stack.enter_context(router), endpoint)
+        yield RunRouter(stack.enter_context(router), endpoint)

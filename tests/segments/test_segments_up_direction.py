@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
 from spot3d.frame_segments import FrameSegments
-from spot3d.segments.upward import Upward
+from spot3d.segments.up_direction import UpDirection
 
 CAMERA = Intrinsics(100, 100, 1, 1, 2, 2)
 WORLD_UP, WALL = np.array((0.0, 0.0, 1.0)), np.array((0.0, -1.0, 0.0))
@@ -26,11 +26,11 @@ def pose(turn: float) -> NDArray[np.float64]:
     return T
 
 
-def after(*normals: NDArray[np.float64] | None) -> Upward:
-    upward = Upward()
+def after(*normals: NDArray[np.float64] | None) -> UpDirection:
+    direction = UpDirection()
     for number, normal in enumerate(normals):
-        upward.learn(on(normal, pose(0.1 * number)), pose(0.1 * number))
-    return upward
+        direction.learn(on(normal, pose(0.1 * number)), pose(0.1 * number))
+    return direction
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.5 * np.pi, np.pi])
@@ -41,7 +41,7 @@ def test_up_is_known_in_a_camera_that_is_rolled(turn: float) -> None:
 
 
 def test_few_keyframes_say_nothing() -> None:
-    assert Upward().in_camera(pose(0)) is None
+    assert UpDirection().in_camera(pose(0)) is None
     assert after(*[WORLD_UP] * 4).in_camera(pose(0)) is None
     assert after(*[None] * 20).in_camera(pose(0)) is None
 

@@ -12,7 +12,7 @@ from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.run.display import Watcher
-from spot3d.run.meeting import Meeting, open_meeting
+from spot3d.run.run_router import RunRouter, open_run_router
 from spot3d.settings import load_settings
 
 LIMIT_S = 20.0
@@ -27,19 +27,19 @@ class Told:
         return Watcher(lambda *_: None, self.events.append, self.notes.append)
 
 
-def reached(meeting: Meeting, endpoint: str) -> bool:
+def reached(router: RunRouter, endpoint: str) -> bool:
     """Whether who connects there is at the run's own router."""
     with open_session(LinkSettings(connect=(endpoint,))) as session:
-        return list(map(str, session.info.routers_zid())) == [str(meeting.session.info.zid())]
+        return list(map(str, session.info.routers_zid())) == [str(router.session.info.zid())]
 
 
 @pytest.mark.parametrize("apart", [True, False])
 def test_others_reach_a_run_at_the_usual_endpoint(apart: bool) -> None:
     usual, told = free_loopback_endpoint(), Told()
-    with open_meeting(load_settings(), (), usual, apart, told.watcher()) as meeting:
-        assert reached(meeting, usual)
-        assert reached(meeting, meeting.endpoint)
-        assert meeting.endpoint.startswith("unixsock-stream/") == apart
+    with open_run_router(load_settings(), (), usual, apart, told.watcher()) as router:
+        assert reached(router, usual)
+        assert reached(router, router.endpoint)
+        assert router.endpoint.startswith("unixsock-stream/") == apart
     assert (told.notes, told.events) == ([f"status, dashboard and record can reach this run at {usual}"], [])
 
 
@@ -47,10 +47,10 @@ def test_others_reach_a_run_at_the_usual_endpoint(apart: bool) -> None:
 def test_a_run_goes_without_the_usual_endpoint_where_that_is_taken(others: int) -> None:
     usual, told = free_loopback_endpoint(), Told()
     listen = tuple(free_loopback_endpoint() for _ in range(others))
-    with open_router((usual,)), open_meeting(load_settings(), listen, usual, True, told.watcher()) as meeting:
-        assert not reached(meeting, usual)
-        assert all(reached(meeting, endpoint) for endpoint in (meeting.endpoint, *listen))
-        assert meeting.endpoint.startswith("unixsock-stream/") == bool(listen), "only who can come is kept apart"
+    with open_router((usual,)), open_run_router(load_settings(), listen, usual, True, told.watcher()) as router:
+        assert not reached(router, usual)
+        assert all(reached(router, endpoint) for endpoint in (router.endpoint, *listen))
+        assert router.endpoint.startswith("unixsock-stream/") == bool(listen), "only who can come is kept apart"
     assert (told.notes, told.events) == (
         [],
         [f"{usual} is in use: other programs can reach this run only at endpoints given with --listen"],
@@ -60,7 +60,7 @@ def test_a_run_goes_without_the_usual_endpoint_where_that_is_taken(others: int) 
 def test_an_endpoint_that_was_asked_for_must_be_had() -> None:
     endpoint = free_loopback_endpoint()
     with open_router((endpoint,)), pytest.raises(ConnectionError, match=f"cannot listen at .*{endpoint}"):
-        open_meeting(load_settings(), (endpoint,), None, True, Told().watcher()).__enter__()
+        open_run_router(load_settings(), (endpoint,), None, True, Told().watcher()).__enter__()
 
 
 def test_of_runs_that_begin_at_once_one_has_the_usual_endpoint() -> None:
@@ -69,7 +69,7 @@ def test_of_runs_that_begin_at_once_one_has_the_usual_endpoint() -> None:
 
     def begin(stack: ExitStack) -> None:
         together.wait(LIMIT_S)
-        stack.enter_context(open_meeting(settings, (), usual, True, told.watcher()))
+        stack.enter_context(open_run_router(settings, (), usual, True, told.watcher()))
 
     with ExitStack() as stack, ThreadPoolExecutor(runs) as pool:
         stacks: Sequence[ExitStack] = [stack.enter_context(ExitStack()) for _ in range(runs)]

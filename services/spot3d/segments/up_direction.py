@@ -17,7 +17,7 @@ _ALIKE = float(np.cos(np.radians(15)))
 """Supports whose normals agree to 15 degrees agree on up: tables and floors are level, walls are 90 degrees off."""
 
 
-class Upward:
+class UpDirection:
     """Remembers the normals of keyframes' supports in the world frame, where up stays when the camera rolls."""
 
     def __init__(self) -> None:

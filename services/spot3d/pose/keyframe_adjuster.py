@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from spot3d.calibration import Bend, Calibration
 from spot3d.camera import invert
 from spot3d.pose import depth_scale, orientation
-from spot3d.pose.adjustment import EVERY_NS, Adjustment, Seen
+from spot3d.pose.adjustment import EVERY_NS, Adjustment, NewKeyframe
 from spot3d.pose.motion import turned, twist
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose_corrections import PoseCorrections
@@ -71,7 +71,7 @@ class Learnt(NamedTuple):
     looks: NDArray[np.float64]
 
 
-class Hindsight:
+class KeyframeAdjuster:
     """Bundle adjustment of keyframes, and the camera's calibration from it.
 
     The adjustment runs in a thread of its own, beside the next frames. Only the next keyframe waits for it and takes
@@ -118,7 +118,7 @@ class Hindsight:
         """Whether a frame is to be a keyframe."""
         return stamp_ns >= self._due_ns
 
-    def learn(self, seen: Seen, T_map_camera: NDArray[np.float64]) -> Learnt:
+    def learn(self, seen: NewKeyframe, T_map_camera: NDArray[np.float64]) -> Learnt:
         """Take over the results of the keyframes before, and add a keyframe, unless enough others have the same view.
 
         T_map_camera: (4, 4), its corrected pose in the map.
