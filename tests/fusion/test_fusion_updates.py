@@ -7,7 +7,9 @@ import numpy as np
 
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.settings import LinkSettings
-from spot3d.fusion.fusion import FoundObjects
+from spot3d.fusion.fusion import FoundObjects, Fusion
+from spot3d.fusion.settings import FusionSettings
+from spot3d.fusion.snapshot import Account, Kept, keep
 from spot3d.fusion.snapshot_keeper import SnapshotKeeper
 from spot3d.fusion.updates import Update, Updates
 from spot3d_schemas import Header, Message, Progress
@@ -58,6 +60,41 @@ class SlowNode(Node):
 
 def nothing_found() -> FoundObjects:
     return FoundObjects([], np.array([0.0, 0.0, 1.0]), 1)
+
+
+class SilentNode(Node):
+    """A link that sends nothing."""
+
+    def publish(self, topic: str, message: Message) -> bool:
+        """Say that it is sent."""
+        return True
+
+
+class FullKeeper(SnapshotKeeper):
+    """Has no memory left."""
+
+    asked = 0
+
+    def write(self, kept: Kept) -> None:
+        """Save nothing."""
+        self.asked += 1
+        raise MemoryError
+
+
+def test_an_update_that_cannot_be_saved_keeps_no_later_one_from_being_computed() -> None:
+    stop, fusion = threading.Event(), Fusion(FusionSettings())
+    node = SilentNode("fusion", LinkSettings(), stop, outputs=("fusion/objects",))
+    header = Header(robot="robot", seq=0, stamp_ns=0, frame_id="camera")
+    progress = Progress(header=header, fused=0, skipped={}, last_stamp_ns=0, complete=False)
+    kept = keep(fusion, Account("a stream", "an epoch", "a world", 5, 6, {}, 6, 7))
+    keeper, limit = FullKeeper(node), threading.Timer(LIMIT_S, stop.set)
+    limit.start()
+    with closing(Updates(node, keeper)) as updates:
+        for _ in range(2):
+            updates.submit(Update(nothing_found, 1, Received(progress, 0), 0, False, False, "a", kept))
+            assert updates.wait(lambda: None)
+    limit.cancel()
+    assert keeper.asked == 2
 
 
 def test_objects_of_before_a_reset_are_sent_before_its_answer_or_not_at_all() -> None:

@@ -105,18 +105,16 @@ class Updates:
                 update, self._waiting = self._waiting, None
             if update is None:
                 return
-            self._compute(update)
+            try:
+                self._compute(update)
+            except Exception as error:
+                self._node.crashed("objects", f"no objects after {update.frame_count} frames", error)
             with self._changed:
                 self._busy = False
                 self._changed.notify_all()
 
     def _compute(self, update: Update) -> None:
-        try:
-            found = update.task()
-            message = _message(self._node, update, found)
-        except Exception as error:
-            self._node.crashed("objects", f"no objects after {update.frame_count} frames", error)
-            return
+        message = _message(self._node, update, update.task())
         with self._publishing:
             with self._changed:
                 wanted = self._wanted is update
