@@ -96,6 +96,8 @@ def test_live_counts_the_frames_without_a_word_of_the_segments_stage() -> None:
     assert inputs.alone == 3
     feed(inputs, "N3 P4 H4")
     assert inputs.alone == 1
+    inputs.clear()
+    assert inputs.alone == 0, "another stream"
 
 
 @pytest.mark.parametrize(

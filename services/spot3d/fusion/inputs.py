@@ -84,6 +84,7 @@ class LiveInputs:
         """Discard what waits, as another stream begins; returns the number of frames."""
         self._early.clear()
         self._last_ns = self._answered_ns = None
+        self.alone = 0
         return len(self._pairs.clear())
 
     def _paired(self, outcome: Outcome[Heat, Pose]) -> Arrival:
