@@ -88,10 +88,7 @@ def nearest_rotation(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def rotation_to_z(up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The (3, 3) rotation of least angle that turns the unit vector `up`, float64, to (0, 0, 1) (Rodrigues).
-
-    Simple enough to be compiled as well (see `geometry.upright`).
-    """
+    """The (3, 3) rotation of least angle that turns the unit vector `up`, float64, to (0, 0, 1) (Rodrigues)."""
     x, y, c = up[0], up[1], up[2]
     if c < -1 + 1e-9:
         return np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])

@@ -1,4 +1,4 @@
-"""Quantiles by halving."""
+"""Quantiles of rows."""
 
 import numpy as np
 import pytest
@@ -13,9 +13,6 @@ def test_quantiles_are_the_plain_ones(count: int, trim: float) -> None:
     values = rng.normal(0, [[1e-3], [1.0], [1.0], [1.0]], (4, count))
     values[2] = np.round(values[2])  # the same value many times
     values[3] = np.maximum(values[3], 0)
-    np.testing.assert_allclose(quantiles(values, trim), np.quantile(values, [trim, 1 - trim], axis=1), atol=1e-12)
-
-
-def test_of_equal_values_that_very_one_is_found() -> None:
-    assert quantiles(np.full((1, 9), 0.3), 0.5).tolist() == [[0.3], [0.3]]
-    assert quantiles(np.repeat([[0.1, 0.7, 0.9]], 5, axis=1), 0.5).tolist() == [[0.7], [0.7]]
+    np.testing.assert_allclose(
+        quantiles(values, trim, 1 - trim), np.quantile(values, [trim, 1 - trim], axis=1), atol=1e-12
+    )

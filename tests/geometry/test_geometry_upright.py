@@ -7,7 +7,8 @@ from fusion_room import rotation_z
 from scipy.spatial.transform import Rotation
 
 from spot3d.boxes import Box3D, iou_matrix_3d
-from spot3d.geometry.upright import rotation_to_upright, share_inside, upright_box, with_bottom
+from spot3d.geometry.upright import share_inside, upright_box, with_bottom
+from spot3d.trajectory import rotation_to_z
 
 UP = np.array([0.0, 0.0, 1.0])
 TILTED = np.array([0.36, -0.48, 0.8])
@@ -22,7 +23,7 @@ def corners(centre: tuple[float, float, float], size: tuple[float, float, float]
     "up", [UP, -UP, TILTED, -TILTED, np.array([1.0, 0, 0]), np.array([0, np.sin(1e-6), -np.cos(1e-6)])]
 )
 def test_rotation_turns_up_into_z(up: np.ndarray) -> None:
-    R = rotation_to_upright(up)
+    R = rotation_to_z(up)
     np.testing.assert_allclose(R @ up, [0, 0, 1], atol=1e-5)
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-7)
     assert np.linalg.det(R) == pytest.approx(1)
@@ -31,7 +32,7 @@ def test_rotation_turns_up_into_z(up: np.ndarray) -> None:
 @pytest.mark.parametrize("up", [UP, -UP, TILTED])
 @pytest.mark.parametrize("yaw", [0.0, 0.3, 1.2, -0.7])
 def test_the_box_of_a_rotated_cuboid_is_exact(up: np.ndarray, yaw: float) -> None:
-    R = rotation_to_upright(up).T @ rotation_z(yaw)
+    R = rotation_to_z(up).T @ rotation_z(yaw)
     truth = Box3D(np.array([0.4, -0.2, 0.9]), np.array([0.3, 0.12, 0.2]), R)
     box = upright_box(corners((0.4, -0.2, 0.9), (0.3, 0.12, 0.2), R), up)
     np.testing.assert_allclose(box.rotation[:, 2], up, atol=1e-9)
@@ -76,7 +77,7 @@ def test_without_points_there_is_no_box() -> None:
 
 @pytest.mark.parametrize(("height", "expected"), [(-0.1, 0.2), (0.0, 0.1), (0.06, 0.04), (0.5, 0.0)])
 def test_a_new_bottom_leaves_the_top(height: float, expected: float) -> None:
-    R = rotation_to_upright(TILTED).T
+    R = rotation_to_z(TILTED).T
     box = with_bottom(Box3D(0.07 * TILTED, np.array([0.1, 0.2, 0.06]), R), height)
     assert box.size[2] == pytest.approx(expected)
     assert TILTED @ box.centre + box.size[2] / 2 == pytest.approx(0.1)

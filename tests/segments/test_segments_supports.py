@@ -1,5 +1,7 @@
 """What things stand on: the plane that holds heat and faces up, and heights above it though depth is bent."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from fusion_room import CAMERA, FLOOR, ROOM, THREE, Cuboid, View, look_at, view
@@ -11,6 +13,7 @@ from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import on_plane, transform_plane
 from spot3d.segments.settings import SegmentsSettings
 from spot3d.segments.supports import (
+    above_extent,
     beside_support,
     choose_support,
     clearly_faces,
@@ -238,3 +241,19 @@ def test_where_the_support_is_hidden_it_still_counts() -> None:
 
 def test_of_a_support_that_is_not_seen_nothing_is_beside() -> None:
     assert not beside(view(look_at((0, -0.95, 0.7), (0, 3, 2.5)), ROOM)).any()
+
+
+def test_a_support_that_reaches_far_is_drawn_only_where_something_is_asked_for() -> None:
+    rng = np.random.default_rng(0)
+    up = np.array([0, 0, 1.0])
+    near, far = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32), np.float32(200)
+    asked = rng.uniform(-1.5, 1.5, (500, 3)).astype(np.float32)
+    inside = (np.abs(asked[:, :2]) < 1).all(axis=1)
+    well = np.abs(np.abs(asked[:, :2]).max(axis=1) - 1) > 0.1  # not at the rim, which is extended
+    np.testing.assert_array_equal(above_extent(asked, near, up)[well], inside[well])
+    tracemalloc.start()
+    assert above_extent(asked, far * near, up).all()
+    assert above_extent(asked[:0], far * near, up).shape == (0,)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 4e6, "not 400 m of it in cells of a centimetre"

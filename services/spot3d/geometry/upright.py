@@ -1,12 +1,12 @@
 """Upright boxes around clusters of points (paper, Sec. V-D, Eq. 16)."""
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
-from spot3d.geometry.footprint import footprint_yaw
 from spot3d.geometry.quantiles import quantiles
-from spot3d.kernel import kernel, part
+from spot3d.kernel import kernel
 from spot3d.trajectory import rotation_to_z
 
 _SAMPLE = 1000
@@ -16,61 +16,24 @@ _STEEP = np.sin(np.radians(60))
 stands on: a ball its lower half. With 53 and 64 degrees HOTS, OSD and near desks are the same."""
 
 
-rotation_to_upright = kernel("f8[:,::1](f8[:])")(rotation_to_z)
-"""Rotation R_upright_world (3, 3) that turns `up` (unit, world) into +z by the smallest angle (paper, Eq. 16).
-
-The paper turns the normal into y; z is the robot world's up.
-"""
-
-
-@kernel("f8[:,::1](f4[:,::1], f8[:,:])")
-def _turned(points: NDArray[np.float32], R: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, n) float64: R times each of (n, 3) points."""
-    turned = np.empty((3, len(points)))
-    for i in range(len(points)):
-        x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
-        for axis in range(3):
-            turned[axis, i] = R[axis, 0] * x + R[axis, 1] * y + R[axis, 2] * z
-    return turned
-
-
-@part()
-def _turn_level(columns: NDArray[np.float64], cosine: float, sine: float) -> None:
-    """Turn (3, n) columns about z, in place, so that what lay in this direction lies along x."""
-    for i in range(columns.shape[1]):
-        x, y = columns[0, i], columns[1, i]
-        columns[0, i], columns[1, i] = cosine * x + sine * y, cosine * y - sine * x
-
-
-@kernel("f8[:,::1](f4[:,::1], f8[:], f8)")
-def _enclosed(points: NDArray[np.float32], up: NDArray[np.float64], trim: float) -> NDArray[np.float64]:
-    """Centre, size and rotation of the box around points (see `upright_box`), stacked: (5, 3)."""
-    R = rotation_to_upright(up)
-    upright = _turned(points, R)
-    yaw = footprint_yaw(upright[:2])
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    _turn_level(R, cosine, sine)
-    _turn_level(upright, cosine, sine)
-    ends, box = quantiles(upright, trim), np.zeros((5, 3))
-    for axis in range(3):
-        middle = (ends[0, axis] + ends[1, axis]) / 2
-        box[1, axis] = ends[1, axis] - ends[0, axis]
-        for k in range(3):
-            box[0, k] += R[axis, k] * middle
-            box[2 + k, axis] = R[axis, k]
-    return box
-
-
 def upright_box(points: NDArray[np.float32], up: NDArray[np.float64], trim: float = 0.0) -> Box3D:
     """The tight box of (n, 3) world points whose third axis is `up`, turned to the smallest footprint.
 
-    trim: share of the points left out at each end of each axis, so that a few stray points do not stretch the box.
-    Raises ValueError without points.
+    The paper turns the normal into y (Eq. 16); z is the robot world's up. trim: share of the points left out at each
+    end of each axis, so that a few stray points do not stretch the box. Raises ValueError without points.
     """
     if len(points) == 0:
         raise ValueError("no points have no box")
-    found = _enclosed(points, up, trim)
-    return Box3D(found[0], found[1], found[2:])
+    R = rotation_to_z(up)
+    upright = R @ points.T
+    # Relative to a point, as OpenCV has 24 bits only.
+    footprint = np.ascontiguousarray((upright[:2] - upright[:2, :1]).T, np.float32)
+    yaw = np.radians(cv2.minAreaRect(footprint)[2]) % (np.pi / 2)
+    c, s = np.cos(yaw), np.sin(yaw)
+    turn = np.array(((c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)))
+    low, high = quantiles(turn @ upright, trim, 1 - trim)
+    axes = (turn @ R).T
+    return Box3D(axes @ ((low + high) / 2), high - low, axes)
 
 
 def are_below(towards: NDArray[np.floating], up: NDArray[np.float64]) -> NDArray[np.bool_]:

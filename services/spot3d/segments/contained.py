@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
-from spot3d.geometry.upright import rotation_to_upright, sampled, share_inside, taken, upright_box
+from spot3d.geometry.upright import sampled, share_inside, taken, upright_box
 from spot3d.segments.hanging import STANDS
+from spot3d.trajectory import rotation_to_z
 
 _SHARE = 0.5
 """A part with this share of its points in another's box joins it. Success of single frames with 0.25, 0.5, 1: on OSD
@@ -76,7 +77,7 @@ def join_contained(
     smallest joins first, with the part of the largest share.
     parts: flat pixel indices; points, normals: (h, w, 3) float32, camera frame, metres and unit; up: (3,) unit.
     """
-    view = _View(points, normals, rotation_to_upright(up).T.astype(np.float32))
+    view = _View(points, normals, rotation_to_z(up).T.astype(np.float32))
     known = [_part(pixels, view) for pixels in sorted(parts, key=len)]
     centre = np.array([part.box.centre for part in known]).reshape(-1, 3)
     radius = np.linalg.norm(np.array([part.box.size for part in known]).reshape(-1, 3), axis=1) / 2 + _MARGIN

@@ -6,9 +6,9 @@ from numpy.typing import NDArray
 
 from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.geometry.planes import PlaneSettings, on_plane
-from spot3d.geometry.upright import rotation_to_upright
 from spot3d.segments.settings import SegmentsSettings
 from spot3d.segments.upper_side import CLEARLY, IMAGE_UP
+from spot3d.trajectory import rotation_to_z
 
 FACING = np.float32(0.8)
 """Cosine (37 degrees) between a pixel's normal and that of the plane it lies on; noise tilts normals by less."""
@@ -176,12 +176,16 @@ def above_extent(asked: NDArray[np.float32], seen: NDArray[np.float32], up: NDAr
 
     m > 0. The hull is extended by `_BEYOND`: depth ends early at an edge, and objects overhang.
     """
-    across = (rotation_to_upright(up)[:2].T / _CELL).astype(np.float32)
+    if not len(asked):
+        return np.zeros(0, np.bool_)
+    across = (rotation_to_z(up)[:2].T / _CELL).astype(np.float32)
     seen, asked = seen @ across, asked @ across
-    # The plan, and which of its cells the support covers.
+    # The plan around the asked points, as a floor may reach far, and which of its cells the support covers.
     margin = round(_BEYOND / _CELL)
     corner = seen.min(axis=0) - np.float32(margin + 1)
-    w, h = (np.ceil(seen.max(axis=0) - corner) + margin + 2).astype(int)
+    corner += np.floor(np.maximum(asked.min(axis=0) - np.float32(margin + 1) - corner, 0))
+    end = np.minimum(seen.max(axis=0), asked.max(axis=0))
+    w, h = (np.maximum(np.ceil(end - corner), 0) + margin + 2).astype(int)
     extent = np.zeros((h, w), np.uint8)
     cv2.fillConvexPoly(extent, np.rint(cv2.convexHull(seen - corner)).astype(np.int32), 1)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * margin + 1, 2 * margin + 1))

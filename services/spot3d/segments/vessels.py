@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.depth_noise import KINECT_V1, DepthNoise
-from spot3d.geometry.upright import rotation_to_upright, taken
+from spot3d.geometry.upright import taken
 from spot3d.kernel import kernel
+from spot3d.trajectory import rotation_to_z
 
 # On OSD, HOTS, 30 cluttered frames and 24 of a room success and detection of single frames are the same, within 0.008,
 # with `_LEVEL`, `_WALLS_MIN` and `_RIM` halved and doubled, `_WITHIN` half and twice as far from 1, `_FACING` and
@@ -61,7 +62,7 @@ def vessel_groups(
     unit normals of all points, towards the camera; size_max: a hollow wider than this, metres, is no vessel.
     Each part's number is in one group; the largest hollow chooses first.
     """
-    R = rotation_to_upright(up).T.astype(np.float32)
+    R = rotation_to_z(up).T.astype(np.float32)
     upright = [places @ R for places in samples]
     hollows = {}
     for number, (part, sample, places) in enumerate(zip(parts, samples, upright, strict=True)):

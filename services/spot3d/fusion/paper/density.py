@@ -11,7 +11,7 @@ from spot3d.found_object import FoundObject
 from spot3d.fusion.map.selection import FrequentPoints
 from spot3d.fusion.objects.reasons import TOO_SMALL
 from spot3d.fusion.settings import FusionSettings
-from spot3d.geometry.upright import rotation_to_upright
+from spot3d.trajectory import rotation_to_z
 
 _SAME_PLANE = 0.1
 """K-means has the fewest clusters whose planes are all this near to the centre in n, 6 degrees, and b, metres."""
@@ -95,7 +95,7 @@ def cluster_by_density(
     """
     labels = density_labels(xyz, settings)
     clusters = [np.flatnonzero(labels == label) for label in range(labels.max(initial=-1) + 1)]
-    R_upright_world = rotation_to_upright(up)
+    R_upright_world = rotation_to_z(up)
     upright = xyz @ R_upright_world.T
     low = [upright[rows].min(axis=0) for rows in clusters]
     high = [upright[rows].max(axis=0) for rows in clusters]
