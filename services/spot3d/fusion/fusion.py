@@ -21,7 +21,7 @@ from spot3d.fusion.map.selection import FrequentPoints, frequent_points
 from spot3d.fusion.objects.added_support import with_support
 from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.identity import Identities
-from spot3d.fusion.objects.keyframes import FusedFrame, FusedFrames, Keyframe, keyframe_of
+from spot3d.fusion.objects.keyframes import FusedFrame, Keyframe, keyframe_of
 from spot3d.fusion.paper.density import find_by_density
 from spot3d.fusion.pose_frame import PoseFrame
 from spot3d.fusion.settings import FusionSettings
@@ -97,7 +97,7 @@ class Fusion:
         self.supports = RecentSupports()
         self.consensus = ViewConsensus(self.settings)
         self.identities = Identities()
-        self._fused = FusedFrames(_AWAITING_SEGMENTS)
+        self._fused: dict[int, FusedFrame] = {}  # by stamp, in the order in which they were fused
         self._index_map = IndexMap(self.settings)
         self._supporting = SupportingPlane(self.settings)
         self._poses = PoseFrame()
@@ -156,7 +156,7 @@ class Fusion:
         depth = known.metres(depth)
         frame = to_lattice(colour, depth, heat, camera, self.settings.lattice_width, self.settings.grazing_cos)
         frame = replace(frame, camera=known.camera(frame.camera))
-        warm = self._supporting.remaining_heat(frame, T_world_camera, self.frame_count, camera.noise)
+        warm = self._supporting.remaining_heat(frame, T_world_camera, self.frame_count)
         self._poses = self._poses.followed(pose.T_world_map, pose.given_by, begun=self.frame_count > 0)
         self.frame_count += 1
         # The images are kept until the next frame, and longer with a stamp; at full size they may be the caller's own.
@@ -164,7 +164,10 @@ class Fusion:
         seen = (frame.colour.copy(), frame.depth.copy()) if theirs else (frame.colour, frame.depth)
         if stamp_ns is not None:
             T_map_camera = invert(self._poses.T_world_map) @ T_world_camera
-            self._fused.add(FusedFrame(stamp_ns, *seen, frame.camera, T_world_camera, T_map_camera, known))
+            self._fused.pop(stamp_ns, None)
+            self._fused[stamp_ns] = FusedFrame(stamp_ns, *seen, frame.camera, T_world_camera, T_map_camera, known)
+            if len(self._fused) > _AWAITING_SEGMENTS:
+                del self._fused[next(iter(self._fused))]
         return self._index_map.register(self.heatmap, self.frame_count, *seen, warm, frame.camera, T_world_camera)
 
     def observe(self, segments: FrameSegments, stamp_ns: int) -> bool:
@@ -173,14 +176,15 @@ class Fusion:
         Segments without planes are placed on the supporting plane known here, if they stand on it. Returns False, and
         does nothing, if the frame is not among the last 60 fused, or has been observed already.
         """
-        frame = self._fused.take(stamp_ns)
+        frame = self._fused.pop(stamp_ns, None)
         if frame is None:
             return False
         keyframe = keyframe_of(frame, segments.calibrated(frame.calibration))
         plane = self._supporting.seen_from(frame.T_world_camera)
         if len(segments) and not len(segments.planes) and plane is not None:
             keyframe = with_support(keyframe, plane)
-        self.consensus.add(keyframe)
+        if self.settings.clustering == "consensus":
+            self.consensus.add(keyframe)
         for plane in keyframe.supports()[::-1]:
             self.supports.add(transform_plane(plane, frame.T_world_camera), frame.T_world_camera[:3, 3])
         return True

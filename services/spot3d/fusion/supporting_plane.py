@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import back_project, invert
-from spot3d.depth_noise import DepthNoise
 from spot3d.fusion.paper.ransac import planes_by_ransac
 from spot3d.fusion.paper.removal import project_inliers
 from spot3d.fusion.settings import FusionSettings
@@ -40,53 +39,48 @@ class SupportingPlane:
         return None if self.plane is None else transform_plane(self.plane, invert(T_world_camera))
 
     def remaining_heat(
-        self, frame: LatticeFrame, T_world_camera: NDArray[np.float64], number: int, noise: DepthNoise
+        self, frame: LatticeFrame, T_world_camera: NDArray[np.float64], number: int
     ) -> NDArray[np.uint8]:
         """The (h, w) heat of a frame without the plane's; in keyframes the plane is estimated first.
 
-        T_world_camera: (4, 4); number: of the frame, from 0; noise: of its depth.
+        T_world_camera: (4, 4); number: of the frame, from 0.
         """
         settings = self._settings
         if not settings.plane_removal:
             if self.plane is None:
-                self._estimate(back_project(frame.depth, frame.camera), frame.heat, T_world_camera, number, noise)
+                self._estimate(frame, back_project(frame.depth, frame.camera), T_world_camera, number)
             return frame.heat
         points = back_project(frame.depth, frame.camera)
         if number % settings.keyframe_interval == 0:
-            self._estimate(points, frame.heat, T_world_camera, number, noise)
+            self._estimate(frame, points, T_world_camera, number)
         plane = self.seen_from(T_world_camera)
         if plane is None:
             return frame.heat
         if settings.plane_pixels == "keyframe" and len(self._inliers):  # a map that is resumed has none
             on = project_inliers(self._inliers, T_world_camera, frame.camera)
         else:
-            on = on_plane(plane, points, settings, noise)
+            on = on_plane(plane, points, settings, frame.camera.noise)
         return np.where(on, np.uint8(0), frame.heat)
 
     def _estimate(
-        self,
-        points: NDArray[np.float32],
-        heat: NDArray[np.uint8],
-        T_world_camera: NDArray[np.float64],
-        number: int,
-        noise: DepthNoise,
+        self, frame: LatticeFrame, points: NDArray[np.float32], T_world_camera: NDArray[np.float64], number: int
     ) -> None:
         """Estimate the plane, starting from the planes known here. points: (h, w, 3) camera frame, z = 0 invalid."""
-        settings, T_camera_world = self._settings, invert(T_world_camera)
-        known = np.array([transform_plane(plane, T_camera_world) for plane in self.candidates]).reshape(-1, 4)
+        settings, noise = self._settings, frame.camera.noise
+        known = transform_plane(self.candidates, invert(T_world_camera))
         known = known[known[:, 3] > 0]  # planes that the camera has passed through face away
         rng = np.random.default_rng((settings.seed, number))
         if settings.plane_search == "triples":
             planes = planes_by_ransac(points, settings, rng)
         else:
             planes = dominant_planes(points, settings, rng, known, noise)
-        chosen = supporting_plane(planes, points, heat, settings, noise)
-        self.candidates = np.array([transform_plane(plane, T_world_camera) for plane in planes]).reshape(-1, 4)
-        if chosen is None:
+        support = supporting_plane(planes, points, frame.heat, settings, noise)
+        self.candidates = transform_plane(planes, T_world_camera)
+        if support is None:
             return
-        self.plane = transform_plane(chosen[0], T_world_camera)
+        self.plane = transform_plane(support, T_world_camera)
         if settings.plane_pixels == "keyframe":
-            inliers = points[on_plane(chosen[0], points, settings, noise)]
+            inliers = points[on_plane(support, points, settings, noise)]
             self._inliers = (inliers @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]).astype(np.float32)
         self.removed.append(self.plane)
         if len(self.removed) > _REMEMBERED:

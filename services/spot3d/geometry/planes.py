@@ -113,8 +113,8 @@ def supporting_plane(
     heat: NDArray[np.uint8],
     settings: SupportSettings,
     noise: DepthNoise = KINECT_V1,
-) -> tuple[NDArray[np.float64], float] | None:
-    """The plane whose inliers hold most heat (paper, Eq. 10), with that heat (sum of H_2D); None if none holds any.
+) -> NDArray[np.float64] | None:
+    """The plane (4,) whose inliers hold most heat (sum of H_2D; paper, Eq. 10); None if none holds any.
 
     A support is mostly bare: a plane hotter than `plane_heat_max` on average is left out.
     planes: (n, 4); points: (h, w, 3) float32, camera frame, z = 0 invalid; heat: (h, w) uint8, 255ths.
@@ -125,7 +125,7 @@ def supporting_plane(
         total = float(inliers.sum(dtype=np.int64)) / 255
         if total > most and total <= settings.plane_heat_max * len(inliers):
             best, most = plane, total
-    return None if best is None else (best, most)
+    return best
 
 
 def on_plane(
@@ -169,7 +169,7 @@ def fit_plane(
 
 
 def transform_plane(plane: NDArray[np.float64], T_target_source: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same plane in the target frame: p' = p T^-1."""
+    """The same plane (4,), or planes (n, 4), in the target frame: p' = p T^-1."""
     moved: NDArray[np.float64] = plane @ np.linalg.inv(T_target_source)
     return moved
 

@@ -6,7 +6,7 @@ from fusion_room import CAMERA, COARSE, ROOM, THREE, orbit, view
 from spot3d.camera_pose import CameraPose
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import Fusion
-from spot3d.fusion.objects.keyframes import FusedFrame, FusedFrames, without_spill
+from spot3d.fusion.objects.keyframes import without_spill
 from spot3d.geometry.downsampling import to_lattice
 
 POSES = orbit(4)
@@ -71,12 +71,19 @@ def test_segments_of_frames_that_are_not_known_are_refused() -> None:
     assert len(fusion.consensus) == 1
 
 
+def test_clusters_by_density_keep_no_keyframes() -> None:
+    fusion = Fusion(COARSE.model_copy(update={"clustering": "density"}))
+    fused(fusion, 3)
+    assert all(fusion.observe(segments(), stamp) for stamp in range(3))
+    assert len(fusion.consensus) == 0
+
+
 def test_a_stamp_that_comes_again_is_the_latest_frames() -> None:
-    frames = FusedFrames(2)
-    first, *others = (FusedFrame(stamp, *BLANK[:2], CAMERA, np.eye(4), np.eye(4)) for stamp in (0, 1, 0, 2))
-    for frame in (first, *others):
-        frames.add(frame)
-    assert [frames.take(stamp) for stamp in (0, 1, 2)] == [others[1], None, others[2]]
+    fusion = Fusion(COARSE)
+    for stamp in (0, 1, 0, *range(2, 61)):
+        fusion.fuse(*BLANK, CAMERA, CameraPose(POSES[0]), stamp)
+    assert not fusion.observe(segments(), 1), "the first of sixty-one"
+    assert fusion.observe(segments(), 0)
 
 
 def test_the_oldest_keyframes_that_wait_go() -> None:

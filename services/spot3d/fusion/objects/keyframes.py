@@ -1,6 +1,5 @@
 """A keyframe as fusion keeps it: the segments found in one frame, and that frame's pose."""
 
-from collections import OrderedDict
 from dataclasses import dataclass, field
 
 import cv2
@@ -99,22 +98,3 @@ def without_spill(labels: NDArray[np.uint8], depth: NDArray[np.float32], width: 
         far = cv2.dilate(np.where(inside, z, np.float32(0)), reach)
         kept[part][own & (far > 0) & ((z < near - _STEP) | (z > far + _STEP))] = 0
     return kept
-
-
-class FusedFrames:
-    """The last fused frames, by stamp, for segments that come after them."""
-
-    def __init__(self, limit: int) -> None:
-        self._limit = limit
-        self._frames: OrderedDict[int, FusedFrame] = OrderedDict()
-
-    def add(self, frame: FusedFrame) -> None:
-        """Keep one more frame; the one that was fused first goes when there are too many."""
-        self._frames.pop(frame.stamp_ns, None)
-        self._frames[frame.stamp_ns] = frame
-        while len(self._frames) > self._limit:
-            self._frames.popitem(last=False)
-
-    def take(self, stamp_ns: int) -> FusedFrame | None:
-        """Remove and return the frame of this stamp; None if it is not there (any more)."""
-        return self._frames.pop(stamp_ns, None)

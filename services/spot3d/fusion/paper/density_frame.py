@@ -25,15 +25,15 @@ def find_by_density_in_frame(
     """
     points = back_project(depth, camera)
     planes = planes_by_ransac(points, settings, np.random.default_rng(settings.seed))
-    chosen = supporting_plane(planes, points, heat, settings, camera.noise)
-    if chosen is None:
+    support = supporting_plane(planes, points, heat, settings, camera.noise)
+    if support is None:
         return []
     top = (heat.ravel() >= 255 * settings.heat_min) & (depth.ravel() > 0)
     if settings.plane_removal:
-        top &= ~on_plane(chosen[0], points, settings, camera.noise).ravel()
+        top &= ~on_plane(support, points, settings, camera.noise).ravel()
     seen = np.flatnonzero(depth.ravel() > 0)
     xyz = points.reshape(-1, 3)
-    clusters, _ = cluster_by_density(xyz[np.flatnonzero(top)], chosen[0][:3], settings)
+    clusters, _ = cluster_by_density(xyz[np.flatnonzero(top)], support[:3], settings)
     return [seen[_inside(xyz[seen], box)] for _, box in clusters]
 
 
