@@ -42,14 +42,17 @@ class Intrinsics:
         """Intrinsics of the image that keeps every second pixel, starting with the first, of each axis."""
         return self.thinned(2)
 
-    def thinned(self, step: int) -> "Intrinsics":
-        """Intrinsics of the image that keeps every nth pixel, starting with the first, of each axis."""
+    def thinned(self, step: int, first: float = 0.0) -> "Intrinsics":
+        """Intrinsics of the image that keeps every nth pixel of each axis, from the first one on.
+
+        first: its column and row; of n x n pixels' means, the middle of the first n.
+        """
         return replace(
             self,
             fx=self.fx / step,
             fy=self.fy / step,
-            cx=self.cx / step,
-            cy=self.cy / step,
+            cx=(self.cx - first) / step,
+            cy=(self.cy - first) / step,
             width=-(-self.width // step),
             height=-(-self.height // step),
         )

@@ -68,10 +68,6 @@ class FrameSegments:
     def __len__(self) -> int:
         return len(self.heat)
 
-    def supports(self) -> NDArray[np.float64]:
-        """(k, 4) the planes on which something stands, the main one first."""
-        return self.planes[np.unique(self.stands_on[self.stands_on >= 0])]
-
     def boxes(self, camera: Intrinsics) -> NDArray[np.float64]:
         """(n, 4) float64 [x, y, w, h]: the boxes around the segments' pixels, in pixels of another camera's image.
 

@@ -181,9 +181,9 @@ class Stage:
         start_s = time.perf_counter()
         try:
             self.fusion.fuse(
-                frame.colour.copy(),
+                frame.colour,
                 frame.depth_metres(),
-                message.heat.copy(),
+                message.heat,
                 frame.intrinsics,
                 camera_pose(pose.message),
                 stamp_ns,

@@ -1,7 +1,7 @@
 """The lattice on which a frame is fused: blocks of pixels about as large as the map's resolution."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,17 +65,7 @@ def to_lattice(
     depth = np.require(depth, np.float32, ["C", "W"])
     if factor > 1:
         depth = _mean_of_nearest(depth, factor, camera.noise)
-        shift = (factor - 1) / 2
-        h, w = depth.shape
-        camera = replace(
-            camera,
-            fx=camera.fx / factor,
-            fy=camera.fy / factor,
-            cx=(camera.cx - shift) / factor,
-            cy=(camera.cy - shift) / factor,
-            width=w,
-            height=h,
-        )
+        camera = camera.thinned(factor, (factor - 1) / 2)
     if grazing_cos > 0:
         depth = without_flying(depth, camera.fx, grazing_cos)
     kept = np.s_[::factor, ::factor]

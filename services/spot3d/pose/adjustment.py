@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from spot3d.calibration import Calibration, sheared
 from spot3d.camera import Intrinsics, invert
 from spot3d.pose.common_errors import COMMON, CommonErrors, Equations, marginal, most_probable
-from spot3d.pose.motion import moved, turned, twist
+from spot3d.pose.motion import moved, rigid, turned, twist
 from spot3d.pose.plane_equations import BEND_NODES, POSE, SeenPoints, plane_equations
 from spot3d.pose.registration import DISTANCE
 from spot3d.pose.surface import Surface
 from spot3d.pose.surfel_map import VOXEL, plane_keys
-from spot3d.trajectory import nearest_rotation
 from spot3d_schemas.limits import BEND_SHAPE
 
 # Most keyframes; beyond that the older half is dropped. With 16, keyframes of redkitchen shaken by 10 mm are 14.3 mm
@@ -156,7 +155,7 @@ class Adjustment:
         pose = self._by_given(keyframe)
         if self._keyframes:
             # Odometry's motion since the last keyframe.
-            pose = _rigid(self._poses[-1] @ invert(self._keyframes[-1].tracked) @ seen.tracked)
+            pose = rigid(self._poses[-1] @ invert(self._keyframes[-1].tracked) @ seen.tracked)
         self._keyframes.append(keyframe)
         self._poses.append(pose)
         if len(self._keyframes) > 1:
@@ -346,10 +345,4 @@ def _seen_points(
 
 def _stepped(poses: list[NDArray[np.float64]], step: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     """Poses after a step (6 k,) of twists."""
-    return [_rigid(moved(pose, one)) for pose, one in zip(poses, step.reshape(-1, POSE), strict=True)]
-
-
-def _rigid(T: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A pose (4, 4) without the rounding of its rotation."""
-    T[:3, :3] = nearest_rotation(T[:3, :3])
-    return T
+    return [rigid(moved(pose, one)) for pose, one in zip(poses, step.reshape(-1, POSE), strict=True)]

@@ -21,12 +21,12 @@ from spot3d.pose.error_model import ErrorModel
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.given import GivenPoses
 from spot3d.pose.keyframe_adjuster import KeyframeAdjuster
-from spot3d.pose.motion import moved, twist
+from spot3d.pose.motion import moved, rigid, twist
 from spot3d.pose.registration import DISTANCE, KERNEL, OVERLAP_MIN, judged, refined
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import POINTS_MIN, Surface, sample_surface
 from spot3d.pose.surfel_map import VOXEL, SurfelMap
-from spot3d.trajectory import nearest_rotation, rotation_angle
+from spot3d.trajectory import rotation_angle
 
 # An image's surface counts for the pose as this many points of independent noise: a depth camera's distortion is alike
 # over large parts of the image. Registered to a map of the data's own poses, real frames are off by 20 to 90 standard
@@ -160,8 +160,7 @@ class CorrectedPoses:
         drift = self._errors.learn(1e-9 * stamp_ns, registered, as_given, information / worth)
         steady = float(np.clip(_BENT / drift, 1.0, _STEADIEST)) if drift else 1.0
         self._correction = self._sigma * _most_probable(offset / self._sigma, steady * _held(information), variance)
-        pose = moved(prior, self._correction)
-        pose[:3, :3] = nearest_rotation(pose[:3, :3])
+        pose = rigid(moved(prior, self._correction))
         forgotten = self._insert(surface, pose)
         self._offsets.append(np.array((twist(pose, as_given), self._delay.velocity)))
         if self._adjuster.due(stamp_ns):
@@ -192,8 +191,7 @@ class CorrectedPoses:
         elapsed = min(elapsed, WRONG_ALIKE_S)
         self._age += elapsed
         pose = self._T_world_map @ T_map_camera
-        pose = moved(pose, elapsed / (self._age + _SETTLING_S) * twist(pose, T_world_given))
-        pose[:3, :3] = nearest_rotation(pose[:3, :3])
+        pose = rigid(moved(pose, elapsed / (self._age + _SETTLING_S) * twist(pose, T_world_given)))
         self._T_world_map = pose @ invert(T_map_camera)
         return pose
 

@@ -16,10 +16,9 @@ from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.kernel import kernel
 from spot3d.pose.features import Features
 from spot3d.pose.landmark_map import LandmarkMap, Matches
-from spot3d.pose.motion import moved, twist
+from spot3d.pose.motion import moved, rigid, twist
 from spot3d.pose.relocalisation import meeting
 from spot3d.pose.settings import PoseSettings
-from spot3d.trajectory import nearest_rotation
 
 # The correction follows the landmarks within about this time, two frames: colour and depth may be one apart.
 _SETTLING_S = 1 / 15
@@ -93,7 +92,7 @@ class DriftCorrection:
         turn = np.kron(np.eye(2), T_world_registered[:3, :3])
         expected = twist(T_world_place, T_world_registered)
         motion = agreement.twist(T_world_place, _DEPTH_SHARE * turn @ information @ turn.T, expected)
-        return _moved(T_world_place, motion)
+        return rigid(moved(T_world_place, motion))
 
     def _agreement(
         self, features: Features, camera: Intrinsics, matches: Matches
@@ -126,7 +125,7 @@ class DriftCorrection:
 
     def held(self, T_world_registered: NDArray[np.float64]) -> NDArray[np.float64]:
         """The pose (4, 4) of a registered frame with the latest correction, for a frame that is not compared."""
-        return _moved(T_world_registered, self._correction)
+        return rigid(moved(T_world_registered, self._correction))
 
     def restart(self) -> None:
         """Forget the correction, not the landmarks: a relocalised pose has no drift against the map."""
@@ -197,12 +196,6 @@ class Agreement:
         pairs = _Pairs(self.points, self.landmarks, lateral, axial)
         _normal_equations(np.ascontiguousarray(T_world_camera), pairs, room, sums)
         return sums
-
-
-def _moved(T_world_camera: NDArray[np.float64], motion: NDArray[np.float64]) -> NDArray[np.float64]:
-    pose = moved(T_world_camera, motion)
-    pose[:3, :3] = nearest_rotation(pose[:3, :3])
-    return pose
 
 
 class _Pairs(NamedTuple):

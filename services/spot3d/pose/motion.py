@@ -28,6 +28,13 @@ def turned(T_world_camera: NDArray[np.float64], turn: NDArray[np.float64]) -> ND
     return result
 
 
+def rigid(T: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The pose (4, 4) without the rounding of its rotation."""
+    result = T.copy()
+    result[:3, :3] = nearest_rotation(T[:3, :3])
+    return result
+
+
 def twist(T_world_from: NDArray[np.float64], T_world_to: NDArray[np.float64]) -> NDArray[np.float64]:
     """Motion (6,) between two poses in world axes, as `moved` takes it."""
     turn = vector_from_rotation(T_world_to[:3, :3] @ T_world_from[:3, :3].T)

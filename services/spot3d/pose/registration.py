@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import invert
-from spot3d.pose.motion import moved
+from spot3d.pose.motion import moved, rigid
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface
 from spot3d.pose.surfel_map import SurfelMap
-from spot3d.trajectory import nearest_rotation, rotation_angle
+from spot3d.trajectory import rotation_angle
 
 DISTANCE = 0.05
 """Largest distance between a point and its matched plane, metres."""
@@ -120,9 +120,7 @@ def refined(
             stride = _FINE_STRIDE
         elif size < _FINE_STEP:
             break
-    pose = pose.copy()
-    pose[:3, :3] = nearest_rotation(pose[:3, :3])
-    return pose
+    return rigid(pose)
 
 
 def implausible(

@@ -56,8 +56,7 @@ def sample_surface(depth_m: NDArray[np.float32], camera: Intrinsics, settings: P
     normals = np.empty_like(points)
     sigma = np.empty(rows * columns, np.float32)
     lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
-    gates = np.array([_FILL_MIN, GRAZING_COS, _FLATNESS])
-    count = _fit_planes(sums, cell, lens, gates, camera.noise.coefficients(), points, normals, sigma)
+    count = _fit_planes(sums, cell, lens, camera.noise.coefficients(), points, normals, sigma)
     return Surface(points[:count], normals[:count], sigma[:count])
 
 
@@ -144,7 +143,6 @@ def _fit_planes(
     sums: NDArray[np.float32],
     cell: int,
     lens: NDArray[np.float64],
-    gates: NDArray[np.float64],
     noise_model: tuple[np.float32, np.float32, np.float32],
     points: NDArray[np.float32],
     normals: NDArray[np.float32],
@@ -152,9 +150,8 @@ def _fit_planes(
 ) -> int:
     """Least-squares q = a u + b v + c over 3 x 3 cells; writes the points, returns their count."""
     fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
-    fill, grazing, flatness = gates[0], gates[1], gates[2]
     rows, columns, _ = sums.shape
-    least = fill * 9 * cell * cell
+    least = _FILL_MIN * 9 * cell * cell
     count = 0
     for row in range(1, rows - 1):
         for column in range(1, columns - 1):
@@ -188,7 +185,7 @@ def _fit_planes(
             z = 1.0 / mq
             noise = axial_noise_kernel(np.float32(z), noise_model)
             # dz = z^2 dq turns the residual of the fit into metres.
-            if not np.sqrt(max(cqq - a * cuq - b * cvq, 0.0)) * z * z <= flatness * noise:
+            if not np.sqrt(max(cqq - a * cuq - b * cvq, 0.0)) * z * z <= _FLATNESS * noise:
                 continue  # also where sums overflowed and it is no number
             u = column * cell + 0.5 * (cell - 1) + mu - cx
             v = row * cell + 0.5 * (cell - 1) + mv - cy
@@ -196,7 +193,7 @@ def _fit_planes(
             nx, ny, nz = a * fx, b * fy, mq - a * u - b * v
             length = np.sqrt(nx * nx + ny * ny + nz * nz)
             x, y = u / fx * z, v / fy * z
-            if grazing * length * np.sqrt(x * x + y * y + z * z) > 1.0:
+            if GRAZING_COS * length * np.sqrt(x * x + y * y + z * z) > 1.0:
                 continue
             points[count, 0], points[count, 1], points[count, 2] = x, y, z
             normals[count, 0], normals[count, 1], normals[count, 2] = -nx / length, -ny / length, -nz / length

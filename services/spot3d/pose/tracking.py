@@ -13,7 +13,7 @@ from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.features import FeatureDetector
 from spot3d.pose.keyframe_adjuster import KeyframeAdjuster
 from spot3d.pose.landmark_map import Matches
-from spot3d.pose.motion import checked_pose, extrapolated
+from spot3d.pose.motion import checked_pose, extrapolated, turned
 from spot3d.pose.registration import (
     OVERLAP_MIN,
     SAME_PLACE,
@@ -28,7 +28,6 @@ from spot3d.pose.relocalisation import relocalised
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import POINTS_MIN, sample_surface, why_few
 from spot3d.pose.view import View
-from spot3d.trajectory import rotation_from_vector
 
 # Turns from the last good pose at which a lost frame is searched for, in degrees about the camera's x and y axes.
 _TURNS = ((0, 12), (0, -12), (12, 0), (-12, 0), (0, 25), (0, -25), (12, 12), (-12, -12), (12, -12), (-12, 12))
@@ -291,11 +290,7 @@ class MapTracker:
         guesses = [last.T_world_camera]
         if (stamp_ns - last.stamp_ns) * 1e-9 < _COASTING:
             guesses.insert(0, self._predicted(last, stamp_ns))
-        for turn in _TURNS:
-            turned = last.T_world_camera.copy()
-            turned[:3, :3] = turned[:3, :3] @ rotation_from_vector(np.radians([*turn, 0.0]))
-            guesses.append(turned)
-        return guesses
+        return guesses + [turned(last.T_world_camera, np.radians((*turn, 0.0))) for turn in _TURNS]
 
     def _predicted(self, last: _Fix, stamp_ns: int) -> NDArray[np.float64]:
         """Constant velocity from the last two trusted poses, by their stamps: live runs skip frames."""

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.kernel import kernel
+from spot3d.segments.nearness import apart
 
 _ROUNDS = 3
 """Fragments join fragments first: a pen torn into five is one region after three rounds."""
@@ -57,9 +58,6 @@ def _find_nearest(
                 for x in range(max(0, u - far), min(w, u + far + 1)):
                     other = labels[y, x]
                     if other >= 0 and other != own:
-                        a = points[y, x, 0] - points[v, u, 0]
-                        b = points[y, x, 1] - points[v, u, 1]
-                        c = points[y, x, 2] - points[v, u, 2]
-                        distance = a * a + b * b + c * c
+                        distance, _ = apart(points, v, u, y, x)
                         if distance < square[own]:
                             square[own], nearest[own] = distance, other

@@ -1,6 +1,7 @@
 """Join the parts of one object that something in front of it divides, in a single view."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,12 +55,10 @@ def join_occluded(
     """
     flat, facing, width = points.reshape(-1, 3), normals.reshape(-1, 3), points.shape[1]
     parts = [_part(cluster, flat, width, up) for cluster in sorted(clusters, key=len, reverse=True)]
-    walls: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
 
+    @cache
     def walls_of(part: _Part) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        if id(part) not in walls:
-            walls[id(part)] = _walls(flat[part.pixels], facing[part.pixels], up)
-        return walls[id(part)]
+        return _walls(flat[part.pixels], facing[part.pixels], up)
 
     def continues(a: _Part, b: _Part) -> bool:
         return (
@@ -70,14 +69,12 @@ def join_occluded(
         )
 
     i = 0
-    kept = list(parts)  # keeps replaced parts alive, whose id() would be given again
     while i < len(parts):
         partner = next((j for j in range(i + 1, len(parts)) if continues(parts[i], parts[j])), None)
         if partner is None:
             i += 1
         else:
             parts[i] = _part(np.concatenate((parts[i].pixels, parts.pop(partner).pixels)), flat, width, up)
-            kept.append(parts[i])
     return [part.pixels for part in parts]
 
 
