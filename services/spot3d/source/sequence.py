@@ -40,8 +40,9 @@ class FrameSequence(ABC):
 
     @property
     def rate_hz(self) -> float:
-        """Frames per second, from the median gap between stamps. 30 for a single frame."""
-        gaps = np.diff(self.stamps_ns)
+        """Frames per second, from the median gap between different stamps. 30 for a single stamp."""
+        # Of frames with the same stamp, such as whole seconds, only the first is played.
+        gaps = np.diff(np.unique(self.stamps_ns))
         return 1e9 / float(np.median(gaps)) if gaps.size else 30.0
 
     @property
