@@ -1,5 +1,6 @@
 import mmap
 import os
+import time
 from collections.abc import Iterator
 
 import pytest
@@ -48,3 +49,19 @@ def test_its_bytes_are_seen_by_whoever_has_the_memory(backlog: Backlog) -> None:
         assert theirs[item.at : item.at + item.size] == data
         if seq:
             backlog.done()
+
+
+@pytest.mark.parametrize("step_ns", [-3600 * 10**9, 54 * 365 * 86400 * 10**9])
+def test_messages_are_logged_in_their_pace_though_the_clock_is_set(
+    backlog: Backlog, monkeypatch: pytest.MonkeyPatch, step_ns: int
+) -> None:
+    wall_ns = time.time_ns
+    backlog.put("pose/pose", 0, 0, b"before", wait=False)
+    monkeypatch.setattr(time, "time_ns", lambda: wall_ns() + step_ns)
+    time.sleep(0.05)
+    backlog.put("pose/pose", 0, 1, b"after", wait=False)
+    before, after = backlog.get(0), backlog.get(0)
+    assert before is not None
+    assert after is not None
+    assert 0 <= wall_ns() - before.log_ns < 60 * 10**9
+    assert 0.04 < 1e-9 * (after.log_ns - before.log_ns) < 60

@@ -23,7 +23,8 @@ _RESERVED_BYTES = 16 * 2**20
 class Heard:
     """One received message: `size` bytes at offset `at` of the shared memory.
 
-    log_ns: wall clock at receipt; publish_ns: wall clock at sending. place: stamp and stream, if it is a frame.
+    log_ns: time of receipt (see `Backlog`); publish_ns: wall clock at sending. place: stamp and stream, if it is a
+    frame.
     """
 
     topic: str
@@ -38,6 +39,8 @@ class Heard:
 class Backlog:
     """A queue of messages of at most `limit_bytes`. Any thread may add; a single reader takes and releases them.
 
+    They are logged at the wall clock of its beginning plus the time since, so that log times keep the pace of the
+    messages if the clock is set meanwhile.
     file: descriptor of the shared memory. Whoever passes it on to the other process closes it.
     """
 
@@ -46,7 +49,7 @@ class Backlog:
         self._memory = mmap.mmap(self.file, limit_bytes)
         self._limit = limit_bytes
         self._ring = Ring(limit_bytes)
-        self._last_ns = 0
+        self._clock_ns = time.time_ns() - time.monotonic_ns()
         self._queue: deque[Heard] = deque()
         self._closed = False
         self._changed = threading.Condition()
@@ -69,9 +72,8 @@ class Backlog:
             if at is None:
                 return False
             self._memory[at : at + size] = data
-            # Log times never descend in the file, even if the clock is set back.
-            self._last_ns = max(time.time_ns(), self._last_ns)
-            self._queue.append(Heard(topic, self._last_ns, publish_ns, sequence, at, size, place))
+            log_ns = self._clock_ns + time.monotonic_ns()
+            self._queue.append(Heard(topic, log_ns, publish_ns, sequence, at, size, place))
             self._changed.notify_all()
             return True
 
