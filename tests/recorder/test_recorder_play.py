@@ -15,11 +15,11 @@ from recordings import ROBOT, damage_second_chunk, frame, write_recording
 
 from spot3d.cli.options import CommandError
 from spot3d.cli.recordings import play as play_command
+from spot3d.dataflow.pace import Pace
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.recorder.keyboard import on_key
 from spot3d.recorder.mcap_contents import McapContents, open_mcap
-from spot3d.recorder.pace import Pace
 from spot3d.recorder.play import Playing, StageAliveError, play
 from spot3d_schemas import End, Frame, Header, Pose, alive_key, decode, encoding, key
 
@@ -142,6 +142,25 @@ def test_in_a_loop_until_it_is_stopped(contents: McapContents, link: LinkSetting
     assert seqs[:17] == [*range(8), *range(8), 0]
 
 
+def test_where_a_clock_was_set_it_goes_on_at_once_and_says_so(
+    tmp_path: Path, link: LinkSettings, session: zenoh.Session, caplog: pytest.LogCaptureFixture
+) -> None:
+    path, year_s = tmp_path / "set.mcap", 365 * 86400.0
+    seconds = (0.0, 0.05, year_s, year_s + 0.3)
+    write_recording(path, [[("source/frame", at, frame(seq, PERIOD_NS * seq)) for seq, at in enumerate(seconds)]])
+    ear, stop = Ear(session, ROBOT), threading.Event()
+    player = threading.Thread(target=play, args=(open_mcap(path), Playing(("source/frame",)), link, stop))
+    player.start()
+    try:
+        ear.wait(5)
+    finally:
+        stop.set()
+        player.join(LIMIT_S)
+    frames_s = [at_s for at_s, where, _, _ in ear.heard if where == key(ROBOT, "source/frame")]
+    assert frames_s[3] - frames_s[2] > 0.2, "what follows the gap keeps its pace"
+    assert "a gap of 31536000 s in the recording is skipped" in caplog.text
+
+
 def test_not_beside_the_stage_itself(contents: McapContents, link: LinkSettings, session: zenoh.Session) -> None:
     token = session.liveliness().declare_token(alive_key(ROBOT, "pose"))
     with pytest.raises(StageAliveError, match="pose of robot 'robot' is running; play under another name"):
@@ -163,7 +182,7 @@ def test_what_plays_nothing_is_refused(contents: McapContents, start: float, end
 
 def test_a_key_pauses_and_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     ours, theirs = pty.openpty()
-    pace, stop, reached = Pace(1.0), threading.Event(), list[float]()
+    pace, stop, reached = Pace(1.0, print), threading.Event(), list[float]()
     with os.fdopen(theirs, "r") as terminal, os.fdopen(ours, "w") as keyboard:
         monkeypatch.setattr(sys, "stdin", terminal)
         with on_key(lambda pressed: pace.toggle() if pressed == " " else None) as there:

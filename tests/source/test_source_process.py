@@ -120,6 +120,22 @@ def test_frames_without_a_pose_among_others_are_counted() -> None:
     assert health[-1].events == {"frames without a true pose": 1}
 
 
+def test_a_recording_in_which_a_clock_was_set_goes_on_at_once_and_says_so() -> None:
+    """Live, where frames keep their pace; the first one with the new time is in doubt."""
+    endpoint, recording, year_ns = free_loopback_endpoint(), Recording(8), 365 * 86400 * 10**9
+    recording.stamps_ns[3:] = [year_ns + stamp_ns for stamp_ns in recording.stamps_ns[3:]]
+    link = LinkSettings(robot="set", connect=(endpoint,), credit_timeout_s=0.1, health_interval_s=0.05)
+    with (
+        open_router((endpoint,)) as session,
+        listening(session, "set", "source/end", "source/health") as ear,
+        playing(link, recording),
+    ):
+        health: list[Health] = ear.heard["source/health"]
+        ear.wait(lambda: bool(ear.heard["source/end"]) and bool(health) and bool(health[-1].events), 20)
+    assert ear.heard["source/end"][0].frames_sent == 7
+    assert (health[-1].events, health[-1].drops) == ({"gap": 1}, {"stray stamp in the input": 1})
+
+
 class ScriptedCamera:
     """A camera that does what it is told to: gives a frame, or says something."""
 

@@ -11,12 +11,13 @@ from dataclasses import dataclass
 import zenoh
 
 from spot3d.dataflow.endpoints import declare_publisher
+from spot3d.dataflow.pace import Pace
+from spot3d.dataflow.rate_limited_log import RateLimitedLog
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.recorder.keyboard import on_key
 from spot3d.recorder.mcap_contents import McapContents
-from spot3d.recorder.pace import Pace
 from spot3d.recorder.relabel import Labels
 from spot3d_schemas import STAGES, TOPICS, End, Header, alive_key, encode, peek_header, process_key, token_of
 
@@ -60,7 +61,8 @@ class _Player:
     def __init__(
         self, contents: McapContents, playing: Playing, link: LinkSettings, session: zenoh.Session, stack: ExitStack
     ) -> None:
-        self.pace = Pace(playing.rate)
+        limited_log = RateLimitedLog(log)
+        self.pace = Pace(playing.rate, lambda kind, text: limited_log.say(kind, text, time.monotonic()))
         self.sent: Counter[str] = Counter()
         self._contents, self._playing, self._link = contents, playing, link
         # Topics of a later version of spot3d, for example.

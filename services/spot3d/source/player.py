@@ -16,7 +16,7 @@ from spot3d.dataflow.streams import new_stream
 from spot3d.frame import RgbdFrame
 from spot3d.source.errors import BETWEEN_STREAMS, IN_THE_INPUT, UNREADABLE, UNSENDABLE, WITHOUT_POSE
 from spot3d.source.image_limit import refuse_large_images
-from spot3d.source.pace import Pace
+from spot3d.source.pace import FramePace
 from spot3d.source.sequence import CAMERA_GONE, FrameSequence, FrameStream
 from spot3d.source.settings import SourceSettings
 from spot3d_schemas import STAGES, End, Header, Progress
@@ -61,9 +61,9 @@ class Player:
         self.order = StreamOrder(confirm=isinstance(sequence, FrameStream) or not lossless)
         if isinstance(sequence, FrameStream):
             # A camera has a pace of its own.
-            pace, frames = Pace(self.node, None, recorded=False), self._streamed(sequence)
+            pace, frames = FramePace(self.node, None, recorded=False), self._streamed(sequence)
         else:
-            pace, frames = Pace(self.node, rate_hz, recorded=not lossless), self._frames(sequence)
+            pace, frames = FramePace(self.node, rate_hz, recorded=not lossless), self._frames(sequence)
         for frame, read_ns in frames:
             if not self._in_order(frame.stamp_ns):
                 continue
