@@ -179,6 +179,14 @@ def header(seq: int, stamp_ns: int, stream: str | None = None, sender: str | Non
         ([3610, 10, 11, 12], [10]),  # set back
         ([3610, 10, 10, 10, 3611], [10, 10, 10]),
         ([10, 19, 28, 37], [19]),  # a sparse recording that is played fast
+        ([10, 30, 50, 70, 90], [30]),
+        ([10, 30, 40, 90, 100], [30, 90]),  # its steps differ
+        ([10, 30, 50, 3650, 70, 90], [30, 3650]),  # a stray stamp in it, ahead
+        ([10, 3610, 30, 50, 70], [3610, 30]),
+        ([10, 30, 50, 15, 70, 90], [30, 15]),  # and back
+        ([1010, 1030, 1050, 5, 1070, 1090], [1030, 5]),
+        ([1010, 1030, 1050, 5, 25, 45], [1030, 5]),  # begun again
+        ([110, 5, 130, 150, 170], [5, 130]),
     ],
 )
 def test_a_stray_stamp_of_a_camera_is_refused_alone(stamps_s: list[int], refused: list[int]) -> None:

@@ -8,7 +8,8 @@ RESTART_NS = 1_000_000_000
 """A stamp this far back is no late message: another recording begins. A stamp this far ahead, beyond twice the elapsed
 time and the previous step, is in doubt: were it accepted, the next one would be as far back."""
 _CONFIRMED_NS = 10_000_000_000
-"""If the next stamp follows a doubtful one by less than this, both are right."""
+"""If the next stamp follows a doubtful one by less than this, both are right. So they are in a sparse recording, if it
+follows by less than twice the step to the doubtful one or, where that goes back, the step before."""
 
 DUPLICATE, OUT_OF_ORDER, STRAY = "duplicate stamp", "out of order", "stray stamp"
 
@@ -66,9 +67,11 @@ class StreamOrder:
         if not self._confirm:
             # A named stream ends before its stamps go back.
             return Verdict(OUT_OF_ORDER) if header.stream is not None else self._accept(header, now_s, 0, True)
-        step_ns = 0 if suspect is None else header.stamp_ns - suspect.stamp_ns
-        if 0 < step_ns < _CONFIRMED_NS:
-            return self._accept(header, now_s, step_ns, restarted=back)
+        if suspect is not None:
+            step_ns = header.stamp_ns - suspect.stamp_ns
+            usual_ns = max(last.step_ns, suspect.stamp_ns - last.header.stamp_ns)
+            if 0 < step_ns < max(_CONFIRMED_NS, 2 * usual_ns):
+                return self._accept(header, now_s, step_ns, restarted=back)
         self._suspect = header
         return Verdict(STRAY)
 
