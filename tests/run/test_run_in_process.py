@@ -1,16 +1,24 @@
-"""A run without processes: what a core's failure costs it."""
+"""A run without processes: what a core's failure costs it, and what it asks of its input."""
 
 import json
 from pathlib import Path
+from threading import Event
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from rich.console import Console
 
 from spot3d import pipeline
+from spot3d.frame import RgbdFrame
+from spot3d.run.growing_files import GrowingFiles
+from spot3d.run.in_process import run_in_process
+from spot3d.run.monitor import RunMonitor
+from spot3d.run.report import RunReport
 from spot3d.run.run import run
 from spot3d.settings import load_settings
-from spot3d.source.selected import Selection
+from spot3d.source.selected import Selection, open_selection
+from spot3d.source.sequence import Derived
 
 FRAMES = 3
 SAID = "no proposals for the frame at 66666666 ns: ValueError: odd"
@@ -35,3 +43,28 @@ def test_single_failures_are_counted_and_a_core_that_only_fails_makes_no_success
     document = json.loads((tmp_path / "report.json").read_text())
     stage = document["stages"]["proposals"]
     assert (stage["errors"], stage["last_error"], document["error"]) == (failures, SAID, error or None)
+
+
+class SearchedScene(Derived):
+    """Counts how often its poses are searched for."""
+
+    searched = 0
+
+    @property
+    def has_true_poses(self) -> bool:
+        self.searched += 1
+        return True
+
+    def __getitem__(self, index: int) -> RgbdFrame:
+        return self.original[index]
+
+
+def test_an_input_is_searched_for_poses_once(tmp_path: Path) -> None:
+    settings = load_settings(overrides={"source": {"halved": True}, "pose": {"provider": "given"}})
+    scene = SearchedScene(open_selection(Selection("scene", FRAMES), settings.source))
+    watcher = SimpleNamespace(on_progress=lambda *_: None, on_event=pytest.fail)
+    report = RunReport("scene", "in process", FRAMES, (320, 240))
+    with GrowingFiles(tmp_path) as files:
+        run_in_process(scene, settings, RunMonitor(report, files, watcher, Event()))
+    assert report.fused == FRAMES
+    assert scene.searched == 1

@@ -120,6 +120,30 @@ def test_frames_without_a_pose_among_others_are_counted() -> None:
     assert health[-1].events == {"frames without a true pose": 1}
 
 
+class UnposedRecording(Recording):
+    """No frame has a pose, and whoever asks for them searches all."""
+
+    searched = 0
+
+    @property
+    def has_true_poses(self) -> bool:
+        self.searched += 1
+        return False
+
+    def true_pose(self, index: int) -> None:
+        return None
+
+
+def test_a_recording_without_poses_is_searched_for_them_once() -> None:
+    endpoint, recording = free_loopback_endpoint(), UnposedRecording(3)
+    link = LinkSettings(robot="unposed", connect=(endpoint,), credit_timeout_s=0.1)
+    with open_router((endpoint,)) as session, listening(session, "unposed", "source/end") as ear:
+        run(link, SourceSettings(), recording, stop=threading.Event())
+        ear.wait(lambda: bool(ear.heard["source/end"]), 20)
+    assert ear.heard["source/end"][0].frames_sent == 3
+    assert recording.searched == 1
+
+
 def test_a_recording_in_which_a_clock_was_set_goes_on_at_once_and_says_so() -> None:
     """Live, where frames keep their pace; the first one with the new time is in doubt."""
     endpoint, recording, year_ns = free_loopback_endpoint(), Recording(8), 365 * 86400 * 10**9

@@ -27,6 +27,8 @@ def run_in_process(sequence: FrameSequence, settings: Settings, monitor: RunMoni
     fused, found, side_up = 0, 0, ""
     rate, lost, alignment = FrameRate(), LostTracking(), AlignmentWatch()
     events: defaultdict[str, Counter[str]] = defaultdict(Counter)
+    # Looked up once: without poses, the whole recording is searched.
+    has_true_poses = sequence.has_true_poses
 
     def tell(stage: str, event: str, text: str) -> None:
         events[stage][event] += 1
@@ -47,7 +49,7 @@ def run_in_process(sequence: FrameSequence, settings: Settings, monitor: RunMoni
             tell("segments", event_of(side_up), notice(side_up))
         if off := alignment.look(step.frame):
             tell("proposals", AlignmentWatch.EVENT, off)
-        if sequence.has_true_poses and step.frame.T_world_camera is None:
+        if has_true_poses and step.frame.T_world_camera is None:
             events["source"][WITHOUT_POSE] += 1
         rate.add(fused + lost.frames, time.monotonic())
         monitor.watcher.on_progress(fused, lost.frames, found)

@@ -82,6 +82,8 @@ class Player:
 
     def _frames(self, sequence: FrameSequence) -> Iterator[tuple[RgbdFrame, int]]:
         """The readable frames, each with the wall clock (ns) before it was read."""
+        # Looked up once: without poses, the whole recording is searched.
+        has_true_poses = sequence.has_true_poses
         for index in range(len(sequence)):
             if self.node.stop.is_set():
                 return
@@ -93,7 +95,7 @@ class Player:
                 self.node.counters.drop(UNREADABLE)
                 continue
             self.node.counters.step(time.perf_counter() - start_s)
-            if sequence.has_true_poses and frame.T_world_camera is None:
+            if has_true_poses and frame.T_world_camera is None:
                 self.node.counters.event(WITHOUT_POSE)
             yield frame, read_ns
 
