@@ -9,7 +9,7 @@ from voting_room import agreed
 from voting_room import keyframe as view_of_three
 
 from spot3d.camera import Intrinsics
-from spot3d.frame_segments import OTHER, SEVERAL, TOO_LONG, WITHOUT_DEPTH
+from spot3d.frame_segments import KEYFRAME_REASONS, OTHER, SEVERAL, TOO_LONG, WITHOUT_DEPTH
 from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.reasons import (
@@ -23,6 +23,7 @@ from spot3d.fusion.objects.reasons import (
     TOO_THIN,
 )
 from spot3d.fusion.settings import FusionSettings
+from spot3d_schemas.limits import MAX_COUNT
 
 CAMERA = Intrinsics(fx=140.0, fy=140.0, cx=79.5, cy=59.5, width=160, height=120)
 OBJECT, BACKGROUND, THROUGH, NOTHING = "object", "background", "through", "nothing"
@@ -88,6 +89,12 @@ def test_what_was_left_out_of_single_keyframes_is_counted_over_all() -> None:
     keyframes = [keyframe(number, OBJECT, 0.8, 0.1) for number in range(3)]
     told = [replace(item, left_out={TOO_LONG: 2, "of their own": 9}) for item in keyframes]
     assert ViewConsensus(FusionSettings()).update(told).left_out == {TOO_LONG: 6, OTHER: 27}
+
+
+@pytest.mark.parametrize("reason", KEYFRAME_REASONS)
+def test_of_more_than_a_message_can_state_the_most_is_stated(reason: str) -> None:
+    keyframes = [replace(keyframe(number, OBJECT, 0.8, 0.1), left_out={reason: MAX_COUNT}) for number in range(3)]
+    assert ViewConsensus(FusionSettings()).update(keyframes).left_out == {reason: MAX_COUNT}
 
 
 def test_segments_without_depth_are_counted() -> None:

@@ -23,6 +23,7 @@ from spot3d.fusion.objects.segment_graph import SegmentGraph
 from spot3d.fusion.objects.whole_views import wholes
 from spot3d.fusion.settings import FusionSettings
 from spot3d.pose_corrections import PoseCorrections
+from spot3d_schemas.limits import MAX_COUNT
 
 _TURNED = np.cos(np.deg2rad(0.5))
 """Boxes computed with another up are computed again: half a degree moves the corner of a mug by a millimetre."""
@@ -150,6 +151,8 @@ class ViewConsensus:
         left_out = Counter(reason for reason in self._verdicts.values() if isinstance(reason, str)) + self._in_keyframes
         several = int(np.count_nonzero(graph.segments.cluster.rows < 0))
         left_out += Counter({TOO_COLD: too_cold, SEVERAL: several})
+        # A segmenter's counts can be so large that a message cannot state their sum.
+        left_out = Counter({reason: min(count, MAX_COUNT) for reason, count in left_out.items()})
         return Consensus(sorted(objects, key=lambda item: item.id), up, left_out, self.dropped)
 
     def _take_in(self, keyframe: Keyframe) -> None:
