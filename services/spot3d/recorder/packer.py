@@ -1,11 +1,14 @@
 """The recorder's handle of the process that compresses and writes."""
 
 import os
+import select
 import signal
 import subprocess
 import sys
 import threading
+import time
 from collections import Counter
+from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing import Pipe
 from pathlib import Path
@@ -17,6 +20,13 @@ from spot3d.dataflow.process_use import KEEPING_MEMORY, raise_session_priority
 from spot3d.recorder.backlog import Backlog, Heard
 from spot3d.recorder.mcap_writer import ChannelSpec
 from spot3d_schemas import STAGES
+
+PATIENCE_S = 30.0
+"""A process that is waited for and does nothing for this long hangs, as its disk does not answer. One that writes only
+half a megabyte per second writes a chunk of 16 MB in this time."""
+_LOOK_S = 0.1
+_KILLED_S = 1.0
+"""Time to end for a killed process. While the system waits for its disk it does not end, and is not waited for."""
 
 _STAGES = (b"\0spot3d.run.fork_server\0", *(b"spot3d\0%s\0" % stage.encode() for stage in STAGES))
 """Substrings of the stages' command lines: of a run's, and of those that are started one by one."""
@@ -36,6 +46,8 @@ class Packer:
         self.error = ""
         self._backlog = backlog
         self._channels = 0
+        self._answered_s = time.monotonic()
+        self._killed = False
         self._wire, theirs = Pipe()
         descriptors = theirs.fileno(), backlog.file
         command = [sys.executable, "-m", "spot3d.recorder.packing", *map(str, descriptors), str(path), delivery]
@@ -53,6 +65,8 @@ class Packer:
         )
         theirs.close()
         os.close(backlog.file)
+        if not self._wait_for(self._wire.poll):
+            raise OSError(self.error)
         try:
             what, *why = self._heard()
         except (EOFError, OSError) as error:
@@ -62,6 +76,10 @@ class Packer:
             raise OSError(*why, str(path))
         self._listener = threading.Thread(target=self._listen, name="packer", daemon=True)
         self._listener.start()
+
+    def ready(self, timeout_s: float = 0.0) -> bool:
+        """Whether it takes an order now or within this time. Until then, an order waits (see `PATIENCE_S`)."""
+        return bool(select.select((), (self._wire,), (), timeout_s)[1])
 
     def metadata(self, name: str, values: dict[str, str]) -> None:
         """Write a metadata record."""
@@ -85,12 +103,34 @@ class Packer:
     def finish(self, frames: str, skipped: dict[str, str]) -> None:
         """Wait until everything is in the file, or nothing more can be written. frames: the topic of the frames."""
         self._order("finish", frames, skipped)
-        self._listener.join()
-        self._wire.close()
+        self._wait_for(self._has_ended)
+        if self._has_ended(_LOOK_S):
+            self._wire.close()
 
     def _order(self, *words: object) -> None:
-        with suppress(ConnectionError):  # it has ended, and the listener knows why
-            self._wire.send_bytes(msgpack.packb(words))
+        if self._wait_for(self.ready):
+            with suppress(ConnectionError):  # it has ended, and the listener knows why
+                self._wire.send_bytes(msgpack.packb(words))
+
+    def _has_ended(self, timeout_s: float) -> bool:
+        self._listener.join(timeout_s)
+        return not self._listener.is_alive()
+
+    def _wait_for(self, done: Callable[[float], bool]) -> bool:
+        """Wait until `done`, which waits for some seconds itself, returns true.
+
+        If the process hangs meanwhile it is killed, and false is returned, now and from then on.
+        """
+        since_s = time.monotonic()
+        while not (self._killed or done(_LOOK_S)):
+            if time.monotonic() - max(since_s, self._answered_s) > PATIENCE_S:
+                self._killed = True
+                hung = f"the process that writes it hung for {PATIENCE_S:g} s, and was killed"
+                self.error = self.error or f"{hung}; see whether its disk answers"
+                self._process.kill()
+                with suppress(subprocess.TimeoutExpired):
+                    self._process.wait(_KILLED_S)
+        return not self._killed
 
     def _heard(self) -> tuple[Any, ...]:
         return tuple(msgpack.unpackb(self._wire.recv_bytes(), strict_map_key=False))
@@ -99,7 +139,9 @@ class Packer:
         """Handle the process's answers until it has ended."""
         try:
             while True:
-                match self._heard():
+                answer = self._heard()
+                self._answered_s = time.monotonic()
+                match answer:
                     case ("done",):
                         self._backlog.done()
                     case ("written", kept, size, start_ns, end_ns):

@@ -160,8 +160,8 @@ class _Recorder:
 
     def _write(self, stop: threading.Event) -> None:
         while not (stop.is_set() or self._packer.error):
-            item = self._backlog.get(_IDLE_S)
-            if item is not None:
+            # A process that hangs takes no orders; what waits for it must not keep the recorder from being stopped.
+            if self._packer.ready(_IDLE_S) and (item := self._backlog.get(_IDLE_S)) is not None:
                 self._packer.add(self._channels[item.topic], item)
 
     def _hear(self, topic: str, handler: Handler[zenoh.Sample]) -> None:
