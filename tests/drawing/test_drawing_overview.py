@@ -121,6 +121,17 @@ def test_overview_of_a_run_that_fused_nothing():
     assert picture.std() > 1
 
 
+def test_a_pose_that_is_far_away_leaves_the_view_from_above_as_it_is():
+    """Any finite pose is a valid message; fusion uses none beyond 2 km."""
+    xyz, rgb = np.zeros((1, 3), np.float32), np.zeros((1, 3), np.uint8)
+    path = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    far = np.array([[0.0, 0.0, 1e100], [0.0, -1e300, 0.0], [2001.0, 0.0, 0.0]])
+    objects = [FoundObject(1, cube(0.4), 0.5, 3, 100)]
+    without, with_far = (draw_overview("far", [], objects, xyz, rgb, way, UP) for way in (path, np.vstack((far, path))))
+    np.testing.assert_array_equal(without, with_far)
+    assert draw_overview("far", [], objects, xyz, rgb, far, UP).any(), "the box is drawn without any path"
+
+
 def test_a_text_that_no_font_has_is_drawn_as_far_as_it_can_be() -> None:
     """OpenCV ends the process where a text is not UTF-8."""
     picture = np.zeros((40, 200, 3), np.uint8)

@@ -64,6 +64,17 @@ def test_a_report_tells_of_results_that_could_not_be_written(tmp_path: Path, mon
     assert report["frames"]["fused"] == 3
 
 
+def test_a_picture_that_cannot_be_drawn_costs_no_other_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise TypeError("no hull")
+
+    monkeypatch.setattr("spot3d.run.overview_file.draw_overview", fail)
+    run(Selection("scene", 3), load_settings(), tmp_path, Console(quiet=True), in_process=True)
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert (report["error"], report["frames"]["fused"]) == (None, 3)
+    assert "overview.png cannot be drawn: TypeError: no hull" in report["events"]
+
+
 def test_a_dashboard_of_a_run_that_is_refused_leaves_the_others_log(tmp_path: Path) -> None:
     (tmp_path / "dashboard.log").write_text("of the run that goes on")
     with (

@@ -16,9 +16,9 @@ from dataflow_stages import Recording, frame_message
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.run import keep_results as keep_results_module
-from spot3d.run import stream_folder
+from spot3d.run import overview_file, stream_folder
 from spot3d.run.keep_results import keep_results
-from spot3d.run.results import RunResult, read_ply
+from spot3d.run.results import RunResult, empty_snapshot, read_ply
 from spot3d.run.stream_folder import StreamFolder, drop_oldest
 from spot3d.trajectory import read_tum
 from spot3d_schemas import Header, MapPoints, Message, Objects, Pose, Progress, encode, encoding, key
@@ -171,6 +171,22 @@ def test_a_stream_is_told_complete_when_all_of_it_is_written(tmp_path: Path, mon
     folder.close()
     assert told_before == [False]
     assert json.loads((folder.path / "stream.json").read_text())["complete"] is True
+
+
+def test_a_picture_that_cannot_be_drawn_costs_no_other_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise TypeError("'NoneType' object is not subscriptable")
+
+    monkeypatch.setattr(overview_file, "draw_overview", fail)
+    folder = StreamFolder(tmp_path, ROBOT, "first", 1e9)
+    folder.update(1, RunResult(), True)
+    folder.write(empty_snapshot(), [])
+    folder.close()
+    told = json.loads((folder.path / "stream.json").read_text())
+    assert told["complete"] is True
+    assert told["events"] == ["overview.png cannot be drawn: TypeError: 'NoneType' object is not subscriptable"]
+    assert (folder.path / "heatmap.ply").exists()
+    assert not (folder.path / "overview.png").exists()
 
 
 def test_why_poses_are_lost_is_kept(tmp_path: Path) -> None:

@@ -25,6 +25,9 @@ _HEADROOM = 0.10
 """Points higher than this above the highest box are cut off, as in a floor plan, metres."""
 _CELL = 0.008
 """Points are drawn as squares of at least this size, metres."""
+_REACH = 2000.0
+"""Camera positions are drawn up to this far from the origin, metres: fusion uses none beyond, and no room is so large.
+"""
 _BACKGROUND = (30, 33, 39)
 _PATH = (255, 255, 255)
 
@@ -54,9 +57,11 @@ def draw_top_view(
 ) -> Picture:
     """A picture of `size` (width, height), uint8 RGB, seen from above, against `up` (3,).
 
-    xyz: (n, 3) map points, world, metres, with rgb: (n, 3); boxes: (id, box); path: (m, 3) camera positions.
+    xyz: (n, 3) map points, world, metres, with rgb: (n, 3); boxes: (id, box); path: (m, 3) camera positions, of which
+    those more than 2 km away are left out.
     """
     width, height = size
+    path = path[np.abs(path).max(axis=1) < _REACH]
     picture: Picture = np.full((height, width, 3), _BACKGROUND, np.uint8)
     outlines = [corners(box) for _, box in boxes]
     shown = np.vstack([*outlines, path, np.zeros((0, 3))])

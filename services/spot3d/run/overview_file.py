@@ -17,13 +17,17 @@ View = tuple[RgbdFrame, NDArray[np.float64]]
 
 def write_overview(
     path: Path, name: str, views: Sequence[View], result: RunResult, camera_path: NDArray[np.float64]
-) -> None:
+) -> str:
     """Draw the objects into views of the recording `name`, in its order, and from above. camera_path: (m, 3), world.
 
-    Raises OSError where the file cannot be written.
+    Returns why it cannot be drawn, for people; otherwise empty. Raises OSError where the file cannot be written.
     """
     count = len(result.objects)
     title = f"spot3d    {name}    {count} object{'s' * (count != 1)} in {result.frame_count} frames"
     points, up = result.points, np.array(result.up)
-    picture = draw_overview(title, views, result.objects, points.xyz, points.rgb, camera_path, up)
+    try:
+        picture = draw_overview(title, views, result.objects, points.xyz, points.rgb, camera_path, up)
+    except Exception as error:  # messages may hold any finite numbers, and the other results must not be lost
+        return f"{path.name} cannot be drawn: {type(error).__name__}: {error}"
     write_picture(path, picture)
+    return ""

@@ -146,7 +146,8 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
     views = [(replace(frame, intrinsics=known.camera(frame.intrinsics)), pose) for frame, pose in views]
     try:
         write_results(folder, result)
-        write_overview(folder / _OVERVIEW, name, views, result, camera_path)
+        if not_drawn := write_overview(folder / _OVERVIEW, name, views, result, camera_path):
+            monitor.tell(not_drawn)
     except OSError as error:
         report.error = report.error or f"cannot write all results: {error}"
         with suppress(OSError):

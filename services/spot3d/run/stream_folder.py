@@ -59,7 +59,7 @@ class StreamFolder:
     def write(self, points: MapSnapshot | None = None, views: Sequence[View] | None = None) -> None:
         """Write objects.json and stream.json; with `points` heatmap.ply, with `views` overview.png. Raises OSError."""
         write_json(self.path / "objects.json", objects_document(self.result))
-        progress = self.progress
+        progress, events = self.progress, self._files.notices()
         document = {
             "robot": self.robot,
             "stream": self.stream,
@@ -70,14 +70,15 @@ class StreamFolder:
             "lost_because": self._lost_because or None,
             "objects": len(self.result.objects),
             "left_out": self.result.left_out,
-            "events": self._files.notices(),
+            "events": events,
         }
         if points is not None:
             write_ply(self.path / "heatmap.ply", points)
         if views is not None:
             drawn = self.result if points is None else replace(self.result, points=points)
             places = np.array(self._places).reshape(-1, 3)
-            write_overview(self.path / "overview.png", self.path.name, views, drawn, places)
+            if not_drawn := write_overview(self.path / "overview.png", self.path.name, views, drawn, places):
+                events.append(not_drawn)
         # Last: a reader that sees that a stream is complete finds all of its files.
         write_json(self.path / "stream.json", document)
 
