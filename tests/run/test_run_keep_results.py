@@ -158,6 +158,26 @@ def test_a_folder_that_is_tried_again_is_that_of_the_present_stream(
     keeper._folder.close()
 
 
+def test_the_last_objects_of_a_stream_are_kept_that_come_with_poses_of_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(keep_results_module, "arrived", lambda waiting, _: waiting)
+    monkeypatch.setattr(keep_results_module, "asked_map", lambda *_: None)
+    keeper = keep_results_module._Keeper(None, LinkSettings(robot=ROBOT), tmp_path, 100)
+    keeper._seen = SimpleNamespace(look=lambda *_: None, forget=lambda: None, pose=lambda *_: None, views=[])
+    keeper._producers = SimpleNamespace(admit=lambda *_: True)
+    keeper._drain({"pose/pose": [pose("first", 0)], "fusion/objects": [objects("first", complete=False)]})
+    poses = [pose("first", 50_000_000), pose("second", 0), pose("third", 0)]
+    found = [objects("first", complete=True), objects("second", complete=True), objects("third", complete=False)]
+    keeper._drain({"pose/pose": poses, "fusion/objects": found})
+    told = [json.loads(path.read_text()) for path in tmp_path.glob("*/stream.json")]
+    assert {item["stream"]: item["complete"] for item in told} == {"first": True, "second": True}
+    first = next(tmp_path.glob("*-first/trajectory.txt"))
+    assert read_tum(first)[0] == [0, 50_000_000]
+    assert keeper._folder.stream == "third"
+    keeper._folder.close()
+
+
 def test_a_stream_is_told_complete_when_all_of_it_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     told_before = []
 

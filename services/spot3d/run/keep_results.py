@@ -3,6 +3,7 @@
 import logging
 import threading
 import time
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -73,18 +74,21 @@ class _Keeper:
         self._heartbeat.close()
 
     def _drain(self, inputs: dict[str, Handler[zenoh.Sample]]) -> None:
-        for topic, handler in inputs.items():
-            for message in arrived(handler, TOPICS[topic].message):
-                now_s = time.monotonic()
-                if not self._producers.admit(topic, message.header.sender, now_s):
-                    continue
-                verdict = self._streams.judge(message.header.stream, now_s)
-                if verdict == "earlier":
-                    continue
-                # A foreign source may name no stream; a folder that could not be made is tried again.
-                if verdict == "begins" or (self._folder is None and now_s - self._written_s >= _WRITE_S):
-                    self._begin(self._streams.current)
-                self._take(message)
+        heard = [
+            message
+            for topic, handler in inputs.items()
+            for message in arrived(handler, TOPICS[topic].message)
+            if self._producers.admit(topic, message.header.sender, time.monotonic())
+        ]
+        for message in _stream_by_stream(heard, self._streams.current):
+            now_s = time.monotonic()
+            verdict = self._streams.judge(message.header.stream, now_s)
+            if verdict == "earlier":
+                continue
+            # A foreign source may name no stream; a folder that could not be made is tried again.
+            if verdict == "begins" or (self._folder is None and now_s - self._written_s >= _WRITE_S):
+                self._begin(self._streams.current)
+            self._take(message)
         now_s = time.monotonic()
         if self._folder is not None:
             self._seen.look(self._session, self._folder.stream, now_s)
@@ -139,3 +143,14 @@ class _Keeper:
             folder.write(points, self._seen.views if pictured else None)
         except OSError as error:
             log.error("the results of stream %s are incomplete: %s", folder.stream, error)
+
+
+def _stream_by_stream(heard: Sequence[Message], current: str | None) -> list[Message]:
+    """Messages of several topics, those of the current stream first: its last objects may come with the next's poses.
+
+    A message that names no stream counts as one of the current stream, before the first as one of that.
+    """
+    current = current or next((message.header.stream for message in heard if message.header.stream), None)
+    streams = dict.fromkeys((current, *(message.header.stream or current for message in heard)))
+    place = {stream: number for number, stream in enumerate(streams)}
+    return sorted(heard, key=lambda message: place[message.header.stream or current])
