@@ -82,6 +82,8 @@ class QueryForwarder:
                 for reply in self._asked.get(query.selector, payload=query.payload, timeout=_ANSWER_S):
                     if reply.ok is not None:
                         query.reply(self._where, reply.ok.payload, encoding=reply.ok.encoding)
+                    elif reply.err is not None:
+                        query.reply_err(reply.err.payload, encoding=reply.err.encoding)
 
 
 class TokenMirror:
