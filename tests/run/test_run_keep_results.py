@@ -121,6 +121,26 @@ def test_every_stream_is_kept(router: zenoh.Session, tmp_path: Path) -> None:
     assert json.loads(next(out.glob("*-second/stream.json")).read_text())["complete"] is False
 
 
+def test_a_map_that_is_missing_in_a_complete_stream_is_told(
+    router: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(keep_results_module, "_MAP_S", 1.0)
+    busy = "no heatmap.ply: fusion refuses: too many requests for the map"
+
+    def refuse(query: zenoh.Query) -> None:
+        with query:
+            query.reply_err(b"too many requests for the map")
+
+    router.declare_queryable(key(ROBOT, "fusion/map"), refuse)
+    listening = router.declare_publisher(key(ROBOT, "fusion/objects"))
+    wait_until(lambda: listening.matching_status.matching)
+    put(router, "fusion/objects", objects("first", complete=True))
+    wait_until(lambda: any((tmp_path / "out").glob("*-first/stream.json")))
+    (told,) = (tmp_path / "out").glob("*-first/stream.json")
+    assert json.loads(told.read_text())["events"] == [busy]
+    assert f"stream first has {busy}" in caplog.text
+
+
 def test_a_folder_that_is_tried_again_is_that_of_the_present_stream(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -162,7 +182,7 @@ def test_the_last_objects_of_a_stream_are_kept_that_come_with_poses_of_the_next(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(keep_results_module, "arrived", lambda waiting, _: waiting)
-    monkeypatch.setattr(keep_results_module, "asked_map", lambda *_: None)
+    monkeypatch.setattr(keep_results_module, "asked_map", lambda *_: empty_snapshot())
     keeper = keep_results_module._Keeper(None, LinkSettings(robot=ROBOT), tmp_path, 100)
     keeper._seen = SimpleNamespace(look=lambda *_: None, forget=lambda: None, pose=lambda *_: None, views=[])
     keeper._producers = SimpleNamespace(admit=lambda *_: True)

@@ -6,9 +6,14 @@ from typing import TypeVar
 import zenoh
 from zenoh.handlers import Handler
 
+from spot3d.dataflow.rate_limited_log import printable
 from spot3d_schemas import CodecError, Message, decode
+from spot3d_schemas.limits import MAX_TEXT
 
 M = TypeVar("M", bound=Message)
+
+_NO_ANSWER = b"Timeout"
+"""Zenoh's own error reply to a query that nobody has answered in time."""
 
 
 def intact_bytes(payload: zenoh.ZBytes) -> bytes | None:
@@ -37,3 +42,9 @@ def arrived(handler: Handler[zenoh.Sample], expected: type[M]) -> Iterator[M]:
         message = decoded(sample.payload, expected)
         if message is not None:
             yield message
+
+
+def refusal(reply: zenoh.Reply) -> str:
+    """Why a query is refused, in one line for people; empty if it is not, or nobody has answered in time."""
+    said = b"" if reply.err is None else reply.err.payload.to_bytes()
+    return "" if said == _NO_ANSWER else printable(said[:MAX_TEXT].decode(errors="replace"))

@@ -18,7 +18,7 @@ from spot3d.dataflow.producers import Producers
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.run.earlier_streams import MOST as EARLIER_MOST
 from spot3d.run.earlier_streams import EarlierStreams
-from spot3d.run.from_messages import asked_map, found_objects
+from spot3d.run.from_messages import NoMapError, asked_map, found_objects
 from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.health_totals import HealthTotals
 from spot3d.run.lost_tracking import LostTracking
@@ -85,6 +85,7 @@ class Collector:
         self._session = session
         self._robot, self.stream = robot, stream
         self._map = empty_snapshot()
+        self.no_map = ""
         self._past: deque[str] = deque(maxlen=EARLIER_MOST)
         self._early: list[Message] = []
         self._earlier = EarlierStreams(files)
@@ -175,9 +176,14 @@ class Collector:
     def snapshot(self, timeout_s: float) -> MapSnapshot:
         """The stream's map as fusion answers now; if it does not, its last answer, at first an empty map.
 
-        Fusion does not answer while it is busy or gone, nor about this stream once it is in another.
+        Fusion does not answer while it is busy or gone, nor about this stream once it is in another. `no_map` says why
+        it did not the last time, empty if it did.
         """
-        self._map = asked_map(self._session, self._robot, timeout_s, self.stream) or self._map
+        self.no_map = ""
+        try:
+            self._map = asked_map(self._session, self._robot, timeout_s, self.stream)
+        except NoMapError as error:
+            self.no_map = str(error)
         return self._map
 
     def result(self, points: MapSnapshot) -> RunResult:

@@ -12,7 +12,7 @@ from spot3d.dataflow.streams import new_stream
 from spot3d.run.collector import Collector, relay_poses
 from spot3d.run.monitor import RunMonitor
 from spot3d.run.overview_frames import OverviewFrames
-from spot3d.run.results import RunResult, empty_snapshot
+from spot3d.run.results import MapSnapshot, RunResult, empty_snapshot
 from spot3d.run.run_router import open_run_router
 from spot3d.run.silence import SILENT_S, Silence
 from spot3d.run.stage_files import LOGS, SETTINGS
@@ -84,9 +84,7 @@ def run_distributed(plan: Plan, supervisor: Supervisor, monitor: RunMonitor, kee
             if stage != "pose" or plan.pose_topic is None:
                 supervisor.start(stage, _arguments(plan, stage, endpoint), plan.logs / f"{stage}.log")
         _follow(plan, endpoint, supervisor, collector, monitor, keep)
-        points = empty_snapshot()
-        if collector.progress is not None:
-            points = collector.snapshot(_MAP_INTERRUPTED_S if monitor.stop.is_set() else _MAP_S)
+        points = _last_map(collector, monitor)
         supervisor.stop()
         # Each stage says its last counts when it leaves.
         collector.drain()
@@ -135,6 +133,16 @@ def _follow(
                 return
     report.interrupted = True
     supervisor.end("source")
+
+
+def _last_map(collector: Collector, monitor: RunMonitor) -> MapSnapshot:
+    """The map at the end of the run; it is reported if fusion does not send it."""
+    if collector.progress is None:
+        return empty_snapshot()
+    points = collector.snapshot(_MAP_INTERRUPTED_S if monitor.stop.is_set() else _MAP_S)
+    if collector.no_map:
+        monitor.tell(f"no final map: {collector.no_map}; heatmap.ply has an earlier one, of {points.total} points")
+    return points
 
 
 def _show(collector: Collector, monitor: RunMonitor) -> None:

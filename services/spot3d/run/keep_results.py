@@ -18,7 +18,7 @@ from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.streams import Streams
-from spot3d.run.from_messages import asked_map, found_objects
+from spot3d.run.from_messages import NoMapError, asked_map, found_objects
 from spot3d.run.overview_frames import OverviewFrames
 from spot3d.run.stream_folder import StreamFolder, drop_oldest
 from spot3d_schemas import TOPICS, Message, Objects, Pose, Progress, key
@@ -137,7 +137,13 @@ class _Keeper:
 
     def _write(self, folder: StreamFolder, map_s: float | None = None, last: bool = False) -> None:
         self._written_s = time.monotonic()
-        points = None if map_s is None else asked_map(self._session, self._robot, map_s, folder.stream)
+        points = None
+        if map_s is not None:
+            try:
+                points, folder.no_map = asked_map(self._session, self._robot, map_s, folder.stream), ""
+            except NoMapError as error:
+                folder.no_map = f"no heatmap.ply: {error}"
+                log.warning("stream %s has %s", folder.stream, folder.no_map)
         pictured = last or map_s is not None
         try:
             folder.write(points, self._seen.views if pictured else None)

@@ -24,7 +24,7 @@ _NAME = re.compile(r"\d{8}-\d{6}-\w{1,8}")
 class StreamFolder:
     """Writes the results of a stream: the trajectory and the updates line by line, the rest at `write`.
 
-    Raises OSError where the folder cannot be made.
+    no_map: why there is no map, for people. Raises OSError where the folder cannot be made.
     """
 
     def __init__(self, parent: Path, robot: str, stream: str | None, began_s: float) -> None:
@@ -38,6 +38,7 @@ class StreamFolder:
         self.result = RunResult()
         self.progress: Progress | None = None
         self.complete = False
+        self.no_map = ""
 
     def pose(self, stamp_ns: int, T_world_camera: NDArray[np.float64] | None, reason: str = "") -> None:
         """Add a frame's camera pose, (4, 4); None: it is lost, and `reason` says why."""
@@ -59,7 +60,7 @@ class StreamFolder:
     def write(self, points: MapSnapshot | None = None, views: Sequence[View] | None = None) -> None:
         """Write objects.json and stream.json; with `points` heatmap.ply, with `views` overview.png. Raises OSError."""
         write_json(self.path / "objects.json", objects_document(self.result))
-        progress, events = self.progress, self._files.notices()
+        progress, events = self.progress, [*self._files.notices(), *filter(None, [self.no_map])]
         document = {
             "robot": self.robot,
             "stream": self.stream,
