@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from concurrent.futures import Future
+from types import SimpleNamespace
 
 import pytest
 
@@ -9,13 +10,16 @@ pytest.importorskip("viser", reason="the dashboard's packages are not installed"
 
 import numpy as np
 import viser
+import zenoh
 from schemas_samples import BOX, SAMPLES
 
 from spot3d.dashboard.link import ROBOTS_MAX, Heard, Link
 from spot3d.dashboard.page import Page
 from spot3d.dashboard.process import open_server
 from spot3d.dashboard.settings import DashboardSettings
+from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
+from spot3d_schemas import encode, key
 
 POSE = SAMPLES["Pose"].model_copy(update={"status": "ok", "reason": "", "T_world_camera": np.eye(4)})
 NAMES = [f"drone-{number:02}" for number in range(ROBOTS_MAX)]
@@ -121,3 +125,31 @@ def test_views_are_moved_anew_where_the_first_objects_turn_the_world(
         page.step()
     page.close()
     assert np.array_equal(ups, [(0.0, -1.0, 0.0), (0.0, 0.0, -1.0)]), "once by the camera, once by the objects"
+
+
+def test_why_fusion_refuses_a_reset_is_told(server: viser.ViserServer) -> None:
+    fleet, told, answers = Fleet(), list[str](), ["fusion is busy; ask again"]
+    page = Page(server, fleet, DashboardSettings(points_max=1000), "tcp/a:1", always=False)
+    page._shown = [SimpleNamespace(name="drone")]
+    client = SimpleNamespace(add_notification=lambda _robot, text, **_: told.append(text))
+
+    def answer(query: zenoh.Query) -> None:
+        with query:
+            if answers:
+                query.reply_err(answers.pop().encode())
+            else:
+                query.reply(key("drone", "fusion/reset"), encode(SAMPLES["Progress"]))
+
+    try:
+        with open_router((free_loopback_endpoint(),)) as session:
+            fleet._session = session
+            queryable = session.declare_queryable(key("drone", "fusion/reset"), answer)
+            page._reset(client)
+            page._reset(client)
+            queryable.undeclare()
+            page._reset(client)
+    finally:
+        fleet._session = None
+        page.close()
+    assert told[:2] == ["fusion refuses: fusion is busy; ask again", "fusion restarts with an empty map"]
+    assert told[2].startswith("fusion did not answer: check that it runs")

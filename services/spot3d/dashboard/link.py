@@ -13,7 +13,7 @@ from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dashboard.health import HEARD
 from spot3d.dataflow.endpoints import end_subscription, subscribe_kept
-from spot3d.dataflow.payload import intact_bytes
+from spot3d.dataflow.payload import intact_bytes, refusal
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import StoppedError
@@ -125,8 +125,8 @@ class Link:
         while not self._answers.empty():
             yield self._answers.get_nowait()
 
-    def ask(self, robot: str, topic: str, timeout_s: float = _ANSWER_S) -> Message | None:
-        """The answer of a robot's stage to a query; None without an answer."""
+    def ask(self, robot: str, topic: str, timeout_s: float = _ANSWER_S) -> Message | str | None:
+        """The answer of a robot's stage to a query; why it refuses, for people; None without an answer."""
         session = self._session
         return None if session is None else _answer(session, key(robot, topic), topic, timeout_s)
 
@@ -231,11 +231,13 @@ def _decoded(sample: zenoh.Sample, topic: str) -> Message | None:
         return None
 
 
-def _answer(session: zenoh.Session, selector: str, topic: str, timeout_s: float) -> Message | None:
+def _answer(session: zenoh.Session, selector: str, topic: str, timeout_s: float) -> Message | str | None:
+    said = ""
     try:
         for reply in session.get(selector, timeout=timeout_s, priority=_PRIORITY, payload=_NAME):
             if reply.ok is not None:
                 return _decoded(reply.ok, topic)
+            said = said or refusal(reply)
     except zenoh.ZError as error:
         log.warning("%s: no answer: %s", selector, error)
-    return None
+    return said or None

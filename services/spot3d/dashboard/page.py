@@ -20,7 +20,7 @@ from spot3d.dashboard.saving import map_file, objects_file
 from spot3d.dashboard.scene import RobotScene
 from spot3d.dashboard.settings import DashboardSettings
 from spot3d.drawing.picture import png_bytes
-from spot3d_schemas import MapPoints
+from spot3d_schemas import MapPoints, Message
 
 log = logging.getLogger(__name__)
 
@@ -216,15 +216,12 @@ class Page:
 
     def _reset(self, client: viser.ClientHandle | None) -> None:
         for robot in self._shown:
-            done = self._link.ask(robot.name, "fusion/reset") is not None
+            answer = self._link.ask(robot.name, "fusion/reset")
+            done = isinstance(answer, Message)
             if client is not None:
-                text = (
-                    "fusion restarts with an empty map"
-                    if done
-                    else (
-                        "fusion did not answer: check that it runs and that this dashboard may reset it (spot3d doctor)"
-                    )
-                )
+                text = "fusion did not answer: check that it runs and that this dashboard may reset it (spot3d doctor)"
+                if answer is not None:
+                    text = "fusion restarts with an empty map" if done else f"fusion refuses: {answer}"
                 client.add_notification(robot.name, text, color="green" if done else "red", auto_close_seconds=6.0)
 
 
