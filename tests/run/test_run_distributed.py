@@ -29,7 +29,7 @@ def test_objects_that_do_not_come_are_told_with_where_to_look(tmp_path: Path, mo
         latest=dict,
         counts=lambda: (3, Counter()),
     )
-    supervisor = SimpleNamespace(poll=lambda _: [], processes=dict, finished=lambda stage: stage == "source")
+    supervisor = SimpleNamespace(poll=lambda _: [], processes=dict, has_finished=lambda stage: stage == "source")
     watcher = SimpleNamespace(on_progress=lambda *_: None)
     report, plan = RunReport("scene", "processes", 3, (1, 1)), Plan(Selection("scene", 3), load_settings(), tmp_path)
     monitor = RunMonitor(report, SimpleNamespace(), watcher, Event())
