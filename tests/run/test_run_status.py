@@ -1,10 +1,15 @@
 import io
+from contextlib import ExitStack
 
 import pytest
 from rich.console import Console
 
-from spot3d.run.status import status_table
-from spot3d_schemas import BRIDGE, STAGES, Header, Health
+from spot3d.dataflow.router import free_loopback_endpoint, open_router
+from spot3d.dataflow.session import open_session
+from spot3d.dataflow.settings import LinkSettings
+from spot3d.run.status import _Robot, status_table
+from spot3d_schemas import BRIDGE, STAGES, Header, Health, encode, encoding, key
+from waiting import wait_until
 
 
 def health(stage: str, drops: dict[str, int], step: float | None) -> Health:
@@ -67,3 +72,27 @@ def test_that_no_frame_comes_is_told(rates: tuple[float | None, float | None], t
     }
     Console(file=text, width=80).print(status_table("robot", dict.fromkeys(STAGES, 1), known))
     assert ("pose, proposals received no frame in the last second" in text.getvalue()) == told
+
+
+def test_health_that_names_another_stage_than_its_key_is_ignored() -> None:
+    """Invented names would be kept for ever, and one with a state would make all look bad."""
+    endpoint, text = free_loopback_endpoint(), io.StringIO()
+    with open_router((endpoint,)) as session, ExitStack() as stack:
+        asking = stack.enter_context(open_session(LinkSettings(connect=(endpoint,))))
+        robot = _Robot(asking, "named", stack)
+
+        def put(topic: str, message: Health) -> None:
+            session.put(key("named", f"{topic}/health"), encode(message), encoding=encoding(Health))
+
+        def has_heard(stage: str) -> bool:
+            put("pose", health("invented", {}, None).model_copy(update={"state": "all is wrong"}))
+            put("pose", health("fusion", {}, None).model_copy(update={"state": "fusion is wrong"}))
+            put("heatmap", health("heatmap", {}, None))
+            robot.listen(0.1)
+            return stage in robot._health
+
+        wait_until(lambda: has_heard("heatmap"), "heatmap is heard", 20.0)
+        robot.listen(0.1)
+        Console(file=text, width=80).print(robot.table(), robot.words())
+        assert set(robot._health) == {"heatmap"}
+    assert "is wrong" not in text.getvalue()

@@ -39,10 +39,10 @@ class _Robot:
 
     def __init__(self, session: zenoh.Session, name: str, stack: ExitStack) -> None:
         self._name, self._alive = name, stack.enter_context(watch_alive(session, name))
-        self._handlers: list[Ear] = []
+        self._handlers: dict[str, Ear] = {}
         for stage in (*STAGES, BRIDGE):
             ear = session.declare_subscriber(key(name, f"{stage}/health"), RingChannel(1))
-            self._handlers.append(stack.enter_context(ear).handler)
+            self._handlers[stage] = stack.enter_context(ear).handler
         self._objects_ear = subscribe_kept(session, key(name, "fusion/objects"), 1, stack)
         self._records = StageRecords()
         self._health: dict[str, Health] = {}
@@ -53,10 +53,12 @@ class _Robot:
         end_s = time.monotonic() + duration_s
         fresh = not self._health
         while time.monotonic() < end_s and not (fresh and self._processes().keys() <= self._health.keys()):
-            for ear in self._handlers:
+            for stage, ear in self._handlers.items():
                 for health in arrived(ear, Health):
-                    self._health[health.stage] = health
-                    self._records.receive(health, time.monotonic())
+                    # Anybody can publish under the key of a stage; a message that names another is not that stage's.
+                    if health.stage == stage:
+                        self._health[stage] = health
+                        self._records.receive(health, time.monotonic())
             for objects in arrived(self._objects_ear, Objects):
                 self._objects = objects
             time.sleep(0.02)
