@@ -14,6 +14,7 @@ from zenoh.handlers import Handler, RingChannel
 from spot3d.dashboard.health import HEARD
 from spot3d.dataflow.endpoints import end_subscription, subscribe_kept
 from spot3d.dataflow.payload import intact_bytes, refusal
+from spot3d.dataflow.rate_limited_log import RateLimitedLog
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import StoppedError
@@ -72,6 +73,7 @@ class Link:
     def __init__(self, settings: LinkSettings, map_rate: float) -> None:
         self._settings = settings
         self._map_rate = map_rate
+        self._limited_log = RateLimitedLog(log)
         self._stop = threading.Event()
         self._interest = Interest()
         self._cursors: dict[str, tuple[int, int]] = {}
@@ -118,7 +120,7 @@ class Link:
             handlers = [*self._fleet.items(), *((topic, ear.handler) for (_, topic), ear in self._subscribers.items())]
         for topic, handler in handlers:
             while (sample := _received(handler)) is not None:
-                message = _decoded(sample, topic)
+                message = self._decoded(sample, topic)
                 robot = robot_of(str(sample.key_expr))
                 if message is not None and robot is not None:
                     yield robot, topic, message
@@ -128,7 +130,7 @@ class Link:
     def ask(self, robot: str, topic: str, timeout_s: float = _ANSWER_S) -> Message | str | None:
         """The answer of a robot's stage to a query; why it refuses, for people; None without an answer."""
         session = self._session
-        return None if session is None else _answer(session, key(robot, topic), topic, timeout_s)
+        return None if session is None else self._answer(session, key(robot, topic), topic, timeout_s)
 
     def _work(self) -> None:
         try:
@@ -174,7 +176,7 @@ class Link:
             generation, since = self._cursors.get(robot, (0, 0))
             # Over a slow link an answer takes time: the next one is not asked for before it is here.
             where = f"{key(robot, 'fusion/changes')}?generation={generation};since={since};limit={MAX_MAP_CHANGES}"
-            answer = _answer(session, where, "fusion/changes", _ANSWER_S)
+            answer = self._answer(session, where, "fusion/changes", _ANSWER_S)
             if isinstance(answer, MapChanges) and not self._answers.full():
                 self._answers.put((robot, "fusion/changes", answer))
                 self._cursors[robot] = (answer.generation, answer.cursor)
@@ -202,6 +204,27 @@ class Link:
                 end_subscription(subscriber)
             self._subscribers, self._fleet = {}, {}
 
+    def _decoded(self, sample: zenoh.Sample, topic: str) -> Message | None:
+        """The message; None where it is invalid, which must not stop the dashboard."""
+        payload = intact_bytes(sample.payload)
+        try:
+            return None if payload is None else decode(payload, TOPICS[topic].message)
+        except CodecError as error:
+            where = str(sample.key_expr)
+            self._limited_log.say(where, f"{where}: message refused: {error}", time.monotonic())
+            return None
+
+    def _answer(self, session: zenoh.Session, selector: str, topic: str, timeout_s: float) -> Message | str | None:
+        said = ""
+        try:
+            for reply in session.get(selector, timeout=timeout_s, priority=_PRIORITY, payload=_NAME):
+                if reply.ok is not None:
+                    return self._decoded(reply.ok, topic)
+                said = said or refusal(reply)
+        except zenoh.ZError as error:
+            log.warning("%s: no answer: %s", selector, error)
+        return said or None
+
 
 def _hear_fleet(session: zenoh.Session, topic: str, stack: ExitStack) -> Handler[zenoh.Sample]:
     """Subscribe to a topic of every robot until the stack is closed."""
@@ -219,25 +242,3 @@ def _received(handler: "Handler[zenoh.Sample]") -> zenoh.Sample | None:
         return handler.try_recv()
     except zenoh.ZError:
         return None  # the subscription has ended
-
-
-def _decoded(sample: zenoh.Sample, topic: str) -> Message | None:
-    """The message; None where it is invalid, which must not stop the dashboard."""
-    payload = intact_bytes(sample.payload)
-    try:
-        return None if payload is None else decode(payload, TOPICS[topic].message)
-    except CodecError as error:
-        log.warning("%s: message refused: %s", sample.key_expr, error)
-        return None
-
-
-def _answer(session: zenoh.Session, selector: str, topic: str, timeout_s: float) -> Message | str | None:
-    said = ""
-    try:
-        for reply in session.get(selector, timeout=timeout_s, priority=_PRIORITY, payload=_NAME):
-            if reply.ok is not None:
-                return _decoded(reply.ok, topic)
-            said = said or refusal(reply)
-    except zenoh.ZError as error:
-        log.warning("%s: no answer: %s", selector, error)
-    return said or None
