@@ -8,6 +8,10 @@ from spot3d.dashboard.health import StageRecords
 from spot3d_schemas import BRIDGE, STAGES, Header, Health
 
 
+def header(sender: str | None) -> Header:
+    return Header(robot="robot", seq=0, stamp_ns=1, frame_id="fusion", sender=sender)
+
+
 def health(stage: str, **changes: Any) -> Health:
     fields = {
         "header": Header(robot="robot", seq=0, stamp_ns=1, frame_id=stage),
@@ -144,6 +148,25 @@ def test_what_one_message_says(changes: dict[str, Any], expected: str) -> None:
     records = working(8)
     records.receive(health("fusion", **changes), 9.0)
     assert said(records, "fusion", 9.0) == expected
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ({"pid": 1}, {"pid": 2}),
+        # In a container a restarted stage has the pid of the one before.
+        ({"header": header("one")}, {"header": header("two")}),
+        ({"uptime_s": 60.0}, {"uptime_s": 1.0}),
+    ],
+)
+def test_errors_of_a_restarted_stage_are_not_compared_with_those_before(
+    before: dict[str, Any], after: dict[str, Any]
+) -> None:
+    records = StageRecords()
+    records.receive(health("fusion", **before, errors=50, last_error="old trouble"), 0.0)
+    for second in (1, 2):
+        records.receive(health("fusion", **after, errors=second, last_error="each frame fails"), float(second))
+    assert said(records, "fusion", 2.0) == "bad: fails: each frame fails"
 
 
 def test_a_lost_pose_is_told_of_the_pose_stage() -> None:

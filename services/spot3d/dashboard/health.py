@@ -67,8 +67,8 @@ class StageRecords:
         records = self._heard.get(health.stage)
         if records is None:
             return
-        if records and records[-1].health.pid != health.pid:
-            records.clear()  # restarted: its counts start anew
+        if records and _restarted(records[-1].health, health):
+            records.clear()  # its counts start anew
         if not records or (health.rate_hz or 0) > 0:
             self._busy_s[health.stage] = now_s
         records.append(_Heard(health, now_s))
@@ -193,6 +193,12 @@ class StageRecords:
         of = f" of {frames_hz:.0f}" if frames_hz >= dropped_hz else ""
         reason = max(drops, key=lambda name: drops[name])
         return f"drops {dropped_hz:.0f}{of} a second: {reason}"
+
+
+def _restarted(before: Health, now: Health) -> bool:
+    """Whether these are of two processes. In a container each has the same pid, and not every program names itself."""
+    one, other = ((health.header.sender, health.pid) for health in (before, now))
+    return one != other or now.uptime_s < before.uptime_s
 
 
 def _well(health: Health) -> str:
