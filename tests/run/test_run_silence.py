@@ -1,6 +1,6 @@
 """When a stage that says nothing hangs, and when it is only slow, late, or not heard."""
 
-from spot3d.run.silence import SILENT_S, Silence
+from spot3d.run.silence import SILENT_S, START_S, Silence
 from spot3d_schemas import Header, Health
 
 LOOK_S = 0.05
@@ -51,6 +51,20 @@ def test_a_process_that_has_said_nothing_yet_is_waited_for() -> None:
     assert run.first_hang_s(600.0, "fusion")[1] == []
     del run.processes["segments"]
     assert run.first_hang_s(60.0, "fusion")[1] == [], "it has ended"
+
+
+def test_a_process_that_is_not_on_line_long_after_its_start_hangs_unless_it_reads_its_input() -> None:
+    run = Clocked()
+    run.processes |= {"segments": 3, "pose": 4, "source": 5}
+    after_s, hanging = run.first_hang_s(2 * START_S, "fusion")
+    assert hanging == ["segments", "pose"]
+    assert START_S < after_s < START_S + INTERVAL_S + 1.0
+    assert [run.silence.limit_s(stage) for stage in ("segments", "fusion")] == [START_S, SILENT_S]
+    run.processes |= {"segments": 6, "pose": 7}
+    run.now_s += LOOK_S
+    assert run.look() == [], "they were started again"
+    del run.processes["segments"], run.processes["pose"]
+    assert run.first_hang_s(2 * START_S, "fusion")[1] == [], "a source is waited for"
 
 
 def test_time_in_which_the_run_itself_stood_still_is_no_silence() -> None:

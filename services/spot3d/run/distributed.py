@@ -14,7 +14,7 @@ from spot3d.run.monitor import RunMonitor
 from spot3d.run.overview_frames import OverviewFrames
 from spot3d.run.results import MapSnapshot, RunResult, empty_snapshot
 from spot3d.run.run_router import open_run_router
-from spot3d.run.silence import SILENT_S, Silence
+from spot3d.run.silence import Silence
 from spot3d.run.stage_files import LOGS, SETTINGS
 from spot3d.run.supervisor import Supervisor
 from spot3d.settings import Settings
@@ -104,7 +104,7 @@ def _follow(
         collector.drain()
         monitor.tell(*collector.news())
         for stage in silence.look(collector.latest(), supervisor.processes(), time.monotonic()):
-            monitor.tell(f"{stage} has not responded for {SILENT_S:.0f} s; it hangs and is killed")
+            monitor.tell(f"{stage} has not responded for {silence.limit_s(stage):.0f} s; it hangs and is killed")
             supervisor.kill(stage)
         for death in supervisor.poll({"source": source_again}):
             monitor.tell(death.message)
