@@ -1,6 +1,15 @@
 """The wire contract of spot3d: messages, codec, limits and the one table of topics."""
 
-from spot3d_schemas.codec import CodecError, WireHeader, decode, encode, encoding, peek_header, refuse_encoding
+from spot3d_schemas.codec import (
+    CodecError,
+    WireHeader,
+    decode,
+    encode,
+    encoding,
+    peek_header,
+    refuse_encoding,
+    refuse_length,
+)
 from spot3d_schemas.header import Header, Hop
 from spot3d_schemas.image_messages import (
     CameraIntrinsics,
@@ -70,6 +79,7 @@ __all__ = [
     "peek_header",
     "process_key",
     "refuse_encoding",
+    "refuse_length",
     "robot_of",
     "token_of",
 ]

@@ -59,10 +59,7 @@ def encode(message: Message, *, thin_link: bool = False, jpeg_quality: int = 90)
             raise CodecError(f"{message.SCHEMA}.{name}: {error}") from None
         pieces += array
         at += sum(map(len, array))
-    if at > MAX_MESSAGE_BYTES:
-        raise CodecError(
-            f"{message.SCHEMA}: {at} bytes exceed the limit of {MAX_MESSAGE_BYTES} for a message; send less"
-        )
+    refuse_length(at, message.SCHEMA)
     return b"".join(pieces)
 
 
@@ -119,6 +116,12 @@ def refuse_encoding(stated: str, message: type[Message]) -> None:
         )
 
 
+def refuse_length(length: int, what: str) -> None:
+    """Raises CodecError, which begins with `what`, where a message of this many bytes is longer than any may be."""
+    if length > MAX_MESSAGE_BYTES:
+        raise CodecError(f"{what}: {length} bytes exceed the limit of {MAX_MESSAGE_BYTES} for a message; send less")
+
+
 @cache
 def array_fields(message: type[Message]) -> dict[str, ArraySpec]:
     """The array fields of a message class and what each may hold."""
@@ -162,10 +165,7 @@ def _described(name: str, dtype: str, shape: tuple[int, ...], code: str) -> byte
 
 
 def _field_spans(view: memoryview, max_values: int, schema: str) -> dict[str, Span]:
-    if len(view) > MAX_MESSAGE_BYTES:
-        raise CodecError(
-            f"{schema}: {len(view)} bytes exceed the limit of {MAX_MESSAGE_BYTES} for a message; send less"
-        )
+    refuse_length(len(view), schema)
     try:
         return map_spans(view, (0, len(view)), MAX_FIELDS, max_values)
     except ValueError as error:

@@ -8,7 +8,7 @@ import pytest
 import zenoh
 
 from spot3d.dataflow.router import free_loopback_endpoint
-from spot3d.dataflow.session import open_session
+from spot3d.dataflow.session import open_session, zenoh_config
 from spot3d.dataflow.settings import LinkSettings
 
 FOLDER = Path(__file__).parents[2] / "deploy" / "zenoh"
@@ -41,6 +41,12 @@ def test_every_configuration_is_tested() -> None:
 )
 def test_routers_agree_on(name: str, path: str, expected: object) -> None:
     assert value(load(name), path) == expected
+
+
+@pytest.mark.parametrize("name", [*NAMES, *WITH_TLS])
+def test_routers_drop_messages_as_long_as_stages_do(name: str) -> None:
+    path = "transport/link/rx/max_message_size"
+    assert value(load(name), path) == value(zenoh_config(LinkSettings()), path)
 
 
 @pytest.mark.parametrize(

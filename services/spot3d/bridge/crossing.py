@@ -125,7 +125,8 @@ class Crossing:
             if topic.kind == "query":
                 stack.callback(QueryForwarder(topic, origin, target, robot).stop)
                 continue
-            flows.append(Flow(topic, origin, target, self._link, self._paced if target is self._bulk else self._send))
+            forward = self._paced if target is self._bulk else self._send
+            flows.append(Flow(topic, origin, target, self._link, forward, self._counters.error))
             stack.callback(flows[-1].stop)
         stack.callback(TokenMirror(local, self._prompt, robot, lambda stage: stage in here).stop)
         stack.callback(TokenMirror(self._prompt, local, robot, lambda stage: stage not in here).stop)

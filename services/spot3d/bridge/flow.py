@@ -10,12 +10,14 @@ from zenoh.handlers import Handler, RingChannel
 from spot3d.dataflow.endpoints import declare_publisher, has_subscribers, waiting
 from spot3d.dataflow.payload import intact_bytes
 from spot3d.dataflow.settings import LinkSettings
-from spot3d_schemas import Topic, alive_key, key, token_of
+from spot3d_schemas import CodecError, Topic, alive_key, key, token_of
 
 Stop = Callable[[], object]
 Put = Callable[[bytes], object]
 Forward = Callable[[Topic, bytes, Put], None]
 """Sends a message of a topic by `Put`, or skips it."""
+Refused = Callable[[str], object]
+"""Counts a message that is not forwarded; takes the reason in words."""
 
 _QUERIES_WAITING = 4
 """Maximum number of waiting queries, the newest; the others end without a reply."""
@@ -30,9 +32,15 @@ class Flow:
     """Forwards one topic from a session on the side of its producer to one on the other side."""
 
     def __init__(
-        self, topic: Topic, origin: zenoh.Session, target: zenoh.Session, link: LinkSettings, forward: Forward
+        self,
+        topic: Topic,
+        origin: zenoh.Session,
+        target: zenoh.Session,
+        link: LinkSettings,
+        forward: Forward,
+        refused: Refused,
     ) -> None:
-        self._topic, self._origin, self._link, self._forward = topic, origin, link, forward
+        self._topic, self._origin, self._link, self._forward, self._refused = topic, origin, link, forward, refused
         self._publisher = declare_publisher(target, topic.name, link)
         self._unsubscribe: Stop | None = None
 
@@ -61,6 +69,8 @@ class Flow:
                 payload = intact_bytes(handler.recv().payload)
                 if payload is not None:
                     self._forward(self._topic, payload, self._publisher.put)
+            except CodecError as error:
+                self._refused(f"{self._topic.name}: message refused: {error}")
             except zenoh.ZError:
                 return  # the subscription, or the connection to the other side, has ended
 

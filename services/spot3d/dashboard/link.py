@@ -206,8 +206,8 @@ class Link:
 
     def _decoded(self, sample: zenoh.Sample, topic: str) -> Message | None:
         """The message; None where it is invalid, which must not stop the dashboard."""
-        payload = intact_bytes(sample.payload)
         try:
+            payload = intact_bytes(sample.payload)
             return None if payload is None else decode(payload, TOPICS[topic].message)
         except CodecError as error:
             where = str(sample.key_expr)

@@ -7,7 +7,7 @@ import zenoh
 from zenoh.handlers import Handler
 
 from spot3d.dataflow.rate_limited_log import printable
-from spot3d_schemas import CodecError, Message, decode
+from spot3d_schemas import CodecError, Message, decode, refuse_length
 from spot3d_schemas.limits import MAX_TEXT
 
 M = TypeVar("M", bound=Message)
@@ -20,8 +20,10 @@ def intact_bytes(payload: zenoh.ZBytes) -> bytes | None:
     """A copy of the bytes; None if they were in shared memory that was reclaimed before the copy was done.
 
     A sender reclaims memory from a reader that shows no sign of life for a tenth of a second, so that a dead reader
-    holds none. Memory that is still valid after the copy was valid throughout.
+    holds none. Memory that is still valid after the copy was valid throughout. Raises CodecError, and copies nothing,
+    if there are more bytes than a message may have: shared memory can hold any number.
     """
+    refuse_length(len(payload), "payload")
     data = payload.to_bytes()
     shared = payload.as_shm()
     return data if shared is None or shared.is_valid() else None
@@ -29,8 +31,8 @@ def intact_bytes(payload: zenoh.ZBytes) -> bytes | None:
 
 def decoded(payload: zenoh.ZBytes, expected: type[M]) -> M | None:
     """The message; None if it is invalid or was reclaimed. For onlookers, which no invalid message may end."""
-    data = intact_bytes(payload)
     try:
+        data = intact_bytes(payload)
         return None if data is None else decode(data, expected)
     except CodecError:
         return None

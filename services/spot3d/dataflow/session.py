@@ -13,6 +13,7 @@ import zenoh
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import StoppedError
 from spot3d.dataflow.tls import own_certificate, uses_tls, why_refused
+from spot3d_schemas.limits import MAX_MESSAGE_BYTES
 
 log = logging.getLogger(__name__)
 
@@ -20,6 +21,8 @@ _CONNECT_MS = 1000
 """Time for one attempt to reach the router; between attempts a stop request is noticed."""
 _LEASE_MS = 2000
 """A peer that is silent for this long counts as gone."""
+_RECEIVED_BYTES = MAX_MESSAGE_BYTES + 128 * 2**10
+"""Zenoh drops longer messages while they arrive. The longest of the contract's and its key, encoding and number fit."""
 _LARGE_BYTES = 65536
 """Messages of at least this size go through shared memory between processes on one host."""
 _IN_USE = "the port or socket may be in use: end the program that listens there, or choose another"
@@ -43,6 +46,7 @@ def zenoh_config(link: LinkSettings) -> zenoh.Config:
         # own.
         "timestamping/enabled": False,
         "transport/link/tx/lease": _LEASE_MS,
+        "transport/link/rx/max_message_size": _RECEIVED_BYTES,
         "transport/shared_memory/enabled": link.shared_memory and link.delivery == "live",
         # Images only: small messages gain nothing, and a reply to a query cannot be repeated as a frame can.
         "transport/shared_memory/transport_optimization/message_size_threshold": _LARGE_BYTES,
