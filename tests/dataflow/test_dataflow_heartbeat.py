@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
 from spot3d.dataflow import node as node_module
 from spot3d.dataflow.heartbeat import Heartbeat
@@ -57,6 +58,13 @@ def test_a_stage_that_leaves_its_work_lying_beats_no_more(tmp_path: Path, monkey
         wait_until(lambda: bool(heard))
         subscriber.undeclare()
     assert not beat.exists()
+
+
+@pytest.mark.parametrize("interval_s", [1.5, 24.0, float("inf")])
+def test_health_comes_often_enough_for_those_who_watch_it(interval_s: float) -> None:
+    """Containers whose heartbeat is 20 s old are killed; the dashboard asks after a second and a half."""
+    with pytest.raises(ValidationError, match=r"health_interval_s\n.*less than or equal to 1"):
+        LinkSettings(health_interval_s=interval_s)
 
 
 def test_a_disk_that_was_full_for_a_moment_ends_no_heartbeat(

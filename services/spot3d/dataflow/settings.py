@@ -114,7 +114,13 @@ class LinkSettings(BaseModel):
         description="thin_link: number of levels of heat; 16 are as far apart as heat differs between frames; "
         "256: lossless",
     )
-    health_interval_s: float = Field(1.0, gt=0, description="time between two health messages, seconds")
+    health_interval_s: float = Field(
+        1.0,
+        gt=0,
+        le=1,
+        description="time between two health messages, and between two heartbeats, seconds; at most 1, since a stage "
+        "that is silent for longer is reported to hang",
+    )
     heartbeat: Path | None = Field(
         None, description="file for a supervisor, written with every health message unless the stage hangs"
     )
