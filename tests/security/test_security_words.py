@@ -1,6 +1,7 @@
 """A certificate that cannot be used is told in words, on the side that has it and on the side that sees it."""
 
 import logging
+import os
 import re
 import subprocess
 import sys
@@ -10,6 +11,12 @@ from pathlib import Path
 import pytest
 import zenoh
 from authority import link, make_fleet
+from cryptography.hazmat.primitives.serialization import (
+    BestAvailableEncryption,
+    Encoding,
+    PrivateFormat,
+    load_pem_private_key,
+)
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.session import open_session, zenoh_config
@@ -55,6 +62,28 @@ def test_what_is_no_certificate_is_told(fleet: Path, tmp_path: Path) -> None:
         LinkSettings(certificate=fleet / "drone.pem")
     with pytest.raises(ValueError, match="needs a certificate"):
         LinkSettings(mode="router", listen=("tls/127.0.0.1:1",))
+
+
+def test_a_key_with_a_password_is_refused_and_nobody_is_asked_for_it(fleet: Path, tmp_path: Path) -> None:
+    """In a process of its own without a terminal: with one it would wait there for the password."""
+    key = tmp_path / "drone.key"
+    plain = load_pem_private_key((fleet / "drone.key").read_bytes(), None)
+    key.write_bytes(plain.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, BestAvailableEncryption(b"secret")))
+    command = [sys.executable, "-m", "spot3d", "router", "--listen", free_loopback_endpoint()]
+    files = {"CA": fleet / "ca.pem", "CERTIFICATE": fleet / "drone.pem", "KEY": key}
+    environment = os.environ | {f"SPOT3D_LINK__{name}": str(file) for name, file in files.items()}
+    ended = subprocess.run(
+        command,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        start_new_session=True,
+        check=False,
+    )
+    assert ended.returncode != 0
+    assert f"{key} has a password; give a key without one" in ended.stderr
 
 
 def test_a_router_tells_whom_it_refuses_and_the_refused_learns_why(fleet: Path) -> None:

@@ -6,6 +6,7 @@ import ssl
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from spot3d.dataflow.settings import LinkSettings, host_and_port
@@ -115,7 +116,7 @@ def _context(protocol: int, link: LinkSettings) -> ssl.SSLContext:
         for file in (link.certificate, link.key):
             _refuse_unreadable(file)
         try:
-            context.load_cert_chain(link.certificate, link.key)
+            context.load_cert_chain(link.certificate, link.key, partial(_refuse_password, link.key))
         except ssl.SSLError as error:
             if error.reason == "KEY_VALUES_MISMATCH":
                 raise TlsError(f"{link.key} is not the key of the certificate {link.certificate}") from error
@@ -131,6 +132,11 @@ def _load_authority(context: ssl.SSLContext, file: Path) -> None:
         context.load_verify_locations(file)
     except ssl.SSLError as error:
         raise TlsError(f"{file} is not a valid CA certificate: {_words(error)}") from error
+
+
+def _refuse_password(key: Path) -> str:
+    """Called for an encrypted key, whose password OpenSSL would ask for on the terminal, and Zenoh cannot use."""
+    raise TlsError(f"{key} has a password; give a key without one")
 
 
 def _refuse_unreadable(file: Path) -> None:
