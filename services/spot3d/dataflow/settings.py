@@ -8,8 +8,13 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 
 from spot3d_schemas import checked_name
 
+# Zenoh panics at another `rel`, and refuses options without a name.
+_OPTION = r"(rel=[01]|(?!rel=)[^\s?#;=]+=[^\s?#;]*)"
+_OPTIONS = f"{_OPTION}(;{_OPTION})*"
 _ENDPOINT = re.compile(
-    r"unixsock-stream/\S+|(tcp|tls|quic|ws)/(?P<host>\[[^]\s]+]|[^][:/\s]+):(?P<port>[0-9]+)([?#]\S*)?", re.ASCII
+    r"(unixsock-stream/[^\s?#]+|(tcp|tls|quic|ws)/(?P<host>\[[^]\s?#]+]|[^][:/\s?#]+):(?P<port>[0-9]+))"
+    rf"(\?{_OPTIONS})?(#{_OPTIONS})?",
+    re.ASCII,
 )
 _PORT_MAX = 65535
 USUAL_ENDPOINT = "tcp/127.0.0.1:7447"
@@ -21,7 +26,7 @@ def _checked_endpoint(text: str) -> str:
     if match is None or int(match["port"] or 0) > _PORT_MAX:
         raise ValueError(
             f"expected tcp/ADDRESS:PORT with a port up to {_PORT_MAX}, such as {USUAL_ENDPOINT} (or tls, quic, ws), "
-            "or unixsock-stream/PATH"
+            "or unixsock-stream/PATH; options may follow as NAME=VALUE, such as #so_sndbuf=65536 or ?rel=1 (0 or 1)"
         )
     return text
 
