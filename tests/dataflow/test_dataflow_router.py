@@ -11,10 +11,11 @@ import pytest
 import zenoh
 
 from commands import router_process
-from spot3d.dataflow.router import free_loopback_endpoint
+from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import StoppedError
+from spot3d.security.access import AccessSettings, access_control
 from waiting import wait_until
 
 ONLOOKER = """
@@ -37,6 +38,23 @@ def test_a_router_that_is_not_there_is_told_of_in_words(caplog: pytest.LogCaptur
         pass
     said = "retrying: no answer; start one there (spot3d router)"
     assert caplog.messages == [f"no router at {endpoint} yet, {said}"]
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "robots", "said"),
+    [
+        ("tcp/192.0.2.7:7447", (), r"requested address .*; check that it is an address of this device$"),
+        (f"unixsock-stream/{{tmp}}/{'x' * 108}", (), r": path must be shorter than SUN_LEN$"),
+        ("tcp/127.0.0.1:0#so_sndbuf=abc", (), r": Unknown TCP write buffer size argument: abc$"),
+        ("tcp/127.0.0.1:0", ("drone", "drone"), r": id 'drone says' is repeated$"),
+    ],
+)
+def test_a_remedy_is_given_only_for_what_it_helps_against(
+    endpoint: str, robots: tuple[str, ...], said: str, tmp_path: Path
+) -> None:
+    access = access_control(AccessSettings(robots=robots)) if robots else None
+    with pytest.raises(ConnectionError, match=said), open_router((endpoint.format(tmp=tmp_path),), access=access):
+        pass
 
 
 def test_it_waits_for_no_onlooker_that_stands_still(tmp_path: Path) -> None:

@@ -25,7 +25,13 @@ _RECEIVED_BYTES = MAX_MESSAGE_BYTES + 128 * 2**10
 """Zenoh drops longer messages while they arrive. The longest of the contract's and its key, encoding and number fit."""
 _LARGE_BYTES = 65536
 """Messages of at least this size go through shared memory between processes on one host."""
-_IN_USE = "the port or socket may be in use: end the program that listens there, or choose another"
+_NOT_OURS = "check that it is an address of this device"
+_REMEDIES = {
+    "in use": "the port or socket may be in use: end the program that listens there, or choose another",
+    "assign requested address": _NOT_OURS,
+    "failed to lookup address": _NOT_OURS,
+}
+"""What helps against the errors of listening, by a part of their text."""
 
 
 def zenoh_config(link: LinkSettings) -> zenoh.Config:
@@ -114,8 +120,8 @@ def _open(
         except zenoh.ZError as error:
             if link.mode != "client":
                 where, reason = ", ".join(link.listen or link.connect), first_line(error)
-                remedy = _IN_USE if "in use" in reason else "check that it is an address of this device"
-                raise ConnectionError(f"cannot listen at {where}: {reason}; {remedy}") from error
+                remedies = [remedy for part, remedy in _REMEDIES.items() if part in reason]
+                raise ConnectionError("; ".join((f"cannot listen at {where}: {reason}", *remedies))) from error
             if tries % 10 == 0:
                 reason = why_refused(link) or f"{first_line(error)}; start one there (spot3d router)"
                 log.warning("no router at %s yet, retrying: %s", ", ".join(link.connect), reason)
