@@ -63,6 +63,13 @@ def test_an_endpoint_that_was_asked_for_must_be_had() -> None:
         open_run_router(load_settings(), (endpoint,), None, True, Told().watcher()).__enter__()
 
 
+def test_the_usual_endpoint_is_not_blamed_for_another_one() -> None:
+    usual, elsewhere, told = free_loopback_endpoint(), "tcp/192.0.2.7:7448", Told()
+    with pytest.raises(ConnectionError, match=f"cannot listen at .*{elsewhere}.* address of this device"):
+        open_run_router(load_settings(), (elsewhere,), usual, True, told.watcher()).__enter__()
+    assert (told.notes, told.events) == ([], [])
+
+
 def test_of_runs_that_begin_at_once_one_has_the_usual_endpoint() -> None:
     usual, settings, told, runs = free_loopback_endpoint(), load_settings(), Told(), 4
     together = Barrier(runs)

@@ -1,6 +1,7 @@
 """The folder of the stages' socket goes with its run, however that ends."""
 
 import os
+import socket
 import subprocess
 import sys
 import tempfile
@@ -50,6 +51,16 @@ def test_it_is_private_and_deleted_at_the_end(tmp_path: Path) -> None:
         assert socket.parent.parent == tmp_path
         assert socket.parent.stat().st_mode & 0o777 == 0o700
     assert not list(tmp_path.iterdir())
+
+
+def test_it_is_elsewhere_if_the_temporary_files_are_too_deep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    deep = tmp_path / ("x" * 100)
+    deep.mkdir()
+    monkeypatch.setenv("TMPDIR", str(deep))
+    with stages_socket() as path, socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(path))
+        assert not list(deep.iterdir())
+    assert not path.parent.exists()
 
 
 def test_what_a_killed_run_left_is_deleted_by_the_next_one(tmp_path: Path) -> None:

@@ -33,16 +33,21 @@ def open_run_router(
     """
     with ExitStack() as stack:
         router: RunRouter | None = None
+        refused: ConnectionError | None = None
         if usual is not None:
             # Looking whether it is free would not be enough: another run may begin at the same time.
             try:
                 router = stack.enter_context(_listening(settings, (usual, *listen), apart))
                 watcher.on_note(f"status, dashboard and record can reach this run at {usual}")
-            except ConnectionError:
-                watcher.on_event(
-                    f"{usual} is in use: other programs can reach this run only at endpoints given with --listen"
-                )
-        yield router or stack.enter_context(_listening(settings, listen, apart))
+            except ConnectionError as error:
+                refused = error
+        if router is None:
+            router = stack.enter_context(_listening(settings, listen, apart))
+        if refused is not None:
+            # All is well without the usual endpoint: it was to blame.
+            why = f"{usual} is in use" if "in use" in str(refused) else str(refused)
+            watcher.on_event(f"{why}: other programs can reach this run only at endpoints given with --listen")
+        yield router
 
 
 @contextmanager
