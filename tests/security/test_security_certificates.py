@@ -64,6 +64,10 @@ def test_what_is_there_is_replaced_only_if_asked(tmp_path: Path) -> None:
         (("ca",), "the name of the authority itself"),
         (("drone", "--days", "4000"), "but the authority is valid only until"),
         (
+            ("drone", "--days", "10000000"),
+            "for 10000000 days, but the authority is valid only until .*; give fewer days",
+        ),
+        (
             ("drone", "--host", "ground=10.0.0.2"),
             "hosts are given for ground, but no certificate is requested for them",
         ),
@@ -73,6 +77,14 @@ def test_what_is_there_is_replaced_only_if_asked(tmp_path: Path) -> None:
 def test_what_makes_no_certificate_is_told(tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
     with pytest.raises(CommandError, match=words):
         ask(tmp_path, *arguments)
+
+
+def test_certificates_are_valid_for_as_long_as_a_new_authority_and_no_longer(tmp_path: Path) -> None:
+    with pytest.raises(CommandError, match="the authority is valid only until 3650 days after it is made"):
+        ask(tmp_path / "too long", "drone", "--days", "3651")
+    assert not (tmp_path / "too long").exists()
+    ask(tmp_path, "drone", "--days", "3650")
+    assert certificate(tmp_path, "drone").not_valid_after_utc == certificate(tmp_path, "ca").not_valid_after_utc
 
 
 def test_half_an_authority_is_refused(tmp_path: Path) -> None:

@@ -113,17 +113,23 @@ def issue_all(
 ) -> list[Issued]:
     """Certificates for all `names`, valid for `days` from now; the authority is made where there is none.
 
-    Raises ValueError where a certificate of a name exists and is not to be renewed, and as `issue` does.
+    Raises ValueError where a certificate of a name exists and is not to be renewed, where a new authority would be
+    valid for fewer days, and as `issue` does.
     """
     unknown = sorted(set(hosts) - set(names))
     if unknown:
         raise ValueError(f"hosts are given for {', '.join(unknown)}, but no certificate is requested for them")
     if CA in names:
         raise ValueError(f"{CA} is the name of the authority itself; choose another name")
+    if days > _CA_DAYS:
+        raise ValueError(
+            f"the certificates would be valid for {days} days, but the authority is valid only until {_CA_DAYS} days "
+            "after it is made; give fewer days"
+        )
     there = [name for name in names if (folder / f"{name}.pem").exists()]
     if there and not renew:
         raise ValueError(f"{folder} already contains certificates of {', '.join(there)}; --renew replaces them")
-    now = datetime.datetime.now(datetime.UTC)
+    now = datetime.datetime.now(datetime.UTC).replace(microsecond=0)  # certificates state whole seconds
     folder.mkdir(parents=True, exist_ok=True)
     authority = open_authority(folder, now)
     begins, ends = now - _BACKDATED, now + datetime.timedelta(days=days)
