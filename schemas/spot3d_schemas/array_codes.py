@@ -3,7 +3,9 @@
 Every decoder is told the shape, which the caller has checked against the limits, and allocates no more.
 """
 
+import re
 import zlib
+from itertools import islice
 from types import ModuleType
 from typing import Any
 
@@ -11,7 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 _START_OF_FRAME = (0xC0, 0xC1)
-"""JPEG's sequential frames. Progressive ones (0xC2) take time per scan, and senders can use any number of scans."""
+"""JPEG's sequential frames. Progressive ones (0xC2) need many scans."""
+_SCANS_MAX = 3
+"""One scan for each colour. A scan of ten bytes takes the time of a whole image, and a JPEG may repeat any."""
+_START_OF_SCAN = re.compile(rb"\xff\xda")
 
 
 def delta_zlib_encode(image: NDArray[Any]) -> bytes:
@@ -103,6 +108,9 @@ def _jpeg_size(data: memoryview) -> tuple[int, int]:
         if marker == 0xFF:  # a fill byte
             at += 1
         elif marker in _START_OF_FRAME:
+            # In a scan's data 0xFF is followed by zero or belongs to a restart marker: none is counted there.
+            if len(list(islice(_START_OF_SCAN.finditer(data, at), _SCANS_MAX + 1))) > _SCANS_MAX:
+                raise ValueError(f"the JPEG has more than {_SCANS_MAX} scans; send baseline JPEG with one")
             return int.from_bytes(data[at + 5 : at + 7], "big"), int.from_bytes(data[at + 7 : at + 9], "big")
         elif marker in (0xC4, 0xDB, 0xDD, 0xFE) or 0xE0 <= marker <= 0xEF:  # tables, comments, application data
             at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")

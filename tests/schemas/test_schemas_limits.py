@@ -77,6 +77,19 @@ def test_progressive_jpeg_and_other_image_files_are_refused() -> None:
             decode(payload, Frame)
 
 
+def test_jpeg_that_repeats_scans_is_refused() -> None:
+    """Each takes the time of a whole image; a preview in the application data has its own, which is skipped."""
+    cv2 = pytest.importorskip("cv2", reason="JPEG needs OpenCV")
+    jpeg = cv2.imencode(".jpg", np.zeros((4, 6, 3), np.uint8))[1].tobytes()
+    preview = b"\xff\xe1" + (2 + 5 * 2).to_bytes(2, "big") + b"\xff\xda" * 5
+    whole = jpeg[:2] + preview + jpeg[2:]
+    assert not decode(wire_of("Frame", colour=array("uint8", [4, 6, 3], "jpeg", whole)), Frame).colour.any()
+    empty_scan = b"\xff\xda\x00\x08\x01\x01\x00\x00\x3f\x00"
+    payload = wire_of("Frame", colour=array("uint8", [4, 6, 3], "jpeg", whole[:-2] + 3 * empty_scan + whole[-2:]))
+    with pytest.raises(CodecError, match=r"spot3d\.Frame\.colour: the JPEG has more than 3 scans; send baseline JPEG"):
+        decode(payload, Frame)
+
+
 @pytest.mark.parametrize("filler", [b"\x90", b"\x80", b"\xa0", b"\xa2ab", b"\xcd\xff\xff"])
 def test_many_tiny_values_are_refused_before_they_are_built(filler: bytes) -> None:
     count = 300_000
