@@ -202,6 +202,12 @@ class Ear:
         """All updates of the objects."""
         return self.heard["fusion/objects"]
 
+    @property
+    def objects_of_now(self) -> Objects | None:
+        """The last update of the objects, if it is of the stream that fusion is in."""
+        last = self.objects[-1] if self.objects else None
+        return last if last is not None and last.header.stream == self.stream else None
+
     def health(self, stage: str) -> Health | None:
         """The stage's last health, if there was any."""
         heard: list[Health] = self.heard[f"{stage}/health"]

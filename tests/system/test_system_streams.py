@@ -72,7 +72,7 @@ def test_a_source_that_starts_again_with_older_stamps_is_another_scene(live) -> 
     assert objects.epoch is not None
     with source(stages.link, Recording(10_000, 5 * S)):
         ear.wait(lambda: ear.stream not in (None, first) and ear.fused >= 5)
-        ear.wait(lambda: ear.objects[-1].header.stream == ear.stream)
+        ear.wait(lambda: ear.objects_of_now is not None)
         second = ear.objects[-1]
         assert second.epoch != objects.epoch
         # Nothing of the scene before is in the map that is told; what was fused is told after that, and elsewhere.
@@ -116,7 +116,7 @@ def test_a_reset_amid_a_stream_begins_the_map_anew_and_goes_on(live) -> None:
     session, stages, ear = live
     with source(stages.link, Recording(10_000, 1500 * S)):
         before = ear.stream
-        ear.wait(lambda: ear.stream != before and ear.fused >= 5 and ear.objects[-1].header.stream == ear.stream)
+        ear.wait(lambda: ear.stream != before and ear.fused >= 5 and ear.objects_of_now is not None)
         stream, epoch = ear.stream, ear.objects[-1].epoch
         reply = next(iter(session.get(key("roving", "fusion/reset"), timeout=20)))
         assert decode(reply.ok.payload.to_bytes(), Progress).fused == 0
@@ -190,7 +190,7 @@ def test_a_killed_fusion_goes_on_with_its_map(live) -> None:
     session, stages, ear = live
     with source(stages.link, Recording(10_000, 5000 * S)):
         earlier = ear.stream
-        ear.wait(lambda: ear.stream != earlier and ear.fused >= 20 and ear.objects[-1].header.stream == ear.stream)
+        ear.wait(lambda: ear.stream != earlier and ear.fused >= 20 and ear.objects_of_now is not None)
         ear.wait(lambda: _event(ear, "fusion", "snapshots") >= 2)
         fused, before = ear.fused, ear.objects[-1]
         stages.kill("fusion")
