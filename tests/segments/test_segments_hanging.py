@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, back_project, invert
 from spot3d.segments.hanging import join_hanging
-from spot3d.segments.supports import heights
 
 CAMERA = Intrinsics(300.0, 300.0, 159.5, 119.5, 320, 240)
 POSE = look_at((0.0, -0.9, 0.6), (0, 0, 0.1))
@@ -30,7 +29,7 @@ def groups_of(
         np.flatnonzero((seen.colour == thing.colour).all(axis=-1) & (depth > 0)) for thing in things
     ]
     carriers = np.flatnonzero((seen.colour == long.colour).all(axis=-1) & (depth > 0)) if long else whose[0][:0]
-    joined = join_hanging(whose, points, heights(points, TABLE, bent=False).ravel(), invert(POSE)[:3, 2], carriers)
+    joined = join_hanging(whose, points, (points @ TABLE[:3] + TABLE[3]).ravel(), invert(POSE)[:3, 2], carriers)
     assert np.array_equal(np.sort(np.concatenate(joined)), np.sort(np.concatenate(whose)))
     return sorted([k for k, pixels in enumerate(whose) if np.isin(pixels, group).all()] for group in joined)
 
@@ -71,7 +70,7 @@ def test_beneath_is_beneath_however_the_camera_is_rolled(quarters: int, torn: fl
     depth[CAMERA.height // 2 : int(CAMERA.height * (0.5 + torn))] = 0
     points, up = back_project(depth, CAMERA), invert(POSE)[:3, 2]
     height, images = (
-        heights(points, TABLE, bent=False),
+        points @ TABLE[:3] + TABLE[3],
         [(seen.colour == c).all(axis=-1) & (depth > 0) for c in (RED, GREEN)],
     )
     for _ in range(quarters):  # what was right is up

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from spot3d.camera import back_project, invert
 from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import on_plane, transform_plane
-from spot3d.segments.settings import SegmentsSettings
+from spot3d.segments.settings import SegmentsSettings, Step
 from spot3d.segments.supports import (
     above_extent,
     beside_support,
     choose_support,
     clearly_faces,
     expected_up,
-    heights,
+    heights_and_tolerance,
     held_heat,
     noise_height,
 )
@@ -154,11 +154,15 @@ def bent(depth: NDArray[np.float32], by: float) -> NDArray[np.float32]:
     return np.where(depth > 0, depth + by * (0.5 - (u * u + v * v) / 2), 0).astype(np.float32)
 
 
+def heights(points: NDArray[np.float32]) -> NDArray[np.float32]:
+    return heights_and_tolerance(points, TABLE, SETTINGS, CAMERA.noise)[0]
+
+
 def test_heights_are_those_above_the_plane_where_it_is_flat() -> None:
     seen = view(POSE, ROOM + THREE)
     points = back_project(seen.depth, CAMERA)
     plain = points @ TABLE[:3] + TABLE[3]
-    np.testing.assert_allclose(heights(points, TABLE), plain, atol=0.002)
+    np.testing.assert_allclose(heights(points), plain, atol=0.002)
 
 
 def test_a_bent_table_is_level_and_what_stands_on_it_is_as_high_as_it_is() -> None:
@@ -166,10 +170,21 @@ def test_a_bent_table_is_level_and_what_stands_on_it_is_as_high_as_it_is() -> No
     true = back_project(view(POSE, ROOM + THREE).depth, CAMERA) @ TABLE[:3] + TABLE[3]
     points = back_project(bent(seen.depth, 0.02), CAMERA)
     on_table, on_things = np.abs(true) < 1e-4, (true > 0.03) & (true < 0.2)
-    plain, straightened = points @ TABLE[:3] + TABLE[3], heights(points, TABLE)
+    plain, straightened = points @ TABLE[:3] + TABLE[3], heights(points)
     assert np.quantile(np.abs(plain[on_table]), 0.9) > 0.006
     assert np.quantile(np.abs(straightened[on_table]), 0.9) < 0.004
     assert np.abs(np.median((straightened - true)[on_things])) < 0.004
+
+
+@pytest.mark.parametrize("skipped", [(), ("bend",)])
+def test_heights_are_as_much_less_certain_as_the_table_is_bent(skipped: tuple[Step, ...]) -> None:
+    points = back_project(bent(view(POSE, ROOM + THREE).depth, 0.02), CAMERA)
+    settings = SegmentsSettings(skipped=skipped)
+    height, tolerance = heights_and_tolerance(points, TABLE, settings, CAMERA.noise)
+    of_noise = noise_height(points[..., 2], TABLE, settings, CAMERA.noise)
+    bend = points @ TABLE[:3].astype(np.float32) + np.float32(TABLE[3]) - height
+    np.testing.assert_allclose(tolerance, of_noise + np.abs(bend) / 4, atol=1e-6)
+    assert np.abs(bend).max() == 0 if skipped else np.abs(bend).max() > 0.008
 
 
 @pytest.mark.parametrize("pixels", [0, 1, 99])
@@ -177,12 +192,12 @@ def test_where_little_of_the_plane_is_seen_it_is_flat(pixels: int) -> None:
     points = np.zeros((*CAMERA.shape, 3), np.float32)
     points.reshape(-1, 3)[:pixels] = POINTS.reshape(-1, 3)[-pixels - 1 : -1] if pixels else 0
     plain = points @ TABLE[:3].astype(np.float32) + np.float32(TABLE[3])
-    np.testing.assert_array_equal(heights(points, TABLE), plain)
+    np.testing.assert_array_equal(heights(points), plain)
 
 
 def test_heights_are_numbers_where_depth_is_missing() -> None:
     points = back_project(np.zeros(CAMERA.shape, np.float32), CAMERA)
-    assert np.isfinite(heights(points, TABLE)).all()
+    assert np.isfinite(heights(points)).all()
 
 
 @pytest.mark.parametrize(("away", "gate"), [(0.6, 3.0), (2.4, 3.0), (0.6, 6.0)])

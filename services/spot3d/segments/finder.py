@@ -25,7 +25,7 @@ from spot3d.segments.holes import fill_holes
 from spot3d.segments.levels import Levels, with_lower
 from spot3d.segments.occlusion import join_occluded
 from spot3d.segments.settings import SegmentsSettings, Step
-from spot3d.segments.supports import beside_support, choose_support, expected_up, heights, held_heat, noise_height
+from spot3d.segments.supports import beside_support, choose_support, expected_up, heights_and_tolerance, held_heat
 from spot3d.segments.torn import join_torn
 from spot3d.segments.vessels import vessel_groups
 from spot3d.segments.walls import is_wall
@@ -122,8 +122,7 @@ def _standing_out(
     """The supports; (h, w) bool, the pixels above or beside them; and the flat indices of pixels on pieces of other
     planes that are longer than an object."""
     points, normals, noise = among.points, among.normals, frame.camera.noise
-    height = heights(points, support, bent=wanted["bend"])
-    tolerance = noise_height(frame.depth, support, settings, noise)
+    height, tolerance = heights_and_tolerance(points, support, settings, noise)
     levels = Levels(support[None], np.zeros(height.shape, np.int8), height, tolerance)
     others = [
         (plane, long_pieces(points, normals, plane, settings, noise))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from spot3d.depth_noise import DepthNoise
 from spot3d.segments.hanging import STANDS
 from spot3d.segments.settings import SegmentsSettings
-from spot3d.segments.supports import above_extent, heights, noise_height
+from spot3d.segments.supports import above_extent, heights_and_tolerance
 
 _LEVEL = np.cos(np.radians(15))
 """Supports whose normals agree to 15 degrees are level alike (see `up_direction`). Walls are long, too."""
@@ -58,8 +58,7 @@ def with_lower(
     planes, free = list(main.planes), beside.copy()
     number, height, tolerance = main.number.copy(), main.height.copy(), main.tolerance.copy()
     for _, plane, pieces in sorted(lower, key=lambda one: -one[0]) if free.any() else ():
-        over = heights(points, plane, bent="bend" not in settings.skipped)
-        slack = noise_height(points[..., 2], plane, settings, noise)
+        over, slack = heights_and_tolerance(points, plane, settings, noise)
         above = free & (over >= -slack)
         above[above] = above_extent(points[above], points[pieces], up)
         number[above], height[above], tolerance[above] = len(planes), over[above], slack[above]
