@@ -1,15 +1,17 @@
-"""Which of a camera's frames are played."""
+"""Which frames of a camera or a recording are played."""
 
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from spot3d.camera import Intrinsics
 from spot3d.frame import RgbdFrame
 from spot3d.source import selected
-from spot3d.source.selected import Selection, open_selected_stream
+from spot3d.source.selected import Selection, at_half_size, open_selected_stream, open_selection
 from spot3d.source.sequence import Note
 from spot3d.source.settings import SourceSettings
 
@@ -55,3 +57,18 @@ def test_a_recording_that_is_begun_again_goes_on_where_it_was(
     stream = open_selected_stream(Selection(name, frames=5, every=2, after_ns=5), SourceSettings())
     given = [frame for frame in stream.stream(threading.Event(), lambda _kind, _text: None) if frame is not None]
     assert [frame.stamp_ns for frame in given] == stamps
+
+
+def test_a_selection_is_at_half_size_as_the_settings_open_it(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    for number in range(3):
+        colour, depth = rng.integers(0, 256, (480, 640, 3), np.uint8), np.full((480, 640), 1500, np.uint16)
+        cv2.imwrite(str(tmp_path / f"frame-{number:06d}.color.png"), colour)
+        cv2.imwrite(str(tmp_path / f"frame-{number:06d}.depth.png"), depth)
+    chosen = Selection(str(tmp_path), every=2, intrinsics=(585.0, 585.0, 320.0, 240.0))
+    opened = open_selection(chosen, SourceSettings(halved=True))
+    halved = at_half_size(open_selection(chosen, SourceSettings()))
+    assert len(halved) == len(opened) == 2
+    assert halved.intrinsics == opened.intrinsics == halved[1].intrinsics
+    np.testing.assert_array_equal(halved[1].colour, opened[1].colour)
+    np.testing.assert_array_equal(halved[1].depth, opened[1].depth)

@@ -17,7 +17,7 @@ from spot3d.source.halving import halve
 from spot3d.source.intrinsics_files import FocalAndCentre
 from spot3d.source.scene.name import scene_names
 from spot3d.source.selected import Selection, open_selection
-from spot3d.source.sequences import at_half_size as half_sequence
+from spot3d.source.selected import at_half_size as half_sequence
 from spot3d.source.sequences import refuse_misnamed_scene
 from spot3d.source.settings import SourceSettings
 from spot3d.source.seven_scenes import is_seven_scenes

@@ -10,9 +10,8 @@ from spot3d.evaluate.colour_errors import blurred, darkened
 from spot3d.evaluate.depth_errors import bent, fattened, mixed, noisier, torn
 from spot3d.evaluate.pose_errors import late, misplaced, shaken
 from spot3d.frame import RgbdFrame
-from spot3d.source.selected import Selected
+from spot3d.source.selected import Selected, at_half_size
 from spot3d.source.sequence import Derived, FrameSequence
-from spot3d.source.sequences import at_half_size
 
 SEED = 1
 
