@@ -12,17 +12,17 @@ from spot3d.source.process import EVERY_STAGE, FUSING_STAGES
 
 RECORDING = b"#ROSBAG V2.0\n\x45\x00\x00\x00\x12\x00\x00\x00index_pos=" + (200).to_bytes(8, "little")
 OF_THE_SDK = RECORDING.ljust(200, b"\0") + b"topic=/device_0/sensor_0/Depth_0/image/data"
-WITHOUT_POSE = tuple(stage for stage in FUSING_STAGES if stage != "pose")
+WITHOUT_POSE = tuple(stage for stage in EVERY_STAGE if stage != "pose")
 
 
 @pytest.mark.parametrize(
     ("arguments", "awaited"),
     [
         (["scene", "--lossless"], EVERY_STAGE),
-        (["scene", "--live"], FUSING_STAGES),
+        (["scene", "--live"], EVERY_STAGE),
         (["scene", "--live", "--no-pose-stage"], WITHOUT_POSE),
-        (["scene", "--live", "--supervised"], FUSING_STAGES),
-        (["{tmp}/walk.bag", "--live"], FUSING_STAGES),
+        (["scene", "--live", "--supervised"], EVERY_STAGE),
+        (["{tmp}/walk.bag", "--live"], EVERY_STAGE),
         (["{tmp}/walk.bag", "--live", "--supervised"], EVERY_STAGE),
         (["realsense", "--live"], ()),
         (["realsense:123", "--live"], ()),

@@ -100,18 +100,16 @@ def source(
 def _awaited(input_name: str, live: bool, supervised: bool) -> tuple[str, ...]:
     """The stages that must be alive before a source's first frame.
 
-    A camera waits for none, unless a run has started it together with the others. A recording waits, because frames are
-    lost that are played before the stages listen. Live, frames can be fused while the segments stage still compiles its
-    kernels; a run lets a recording that plays like a camera wait for that, too.
+    A recording waits for all of them, because what is played before they listen is lost: it may be over while the
+    segments stage still compiles its kernels. A camera goes on, and waits for none, unless a run has started it
+    together with the others; then its frames can be fused while that stage compiles.
     """
     from spot3d.source.process import EVERY_STAGE, FUSING_STAGES
     from spot3d.source.realsense.camera import is_camera
-    from spot3d.source.sequences import is_stream
 
-    if live and not supervised and is_camera(input_name):
-        return ()
-    plays_like_a_camera = is_stream(input_name) and not is_camera(input_name)
-    return FUSING_STAGES if live and not (supervised and plays_like_a_camera) else EVERY_STAGE
+    if live and is_camera(input_name):
+        return FUSING_STAGES if supervised else ()
+    return EVERY_STAGE
 
 
 Stage = Callable[[Settings, threading.Event], None]

@@ -142,8 +142,8 @@ def _without_candidates(keyframes: int, settings: Settings) -> str:
         )
     if not keyframes:
         return (
-            "fusion received no segments of keyframes; check that the segments stage is running and segments.enabled "
-            "is true"
+            "fusion received no segments of keyframes; check that the segments stage is running (while it compiles its "
+            "kernels, only once, it is not) and segments.enabled is true"
         )
     return (
         f"no candidates in {keyframes} keyframes: an object must rise {100 * segments.height_min:g} cm above a "
