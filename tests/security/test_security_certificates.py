@@ -38,6 +38,9 @@ def test_a_certificate_for_each_role_of_one_authority(tmp_path: Path) -> None:
     names = certificate(folder, "ground").extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     assert names.get_values_for_type(x509.DNSName) == ["ground", "base"]
     assert [str(address) for address in names.get_values_for_type(x509.IPAddress)] == ["10.0.0.2"]
+    ask(folder, "drone", "ground", "--host", "drone=10.0.0.3", "--renew")
+    kept = certificate(folder, "ground").extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert kept == names, "addresses that nobody states anew"
     for name in ("drone", "ground", "dashboard"):
         files = {"certificate": folder / f"{name}.pem", "key": folder / f"{name}.key"}
         own = own_certificate(LinkSettings(ca=folder / "ca.pem", **files))

@@ -98,7 +98,8 @@ def open_session(
     own = own_certificate(link)
     if own is not None and own.soon_over:
         log.warning(
-            "this side's certificate %s is for %s and expires soon: make a new one (spot3d certificates --renew)",
+            "this side's certificate %s is for %s and expires soon: make a new one (spot3d certificates --out FOLDER "
+            "NAME --renew)",
             link.certificate,
             own,
         )

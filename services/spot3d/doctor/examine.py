@@ -47,6 +47,10 @@ def reached(link: LinkSettings, answered: bool = True) -> list[Finding]:
             except TlsError as error:
                 findings.append(Finding("note", "router", str(error), "connected through another of its endpoints"))
                 continue
-            remedy = "make a new certificate for it: spot3d certificates --renew" if shown.soon_over else ""
+            remedy = (
+                "make a new certificate for it: spot3d certificates --out FOLDER NAME --renew"
+                if shown.soon_over
+                else ""
+            )
             findings.append(Finding("problem" if remedy else "ok", "router's certificate", str(shown), remedy))
     return findings

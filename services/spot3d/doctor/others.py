@@ -125,7 +125,7 @@ def certificates(host: str, there: Sequence[Answer]) -> list[Finding]:
     until = datetime.datetime.fromtimestamp(min(ends) / 1e9, datetime.UTC)
     soon = until - datetime.datetime.now(datetime.UTC) < EXPIRES_SOON
     text = f"valid until {until:%Y-%m-%d %H:%M} UTC"
-    remedy = "make new ones: spot3d certificates --renew" if soon else ""
+    remedy = "make new ones: spot3d certificates --out FOLDER NAME --renew" if soon else ""
     return [Finding("problem" if soon else "ok", f"certificates on {host}", text, remedy)]
 
 

@@ -15,7 +15,7 @@ SHARED_BYTES = 128 << 20
 """Least free memory: Zenoh's pool is 16 MiB a process, for six stages and readers."""
 DISK_BYTES = 2 << 30
 """Least free space: a map of a long flight and its successor are some hundred MB."""
-_RENEW = "make a new one: spot3d certificates --renew"
+_RENEW = "make a new one: spot3d certificates --out FOLDER NAME --renew"
 
 
 def look_here(link: LinkSettings) -> list[Finding]:

@@ -113,6 +113,7 @@ def issue_all(
 ) -> list[Issued]:
     """Certificates for all `names`, valid for `days` from now; the authority is made where there is none.
 
+    hosts: addresses and host names of each name; a certificate that is renewed without any keeps those it had.
     Raises ValueError where a certificate of a name exists and is not to be renewed, where a new authority would be
     valid for fewer days, and as `issue` does.
     """
@@ -133,7 +134,19 @@ def issue_all(
     folder.mkdir(parents=True, exist_ok=True)
     authority = open_authority(folder, now)
     begins, ends = now - _BACKDATED, now + datetime.timedelta(days=days)
+    kept = {name: _hosts_of(folder / f"{name}.pem") for name in there if name not in hosts}
+    hosts = {**kept, **hosts}
     return [issue(authority, folder, name, hosts.get(name, ()), begins=begins, ends=ends) for name in names]
+
+
+def _hosts_of(file: Path) -> list[str]:
+    """The addresses and host names of a certificate, without its own name. Raises ValueError if it is none."""
+    try:
+        stated = x509.load_pem_x509_certificate(file.read_bytes()).extensions
+    except ValueError as error:
+        raise ValueError(f"{file} is not a valid certificate: delete it, and make a new one") from error
+    hosts = stated.get_extension_for_class(x509.SubjectAlternativeName).value
+    return [str(host.value) for host in hosts if host.value != file.stem]
 
 
 def _make_authority(folder: Path, now: datetime.datetime) -> Authority:
