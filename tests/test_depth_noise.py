@@ -43,7 +43,8 @@ def test_noise_by_name_and_by_numbers(text: str, z: float, expected: float) -> N
     "text",
     [
         *("", "d999", "stereo:0.05", "stereo:0,400", "1,2", "0,0.001,0.4", "nan,1,1", "x:1,2,3"),
-        *("1.2,1.9,400", "0.001,0.1,8", "1e-23,0,0", "stereo:0.05,0.424"),  # millimetres, and what no camera has
+        # Millimetres, and what no camera has.
+        *("1.2,1.9,400", "0.001,0.1,8", "1e-23,0,0", "stereo:0.05,0.424", "stereo:50,400", "stereo:400,0.05"),
     ],
 )
 def test_what_is_no_noise_is_refused(text: str) -> None:

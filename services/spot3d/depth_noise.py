@@ -80,14 +80,20 @@ SUBPIXEL = 0.08
 """Standard deviation of disparity on textured surfaces, pixels: what Intel states for the D400 series."""
 
 
+_BASELINE_MAX = 2.0
+"""No depth camera is wider, metres: a larger number is in millimetres, or a focal length."""
+
+
 def stereo_noise(baseline_m: float, focal_px: float, subpixel: float = SUBPIXEL) -> DepthNoise:
     """Noise of a stereo camera: z^2 * subpixel / (focal length * baseline), and depth in steps of a millimetre.
 
-    focal_px: of the depth image at the size at which disparity is computed. Raises ValueError.
+    focal_px: of the depth image at the size at which disparity is computed. Raises ValueError, also for a baseline in
+    millimetres.
     """
-    if not (baseline_m > 0 and focal_px > 0 and subpixel > 0):
+    if not (0 < baseline_m <= _BASELINE_MAX and focal_px > 0 and subpixel > 0):
         raise ValueError(
-            f"baseline, focal length and subpixel must be positive; got {baseline_m}, {focal_px}, {subpixel}"
+            f"baseline (metres, at most {_BASELINE_MAX:g}), focal length and subpixel (pixels) must be positive; got "
+            f"{baseline_m:g}, {focal_px:g}, {subpixel:g}"
         )
     return checked_noise(_MILLIMETRE_STEPS, subpixel / (focal_px * baseline_m), 0.0)
 
