@@ -143,11 +143,12 @@ def test_why_tracking_was_lost_is_told_and_reported():
     assert [item["reason"] for item in lost] == ["the depth image is empty"]
 
 
-def test_who_was_never_followed_had_nowhere_to_move_back_to():
+@pytest.mark.parametrize("count", [5, 40])
+def test_who_was_never_followed_had_nowhere_to_move_back_to(count):
     tracking = LostTracking()
-    for index in range(40):
+    for index in range(count):
         tracking.add(index, True, "the depth image is empty")
-    assert notice(tracking.stretches()) == "none of the 40 frames could be tracked (the depth image is empty)"
+    assert notice(tracking.stretches()).startswith(f"none of the {count} frames could be tracked (the depth image")
 
 
 def test_of_very_many_stretches_the_longest_are_kept():

@@ -57,13 +57,13 @@ class LostTracking:
 
 def notice(found: Sequence[Stretch]) -> str:
     """One line for people; empty where tracking was never lost for long."""
-    long = [stretch for stretch in found if stretch.frames >= _TOLD]
+    long = [stretch for stretch in found if stretch.frames >= _TOLD or (stretch.from_the_start and stretch.to_the_end)]
     if not long:
         return ""
     count, last = sum(stretch.frames for stretch in long), long[-1]
     text = f"tracking was lost in {count} frames" + (f", in {len(long)} stretches" if len(long) > 1 else "")
     if last.to_the_end and last.from_the_start:
-        text = f"none of the {count} frames could be tracked"
+        text = f"none of the {count} frames could be tracked" if count > 1 else "the only frame could not be tracked"
     elif last.to_the_end:
         text += f", the last {last.frames} of them to the end: the camera did not return to a place that it saw before"
     longest = max(long, key=lambda stretch: stretch.frames)
