@@ -184,7 +184,7 @@ def demo(
     with dashboard_if_wanted(show, in_process, resolved, settings, out, console) as page:
         endpoints = () if page is None else (page.endpoint,)
         chosen = selection(f"scene:{seed}", frames, 1, None)
-        done = run_input(chosen, resolved, out, console, in_process, listen=endpoints)
+        done = run_input(chosen, resolved, out, console, in_process, listen=endpoints, usual=USUAL_ENDPOINT)
         model = build_scene(seed)
         true = [(item.name, Box3D(item.centre, item.size, item.rotation)) for item in model.boxes]
         console.print(demo_table(*match_objects(true, done.result.objects)))
