@@ -1,6 +1,8 @@
 """What an export leaves out, and what it refuses."""
 
+import errno
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 from recordings import ROBOT, damage_second_chunk, write_recording
 
 from spot3d.recorder.foxglove_export import export
+from spot3d.recorder.mcap_writer import McapWriter
 from spot3d.run.results import RunResult, write_results
 from spot3d.source.errors import SourceError
 from spot3d_schemas import Header, Pose
@@ -48,4 +51,20 @@ def test_a_run_of_nothing_is_refused(tmp_path: Path) -> None:
     (run / "settings.toml").touch()
     with pytest.raises(SourceError, match="run has nothing to export"):
         export(run, out, lambda text: None)
+    assert not out.exists()
+
+
+def test_an_export_onto_a_full_disk_leaves_nothing(recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    finish, asked = McapWriter._finish, list[McapWriter]()
+
+    def full(writer: McapWriter) -> None:
+        asked.append(writer)
+        if len(asked) == 1:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        finish(writer)
+
+    monkeypatch.setattr(McapWriter, "_finish", full)
+    out = recording.with_name("out.mcap")
+    with pytest.raises(OSError, match="No space"):
+        export(recording, out, lambda text: None)
     assert not out.exists()

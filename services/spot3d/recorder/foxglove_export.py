@@ -59,7 +59,7 @@ def export(source: Path, out: Path, complain: Callable[[str], None]) -> dict[str
         with suppress(OSError):
             writer.close()
         # An incomplete export would be taken for a complete one.
-        out.unlink()
+        out.unlink(missing_ok=True)
         raise
     return exporter.written
 

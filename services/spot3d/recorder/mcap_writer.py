@@ -145,7 +145,9 @@ class McapWriter:
         self.kept.update({channel: len(entries) for channel, entries in index.items()})
 
     def close(self) -> None:
-        """Write the open chunk and the summary, and close the file even if that fails."""
+        """Write the open chunk and the summary, and close the file even if that fails. Again it does nothing."""
+        if self._file.closed:
+            return
         try:
             self.flush()
         finally:
