@@ -47,6 +47,21 @@ def test_nothing_of_an_earlier_run_is_there_when_the_stages_start(
     assert not [name for name in ("objects.json", "heatmap.ply", "overview.png") if (tmp_path / name).exists()]
 
 
+def test_a_run_that_is_ended_while_it_looks_at_its_input_leaves_the_results_of_the_run_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("spot3d.run.run.input_doubts", interrupt)
+    for name in ("objects.json", "report.json", "settings.toml"):
+        (tmp_path / name).write_text("of the run before")
+    with pytest.raises(KeyboardInterrupt):
+        run(Selection("scene", 3), load_settings(), tmp_path, Console(quiet=True), in_process=True)
+    for name in ("objects.json", "report.json", "settings.toml"):
+        assert (tmp_path / name).read_text() == "of the run before"
+
+
 def test_a_report_tells_of_results_that_could_not_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not that all is well: it is written last."""
     told = []

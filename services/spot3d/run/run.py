@@ -92,14 +92,15 @@ def _refuse_other_than_utf8(folder: Path) -> None:
 def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supervisor | None) -> Finished:
     selection, settings, folder, seen = plan.selection, plan.settings, plan.folder, plan.seen
     in_process = supervisor is None
+    odometry = settings.pose.provider != "given" and plan.pose_topic is None
+    # Before the results of an earlier run are deleted: it takes seconds, in which Ctrl-C may end it.
+    doubts = input_doubts(sequence, odometry) if seen is None else []
     (folder / "settings.toml").write_text(to_toml(settings), encoding="utf-8")
     size = (sequence.intrinsics.width, sequence.intrinsics.height) if seen is None else (0, 0)
     mode = "in process" if in_process else "processes"
     played = len(sequence) if seen is None else selection.frames or 0
     report = RunReport(selection.name, mode, played, size, asdict(selection))
     _begin(folder, report)
-    odometry = settings.pose.provider != "given" and plan.pose_topic is None
-    doubts = input_doubts(sequence, odometry) if seen is None else []
     start_s = time.perf_counter()
     with (
         stop_on_signals(None) as stop,
