@@ -38,6 +38,27 @@ def test_objects_that_do_not_come_are_told_with_where_to_look(tmp_path: Path, mo
     assert report.error.endswith(f" s; see {tmp_path / 'logs' / 'fusion.log'}")
 
 
+def test_stages_that_compile_their_kernels_are_told_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(distributed, "_SLOW_START_S", -1.0)
+    rounds, stop, said = iter(range(3)), Event(), list[str]()
+
+    def drain() -> None:
+        if next(rounds) == 2:
+            stop.set()
+
+    health = {"pose": SAMPLES["Health"].model_copy(update={"stage": "pose"})}
+    collector = SimpleNamespace(progress=None, drain=drain, news=list, latest=lambda: health)
+    running = dict.fromkeys(("source", "pose", "segments", "fusion"), 1)
+    supervisor = SimpleNamespace(
+        poll=lambda _: [], processes=lambda: running, has_finished=lambda _: False, end=lambda _: None
+    )
+    watcher = SimpleNamespace(on_note=said.append)
+    report, plan = RunReport("scene", "processes", 3, (1, 1)), Plan(Selection("scene", 3), load_settings(), tmp_path)
+    monitor = RunMonitor(report, SimpleNamespace(), watcher, stop)
+    distributed._follow(plan, "", supervisor, collector, monitor, pytest.fail)
+    assert said == ["waiting for fusion, segments: compiling kernels, which is done once"]
+
+
 @pytest.mark.parametrize(
     ("progress", "unsent", "told"),
     [

@@ -28,6 +28,8 @@ _KEEP_S = 10.0
 """Interval at which the results so far are saved."""
 _NO_POSE_S = 10.0
 """External poses that have not come by then are reported: the stages are there after some four."""
+_SLOW_START_S = 8.0
+"""Stages that are not on line by then compile their kernels: with these in the cache they take some four."""
 _MAP_S, _MAP_INTERRUPTED_S = 30.0, 2.0
 """Longest wait for the map, at the end and after Ctrl-C."""
 
@@ -99,10 +101,14 @@ def _follow(
     """Watch the stages until the source has ended and the last objects are here."""
     report, awaited, began_s = monitor.report, plan.pose_topic, time.monotonic()
     kept_s, ended_s, silence = began_s, inf, Silence(plan.settings.link.health_interval_s)
-    source_again = partial(_source_again, plan, endpoint, collector)
+    source_again, slow_start = partial(_source_again, plan, endpoint, collector), False
     while not monitor.stop.wait(_POLL_S):
         collector.drain()
         monitor.tell(*collector.news())
+        if not slow_start and time.monotonic() - began_s > _SLOW_START_S:
+            slow_start = True
+            if waited_for := sorted(supervisor.processes().keys() - collector.latest().keys() - {"source"}):
+                monitor.watcher.on_note(f"waiting for {', '.join(waited_for)}: compiling kernels, which is done once")
         for stage in silence.look(collector.latest(), supervisor.processes(), time.monotonic()):
             monitor.tell(f"{stage} has not responded for {silence.limit_s(stage):.0f} s; it hangs and is killed")
             supervisor.kill(stage)
