@@ -209,6 +209,17 @@ def test_a_point_is_looked_for_along_the_ray_wherever_the_camera_is() -> None:
     assert mapper.heatmap.count == 1
 
 
+@pytest.mark.parametrize(("apart", "points"), [(0.07, 1), (0.3, 2)])
+def test_another_surface_far_away_is_no_noise(apart: float, points: int) -> None:
+    """At 12 m three deviations are 0.8 m."""
+    mapper, one = Mapper(range_max=100.0), Intrinsics(100.0, 100.0, 0.0, 0.0, 1, 1)
+    for away in (12.0, 12.0 + apart):
+        pixel = View(np.zeros((1, 1, 3), np.uint8), np.full((1, 1), away, np.float32), np.zeros((1, 1), np.uint8))
+        mapper.index_map = IndexMap(mapper.settings)
+        mapper.see(pixel, np.eye(4), one)
+    assert mapper.heatmap.count == points
+
+
 def test_the_map_stops_growing() -> None:
     mapper, rng = Mapper(), np.random.default_rng(2)
     poses = orbit(6)

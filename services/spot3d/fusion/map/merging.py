@@ -13,6 +13,9 @@ from spot3d.voxel_hash import EMPTY, find_slot
 _MOST_FRAMES = np.float32(1 << 16)
 """Up to here single precision, of 24 bits, adds a frame's heat exactly to half of a 255th. Beyond, it adds less and
 less of it, and from 2^24 on nothing."""
+_REACH_MAX = np.float32(0.1)
+"""Beyond this along the ray lies another surface, such as the table behind an object, metres. Three deviations reach it
+with a Kinect beyond 4.5 m, with a stereo camera (d435) beyond 3 m."""
 
 
 class Pixels(NamedTuple):
@@ -44,11 +47,14 @@ def _find_along_ray(
     reach: np.float32,
     per_metre: np.float32,
 ) -> np.int32:
-    """Row of the point nearest along the viewing ray within `reach` metres (depth errs along it), or -1."""
+    """Row of the point nearest along the viewing ray within `reach` metres (depth errs along it), or -1.
+
+    No point is farther away than `_REACH_MAX`, however large the noise.
+    """
     T = T_world_camera
     scale = np.float32(1) / (distance * per_metre)
     sx, sy, sz = (x - T[0, 3]) * scale, (y - T[1, 3]) * scale, (z - T[2, 3]) * scale
-    steps = int(reach * per_metre)
+    steps = int(min(reach, _REACH_MAX) * per_metre)
     for step in range(steps + 1):
         for sign in range(2):
             if step == 0 and sign == 1:
