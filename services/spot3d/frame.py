@@ -7,6 +7,9 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
 
+_DEPTH_MAX = 1000.0
+"""No camera measures depth beyond this, metres; floats beyond it mark that there is none."""
+
 
 @dataclass(frozen=True, slots=True)
 class RgbdFrame:
@@ -38,10 +41,11 @@ class RgbdFrame:
             raise ValueError(f"depth_scale must be positive (metres per unit), got {self.depth_scale}")
 
     def depth_metres(self) -> NDArray[np.float32]:
-        """Depth as (h, w) float32 metres; whatever is not a positive finite number becomes 0 = invalid."""
+        """Depth as (h, w) float32 metres; what is not positive, finite and at most 1000 m becomes 0 = invalid."""
         metres = self.depth.astype(np.float32)
-        if self.depth.dtype == np.float32:
-            metres[~(np.isfinite(metres) & (metres > 0))] = 0
+        largest = _DEPTH_MAX / self.depth_scale
+        if self.depth.dtype == np.float32 or largest < np.iinfo(np.uint16).max:
+            metres[~((metres > 0) & (metres <= largest))] = 0
         if self.depth_scale != 1:
             metres *= np.float32(self.depth_scale)
         return metres
