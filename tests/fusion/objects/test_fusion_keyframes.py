@@ -1,5 +1,8 @@
 """Keyframes find the frames that were fused, and are bounded in number."""
 
+import tracemalloc
+from dataclasses import replace
+
 import numpy as np
 from fusion_room import CAMERA, COARSE, ROOM, THREE, orbit, view
 
@@ -102,6 +105,20 @@ def test_reset_forgets_them() -> None:
     fusion.reset()
     assert (len(fusion.consensus), fusion.consensus.dropped) == (0, 0)
     assert not fusion.observe(segments(), 1)
+
+
+def test_segments_of_an_absurdly_wide_view_take_no_more_memory_than_others() -> None:
+    fusion = Fusion(COARSE)
+    fused(fusion, 2)
+    wide = replace(segments(), camera=replace(CAMERA, fx=CAMERA.fx / 3000, fy=CAMERA.fy / 3000))
+    wide.labels.fill(1)
+    tracemalloc.start()
+    try:
+        assert fusion.observe(wide, 0)
+        assert tracemalloc.get_traced_memory()[1] < 20e6
+    finally:
+        tracemalloc.stop()
+    assert fusion.observe(replace(wide, camera=replace(wide.camera, fx=5e-324)), 1)
 
 
 def test_what_spills_onto_another_thing_goes_as_what_spills_onto_the_wall() -> None:

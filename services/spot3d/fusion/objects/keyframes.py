@@ -64,7 +64,8 @@ def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
     seen = segments.seen_by(frame.camera)
     labels = seen.labels
     if segments.camera != frame.camera:
-        labels = without_spill(labels, frame.depth, int(np.ceil(frame.camera.fx / segments.camera.fx)))
+        off = min(np.ceil(frame.camera.fx / segments.camera.fx), max(labels.shape))  # the whole lattice at most
+        labels = without_spill(labels, frame.depth, int(off))
     return Keyframe(
         frame.stamp_ns,
         labels,
