@@ -40,6 +40,13 @@ def test_boxes_of_a_large_image_are_in_its_own_pixels():
         assert overlaps(boxes[:10], tuple(2 * side for side in one)).max() > 0.7
 
 
+@pytest.mark.parametrize(("width", "height"), [(4000, 11), (8192, 1), (480, 1), (4000, 13)])
+def test_a_wide_low_image_without_edges_has_no_boxes(width, height):
+    wide = Intrinsics(0.9 * width, 0.9 * width, width / 2, height / 2, width, height)
+    boxes = propose(np.zeros((*wide.shape, 3), np.uint8), np.ones(wide.shape, np.float32), wide, ProposalSettings())
+    assert boxes.shape == (0, 5)
+
+
 def textured_frame():
     rng = np.random.default_rng(3)
     colour, depth = squares(LEFT, RIGHT, (20, 180, 40, 50))

@@ -56,7 +56,7 @@ def _reduced(
 
     Colour is averaged over blocks; depth is each block's first pixel: an average would float between surfaces.
     """
-    factor = max(1, round(camera.width / width))
+    factor = max(1, min(round(camera.width / width), camera.height))  # a wide, low image keeps a row
     w, h = camera.width // factor, camera.height // factor
     fx, fy, cx, cy = (value / factor for value in (camera.fx, camera.fy, camera.cx, camera.cy))
     small = replace(camera, fx=fx, fy=fy, cx=cx, cy=cy, width=w, height=h)
