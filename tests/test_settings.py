@@ -1,6 +1,8 @@
 import math
+import re
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -198,6 +200,37 @@ def test_a_bridge_between_stages_that_there_are_not_is_refused() -> None:
     said = r"bridge\.stages\.1: unknown stage; choose from source, .*, fusion, got 'heatmpa'"
     with pytest.raises(InvalidSettingsError, match=said):
         load_settings(overrides={"bridge": {"stages": ("source", "heatmpa")}})
+
+
+@pytest.mark.parametrize(
+    ("name", "refused", "accepted"),
+    [
+        ("proposals.alpha", (0.91, 0.95, 1.0), (0.4, 0.65, 0.9)),
+        ("proposals.edges.colour_contrast", (1e-6, 0.9, 1001.0, math.inf), (1.0, 80.0, 160.0, 1000.0)),
+        ("fusion.density_radius", (0.21, 10.0), (0.02, 0.2)),
+        ("fusion.density_cell", (1e-300, 9e-4), (0.0, 1e-3, 0.1)),
+        ("fusion.plane_triples", (100_001, 1_000_000), (10, 100_000)),
+        ("segments.plane_triples", (100_001,), (10, 100_000)),
+        ("segments.region", (0.051, 1.0), (1e-3, 0.05)),
+        *((f"{section}.noise_gate", (10.1, 1e30), (0.0, 9.0, 10.0)) for section in ("segments", "fusion")),
+        *((f"{section}.plane_distance", (1e-30, 9e-5, 0.11), (1e-4, 0.1)) for section in ("segments", "fusion")),
+        *((f"{section}.grazing_cos", (1e-200, 9e-3), (0.0, 0.01)) for section in ("segments", "fusion")),
+    ],
+)
+def test_what_no_stage_can_compute_with_is_refused(
+    name: str, refused: tuple[float, ...], accepted: tuple[float, ...]
+) -> None:
+    def given(value: float) -> dict[str, Any]:
+        overrides: Any = value
+        for part in reversed(name.split(".")):
+            overrides = {part: overrides}
+        return dict(overrides)
+
+    for value in accepted:
+        load_settings(overrides=given(value))
+    for value in refused:
+        with pytest.raises(InvalidSettingsError, match=rf"^{re.escape(name)}: .*{re.escape(str(value))}"):
+            load_settings(overrides=given(value))
 
 
 def test_a_preset_that_is_no_name_is_refused(tmp_path):

@@ -34,7 +34,7 @@ OF_THE_MAP = {
     "frequency_min": 100,
     "frequency_share": 1.0,
     "tau": 1000.0,
-    "density_radius": 1.0,
+    "density_radius": 0.2,
     "density_points": 1000,
     "density_cell": 0.1,
     "seed": 1,

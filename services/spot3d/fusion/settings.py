@@ -1,11 +1,12 @@
 """Settings of the fusion stage."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from spot3d.depth_noise import GRAZING_COS, RANGE_MAX, GrazingCos
 from spot3d.object_size import SIZE_MAX, SIZE_MIN, SizeMax
+from spot3d.zero_or_at_least import zero_or_at_least
 
 Vote = Literal["parts", "disputed", "outline", "rounded", "balance", "gone"]
 """A rule of the views' consensus that can be left out, to measure what it is worth."""
@@ -21,12 +22,15 @@ class FusionSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     plane_distance: float = Field(
-        0.005, gt=0, description="eps_p: largest distance of a point from a plane that it lies on, metres"
+        0.005,
+        ge=1e-4,  # no depth camera measures finer
+        le=0.1,  # objects are not much larger
+        description="eps_p: largest distance of a point from a plane that it lies on, metres",
     )
     plane_triples: int = Field(
         10_000,
         ge=10,
-        le=1_000_000,
+        le=100_000,  # with "triples" each is counted on all points
         description="number of triples of neighbouring pixels that RANSAC tries" + MAP_ALONE,
     )
     plane_candidates: int = Field(
@@ -64,7 +68,7 @@ class FusionSettings(BaseModel):
         0.01, gt=0, description="eps_Z: largest depth difference of matching pixels, metres" + MAP_ALONE
     )
     noise_gate: float = Field(
-        3.0, ge=0, description="least width of the gates, in standard deviations of the depth noise" + MAP_ALONE
+        3.0, ge=0, le=10, description="least width of the gates, in standard deviations of the depth noise" + MAP_ALONE
     )
     grazing_cos: GrazingCos = GRAZING_COS
     lattice_width: int = Field(
@@ -139,11 +143,16 @@ class FusionSettings(BaseModel):
         "not affect it. density: threshold, K-means over the keyframes' planes, their removal, DBSCAN, "
         "merging, volume (the paper)",
     )
-    density_radius: float = Field(0.02, gt=0, description="DBSCAN's radius, metres" + MAP_ALONE)
+    density_radius: float = Field(
+        0.02,
+        gt=0,
+        le=0.2,  # DBSCAN holds all pairs of points that are nearer
+        description="DBSCAN's radius, metres" + MAP_ALONE,
+    )
     density_points: int = Field(
         20, ge=1, description="least number of neighbours of a core point of DBSCAN" + MAP_ALONE
     )
-    density_cell: float = Field(
+    density_cell: Annotated[float, zero_or_at_least(1e-3)] = Field(
         0.005,
         ge=0,
         le=0.1,

@@ -17,7 +17,10 @@ class EdgeSettings(BaseModel):
     )
     min_magnitude: float = Field(0.2, gt=0, lt=1, description="weaker edges are ignored; magnitudes are in [0, 1]")
     colour_contrast: float = Field(
-        20.0, gt=0, description="colour gradient of an edge of magnitude 1, grey levels per pixel"
+        20.0,
+        ge=1,  # what eight bits resolve
+        le=1000,  # no gradient is as large
+        description="colour gradient of an edge of magnitude 1, grey levels per pixel",
     )
 
 
@@ -29,7 +32,12 @@ class ProposalSettings(BaseModel):
     PAPER: ClassVar[Self]
 
     max_boxes: int = Field(1000, ge=1, le=10_000, description="M: largest number of proposals per frame")
-    alpha: float = Field(0.5, gt=0, lt=1, description="alpha: IoU of neighbouring windows of the search")
+    alpha: float = Field(
+        0.5,
+        gt=0,
+        le=0.9,  # 0.95 takes a gigabyte of windows
+        description="alpha: IoU of neighbouring windows of the search",
+    )
     beta: float = Field(0.75, gt=0, le=1, description="beta: IoU above which the weaker of two boxes is dropped")
     apart: float = Field(
         0.5,

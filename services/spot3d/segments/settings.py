@@ -65,16 +65,19 @@ class SegmentsSettings(BaseModel):
     )
 
     plane_distance: float = Field(
-        0.005, gt=0, description="eps_p: largest distance of a point from a plane that it lies on, metres"
+        0.005,
+        ge=1e-4,  # no depth camera measures finer
+        le=0.1,  # objects are not much larger
+        description="eps_p: largest distance of a point from a plane that it lies on, metres",
     )
     plane_triples: int = Field(
-        10_000, ge=10, le=1_000_000, description="number of triples of neighbouring pixels that RANSAC tries"
+        10_000, ge=10, le=100_000, description="number of triples of neighbouring pixels that RANSAC tries"
     )
     plane_candidates: int = Field(
         5, ge=1, le=20, description="number of dominant planes of which heat selects the support"
     )
     noise_gate: float = Field(
-        3.0, ge=0, description="least width of the gates, in standard deviations of the depth noise"
+        3.0, ge=0, le=10, description="least width of the gates, in standard deviations of the depth noise"
     )
     grazing_cos: GrazingCos = GRAZING_COS
     range_max: float = Field(
@@ -95,6 +98,7 @@ class SegmentsSettings(BaseModel):
     region: float = Field(
         1.5e-3,
         gt=0,
+        le=0.05,  # a fifth of the range across: every object would join its neighbour
         description="least area of a region between creases, as a fraction of the squared range (15 cm2 at 1 m); "
         "smaller ones join a neighbour",
     )
