@@ -51,6 +51,24 @@ class Piece:
     leans: bool
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Thing:
+    """A piece, or several as one, with what every other one asks of it, computed once.
+
+    low, top: heights along up at which its box begins and ends, metres; volume: cubic metres.
+    """
+
+    piece: Piece
+    low: float
+    top: float
+    volume: float
+
+
+def _thing(piece: Piece, up: NDArray[np.float64]) -> _Thing:
+    height, half = float(up @ piece.box.centre), float(piece.box.size[2]) / 2
+    return _Thing(piece, height - half, height + half, piece.box.volume)
+
+
 def put_together(
     pieces: Mapping[int, Piece], hot: Set[int], up: NDArray[np.float64], size_max: float
 ) -> dict[Numbers, Box3D]:
@@ -59,25 +77,25 @@ def put_together(
     hot: the pieces that are objects; the others are in an object only if they carry one of these. up: (3,) unit, world.
     size_max: longest edge, metres, of an object of several pieces.
     """
-    things: dict[Numbers, Piece] = {(number,): piece for number, piece in pieces.items()}
+    things: dict[Numbers, _Thing] = {(number,): _thing(piece, up) for number, piece in pieces.items()}
     # From above: what a part carries stands on the whole to which the part belongs.
     parts: list[Numbers] = [(number,) for number in hot]
-    waiting = sorted(parts, key=lambda numbers: (-_ends(things[numbers].box, up)[0], numbers))
+    waiting = sorted(parts, key=lambda numbers: (-things[numbers].low, numbers))
     while waiting:
         part = waiting.pop(0)
-        carrier = _carrier_of(part, things, up)
+        carrier = _carrier_of(part, things)
         if not carrier:
             continue
-        around = np.concatenate([corners(things[numbers].box) for numbers in (part, carrier)])
+        around = np.concatenate([corners(things[numbers].piece.box) for numbers in (part, carrier)])
         box = upright_box(around.astype(np.float32), up)
         if box.size.max() > size_max:
             continue
-        whole = replace(things[carrier], box=box)
+        whole = _thing(replace(things[carrier].piece, box=box), up)
         del things[part], things[carrier]
         together = tuple(sorted(part + carrier))
         things[together] = whole
         waiting = [together, *(numbers for numbers in waiting if numbers != carrier)]
-    return {numbers: thing.box for numbers, thing in things.items() if not hot.isdisjoint(numbers)}
+    return {numbers: thing.piece.box for numbers, thing in things.items() if not hot.isdisjoint(numbers)}
 
 
 def _cannot_stand(piece: Piece) -> bool:
@@ -87,22 +105,21 @@ def _cannot_stand(piece: Piece) -> bool:
     return bool((foot.size[:2] / 2 - aside).min() < TILT * box.size[2] / 2)
 
 
-def _carrier_of(part: Numbers, things: Mapping[Numbers, Piece], up: NDArray[np.float64]) -> Numbers:
+def _carrier_of(part: Numbers, things: Mapping[Numbers, _Thing]) -> Numbers:
     """The object that a part is fixed to, as it cannot stand on it by itself; () if there is none."""
-    piece, axes = things[part], things[part].foot.rotation
+    piece, low = things[part].piece, things[part].low
     if not _cannot_stand(piece):
         return ()
-    low, _ = _ends(piece.box, up)
     # Fixed to more than a plane.
     held = piece.leans or not abs(low - piece.ground) < STANDS
-    foot = piece.foot
+    foot, axes = piece.foot, piece.foot.rotation
     grown = replace(foot, size=foot.size + 2 * _BESIDE * _LEVEL) if held else foot
     reached, carriers = _outline(grown, axes), []
     x, y = (foot.centre @ axes)[:2].tolist()
     for numbers, other in things.items():
-        if numbers == part or abs(low - _ends(other.box, up)[1]) >= STANDS:
+        if numbers == part or abs(low - other.top) >= STANDS:
             continue
-        below = _outline(other.box, axes)
+        below = _outline(other.piece.box, axes)
         shared, _ = cv2.intersectConvexConvex(reached, below)
         # A piece on a plane stands there beside other objects, whose boxes may reach beneath its own.
         if shared > 0 and (held or cv2.pointPolygonTest(below, (x, y), False) >= 0):
@@ -110,23 +127,17 @@ def _carrier_of(part: Numbers, things: Mapping[Numbers, Piece], up: NDArray[np.f
     return min(carriers)[1] if carriers else _around(part, things)
 
 
-def _around(part: Numbers, things: Mapping[Numbers, Piece]) -> Numbers:
+def _around(part: Numbers, things: Mapping[Numbers, _Thing]) -> Numbers:
     """The larger object that has most of a part in its box, and at least half; () if there is none."""
-    box = things[part].box
-    larger = [numbers for numbers, other in things.items() if other.box.volume > box.volume]
+    own = things[part]
+    larger = [numbers for numbers, other in things.items() if other.volume > own.volume]
     if not larger:
         return ()
-    iou = iou_matrix_3d([box], [things[numbers].box for numbers in larger])[0]
-    volumes = np.array([things[numbers].box.volume for numbers in larger])
-    inside = iou / (1 + iou) * (1 + volumes / box.volume)
+    iou = iou_matrix_3d([own.piece.box], [things[numbers].piece.box for numbers in larger])[0]
+    volumes = np.array([things[numbers].volume for numbers in larger])
+    inside = iou / (1 + iou) * (1 + volumes / own.volume)
     best = int(inside.argmax())
     return larger[best] if inside[best] >= _INSIDE else ()
-
-
-def _ends(box: Box3D, up: NDArray[np.float64]) -> tuple[float, float]:
-    """Heights along up at which an upright box begins and ends."""
-    height = float(up @ box.centre)
-    return height - float(box.size[2]) / 2, height + float(box.size[2]) / 2
 
 
 def _outline(box: Box3D, axes: NDArray[np.float64]) -> NDArray[np.float32]:
