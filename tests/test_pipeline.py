@@ -67,6 +67,18 @@ def test_a_frame_that_cannot_be_read_is_skipped(monkeypatch: pytest.MonkeyPatch)
     assert result.fusion.frame_count == 2
 
 
+def test_only_keyframes_images_are_kept_for_their_segments(monkeypatch: pytest.MonkeyPatch) -> None:
+    fuse, kept = Fusion.fuse, list[bool]()
+
+    def fused(*given: Any) -> Any:
+        kept.append(given[-1] is not None)
+        return fuse(*given)
+
+    monkeypatch.setattr(Fusion, "fuse", fused)
+    _, steps = run((0, 33, 66, 1100))
+    assert kept == [step.segments is not None for step in steps] == [True, False, False, True]
+
+
 def failing(monkeypatch: pytest.MonkeyPatch, owner: object, name: str, call: int) -> None:
     """Have a core fail once: the call of this number, from 1."""
     works, calls = getattr(owner, name), itertools.count(1)

@@ -190,8 +190,9 @@ class _Cores:
         known = CameraPose(
             pose.T_world_camera, pose.T_world_map, calibration=pose.calibration, corrections=pose.corrections
         )
+        stamp_ns = None if segments is None else frame.stamp_ns
         with failures.of("fusion", f"cannot fuse {where}"), _timed(self.result.step_s, "fusion"):
-            fusion.fuse(frame.colour, depth, heat.heat, frame.intrinsics, known, frame.stamp_ns)
+            fusion.fuse(frame.colour, depth, heat.heat, frame.intrinsics, known, stamp_ns)
             refused = ""
             if segments is not None:
                 with failures.of("fusion", f"cannot use the segments of {where}"):

@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 import zenoh
 
+from spot3d.camera import Intrinsics
 from spot3d.dataflow.alive import Alive
 from spot3d.dataflow.conversion import segments_message
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.process_use import ProcessUse
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.inputs import Ready
 from spot3d.fusion.map_answers import MapAnswers
@@ -95,6 +97,26 @@ def test_an_unnamed_recording_begins_anew_though_its_first_frame_has_no_pose(sta
     assert drops(stage) == {LOST: 1}
     assert stage.fusion.frame_count == 2
     assert stage.epoch != first
+
+
+def test_images_of_frames_that_are_no_keyframes_are_not_kept(stage: Stage) -> None:
+    """With the paper's preset none is one, and sixty VGA images took 129 MB."""
+    ready = frame(1 * S)
+    answer = Received(segments_message(ready.heat.message.header, None), 0)
+    stage._fuse(ready)
+    stage._fuse(frame(2 * S))
+    stage._take_segments(answer)
+    found = FrameSegments(
+        np.zeros((60, 80), np.uint8),
+        np.zeros(0, np.float32),
+        np.zeros((0, 4)),
+        np.zeros(0, np.int8),
+        Intrinsics(**ready.heat.message.intrinsics.model_dump()),
+    )
+    assert not stage.fusion.observe(found, 1 * S)
+    assert stage.fusion.observe(found, 2 * S), "no answer yet"
+    stage._fuse(replace(frame(3 * S), segments=Received(segments_message(frame(3 * S).heat.message.header, None), 0)))
+    assert not stage.fusion.observe(found, 3 * S)
 
 
 def test_poses_that_name_another_world_begin_another_map(stage: Stage) -> None:

@@ -174,7 +174,7 @@ class Fusion:
         """Take in the segments of a frame that was fused with this stamp.
 
         Segments without planes are placed on the supporting plane known here, if they stand on it. Returns False, and
-        does nothing, if the frame is not among the last 60 fused, or has been observed already.
+        does nothing, if the frame is not among the last 60 without an answer: observed, forgotten, or too old.
         """
         frame = self._fused.pop(stamp_ns, None)
         if frame is None:
@@ -188,6 +188,10 @@ class Fusion:
         for plane in keyframe.supports()[::-1]:
             self.supports.add(transform_plane(plane, frame.T_world_camera), frame.T_world_camera[:3, 3])
         return True
+
+    def forget(self, stamp_ns: int) -> None:
+        """Keep no images of the frame that was fused with this stamp: it is no keyframe, and no segments will come."""
+        self._fused.pop(stamp_ns, None)
 
     def frequent_points(self) -> FrequentPoints:
         """A copy of the map's points that were seen often enough."""

@@ -108,6 +108,8 @@ class Stage:
 
     def _take_segments(self, given: Received[Segments]) -> None:
         self._take(self.inputs.add_segments, given)
+        if not given.message.keyframe:
+            self.fusion.forget(given.message.header.stamp_ns)
         self.ledger.extend_patience(time.monotonic())
 
     def _complete_if_due(self) -> None:
@@ -226,6 +228,7 @@ class Stage:
         try:
             segments = frame_segments(given.message)
             if segments is None:
+                self.fusion.forget(stamp_ns)
                 return
             if self.fusion.observe(segments, stamp_ns):
                 self.node.counters.event(KEYFRAMES)
