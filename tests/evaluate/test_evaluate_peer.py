@@ -13,6 +13,8 @@ from spot3d.evaluate.peer import behind_peer, dbscan_clusters, peer_in_frame, vo
 from spot3d.evaluate.peer_map import FRAMES_MAX, PeerMap
 from spot3d.fusion.settings import FusionSettings
 
+SIZE_MAX = FusionSettings().size_max
+
 
 def test_the_dominant_plane_is_the_one_with_most_points() -> None:
     rng = np.random.default_rng(5)
@@ -36,19 +38,29 @@ def test_points_without_a_plane_give_one_all_the_same(points: np.ndarray) -> Non
 def test_peer_boxes_what_stands_on_a_table() -> None:
     depth, shown = table_depth()
     depth += np.random.default_rng(1).normal(0, 0.002, depth.shape).astype(np.float32)
-    found = peer_in_frame(depth, CAMERA)
+    found = peer_in_frame(depth, CAMERA, SIZE_MAX)
     assert len(found) == len(BLOCKS)
     assert iou_matrix_2d(mask_boxes(shown, 2), found).max(axis=1).min() > 0.7
-    np.testing.assert_array_equal(found, peer_in_frame(depth, CAMERA))
+    np.testing.assert_array_equal(found, peer_in_frame(depth, CAMERA, SIZE_MAX))
 
 
 @pytest.mark.parametrize("blocks", [(), BLOCKS])
 def test_peer_finds_nothing_where_nothing_is(blocks: tuple) -> None:
     depth, shown = table_depth(blocks)
     depth[shown > 1] = 0
-    assert peer_in_frame(depth, CAMERA).shape == (0, 4)
-    assert peer_in_frame(np.zeros_like(depth), CAMERA).shape == (0, 4)
+    assert peer_in_frame(depth, CAMERA, SIZE_MAX).shape == (0, 4)
+    assert peer_in_frame(np.zeros_like(depth), CAMERA, SIZE_MAX).shape == (0, 4)
     assert T_WORLD_CAMERA[2, 3] == 0.8
+
+
+def test_peer_has_the_limits_of_range_and_size_in_a_frame() -> None:
+    """Things are left out where they are all beyond 2.5 m, and a wall of 1.2 m behind the blocks always."""
+    depth, _ = table_depth()
+    assert len(peer_in_frame(2 * depth, CAMERA, SIZE_MAX)) == len(BLOCKS)
+    assert len(peer_in_frame(3 * depth, CAMERA, SIZE_MAX)) == 0
+    walled, _ = table_depth((*BLOCKS, ((-0.6, 0.3, 0.0), (0.6, 0.4, 0.2))))
+    assert len(peer_in_frame(walled, CAMERA, SIZE_MAX)) == len(BLOCKS)
+    assert len(peer_in_frame(walled, CAMERA, 1.3)) == len(BLOCKS) + 1
 
 
 def test_voxel_means_are_of_each_voxels_points() -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import detection_rate, success_rate
 from spot3d.evaluate.labelled import DataSet, LabelledFrame
-from spot3d.evaluate.peer import PEER, RADIUS, behind_peer, peer_in_frame
+from spot3d.evaluate.peer import PEER, RADIUS, RANGE_MAX, behind_peer, peer_in_frame
 from spot3d.evaluate.scores import recall_of, without_object
 from spot3d.evaluate.table import Cell, Column, Table
 from spot3d.evaluate.unjudged import judged_overlap
@@ -46,7 +46,7 @@ def proposals_table(datasets: list[DataSet], settings: Settings) -> Table:
         peer = FoundInFrames()
         for item in dataset.frames:
             depth, camera = item.frame.depth_metres(), item.frame.intrinsics
-            peer.add(item, peer_in_frame(depth, camera))
+            peer.add(item, peer_in_frame(depth, camera, settings.fusion.size_max))
             for number in NUMBERS:
                 boxes, heat = proposals_and_heat(item.frame, settings.changed("proposals", max_boxes=number))
                 bare[number].add(item, boxes)
@@ -62,7 +62,8 @@ def proposals_table(datasets: list[DataSet], settings: Settings) -> Table:
         table.curves.append(recall_of(dataset.name, PEER, peer.iou))
     table.notes += [
         "Boxes: the proposals as they come; ours: what is found with them in the same frame. "
-        f"Peer: {PEER}, the dominant plane and all beneath it taken away, radius {100 * RADIUS:g} cm.",
+        f"Peer: {PEER}, the dominant plane and all beneath it taken away, radius {100 * RADIUS:g} cm, without "
+        f"depth beyond {RANGE_MAX:g} m and clusters longer than {settings.fusion.size_max:g} m.",
         "No object: found boxes per frame that overlap every true one by less than IoU 0.25. Left out: boxes per "
         "frame that hit nothing and lie mostly on unlabelled pixels.",
     ]

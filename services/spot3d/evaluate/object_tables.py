@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from spot3d.evaluate.datasets import both_sizes
 from spot3d.evaluate.labelled import DataSet
 from spot3d.evaluate.measured_run import Measured, MeasuredRun, Runs
-from spot3d.evaluate.peer import PEER, RADIUS, behind_peer
-from spot3d.evaluate.peer_map import FRAMES_MAX, RANGE_MAX, VOXEL
+from spot3d.evaluate.peer import PEER, RADIUS, RANGE_MAX, behind_peer
+from spot3d.evaluate.peer_map import FRAMES_MAX, VOXEL
 from spot3d.evaluate.points import mean_point_scores
 from spot3d.evaluate.scores import object_scores, recall_of, without_object
 from spot3d.evaluate.stability import stability

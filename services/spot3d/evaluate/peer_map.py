@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from spot3d.camera import Intrinsics, back_project
 from spot3d.evaluate.dominant_plane import dominant_plane
 from spot3d.evaluate.judgement import Found
-from spot3d.evaluate.peer import dbscan_clusters, voxel_keys
+from spot3d.evaluate.peer import RANGE_MAX, dbscan_clusters, voxel_keys
 from spot3d.fusion.settings import FusionSettings
 from spot3d.geometry.upright import upright_box
 
@@ -15,8 +15,6 @@ FRAMES_MAX = 300
 VOXEL = 0.01
 SAMPLES = 320
 """About this many points are sampled across a frame: at 1 m they are 3.4 mm apart, less than a voxel's width."""
-RANGE_MAX = 2.5
-"""Depth beyond this is dropped, metres. With 2.5, 3, 3.5 m: the peer's F on redkitchen 50, 38, 39."""
 PLANES, PLANE_SHARE = 5, 0.05
 """Most planes to remove, as many as the paper's candidates, and the least share of the cloud on each of them."""
 ON_PLANE = 0.015
