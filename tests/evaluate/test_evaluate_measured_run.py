@@ -12,6 +12,7 @@ from spot3d.evaluate.degraded import Degradation
 from spot3d.evaluate.labelled import DataSet, LabelledFrame, LabelledFrames, LabelledSequence
 from spot3d.evaluate.measured_run import measure
 from spot3d.evaluate.still_table import moving_table, still_table
+from spot3d.evaluate.truth import LabelledScene
 from spot3d.failures import StageFailedError
 from spot3d.settings import Settings
 from spot3d.source.scene.scene import Scene
@@ -34,6 +35,17 @@ def test_given_poses_are_as_far_off_as_they_are() -> None:
     run = measure(LabelledSequence("shaken", sequence, None), settings)
     assert run.lost == 0
     assert 0.01 < run.ate < 0.05
+
+
+def test_where_nothing_is_labelled_an_object_both_are_charged_in_the_true_world() -> None:
+    """Odometry begins in a world of its own, as the first frame has no pose; boxes are upright in the true one."""
+    seen = list(Degradation(half=True).of(Scene(2, frames=24)))[:8]
+    frames = FrameList([replace(seen[0], T_world_camera=None), *seen[1:]])
+    nothing = LabelledScene((), (), (), np.array((0.0, 0.0, 1.0)), np.zeros((0, 3), np.float32), np.zeros(0, np.uint8))
+    run = measure(LabelledSequence("nothing", frames, nothing), Settings().changed("pose", provider="kiss"))
+    for found in (run.ours.fixed, run.peer.fixed):
+        assert len(found.boxes) >= 2
+        assert min(box.rotation[2, 2] for box in found.boxes) > 0.99
 
 
 def of_frame(table: Callable[[list[DataSet], Settings], object]) -> Callable[[Scene, Settings], object]:

@@ -101,7 +101,7 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
             updates.append([(found.id, found.box) for found in step.objects.objects])
         if step.pose.corrections is not None:
             sightings.correct(step.pose.corrections)
-        if step.refused or not truth.boxes:
+        if step.refused or item.truth is None:
             return
         pose, known = step.pose, step.pose.calibration
         depth, camera = known.metres(step.frame.depth_metres()), known.camera(step.frame.intrinsics)
@@ -114,7 +114,7 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
     result = run_pipeline(sequence, settings, follow)
     result.failures.refuse()
     tracked = [(stamp, pose.T_world_camera) for stamp, pose in result.trajectory if pose.status == "ok"]
-    known = settings.pose.provider == "given" or not truth.boxes
+    known = settings.pose.provider == "given" or item.truth is None
     T = np.eye(4) if known else world_alignment(sequence, tracked)
     pairs = _pairs(sequence, tracked)
     true, estimated = (np.array([pair[which] for pair in pairs]) for which in (0, 1))
