@@ -2,21 +2,30 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from table_frame import CAMERA, table_depth
 
 from spot3d import pipeline
+from spot3d.calibration import Calibration
+from spot3d.evaluate import still_table as still_table_module
 from spot3d.evaluate.degraded import Degradation
-from spot3d.evaluate.labelled import DataSet, LabelledFrame, LabelledFrames, LabelledSequence
+from spot3d.evaluate.labelled import DataSet, LabelledFrame, LabelledFrames, LabelledSequence, mask_boxes
 from spot3d.evaluate.measured_run import measure
 from spot3d.evaluate.still_table import moving_table, still_table
 from spot3d.evaluate.truth import LabelledScene
-from spot3d.failures import StageFailedError
+from spot3d.failures import Failures, StageFailedError
+from spot3d.frame import RgbdFrame
+from spot3d.fusion.fusion import FoundObjects
+from spot3d.heatmap.heat import Heatmap
+from spot3d.pipeline import PipelineStep
+from spot3d.pose.estimate import PoseEstimate
 from spot3d.settings import Settings
 from spot3d.source.scene.scene import Scene
-from spot3d.source.sequence import FrameList
+from spot3d.source.sequence import FrameList, FrameSequence
 
 
 def test_a_run_tells_how_far_off_its_cameras_are_and_how_many_frames_are_lost() -> None:
@@ -78,3 +87,34 @@ def test_a_run_in_which_a_stage_fails_is_not_measured(
         StageFailedError, match=r"\d+ of heatmap, the last one: no heat for .*: ValueError: one odd frame"
     ):
         measured(Scene(2, frames=2), Settings())
+
+
+def test_the_moving_cameras_peer_has_what_the_run_knows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The run knows that depth is 10 % too short, and has moved its map; its last, lost pose counts for nothing."""
+    T_world_map = np.eye(4)
+    T_world_map[0, 3] = 0.1
+
+    def made(sequence: FrameSequence, _: Settings, follow: Callable[[PipelineStep], None]) -> SimpleNamespace:
+        trajectory = []
+        for number, frame in enumerate(sequence):
+            moved_by = T_world_map if number else np.eye(4)
+            known = Calibration(depth_factor=1.1)
+            pose = PoseEstimate(moved_by @ frame.T_world_camera, "ok", calibration=known, T_world_map=moved_by)
+            trajectory.append((frame.stamp_ns, pose))
+            short = replace(frame, depth=frame.depth / np.float32(1.1))
+            follow(PipelineStep(short, pose, Heatmap(np.zeros(CAMERA.shape, np.uint8), 0, 0, 0), None, None, "", ""))
+        stamp_ns, _ = trajectory[-1]
+        trajectory[-1] = (stamp_ns, PoseEstimate(far, "lost"))
+        return SimpleNamespace(
+            trajectory=trajectory, objects=FoundObjects([], np.array((0.0, 0.0, 1.0)), 12), failures=Failures()
+        )
+
+    far = np.eye(4)
+    far[0, 3] = 5.0
+    monkeypatch.setattr(still_table_module, "run_pipeline", made)
+    depth, shown = table_depth()
+    frame = RgbdFrame(0, np.zeros((*depth.shape, 3), np.uint8), depth, 1.0, CAMERA)
+    frames = LabelledFrames(1, lambda index: LabelledFrame(frame, mask_boxes(shown, 2)))
+    table = moving_table([DataSet("table", "frames", frames)], Settings())
+    detection = [column.name for column in table.columns].index("peer DR")
+    assert table.rows[0][detection] == 1

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D, iou_matrix_2d, moved
-from spot3d.camera import invert
+from spot3d.camera import Intrinsics, invert
 from spot3d.evaluate.carried import Sightings
 from spot3d.evaluate.judgement import Found, Judged, judge
 from spot3d.evaluate.labelled import LabelledSequence
@@ -16,7 +16,7 @@ from spot3d.evaluate.points import SortedPoints
 from spot3d.evaluate.projection import box_surface, boxes_in_view, thinned
 from spot3d.evaluate.stability import Update
 from spot3d.evaluate.truth import LabelledScene
-from spot3d.pipeline import PipelineStep, run_pipeline
+from spot3d.pipeline import PipelineResult, PipelineStep, run_pipeline
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
 from spot3d.source.sequence import FrameSequence
@@ -103,17 +103,16 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
             sightings.correct(step.pose.corrections)
         if step.refused or item.truth is None:
             return
-        pose, known = step.pose, step.pose.calibration
-        depth, camera = known.metres(step.frame.depth_metres()), known.camera(step.frame.intrinsics)
-        T_map_world = np.eye(4) if pose.T_world_map is None else invert(pose.T_world_map)
-        peer.add(depth, camera, T_map_world @ pose.T_world_camera)
+        pose = step.pose
+        depth, camera, T_map_camera = as_the_run_has_it(step)
+        peer.add(depth, camera, T_map_camera)
         T_true_camera = true_of[step.frame.stamp_ns]
         if T_true_camera is not None:
             sightings.add(depth, camera, T_true_camera, pose.T_world_camera, pose.T_world_map, step.frame.stamp_ns)
 
     result = run_pipeline(sequence, settings, follow)
     result.failures.refuse()
-    tracked = [(stamp, pose.T_world_camera) for stamp, pose in result.trajectory if pose.status == "ok"]
+    tracked = tracked_poses(result)
     known = settings.pose.provider == "given" or item.truth is None
     T = np.eye(4) if known else world_alignment(sequence, tracked)
     pairs = _pairs(sequence, tracked)
@@ -132,6 +131,22 @@ def measure(item: LabelledSequence, settings: Settings) -> MeasuredRun:
         step_s={stage: times[1:] if stage != "objects" else times for stage, times in result.step_s.items()},
         frames=len(sequence),
     )
+
+
+def as_the_run_has_it(step: PipelineStep) -> tuple[NDArray[np.float32], Intrinsics, NDArray[np.float64]]:
+    """Corrected depth (h, w) float32 metres, corrected camera and T_map_camera (4, 4) of a frame, for the peer.
+
+    The map is that of the run's poses, which moves in the run's world (`PoseEstimate.T_world_map`).
+    """
+    pose, known = step.pose, step.pose.calibration
+    T_map_world = np.eye(4) if pose.T_world_map is None else invert(pose.T_world_map)
+    depth, camera = known.metres(step.frame.depth_metres()), known.camera(step.frame.intrinsics)
+    return depth, camera, T_map_world @ pose.T_world_camera
+
+
+def tracked_poses(result: PipelineResult) -> list[tuple[int, NDArray[np.float64]]]:
+    """Stamps, ns, and (4, 4) T_world_camera of the trusted poses."""
+    return [(stamp, pose.T_world_camera) for stamp, pose in result.trajectory if pose.status == "ok"]
 
 
 def measured(

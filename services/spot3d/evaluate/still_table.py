@@ -10,7 +10,7 @@ from spot3d.camera import Intrinsics
 from spot3d.evaluate.degraded import Degradation
 from spot3d.evaluate.frame_tables import BOTH_METHODS, FoundInFrames
 from spot3d.evaluate.labelled import DataSet
-from spot3d.evaluate.measured_run import world_alignment
+from spot3d.evaluate.measured_run import as_the_run_has_it, tracked_poses, world_alignment
 from spot3d.evaluate.moved_views import moved_views
 from spot3d.evaluate.peer import PEER
 from spot3d.evaluate.peer_map import PeerMap
@@ -87,17 +87,18 @@ def moving_table(datasets: list[DataSet], settings: Settings) -> Table:
 
 def _found_in_run(sequence: FrameSequence, settings: Settings) -> tuple[list[Box3D], list[Box3D]]:
     """The boxes that a run finds, and the peer's by the run's poses, in the world of the true poses."""
-    cloud = PeerMap(len(sequence))
+    cloud, T_world_map = PeerMap(len(sequence)), np.eye(4)
 
     def follow(step: PipelineStep) -> None:
+        nonlocal T_world_map
         if not step.refused:
-            pose, frame = step.pose.T_world_camera, step.frame
-            cloud.add(frame.depth_metres(), frame.intrinsics, pose)
+            cloud.add(*as_the_run_has_it(step))
+            T_world_map = np.eye(4) if step.pose.T_world_map is None else step.pose.T_world_map
 
     result = run_pipeline(sequence, settings, follow)
     result.failures.refuse()
-    T = world_alignment(sequence, [(stamp, pose.T_world_camera) for stamp, pose in result.trajectory])
-    boxes = [one.box for one in result.objects.objects], list(cloud.found(settings.fusion).boxes)
+    T = world_alignment(sequence, tracked_poses(result))
+    boxes = [one.box for one in result.objects.objects], cloud.found(settings.fusion).moved(T_world_map).boxes
     ours, peer = ([moved(box, T) for box in some] for some in boxes)
     return ours, peer
 
