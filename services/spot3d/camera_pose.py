@@ -8,6 +8,10 @@ from numpy.typing import NDArray
 from spot3d.calibration import NOMINAL, Calibration
 from spot3d.pose_corrections import PoseCorrections
 
+REACH_M = 2000.0
+"""Farthest place along each axis of a pose that is fused: the map's voxels of 5 mm wrap beyond 2.6 km from the origin;
+no room is so large."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraPose:

@@ -99,6 +99,18 @@ def test_who_was_never_followed_is_not_sent_back(node: NodeOfTest) -> None:
     assert "move the camera back" in node.state
 
 
+def test_a_world_whose_origin_is_too_far_is_told_once(node: NodeOfTest) -> None:
+    """Poses in a map's grid, such as UTM: odometry does without them."""
+    grid = np.eye(4)
+    grid[:2, 3] = 4.5e5, 5.4e6
+    given = (frame.model_copy(update={"T_world_camera": grid}) for frame in frames(3, 1000 * S))
+    answer(_Stage(node, PoseSettings()), given, begins=True)  # type: ignore[arg-type]
+    assert [text.split(":")[0] for text in node.notes] == [
+        "the first given pose, at (4.5e+05, 5.4e+06, 0) m, is beyond the map's 2000 m from the origin"
+    ]
+    np.testing.assert_array_equal(node.published[0].T_world_camera, np.eye(4))
+
+
 def test_intrinsics_of_another_image_size_are_told_once_and_with_what_is_lost(node: NodeOfTest) -> None:
     stage = _Stage(node, PoseSettings())  # type: ignore[arg-type]
 

@@ -183,6 +183,20 @@ def test_without_a_given_pose_the_world_is_the_first_camera() -> None:
     np.testing.assert_array_equal(tracker.track(frame_of(1, frame(0), CAMERA)).T_world_camera, np.eye(4))
 
 
+@pytest.mark.parametrize(("metres", "said"), [(1999.0, ""), (5e5, "(5e+05, 0, 0) m"), (1e155, "")])
+def test_a_given_pose_that_no_map_reaches_does_not_anchor_the_world(metres: float, said: str) -> None:
+    """Its later frames are followed all the same, from the first camera; poses off Earth are no poses."""
+    far = np.eye(4)
+    far[0, 3] = metres
+    tracker = make_tracker(PoseSettings())
+    first = tracker.track(frame_of(1, frame(0), CAMERA, far))
+    second = tracker.track(frame_of(1 + FRAME_NS, frame(1), CAMERA, far))
+    np.testing.assert_array_equal(first.T_world_camera, far if metres < 2000 else np.eye(4))
+    assert (first.status, second.status, second.remark) == ("ok", "ok", "")
+    assert said in first.remark
+    assert bool(first.remark) == bool(said)
+
+
 def test_two_runs_are_identical() -> None:
     first, second = (
         started("kiss", 5).track(frame_of(1 + 5 * FRAME_NS, frame(5), CAMERA)).T_world_camera for _ in range(2)

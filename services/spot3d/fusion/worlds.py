@@ -6,11 +6,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.camera_pose import REACH_M
+
 Verdict = Literal["same", "begins", "implausible pose", "pose too far from the origin", "pose of an earlier epoch"]
 """The verdict on a pose; the last three: why a frame with a pose that is not lost is not fused."""
 
-_REACH_M = 2000.0
-"""The map's voxels of 5 mm wrap beyond 2.6 km from the origin; no room is so large."""
 _JUMP_M = 0.5
 """Given poses jump this far where their own map is corrected, metres."""
 _PAST = 16
@@ -22,7 +22,7 @@ def why_refused(verdict: Verdict, T_world_camera: NDArray[np.float64]) -> str:
     place = ", ".join(f"{value:.3g}" for value in T_world_camera[:3, 3])
     text = f"the pose at ({place}) m is not used:"
     if verdict == "pose too far from the origin":
-        reach = f"the map extends to {_REACH_M:g} m from the origin of its world"
+        reach = f"the map extends to {REACH_M:g} m from the origin of its world"
         return f"{text} {reach}; give poses in a world whose origin is nearby, such as the first pose"
     return (
         f"{text} its speed is above fusion.speed_max; check the poses' unit and timestamps"
@@ -49,7 +49,7 @@ class World:
         place = T_world_camera[:3, 3]
         if epoch is not None and epoch in self._past:
             return "pose of an earlier epoch"
-        if not float(np.abs(place).max()) < _REACH_M:
+        if not float(np.abs(place).max()) < REACH_M:
             return "pose too far from the origin"
         if self._begun and epoch != self.epoch:
             return "begins"

@@ -10,6 +10,9 @@ from spot3d.calibration import NOMINAL, Calibration
 from spot3d.frame import RgbdFrame
 from spot3d.pose_corrections import PoseCorrections
 
+GIVEN_TOO_FAR = "given pose too far from the origin"
+"""Event of a remark about where the world begins."""
+
 
 @dataclass(frozen=True, slots=True)
 class PoseEstimate:
@@ -23,6 +26,7 @@ class PoseEstimate:
     earlier frames saw moves with it; None: the map stays.
     delay_s: assumed delay of the given pose behind the image; T_world_camera is the pose at the time of the image.
     calibration: to be applied to the frame so that it agrees with the given poses; the pose is turned by it.
+    remark: what people should know about the given poses, told with one frame; mostly empty.
     corrections: of earlier frames' poses, where there are new ones; None: no change.
     """
 
@@ -35,6 +39,7 @@ class PoseEstimate:
     delay_s: float = 0.0
     calibration: Calibration = NOMINAL
     corrections: PoseCorrections | None = None
+    remark: str = ""
 
 
 class PoseTracker(Protocol):

@@ -4,7 +4,9 @@ import numpy as np
 
 from spot3d.frame import RgbdFrame
 from spot3d.pose.estimate import PoseEstimate
-from spot3d.pose.motion import checked_pose
+from spot3d.pose.motion import FARTHEST_M, checked_pose
+
+_INVALID = f"the given pose is not a rigid transform, or farther than {FARTHEST_M / 1000:g} km from the origin"
 
 
 class GivenPoses:
@@ -19,6 +21,6 @@ class GivenPoses:
             return PoseEstimate(self._last, "lost", "the frame has no given pose")
         pose = checked_pose(frame.T_world_camera)
         if pose is None:
-            return PoseEstimate(self._last, "lost", "the given pose is not a rigid transform")
+            return PoseEstimate(self._last, "lost", _INVALID)
         self._last = pose
         return PoseEstimate(pose, "ok")

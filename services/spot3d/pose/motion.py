@@ -52,8 +52,13 @@ def extrapolated(
     return T_world_last @ motion
 
 
+FARTHEST_M = 1e7
+"""No place on Earth is farther along an axis from the origin of a map's grid, such as UTM's. With 1e155 KISS-ICP ends
+its process."""
+
+
 def checked_pose(T: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
-    """The (4, 4) pose as an exact rigid transform, or None where it is none (shape, nan, not a rotation).
+    """The (4, 4) pose as an exact rigid transform, or None where it is none (shape, nan, not a rotation) or off Earth.
 
     Data sets round their matrices, so a deviation from orthogonality of up to one per cent is corrected.
     """
@@ -61,7 +66,9 @@ def checked_pose(T: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
         return None
     pose = np.array(T, np.float64)
     rotation = pose[:3, :3]
-    if not np.isfinite(pose).all() or not np.allclose(pose[3], (0, 0, 0, 1), atol=1e-6):
+    if not np.isfinite(pose).all() or np.abs(pose[:3, 3]).max() > FARTHEST_M:
+        return None
+    if not np.allclose(pose[3], (0, 0, 0, 1), atol=1e-6):
         return None
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > 0.01 or np.linalg.det(rotation) < 0:
         return None

@@ -22,7 +22,7 @@ from spot3d.dataflow.streams import new_stream
 from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
 from spot3d.pose import delay, depth_scale, orientation
-from spot3d.pose.estimate import PoseEstimate, PoseTracker
+from spot3d.pose.estimate import GIVEN_TOO_FAR, PoseEstimate, PoseTracker
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.snapshot import read_tracker, tracker_snapshot
@@ -151,6 +151,8 @@ class _Stage:
         self.node.counters.step(time.perf_counter() - start_s)
         if estimate.forgotten:
             self.node.counters.event(_FORGOTTEN, estimate.forgotten)
+        if estimate.remark:
+            self.node.note(GIVEN_TOO_FAR, estimate.remark)
         if estimate.restarted:
             self.node.counters.event(_RESTARTED)
         return estimate

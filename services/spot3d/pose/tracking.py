@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.calibration import Bend
+from spot3d.camera_pose import REACH_M
 from spot3d.frame import RgbdFrame
 from spot3d.pose.adjustment import NewKeyframe
 from spot3d.pose.drift import DriftCorrection
@@ -123,7 +124,7 @@ class MapTracker:
         """Pose of the frame.
 
         The first frame whose surface and features constrain the pose starts the map. The world is anchored at its given
-        pose, or at identity without a valid one. Later given poses are not used.
+        pose, or at identity without a valid one that fusion accepts. Later given poses are not used.
         """
         if self._adjuster is None:
             return self._tracked(frame, frame.depth_metres())
@@ -154,7 +155,9 @@ class MapTracker:
             return self._lose("the view does not constrain the pose in every direction")
         if last is None:
             anchor = checked_pose(frame.T_world_camera)
-            return self._accept(view, np.eye(4) if anchor is None else anchor)
+            if anchor is None or not float(np.abs(anchor[:3, 3]).max()) < REACH_M:
+                return replace(self._accept(view, np.eye(4)), remark=_too_far(anchor))
+            return self._accept(view, anchor)
         if stamp_ns <= last.stamp_ns:
             return self._lose(f"the timestamp {stamp_ns} is not later than the last one, {last.stamp_ns}")
         if weak:
@@ -364,3 +367,14 @@ class MapTracker:
     def _lose(self, reason: str) -> PoseEstimate:
         self._lost_frames += 1
         return PoseEstimate(np.eye(4) if self._last is None else self._last.T_world_camera, "lost", reason)
+
+
+def _too_far(anchor: NDArray[np.float64] | None) -> str:
+    """Text for people about a given pose (4, 4) at which no world can begin; empty without one."""
+    if anchor is None:
+        return ""
+    place = ", ".join(f"{value:.3g}" for value in anchor[:3, 3])
+    return (
+        f"the first given pose, at ({place}) m, is beyond the map's {REACH_M:g} m from the origin: the world begins at "
+        "the first camera instead; for the given world's axes, give poses in one whose origin is nearby"
+    )
