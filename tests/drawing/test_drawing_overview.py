@@ -6,7 +6,7 @@ import pytest
 
 from spot3d.boxes import Box3D, corners
 from spot3d.camera import Intrinsics, back_project
-from spot3d.drawing.box_views import choose_views, visibility
+from spot3d.drawing.box_views import choose_views, draw_view, visibility
 from spot3d.drawing.overview import candidate_indices, draw_overview
 from spot3d.drawing.picture import draw_text, object_colour, place_labels, write_picture
 from spot3d.found_object import FoundObject
@@ -152,3 +152,24 @@ def test_the_list_calls_views_what_objects_json_calls_so(monkeypatch: pytest.Mon
     draw_overview("kitchen", [], objects, xyz, rgb, np.zeros((0, 3)), UP)
     assert "views" in texts
     assert "frames" not in texts
+
+
+@pytest.mark.parametrize(
+    ("shape", "drawn", "columns"),
+    [((120, 160), (75, 100), 100), ((300, 60), (400, 100), 80), ((2000, 1), (400, 100), 1), ((1, 8192), (1, 100), 100)],
+)
+def test_the_picture_of_a_sliver_is_no_larger_than_a_screen(
+    shape: tuple[int, int], drawn: tuple[int, int], columns: int
+) -> None:
+    """Any image that the contract allows becomes a picture; a narrow one is whole, with black beside it."""
+    sliver = RgbdFrame(
+        0,
+        np.full((*shape, 3), 90, np.uint8),
+        np.zeros(shape, np.uint16),
+        1.0,
+        Intrinsics(100.0, 100.0, 0.0, 0.0, shape[1], shape[0]),
+    )
+    picture = draw_view(sliver, np.eye(4), (), 100)
+    assert picture.shape == (*drawn, 3)
+    assert (picture[:, :columns] == 90).all()
+    assert not picture[:, columns:].any()

@@ -19,6 +19,9 @@ from spot3d.frame import RgbdFrame
 
 _NEAR = 0.05
 """Edges are clipped nearer to the camera than this, metres."""
+_TALLEST = 4
+"""Greatest height of a view in its widths, so that of a column of pixels it is 5 MB and not 2 GB at a width of 640. No
+camera's image is so narrow."""
 _LARGE_ENOUGH = 60.0
 """Size in pixels (at an image width of 640) above which a larger object is not seen better."""
 
@@ -75,14 +78,15 @@ def draw_view(
 ) -> Picture:
     """The frame's colour image at `width` pixels with every (id, box) as a wireframe with its id.
 
-    Edges of the side that faces away are faint. Returns (h, width, 3) uint8 RGB.
+    Edges of the side that faces away are faint. An image over four times as high as wide is narrower than the picture,
+    and black beside it. Returns (h, width, 3) uint8 RGB.
     """
-    scale = width / frame.intrinsics.width
-    height = round(frame.intrinsics.height * scale)
-    picture: Picture = np.asarray(
-        cv2.resize(frame.colour, (width, height), interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC),
-        np.uint8,
-    )
+    scale = min(width / frame.intrinsics.width, _TALLEST * width / frame.intrinsics.height)
+    size = (max(1, round(frame.intrinsics.width * scale)), max(1, round(frame.intrinsics.height * scale)))
+    image = cv2.resize(frame.colour, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC)
+    height = size[1]
+    picture: Picture = np.zeros((height, width, 3), np.uint8)
+    picture[:, : size[0]] = image
     T_camera_world = invert(T_world_camera)
     drawn = []
     for number, box in boxes:
