@@ -10,13 +10,17 @@ from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 _TOLERANCE = 1e-3
+_ROUNDING = 1e-5
+"""A rotation that is farther off is replaced by the nearest one, as products of it would soon be none. Of numbers with
+six decimals, or float32, it stays as it was sent."""
 
 
 @dataclass(frozen=True, slots=True)
 class NumbersSpec:
     """A float64 field of `shape`, on the wire a flat row-major list; an annotation that pydantic checks.
 
-    meaning: "vector" (any finite numbers), "rotation" (3x3) or "rigid" (4x4: rotation, translation, 0 0 0 1).
+    meaning: "vector" (any finite numbers), "rotation" (3x3) or "rigid" (4x4: rotation, translation, 0 0 0 1). Rotations
+    may be rounded: one that is orthonormal to 1e-3 only is made exact.
     """
 
     shape: tuple[int, ...]
@@ -33,13 +37,17 @@ class NumbersSpec:
         # Plain floats: on so few numbers NumPy's calls would take most of the time of decoding a frame.
         if not all(map(math.isfinite, numbers)):
             raise ValueError("contains NaN or infinity; every number must be finite")
+        off = 0.0
         if self.meaning == "rigid":
-            _check_rotation(numbers[0:3], numbers[4:7], numbers[8:11])
+            off = _checked_rotation(numbers[0:3], numbers[4:7], numbers[8:11])
             if max(abs(n - m) for n, m in zip(numbers[12:], (0, 0, 0, 1), strict=True)) > _TOLERANCE:
                 raise ValueError(f"the bottom row is {numbers[12:]}; that of a rigid transform must be 0 0 0 1")
         elif self.meaning == "rotation":
-            _check_rotation(numbers[0:3], numbers[3:6], numbers[6:9])
+            off = _checked_rotation(numbers[0:3], numbers[3:6], numbers[6:9])
         array = np.array(numbers, dtype=np.float64).reshape(self.shape)
+        if off > _ROUNDING:
+            u, _, vt = np.linalg.svd(array[:3, :3])
+            array[:3, :3] = u @ vt
         array.flags.writeable = False
         return array
 
@@ -72,15 +80,17 @@ def _flat(array: NDArray[Any]) -> list[float]:
     return numbers
 
 
-def _check_rotation(x: list[float], y: list[float], z: list[float]) -> None:
-    """Raises ValueError where the rows x, y, z are not those of a rotation matrix."""
+def _checked_rotation(x: list[float], y: list[float], z: list[float]) -> float:
+    """How far the rows x, y, z are from orthonormal. Raises ValueError where they are not those of a rotation."""
     lengths = (_dot(x, x) - 1, _dot(y, y) - 1, _dot(z, z) - 1)
     products = (_dot(x, y), _dot(y, z), _dot(z, x))
-    if max(map(abs, (*lengths, *products))) > _TOLERANCE:
+    off = max(map(abs, (*lengths, *products)))
+    if off > _TOLERANCE:
         raise ValueError("the 3x3 part is not a rotation: its rows must be orthonormal to 1e-3")
     cross = [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]]
     if _dot(cross, z) < 0:
         raise ValueError("the 3x3 part is a reflection (determinant -1); that of a rotation must be +1")
+    return off
 
 
 def _dot(a: list[float], b: list[float]) -> float:

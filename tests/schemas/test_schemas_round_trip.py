@@ -13,6 +13,8 @@ from spot3d_schemas import (
     Heat,
     MapPoints,
     Message,
+    Objects,
+    Pose,
     Proposals,
     WireHeader,
     decode,
@@ -123,6 +125,29 @@ def test_arrays_of_any_layout_can_be_sent(make: object) -> None:
     boxes = np.arange(15, dtype=np.float32).reshape(3, 5)
     message = Proposals(header=SAMPLES["Proposals"].header, boxes=make(boxes))
     assert np.array_equal(decode(encode(message), Proposals).boxes, boxes)
+
+
+@pytest.mark.parametrize("decimals", [3, 4, 6, 15])
+def test_rounded_rotations_are_made_exact_and_others_stay_as_they_were_sent(decimals: int) -> None:
+    c, s = np.cos(0.3), np.sin(0.3)
+    T = np.eye(4)
+    T[:3, :3] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    T[:3, 3] = 1.23456789, -2.0, 3.0
+    sent = T.copy()
+    sent[:3, :3] = np.round(T[:3, :3], decimals)
+    pose = SAMPLES["Pose"].model_copy(update={"T_world_camera": sent})
+    got = decode(encode(pose), Pose).T_world_camera
+    if decimals >= 6:
+        np.testing.assert_array_equal(got, sent)
+        return
+    np.testing.assert_allclose(got[:3, :3] @ got[:3, :3].T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(got, sent, atol=1e-3)
+    np.testing.assert_array_equal(got[:, 3], sent[:, 3])
+    wire = msgpack.unpackb(encode(SAMPLES["Objects"]))
+    wire["objects"][0]["rotation"] = sent[:3, :3].ravel().tolist()
+    rotation = decode(msgpack.packb(wire), Objects).objects[0].rotation
+    np.testing.assert_array_equal(rotation, got[:3, :3])
+    assert not rotation.flags.writeable
 
 
 def test_a_message_does_not_lock_the_array_that_it_was_made_of() -> None:
