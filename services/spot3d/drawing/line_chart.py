@@ -27,10 +27,15 @@ class Line:
 
 
 def line_chart(title: str, x_name: str, y_name: str, lines: Sequence[Line]) -> Picture:
-    """The lines over axes that start at zero, with a legend; (600, 900, 3) uint8 RGB."""
+    """The lines over axes that start at zero, with a legend; (600, 900, 3) uint8 RGB.
+
+    Points that are not finite are left out.
+    """
     picture = empty_chart()
+    curves = [np.array(line.points, np.float64).reshape(-1, 2) for line in lines]
+    curves = [points[np.isfinite(points).all(axis=1)] for points in curves]
     width, height = SIZE[0] - LEFT - RIGHT, SIZE[1] - TOP - BOTTOM
-    x_step, y_step = (_tick(max((p[axis] for line in lines for p in line.points), default=1.0)) for axis in (0, 1))
+    x_step, y_step = (_tick(max((float(p[axis]) for points in curves for p in points), default=1.0)) for axis in (0, 1))
     bottom = SIZE[1] - BOTTOM
     for tick in range(_TICKS + 1):
         x, y = LEFT + width * tick // _TICKS, bottom - height * tick // _TICKS
@@ -38,9 +43,9 @@ def line_chart(title: str, x_name: str, y_name: str, lines: Sequence[Line]) -> P
         cv2.line(picture, (LEFT, y), (SIZE[0] - RIGHT, y), GRID, 1)
         write_text(picture, f"{tick * x_step:g}", (x - 16, bottom + 24))
         write_text(picture, f"{tick * y_step:g}", (LEFT - 58, y + 5))
-    for number, line in enumerate(lines):
+    for number, (line, curve) in enumerate(zip(lines, curves, strict=True)):
         scale = np.array([width / (_TICKS * x_step), -height / (_TICKS * y_step)])
-        points = np.array([LEFT, bottom]) + np.array(line.points, np.float64).reshape(-1, 2) * scale
+        points = np.array([LEFT, bottom]) + curve * scale
         draw_curve(picture, number, line.name, points)
     write_text(picture, title, (LEFT, TOP - 22))
     write_text(picture, x_name, (LEFT + width // 2 - 50, SIZE[1] - 22))
