@@ -120,3 +120,14 @@ def test_a_file_of_the_authority_that_is_none_is_named(tmp_path: Path, name: str
         ask(tmp_path, "ground")
     remedy = "restore the original, or use an empty folder"
     assert str(refused.value) == f"{tmp_path / name} is not a {kind} in PEM: {remedy}"
+
+
+def test_the_key_of_another_authority_is_refused(tmp_path: Path) -> None:
+    """Nobody would accept its certificates."""
+    own, other = tmp_path / "own", tmp_path / "other"
+    for folder in (own, other):
+        ask(folder, "drone")
+    (own / "ca.key").write_bytes((other / "ca.key").read_bytes())
+    with pytest.raises(CommandError, match=r"ca.key is not the key of .*ca.pem: restore the original"):
+        ask(own, "ground")
+    assert not (own / "ground.pem").exists()

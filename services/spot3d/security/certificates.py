@@ -53,7 +53,7 @@ class Authority:
 def open_authority(folder: Path, now: datetime.datetime) -> Authority:
     """The authority whose `ca.pem` and `ca.key` are in `folder`; made where there is none.
 
-    Raises ValueError where only one of them is there, or one is not valid.
+    Raises ValueError where only one of them is there, one is not valid, or they do not belong together.
     """
     certificate, key = folder / f"{CA}.pem", folder / f"{CA}.key"
     if certificate.exists() != key.exists():
@@ -63,7 +63,10 @@ def open_authority(folder: Path, now: datetime.datetime) -> Authority:
     private = _read(key, "private key without a password", lambda data: load_pem_private_key(data, None))
     if not isinstance(private, ec.EllipticCurvePrivateKey):
         raise ValueError(f"{key} is not an elliptic-curve key, so it was not made by spot3d certificates")
-    return Authority(_read(certificate, "certificate", x509.load_pem_x509_certificate), private)
+    authority = Authority(_read(certificate, "certificate", x509.load_pem_x509_certificate), private)
+    if authority.certificate.public_key() != private.public_key():
+        raise ValueError(f"{key} is not the key of {certificate}: restore the original, or use an empty folder")
+    return authority
 
 
 def _read(file: Path, kind: str, load: Callable[[bytes], T]) -> T:
