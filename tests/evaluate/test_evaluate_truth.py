@@ -71,6 +71,12 @@ def test_labelled_scene_names_the_missing_file(tmp_path: Path, missing: str) -> 
             {"objects": [{"name": "mug", "label": 1, "min_area_box": MUG | {"size": [1, 1, -1]}}]},
             "mug: box size",
         ),
+        ({"objects": [{"name": "mug", "label": 0, "min_area_box": MUG}]}, r"objects\.0\.label: .* equal to 1"),
+        ({"objects": [{"name": "mug", "label": 255, "min_area_box": MUG}]}, r"objects\.0\.label: .* equal to 254"),
+        (
+            {"objects": [{"name": name, "label": 7, "min_area_box": MUG} for name in ("mug", "cup")]},
+            "objects: .*mug and cup have the same label, 7",
+        ),
     ],
 )
 def test_broken_labels_name_the_field(tmp_path: Path, changes: dict[str, Any], message: str) -> None:

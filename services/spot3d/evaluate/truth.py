@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, FiniteFloat, ValidationError
+from pydantic import BaseModel, Field, FiniteFloat, ValidationError, field_validator
 
 from spot3d.boxes import Box3D
 from spot3d.found_object import FoundObject
@@ -42,7 +42,7 @@ class _MinAreaBox(BaseModel):
 
 class _LabelledObject(BaseModel):
     name: str
-    label: int
+    label: int = Field(ge=1, le=254)  # 0 is background, 255 ignored
     min_area_box: _MinAreaBox
 
 
@@ -50,6 +50,17 @@ class _Labels(BaseModel):
     R_aligned_world: Matrix
     plane_offset: FiniteFloat
     objects: list[_LabelledObject]
+
+    @field_validator("objects")
+    @classmethod
+    def _each_has_its_own_label(cls, objects: list[_LabelledObject]) -> list[_LabelledObject]:
+        name_of: dict[int, str] = {}
+        for item in objects:
+            if item.label in name_of:
+                both = f"{name_of[item.label]} and {item.name}"
+                raise ValueError(f"{both} have the same label, {item.label}; give each object its own")
+            name_of[item.label] = item.name
+        return objects
 
 
 class _FoundRecord(BaseModel):
