@@ -193,6 +193,13 @@ def test_rounded_rotations_are_made_exact() -> None:
     np.testing.assert_allclose(mended[:3, :3] @ mended[:3, :3].T, np.eye(3), atol=1e-12)
 
 
+@pytest.mark.parametrize(("metres", "valid"), [(1e7, True), (1.1e7, False), (1e155, False), (np.inf, False)])
+def test_a_pose_off_earth_is_none(metres: float, valid: bool) -> None:
+    T = np.eye(4)
+    T[1, 3] = -metres
+    assert (checked_pose(T) is not None) == valid
+
+
 def test_a_map_that_is_too_large_to_be_restored_keeps_what_was_seen_last() -> None:
     planes = SurfelMap(0.05, 20_000)
     for number in range(4):

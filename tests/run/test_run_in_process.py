@@ -1,11 +1,13 @@
 """A run without processes: what a core's failure costs it, and what it asks of its input."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from threading import Event
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -68,3 +70,27 @@ def test_an_input_is_searched_for_poses_once(tmp_path: Path) -> None:
         run_in_process(scene, settings, RunMonitor(report, files, watcher, Event()))
     assert report.fused == FRAMES
     assert scene.searched == 1
+
+
+class FarScene(Derived):
+    """Its poses are in a map's grid, such as UTM."""
+
+    def __getitem__(self, index: int) -> RgbdFrame:
+        grid = np.eye(4)
+        grid[:2, 3] = 4.5e5, 5.4e6
+        return replace(self.original[index], T_world_camera=grid)
+
+
+def test_odometry_in_a_grid_that_no_map_reaches_is_fused_and_tells_where_its_world_begins(tmp_path: Path) -> None:
+    settings = load_settings(overrides={"source": {"halved": True}, "pose": {"provider": "kiss"}})
+    scene = FarScene(open_selection(Selection("scene", 30), settings.source))
+    told: list[str] = []
+    report, stop = RunReport("scene", "in process", FRAMES, (320, 240)), Event()
+    watcher = SimpleNamespace(
+        on_progress=lambda fused, *_: stop.set() if fused == FRAMES else None, on_event=told.append
+    )
+    with GrowingFiles(tmp_path) as files:
+        run_in_process(scene, settings, RunMonitor(report, files, watcher, stop))
+    assert report.fused == FRAMES
+    (said,) = [text for text in told if "given pose" in text]
+    assert "beyond the map's 2000 m from the origin: the world begins at the first camera instead" in said
