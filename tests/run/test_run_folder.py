@@ -1,14 +1,17 @@
 """What is in a run's folder while it goes on."""
 
 import errno
+import io
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from rich.console import Console
 
-from spot3d.run.dashboard_process import dashboard_of_run
+from spot3d.run.dashboard_process import DashboardProcess, dashboard_of_run
 from spot3d.run.run import run
 from spot3d.run.sole_writer import sole_writer
 from spot3d.settings import load_settings
@@ -99,3 +102,12 @@ def test_a_dashboard_of_a_run_that_is_refused_leaves_the_others_log(tmp_path: Pa
     ):
         pass
     assert (tmp_path / "dashboard.log").read_text() == "of the run that goes on"
+
+
+def test_a_dashboard_that_has_ended_by_itself_says_where_to_look(tmp_path: Path) -> None:
+    text = io.StringIO()
+    with subprocess.Popen([sys.executable, "-c", "pass"], text=True) as process:
+        process.wait(20)
+        DashboardProcess("tcp/127.0.0.1:1", process, tmp_path / "dashboard.log").keep(Console(file=text, width=200))
+    assert "stays until Ctrl-C" not in text.getvalue()
+    assert f"has ended; see {tmp_path / 'dashboard.log'}" in text.getvalue()

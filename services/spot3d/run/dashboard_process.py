@@ -23,17 +23,21 @@ _MAP_RATE = "20"
 
 @dataclass(frozen=True, slots=True)
 class DashboardProcess:
-    """A dashboard's process. endpoint: where it looks for the run's router."""
+    """A dashboard's process. endpoint: where it looks for the run's router; log: its log file."""
 
     endpoint: str
     process: subprocess.Popen[str]
+    log: Path
 
     def keep(self, console: Console) -> None:
         """Wait until Ctrl-C, or until the dashboard has ended by itself."""
-        console.print("the dashboard stays until Ctrl-C", highlight=False)
+        if self.process.poll() is None:
+            console.print("the dashboard stays until Ctrl-C", highlight=False)
         with stop_on_signals(None) as stopped:
             while self.process.poll() is None and not stopped.wait(0.2):
                 pass
+            if not stopped.is_set():
+                console.print(f"the dashboard has ended; see {self.log}", markup=False, highlight=False, soft_wrap=True)
 
 
 @contextmanager
@@ -61,7 +65,7 @@ def dashboard_of_run(robot: str, settings: Path | None, folder: Path, console: C
         )
     threading.Thread(target=_echo, args=(process.stdout, console), daemon=True).start()
     try:
-        yield DashboardProcess(endpoint, process)
+        yield DashboardProcess(endpoint, process, folder / "dashboard.log")
     finally:
         if process.stdin is not None:
             process.stdin.close()
