@@ -7,8 +7,8 @@ from rich.console import Console
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
-from spot3d.run.status import _Robot, status_table
-from spot3d_schemas import BRIDGE, STAGES, Header, Health, encode, encoding, key
+from spot3d.run.status import _Robot, show_status, status_table
+from spot3d_schemas import BRIDGE, STAGES, Header, Health, alive_key, encode, encoding, key
 from waiting import wait_until
 
 
@@ -96,3 +96,19 @@ def test_health_that_names_another_stage_than_its_key_is_ignored() -> None:
         Console(file=text, width=80).print(robot.table(), robot.words())
         assert set(robot._health) == {"heatmap"}
     assert "is wrong" not in text.getvalue()
+
+
+@pytest.mark.parametrize(("robot", "said"), [("drone", None), ("drome", "alive here: drone; choose one with --robot")])
+def test_who_asks_for_a_robot_that_is_not_there_is_told_who_is(robot: str, said: str | None) -> None:
+    endpoint, text = free_loopback_endpoint(), io.StringIO()
+    with open_router((endpoint,)) as session, session.liveliness().declare_token(alive_key("drone", "pose")):
+        link = LinkSettings(connect=(endpoint,), robot=robot)
+        assert not show_status(link, Console(file=text, width=80), watch=False)
+    assert (said in text.getvalue()) if said else "alive here" not in text.getvalue()
+
+
+def test_who_asks_where_no_robot_is_is_told_so() -> None:
+    endpoint, text = free_loopback_endpoint(), io.StringIO()
+    with open_router((endpoint,)):
+        assert not show_status(LinkSettings(connect=(endpoint,)), Console(file=text, width=80), watch=False)
+    assert "no robot is alive here" in text.getvalue()

@@ -12,6 +12,7 @@ import zenoh
 from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dashboard.health import HEARD
+from spot3d.dataflow.alive import stages_by_robot
 from spot3d.dataflow.endpoints import end_subscription, subscribe_kept
 from spot3d.dataflow.payload import intact_bytes, refusal
 from spot3d.dataflow.rate_limited_log import RateLimitedLog
@@ -23,12 +24,10 @@ from spot3d_schemas import (
     CodecError,
     MapChanges,
     Message,
-    alive_key,
     decode,
     fleet_key,
     key,
     robot_of,
-    token_of,
 )
 from spot3d_schemas.limits import MAX_MAP_CHANGES
 
@@ -160,12 +159,7 @@ class Link:
         """Ask which stages are alive, and for the changes of the shown maps."""
         client = self._settings.mode == "client"
         self.connected = bool(session.info.routers_zid()) or not client
-        alive: dict[str, set[str]] = {}
-        for reply in session.liveliness().get(alive_key("*", "*"), timeout=_ANSWER_S):
-            token = None if reply.ok is None else token_of(str(reply.ok.key_expr))
-            if token is not None:
-                alive.setdefault(token.robot, set()).add(token.stage)
-        self.alive = {robot: frozenset(stages) for robot, stages in alive.items()}
+        self.alive = stages_by_robot(session, _ANSWER_S)
         interest = self._interest
         asked = [robot for robot in sorted(interest.robots) if "fusion" in self.alive.get(robot, ())]
         if not interest.maps:

@@ -61,6 +61,16 @@ class Alive:
         return ()
 
 
+def stages_by_robot(session: zenoh.Session, timeout_s: float) -> dict[str, frozenset[str]]:
+    """The stages that are alive of each robot that is. Raises ZError if the session cannot ask."""
+    alive: dict[str, set[str]] = {}
+    for reply in session.liveliness().get(alive_key("*", "*"), timeout=timeout_s):
+        token = None if reply.ok is None else token_of(str(reply.ok.key_expr))
+        if token is not None:
+            alive.setdefault(token.robot, set()).add(token.stage)
+    return {robot: frozenset(stages) for robot, stages in alive.items()}
+
+
 @contextmanager
 def watch_alive(session: zenoh.Session, robot: str) -> Iterator[Alive]:
     """Watches the stages of a robot and their processes, including those that are already alive."""

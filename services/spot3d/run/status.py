@@ -13,7 +13,7 @@ from rich.text import Text
 from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dashboard.health import StageRecords, Word
-from spot3d.dataflow.alive import watch_alive
+from spot3d.dataflow.alive import stages_by_robot, watch_alive
 from spot3d.dataflow.endpoints import subscribe_kept
 from spot3d.dataflow.payload import arrived
 from spot3d.dataflow.rate_limited_log import printable
@@ -73,6 +73,10 @@ class _Robot:
         complete = self._objects is not None and self._objects.complete
         return words_of_stages(self._records.words(there, time.monotonic(), complete=complete))
 
+    def is_away(self) -> bool:
+        """Whether nothing of this robot is alive."""
+        return not any(self._processes().values())
+
     def all_is_well(self) -> bool:
         """Whether every stage is alive, except a source that has ended, and none states a problem."""
         there = self._processes()
@@ -106,6 +110,9 @@ def show_status(link: LinkSettings, console: Console, watch: bool) -> bool:
             return True
         robot.listen(_LISTEN_S)
         console.print(robot.table())
+        if robot.is_away():
+            others = ", ".join(sorted(stages_by_robot(session, _LISTEN_S)))
+            console.print(f"alive here: {others}; choose one with --robot" if others else "no robot is alive here")
         return robot.all_is_well()
 
 
