@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -63,6 +65,19 @@ def test_a_run_that_is_ended_while_it_looks_at_its_input_leaves_the_results_of_t
         run(Selection("scene", 3), load_settings(), tmp_path, Console(quiet=True), in_process=True)
     for name in ("objects.json", "report.json", "settings.toml"):
         assert (tmp_path / name).read_text() == "of the run before"
+
+
+def test_a_report_has_the_whole_path_of_its_input(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An export from another folder would take the images of whatever has that name there."""
+    kitchen = tmp_path / "kitchen"
+    kitchen.mkdir()
+    for name, image in (("color", np.zeros((48, 64, 3), np.uint8)), ("depth", np.full((48, 64), 1500, np.uint16))):
+        assert cv2.imwrite(str(kitchen / f"frame-000000.{name}.png"), image)
+    monkeypatch.chdir(tmp_path)
+    chosen = Selection("kitchen", intrinsics=(58.0, 58.0, 31.5, 23.5))
+    run(chosen, load_settings(), tmp_path / "out", Console(quiet=True), in_process=True)
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert (report["input"], report["selection"]["name"]) == ("kitchen", str(kitchen))
 
 
 def test_a_report_tells_of_results_that_could_not_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -99,7 +99,7 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
     size = (sequence.intrinsics.width, sequence.intrinsics.height) if seen is None else (0, 0)
     mode = "in process" if in_process else "processes"
     played = len(sequence) if seen is None else selection.frames or 0
-    report = RunReport(selection.name, mode, played, size, asdict(selection))
+    report = RunReport(selection.name, mode, played, size, asdict(_from_anywhere(selection)))
     _begin(folder, report)
     start_s = time.perf_counter()
     with (
@@ -160,6 +160,12 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
     if seen is not None and seen.first is not None:
         sequence = FrameList([seen.first])
     return Finished(folder, sequence, result, report)
+
+
+def _from_anywhere(selection: Selection) -> Selection:
+    """The selection with the whole path of its folder or file, for who exports the run from another folder."""
+    path = Path(selection.name)
+    return replace(selection, name=str(path.absolute())) if path.exists() else selection
 
 
 def _begin(folder: Path, report: RunReport) -> None:
