@@ -21,11 +21,11 @@ def metres(depth: np.ndarray, scale: float) -> np.ndarray:
     ("depth", "scale", "expected"),
     [
         (np.array([[0, 1500, 65535]], np.uint16), 0.001, [0, 1.5, 65.535]),
-        (np.array([[0, 999, 1001, 65535]], np.uint16), 1.0, [0, 999, 0, 0]),
-        (np.array([[0, 0.5, 1000.0]], np.float32), 1.0, [0, 0.5, 1000]),
+        (np.array([[0, 9999, 10001, 65535]], np.uint16), 10.0, [0, 99990, 0, 0]),
+        (np.array([[0, 0.5, 1500.0, 1e5]], np.float32), 1.0, [0, 0.5, 1500, 1e5]),
         (np.array([[np.nan, np.inf, -np.inf, -1.0, 2.0]], np.float32), 1.0, [0, 0, 0, 0, 2]),
-        (np.array([[1001.0, 1e4, 3e7, 1e20, 3.4e38]], np.float32), 1.0, [0, 0, 0, 0, 0]),
-        (np.array([[500.0, 999e3, 1001e3]], np.float32), 0.001, [0.5, 999, 0]),
+        (np.array([[1.001e5, 3e7, 1e20, 3.4e38]], np.float32), 1.0, [0, 0, 0, 0]),
+        (np.array([[500.0, 99.9e6, 100.1e6]], np.float32), 0.001, [0.5, 99.9e3, 0]),
     ],
 )
 def test_what_no_camera_measures_is_no_depth(depth: np.ndarray, scale: float, expected: list[float]) -> None:

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
 
-_DEPTH_MAX = 1000.0
-"""No camera measures depth beyond this, metres; floats beyond it mark that there is none."""
+_DEPTH_MAX = 1e5
+"""Depth is never more, metres, even if millimetres are taken for metres; floats beyond it mark that there is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class RgbdFrame:
             raise ValueError(f"depth_scale must be positive (metres per unit), got {self.depth_scale}")
 
     def depth_metres(self) -> NDArray[np.float32]:
-        """Depth as (h, w) float32 metres; what is not positive, finite and at most 1000 m becomes 0 = invalid."""
+        """Depth as (h, w) float32 metres; what is not positive, finite and at most 100 km becomes 0 = invalid."""
         metres = self.depth.astype(np.float32)
         largest = _DEPTH_MAX / self.depth_scale
         if self.depth.dtype == np.float32 or largest < np.iinfo(np.uint16).max:
