@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D, corners
+from spot3d.camera_pose import REACH_M
 from spot3d.drawing.picture import (
     GREY,
     INK,
@@ -25,9 +26,6 @@ _HEADROOM = 0.10
 """Points higher than this above the highest box are cut off, as in a floor plan, metres."""
 _CELL = 0.008
 """Points are drawn as squares of at least this size, metres."""
-_REACH = 2000.0
-"""Camera positions are drawn up to this far from the origin, metres: fusion uses none beyond, and no room is so large.
-"""
 _BACKGROUND = (30, 33, 39)
 _PATH = (255, 255, 255)
 
@@ -61,7 +59,7 @@ def draw_top_view(
     those more than 2 km away are left out.
     """
     width, height = size
-    path = path[np.abs(path).max(axis=1) < _REACH]
+    path = path[np.abs(path).max(axis=1) < REACH_M]  # fusion uses none beyond
     picture: Picture = np.full((height, width, 3), _BACKGROUND, np.uint8)
     outlines = [corners(box) for _, box in boxes]
     shown = np.vstack([*outlines, path, np.zeros((0, 3))])
