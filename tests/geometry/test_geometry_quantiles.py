@@ -16,3 +16,8 @@ def test_quantiles_are_the_plain_ones(count: int, trim: float) -> None:
     np.testing.assert_allclose(
         quantiles(values, trim, 1 - trim), np.quantile(values, [trim, 1 - trim], axis=1), atol=1e-12
     )
+
+
+def test_of_equal_values_that_very_one_is_found() -> None:
+    assert quantiles(np.full((1, 9), 0.3), 0.5)[0].tolist() == [0.3]
+    assert quantiles(np.repeat([[0.1, 0.7, 0.9]], 5, axis=1), 0.5)[0].tolist() == [0.7]

@@ -56,7 +56,7 @@ def test_stages_that_compile_their_kernels_are_told_once(tmp_path: Path, monkeyp
     report, plan = RunReport("scene", "processes", 3, (1, 1)), Plan(Selection("scene", 3), load_settings(), tmp_path)
     monitor = RunMonitor(report, SimpleNamespace(), watcher, stop)
     distributed._follow(plan, "", supervisor, collector, monitor, pytest.fail)
-    assert said == ["waiting for fusion, segments: compiling kernels, which is done once"]
+    assert said == ["waiting for fusion, segments; the first run compiles their kernels"]
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ _KEEP_S = 10.0
 _NO_POSE_S = 10.0
 """External poses that have not come by then are reported: the stages are there after some four."""
 _SLOW_START_S = 8.0
-"""Stages that are not on line by then compile their kernels: with these in the cache they take some four."""
+"""Stages that are not on line by then are said to be waited for: with compiled kernels on two cores they take four."""
 _MAP_S, _MAP_INTERRUPTED_S = 30.0, 2.0
 """Longest wait for the map, at the end and after Ctrl-C."""
 
@@ -108,7 +108,7 @@ def _follow(
         if not slow_start and time.monotonic() - began_s > _SLOW_START_S:
             slow_start = True
             if waited_for := sorted(supervisor.processes().keys() - collector.latest().keys() - {"source"}):
-                monitor.watcher.on_note(f"waiting for {', '.join(waited_for)}: compiling kernels, which is done once")
+                monitor.watcher.on_note(f"waiting for {', '.join(waited_for)}; the first run compiles their kernels")
         for stage in silence.look(collector.latest(), supervisor.processes(), time.monotonic()):
             monitor.tell(f"{stage} has not responded for {silence.limit_s(stage):.0f} s; it hangs and is killed")
             supervisor.kill(stage)
