@@ -28,22 +28,6 @@ def places(found: Consensus) -> dict[int, int]:
     return {item.id: round(float(item.box.centre[0]) / 6) for item in found.objects}
 
 
-def test_what_is_cold_beside_what_is_found_later_goes() -> None:
-    votes = ViewConsensus(STEADY)
-    assert places(votes.update(room(0, 4, heat=0.2))) == {1: 0, 2: 0, 3: 0}
-    found = votes.update(room(1, 4, heat=1.0))
-    assert places(found) == {4: 1, 5: 1, 6: 1}
-    assert found.left_out == {"too cold": 3}
-
-
-def test_what_was_cold_is_an_object_once_what_was_hot_is_forgotten() -> None:
-    votes = ViewConsensus(STEADY.model_copy(update={"keyframe_limit": 8}))
-    votes.update(room(0, 4, heat=1.0))
-    assert places(votes.update(room(1, 4, heat=0.2))) == {1: 0, 2: 0, 3: 0}
-    bare = [replace(frame, labels=np.zeros_like(frame.labels)) for frame in room(2, 4, heat=1.0)]
-    assert places(votes.update(bare)) == {4: 1, 5: 1, 6: 1}
-
-
 def test_views_that_take_an_object_for_background_make_it_colder() -> None:
     frames = room(0, 6, heat=0.6)
     frames[::2] = [replace(frame, labels=np.zeros_like(frame.labels)) for frame in frames[::2]]

@@ -27,8 +27,6 @@ from spot3d_schemas.limits import MAX_COUNT
 
 _TURNED = np.cos(np.deg2rad(0.5))
 """Boxes computed with another up are computed again: half a degree moves the corner of a mug by a millimetre."""
-_HOT = 0.5
-"""The hottest object of a scene is mostly hotter than this: 0.6 on redkitchen, 0.6 to 0.8 on built-in scenes."""
 _SPREAD = 0.1
 """Standard deviation of an object's heat from view to view: 0.10 to 0.16 on each data set. With it, 0.93 of HOTS'
 objects that one view sees are detected through all stages, without it 0.89, at the cost of a tenth of a box of no
@@ -84,7 +82,6 @@ class ViewConsensus:
         self._graph = SegmentGraph()
         self._verdicts: dict[int, Described | str] = {}  # of each cluster the object that it is, or why it is none
         self._described_up = np.zeros(3)
-        self._some_gone = False  # keyframes were dropped since objects were compared with the hottest one
         self._next_cluster = 0
         self._next_identity = 1
 
@@ -139,14 +136,11 @@ class ViewConsensus:
         if graph.views and up @ self._described_up < _TURNED:
             graph.segments.touched.rows[:] = True
             self._described_up = up
-        touched = bool(graph.segments.touched.rows.any())
-        if touched:
+        if graph.segments.touched.rows.any():
             graph.merge_components()
-        if touched or self._some_gone:
             gone = self._gone()
-            self._describe(self._cluster(gone) if touched else self._next_cluster, up, gone)
+            self._describe(self._cluster(gone), up, gone)
             graph.segments.touched.rows[:] = False
-            self._some_gone = False
         objects, too_cold = self._whole_objects(up)
         left_out = Counter(reason for reason in self._verdicts.values() if isinstance(reason, str)) + self._in_keyframes
         several = int(np.count_nonzero(graph.segments.cluster.rows < 0))
@@ -170,7 +164,6 @@ class ViewConsensus:
             self._dropped += several
         for cluster in graph.drop(outdated) if outdated else ():
             self._verdicts.pop(cluster, None)
-            self._some_gone = True
         if self._judge().least != least:
             graph.segments.touched.rows[:] = True
 
@@ -239,23 +232,19 @@ class ViewConsensus:
         )
 
     def _number_warm(self) -> None:
-        """Number the clusters that are warm relative to the hottest object; cold ones lose their number.
+        """Number the clusters that are warm and have no number yet.
 
-        Cold is a confidence below eps by more than chance explains in a mean over its views. A frame's heat is a share
-        of its maximum, which varies: where even the hottest object is colder than `_HOT`, eps falls in proportion.
+        Cold is a confidence below eps by more than chance explains in a mean over its views.
         """
         segments, described = self._graph.segments, self._described()
-        hottest = max((found.item.confidence for found in described.values()), default=0.0)
-        cold = self._settings.heat_min * min(1.0, hottest / _HOT)
         anew = []
         for number, found in described.items():
             item = found.item
-            if item.confidence + _SPREAD / np.sqrt(item.views) < cold:
-                self._verdicts[number] = found.numbered(0)
-            elif not item.id:
+            warm = item.confidence + _SPREAD / np.sqrt(item.views) >= self._settings.heat_min
+            if warm and not item.id:
                 anew.append((number, np.flatnonzero(segments.cluster.rows == number)))
         anew.sort(key=lambda one: (-len(one[1]), one[0]))
-        taken = {found.item.id for found in self._described().values()}
+        taken = {found.item.id for found in described.values()}
         columns = segments.identity.rows, segments.former.rows
         identities = number_objects([members for _, members in anew], columns, taken, self._next_identity)
         self._next_identity = max((self._next_identity, *(identity + 1 for identity in identities)))
