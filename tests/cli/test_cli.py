@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import spot3d
 from spot3d.cli import app as cli
 from spot3d.cli.options import CommandError, check_outputs, out_folder
 from spot3d.recorder.mcap_writer import McapWriter
@@ -30,6 +31,11 @@ def test_topics_prints_the_whole_table():
     assert len(lines) == 1 + len(TOPICS)
     for topic, line in zip(TOPICS.values(), lines[1:], strict=True):
         assert line.split()[:2] == [f"spot3d/drone/{topic.name}", topic.message.__name__]
+
+
+def test_the_version_is_printed():
+    result = runner.invoke(cli.app, ["--version"])
+    assert (result.exit_code, result.output) == (0, f"spot3d {spot3d.__version__}\n")
 
 
 @pytest.mark.parametrize("name", [*MESSAGES, "spot3d.Frame"])

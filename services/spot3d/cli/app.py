@@ -33,6 +33,7 @@ from spot3d.cli.options import (
     RobotOption,
     SettingsOption,
     SupervisedOption,
+    VersionOption,
     check_topics,
     link_overrides,
     out_folder,
@@ -74,6 +75,11 @@ def main() -> None:
         _fail(str(error))
     except OSError as error:
         _fail(in_words(error))
+
+
+@app.callback()
+def before_any_command(version: VersionOption = False) -> None:
+    """Takes the options of the command line as a whole."""
 
 
 @app.command()

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from spot3d import __version__
 from spot3d.dataflow.stopping import stop_with_parent
 from spot3d.settings import Preset
 
@@ -52,6 +53,17 @@ DepthUnitOption = Annotated[
 ColourTopicOption = Annotated[str | None, typer.Option("--colour-topic", help="ROS bags: topic of the colour images")]
 DepthTopicOption = Annotated[str | None, typer.Option("--depth-topic", help="ROS bags: topic of the depth images")]
 SupervisedOption = Annotated[bool, typer.Option("--supervised", hidden=True)]
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"spot3d {__version__}")
+        raise typer.Exit
+
+
+VersionOption = Annotated[
+    bool, typer.Option("--version", callback=_print_version, is_eager=True, help="print the version and exit")
+]
 
 
 class CommandError(Exception):
