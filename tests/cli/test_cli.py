@@ -64,6 +64,7 @@ def test_settings_prints_what_can_be_read_again(tmp_path):
         (["source", "scene:1:nonsense"], "scene:1:nonsense is not a built-in scene"),
         (["evaluate", "points", "scenes:x"], "scenes:x is not a built-in scene"),
         (["run", "scene", "--out", "{tmp}", "--intrinsics", "1,2"], "four numbers"),
+        (["run", "realsense:", "--out", "{tmp}"], "realsense: lacks a serial number"),
         (["run", "scene", "--out", "{tmp}", "--in-process", "--pose", "a/b"], "--in-process cannot receive topics"),
         (["run", "scene", "--out", "{tmp}", "--pose", "/odom"], "--pose /odom is not a key"),
         (["run", "scene", "--out", "{tmp}", "--depth-topic", "/d"], "scene is not a ROS bag: omit --depth-topic"),

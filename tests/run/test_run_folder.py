@@ -67,6 +67,20 @@ def test_a_run_that_is_ended_while_it_looks_at_its_input_leaves_the_results_of_t
         assert (tmp_path / name).read_text() == "of the run before"
 
 
+def test_a_camera_without_its_sdk_is_refused_and_leaves_the_results_of_the_run_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def start(*_: object) -> None:
+        raise StartedError
+
+    monkeypatch.setattr("spot3d.run.run.run_distributed", start)
+    monkeypatch.setitem(sys.modules, "pyrealsense2", None)
+    (tmp_path / "objects.json").write_text("of the run before")
+    with pytest.raises(SourceError, match=r"which is not installed: pip install 'spot3d\[realsense\]'"):
+        run(Selection("realsense"), load_settings(), tmp_path, Console(quiet=True))
+    assert [path.name for path in tmp_path.iterdir()] == ["objects.json"]
+
+
 def test_a_report_has_the_whole_path_of_its_input(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An export from another folder would take the images of whatever has that name there."""
     kitchen = tmp_path / "kitchen"

@@ -27,7 +27,7 @@ from spot3d.run.supervisor import Supervisor
 from spot3d.settings import Settings, to_toml
 from spot3d.source.errors import NOT_PLAYED, SourceError
 from spot3d.source.image_limit import refuse_large_images
-from spot3d.source.selected import Selection, open_selection
+from spot3d.source.selected import Selection, open_selected_stream, open_selection
 from spot3d.source.sequence import FrameList, FrameSequence
 from spot3d.source.sequences import is_stream
 
@@ -70,7 +70,12 @@ def run(
     with nullcontext() if in_process else Supervisor() as supervisor:
         name = selection.name
         seen = OverviewFrames(settings.link.robot) if is_stream(name) else None
-        sequence = open_selection(selection, settings.source) if seen is None else FrameList()
+        if seen is None:
+            sequence: FrameSequence = open_selection(selection, settings.source)
+        else:
+            # The source's process opens it as well; here it is refused before earlier results are deleted.
+            open_selected_stream(selection, settings.source)
+            sequence = FrameList()
         if not in_process and seen is None:
             refuse_large_images(sequence.intrinsics, settings.source.halved)
         if settings.pose.provider == "given" and not sequence.has_true_poses and pose_topic is None:
