@@ -182,11 +182,43 @@ def test_results_go_by_the_name_of_the_input(name, folder, tmp_path, monkeypatch
     assert out_folder(name) == Path("out", folder)
 
 
-def test_results_do_not_go_into_the_input_unasked(tmp_path, monkeypatch):
-    (tmp_path / "out" / "kitchen").mkdir(parents=True)
+def test_results_do_not_go_into_the_input(tmp_path, monkeypatch):
+    kitchen = tmp_path / "out" / "kitchen"
+    (kitchen / "depth").mkdir(parents=True)
+    (kitchen / "depth" / "1.png").touch()
+    (tmp_path / "link").symlink_to(kitchen)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(CommandError, match="out/kitchen is the input itself"):
         out_folder("out/kitchen/")
+    for given in (Path("out/kitchen"), kitchen / "depth" / "..", Path("link")):
+        with pytest.raises(CommandError, match="is the input itself"):
+            out_folder("out/kitchen", given)
+    with pytest.raises(CommandError, match="out/kitchen/depth holds images of the input"):
+        out_folder("out/kitchen", Path("out/kitchen/depth"))
+
+
+def test_results_may_go_into_a_folder_of_their_own_inside_the_input(tmp_path):
+    assert out_folder(str(tmp_path), tmp_path / "found") == tmp_path / "found"
+    (tmp_path / "found").mkdir()
+    (tmp_path / "found" / "overview.png").touch()
+    assert out_folder(str(tmp_path), tmp_path / "found") == tmp_path / "found"
+
+
+@pytest.mark.parametrize("name", ["scene", "realsense"])
+def test_an_input_that_is_no_folder_gives_its_name_to_any(name, tmp_path, monkeypatch):
+    (tmp_path / name).mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert out_folder(name, Path(name)) == Path(name)
+
+
+def test_a_run_into_its_input_writes_nothing_there(tmp_path, monkeypatch, capsys):
+    (tmp_path / "trajectory.txt").write_text("the user's own")
+    monkeypatch.setattr(sys, "argv", ["spot3d", "run", str(tmp_path), "--out", str(tmp_path)])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 2
+    assert f"{tmp_path} is the input itself; choose another folder" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["trajectory.txt"]
 
 
 @pytest.mark.parametrize(

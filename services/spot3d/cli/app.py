@@ -152,7 +152,7 @@ def run(
     from spot3d.run.run import run as run_input
     from spot3d.source.selected import selection
 
-    chosen, console, folder = selection(input_name, frames, every, intrinsics), Console(), out or out_folder(input_name)
+    chosen, console, folder = selection(input_name, frames, every, intrinsics), Console(), out_folder(input_name, out)
     with dashboard_if_wanted(show, in_process, resolved, settings, folder, console) as page:
         endpoints = (*(listen or ()), *(() if page is None else (page.endpoint,)))
         usual = None if listen else USUAL_ENDPOINT

@@ -114,19 +114,31 @@ def link_overrides(
     return {"link": link}
 
 
-def out_folder(input_name: str) -> Path:
-    """Default folder for the results of an input: below out/, under its name without suffix or colons.
+def out_folder(input_name: str, given: Path | None = None) -> Path:
+    """Folder for the results of an input: `given`, or below out/, under the input's name without suffix or colons.
 
-    Raises CommandError where that is the input itself.
+    Raises CommandError where that is the input itself, or a folder of images inside it.
     """
+    from spot3d.source.realsense.camera import is_camera
+    from spot3d.source.scene.name import parse_scene_name
+
     place = Path(input_name)
     if place.name in ("", ".."):
         place = place.resolve()
     name = place.stem if place.is_file() else place.name
-    folder = Path("out") / (name.replace(":", "-") or "run")
-    if folder.resolve() == place.resolve():
+    folder = given or Path("out") / (name.replace(":", "-") or "run")
+    if is_camera(input_name) or parse_scene_name(input_name) is not None:
+        return folder
+    of_input, of_results = place.resolve(), folder.resolve()
+    if of_results == of_input:
         raise CommandError(f"{folder} is the input itself; choose another folder for the results with --out")
+    if of_input in of_results.parents and any(_is_image(path) for path in of_results.glob("*")):
+        raise CommandError(f"{folder} holds images of the input; choose another folder for the results with --out")
     return folder
+
+
+def _is_image(path: Path) -> bool:
+    return path.suffix.lower() in (".png", ".jpg", ".jpeg") and path.name != "overview.png"
 
 
 def check_outputs(json_file: Path | None, plots: Path | None) -> None:
