@@ -4,7 +4,7 @@ from spot3d.dataflow.alive import watch_alive
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import StoppedError
-from spot3d.dataflow.tls import TlsError, probe, why_refused
+from spot3d.dataflow.tls import TlsError, probe, why_unreached
 from spot3d.doctor.asking import ask_all, collect_health, is_complete, topic_rates
 from spot3d.doctor.finding import Finding
 from spot3d.doctor.others import TopicRate, look_at, states
@@ -36,9 +36,9 @@ def reached(link: LinkSettings, answered: bool = True) -> list[Finding]:
     """Findings about the router's endpoints, and the certificates that it shows."""
     where = ", ".join(link.connect)
     if not answered:
-        reason = why_refused(link) or "no answer"
-        remedy = "start the router, set [link] connect, and check the network: addresses, firewall, docs/security.md"
-        return [Finding("problem", "router", f"{where}: {reason}", remedy)]
+        start = "start the router, set [link] connect, and check the network: addresses, firewall, docs/security.md"
+        reason, remedy = why_unreached(link, start)
+        return [Finding("problem", "router", f"{where}: {reason or 'no answer'}", remedy)]
     findings = [Finding("ok", "router", f"reached at {where}")]
     for endpoint in link.connect:
         if endpoint.startswith("tls/"):

@@ -20,6 +20,7 @@ from spot3d.dataflow.rate_limited_log import printable
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import StoppedError
+from spot3d.dataflow.tls import why_unreached
 from spot3d_schemas import BRIDGE, STAGES, Health, Objects, key
 
 _CONNECT_S = 3.0
@@ -94,16 +95,16 @@ def show_status(link: LinkSettings, console: Console, watch: bool) -> bool:
     """Print the table once, or keep it up to date until Ctrl-C; returns whether every stage is alive and all is well.
 
     A missing source is no fault if its recording has ended, and fusion has accounted for all of it.
-    Raises ConnectionError where no router answers.
+    Raises ConnectionError where no router answers, or none lets this side in.
     """
     with ExitStack() as stack:
         try:
             session = stack.enter_context(open_session(link, patience_s=_CONNECT_S))
         except StoppedError:
-            where = ", ".join(link.connect)
-            raise ConnectionError(
-                f"no router answers at {where}; start the dataflow, or give the router's address with --connect"
-            ) from None
+            start = "start the dataflow, or give the router's address with --connect"
+            reason, remedy = why_unreached(link, start)
+            reason = reason or f"no router answers at {', '.join(link.connect)}"
+            raise ConnectionError(f"{reason}; {remedy}") from None
         robot = _Robot(session, link.robot, stack)
         if watch:
             _watch(robot, console)
