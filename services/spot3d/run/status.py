@@ -163,6 +163,8 @@ def status_table(
             details.append(Text(printable(f"{stage} dropped: {reasons}"), style="yellow"))
         if item.errors:
             details.append(Text(printable(f"{stage}: {item.last_error}"), style="red"))
+    if any(item.events.get("streams", 0) > 1 and (item.drops or item.errors) for item in health.values()):
+        details.append(Text("dropped and errors: since each stage's start, so of earlier streams as well"))
     readers = [health[stage] for stage in _READERS if stage in health]
     if ended:
         details.append(Text("the recording has ended, and all of its frames are accounted for"))
