@@ -1,6 +1,6 @@
 """The whole examination: this device, the router, the stages."""
 
-from spot3d.dataflow.alive import watch_alive
+from spot3d.dataflow.alive import others_alive, watch_alive
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import StoppedError
@@ -25,6 +25,8 @@ def examine(link: LinkSettings, seconds: float) -> tuple[list[Finding], list[Top
             there = {stage: stage in alive for stage in STAGES}
             ended = not there["source"] and is_complete(session, link.robot)
             findings += look_at(ask_all(session, link.robot), there, ended)
+            if not any(there.values()) and (others := others_alive(session, link.robot, _CONNECT_S)):
+                findings.append(Finding("note", "robots", others))
             return findings + states(health), topic_rates(health)
     except TlsError:
         return [*findings, Finding("problem", "router", "not tested without a valid certificate", "see above")], []

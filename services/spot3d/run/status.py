@@ -13,7 +13,7 @@ from rich.text import Text
 from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dashboard.health import StageRecords, Word
-from spot3d.dataflow.alive import stages_by_robot, watch_alive
+from spot3d.dataflow.alive import others_alive, watch_alive
 from spot3d.dataflow.endpoints import subscribe_kept
 from spot3d.dataflow.payload import arrived
 from spot3d.dataflow.rate_limited_log import printable
@@ -112,8 +112,7 @@ def show_status(link: LinkSettings, console: Console, watch: bool) -> bool:
         robot.listen(_LISTEN_S)
         console.print(robot.table())
         if robot.is_away():
-            others = ", ".join(sorted(stages_by_robot(session, _LISTEN_S)))
-            console.print(f"alive here: {others}; choose one with --robot" if others else "no robot is alive here")
+            console.print(others_alive(session, link.robot, _LISTEN_S))
         return robot.all_is_well()
 
 
