@@ -141,6 +141,13 @@ def test_errors_in_the_environment(name, value, named, monkeypatch):
         assert part in str(error.value)
 
 
+def test_a_table_whose_values_do_not_go_together_is_not_printed() -> None:
+    with pytest.raises(InvalidSettingsError) as error:
+        load_settings(overrides={"link": {"mode": "router", "listen": ("tls/127.0.0.1:1",)}})
+    assert str(error.value).startswith("link: listening at tls/... or quic/... needs a certificate and its key; make")
+    assert str(error.value).endswith("with spot3d certificates (set in the command line)")
+
+
 def test_sizes_of_objects_are_set_once_for_all_stages(monkeypatch, tmp_path):
     monkeypatch.setenv("SPOT3D_SIZE_MAX", "2.0")
     settings = load_settings(overrides={"segments": {"size_max": 3.0}, "size_min": 0.01})

@@ -204,7 +204,8 @@ def _first_error(error: ValidationError, layers: Mapping[str, Layer]) -> str:
     wrong, given = first["msg"].removeprefix("Value error, "), repr(first["input"])
     if first["type"] == "tuple_type":
         wrong = 'expected a list, in square brackets and with its texts in double quotes, such as ["a", "b"]'
-    return f"{'.'.join(path)}: {wrong}, got {given[:80]} (set in {origin})"
+    got = "" if isinstance(first["input"], dict) else f", got {given[:80]}"  # of a table, `wrong` says which value
+    return f"{'.'.join(path)}: {wrong}{got} (set in {origin})"
 
 
 def _holds(layer: Any, path: list[str]) -> bool:
