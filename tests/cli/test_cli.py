@@ -56,6 +56,7 @@ def test_settings_prints_what_can_be_read_again(tmp_path):
     ("arguments", "said"),
     [
         (["schema", "Frome"], "there is no message 'Frome'; choose from Frame"),
+        (["topics", "--robot", "a b"], "link.robot: 'a b' cannot be part of a key"),
         (["run", "/nowhere/at/all", "--out", "{tmp}"], "/nowhere/at/all does not exist"),
         (["run", "/nowhere/at/all"], "/nowhere/at/all does not exist"),
         (["run", "scene", "--out", "{tmp}", "--pose", "magic"], "--pose magic: choose kiss or gicp"),

@@ -206,6 +206,9 @@ def topics(robot: RobotOption = None) -> None:
     """Print every topic: its key, message, rate and delivery."""
     from spot3d_schemas import TOPICS
 
+    if robot is not None:
+        # Checked as settings are, so that a typo is reported as one.
+        load_settings(overrides=link_overrides(robot, None, None, None))
     rows = [("key", "message", "rate", "delivery")]
     for topic in TOPICS.values():
         where = topic.key_template.format(robot=robot or "<robot>")
