@@ -2,7 +2,6 @@
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ from spot3d.segments.hanging import STANDS, join_hanging
 from spot3d.segments.holes import fill_holes
 from spot3d.segments.levels import Levels, with_lower
 from spot3d.segments.occlusion import join_occluded
-from spot3d.segments.settings import SegmentsSettings, Step
+from spot3d.segments.settings import SegmentsSettings
 from spot3d.segments.supports import beside_support, choose_support, expected_up, heights_and_tolerance, held_heat
 from spot3d.segments.torn import join_torn
 from spot3d.segments.vessels import vessel_groups
@@ -95,19 +94,18 @@ def find_on_lattice(
         nothing = np.zeros(frame.depth.shape, np.float32)
         levels = Levels(planes[:0], nothing.astype(np.int8), nothing, nothing)
         return _segments([], frame, among, levels, Counter({NO_SUPPORT: 1}), settings)
-    wanted = {step: step not in settings.skipped for step in get_args(Step)}
-    levels, out, long = _standing_out(frame, among, support, wanted, settings)
-    regions, below = _surfaces(frame, among, support, levels.height, out, wanted, settings)
+    levels, out, long = _standing_out(frame, among, support, settings)
+    regions, below = _surfaces(frame, among, support, levels.height, out, settings)
     candidates = [(part, fault_of(part, frame, points, levels.height, settings)) for part in _pixels(regions)]
     left_out = Counter(fault for _, fault in candidates if fault)
     left_out[BELOW_SUPPORT] = sum(covers_least(points.reshape(-1, 3)[part], frame, settings) for part in below)
     parts, up = [part for part, fault in candidates if not fault], support[:3]
-    if wanted["occluded"]:
+    if "occluded" not in settings.skipped:
         parts = join_occluded(parts, points, among.normals, up)
-    if wanted["hanging"]:
+    if "hanging" not in settings.skipped:
         too_long = (part for part, fault in candidates if fault == TOO_LONG)
         parts = join_hanging(parts, points, levels.height.ravel(), up, np.concatenate([long, *too_long]))
-    if wanted["contained"]:
+    if "contained" not in settings.skipped:
         parts = join_contained(parts, points, among.normals, up)
     return _segments(parts, frame, among, levels, left_out, settings)
 
@@ -116,7 +114,6 @@ def _standing_out(
     frame: LatticeFrame,
     among: CandidatePlanes,
     support: NDArray[np.float64],
-    wanted: dict[Step, bool],
     settings: SegmentsSettings,
 ) -> tuple[Levels, NDArray[np.bool_], NDArray[np.int64]]:
     """The supports; (h, w) bool, the pixels above or beside them; and the flat indices of pixels on pieces of other
@@ -130,12 +127,12 @@ def _standing_out(
         if (plane != support).any()
     ]
     beside = np.zeros(height.shape, np.bool_)
-    if wanted["beside"]:
+    if "beside" not in settings.skipped:
         beside = beside_support(points, normals, height, tolerance, support[:3], settings)
-    if wanted["levels"]:
+    if "levels" not in settings.skipped:
         levels = with_lower(levels, beside, others, points, settings, noise)
         beside &= levels.number == 0
-    if not wanted["support"]:
+    if "support" in settings.skipped:
         return levels, (frame.depth > 0) & (frame.depth <= settings.range_max), np.zeros(0, np.int64)
     long = np.logical_or.reduce([np.zeros_like(beside), *(pieces for _, pieces in others)])
     out = standing_out(points, levels.height, levels.tolerance, beside, long, settings)
@@ -148,7 +145,6 @@ def _surfaces(
     support: NDArray[np.float64],
     height: NDArray[np.float32],
     out: NDArray[np.bool_],
-    wanted: dict[Step, bool],
     settings: SegmentsSettings,
 ) -> tuple[NDArray[np.int32], list[NDArray[np.int64]]]:
     """The (h, w) region labels, from 0, of the pixels `out`, and the regions below the support (see `_risen`).
@@ -156,14 +152,14 @@ def _surfaces(
     Regions are split at creases. Then the sides of vessels, pieces beside a hole in depth and fragments are joined."""
     points, normals, camera = among.points, among.normals, frame.camera
     least = int(settings.region * camera.fx * camera.fy)
-    colour = frame.colour if wanted["colour"] else None
+    colour = frame.colour if "colour" not in settings.skipped else None
     regions = split_at_creases(points, normals, out, colour, camera.fx, settings.crease, least)
     regions, below = _risen(regions, height)
-    if wanted["vessels"]:
+    if "vessels" not in settings.skipped:
         regions = _join_vessels(regions, points, normals, support[:3], settings, camera.noise)
-    if wanted["torn"]:
+    if "torn" not in settings.skipped:
         regions = join_torn(regions, points, normals, least, camera.noise)
-    if wanted["fragments"]:
+    if "fragments" not in settings.skipped:
         regions = join_fragments(regions, points, camera.fx, least, settings.size_min)
     return regions, below
 
