@@ -21,6 +21,7 @@ from spot3d.heatmap.settings import PAPER as PAPER_HEATMAP
 from spot3d.heatmap.settings import HeatmapSettings
 from spot3d.object_size import SIZE_MAX, SIZE_MIN, SizeMax
 from spot3d.pose.settings import PoseSettings
+from spot3d.proposals.settings import PAPER as PAPER_PROPOSALS
 from spot3d.proposals.settings import ProposalSettings
 from spot3d.security.access import AccessSettings
 from spot3d.segments.settings import PAPER as PAPER_SEGMENTS
@@ -79,7 +80,7 @@ PRESETS: dict[str, Layer] = {
     "paper": {
         "preset": "paper",
         "pose": {"given_sigma": 0.0, "depth_bend_sigma": 0.0},
-        "proposals": ProposalSettings.PAPER.model_dump(exclude_unset=True),
+        "proposals": PAPER_PROPOSALS.model_dump(exclude_unset=True),
         "segments": PAPER_SEGMENTS.model_dump(exclude_unset=True),
         "heatmap": PAPER_HEATMAP.model_dump(exclude_unset=True),
         "fusion": PAPER_FUSION.model_dump(exclude_unset=True),
