@@ -22,12 +22,11 @@ from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.given import GivenPoses
 from spot3d.pose.keyframe_adjuster import KeyframeAdjuster
 from spot3d.pose.measured_noise import SETTLING_S, MeasuredNoise
-from spot3d.pose.motion import moved, rigid, twist
+from spot3d.pose.motion import moved, rigid, shift_and_turn, twist
 from spot3d.pose.registration import DISTANCE, KERNEL, OVERLAP_MIN, judged, refined
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import POINTS_MIN, Surface, sample_surface
 from spot3d.pose.surfel_map import VOXEL, SurfelMap
-from spot3d.trajectory import rotation_angle
 
 # An image's surface counts for the pose as this many points of independent noise: a depth camera's distortion is alike
 # over large parts of the image. Registered to a map of the data's own poses, real frames are off by 20 to 90 standard
@@ -256,9 +255,9 @@ def _leaps(
 ) -> bool:
     """Whether the given pose is farther from the last one than the camera's speed and the poses' noise allow, or its
     timestamp does not follow the last one."""
-    elapsed, motion = 1e-9 * (stamp_ns - last[0]), invert(last[1]) @ pose
+    elapsed = 1e-9 * (stamp_ns - last[0])
     if elapsed <= 0:
         return True
-    shift, turn = float(np.linalg.norm(motion[:3, 3])), float(rotation_angle(motion[:3, :3]))
+    shift, turn = shift_and_turn(last[1], pose)
     farthest = settings.speed_max * elapsed + _JUMP * settings.given_sigma
     return shift > farthest or turn > settings.turn_max * elapsed + _JUMP * settings.given_turn_sigma
