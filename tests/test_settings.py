@@ -105,6 +105,7 @@ def test_toml_round_trip(preset, tmp_path):
         ("[fusion]\ntua = 1\n", ("fusion.tua", "no such setting", "mine.toml")),
         ("[proposals.edges]\nmin_magnitude = 'x'\n", ("proposals.edges.min_magnitude", "'x'")),
         ("[link]\nconnect = ['tcp/a:1', 'nonsense']\n", ("link.connect.1", "nonsense", "mine.toml")),
+        ("[link]\nconnect = 'tcp/a:1'\n", ("link.connect: expected a list", 'such as ["a", "b"]', "tcp/a:1", "mine")),
         ("[heat]\n", ("heat", "no such setting")),
         ("preset = 'mine'\n", ("preset", "mine", "default, paper")),
         ("[fusion\n", ("not valid TOML",)),
@@ -124,6 +125,9 @@ def test_errors_name_the_field_and_the_place(text, named, tmp_path):
         ("SPOT3D_FUSION__TAU", "much", ("fusion.tau", "'much'", "the environment")),
         ("SPOT3D_FUSOIN__TAU", "1", ("SPOT3D_FUSOIN__TAU", "no section", "FUSION")),
         ("SPOT3D_LINK__CONNECT", "[", ("environment", "link")),
+        ("SPOT3D_LINK__CONNECT", "tcp/a:1", ("link.connect: expected a list", "'tcp/a:1'", "the environment")),
+        ("SPOT3D_LINK__CONNECT", "[tcp/a:1]", ("link.connect: expected a list", "in double quotes", "[tcp/a:1]")),
+        ("SPOT3D_LINK", "tcp/a:1", ("link: Input should be a valid dictionary", "tcp/a:1", "environment")),
         ("SPOT3D_FUSION_TAU", "5", ("SPOT3D_FUSION_TAU in", "two underscores", "SPOT3D_FUSION__TAU")),
         ("spot3d_link_snapshot_folder", "x", ("spot3d_link_snapshot_folder in", "SPOT3D_LINK__SNAPSHOT_FOLDER")),
         ("SPOT3D_PROPOSALS_EDGES__COLOUR_CONTRAST", "4", ("SPOT3D_PROPOSALS__EDGES__COLOUR_CONTRAST",)),
@@ -135,6 +139,13 @@ def test_errors_in_the_environment(name, value, named, monkeypatch):
         load_settings()
     for part in named:
         assert part in str(error.value)
+
+
+def test_a_table_whose_values_do_not_go_together_is_not_printed() -> None:
+    with pytest.raises(InvalidSettingsError) as error:
+        load_settings(overrides={"link": {"mode": "router", "listen": ("tls/127.0.0.1:1",)}})
+    assert str(error.value).startswith("link: listening at tls/... or quic/... needs a certificate and its key; make")
+    assert str(error.value).endswith("with spot3d certificates (set in the command line)")
 
 
 def test_sizes_of_objects_are_set_once_for_all_stages(monkeypatch, tmp_path):

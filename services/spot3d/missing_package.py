@@ -1,5 +1,7 @@
 """Message about a package that is not installed: which of spot3d's extras brings it."""
 
+from importlib.util import find_spec
+
 _EXTRAS = {
     "cryptography": "certificates",
     "foxglove": "foxglove",
@@ -9,6 +11,13 @@ _EXTRAS = {
     "zstandard": "record",
 }
 """The extras of packages that no stage needs."""
+
+
+def refuse_missing(*packages: str) -> None:
+    """Raise ModuleNotFoundError for the first of these packages that is not installed; imports none."""
+    for package in packages:
+        if find_spec(package) is None:
+            raise ModuleNotFoundError(f"No module named {package!r}", name=package)
 
 
 def in_words(error: ModuleNotFoundError) -> str:

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import BaseModel, Field, ValidationError, model_validator
-from pydantic_settings import BaseSettings, EnvSettingsSource, SettingsConfigDict, SettingsError
+from pydantic.fields import FieldInfo
+from pydantic_settings import BaseSettings, EnvSettingsSource, PydanticBaseSettingsSource, SettingsConfigDict
 
 from spot3d.bridge.settings import BridgeSettings
 from spot3d.dashboard.settings import DashboardSettings
@@ -21,6 +22,7 @@ from spot3d.heatmap.settings import PAPER as PAPER_HEATMAP
 from spot3d.heatmap.settings import HeatmapSettings
 from spot3d.object_size import SIZE_MAX, SIZE_MIN, SizeMax
 from spot3d.pose.settings import PoseSettings
+from spot3d.proposals.settings import PAPER as PAPER_PROPOSALS
 from spot3d.proposals.settings import ProposalSettings
 from spot3d.security.access import AccessSettings
 from spot3d.segments.settings import PAPER as PAPER_SEGMENTS
@@ -62,6 +64,18 @@ class Settings(BaseSettings):
     dashboard: DashboardSettings = DashboardSettings()
     bridge: BridgeSettings = BridgeSettings()
 
+    @classmethod
+    def settings_customise_sources(
+        cls,
+        settings_cls: type[BaseSettings],
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,
+        file_secret_settings: PydanticBaseSettingsSource,
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        """Only what `load_settings` gives, which has read the environment."""
+        return (init_settings,)
+
     def changed(self, section: str, **values: Any) -> "Settings":
         """A copy with these values of one section, which are not validated."""
         return self.model_copy(update={section: getattr(self, section).model_copy(update=values)})
@@ -79,7 +93,7 @@ PRESETS: dict[str, Layer] = {
     "paper": {
         "preset": "paper",
         "pose": {"given_sigma": 0.0, "depth_bend_sigma": 0.0},
-        "proposals": ProposalSettings.PAPER.model_dump(exclude_unset=True),
+        "proposals": PAPER_PROPOSALS.model_dump(exclude_unset=True),
         "segments": PAPER_SEGMENTS.model_dump(exclude_unset=True),
         "heatmap": PAPER_HEATMAP.model_dump(exclude_unset=True),
         "fusion": PAPER_FUSION.model_dump(exclude_unset=True),
@@ -148,10 +162,17 @@ def _environment() -> Layer:
         if _is_setting(name) and section not in Settings.model_fields:
             known = ", ".join(part.upper() for part in Settings.model_fields)
             raise InvalidSettingsError(f"{name} in the environment: there is no section {section}; use one of {known}")
-    try:
-        return EnvSettingsSource(Settings)()
-    except SettingsError as error:
-        raise InvalidSettingsError(f"the environment: {error}") from error
+    return _Environment(Settings)()
+
+
+class _Environment(EnvSettingsSource):
+    """Leaves a list or table that is no JSON as it is, so that it is refused like any other value, by its name."""
+
+    def decode_complex_value(self, field_name: str, field: FieldInfo, value: Any) -> Any:
+        try:
+            return super().decode_complex_value(field_name, field, value)
+        except ValueError:
+            return value
 
 
 def _refuse_one_underscore(name: str) -> None:
@@ -181,8 +202,11 @@ def _first_error(error: ValidationError, layers: Mapping[str, Layer]) -> str:
     origin = next((name for name, layer in layers.items() if _holds(layer, path)), "the preset")
     if first["type"] == "extra_forbidden":
         return f"{'.'.join(path)}: there is no such setting (set in {origin}); `spot3d settings` lists all"
-    given = repr(first["input"])
-    return f"{'.'.join(path)}: {first['msg'].removeprefix('Value error, ')}, got {given[:80]} (set in {origin})"
+    wrong, given = first["msg"].removeprefix("Value error, "), repr(first["input"])
+    if first["type"] == "tuple_type":
+        wrong = 'expected a list, in square brackets and with its texts in double quotes, such as ["a", "b"]'
+    got = "" if isinstance(first["input"], dict) else f", got {given[:80]}"  # of a table, `wrong` says which value
+    return f"{'.'.join(path)}: {wrong}{got} (set in {origin})"
 
 
 def _holds(layer: Any, path: list[str]) -> bool:

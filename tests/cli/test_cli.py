@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import spot3d
 from spot3d.cli import app as cli
 from spot3d.cli.options import CommandError, check_outputs, out_folder
 from spot3d.recorder.mcap_writer import McapWriter
@@ -32,6 +33,11 @@ def test_topics_prints_the_whole_table():
         assert line.split()[:2] == [f"spot3d/drone/{topic.name}", topic.message.__name__]
 
 
+def test_the_version_is_printed():
+    result = runner.invoke(cli.app, ["--version"])
+    assert (result.exit_code, result.output) == (0, f"spot3d {spot3d.__version__}\n")
+
+
 @pytest.mark.parametrize("name", [*MESSAGES, "spot3d.Frame"])
 def test_schema_prints_json(name):
     result = runner.invoke(cli.app, ["schema", name])
@@ -50,6 +56,7 @@ def test_settings_prints_what_can_be_read_again(tmp_path):
     ("arguments", "said"),
     [
         (["schema", "Frome"], "there is no message 'Frome'; choose from Frame"),
+        (["topics", "--robot", "a b"], "link.robot: 'a b' cannot be part of a key"),
         (["run", "/nowhere/at/all", "--out", "{tmp}"], "/nowhere/at/all does not exist"),
         (["run", "/nowhere/at/all"], "/nowhere/at/all does not exist"),
         (["run", "scene", "--out", "{tmp}", "--pose", "magic"], "--pose magic: choose kiss or gicp"),
@@ -58,6 +65,7 @@ def test_settings_prints_what_can_be_read_again(tmp_path):
         (["source", "scene:1:nonsense"], "scene:1:nonsense is not a built-in scene"),
         (["evaluate", "points", "scenes:x"], "scenes:x is not a built-in scene"),
         (["run", "scene", "--out", "{tmp}", "--intrinsics", "1,2"], "four numbers"),
+        (["run", "realsense:", "--out", "{tmp}"], "realsense: lacks a serial number"),
         (["run", "scene", "--out", "{tmp}", "--in-process", "--pose", "a/b"], "--in-process cannot receive topics"),
         (["run", "scene", "--out", "{tmp}", "--pose", "/odom"], "--pose /odom is not a key"),
         (["run", "scene", "--out", "{tmp}", "--depth-topic", "/d"], "scene is not a ROS bag: omit --depth-topic"),
@@ -175,11 +183,43 @@ def test_results_go_by_the_name_of_the_input(name, folder, tmp_path, monkeypatch
     assert out_folder(name) == Path("out", folder)
 
 
-def test_results_do_not_go_into_the_input_unasked(tmp_path, monkeypatch):
-    (tmp_path / "out" / "kitchen").mkdir(parents=True)
+def test_results_do_not_go_into_the_input(tmp_path, monkeypatch):
+    kitchen = tmp_path / "out" / "kitchen"
+    (kitchen / "depth").mkdir(parents=True)
+    (kitchen / "depth" / "1.png").touch()
+    (tmp_path / "link").symlink_to(kitchen)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(CommandError, match="out/kitchen is the input itself"):
         out_folder("out/kitchen/")
+    for given in (Path("out/kitchen"), kitchen / "depth" / "..", Path("link")):
+        with pytest.raises(CommandError, match="is the input itself"):
+            out_folder("out/kitchen", given)
+    with pytest.raises(CommandError, match="out/kitchen/depth holds images of the input"):
+        out_folder("out/kitchen", Path("out/kitchen/depth"))
+
+
+def test_results_may_go_into_a_folder_of_their_own_inside_the_input(tmp_path):
+    assert out_folder(str(tmp_path), tmp_path / "found") == tmp_path / "found"
+    (tmp_path / "found").mkdir()
+    (tmp_path / "found" / "overview.png").touch()
+    assert out_folder(str(tmp_path), tmp_path / "found") == tmp_path / "found"
+
+
+@pytest.mark.parametrize("name", ["scene", "realsense"])
+def test_an_input_that_is_no_folder_gives_its_name_to_any(name, tmp_path, monkeypatch):
+    (tmp_path / name).mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert out_folder(name, Path(name)) == Path(name)
+
+
+def test_a_run_into_its_input_writes_nothing_there(tmp_path, monkeypatch, capsys):
+    (tmp_path / "trajectory.txt").write_text("the user's own")
+    monkeypatch.setattr(sys, "argv", ["spot3d", "run", str(tmp_path), "--out", str(tmp_path)])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 2
+    assert f"{tmp_path} is the input itself; choose another folder" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["trajectory.txt"]
 
 
 @pytest.mark.parametrize(

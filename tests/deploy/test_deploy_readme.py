@@ -13,6 +13,10 @@ import pytest
 import zenoh
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
+from spot3d.run.earlier_streams import FOLDER as EARLIER
+from spot3d.run.growing_files import TRAJECTORY, UPDATES
+from spot3d.run.results import RESULTS
+from spot3d.run.stage_files import LOGS, SNAPSHOTS
 from spot3d.settings import Settings
 from spot3d_schemas import (
     CameraIntrinsics,
@@ -291,6 +295,14 @@ def test_files_that_they_name_exist() -> None:
         for path in re.findall(r"`([\w/]+\.py)`", row[3]):
             folder = path.rpartition("/")[0] or folder
             assert (ROOT / "services" / "spot3d" / folder / Path(path).name).is_file(), path
+
+
+def test_what_a_run_writes_is_in_the_table() -> None:
+    table = re.findall(
+        r"^\| `([\w.]+)", PAGES[Path("docs/deploying.md")].partition("## Stages one by one")[0], re.MULTILINE
+    )
+    written = {*RESULTS, TRAJECTORY, UPDATES, EARLIER, LOGS, SNAPSHOTS, "report.json", "settings.toml", "overview.png"}
+    assert set(table) == written
 
 
 @pytest.mark.parametrize("page", PAGES, ids=str)

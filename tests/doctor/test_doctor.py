@@ -20,10 +20,11 @@ from spot3d.dataflow.kernel_cache import kernels_missing, stage_kernels_missing
 from spot3d.dataflow.node import Node
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.doctor.examine import examine
 from spot3d.doctor.finding import Finding
 from spot3d.doctor.others import Answer, flows, look_at, states
 from spot3d.doctor.this_device import certificate, disk, shared_memory
-from spot3d_schemas import STAGES, About, Header, Health, Proposals
+from spot3d_schemas import STAGES, About, Header, Health, Proposals, alive_key
 
 ALL = dict.fromkeys(STAGES, True)
 PLENTY = 10**11
@@ -222,6 +223,15 @@ def test_a_robot_that_is_well_and_one_that_is_not_there() -> None:
     # Of this machine, which may have little room.
     assert all("disk" in line or "shared memory" in line for line in problems)
     assert outcome.exit_code == bool(problems)
+
+
+def test_who_asks_for_a_robot_that_is_not_there_is_told_who_is() -> None:
+    endpoint = free_loopback_endpoint()
+    with open_router((endpoint,)) as session, session.liveliness().declare_token(alive_key("drone", "pose")):
+        for name, told in (("drome", True), ("drone", False)):
+            findings, _ = examine(LinkSettings(connect=(endpoint,), robot=name), 0.5)
+            others = [finding.text for finding in findings if finding.what == "robots"]
+            assert others == (["alive here: drone; choose one with --robot"] if told else [])
 
 
 def test_no_router(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,7 +20,8 @@ from spot3d.fusion.map.selection import frequent_points
 from spot3d.fusion.objects.reasons import TOO_SMALL
 from spot3d.fusion.paper.density_frame import find_by_density_in_frame
 from spot3d.fusion.settings import FusionSettings
-from spot3d.geometry.planes import on_plane, supporting_plane, transform_plane
+from spot3d.fusion.supporting_plane import supporting_plane
+from spot3d.geometry.planes import on_plane, transform_plane
 from spot3d.heatmap.heat import Heatmap
 from spot3d.settings import load_settings
 

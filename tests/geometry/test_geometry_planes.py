@@ -1,4 +1,4 @@
-"""Dominant planes by RANSAC, the supporting one by heat, and their transforms."""
+"""Dominant planes by RANSAC, and their transforms."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,6 @@ from spot3d.geometry.planes import (
     fit_plane,
     on_plane,
     refine_plane,
-    supporting_plane,
     transform_plane,
 )
 
@@ -76,30 +75,9 @@ def test_known_planes_are_found_with_few_triples() -> None:
     assert all(any(same_plane(plane, truth) for plane in planes) for truth in known)
 
 
-@pytest.mark.parametrize("expected", [0, 1, 2])
-def test_heat_decides_which_plane_supports(expected: int) -> None:
-    points = room_points()
-    truths = np.array([in_camera(plane) for plane in (TABLE_WORLD, FLOOR_WORLD, WALL_WORLD)])
-    heat = np.where(on_plane(truths[expected], points, SETTINGS), 100, 10).astype(np.uint8)
-    np.testing.assert_array_equal(supporting_plane(truths, points, heat, SETTINGS), truths[expected])
-
-
 def test_what_has_no_depth_lies_on_no_plane() -> None:
     points = np.array([[[0, 0, 0], [0.1, 0, 1]]], np.float32)  # a plane through the camera, where z = 0 is
     np.testing.assert_array_equal(on_plane(np.array([0, 1.0, 0, 0]), points, SETTINGS), [[False, True]])
-
-
-def test_without_planes_none_supports() -> None:
-    heat = np.zeros(CAMERA.shape, np.uint8)
-    assert supporting_plane(np.zeros((0, 4)), room_points(), heat, SETTINGS) is None
-
-
-@pytest.mark.parametrize(("name", "value"), [("no heat at all", 0), ("an object's own face, hot all over", 200)])
-def test_a_plane_without_bare_and_warm_parts_supports_nothing(name: str, value: int) -> None:
-    points = room_points()
-    table = in_camera(TABLE_WORLD)
-    heat = np.where(on_plane(table, points, SETTINGS), value, 0).astype(np.uint8)
-    assert supporting_plane(table[None], points, heat, SETTINGS) is None, name
 
 
 def test_a_point_keeps_its_distance_when_its_plane_is_transformed() -> None:

@@ -57,9 +57,9 @@ def test_a_larger_frame_is_sent_as_fusion_reduces_it() -> None:
     depth[200:300, 300:400] -= 150
     depth[100:150, 500:520] = 0
     frame = RgbdFrame(0, colour, depth, 0.001, camera)
-    sent = thinned(frame, heat, LinkSettings(thin_depth_share=0, thin_heat_levels=256))
+    sent, sent_heat = thinned(frame, heat, LinkSettings(thin_depth_share=0, thin_heat_levels=256))
     fused = to_lattice(colour, frame.depth_metres(), heat, camera, 320)
-    again = to_lattice(sent.frame.colour, sent.frame.depth_metres(), sent.heat, sent.frame.intrinsics, 320)
+    again = to_lattice(sent.colour, sent.depth_metres(), sent_heat, sent.intrinsics, 320)
     for name in ("colour", "depth", "heat"):
         assert np.array_equal(getattr(again, name), getattr(fused, name)), name
     assert again.camera == fused.camera
@@ -71,5 +71,5 @@ def test_depth_in_a_sensors_own_coarse_steps_stays_as_it_is() -> None:
     coarse, fine = np.rint(575_000 / disparity).astype(np.uint16), RNG.integers(800, 3800, camera.shape)
     for depth, changes in ((coarse, False), (fine.astype(np.uint16), True)):
         frame = RgbdFrame(0, np.zeros((120, 160, 3), np.uint8), depth, 0.001, camera)
-        sent = thinned(frame, np.zeros(camera.shape, np.uint8), LinkSettings())
-        assert np.array_equal(sent.frame.depth, depth) != changes
+        sent, _ = thinned(frame, np.zeros(camera.shape, np.uint8), LinkSettings())
+        assert np.array_equal(sent.depth, depth) != changes

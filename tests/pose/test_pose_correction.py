@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from made_frame import frame_of
 from spot3d.camera import Intrinsics
 from spot3d.depth_noise import KINECT_V1
-from spot3d.pose.correction import CorrectedPoses, MeasuredNoise
+from spot3d.pose.correction import CorrectedPoses
 from spot3d.pose.estimate import PoseEstimate, PoseTracker
+from spot3d.pose.measured_noise import MeasuredNoise
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
 from spot3d.source.scene.scene import Scene

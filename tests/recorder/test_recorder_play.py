@@ -20,7 +20,9 @@ from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.recorder.keyboard import on_key
 from spot3d.recorder.mcap_contents import McapContents, open_mcap
+from spot3d.recorder.mcap_writer import McapWriter
 from spot3d.recorder.play import Playing, StageAliveError, play
+from spot3d.recorder.profile import PROFILE
 from spot3d_schemas import End, Frame, Header, Pose, alive_key, decode, encoding, key
 
 PERIOD_NS = 50_000_000
@@ -178,6 +180,13 @@ def test_not_beside_the_stage_itself(contents: McapContents, link: LinkSettings,
 def test_what_plays_nothing_is_refused(contents: McapContents, start: float, end: float | None, said: str) -> None:
     with pytest.raises(CommandError, match=rf"^nothing to play: {contents.path} {said}"):
         play_command(contents.path, start=start, end=end)
+
+
+def test_a_recording_without_messages_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "empty.mcap"
+    McapWriter(path, PROFILE, "test").close()
+    with pytest.raises(CommandError, match=rf"^nothing to play: {path} holds no messages$"):
+        play_command(path)
 
 
 def test_a_key_pauses_and_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,6 @@
 """The recorder on a real wire: what it keeps, what it counts, and what is left after kill -9 or on a full disk."""
 
+import logging
 import os
 import resource
 import signal
@@ -86,6 +87,36 @@ def recorder_of(
             yield recorder
         finally:
             recorder.kill()
+
+
+@pytest.mark.parametrize(
+    ("there", "said"),
+    [
+        (("drone", "pose"), f"no stage of robot {ROBOT} is alive yet; alive here: drone; choose one with --robot"),
+        (("drone", RECORDER), f"no stage of robot {ROBOT} is alive yet; no robot is alive here"),
+        ((ROBOT, "pose"), ""),
+    ],
+)
+def test_who_records_a_robot_that_is_not_there_is_told_who_is(
+    there: tuple[str, str],
+    said: str,
+    session: zenoh.Session,
+    endpoint: str,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    stop = threading.Event()
+    settings = Settings(link=LinkSettings(connect=(endpoint,)))
+    thread = threading.Thread(target=record, args=(settings, tmp_path / "flight.mcap", TOPICS, stop))
+    with caplog.at_level(logging.INFO), session.liveliness().declare_token(alive_key(*there)):
+        thread.start()
+        try:
+            wait_for_recorder(session)
+            wait_until(lambda: said in caplog.messages or not said, "it is told", 20.0)
+        finally:
+            stop.set()
+            thread.join(LIMIT_S)
+    assert any("is alive yet" in line for line in caplog.messages) == bool(said)
 
 
 def test_it_keeps_what_it_hears_and_counts_what_it_does_not(

@@ -67,6 +67,38 @@ def test_a_run_that_is_ended_while_it_looks_at_its_input_leaves_the_results_of_t
         assert (tmp_path / name).read_text() == "of the run before"
 
 
+def test_a_camera_without_its_sdk_is_refused_and_leaves_the_results_of_the_run_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def start(*_: object) -> None:
+        raise StartedError
+
+    monkeypatch.setattr("spot3d.run.run.run_distributed", start)
+    monkeypatch.setitem(sys.modules, "pyrealsense2", None)
+    (tmp_path / "objects.json").write_text("of the run before")
+    with pytest.raises(SourceError, match=r"which is not installed: pip install 'spot3d\[realsense\]'"):
+        run(Selection("realsense"), load_settings(), tmp_path, Console(quiet=True))
+    assert [path.name for path in tmp_path.iterdir()] == ["objects.json"]
+
+
+@pytest.mark.parametrize("in_process", [True, False])
+@pytest.mark.parametrize(("provider", "package"), [("kiss", "kiss_icp"), ("gicp", "small_gicp"), ("given", "scipy")])
+def test_a_run_whose_stages_lack_a_package_leaves_the_results_of_the_run_before(
+    provider: str, package: str, in_process: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def start(*_: object) -> None:
+        raise StartedError
+
+    monkeypatch.setattr("spot3d.run.in_process.run_in_process", start)
+    monkeypatch.setattr("spot3d.run.run.run_distributed", start)
+    monkeypatch.setitem(sys.modules, package, None)
+    (tmp_path / "objects.json").write_text("of the run before")
+    settings = load_settings(overrides={"pose": {"provider": provider}})
+    with pytest.raises(ModuleNotFoundError, match=package):
+        run(Selection("scene", 3), settings, tmp_path, Console(quiet=True), in_process)
+    assert [path.name for path in tmp_path.iterdir()] == ["objects.json"]
+
+
 def test_a_report_has_the_whole_path_of_its_input(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An export from another folder would take the images of whatever has that name there."""
     kitchen = tmp_path / "kitchen"

@@ -62,6 +62,17 @@ def test_a_bridge_has_a_row() -> None:
     assert "bridge: no messages to tcp/10.0.0.2:7447" in text.getvalue()
 
 
+@pytest.mark.parametrize(
+    ("drops", "streams", "told"), [({"late": 2}, 2, True), ({"late": 2}, 1, False), ({}, 2, False)]
+)
+def test_counts_that_are_of_earlier_streams_as_well_are_told(drops: dict[str, int], streams: int, told: bool) -> None:
+    text = io.StringIO()
+    known = {"pose": health("pose", drops, 1.0).model_copy(update={"events": {"streams": streams}})}
+    Console(file=text, width=80).print(status_table("robot", dict.fromkeys(STAGES, 1), known))
+    line = "dropped and errors: since each stage's start, so of earlier streams as well\n"
+    assert (line in text.getvalue()) == told
+
+
 @pytest.mark.parametrize(("rates", "told"), [((0.0, 0.0), True), ((0.0, 10.0), False), ((None, 0.0), False)])
 def test_that_no_frame_comes_is_told(rates: tuple[float | None, float | None], told: bool) -> None:
     """A camera program of one's own says nothing of itself when it stops sending."""

@@ -17,12 +17,15 @@ from cryptography.hazmat.primitives.serialization import (
     PrivateFormat,
     load_pem_private_key,
 )
+from rich.console import Console
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.session import open_session, zenoh_config
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import StoppedError
-from spot3d.dataflow.tls import TlsError, own_certificate, probe, why_refused
+from spot3d.dataflow.tls import TlsError, own_certificate, probe, why_refused, why_unreached
+from spot3d.doctor.examine import reached
+from spot3d.run.status import show_status
 
 
 @pytest.fixture(scope="module")
@@ -139,3 +142,48 @@ def test_a_client_says_why_its_router_does_not_let_it_in(fleet: Path, caplog: py
         assert "the router's certificate is refused: Hostname mismatch" in caplog.text
         with open_session(given.model_copy(update={"verify_names": False})) as session:
             assert not session.is_closed()
+
+
+@pytest.mark.parametrize(
+    ("protocol", "reason"),
+    [
+        ("tls", "the router refuses this side: tlsv13 alert certificate required"),
+        ("tcp", "the router expects TLS; write tls/127.0.0.1:"),
+    ],
+)
+def test_status_and_doctor_tell_of_a_refusal_and_not_to_start_the_router(
+    protocol: str, reason: str, fleet: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("spot3d.run.status._CONNECT_S", 0.2)
+    endpoint = free_loopback_endpoint().replace("tcp/", "tls/")
+    refused = link(fleet, None, endpoint.replace("tls/", f"{protocol}/"))
+    with open_router((endpoint,), link=link(fleet, "ground")):
+        (found,) = reached(refused, answered=False)
+        with pytest.raises(ConnectionError) as told:
+            show_status(refused, Console(quiet=True), watch=False)
+    assert reason in found.text
+    for said in (found.remedy, str(told.value)):
+        assert "check [link] ca, certificate and key" in said
+        assert "start" not in said
+
+
+def test_a_router_without_tls_is_told_by_a_client_with_it(fleet: Path) -> None:
+    endpoint = free_loopback_endpoint()
+    with open_router((endpoint,)):
+        said, remedy = why_unreached(link(fleet, "drone", endpoint.replace("tcp/", "tls/")), "start it")
+    assert said.endswith(f"the router does not begin TLS; if it uses none, write {endpoint}")
+    assert "check [link] ca" in remedy
+
+
+@pytest.mark.parametrize(
+    ("protocol", "reason", "may_be_refused"),
+    [("tcp", "", False), ("tls", ": Connection refused", False), ("quic", "", True)],
+)
+def test_where_nobody_listens_the_router_is_to_be_started(
+    protocol: str, reason: str, may_be_refused: bool, fleet: Path
+) -> None:
+    endpoint = free_loopback_endpoint().replace("tcp/", f"{protocol}/")
+    said, remedy = why_unreached(link(fleet, "drone", endpoint), "start it")
+    assert said.endswith(reason)
+    assert remedy.startswith("start it")
+    assert ("it may refuse this side" in remedy) == may_be_refused

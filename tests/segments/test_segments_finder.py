@@ -13,7 +13,8 @@ from spot3d.camera import Intrinsics, invert
 from spot3d.frame_segments import BELOW_SUPPORT, NO_SUPPORT, TOO_COLD, TOO_LONG, TOO_LOW, TOO_MANY, FrameSegments
 from spot3d.geometry.downsampling import LatticeFrame
 from spot3d.geometry.planes import transform_plane
-from spot3d.segments.finder import _pixels, _segments, candidate_planes, find_segments
+from spot3d.segments.finder import _segments, candidate_planes, find_segments
+from spot3d.segments.labels import pixels_of
 from spot3d.segments.levels import Levels
 from spot3d.segments.settings import SegmentsSettings
 
@@ -351,7 +352,7 @@ def test_what_lies_beyond_the_range_is_not_looked_for() -> None:
 def test_of_more_objects_than_a_message_takes_the_largest_are_kept() -> None:
     camera = Intrinsics(600.0, 600.0, 159.5, 119.5, 320, 240)
     labels = np.arange(240 // 8 * (320 // 8)).reshape(30, 40).repeat(8, axis=0).repeat(8, axis=1).astype(np.int32)
-    parts = _pixels(labels)[:300]
+    parts = pixels_of(labels)[:300]
     parts[7] = parts[7][:50]
     depth = np.ones(camera.shape, np.float32)
     colour, heat = np.zeros((*camera.shape, 3), np.uint8), np.full(camera.shape, 100, np.uint8)
@@ -372,7 +373,7 @@ def test_of_more_objects_than_a_message_takes_the_largest_are_kept() -> None:
     ],
 )
 def test_pixels_of_each_label(labels: list[list[int]], expected: list[list[int]]) -> None:
-    assert [pixels.tolist() for pixels in _pixels(np.array(labels, np.int32))] == expected
+    assert [pixels.tolist() for pixels in pixels_of(np.array(labels, np.int32))] == expected
 
 
 def test_planes_are_those_of_the_camera() -> None:

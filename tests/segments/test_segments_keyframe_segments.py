@@ -202,10 +202,8 @@ def test_a_camera_that_is_mounted_otherwise_than_the_settings_say_is_found_out(q
 
 def test_what_was_up_in_another_world_is_forgotten() -> None:
     finder, (_, _, pose) = KeyframeSegments(SETTINGS), frame_at(0)
-    planes = np.array([[*pose[2, :3], 0.7]])
-    none = np.zeros(CAMERA.shape, np.uint8), np.zeros(0, np.float32), planes, np.zeros(0, np.int8), CAMERA, {}
     for _ in range(5):
-        finder._up_direction.learn(FrameSegments(*none), pose)
+        finder._up_direction.learn(np.array((0.0, 0.0, 1.0)))
     finder.wants(0, pose)
     assert finder._up_direction.in_camera(pose) is not None
     finder.wants(33 * MS, pose, world="another")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from spot3d.geometry.upright import sampled
-from spot3d.segments.vessels import _ring_of, _share_near, vessel_groups
+from spot3d.depth_noise import KINECT_V1
+from spot3d.segments.vessels import _ring_of, _share_near, join_vessels
 
 UP = np.array([0.0, 0.0, 1.0])
 RADIUS, HEIGHT = 0.04, 0.1
@@ -31,10 +31,9 @@ def joined(*parts: Part, size_max: float = 1.0, tilt: float = 0.1, scatter: floa
     points = (points + rng.normal(0, scatter, points.shape)).astype(np.float32)
     normals = normals + rng.normal(0, tilt, normals.shape).astype(np.float32)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    owner = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
-    rows = [np.flatnonzero(owner == number) for number in range(len(parts))]
-    samples = [sampled(points, part) for part in rows]
-    return sorted(sorted(group) for group in vessel_groups(rows, samples, normals, UP, size_max))
+    owner = np.repeat(np.arange(len(parts), dtype=np.int32), [len(part[0]) for part in parts])
+    labels = join_vessels(owner[None], points[None], normals[None], UP, size_max, KINECT_V1)[0]
+    return [np.unique(owner[labels == label]).tolist() for label in np.unique(labels)]
 
 
 # A mug seen from the front and above: its far inside above the near rim, and its near outside.
@@ -123,7 +122,8 @@ def test_a_hollow_wider_than_an_object_is_a_corner_of_the_room() -> None:
 
 
 def test_nothing_is_joined_where_there_is_nothing() -> None:
-    assert vessel_groups([], [], np.zeros((0, 3), np.float32), UP, 1.0) == []
+    labels, nothing = np.full((2, 3), -1, np.int32), np.zeros((2, 3, 3), np.float32)
+    np.testing.assert_array_equal(join_vessels(labels, nothing, nothing, UP, 1.0, KINECT_V1), labels)
 
 
 def test_the_share_within_a_cylinder_is_that_of_its_points() -> None:

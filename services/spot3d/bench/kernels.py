@@ -20,8 +20,9 @@ from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.map.heatmap3d import Heatmap3D
 from spot3d.fusion.map.index_map import IndexMap
 from spot3d.fusion.settings import FusionSettings
+from spot3d.fusion.supporting_plane import supporting_plane
 from spot3d.geometry.downsampling import LatticeFrame, to_lattice
-from spot3d.geometry.planes import dominant_planes, on_plane, supporting_plane, transform_plane
+from spot3d.geometry.planes import dominant_planes, on_plane, transform_plane
 from spot3d.heatmap.heat import weighted_heat
 from spot3d.proposals.edges import detect_edges
 from spot3d.proposals.propose import propose

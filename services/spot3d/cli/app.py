@@ -33,6 +33,7 @@ from spot3d.cli.options import (
     RobotOption,
     SettingsOption,
     SupervisedOption,
+    VersionOption,
     check_topics,
     link_overrides,
     out_folder,
@@ -74,6 +75,11 @@ def main() -> None:
         _fail(str(error))
     except OSError as error:
         _fail(in_words(error))
+
+
+@app.callback()
+def before_any_command(version: VersionOption = False) -> None:
+    """Takes the options of the command line as a whole."""
 
 
 @app.command()
@@ -146,7 +152,7 @@ def run(
     from spot3d.run.run import run as run_input
     from spot3d.source.selected import selection
 
-    chosen, console, folder = selection(input_name, frames, every, intrinsics), Console(), out or out_folder(input_name)
+    chosen, console, folder = selection(input_name, frames, every, intrinsics), Console(), out_folder(input_name, out)
     with dashboard_if_wanted(show, in_process, resolved, settings, folder, console) as page:
         endpoints = (*(listen or ()), *(() if page is None else (page.endpoint,)))
         usual = None if listen else USUAL_ENDPOINT
@@ -200,6 +206,9 @@ def topics(robot: RobotOption = None) -> None:
     """Print every topic: its key, message, rate and delivery."""
     from spot3d_schemas import TOPICS
 
+    if robot is not None:
+        # Checked as settings are, so that a typo is reported as one.
+        load_settings(overrides=link_overrides(robot, None, None, None))
     rows = [("key", "message", "rate", "delivery")]
     for topic in TOPICS.values():
         where = topic.key_template.format(robot=robot or "<robot>")

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from spot3d import __version__
 from spot3d.dataflow.stopping import stop_with_parent
 from spot3d.settings import Preset
 
@@ -52,6 +53,17 @@ DepthUnitOption = Annotated[
 ColourTopicOption = Annotated[str | None, typer.Option("--colour-topic", help="ROS bags: topic of the colour images")]
 DepthTopicOption = Annotated[str | None, typer.Option("--depth-topic", help="ROS bags: topic of the depth images")]
 SupervisedOption = Annotated[bool, typer.Option("--supervised", hidden=True)]
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"spot3d {__version__}")
+        raise typer.Exit
+
+
+VersionOption = Annotated[
+    bool, typer.Option("--version", callback=_print_version, is_eager=True, help="print the version and exit")
+]
 
 
 class CommandError(Exception):
@@ -102,19 +114,31 @@ def link_overrides(
     return {"link": link}
 
 
-def out_folder(input_name: str) -> Path:
-    """Default folder for the results of an input: below out/, under its name without suffix or colons.
+def out_folder(input_name: str, given: Path | None = None) -> Path:
+    """Folder for the results of an input: `given`, or below out/, under the input's name without suffix or colons.
 
-    Raises CommandError where that is the input itself.
+    Raises CommandError where that is the input itself, or a folder of images inside it.
     """
+    from spot3d.source.realsense.camera import is_camera
+    from spot3d.source.scene.name import parse_scene_name
+
     place = Path(input_name)
     if place.name in ("", ".."):
         place = place.resolve()
     name = place.stem if place.is_file() else place.name
-    folder = Path("out") / (name.replace(":", "-") or "run")
-    if folder.resolve() == place.resolve():
+    folder = given or Path("out") / (name.replace(":", "-") or "run")
+    if is_camera(input_name) or parse_scene_name(input_name) is not None:
+        return folder
+    of_input, of_results = place.resolve(), folder.resolve()
+    if of_results == of_input:
         raise CommandError(f"{folder} is the input itself; choose another folder for the results with --out")
+    if of_input in of_results.parents and any(_is_image(path) for path in of_results.glob("*")):
+        raise CommandError(f"{folder} holds images of the input; choose another folder for the results with --out")
     return folder
+
+
+def _is_image(path: Path) -> bool:
+    return path.suffix.lower() in (".png", ".jpg", ".jpeg") and path.name != "overview.png"
 
 
 def check_outputs(json_file: Path | None, plots: Path | None) -> None:

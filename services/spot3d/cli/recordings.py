@@ -79,6 +79,8 @@ def play(
 
     try:
         contents = open_mcap(recording)
+        if not contents.chunks:
+            raise CommandError(f"nothing to play: {recording} holds no messages")
         chosen = matching_topics(topics or (), list(contents.topics))
         resolved = load_settings(settings, None, link_overrides(robot or contents.robot, connect, listen, lossless))
         length_s = 1e-9 * (contents.end_ns - contents.start_ns)

@@ -71,6 +71,17 @@ def stages_by_robot(session: zenoh.Session, timeout_s: float) -> dict[str, froze
     return {robot: frozenset(stages) for robot, stages in alive.items()}
 
 
+def others_alive(session: zenoh.Session, robot: str, timeout_s: float) -> str:
+    """Which other robots are alive, for who asks for one of which no process is; empty if one is after all.
+
+    Raises ZError if the session cannot ask.
+    """
+    robots = sorted(name for name, stages in stages_by_robot(session, timeout_s).items() if stages & _KNOWN)
+    if robot in robots:
+        return ""
+    return f"alive here: {', '.join(robots)}; choose one with --robot" if robots else "no robot is alive here"
+
+
 @contextmanager
 def watch_alive(session: zenoh.Session, robot: str) -> Iterator[Alive]:
     """Watches the stages of a robot and their processes, including those that are already alive."""

@@ -12,7 +12,7 @@ import zenoh
 
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import StoppedError
-from spot3d.dataflow.tls import own_certificate, uses_tls, why_refused
+from spot3d.dataflow.tls import own_certificate, uses_tls, why_unreached
 from spot3d_schemas.limits import MAX_MESSAGE_BYTES
 
 log = logging.getLogger(__name__)
@@ -124,8 +124,9 @@ def _open(
                 remedies = [remedy for part, remedy in _REMEDIES.items() if part in reason]
                 raise ConnectionError("; ".join((f"cannot listen at {where}: {reason}", *remedies))) from error
             if tries % 10 == 0:
-                reason = why_refused(link) or f"{first_line(error)}; start one there (spot3d router)"
-                log.warning("no router at %s yet, retrying: %s", ", ".join(link.connect), reason)
+                reason, remedy = why_unreached(link, "start one there (spot3d router)")
+                where = ", ".join(link.connect)
+                log.warning("no router at %s yet, retrying: %s; %s", where, reason or first_line(error), remedy)
             tries += 1
             stop.wait(0.1)
     raise StoppedError

@@ -18,10 +18,15 @@ _PROBE_S = 1.0
 _REFUSAL_S = 0.3
 """Wait for a refusal: a server rejects a client's certificate right after the handshake, or not at all."""
 _PROTOCOLS = ("tls", "quic")
+_CERTIFICATES = "check [link] ca, certificate and key (docs/security.md)"
 
 
 class TlsError(OSError):
     """A certificate, key or authority that cannot be used; the message says which and why."""
+
+
+class TlsRefusedError(TlsError):
+    """A router is there, but it and this side do not agree on TLS; the message says why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,38 +77,81 @@ def own_certificate(link: LinkSettings) -> Validity | None:
 def probe(endpoint: str, link: LinkSettings) -> Validity:
     """Begin TLS with the router at `endpoint` as this link would; returns the validity of its certificate.
 
-    Raises TlsError with the reason in words if either side refuses the other, or nobody answers.
+    Raises TlsRefusedError with the reason in words if either side refuses the other, or the router begins no TLS, and
+    TlsError if nobody answers.
     """
     host, port = host_and_port(endpoint)
     context = _context(ssl.PROTOCOL_TLS_CLIENT, link)
     context.check_hostname = link.verify_names
     try:
-        with (
-            socket.create_connection((host, port), timeout=_PROBE_S) as plain,
-            context.wrap_socket(plain, server_hostname=host) as secured,
-        ):
+        with _connected(host, port) as plain, _begun(context, plain, endpoint) as secured:
             validity = _validity(secured.getpeercert())
             secured.settimeout(_REFUSAL_S)
             with suppress(TimeoutError):  # the router waits for data: it accepts us
                 secured.recv(1)
             return validity
     except ssl.SSLCertVerificationError as error:
-        raise TlsError(f"{endpoint}: the router's certificate is refused: {error.verify_message}") from error
+        raise TlsRefusedError(f"{endpoint}: the router's certificate is refused: {error.verify_message}") from error
     except ssl.SSLError as error:
-        raise TlsError(f"{endpoint}: the router refuses this side: {_words(error)}") from error
+        raise TlsRefusedError(f"{endpoint}: the router refuses this side: {_words(error)}") from error
+    except TlsError:
+        raise
     except OSError as error:
         raise TlsError(f"{endpoint}: {error.strerror or error}") from error
 
 
 def why_refused(link: LinkSettings) -> str:
-    """Why the tls endpoints that a link connects to cannot be used; empty if nothing is wrong."""
-    reasons = []
-    for endpoint in (name for name in link.connect if name.startswith("tls/")):
+    """Why the endpoints that a link connects to cannot be used, as far as TLS is the reason; else empty."""
+    return "; ".join(map(str, _refusals(link)))
+
+
+def why_unreached(link: LinkSettings, start: str) -> tuple[str, str]:
+    """Why no router lets a link in, as `why_refused` says it, and what to do; start: that where none answers."""
+    refusals = _refusals(link)
+    if any(isinstance(error, TlsRefusedError) for error in refusals):
+        remedy = _CERTIFICATES
+    elif any(endpoint.startswith("quic/") for endpoint in link.connect):
+        remedy = f"{start}; if a router is there, it may refuse this side, which quic does not tell: {_CERTIFICATES}"
+    else:
+        remedy = start
+    return "; ".join(map(str, refusals)), remedy
+
+
+def _refusals(link: LinkSettings) -> list[TlsError]:
+    """What is wrong with the tls endpoints that a link connects to, and the tcp endpoints at which TLS is spoken."""
+    refusals = list[TlsError]()
+    for endpoint in link.connect:
         try:
-            probe(endpoint, link)
+            if endpoint.startswith("tls/"):
+                probe(endpoint, link)
+            elif endpoint.startswith("tcp/") and _speaks_tls(endpoint):
+                instead = f"tls/{endpoint.partition('/')[2]}"
+                raise TlsRefusedError(f"{endpoint}: the router expects TLS; write {instead}")
         except TlsError as error:
-            reasons.append(str(error))
-    return "; ".join(reasons)
+            refusals.append(error)
+    return refusals
+
+
+def _speaks_tls(endpoint: str) -> bool:
+    """Whether a router at a tcp endpoint expects TLS."""
+    host, port = host_and_port(endpoint)
+    anybody = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    anybody.check_hostname, anybody.verify_mode = False, ssl.CERT_NONE
+    with suppress(OSError), _connected(host, port) as plain, anybody.wrap_socket(plain, server_hostname=host):
+        return True
+    return False
+
+
+def _connected(host: str, port: int) -> socket.socket:
+    return socket.create_connection((host, port), timeout=_PROBE_S)
+
+
+def _begun(context: ssl.SSLContext, plain: socket.socket, endpoint: str) -> ssl.SSLSocket:
+    try:
+        return context.wrap_socket(plain, server_hostname=host_and_port(endpoint)[0])
+    except TimeoutError as error:
+        instead = f"tcp/{endpoint.partition('/')[2]}"
+        raise TlsRefusedError(f"{endpoint}: the router does not begin TLS; if it uses none, write {instead}") from error
 
 
 def _context(protocol: int, link: LinkSettings) -> ssl.SSLContext:

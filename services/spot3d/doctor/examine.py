@@ -1,10 +1,10 @@
 """The whole examination: this device, the router, the stages."""
 
-from spot3d.dataflow.alive import watch_alive
+from spot3d.dataflow.alive import others_alive, watch_alive
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import StoppedError
-from spot3d.dataflow.tls import TlsError, probe, why_refused
+from spot3d.dataflow.tls import TlsError, probe, why_unreached
 from spot3d.doctor.asking import ask_all, collect_health, is_complete, topic_rates
 from spot3d.doctor.finding import Finding
 from spot3d.doctor.others import TopicRate, look_at, states
@@ -25,6 +25,8 @@ def examine(link: LinkSettings, seconds: float) -> tuple[list[Finding], list[Top
             there = {stage: stage in alive for stage in STAGES}
             ended = not there["source"] and is_complete(session, link.robot)
             findings += look_at(ask_all(session, link.robot), there, ended)
+            if not any(there.values()) and (others := others_alive(session, link.robot, _CONNECT_S)):
+                findings.append(Finding("note", "robots", others))
             return findings + states(health), topic_rates(health)
     except TlsError:
         return [*findings, Finding("problem", "router", "not tested without a valid certificate", "see above")], []
@@ -36,9 +38,9 @@ def reached(link: LinkSettings, answered: bool = True) -> list[Finding]:
     """Findings about the router's endpoints, and the certificates that it shows."""
     where = ", ".join(link.connect)
     if not answered:
-        reason = why_refused(link) or "no answer"
-        remedy = "start the router, set [link] connect, and check the network: addresses, firewall, docs/security.md"
-        return [Finding("problem", "router", f"{where}: {reason}", remedy)]
+        start = "start the router, set [link] connect, and check the network: addresses, firewall, docs/security.md"
+        reason, remedy = why_unreached(link, start)
+        return [Finding("problem", "router", f"{where}: {reason or 'no answer'}", remedy)]
     findings = [Finding("ok", "router", f"reached at {where}")]
     for endpoint in link.connect:
         if endpoint.startswith("tls/"):

@@ -2,8 +2,8 @@
 
 import threading
 import time
-from collections import deque
 from dataclasses import dataclass
+from queue import SimpleQueue
 
 import numpy as np
 import zenoh
@@ -40,17 +40,15 @@ class MapAnswers:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._copy: _Copy | None = None
-        self._queries: deque[tuple[zenoh.Query, _Copy]] = deque()
-        self._changed = threading.Condition()
+        self._queries = SimpleQueue[tuple[zenoh.Query, _Copy] | None]()
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="map", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         """End the thread; queries that still wait get no answer."""
-        with self._changed:
-            self._closed = True
-            self._changed.notify_all()
+        self._closed = True
+        self._queries.put(None)
         end_threads((self._thread,))
 
     def forget(self) -> None:
@@ -62,26 +60,18 @@ class MapAnswers:
 
         complete: whether the stream has ended, and the map is final.
         """
-        with self._changed:
-            full = len(self._queries) >= _WAITING
-        if full:
+        if self._queries.qsize() >= _WAITING:
             self._node.refuse(query, TOPIC, "too many requests for the map; ask again in a second")
             return
         copy, now_s = self._copy, time.monotonic()
         if copy is None or now_s - copy.at_s > _FRESH_S or copy.complete != complete:
             copy = _Copy(now_s, complete, fusion.frequent_points(), fusion.heatmap.count, header, epoch)
             self._copy = copy
-        with self._changed:
-            self._queries.append((query, copy))
-            self._changed.notify_all()
+        self._queries.put((query, copy))
 
     def _work(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._queries or self._closed)
-                if self._closed:
-                    return
-                query, copy = self._queries.popleft()
+        while (asked := self._queries.get()) is not None and not self._closed:
+            query, copy = asked
             self._node.reply(query, TOPIC, _message(copy, _limit(query)))
 
 

@@ -4,11 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import back_project, invert
+from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.fusion.paper.ransac import planes_by_ransac
 from spot3d.fusion.paper.removal import project_inliers
 from spot3d.fusion.settings import FusionSettings
 from spot3d.geometry.downsampling import LatticeFrame
-from spot3d.geometry.planes import dominant_planes, on_plane, supporting_plane, transform_plane
+from spot3d.geometry.planes import dominant_planes, on_plane, transform_plane
 
 _REMEMBERED = 10_000
 """Most removed planes kept; beyond, every second one goes."""
@@ -85,3 +86,24 @@ class SupportingPlane:
         self.removed.append(self.plane)
         if len(self.removed) > _REMEMBERED:
             self.removed = self.removed[::2]
+
+
+def supporting_plane(
+    planes: NDArray[np.float64],
+    points: NDArray[np.float32],
+    heat: NDArray[np.uint8],
+    settings: FusionSettings,
+    noise: DepthNoise = KINECT_V1,
+) -> NDArray[np.float64] | None:
+    """The plane (4,) whose inliers hold most heat (sum of H_2D; paper, Eq. 10); None if none holds any.
+
+    A support is mostly bare: a plane hotter than `plane_heat_max` on average is left out.
+    planes: (n, 4); points: (h, w, 3) float32, camera frame, z = 0 invalid; heat: (h, w) uint8, 255ths.
+    """
+    best, most = None, 0.0
+    for plane in planes:
+        inliers = heat[on_plane(plane, points, settings, noise)]
+        total = float(inliers.sum(dtype=np.int64)) / 255
+        if total > most and total <= settings.plane_heat_max * len(inliers):
+            best, most = plane, total
+    return best

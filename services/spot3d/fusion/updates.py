@@ -4,6 +4,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from queue import SimpleQueue
 
 import numpy as np
 
@@ -43,20 +44,18 @@ class Updates:
 
     def __init__(self, node: Node, keeper: SnapshotKeeper) -> None:
         self._node, self._keeper = node, keeper
-        self._waiting: Update | None = None
-        self._busy = False
+        self._submitted = SimpleQueue[Update | None]()
+        self._idle = threading.Event()
+        self._idle.set()
         self._wanted: Update | None = None
-        self._changed = threading.Condition()
         self._publishing = threading.Lock()
-        self._closed = False
         self._thread = threading.Thread(target=self._work, name="objects", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         """End the thread, after the update that it may be computing."""
-        with self._changed:
-            self._closed, self._wanted = True, None
-            self._changed.notify_all()
+        self._wanted = None
+        self._submitted.put(None)
         end_threads((self._thread,))
 
     @property
@@ -67,8 +66,7 @@ class Updates:
     @property
     def busy(self) -> bool:
         """Whether an update is being computed."""
-        with self._changed:
-            return self._busy
+        return not self._idle.is_set()
 
     def wait(self, meanwhile: Callable[[], None], interval_s: float = _WORD_S) -> bool:
         """Wait until no update is being computed; returns False if the stage is to stop.
@@ -78,8 +76,7 @@ class Updates:
         said_s = time.monotonic()
         while self.busy and not self._node.stop.is_set():
             self._node.turn()
-            with self._changed:
-                self._changed.wait_for(lambda: not self._busy, 0.1)
+            self._idle.wait(0.1)
             if time.monotonic() - said_s >= interval_s:
                 meanwhile()
                 said_s = time.monotonic()
@@ -87,38 +84,28 @@ class Updates:
 
     def submit(self, update: Update) -> None:
         """Compute and publish an update; only while not busy."""
-        with self._changed:
-            self._waiting = self._wanted = update
-            self._busy = True
-            self._changed.notify_all()
+        self._wanted = update
+        self._idle.clear()
+        self._submitted.put(update)
 
     def forget(self) -> None:
         """Void the update being computed, as its map is gone: it is not published once this returns."""
-        with self._publishing, self._changed:
+        with self._publishing:
             self._wanted = None
 
     def _work(self) -> None:
         let_frames_go_first()
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._waiting is not None or self._closed)
-                update, self._waiting = self._waiting, None
-            if update is None:
-                return
+        while (update := self._submitted.get()) is not None:
             try:
                 self._compute(update)
             except Exception as error:
                 self._node.crashed("objects", f"no objects after {update.frame_count} frames", error)
-            with self._changed:
-                self._busy = False
-                self._changed.notify_all()
+            self._idle.set()
 
     def _compute(self, update: Update) -> None:
         message = _message(self._node, update, update.task())
         with self._publishing:
-            with self._changed:
-                wanted = self._wanted is update
-            if wanted:
+            if self._wanted is update:
                 self._node.publish(_OUT, message)
                 if update.kept is not None:
                     self._keeper.write(update.kept)

@@ -1,4 +1,4 @@
-"""Dominant planes of a frame, and the one that supports objects (paper, Sec. V-A)."""
+"""Dominant planes of a frame (paper, Sec. V-A)."""
 
 from typing import Protocol
 
@@ -15,6 +15,8 @@ _COARSE, _FINE = 200, 4000
 """Number of points on which all triples are scored, and then the best of them."""
 _SHORTLIST = 50
 """Number of triples that are scored on the fine sample."""
+_SPREAD = 0.2
+"""Sine of the least angle between the two sides of a triple: noise turns the normal of a narrower one."""
 _LEAST_SHARE = 0.02
 """A dominant plane holds at least this share of the valid points."""
 
@@ -37,14 +39,6 @@ class PlaneSettings(Protocol):
     @property
     def plane_candidates(self) -> int:
         """Largest number of dominant planes of a frame."""
-
-
-class SupportSettings(PlaneSettings, Protocol):
-    """The settings that a stage has about planes and about the one that supports objects."""
-
-    @property
-    def plane_heat_max(self) -> float:
-        """A plane hotter than this on average is an object's own face."""
 
 
 def plane_tolerance(
@@ -75,7 +69,7 @@ def dominant_planes(
     if len(valid) < 100:
         return np.zeros((0, 4))
     count = settings.plane_triples if known is None or len(known) == 0 else settings.plane_triples // 10
-    planes = _triple_planes(points, neighbour_triples(points.shape, valid, count, rng))
+    planes, _ = triple_planes(points, neighbour_triples(points.shape, valid, count, rng), _SPREAD)
     if known is not None:
         planes = np.concatenate((known, planes))
     if len(planes) == 0:
@@ -105,27 +99,6 @@ def _most_inliers(
     fine = count_inliers(best.astype(np.float32), points, tolerance)
     plane: NDArray[np.float64] = best[int(np.argmax(fine))]
     return plane
-
-
-def supporting_plane(
-    planes: NDArray[np.float64],
-    points: NDArray[np.float32],
-    heat: NDArray[np.uint8],
-    settings: SupportSettings,
-    noise: DepthNoise = KINECT_V1,
-) -> NDArray[np.float64] | None:
-    """The plane (4,) whose inliers hold most heat (sum of H_2D; paper, Eq. 10); None if none holds any.
-
-    A support is mostly bare: a plane hotter than `plane_heat_max` on average is left out.
-    planes: (n, 4); points: (h, w, 3) float32, camera frame, z = 0 invalid; heat: (h, w) uint8, 255ths.
-    """
-    best, most = None, 0.0
-    for plane in planes:
-        inliers = heat[on_plane(plane, points, settings, noise)]
-        total = float(inliers.sum(dtype=np.int64)) / 255
-        if total > most and total <= settings.plane_heat_max * len(inliers):
-            best, most = plane, total
-    return best
 
 
 def on_plane(
@@ -187,18 +160,23 @@ def neighbour_triples(
     return np.stack((first, others[0], others[1]), axis=1)
 
 
-def _triple_planes(points: NDArray[np.float32], triples: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Planes through triples of valid, not collinear points, (n, 4) with normals towards the camera."""
+def triple_planes(
+    points: NDArray[np.float32], triples: NDArray[np.int64], spread: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Planes (n, 4) through triples (m, 3) of valid points, normals towards the camera; and a point (n, 3) of each.
+
+    spread: sine of the least angle at the first of the points, below which they count as collinear.
+    """
     a, b, c = (points.reshape(-1, 3)[triples[:, i]].astype(np.float64) for i in range(3))
     normals = np.cross(b - a, c - a)
     length = np.linalg.norm(normals, axis=1)
-    spread = np.linalg.norm(b - a, axis=1) * np.linalg.norm(c - a, axis=1)
-    good = (a[:, 2] > 0) & (b[:, 2] > 0) & (c[:, 2] > 0) & (length > 0.2 * spread)
-    normals = normals[good] / length[good, None]
-    offsets = -np.einsum("ij,ij->i", normals, a[good])
+    sides = np.linalg.norm(b - a, axis=1) * np.linalg.norm(c - a, axis=1)
+    good = (a[:, 2] > 0) & (b[:, 2] > 0) & (c[:, 2] > 0) & (length > spread * sides)
+    a, normals = a[good], normals[good] / length[good, None]
+    offsets = -np.einsum("ij,ij->i", normals, a)
     planes = np.column_stack((normals, offsets))
     planes[offsets < 0] *= -1
-    return planes
+    return planes, a
 
 
 def count_inliers(

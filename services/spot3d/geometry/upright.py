@@ -9,8 +9,6 @@ from spot3d.geometry.quantiles import quantiles
 from spot3d.kernel import kernel
 from spot3d.trajectory import rotation_to_z
 
-_SAMPLE = 1000
-"""About this many points of a cluster determine its rough box."""
 _STEEP = np.sin(np.radians(60))
 """Seen from more steeply above than this, an object shows less than half of the height of its sides and hides what it
 stands on: a ball its lower half. With 53 and 64 degrees HOTS, OSD and near desks are the same."""
@@ -61,11 +59,6 @@ def taken(values: NDArray[np.float32], rows: NDArray[np.int64]) -> NDArray[np.fl
         for axis in range(3):
             found[k, axis] = values[rows[k], axis]
     return found
-
-
-def sampled(points: NDArray[np.float32], rows: NDArray[np.int64]) -> NDArray[np.float32]:
-    """An evenly spread sample of these rows of (n, 3) points, enough for a rough box."""
-    return taken(points, rows[:: max(1, len(rows) // _SAMPLE)])
 
 
 def share_inside(points: NDArray[np.float32], box: Box3D, margin: float = 0.0) -> float:

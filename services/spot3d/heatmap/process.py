@@ -18,7 +18,7 @@ from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
 from spot3d.heatmap.heat import Heatmap, weighted_heat
 from spot3d.heatmap.settings import HeatmapSettings
-from spot3d.heatmap.thinning import ThinFrame, thinned
+from spot3d.heatmap.thinning import thinned
 from spot3d_schemas import Frame, Heat, Message, Proposals
 
 _FRAME, _BOXES, _OUT, _PREVIEW = "source/frame", "proposals/boxes", "heatmap/heat", "heatmap/preview"
@@ -75,18 +75,16 @@ def _publish_heat(node: Node, pair: Pair, settings: HeatmapSettings, previews: P
         heat = Heatmap(np.zeros(frame.depth.shape, np.uint8), 0, 0, len(boxes.message.boxes))
     for what, count in (("accepted", heat.accepted), ("masked", heat.masked), ("rejected", heat.rejected)):
         node.counters.event(what, count)
-    sent = ThinFrame(frame, heat.heat)
-    if node.link.thin_link:
-        sent = thinned(sent.frame, sent.heat, node.link)
+    sent, sent_heat = thinned(frame, heat.heat, node.link) if node.link.thin_link else (frame, heat.heat)
     # The boxes' trace is the longer one: it holds the source and the proposals.
     told = Heat(
         header=node.header(_OUT, boxes),
-        intrinsics=intrinsics_message(sent.frame.intrinsics),
-        depth_scale=sent.frame.depth_scale,
-        colour=sent.frame.colour,
-        depth=sent.frame.depth,
+        intrinsics=intrinsics_message(sent.intrinsics),
+        depth_scale=sent.depth_scale,
+        colour=sent.colour,
+        depth=sent.depth,
         depth_noise=message.depth_noise,
-        heat=sent.heat,
+        heat=sent_heat,
         accepted=heat.accepted,
         masked=heat.masked,
         rejected=heat.rejected,

@@ -1,6 +1,6 @@
 """Frames for a thin link: no more samples than segments and fusion use, and depth no finer than the sensor's noise."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -18,18 +18,10 @@ _PAYS = 0.75
 """Rounding that leaves this share of the distinct values or more saves too little to be used."""
 
 
-@dataclass(frozen=True, slots=True)
-class ThinFrame:
-    """The images of a heat message, as an RgbdFrame, and their heat (h, w) uint8, 255ths."""
-
-    frame: RgbdFrame
-    heat: NDArray[np.uint8]
-
-
 DepthImage = NDArray[np.uint16] | NDArray[np.float32]
 
 
-def thinned(frame: RgbdFrame, heat: NDArray[np.uint8], link: LinkSettings) -> ThinFrame:
+def thinned(frame: RgbdFrame, heat: NDArray[np.uint8], link: LinkSettings) -> tuple[RgbdFrame, NDArray[np.uint8]]:
     """A frame and its heat (h, w) uint8, reduced to the lattice of `link.thin_width` and rounded as `link` says."""
     small = to_lattice(frame.colour, frame.depth_metres(), heat, frame.intrinsics, link.thin_width)
     if small.camera != frame.intrinsics:
@@ -41,7 +33,7 @@ def thinned(frame: RgbdFrame, heat: NDArray[np.uint8], link: LinkSettings) -> Th
         # Depth that a sensor gives in steps as coarse costs no more unrounded.
         if _values(rounded) < _PAYS * _values(frame.depth):
             frame = replace(frame, depth=rounded)
-    return ThinFrame(frame, rounded_heat(heat, link.thin_heat_levels))
+    return frame, rounded_heat(heat, link.thin_heat_levels)
 
 
 def rounded_depth(depth: DepthImage, depth_scale: float, share: float, noise: DepthNoise) -> DepthImage:

@@ -21,12 +21,12 @@ from spot3d.pose.error_model import ErrorModel
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.given import GivenPoses
 from spot3d.pose.keyframe_adjuster import KeyframeAdjuster
-from spot3d.pose.motion import moved, rigid, twist
+from spot3d.pose.measured_noise import SETTLING_S, MeasuredNoise
+from spot3d.pose.motion import moved, rigid, shift_and_turn, twist
 from spot3d.pose.registration import DISTANCE, KERNEL, OVERLAP_MIN, judged, refined
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import POINTS_MIN, Surface, sample_surface
 from spot3d.pose.surfel_map import VOXEL, SurfelMap
-from spot3d.trajectory import rotation_angle
 
 # An image's surface counts for the pose as this many points of independent noise: a depth camera's distortion is alike
 # over large parts of the image. Registered to a map of the data's own poses, real frames are off by 20 to 90 standard
@@ -54,18 +54,11 @@ _JUMP = 6.0
 _PATIENCE = 5
 # Every nth point is used for the information of a registration.
 _STRIDE = 4
-# Settling time of the given poses' mean and of their noise, seconds: many times the correlation time of their errors (a
-# third of a second). From 2 to 6 the results are the same.
-_SETTLING_S = 3.0
-# Least information of a direction, in units of the stated uncertainty.
-_UNKNOWN = 1e-6
 # Smallest range of depth cameras, metres.
 _NEAREST_M = 0.4
 # The map is replaced when the delay has changed by this: at half a metre a second its poses are 5 mm off, in varying
 # directions.
 _OUTDATED_S = 0.01
-# Offsets are clipped at this many standard deviations.
-_OUTLIER = 3.0
 
 
 class CorrectedPoses:
@@ -191,7 +184,7 @@ class CorrectedPoses:
         elapsed = min(elapsed, WRONG_ALIKE_S)
         self._age += elapsed
         pose = self._T_world_map @ T_map_camera
-        pose = rigid(moved(pose, elapsed / (self._age + _SETTLING_S) * twist(pose, T_world_given)))
+        pose = rigid(moved(pose, elapsed / (self._age + SETTLING_S) * twist(pose, T_world_given)))
         self._T_world_map = pose @ invert(T_map_camera)
         return pose
 
@@ -220,40 +213,6 @@ class CorrectedPoses:
         before = self._planes.forgotten
         self._planes.insert(surface, pose)
         return self._planes.forgotten - before
-
-
-class MeasuredNoise:
-    """Variance of the given poses relative to the stated one: exact poses shall stay unchanged.
-
-    Registrations scatter about the given poses by the noise of both (covariance matching, Mehra 1970). A lasting offset
-    counts as well: poses that drift disagree with the map more and more.
-
-    negligible: variance, in units of the stated one, below which the given poses count as exact.
-    """
-
-    def __init__(self, negligible: float) -> None:
-        self.negligible = negligible
-        self._count = 0
-        # Poses count as exact until they are measured not to be.
-        self._variance = 0.0
-
-    def measured(self, offset: NDArray[np.float64], information: NDArray[np.float64], elapsed: float) -> float:
-        """Variance of the given poses, 0..1 of the stated one, updated by this frame.
-
-        offset: (6,) from the given pose to the registered one, information: (6, 6) of the registration; both in units
-        of the stated standard deviations; elapsed: seconds since the last frame.
-        """
-        self._count += 1
-        gain = max(1 - np.exp(-elapsed / _SETTLING_S), 1 / (self._count + 1))
-        known, axes = np.linalg.eigh(information)
-        spread = 1 / np.maximum(known, _UNKNOWN)
-        # The best known directions of the registration weigh most. Clipping limits a single registration that fails.
-        expected = spread + max(self._variance, self.negligible)
-        weight = 1 / expected**2
-        square = np.minimum((axes.T @ offset) ** 2, _OUTLIER**2 * expected)
-        excess = float(weight @ (square - spread) / weight.sum())
-        self._variance += gain * (excess - self._variance)
-        return float(np.clip(self._variance - self.negligible, 0.0, 1.0))
 
 
 def _worth(surface: Surface, residual: float, tried: float) -> float:
@@ -296,9 +255,9 @@ def _leaps(
 ) -> bool:
     """Whether the given pose is farther from the last one than the camera's speed and the poses' noise allow, or its
     timestamp does not follow the last one."""
-    elapsed, motion = 1e-9 * (stamp_ns - last[0]), invert(last[1]) @ pose
+    elapsed = 1e-9 * (stamp_ns - last[0])
     if elapsed <= 0:
         return True
-    shift, turn = float(np.linalg.norm(motion[:3, 3])), float(rotation_angle(motion[:3, :3]))
+    shift, turn = shift_and_turn(last[1], pose)
     farthest = settings.speed_max * elapsed + _JUMP * settings.given_sigma
     return shift > farthest or turn > settings.turn_max * elapsed + _JUMP * settings.given_turn_sigma

@@ -64,9 +64,10 @@ class LandmarkMap:
         lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
         size = np.array([camera.width, camera.height], np.float64)
         reach = _REACH * camera.width
-        visible, expected = _in_view(self.rows["position"], invert(T_world_camera), lens, size)
-        descriptors = self.rows["descriptor"][visible]
-        found = _match(features, expected, descriptors, size, reach)
+        visible, expected = np.empty(len(self.rows), np.int64), np.empty((len(self.rows), 3))
+        count = _project(self.rows["position"], invert(T_world_camera), lens, size, visible, expected)
+        visible, expected = visible[:count], expected[:count]
+        found = _match(features, expected, self.rows["descriptor"][visible], size, reach)
         return Matches(np.where(found >= 0, np.append(visible, _NONE)[found], _NONE), visible)
 
     def insert(
@@ -107,18 +108,6 @@ class LandmarkMap:
         return rows
 
 
-def _in_view(
-    positions: NDArray[np.float64],
-    T_camera_world: NDArray[np.float64],
-    lens: NDArray[np.float64],
-    size: NDArray[np.float64],
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Rows of the positions inside the image, and their projections (m, 3) float64: u, v in pixels, z in metres."""
-    rows, expected = np.empty(len(positions), np.int64), np.empty((len(positions), 3))
-    count = _project(positions, T_camera_world, lens, size, rows, expected)
-    return rows[:count], expected[:count]
-
-
 @kernel("i8(f8[:,:], f8[:,:], f8[::1], f8[::1], i8[::1], f8[:,::1])")
 def _project(
     positions: NDArray[np.float64],
@@ -128,7 +117,10 @@ def _project(
     rows: NDArray[np.int64],
     expected: NDArray[np.float64],
 ) -> int:
-    """Fill in what `_in_view` returns; returns the number of rows."""
+    """Write the rows of the positions inside the image, and their projections: u, v in pixels, z in metres.
+
+    lens: fx, fy, cx, cy; size: width and height of the image. Returns how many there are.
+    """
     fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
     T = T_camera_world
     count = 0

@@ -41,6 +41,12 @@ def twist(T_world_from: NDArray[np.float64], T_world_to: NDArray[np.float64]) ->
     return np.concatenate((T_world_to[:3, 3] - T_world_from[:3, 3], turn))
 
 
+def shift_and_turn(T_world_from: NDArray[np.float64], T_world_to: NDArray[np.float64]) -> tuple[float, float]:
+    """How far one pose is from another, metres, and by what angle they differ, radians."""
+    motion = invert(T_world_from) @ T_world_to
+    return float(np.linalg.norm(motion[:3, 3])), float(rotation_angle(motion[:3, :3]))
+
+
 def extrapolated(
     T_world_before: NDArray[np.float64], T_world_last: NDArray[np.float64], ratio: float
 ) -> NDArray[np.float64]:

@@ -6,12 +6,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.camera import invert
-from spot3d.pose.motion import moved, rigid
+from spot3d.pose.motion import moved, rigid, shift_and_turn
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.surface import Surface
 from spot3d.pose.surfel_map import SurfelMap
-from spot3d.trajectory import rotation_angle
 
 DISTANCE = 0.05
 """Largest distance between a point and its matched plane, metres."""
@@ -134,8 +132,7 @@ def implausible(
 
     T_world_last: (4, 4) last good pose, `elapsed` seconds before.
     """
-    motion = invert(T_world_last) @ registration.T_world_camera
-    shift, turn = float(np.linalg.norm(motion[:3, 3])), float(rotation_angle(motion[:3, :3]))
+    shift, turn = shift_and_turn(T_world_last, registration.T_world_camera)
     if registration.overlap < overlap_min:
         return f"{registration.overlap:.0%} of the points overlap the map, but {overlap_min:.0%} are needed"
     if not registration.residual <= RESIDUAL_MAX:
@@ -154,5 +151,5 @@ def best_of(tried: list[Registration]) -> Registration:
 
 def elsewhere(T_world_a: NDArray[np.float64], T_world_b: NDArray[np.float64]) -> bool:
     """Whether two poses (4, 4) are of different places, farther apart than `SAME_PLACE` or 5 degrees."""
-    motion = invert(T_world_a) @ T_world_b
-    return bool(np.linalg.norm(motion[:3, 3]) > SAME_PLACE or rotation_angle(motion[:3, :3]) > _SAME_TURN)
+    shift, turn = shift_and_turn(T_world_a, T_world_b)
+    return bool(shift > SAME_PLACE or turn > _SAME_TURN)

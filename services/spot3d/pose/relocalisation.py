@@ -57,7 +57,8 @@ def meeting(
     T_world_camera: NDArray[np.float64], points: NDArray[np.float64], places: NDArray[np.float64], noise: DepthNoise
 ) -> NDArray[np.bool_]:
     """(n,) whether points (n, 3), camera frame, lie at their landmarks' places (n, 3) by a pose."""
-    return np.asarray(_off(T_world_camera, points, places) < _reach(points, noise))
+    seen = points @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
+    return np.asarray(np.linalg.norm(seen - places, axis=1) < _reach(points, noise))
 
 
 def _reach(points: NDArray[np.float64], noise: DepthNoise) -> NDArray[np.float64]:
@@ -105,7 +106,3 @@ def _aligned(points: NDArray[np.float64], places: NDArray[np.float64]) -> NDArra
     poses[:, :3, 3] = centre - np.einsum("kij,kj->ki", poses[:, :3, :3], middle)
     poses[:, 3, 3] = 1
     return poses
-
-
-def _off(T: NDArray[np.float64], points: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(np.linalg.norm(points @ T[:3, :3].T + T[:3, 3] - places, axis=1))

@@ -98,17 +98,15 @@ class MapTracker:
         self._detector = FeatureDetector(settings.features, settings.range_max)
         self._drift = DriftCorrection(settings)
         self._compared_ns: int | None = None
-        self._adjuster = KeyframeAdjuster.of_odometry(settings) if settings.depth_bend_sigma else None
+        self._adjuster = KeyframeAdjuster.of_odometry(settings)
 
     def state(self) -> TrackerState | None:
         """The state to resume from, copied; None before the first pose."""
         if self._last is None:
             return None
         keys, surfels = self._registrar.planes.held()
-        bend = () if self._adjuster is None else self._adjuster.calibration.bend
-        return TrackerState(
-            self._last.stamp_ns, self._last.T_world_camera.copy(), keys, surfels, self._drift.map.rows.copy(), bend
-        )
+        landmarks, bend = self._drift.map.rows.copy(), self._adjuster.calibration.bend
+        return TrackerState(self._last.stamp_ns, self._last.T_world_camera.copy(), keys, surfels, landmarks, bend)
 
     def resume(self, state: TrackerState) -> None:
         """Go on in the world of another tracker: tracking is lost until a frame is relocalised there."""
@@ -117,7 +115,7 @@ class MapTracker:
         self._drift.map.restore(state.landmarks)
         self._last, self._before = _Fix(state.T_world_camera, state.stamp_ns), None
         self._lost_frames = 1
-        if self._adjuster is not None:
+        if self._settings.depth_bend_sigma:
             self._adjuster.resume(state.bend)
 
     def track(self, frame: RgbdFrame) -> PoseEstimate:
@@ -126,8 +124,6 @@ class MapTracker:
         The first frame whose surface and features constrain the pose starts the map. The world is anchored at its given
         pose, or at identity without a valid one that fusion accepts. Later given poses are not used.
         """
-        if self._adjuster is None:
-            return self._tracked(frame, frame.depth_metres())
         known = self._adjuster.calibration
         estimate = self._tracked(frame, known.metres(frame.depth_metres()))
         news = self._adjuster.news() if estimate.status == "ok" else None
@@ -315,7 +311,7 @@ class MapTracker:
         self._before = None if self._lost_frames else self._last
         self._last = _Fix(pose, view.stamp_ns)
         self._lost_frames = 0
-        if self._adjuster is not None and self._adjuster.due(view.stamp_ns):
+        if self._settings.depth_bend_sigma and self._adjuster.due(view.stamp_ns):
             known = self._adjuster.calibration
             seen = NewKeyframe(view.stamp_ns, view.surface, view.camera, known, pose, 0.0, np.zeros(6), pose)
             self._adjuster.learn(seen, pose)

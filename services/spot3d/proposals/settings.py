@@ -1,7 +1,5 @@
 """Settings of the proposals stage: the symbols are those of EdgeBoxes (Zitnick and Dollar, ECCV 2014)."""
 
-from typing import ClassVar, Self
-
 from pydantic import BaseModel, ConfigDict, Field
 
 from spot3d.object_size import SIZE_MAX, SIZE_MIN, SizeMax
@@ -28,8 +26,6 @@ class ProposalSettings(BaseModel):
     """How many boxes, how they are searched for and which sizes they may have."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
-
-    PAPER: ClassVar[Self]
 
     max_boxes: int = Field(1000, ge=1, le=10_000, description="M: largest number of proposals per frame")
     alpha: float = Field(
@@ -78,7 +74,7 @@ class ProposalSettings(BaseModel):
 # detector: theirs is learned, and its model is not available here, so that the edges are thinned colour gradients.
 # Their least magnitude, 0.1, is one of sharp edges. With a contrast of 20, 40, 80, 160 grey levels per pixel the 100
 # best boxes detect 0.86, 0.86, 0.90, 0.79 of the objects of OSD's learning split and 0.27, 0.69, 0.75, 0.71 of HOTS'.
-ProposalSettings.PAPER = ProposalSettings(
+PAPER = ProposalSettings(
     max_boxes=1000,
     alpha=0.65,
     beta=0.75,

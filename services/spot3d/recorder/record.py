@@ -16,6 +16,7 @@ import zenoh
 from zenoh.handlers import FifoChannel, Handler, RingChannel
 
 import spot3d
+from spot3d.dataflow.alive import others_alive
 from spot3d.dataflow.endpoints import waiting
 from spot3d.dataflow.payload import intact_bytes
 from spot3d.dataflow.rate_limited_log import RateLimitedLog
@@ -38,6 +39,8 @@ _WAITING = 4
 """Least size of a topic's queue before the copy. It is small because queued messages keep the sender's shared memory,
 and a sender that has none left sends images through sockets."""
 _IDLE_S = 0.1
+_ASKED_S = 1.0
+"""Longest wait for the answer which robots are alive; messages are received meanwhile."""
 
 
 @dataclass(slots=True)
@@ -139,6 +142,8 @@ class _Recorder:
             token = session.liveliness().declare_token(alive_key(self._link.robot, RECORDER))
             stack.callback(token.undeclare)
             log.info("recording %s topics of %s into %s", len(self._topics), self._link.robot, self.recorded.path)
+            if others := others_alive(session, self._link.robot, _ASKED_S):
+                log.warning("no stage of robot %s is alive yet; %s", self._link.robot, others)
             self._write(stop)
 
     def close(self) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from spot3d import missing_package
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.drawing.overview import candidate_indices
 from spot3d.run.display import progress_bar
@@ -27,13 +28,15 @@ from spot3d.run.supervisor import Supervisor
 from spot3d.settings import Settings, to_toml
 from spot3d.source.errors import NOT_PLAYED, SourceError
 from spot3d.source.image_limit import refuse_large_images
-from spot3d.source.selected import Selection, open_selection
+from spot3d.source.selected import Selection, open_selected_stream, open_selection
 from spot3d.source.sequence import FrameList, FrameSequence
 from spot3d.source.sequences import is_stream
 
 _UNFINISHED = "the run is still in progress, was killed, or could not begin"
 """The report's error until the run has ended."""
 _OVERVIEW = "overview.png"
+_PACKAGES = {"kiss": ("scipy", "kiss_icp"), "gicp": ("scipy", "small_gicp"), "given": ("scipy",)}
+"""Packages that only stages import, by pose provider."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,14 +66,21 @@ def run(
 
     pose_topic: key of external poses. listen: endpoints for other programs. usual: one more, if it is free.
     Ctrl-C (SIGINT) or SIGTERM end the stages at once; the results so far are written all the same.
-    Raises SourceError for an input that cannot be played, or if another run writes into `folder`, and OSError if that
-    cannot be written.
+    Raises SourceError for an input that cannot be played, or if another run writes into `folder`, OSError if that
+    cannot be written, and ModuleNotFoundError if a stage's package is not installed.
     """
+    # A stage that lacks it would say so, but when the results of an earlier run are deleted.
+    missing_package.refuse_missing(*_PACKAGES["given" if pose_topic is not None else settings.pose.provider])
     _refuse_other_than_utf8(folder)
     with nullcontext() if in_process else Supervisor() as supervisor:
         name = selection.name
         seen = OverviewFrames(settings.link.robot) if is_stream(name) else None
-        sequence = open_selection(selection, settings.source) if seen is None else FrameList()
+        if seen is None:
+            sequence: FrameSequence = open_selection(selection, settings.source)
+        else:
+            # The source's process opens it as well; here it is refused before earlier results are deleted.
+            open_selected_stream(selection, settings.source)
+            sequence = FrameList()
         if not in_process and seen is None:
             refuse_large_images(sequence.intrinsics, settings.source.halved)
         if settings.pose.provider == "given" and not sequence.has_true_poses and pose_topic is None:

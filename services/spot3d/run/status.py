@@ -13,13 +13,14 @@ from rich.text import Text
 from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dashboard.health import StageRecords, Word
-from spot3d.dataflow.alive import stages_by_robot, watch_alive
+from spot3d.dataflow.alive import others_alive, watch_alive
 from spot3d.dataflow.endpoints import subscribe_kept
 from spot3d.dataflow.payload import arrived
 from spot3d.dataflow.rate_limited_log import printable
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import StoppedError
+from spot3d.dataflow.tls import why_unreached
 from spot3d_schemas import BRIDGE, STAGES, Health, Objects, key
 
 _CONNECT_S = 3.0
@@ -94,16 +95,16 @@ def show_status(link: LinkSettings, console: Console, watch: bool) -> bool:
     """Print the table once, or keep it up to date until Ctrl-C; returns whether every stage is alive and all is well.
 
     A missing source is no fault if its recording has ended, and fusion has accounted for all of it.
-    Raises ConnectionError where no router answers.
+    Raises ConnectionError where no router answers, or none lets this side in.
     """
     with ExitStack() as stack:
         try:
             session = stack.enter_context(open_session(link, patience_s=_CONNECT_S))
         except StoppedError:
-            where = ", ".join(link.connect)
-            raise ConnectionError(
-                f"no router answers at {where}; start the dataflow, or give the router's address with --connect"
-            ) from None
+            start = "start the dataflow, or give the router's address with --connect"
+            reason, remedy = why_unreached(link, start)
+            reason = reason or f"no router answers at {', '.join(link.connect)}"
+            raise ConnectionError(f"{reason}; {remedy}") from None
         robot = _Robot(session, link.robot, stack)
         if watch:
             _watch(robot, console)
@@ -111,8 +112,7 @@ def show_status(link: LinkSettings, console: Console, watch: bool) -> bool:
         robot.listen(_LISTEN_S)
         console.print(robot.table())
         if robot.is_away():
-            others = ", ".join(sorted(stages_by_robot(session, _LISTEN_S)))
-            console.print(f"alive here: {others}; choose one with --robot" if others else "no robot is alive here")
+            console.print(others_alive(session, link.robot, _LISTEN_S))
         return robot.all_is_well()
 
 
@@ -162,6 +162,8 @@ def status_table(
             details.append(Text(printable(f"{stage} dropped: {reasons}"), style="yellow"))
         if item.errors:
             details.append(Text(printable(f"{stage}: {item.last_error}"), style="red"))
+    if any(item.events.get("streams", 0) > 1 and (item.drops or item.errors) for item in health.values()):
+        details.append(Text("dropped and errors: since each stage's start, so of earlier streams as well"))
     readers = [health[stage] for stage in _READERS if stage in health]
     if ended:
         details.append(Text("the recording has ended, and all of its frames are accounted for"))

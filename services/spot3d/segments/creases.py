@@ -148,15 +148,15 @@ def _level(points: NDArray[np.float32], normals: NDArray[np.float32], v: int, u:
     return bool(near & (off * off < _LEVEL * _LEVEL * square) & (normals[v, u, 2] != 0))
 
 
-@kernel("i8(f4[:,:,::1], f4[:,:,::1], b1[:,::1], i8, i4[:,::1])")
+@kernel("void(f4[:,:,::1], f4[:,:,::1], b1[:,::1], i8, i4[:,::1])")
 def _connect(
     points: NDArray[np.float32],
     normals: NDArray[np.float32],
     mask: NDArray[np.bool_],
     least: int,
     labels: NDArray[np.int32],
-) -> int:
-    """Label connected components of at least `least` pixels from 0 on, all others -1; returns their number.
+) -> None:
+    """Label connected components of at least `least` pixels from 0 on, all others -1.
 
     normals: smoothed unit normals, zero = unknown.
     """
@@ -196,7 +196,6 @@ def _connect(
                 count += 1
             else:
                 labels[v, u] = labels[root[i] // w, root[i] % w]
-    return count
 
 
 @kernel("void(f4[:,:,::1], b1[:,::1], i4[:,::1])")

@@ -2,19 +2,16 @@
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics, back_project
-from spot3d.depth_noise import DepthNoise
 from spot3d.frame_segments import BELOW_SUPPORT, NO_SUPPORT, TOO_LONG, TOO_MANY, FrameSegments
 from spot3d.geometry.downsampling import LatticeFrame, to_lattice
 from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import dominant_planes
 from spot3d.geometry.standing import stands_on
-from spot3d.geometry.upright import taken
 from spot3d.segments.contained import join_contained
 from spot3d.segments.creases import split_at_creases
 from spot3d.segments.faults import covers_least, fault_of
@@ -22,21 +19,18 @@ from spot3d.segments.foreground import long_pieces, standing_out
 from spot3d.segments.fragments import join_fragments
 from spot3d.segments.hanging import STANDS, join_hanging
 from spot3d.segments.holes import fill_holes
+from spot3d.segments.labels import pixels_of
 from spot3d.segments.levels import Levels, with_lower
 from spot3d.segments.occlusion import join_occluded
-from spot3d.segments.settings import SegmentsSettings, Step
+from spot3d.segments.settings import SegmentsSettings
 from spot3d.segments.supports import beside_support, choose_support, expected_up, heights_and_tolerance, held_heat
 from spot3d.segments.torn import join_torn
-from spot3d.segments.vessels import vessel_groups
+from spot3d.segments.vessels import join_vessels
 from spot3d.segments.walls import is_wall
 from spot3d_schemas.limits import MAX_SEGMENTS
 
 _TRIM = 0.005
 """Share of a part's pixels that may lie above a lower support than the part's own."""
-_WALL_PIXELS = 20
-"""A part of fewer pixels is not tried as a vessel's wall. With 10, 20 and 40 as many vessels are whole in a view."""
-_SAMPLE = 500
-"""About this many of a part's pixels decide whether it is bent around an axis."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,19 +89,18 @@ def find_on_lattice(
         nothing = np.zeros(frame.depth.shape, np.float32)
         levels = Levels(planes[:0], nothing.astype(np.int8), nothing, nothing)
         return _segments([], frame, among, levels, Counter({NO_SUPPORT: 1}), settings)
-    wanted = {step: step not in settings.skipped for step in get_args(Step)}
-    levels, out, long = _standing_out(frame, among, support, wanted, settings)
-    regions, below = _surfaces(frame, among, support, levels.height, out, wanted, settings)
-    candidates = [(part, fault_of(part, frame, points, levels.height, settings)) for part in _pixels(regions)]
+    levels, out, long = _standing_out(frame, among, support, settings)
+    regions, below = _surfaces(frame, among, support, levels.height, out, settings)
+    candidates = [(part, fault_of(part, frame, points, levels.height, settings)) for part in pixels_of(regions)]
     left_out = Counter(fault for _, fault in candidates if fault)
     left_out[BELOW_SUPPORT] = sum(covers_least(points.reshape(-1, 3)[part], frame, settings) for part in below)
     parts, up = [part for part, fault in candidates if not fault], support[:3]
-    if wanted["occluded"]:
+    if "occluded" not in settings.skipped:
         parts = join_occluded(parts, points, among.normals, up)
-    if wanted["hanging"]:
+    if "hanging" not in settings.skipped:
         too_long = (part for part, fault in candidates if fault == TOO_LONG)
         parts = join_hanging(parts, points, levels.height.ravel(), up, np.concatenate([long, *too_long]))
-    if wanted["contained"]:
+    if "contained" not in settings.skipped:
         parts = join_contained(parts, points, among.normals, up)
     return _segments(parts, frame, among, levels, left_out, settings)
 
@@ -116,7 +109,6 @@ def _standing_out(
     frame: LatticeFrame,
     among: CandidatePlanes,
     support: NDArray[np.float64],
-    wanted: dict[Step, bool],
     settings: SegmentsSettings,
 ) -> tuple[Levels, NDArray[np.bool_], NDArray[np.int64]]:
     """The supports; (h, w) bool, the pixels above or beside them; and the flat indices of pixels on pieces of other
@@ -130,12 +122,12 @@ def _standing_out(
         if (plane != support).any()
     ]
     beside = np.zeros(height.shape, np.bool_)
-    if wanted["beside"]:
+    if "beside" not in settings.skipped:
         beside = beside_support(points, normals, height, tolerance, support[:3], settings)
-    if wanted["levels"]:
+    if "levels" not in settings.skipped:
         levels = with_lower(levels, beside, others, points, settings, noise)
         beside &= levels.number == 0
-    if not wanted["support"]:
+    if "support" in settings.skipped:
         return levels, (frame.depth > 0) & (frame.depth <= settings.range_max), np.zeros(0, np.int64)
     long = np.logical_or.reduce([np.zeros_like(beside), *(pieces for _, pieces in others)])
     out = standing_out(points, levels.height, levels.tolerance, beside, long, settings)
@@ -148,7 +140,6 @@ def _surfaces(
     support: NDArray[np.float64],
     height: NDArray[np.float32],
     out: NDArray[np.bool_],
-    wanted: dict[Step, bool],
     settings: SegmentsSettings,
 ) -> tuple[NDArray[np.int32], list[NDArray[np.int64]]]:
     """The (h, w) region labels, from 0, of the pixels `out`, and the regions below the support (see `_risen`).
@@ -156,14 +147,14 @@ def _surfaces(
     Regions are split at creases. Then the sides of vessels, pieces beside a hole in depth and fragments are joined."""
     points, normals, camera = among.points, among.normals, frame.camera
     least = int(settings.region * camera.fx * camera.fy)
-    colour = frame.colour if wanted["colour"] else None
+    colour = frame.colour if "colour" not in settings.skipped else None
     regions = split_at_creases(points, normals, out, colour, camera.fx, settings.crease, least)
     regions, below = _risen(regions, height)
-    if wanted["vessels"]:
-        regions = _join_vessels(regions, points, normals, support[:3], settings, camera.noise)
-    if wanted["torn"]:
+    if "vessels" not in settings.skipped:
+        regions = join_vessels(regions, points, normals, support[:3], settings.size_max, camera.noise)
+    if "torn" not in settings.skipped:
         regions = join_torn(regions, points, normals, least, camera.noise)
-    if wanted["fragments"]:
+    if "fragments" not in settings.skipped:
         regions = join_fragments(regions, points, camera.fx, least, settings.size_min)
     return regions, below
 
@@ -173,37 +164,7 @@ def _risen(labels: NDArray[np.int32], height: NDArray[np.float32]) -> tuple[NDAr
     pixels of each of these."""
     risen = np.zeros(int(labels.max(initial=-1)) + 2, np.bool_)  # the last entry is for label -1
     risen[labels[height > 0]] = True
-    return np.where(risen[labels], labels, -1).astype(np.int32), _pixels(np.where(risen[labels], -1, labels))
-
-
-def _pixels(labels: NDArray[np.int32]) -> list[NDArray[np.int64]]:
-    """The flat indices of each label's pixels, from label 0 on; -1 = none."""
-    labelled = np.flatnonzero(labels >= 0)
-    number = labels.ravel()[labelled]
-    order = labelled[np.argsort(number, kind="stable")]
-    ends = np.cumsum(np.bincount(number))
-    return [pixels for pixels in np.split(order, ends[:-1]) if len(pixels)]
-
-
-def _join_vessels(
-    labels: NDArray[np.int32],
-    points: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    up: NDArray[np.float64],
-    settings: SegmentsSettings,
-    noise: DepthNoise,
-) -> NDArray[np.int32]:
-    """The labels after joining the inside and the outside of a vessel, which no visible surface connects."""
-    parts = [pixels for pixels in _pixels(labels) if len(pixels) >= _WALL_PIXELS]
-    rows = [pixels[:: max(1, len(pixels) // _SAMPLE)] for pixels in parts]
-    flat = points.reshape(-1, 3)
-    samples = [taken(flat, row) for row in rows]
-    groups = vessel_groups(rows, samples, normals.reshape(-1, 3), up, settings.size_max, noise)
-    joined = labels.copy()
-    for first, *others in groups:
-        for other in others:
-            joined.ravel()[parts[other]] = labels.ravel()[parts[first][0]]
-    return joined
+    return np.where(risen[labels], labels, -1).astype(np.int32), pixels_of(np.where(risen[labels], -1, labels))
 
 
 def _segments(

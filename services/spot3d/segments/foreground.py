@@ -46,11 +46,7 @@ def long_pieces(
     points, normals: (h, w, 3) float32, camera frame; plane: (4,).
     """
     facing = normals @ plane[:3].astype(np.float32) > FACING
-    return _long_pieces(on_plane(plane, points, settings, noise) & facing, points, settings.size_max)
-
-
-def _long_pieces(on: NDArray[np.bool_], points: NDArray[np.float32], size_max: float) -> NDArray[np.bool_]:
-    """(h, w) bool: pixels of those connected pieces of `on` that are longer than `size_max` metres."""
+    on = on_plane(plane, points, settings, noise) & facing
     count, pieces, boxes, _ = cv2.connectedComponentsWithStats(on.astype(np.uint8), connectivity=4)
     piece = np.asarray(pieces, np.int32)
     looked_at = boxes[:, cv2.CC_STAT_AREA] >= _PIXELS
@@ -62,7 +58,7 @@ def _long_pieces(on: NDArray[np.bool_], points: NDArray[np.float32], size_max: f
     axes = np.linalg.eigh(square.reshape(-1, 3, 3) - mean[:, :, None] * mean[:, None, :])[1][:, :, 1:]
     low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
     _reach(piece, points, looked_at, np.ascontiguousarray(axes), low, high)
-    long = looked_at & ((high - low).max(axis=1) > size_max)
+    long = looked_at & ((high - low).max(axis=1) > settings.size_max)
     return np.asarray(long[piece])
 
 

@@ -70,7 +70,7 @@ class KeyframeSegments:
             found = find_on_lattice(filled, candidates, settings, up)
             self._upper_side.learn(candidates.planes, candidates.heat, up)
             if clearly_faces(found.planes, settings.image_up):
-                self._up_direction.learn(found, T_world_camera)
+                self._up_direction.learn(T_world_camera[:3, :3] @ found.planes[0, :3])
         if self._recent.wants(frame.stamp_ns):
             self._recent.remember(frame, heat, T_world_camera, calibration)
         return found

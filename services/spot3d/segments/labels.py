@@ -11,3 +11,12 @@ def united(labels: NDArray[np.int32], pairs: NDArray[np.int64], count: int) -> N
         low, high = sorted((int(root[a]), int(root[b])))
         root[root == high] = low
     return np.where(labels >= 0, root[labels], -1).astype(np.int32)
+
+
+def pixels_of(labels: NDArray[np.int32]) -> list[NDArray[np.int64]]:
+    """The flat indices of each label's pixels, from label 0 on; -1 = none."""
+    labelled = np.flatnonzero(labels >= 0)
+    number = labels.ravel()[labelled]
+    order = labelled[np.argsort(number, kind="stable")]
+    ends = np.cumsum(np.bincount(number))
+    return [pixels for pixels in np.split(order, ends[:-1]) if len(pixels)]

@@ -127,7 +127,8 @@ def _bend(height: NDArray[np.float32], valid: NDArray[np.bool_]) -> NDArray[np.f
     if len(near) < 100:
         return np.zeros_like(height)
     y, x = (np.linspace(-1, 1, count) for count in (h, w))
-    terms = _quadratic(x[near % w], y[near // w])
+    u, v = x[near % w], y[near // w]
+    terms = np.stack((np.ones_like(u), u, v, u * u, u * v, v * v), axis=1)
     measured = height.ravel()[near].astype(np.float64)
     weight = np.ones(len(near))
     for _ in range(_FITS):
@@ -211,7 +212,3 @@ def above_extent(asked: NDArray[np.float32], seen: NDArray[np.float32], up: NDAr
     extent = cv2.dilate(extent, disc)
     x, y = np.clip(np.rint(asked - corner), 0, (w - 1, h - 1)).astype(np.int32).T  # cells at the rim are free
     return np.asarray(extent[y, x] != 0)
-
-
-def _quadratic(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.stack((np.ones_like(x), x, y, x * x, x * y, y * y), axis=1)

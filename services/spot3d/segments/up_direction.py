@@ -5,8 +5,6 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.frame_segments import FrameSegments
-
 # With 10 to 100 votes, at least 3 to 10 of them and 8 to 30 degrees, up is right within 5 degrees in every keyframe of
 # redkitchen (some have a wall as their support), TUM's cabinet and clutter.
 _VOTES = 30
@@ -35,7 +33,6 @@ class UpDirection:
         up = normals[most].sum(axis=0)
         return np.asarray(T_world_camera[:3, :3].T @ (up / np.linalg.norm(up)))
 
-    def learn(self, found: FrameSegments, T_world_camera: NDArray[np.float64]) -> None:
-        """Add the normal of a keyframe's main support."""
-        if len(found.planes):
-            self._normals.append(T_world_camera[:3, :3] @ found.planes[0, :3])
+    def learn(self, normal: NDArray[np.float64]) -> None:
+        """Add the unit normal (3,), world, of a keyframe's main support."""
+        self._normals.append(normal)

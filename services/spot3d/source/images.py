@@ -12,6 +12,11 @@ from spot3d.source.errors import SourceError
 COLOUR = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
 """How colour is decoded: as its pixels are stored. An EXIF orientation would turn colour, but not depth."""
 
+_BEGIN, _END, _GREY = b"\xff\xd8", b"\xff\xd9", 128
+"""Marks of a JPEG's beginning and end, and its mid-grey."""
+_MORE = np.full(4096, 0x55, np.uint8)
+"""Data of more pixels, whatever they show."""
+
 
 def read_colour(path: Path) -> NDArray[np.uint8]:
     """Colour image (h, w, 3) uint8 RGB of a PNG or JPEG file. Raises SourceError if missing or unreadable."""
@@ -34,12 +39,28 @@ def read_depth(path: Path) -> NDArray[np.uint16]:
 
 
 def decoded_image(data: NDArray[np.uint8], how: int) -> NDArray[Any] | None:
-    """Decodes the bytes (n,) of an image file. how: an OpenCV flag. None if they are no image, or one far too large."""
+    """Decodes the bytes (n,) of an image file. how: an OpenCV flag.
+
+    None if they are no image, one far too large, or a JPEG that was cut short.
+    """
     try:
-        image = cv2.imdecode(data, how) if data.size else None
+        decoded = cv2.imdecode(data, how) if data.size else None
+        image = None if decoded is None else np.asarray(decoded)
+        return None if image is None or _is_cut_short(data, image, how) else image
     except cv2.error:
         return None
-    return None if image is None else np.asarray(image)
+
+
+def _is_cut_short(data: NDArray[np.uint8], image: NDArray[Any], how: int) -> bool:
+    """Whether the data are those of a sequential JPEG and end before `image` does, though they have an end mark.
+
+    The decoder fills what is missing with grey. If an image that ends in grey is whole, more data changes nothing.
+    """
+    if data[:2].tobytes() != _BEGIN or (image[-4:, -4:] != _GREY).any():
+        return False
+    end = data.tobytes().rfind(_END)
+    longer = np.concatenate((data[:end], _MORE, data[end:]))
+    return not np.array_equal(image, np.asarray(cv2.imdecode(longer, how)))
 
 
 def _file_bytes(path: Path) -> NDArray[np.uint8]:

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from spot3d.bench.reference import warp as reference_warp
 from spot3d.camera import Intrinsics, back_project
 from spot3d.fusion.map.heatmap3d import Heatmap3D
-from spot3d.fusion.map.index_map import Gates, IndexMap, MatchCounts, RgbdImage, warp
+from spot3d.fusion.map.index_map import Gates, IndexMap, MatchCounts, warp
 from spot3d.fusion.map.map_arrays import FREQUENCY, HEAT, WEIGHT, X
+from spot3d.fusion.map.merging import Pixels
 from spot3d.sensor import pinhole
 from spot3d.voxel_hash import find_slot
 
@@ -59,8 +60,9 @@ def test_warp_equals_the_plain_transcription(seed: int, colour_gate: float, z_ga
     last_index, last_depth, last_colour, depth, colour, T = random_frames(seed)
     T = T.astype(np.float32)
     kernel, nearest = np.full(TINY.shape, -1, np.int32), np.full(TINY.shape, np.inf, np.float32)
+    cold = np.zeros(TINY.shape, np.uint8)
     warp(
-        last_index, RgbdImage(last_depth, last_colour), RgbdImage(depth, colour), T, pinhole(TINY),
+        last_index, Pixels(last_depth, last_colour, cold), Pixels(depth, colour, cold), T, pinhole(TINY),
         Gates(np.float32((255 * colour_gate) ** 2), np.float32(z_gate), np.float32(0)), nearest, kernel,
     )  # fmt: skip
     plain = reference_warp(last_index, last_depth, last_colour, depth, colour, T, TINY, colour_gate, z_gate)
@@ -78,9 +80,10 @@ def test_three_pixels_by_hand(cx: float, away: tuple[float, ...], row: tuple[flo
     line, colour, motion = Intrinsics(10.0, 10.0, cx, 0.0, 3, 1), np.full((1, 3, 3), 9, np.uint8), np.eye(4, dtype="f4")
     motion[0] = row
     found, nearest = np.full((1, 3), -1, np.int32), np.full((1, 3), np.inf, np.float32)
+    cold = np.zeros((1, 3), np.uint8)
     warp(
-        np.array([[4, 5, 6]], np.int32), RgbdImage(np.array([away], np.float32), colour),
-        RgbdImage(np.ones((1, 3), np.float32), colour), motion, pinhole(line),
+        np.array([[4, 5, 6]], np.int32), Pixels(np.array([away], np.float32), colour, cold),
+        Pixels(np.ones((1, 3), np.float32), colour, cold), motion, pinhole(line),
         Gates(np.float32(1), np.float32(0.1), np.float32(0)), nearest, found,
     )  # fmt: skip
     np.testing.assert_array_equal(found, [expected])

@@ -50,15 +50,13 @@ class ChangeLog:
         sent = self._change, self._frequency, self._heat, self._first
         self.last = int(_number_changes(rows, np.float32(least), np.float32(tau), *sent, self.last))
         change = self._change[: len(rows)]
-        changed = np.flatnonzero(change > since)
-        if len(changed) > most:
-            first = np.argpartition(change[changed], most)[:most]
-            chosen = changed[first]
-        else:
-            chosen = changed
+        chosen = np.flatnonzero(change > since)
+        behind = max(0, len(chosen) - most)
+        if behind:
+            chosen = chosen[np.argpartition(change[chosen], most)[:most]]
         chosen = chosen[np.argsort(change[chosen])]
         cursor = int(change[chosen[-1]]) if len(chosen) else self.last
-        return chosen, cursor, len(changed) - len(chosen)
+        return chosen, cursor, behind
 
     def as_sent(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.uint8], NDArray[np.uint32]]:
         """Heat in 255ths and frequency (0: the point does not count) of rows, as of their last change."""

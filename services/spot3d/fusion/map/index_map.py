@@ -27,8 +27,7 @@ class MatchCounts:
 @dataclass(frozen=True, slots=True)
 class _LastFrame:
     index: NDArray[np.int32]
-    depth: NDArray[np.float32]
-    colour: NDArray[np.uint8]
+    pixels: Pixels
     camera: Intrinsics
     T_world_camera: NDArray[np.float64]
 
@@ -56,14 +55,14 @@ class IndexMap:
         """Fuse one frame into the map: match pixels to points, update running means, append what is new.
 
         colour: (h, w, 3) uint8; depth: (h, w) float32 metres, 0 = invalid; heat: (h, w) uint8 255ths.
-        A point's heat and frequency grow once a frame, however many pixels fall on it. Colour and depth are kept, not
-        copied, until the next frame.
+        A point's heat and frequency grow once a frame, however many pixels fall on it. The images are kept, not copied,
+        until the next frame.
         """
         settings = self.settings
         lacking = heatmap.count + depth.size - heatmap.limit
         if heatmap.count > 0 and lacking > 0:
             self._make_room(heatmap, lacking)
-        last = self._last
+        last, pixels = self._last, Pixels(depth, colour, heat)
         candidates = np.full(depth.shape, -1, np.int32)
         if last is not None and last.camera == camera:
             T_camera_last = invert(T_world_camera) @ last.T_world_camera
@@ -72,12 +71,10 @@ class IndexMap:
                 np.float32(settings.depth_gate),
                 np.float32(settings.noise_gate),
             )
-            before, now = RgbdImage(last.depth, last.colour), RgbdImage(depth, colour)
-            nearest = np.full(depth.shape, np.inf, np.float32)
-            warp(last.index, before, now, T_camera_last.astype(np.float32), pinhole(camera), gates, nearest, candidates)
-        pixels = Pixels(depth, colour, heat)
+            nearest, T = np.full(depth.shape, np.inf, np.float32), T_camera_last.astype(np.float32)
+            warp(last.index, last.pixels, pixels, T, pinhole(camera), gates, nearest, candidates)
         index, counts = heatmap.merge(frame_number, pixels, candidates, camera, T_world_camera, settings)
-        self._last = _LastFrame(index, depth, colour, camera, T_world_camera)
+        self._last = _LastFrame(index, pixels, camera, T_world_camera)
         return MatchCounts(*counts)
 
     def _make_room(self, heatmap: Heatmap3D, rows: int) -> None:
@@ -86,13 +83,6 @@ class IndexMap:
             index = self._last.index
             gone = heatmap.arrays.rows[index, FREQUENCY] == 0  # at index -1 meaningless: it stays -1
             self._last = replace(self._last, index=np.where(gone, np.int32(-1), index))
-
-
-class RgbdImage(NamedTuple):
-    """The images of a frame to be warped: depth (h, w) float32 metres, colour (h, w, 3) uint8."""
-
-    depth: NDArray[np.float32]
-    colour: NDArray[np.uint8]
 
 
 class Gates(NamedTuple):
@@ -106,8 +96,8 @@ class Gates(NamedTuple):
 @kernel()
 def warp(
     last_index: NDArray[np.int32],
-    last: RgbdImage,
-    now: RgbdImage,
+    last: Pixels,
+    now: Pixels,
     T_camera_last: NDArray[np.float32],
     camera: Pinhole,
     gates: Gates,
@@ -121,7 +111,7 @@ def warp(
     """
     fx, fy, cx, cy, noise = camera
     colour_gate, depth_gate, noise_gate = gates
-    (last_depth, last_colour), (depth, colour) = last, now
+    (last_depth, last_colour, _), (depth, colour, _) = last, now
     h, w = depth.shape
     T = T_camera_last
     for v in range(h):

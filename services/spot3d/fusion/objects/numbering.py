@@ -32,14 +32,14 @@ def number_objects(
     columns: the number that each segment had last, (n,), the one before that, and so on, 0 = none; taken: numbers of
     other objects; new numbers count up from `first`. If several want the same number, the earlier in the list gets it.
     """
-    taken, given = set(taken), [0] * len(objects)
+    taken, given = {0, *taken}, [0] * len(objects)
     for column in columns:
         for row, members in enumerate(objects):
+            if given[row]:
+                continue
             numbers, counts = np.unique(column[members], return_counts=True)
-            for number in numbers[np.argsort(-counts, kind="stable")].tolist() if given[row] == 0 else ():
-                if number > 0 and number not in taken:
-                    given[row] = number
-                    taken.add(number)
-                    break
+            wanted = numbers[np.argsort(-counts, kind="stable")].tolist()
+            given[row] = next((number for number in wanted if number not in taken), 0)
+            taken.add(given[row])
     new = iter(range(first, first + len(objects)))
     return [number or next(new) for number in given]

@@ -36,7 +36,6 @@ class SegmentGraph:
         self._observations = Growing[np.int32](np.int32, 4)
         self._linked = 0  # rows of `observations` that are in the segments' `component` already
         self._placed: dict[int, Placement] = {}  # calibration and pose correction of each view
-        self._reaches = Growing[np.float32](np.float32, 4)  # centre and reach of each view
         self._normals: dict[int, NDArray[np.float64]] = {}
         self._next_keyframe = 0
 
@@ -63,7 +62,6 @@ class SegmentGraph:
             self._enter(np.arange(old, old + count), other, answers[:count], self.rows_of[other][label[:count]])
         self.views[number], self.rows_of[number] = view, row_of
         self._placed[number] = Placement(keyframe.stamp_ns, keyframe.calibration)
-        self._reaches.extend(np.append(view.centre, np.float32(view.reach))[None])
         if len(keyframe.planes):
             self._normals[number] = keyframe.T_map_camera[:3, :3] @ keyframe.planes[0, :3]
         shown = np.bincount(keyframe.labels.ravel(), minlength=256)[1:] > 0
@@ -71,9 +69,9 @@ class SegmentGraph:
 
     def _views_of(self, spheres: NDArray[np.float32]) -> list[int]:
         """The keyframes whose reach one of these spheres, (k, 4), touches."""
-        reaches = self._reaches.rows
-        away = np.linalg.norm(reaches[:, None, :3] - spheres[None, :, :3], axis=2)
-        near = (away <= reaches[:, None, 3] + spheres[None, :, 3]).any(axis=1)
+        centres = np.array([view.centre for view in self.views.values()]).reshape(-1, 1, 3)
+        reaches = np.array([view.reach for view in self.views.values()], np.float32)[:, None]
+        near = (np.linalg.norm(centres - spheres[:, :3], axis=2) <= reaches + spheres[:, 3]).any(axis=1)
         return [number for number, is_near in zip(self.views, near.tolist(), strict=True) if is_near]
 
     def _enter(
@@ -115,11 +113,9 @@ class SegmentGraph:
     def drop(self, gone: list[int]) -> list[int]:
         """Forget keyframes, their segments and all observations of and by them; returns clusters that are gone."""
         segments, observations = self.segments, self._observations.rows
-        numbers = np.fromiter(self.views, np.int64, len(self.views))
         for number in gone:
             del self.views[number], self.rows_of[number], self._placed[number]
             self._normals.pop(number, None)
-        self._reaches.keep(~np.isin(numbers, gone))
         kept = ~np.isin(segments.frame.rows, gone)
         lost = np.unique(segments.cluster.rows[~kept])
         lost = lost[lost >= 0]
@@ -156,7 +152,6 @@ class SegmentGraph:
                 plane = np.append(self._normals[number], 0.0)[None]
                 self._normals[number] = moved_planes(plane, change.linear, change.camera)[0, :3]
         self._placed = by_now
-        self._reaches.rows[:] = [(*view.centre, view.reach) for view in views.values()]
         self._ask_anew(anew)
 
     def _ask_anew(self, moved: list[int]) -> None:

@@ -1,7 +1,6 @@
 """From ranked points to objects as the paper has it: plane clean-up, density clustering, upright boxes (Sec. V-D)."""
 
 from collections import Counter
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +16,6 @@ _SAME_PLANE = 0.1
 """K-means has the fewest clusters whose planes are all this near to the centre in n, 6 degrees, and b, metres."""
 
 
-@dataclass(frozen=True, slots=True)
-class RemovedPlanes:
-    """The distinct planes that keyframes removed. planes: (n, 4) float64, world; count: (n,) keyframes of each."""
-
-    planes: NDArray[np.float64]
-    count: NDArray[np.int64]
-
-
 def find_by_density(
     points: FrequentPoints, keyframe_planes: NDArray[np.float64], settings: FusionSettings
 ) -> tuple[list[FoundObject], NDArray[np.float64], Counter[str]]:
@@ -36,19 +27,20 @@ def find_by_density(
     if len(keyframe_planes) == 0:
         return [], np.array([0.0, 0.0, 1.0]), Counter()
     removed = unique_planes(keyframe_planes)
-    up = up_direction(removed, points.xyz, settings)
+    up = up_direction(removed[0], points.xyz, settings)
     top = np.flatnonzero(points.heat >= settings.heat_min)
     if settings.plane_removal:
-        top = top[~on_planes(points.xyz[top], removed.planes, settings)]
+        top = top[~on_planes(points.xyz[top], removed, settings)]
     clusters, too_small = cluster_by_density(points.xyz[top], up, settings)
     found = [_described(points, top[rows], box) for rows, box in clusters]
     return sorted(found, key=lambda item: -item.confidence), up, +Counter({TOO_SMALL: too_small})
 
 
-def unique_planes(keyframe_planes: NDArray[np.float64]) -> RemovedPlanes:
+def unique_planes(keyframe_planes: NDArray[np.float64]) -> NDArray[np.float64]:
     """The distinct planes (walls, floor, table) among those of the keyframes, by K-means over their parameters.
 
-    keyframe_planes: (k, 4) float64, world, k > 0. The plane of a cluster is its mean. The paper does not give the
+    keyframe_planes: (k, 4) float64, world, k > 0. Returns (n, 4), that of most keyframes first: the mean of each
+    cluster. The paper does not give the
     number of clusters: here it is the least for which each holds one plane (`_SAME_PLANE`).
     """
     from sklearn.cluster import KMeans  # slow to import, and used by the paper's way alone
@@ -60,15 +52,14 @@ def unique_planes(keyframe_planes: NDArray[np.float64]) -> RemovedPlanes:
         if max(np.linalg.norm(off[:, :3], axis=1).max(), np.abs(off[:, 3]).max()) <= _SAME_PLANE:
             break
     centres /= np.linalg.norm(centres[:, :3], axis=1, keepdims=True)
-    return RemovedPlanes(centres, np.bincount(labels, minlength=len(centres)))
+    return np.asarray(centres[np.argsort(-np.bincount(labels, minlength=len(centres)), kind="stable")])
 
 
-def up_direction(removed: RemovedPlanes, xyz: NDArray[np.float32], settings: FusionSettings) -> NDArray[np.float64]:
-    """The normal of the supporting plane, (3,) unit.
+def up_direction(plane: NDArray[np.float64], xyz: NDArray[np.float32], settings: FusionSettings) -> NDArray[np.float64]:
+    """The normal of the supporting plane (4,), (3,) unit, fitted to the map's (n, 3) points on it.
 
-    The supporting plane is the one that most keyframes removed; its normal is fitted to the map's (n, 3) points on it.
+    The supporting plane is the one that most keyframes removed.
     """
-    plane: NDArray[np.float64] = removed.planes[np.argmax(removed.count)]
     inliers = xyz[on_planes(xyz, plane[None], settings)].astype(np.float64)
     if len(inliers) < 3:
         return plane[:3]

@@ -8,7 +8,8 @@ from spot3d.camera import Intrinsics, back_project
 from spot3d.fusion.paper.density import cluster_by_density
 from spot3d.fusion.paper.ransac import planes_by_ransac
 from spot3d.fusion.settings import FusionSettings
-from spot3d.geometry.planes import on_plane, supporting_plane
+from spot3d.fusion.supporting_plane import supporting_plane
+from spot3d.geometry.planes import on_plane
 
 _ROUNDING = 1e-5
 """Margin, metres: the points at which a box ends belong to it, whatever the rounding."""

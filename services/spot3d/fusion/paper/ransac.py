@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.fusion.settings import FusionSettings
-from spot3d.geometry.planes import count_inliers, neighbour_triples
+from spot3d.geometry.planes import count_inliers, neighbour_triples, triple_planes
 
 _SAME_ANGLE, _SAME_DISTANCE = float(np.cos(np.deg2rad(10.0))), 0.05
 """Planes that differ by less, in angle and in metres at the triple's first point, are not distinct; the paper does not
@@ -25,14 +25,7 @@ def planes_by_ransac(
     valid = np.flatnonzero(flat[:, 2] > 0)
     if len(valid) == 0:
         return np.zeros((0, 4))
-    triples = neighbour_triples(points.shape, valid, settings.plane_triples, rng)
-    x1, x2, x3 = (flat[triples[:, i]].astype(np.float64) for i in range(3))
-    normal = np.cross(x2 - x1, x3 - x1)
-    length = np.linalg.norm(normal, axis=1)
-    proper = (x1[:, 2] > 0) & (x2[:, 2] > 0) & (x3[:, 2] > 0) & (length > 0)
-    x1, n = x1[proper], normal[proper] / length[proper, None]
-    b = -np.einsum("ij,ij->i", n, x1)
-    planes = np.column_stack((n, b)) * np.where(b < 0, -1, 1)[:, None]
+    planes, x1 = triple_planes(points, neighbour_triples(points.shape, valid, settings.plane_triples, rng), 0.0)
     tolerance = np.full(len(valid), settings.plane_distance, np.float32)
     inliers = count_inliers(planes.astype(np.float32), flat[valid], tolerance)
     return _distinct(planes, x1, inliers, settings.plane_candidates)
