@@ -215,6 +215,18 @@ def test_what_is_left_out_is_counted(thing: Cuboid, frames: int, reason: str) ->
     assert found.left_out == {reason: 1}
 
 
+def test_what_is_thin_is_an_object_if_it_is_seen_to_lie_on_something() -> None:
+    """The front edge of a board looks alike, but nothing is seen beneath it."""
+    bar = standing(0.1, 0.0, (0.3, 0.1, 0.012))
+
+    def found(supports: tuple[float, ...]) -> Consensus:
+        return agreed([keyframe(pose, (bar,), supports=supports) for pose in POSES])
+
+    lying, above_nothing = found((0.0,)), found((-0.3,))
+    assert len(lying.objects) == 1
+    assert (above_nothing.objects, above_nothing.left_out) == ([], {"too thin": 1})
+
+
 def warm(frame: Keyframe, *heat: float) -> Keyframe:
     """The keyframe with its segments as hot as this."""
     return replace(frame, heat=np.array(heat, np.float32))

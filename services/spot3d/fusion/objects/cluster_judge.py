@@ -72,9 +72,12 @@ class ClusterJudge:
         box = self._box_of(views, up)
         shortest, middle, _ = np.sort(box.size)
         # An object measured as 2 cm wide has a smaller box: its faces are trimmed and drawn in.
-        if middle < settings.size_min - settings.plane_distance or box.volume < settings.volume_min:
+        wide = settings.size_min - settings.plane_distance
+        if middle < wide or box.volume < settings.volume_min:
             return TOO_SMALL
-        if shortest < settings.plane_distance:
+        # What is thin lies on something. What nothing is seen beneath is a board's edge, or a piece of a wall.
+        stands = 2 * np.count_nonzero(segments.support.rows[members].any(axis=1)) > len(members)
+        if shortest < (settings.plane_distance if stands else wide):
             return TOO_THIN
         return Judged(self._piece(views, box, segments.support.rows[members], up), confidence)
 
