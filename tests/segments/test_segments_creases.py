@@ -62,6 +62,16 @@ def test_a_box_that_touches_another_is_not_the_same(name: str, other: Cuboid, no
         assert own.max() > 0.9 * own.sum(), f"{name}: the seam is where they touch"
 
 
+def test_a_small_box_upon_another_is_not_the_same_from_afar() -> None:
+    book = standing(0, 0, (0.16, 0.22, 0.06), colour=RED)
+    cube = Cuboid((0, 0, 0.0875), (0.055, 0.055, 0.055), colour=BLUE)
+    labels, colour = regions_of(book, cube, pose=look_at((0.7, -1.6, 1.0), (0, 0, 0.05)))
+    shown = (colour == BLUE).all(-1)
+    assert shown.sum() < LEAST, "from so far it shows fewer pixels than other regions need"
+    of_cube = labels == np.bincount(labels[shown]).argmax()
+    assert (of_cube & shown).sum() > 0.7 * (of_cube | shown).sum()
+
+
 def test_a_step_of_depth_parts_what_no_crease_parts() -> None:
     far = standing(0.05, 0.3, (0.3, 0.05, 0.3), colour=BLUE)
     assert len(large(regions_of(standing(0, 0, SIZE, colour=RED), far)[0])) == 2

@@ -1,8 +1,8 @@
 """Split the foreground at concave creases: where two objects touch, or one stands on another.
 
 Real objects are mostly convex, and the seam between two that touch is concave (Stein et al., *Convexity based object
-partitioning for robot applications*, ICRA 2014). All lengths here are shares of the range, so that an object is split
-alike from near and from far: pixels and the noise of depth grow with the range. A camera with fewer pixels per radian
+partitioning for robot applications*, ICRA 2014). Lengths here are shares of the range, so that an object is split alike
+from near and from far: pixels and the noise of depth grow with the range. A camera with fewer pixels per radian
 sees blunter creases, because normals come from neighbouring pixels.
 """
 
@@ -33,6 +33,11 @@ _SHARP = 3.0
 """A crease this many times as concave separates regions of one colour, too: boxes that touch at a right angle. Whole
 with 2, 2.5, 3, 4, of 4100 views of objects on ten rendered desks: 79.6, 80.0, 80.2, 80.3 %, and 79.2 % without colour.
 From 4 on such boxes become one."""
+_AREA = 1.5e-3
+"""A region of this area, square metres, is large enough from any distance: objects that stand on another are small, and
+a cube of 4 cm shows as much. Without it, with 20, 15 and 10 cm2 a puzzle cube on a book 1.5 to 2.5 m away is a segment
+of its own in 0.24, 0.5, 0.5 and 0.5 of the views of five desks, and 0.72, 0.74, 0.74 and 0.74 of all views of objects
+there have an IoU of 0.5; single frames of HOTS have a success of 0.92, and of 0.91 with 10 cm2."""
 _ROUNDS = 12
 """Rounds in which pixels of a crease join the regions beside it, by two pixels each."""
 
@@ -53,7 +58,8 @@ def split_at_creases(
 
     points, normals: (h, w, 3) float32, camera frame, metres and unit (zero = unknown); mask: (h, w) bool, of valid
     pixels; colour: (h, w, 3) uint8 RGB, None = ignored; focal: pixels; crease: concavity, as the range times the
-    mean curvature, from which a pixel is a crease; least: pixels of smaller regions join another as those of creases.
+    mean curvature, from which a pixel is a crease; least: pixels of smaller regions join another as those of creases,
+    unless they have `_AREA`.
     Returns (h, w) int32: regions from 0, -1 = not in `mask`. Pixels near no region form regions of their own.
     """
     reach = max(1, int(_NEAR * focal))
@@ -62,11 +68,11 @@ def split_at_creases(
     bend = np.empty(mask.shape, np.float32)
     _concavity(points, smooth, mask, reach, bend)
     labels = np.empty(mask.shape, np.int32)
-    _connect(points, smooth, mask & (bend < _FAINT * crease), least, labels)
+    _connect(points, smooth, mask & (bend < _FAINT * crease), least, _AREA * focal * focal, labels)
     _share_out(points, mask, labels)
     labels = join_at_seams(labels, points, bend, colour, crease, _SHARP * crease, float(_LINK))
     rest = np.empty(mask.shape, np.int32)
-    _connect(points, smooth, mask & (labels < 0), 1, rest)
+    _connect(points, smooth, mask & (labels < 0), 1, np.inf, rest)
     return np.where(rest >= 0, rest + np.int32(labels.max(initial=-1) + 1), labels)
 
 
@@ -148,17 +154,18 @@ def _level(points: NDArray[np.float32], normals: NDArray[np.float32], v: int, u:
     return bool(near & (off * off < _LEVEL * _LEVEL * square) & (normals[v, u, 2] != 0))
 
 
-@kernel("void(f4[:,:,::1], f4[:,:,::1], b1[:,::1], i8, i4[:,::1])")
+@kernel("void(f4[:,:,::1], f4[:,:,::1], b1[:,::1], i8, f8, i4[:,::1])")
 def _connect(
     points: NDArray[np.float32],
     normals: NDArray[np.float32],
     mask: NDArray[np.bool_],
     least: int,
+    large: float,
     labels: NDArray[np.int32],
 ) -> None:
     """Label connected components of at least `least` pixels from 0 on, all others -1.
 
-    normals: smoothed unit normals, zero = unknown.
+    normals: smoothed unit normals, zero = unknown. large: pixels at 1 m of a component that is labelled in any case.
     """
     h, w = mask.shape
     root, size = np.empty(h * w, np.int32), np.zeros(h * w, np.int32)
@@ -190,7 +197,10 @@ def _connect(
     for i in range(h * w):
         v, u = i // w, i % w
         labels[v, u] = -1
-        if mask[v, u] and size[root[i]] >= least:
+        if not mask[v, u]:
+            continue
+        z = points[root[i] // w, root[i] % w, 2]
+        if size[root[i]] >= min(least, large / (z * z)):
             if root[i] == i:
                 labels[v, u] = count
                 count += 1

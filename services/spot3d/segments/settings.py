@@ -99,8 +99,8 @@ class SegmentsSettings(BaseModel):
         1.5e-3,
         gt=0,
         le=0.05,  # a fifth of the range across: every object would join its neighbour
-        description="least area of a region between creases, as a fraction of the squared range (15 cm2 at 1 m); "
-        "smaller ones join a neighbour",
+        description="least area of a region between creases, as a fraction of the squared range (15 cm2 at 1 m), or "
+        "15 cm2 if that is less; smaller ones join a neighbour",
     )
     heat_min: float = Field(
         0.05,
