@@ -1,7 +1,7 @@
 """Frames of a recording on disk, read on access."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -72,6 +72,9 @@ class Recording(FrameSequence):
 
         camera = self.colour_camera.averaged() if self.halved else self.colour_camera
         return ColourRegistration(self.intrinsics, camera)
+
+    def at_half_size(self) -> "Recording":
+        return replace(self, halved=True)
 
     def __getitem__(self, index: int) -> RgbdFrame:
         """Reads one frame. Raises SourceError if a file is missing, unreadable or of the wrong size."""
