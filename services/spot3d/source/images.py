@@ -15,17 +15,12 @@ COLOUR = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
 
 def read_colour(path: Path) -> NDArray[np.uint8]:
     """Colour image (h, w, 3) uint8 RGB of a PNG or JPEG file. Raises SourceError if missing or unreadable."""
-    image = decoded_image(_file_bytes(path), COLOUR)
-    if image is None:
-        raise SourceError(f"{path} is not a readable image; copy or convert the recording again")
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+    return np.asarray(cv2.cvtColor(_image_of(path, COLOUR), cv2.COLOR_BGR2RGB), np.uint8)
 
 
 def read_depth(path: Path) -> NDArray[np.uint16]:
     """Depth image (h, w) uint16 in the file's units. Raises SourceError unless it is 16-bit, one channel."""
-    image = decoded_image(_file_bytes(path), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise SourceError(f"{path} is not a readable image; copy or convert the recording again")
+    image = _image_of(path, cv2.IMREAD_UNCHANGED)
     if image.dtype == np.uint8:
         raise SourceError(f"{path} is 8-bit depth, which has only 256 levels; export depth as 16-bit PNG")
     if image.dtype != np.uint16 or image.ndim != 2:
@@ -42,7 +37,7 @@ def decoded_image(data: NDArray[np.uint8], how: int) -> NDArray[Any] | None:
     return None if image is None else np.asarray(image)
 
 
-def _file_bytes(path: Path) -> NDArray[np.uint8]:
+def _image_of(path: Path, how: int) -> NDArray[Any]:
     try:
         data = np.fromfile(path, np.uint8)
     except FileNotFoundError:
@@ -51,4 +46,7 @@ def _file_bytes(path: Path) -> NDArray[np.uint8]:
         raise SourceError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
     if data.size == 0:
         raise SourceError(f"{path} is empty; copy or convert the recording again")
-    return data
+    image = decoded_image(data, how)
+    if image is None:
+        raise SourceError(f"{path} is not a readable image; copy or convert the recording again")
+    return image
