@@ -4,21 +4,21 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from spot3d.boxes import Box3D
-    from spot3d.camera import Intrinsics
-    from spot3d.found_object import FoundObject
-    from spot3d.frame import RgbdFrame
-    from spot3d.fusion.fusion import Fusion
-    from spot3d.fusion.settings import FusionSettings
-    from spot3d.heatmap.heat import weighted_heat
-    from spot3d.heatmap.settings import HeatmapSettings
-    from spot3d.pipeline import run_pipeline
-    from spot3d.proposals.propose import propose
-    from spot3d.proposals.settings import ProposalSettings
-    from spot3d.segments.finder import find_segments
-    from spot3d.segments.settings import SegmentsSettings
-    from spot3d.settings import load_settings
-    from spot3d.source.sequences import open_source
+    from spot3d.boxes import Box3D as Box3D
+    from spot3d.camera import Intrinsics as Intrinsics
+    from spot3d.found_object import FoundObject as FoundObject
+    from spot3d.frame import RgbdFrame as RgbdFrame
+    from spot3d.fusion.fusion import Fusion as Fusion
+    from spot3d.fusion.settings import FusionSettings as FusionSettings
+    from spot3d.heatmap.heat import weighted_heat as weighted_heat
+    from spot3d.heatmap.settings import HeatmapSettings as HeatmapSettings
+    from spot3d.pipeline import run_pipeline as run_pipeline
+    from spot3d.proposals.propose import propose as propose
+    from spot3d.proposals.settings import ProposalSettings as ProposalSettings
+    from spot3d.segments.finder import find_segments as find_segments
+    from spot3d.segments.settings import SegmentsSettings as SegmentsSettings
+    from spot3d.settings import load_settings as load_settings
+    from spot3d.source.sequences import open_source as open_source
 
 __version__ = "0.1.0"
 
@@ -41,23 +41,7 @@ _PLACES = {
     "weighted_heat": "heatmap.heat",
 }
 
-__all__ = [
-    "Box3D",
-    "FoundObject",
-    "Fusion",
-    "FusionSettings",
-    "HeatmapSettings",
-    "Intrinsics",
-    "ProposalSettings",
-    "RgbdFrame",
-    "SegmentsSettings",
-    "find_segments",
-    "load_settings",
-    "open_source",
-    "propose",
-    "run_pipeline",
-    "weighted_heat",
-]
+__all__ = list(_PLACES)
 
 
 def __getattr__(name: str) -> object:

@@ -11,7 +11,7 @@ import pytest
 from spot3d.camera import Intrinsics
 from spot3d.frame import RgbdFrame
 from spot3d.source import selected
-from spot3d.source.selected import Selection, at_half_size, open_selected_stream, open_selection
+from spot3d.source.selected import Selection, open_selected_stream, open_selection
 from spot3d.source.sequence import Note
 from spot3d.source.settings import SourceSettings
 
@@ -67,7 +67,7 @@ def test_a_selection_is_at_half_size_as_the_settings_open_it(tmp_path: Path) -> 
         cv2.imwrite(str(tmp_path / f"frame-{number:06d}.depth.png"), depth)
     chosen = Selection(str(tmp_path), every=2, intrinsics=(585.0, 585.0, 320.0, 240.0))
     opened = open_selection(chosen, SourceSettings(halved=True))
-    halved = at_half_size(open_selection(chosen, SourceSettings()))
+    halved = open_selection(chosen, SourceSettings()).at_half_size()
     assert len(halved) == len(opened) == 2
     assert halved.intrinsics == opened.intrinsics == halved[1].intrinsics
     np.testing.assert_array_equal(halved[1].colour, opened[1].colour)

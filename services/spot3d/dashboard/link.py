@@ -226,9 +226,7 @@ def _hear_fleet(session: zenoh.Session, topic: str, stack: ExitStack) -> Handler
     if TOPICS[topic].kept:
         return subscribe_kept(session, fleet_key(topic), size, stack)
     channel: RingChannel[zenoh.Sample] = RingChannel(size)
-    subscriber = session.declare_subscriber(fleet_key(topic), channel)
-    stack.callback(subscriber.undeclare)
-    return subscriber.handler
+    return stack.enter_context(session.declare_subscriber(fleet_key(topic), channel)).handler
 
 
 def _received(handler: "Handler[zenoh.Sample]") -> zenoh.Sample | None:

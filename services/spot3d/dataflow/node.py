@@ -102,25 +102,24 @@ class Node:
         with ExitStack() as stack:
             session = stack.enter_context(open_session(self.link, self.stop))
             self.session = session
-            own = session.liveliness().declare_token(process_key(self.link.robot, self.stage, self.sender))
-            stack.callback(own.undeclare)
+            stack.enter_context(
+                session.liveliness().declare_token(process_key(self.link.robot, self.stage, self.sender))
+            )
             self.alive = stack.enter_context(watch_alive(session, self.link.robot))
             self._admission = Admission(self._inputs, self.link, self.alive, self.counters, self._limited_log)
             self._publishers = {topic: declare_publisher(session, topic, self.link) for topic in self._outputs}
             threads = [threading.Thread(target=self._report, name="health", daemon=True)]
             stack.callback(end_threads, threads)
             for topic in self._inputs:
-                subscriber = declare_subscriber(session, topic, self.link)
-                stack.callback(subscriber.undeclare)
+                subscriber = stack.enter_context(declare_subscriber(session, topic, self.link))
                 threads.append(_reader(self._receive, topic, subscriber.handler))
             for topic in (*self._queries, self._about):
                 channel: FifoChannel[zenoh.Query] = FifoChannel(_QUERIES_WAITING)
-                queryable = session.declare_queryable(key(self.link.robot, topic), channel, complete=True)
-                stack.callback(queryable.undeclare)
+                where = key(self.link.robot, topic)
+                queryable = stack.enter_context(session.declare_queryable(where, channel, complete=True))
                 answering = self._tell if topic == self._about else self._ask
                 threads.append(_reader(answering, topic, queryable.handler))
-            token = session.liveliness().declare_token(alive_key(self.link.robot, self.stage))
-            stack.callback(token.undeclare)
+            stack.enter_context(session.liveliness().declare_token(alive_key(self.link.robot, self.stage)))
             for thread in threads:
                 thread.start()
             stack.callback(self._leave)

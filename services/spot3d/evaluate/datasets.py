@@ -17,7 +17,6 @@ from spot3d.source.halving import halve
 from spot3d.source.intrinsics_files import FocalAndCentre
 from spot3d.source.scene.name import scene_names
 from spot3d.source.selected import Selection, open_selection
-from spot3d.source.selected import at_half_size as half_sequence
 from spot3d.source.sequences import refuse_misnamed_scene
 from spot3d.source.settings import SourceSettings
 from spot3d.source.seven_scenes import is_seven_scenes
@@ -126,7 +125,7 @@ def at_half_size(dataset: DataSet) -> DataSet:
         return LabelledFrame(halve(full.frame), full.boxes / 2, unjudged)
 
     frames = LabelledFrames(dataset.frames.count, read)
-    sequences = tuple(LabelledSequence(s.name, half_sequence(s.sequence), s.truth) for s in dataset.sequences)
+    sequences = tuple(LabelledSequence(s.name, s.sequence.at_half_size(), s.truth) for s in dataset.sequences)
     return DataSet(dataset.name, dataset.kind, frames, sequences, halved=True)
 
 

@@ -10,7 +10,7 @@ from spot3d.evaluate.colour_errors import blurred, darkened
 from spot3d.evaluate.depth_errors import bent, fattened, mixed, noisier, torn
 from spot3d.evaluate.pose_errors import late, misplaced, shaken
 from spot3d.frame import RgbdFrame
-from spot3d.source.selected import Selected, at_half_size
+from spot3d.source.selected import Selected
 from spot3d.source.sequence import Derived, FrameSequence
 
 SEED = 1
@@ -48,7 +48,7 @@ class Degradation:
 
     def of(self, sequence: FrameSequence) -> FrameSequence:
         """The degraded sequence. Halving comes first, then errors frame by frame, then every nth frame is chosen."""
-        worse = at_half_size(sequence) if self.half else sequence
+        worse = sequence.at_half_size() if self.half else sequence
         if replace(self, every=1, half=False) != Degradation():
             worse = _Degraded(worse, self)
         return worse if self.every == 1 else Selected(worse, range(0, len(worse), self.every))

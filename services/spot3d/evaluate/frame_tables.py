@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import detection_rate, success_rate
-from spot3d.evaluate.labelled import DataSet, LabelledFrame
+from spot3d.evaluate.labelled import DataSet, LabelledFrame, boxes_around
 from spot3d.evaluate.peer import PEER, RADIUS, RANGE_MAX, behind_peer, peer_in_frame
 from spot3d.evaluate.scores import recall_of, without_object
 from spot3d.evaluate.table import Cell, Column, Table
@@ -139,9 +139,7 @@ def boxes_in_frame(frame: RgbdFrame, heat: Heatmap, settings: Settings) -> NDArr
     depth, camera = frame.depth_metres(), frame.intrinsics
     if settings.fusion.clustering == "density":
         parts = find_by_density_in_frame(depth, heat.heat, camera, settings.fusion)
-        rows_columns = [np.divmod(part, camera.width) for part in parts]
-        boxes = [(u.min(), v.min(), np.ptp(u) + 1, np.ptp(v) + 1) for v, u in rows_columns]
-        return np.array(boxes, np.float64).reshape(-1, 4)
+        return boxes_around(np.divmod(part, camera.width) for part in parts)
     return find_segments(frame.colour, depth, heat.heat, camera, settings.segments).boxes(camera)
 
 

@@ -1,6 +1,6 @@
 """Data sets for evaluation: single frames with true 2D boxes, sequences with true 3D boxes."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,9 +73,11 @@ def mask_boxes(instance: NDArray[np.integer], first: int, pixels_min: int = 1) -
 
     Instances of fewer than `pixels_min` pixels are left out.
     """
-    boxes = []
-    for number in np.unique(instance[instance >= first]):
-        v, u = np.nonzero(instance == number)
-        if len(u) >= pixels_min:
-            boxes.append((u.min(), v.min(), np.ptp(u) + 1, np.ptp(v) + 1))
-    return np.array(boxes, dtype=np.float64).reshape(-1, 4)
+    parts = (np.nonzero(instance == number) for number in np.unique(instance[instance >= first]))
+    return boxes_around(part for part in parts if len(part[0]) >= pixels_min)
+
+
+def boxes_around(parts: Iterable[tuple[NDArray[np.integer], ...]]) -> NDArray[np.float64]:
+    """Boxes (n, 4) [x, y, w, h] around parts of an image, each the rows (m,) and columns (m,) of its pixels."""
+    boxes = [(u.min(), v.min(), np.ptp(u) + 1, np.ptp(v) + 1) for v, u in parts]
+    return np.array(boxes, np.float64).reshape(-1, 4)

@@ -47,7 +47,7 @@ def objects_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Ta
     table = Table("objects", "Objects of whole runs: overlap with the true ones (paper, Fig. 10)", columns)
     for dataset, size in both_sizes(datasets):
         done = _runs_of(dataset, settings, runs)
-        methods = {OURS: [run.ours for run in done], PEER: [run.peer for run in done]}
+        methods = by_method(done)
         for method, one in methods.items():
             found, true = (float(np.mean([each.fixed.iou.shape[axis] for each in one])) for axis in (1, 0))
             carried = object_scores([each.carried.iou for each in one])
@@ -69,10 +69,9 @@ def ablations_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> 
     for dataset in datasets:
         for name, changed in ablations(settings).items():
             table.add(dataset.name, name, *_overlap([run.ours for run in _runs_of(dataset, changed, runs)]))
-        done = _runs_of(dataset, settings, runs)
-        ours, peer = [run.ours for run in done], [run.peer for run in done]
-        table.add(dataset.name, PEER, *_overlap(peer))
-        table.notes += behind_peer(f"{dataset.name}, whole", overlap_measures(ours, peer))
+        methods = by_method(_runs_of(dataset, settings, runs))
+        table.add(dataset.name, PEER, *_overlap(methods[PEER]))
+        table.notes += behind_peer(f"{dataset.name}, whole", overlap_measures(*methods.values()))
     table.notes += [
         "Without the hard filter, windows are not culled by their metric size either.",
         "noFlying: depth between two surfaces is kept; noRecent: holes in depth are not filled from earlier frames; "
@@ -124,12 +123,11 @@ def points_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Tab
         done = {item.name: runs.run(item, settings) for item in items}
         several = {f"{dataset.name}, mean": list(done.values())} if len(done) > 1 else {}
         for name, some in ({name: [run] for name, run in done.items()} | several).items():
-            ours, peer = [run.ours for run in some], [run.peer for run in some]
-            ms = float(np.mean([run.frame_ms() for run in some]))
-            for method, one, time in ((OURS, ours, ms), (PEER, peer, None)):
-                no_object = without_object([each.fixed.iou for each in one])
-                table.add(name, size, method, *point_cells(one), no_object, *pose_cells(some), time)
-            table.notes += behind_peer(f"{name} at {size}", point_measures(ours, peer))
+            methods, ms = by_method(some), float(np.mean([run.frame_ms() for run in some]))
+            for method, one in methods.items():
+                time = ms if method == OURS else None
+                table.add(name, size, method, *point_cells(one), without_object(_fixed(one)), *pose_cells(some), time)
+            table.notes += behind_peer(f"{name} at {size}", point_measures(*methods.values()))
     table.notes += [
         f"Poses: {settings.pose.provider}. Time: all stages except reading, one after the other.",
         NOTE_NO_OBJECT,
@@ -169,6 +167,11 @@ def stability_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> 
 
 def _runs_of(dataset: DataSet, settings: Settings, runs: Runs) -> list[MeasuredRun]:
     return [runs.run(item, settings) for item in dataset.sequences if item.truth is not None]
+
+
+def by_method(runs: list[MeasuredRun]) -> dict[str, list[Measured]]:
+    """The objects of ours and of the peer in these runs, in this order."""
+    return {OURS: [run.ours for run in runs], PEER: [run.peer for run in runs]}
 
 
 def overlap_measures(ours: list[Measured], peer: list[Measured]) -> list[tuple[str, float, float]]:

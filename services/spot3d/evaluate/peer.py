@@ -11,6 +11,7 @@ from sklearn.cluster import DBSCAN
 
 from spot3d.camera import Intrinsics, back_project
 from spot3d.evaluate.dominant_plane import ON_PLANE, dominant_plane
+from spot3d.evaluate.labelled import boxes_around
 from spot3d.geometry.upright import upright_box
 
 PEER = "plane + DBSCAN"
@@ -38,15 +39,14 @@ def peer_in_frame(depth: NDArray[np.float32], camera: Intrinsics, size_max: floa
     plane = dominant_plane(points[pixels], np.zeros(3))
     pixels = pixels[points[pixels] @ plane[:3] + plane[3] > ON_PLANE]
     means, voxel = voxel_means(points[pixels], VOXEL)
-    boxes, chosen = [], np.zeros(len(means), np.bool_)
+    parts, chosen = [], np.zeros(len(means), np.bool_)
     for rows in dbscan_clusters(means, VOXELS_MIN):
         if upright_box(means[rows].astype(np.float32), plane[:3]).size.max() > size_max:
             continue
         chosen[:] = False
         chosen[rows] = True
-        v, u = np.divmod(pixels[chosen[voxel]], camera.width)
-        boxes.append((u.min(), v.min(), np.ptp(u) + 1, np.ptp(v) + 1))
-    return np.array(boxes, np.float64).reshape(-1, 4)
+        parts.append(np.divmod(pixels[chosen[voxel]], camera.width))
+    return boxes_around(parts)
 
 
 def dbscan_clusters(points: NDArray[np.float64], least: int) -> list[NDArray[np.int64]]:

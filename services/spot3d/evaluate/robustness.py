@@ -8,7 +8,7 @@ import numpy as np
 from spot3d.drawing.recall_plot import Curve
 from spot3d.evaluate.degraded import SEED, Degradation
 from spot3d.evaluate.labelled import DataSet, LabelledSequence
-from spot3d.evaluate.measured_run import Measured, MeasuredRun, measure
+from spot3d.evaluate.measured_run import MeasuredRun, measure
 from spot3d.evaluate.object_tables import (
     NOTE_CARRIED,
     NOTE_NO_OBJECT,
@@ -16,6 +16,7 @@ from spot3d.evaluate.object_tables import (
     NOTE_POSES,
     OURS,
     POSES,
+    by_method,
     overlap_measures,
     point_cells,
     point_measures,
@@ -176,15 +177,16 @@ def _measured(item: LabelledSequence, level: Degradation, settings: Settings) ->
 
 
 def _add(table: Table, data: str, worse: str, runs: list[MeasuredRun]) -> None:
-    ours, peer = [run.ours for run in runs], [run.peer for run in runs]
-    for method, done in ((OURS, ours), (PEER, peer)):
+    methods = by_method(runs)
+    for method, done in methods.items():
         fixed, carried = [one.fixed.iou for one in done], [one.carried.iou for one in done]
         a, b = object_scores(fixed), object_scores(carried)
         points = point_cells(done)
         found, true = (float(np.mean([iou.shape[axis] for iou in fixed])) for axis in (1, 0))
         cells = (a.iou, a.success, a.detection, *points[:3], b.iou, b.success, b.detection, points[5])
         table.add(data, worse, method, *cells, found, without_object(fixed), true, *pose_cells(runs))
-    table.notes += behind_peer(f"{data}, worse: {worse}", [*overlap_measures(ours, peer), *point_measures(ours, peer)])
+    measures = [*overlap_measures(*methods.values()), *point_measures(*methods.values())]
+    table.notes += behind_peer(f"{data}, worse: {worse}", measures)
 
 
 def _curves(data: str, levels: list[tuple[str, list[MeasuredRun]]]) -> list[Curve]:
@@ -193,9 +195,9 @@ def _curves(data: str, levels: list[tuple[str, list[MeasuredRun]]]) -> list[Curv
         return []
     names = tuple(name for name, _ in levels)
     places = np.linspace(0, 1, len(levels))
-    curves = []
-    for method, of in _METHODS.items():
-        done = [[of(run) for run in runs] for _, runs in levels]
+    curves, methods = [], [by_method(runs) for _, runs in levels]
+    for method in (OURS, PEER):
+        done = [of_level[method] for of_level in methods]
         detection = [object_scores([one.fixed.iou for one in some]).detection for some in done]
         f_measure = [point_cells(some)[2] / 100 for some in done]
         curves += [
@@ -203,6 +205,3 @@ def _curves(data: str, levels: list[tuple[str, list[MeasuredRun]]]) -> list[Curv
             Curve(data, f"{method} F / 100", places, np.array(f_measure), names),
         ]
     return curves
-
-
-_METHODS: dict[str, Callable[[MeasuredRun], Measured]] = {OURS: lambda run: run.ours, PEER: lambda run: run.peer}

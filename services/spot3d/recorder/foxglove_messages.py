@@ -40,10 +40,16 @@ _BOX_ALPHA = 0.35
 _LABEL_SIZE = 0.03
 """Height of the labels' letters, metres."""
 
-_POINT = np.dtype(
-    [*((axis, "<f4") for axis in "xyz"), *((channel, "u1") for channel in ("red", "green", "blue", "alpha"))]
-)
-_TYPES = {"<f4": PackedElementFieldNumericType.Float32, "|u1": PackedElementFieldNumericType.Uint8}
+_POINT = np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3), ("alpha", "u1")])
+_FLOAT, _BYTE = PackedElementFieldNumericType.Float32, PackedElementFieldNumericType.Uint8
+_FIELDS = [
+    *(PackedElementField(name=axis, offset=4 * number, type=_FLOAT) for number, axis in enumerate("xyz")),
+    *(
+        PackedElementField(name=channel, offset=12 + number, type=_BYTE)
+        for number, channel in enumerate(("red", "green", "blue", "alpha"))
+    ),
+]
+"""The fields of a point, of type `_POINT`."""
 
 
 def stamp(stamp_ns: int) -> Timestamp:
@@ -85,21 +91,13 @@ def upright(stamp_ns: int, up: Sequence[float]) -> FrameTransforms:
 def points(stamp_ns: int, frame_id: str, xyz: NDArray[np.float32], rgb: NDArray[np.uint8]) -> PointCloud:
     """xyz: (n, 3) metres in `frame_id`. rgb: (n, 3)."""
     rows = np.empty(len(xyz), _POINT)
-    for column, axis in enumerate("xyz"):
-        rows[axis] = xyz[:, column]
-    for column, channel in enumerate(("red", "green", "blue")):
-        rows[channel] = rgb[:, column]
-    rows["alpha"] = 255
-    fields = [
-        PackedElementField(name=name, offset=int(offset), type=_TYPES[kind.str])
-        for name, (kind, offset, *_) in (_POINT.fields or {}).items()
-    ]
+    rows["xyz"], rows["rgb"], rows["alpha"] = xyz, rgb, 255
     return PointCloud(
         timestamp=stamp(stamp_ns),
         frame_id=frame_id,
         pose=_pose(np.eye(3), np.zeros(3)),
         point_stride=_POINT.itemsize,
-        fields=fields,
+        fields=_FIELDS,
         data=rows.tobytes(),
     )
 

@@ -82,7 +82,7 @@ class _Player:
         for stage in sorted(stages):
             # Dashboards, sources and stages detect each other by these tokens.
             for token in (alive_key(link.robot, stage), process_key(link.robot, stage, self._sender)):
-                stack.callback(session.liveliness().declare_token(token).undeclare)
+                stack.enter_context(session.liveliness().declare_token(token))
 
     def run(self, stop: threading.Event) -> None:
         """Play once, or in a loop."""

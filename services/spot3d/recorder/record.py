@@ -133,14 +133,13 @@ class _Recorder:
             stack.callback(end_threads, threads)
             stack.callback(self._backlog.close)
             for topic in self._topics:
-                subscriber = session.declare_subscriber(key(self._link.robot, topic), self._channel(topic))
-                stack.callback(subscriber.undeclare)
+                where = key(self._link.robot, topic)
+                subscriber = stack.enter_context(session.declare_subscriber(where, self._channel(topic)))
                 reader = threading.Thread(target=self._hear, args=(topic, subscriber.handler), name=topic, daemon=True)
                 threads.append(reader)
                 reader.start()
             # The token comes after the subscriptions: whoever sees it can start sending.
-            token = session.liveliness().declare_token(alive_key(self._link.robot, RECORDER))
-            stack.callback(token.undeclare)
+            stack.enter_context(session.liveliness().declare_token(alive_key(self._link.robot, RECORDER)))
             log.info("recording %s topics of %s into %s", len(self._topics), self._link.robot, self.recorded.path)
             if others := others_alive(session, self._link.robot, _ASKED_S):
                 log.warning("no stage of robot %s is alive yet; %s", self._link.robot, others)

@@ -4,7 +4,7 @@ import time
 from collections import Counter, deque
 from contextlib import ExitStack
 from dataclasses import replace
-from typing import Self, TypeVar
+from typing import Self
 
 import zenoh
 from zenoh.handlers import FifoChannel, Handler
@@ -28,17 +28,7 @@ from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, empty_snaps
 from spot3d.segments.upper_side import IMAGE_UP, event_of, notice
 from spot3d.source.errors import IN_THE_INPUT, NOT_PLAYED
 from spot3d.source.sequence import CAMERA_GONE
-from spot3d_schemas import (
-    STAGES,
-    TOPICS,
-    Health,
-    Message,
-    Objects,
-    Pose,
-    Progress,
-    Proposals,
-    key,
-)
+from spot3d_schemas import STAGES, TOPICS, Health, Message, Objects, Pose, Progress, Proposals, key
 
 _WAITING = 4096
 """Small messages that may wait in a queue: two minutes of a camera's poses."""
@@ -54,8 +44,6 @@ _FUSED = (["heatmap", "fusion"], ["segments", "fusion"])
 
 _OF_FUSION = (Objects, Progress)
 """Messages that say which stream fusion is in."""
-
-M = TypeVar("M", bound=Message)
 
 
 class Collector:
@@ -98,9 +86,8 @@ class Collector:
         self._producers = Producers(self._exit.enter_context(watch_alive(self._session, self._robot)))
         small = ("fusion/objects", "fusion/progress", "pose/pose", "proposals/boxes")
         for topic in (*small, *(f"{stage}/health" for stage in STAGES)):
-            subscriber = self._session.declare_subscriber(key(self._robot, topic), FifoChannel(_WAITING))
-            self._exit.callback(subscriber.undeclare)
-            self._inputs[topic] = subscriber.handler
+            ear = self._session.declare_subscriber(key(self._robot, topic), FifoChannel(_WAITING))
+            self._inputs[topic] = self._exit.enter_context(ear).handler
         if self._seen is not None:
             self._exit.callback(self._seen.close)
         return self
@@ -269,6 +256,5 @@ def relay_poses(session: zenoh.Session, topic: str, robot: str) -> ExitStack:
     def pass_on(sample: zenoh.Sample) -> None:
         publisher.put(sample.payload, encoding=sample.encoding)
 
-    subscriber = session.declare_subscriber(topic, pass_on)
-    stack.callback(subscriber.undeclare)
+    stack.enter_context(session.declare_subscriber(topic, pass_on))
     return stack

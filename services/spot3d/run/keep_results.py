@@ -62,9 +62,8 @@ class _Keeper:
             self._producers = Producers(stack.enter_context(watch_alive(self._session, self._robot)))
             inputs: dict[str, Handler[zenoh.Sample]] = {}
             for topic in _TOPICS:
-                subscriber = self._session.declare_subscriber(key(self._robot, topic), RingChannel(_WAITING))
-                stack.callback(subscriber.undeclare)
-                inputs[topic] = subscriber.handler
+                ear = self._session.declare_subscriber(key(self._robot, topic), RingChannel(_WAITING))
+                inputs[topic] = stack.enter_context(ear).handler
             stack.callback(self._seen.close)
             log.info("results of %s go to %s", self._robot, self._out.absolute())
             while not stop.wait(_POLL_S):

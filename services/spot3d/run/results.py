@@ -16,15 +16,22 @@ from spot3d.whole_file import whole_file
 
 RESULTS = ("objects.json", "heatmap.ply")
 """The files that `write_results` writes."""
-_VERTEX = np.dtype(
-    [
-        *((axis, "<f4") for axis in "xyz"),
-        *((channel, "u1") for channel in ("red", "green", "blue")),
-        ("heat", "<f4"),
-        ("frequency", "<u4"),
-    ]
-)
+_VERTEX = np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3), ("heat", "<f4"), ("frequency", "<u4")])
 """One point of heatmap.ply."""
+_HEADER = """ply
+format binary_little_endian 1.0
+comment spot3d 3D heatmap, world frame, metres
+element vertex {count}
+property float x
+property float y
+property float z
+property uchar red
+property uchar green
+property uchar blue
+property float heat
+property uint frequency
+end_header
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,22 +160,9 @@ def write_json(path: Path, document: dict[str, Any]) -> None:
 def ply_bytes(points: MapSnapshot) -> bytes:
     """Binary little-endian PLY: x y z (float), red green blue (uchar), heat (float), frequency (uint)."""
     rows = np.empty(len(points.xyz), _VERTEX)
-    for column, axis in enumerate("xyz"):
-        rows[axis] = points.xyz[:, column]
-    for column, channel in enumerate(("red", "green", "blue")):
-        rows[channel] = points.rgb[:, column]
+    rows["xyz"], rows["rgb"] = points.xyz, points.rgb
     rows["heat"], rows["frequency"] = points.heat, points.frequency
-    kinds = {"<f4": "float", "|u1": "uchar", "<u4": "uint"}
-    properties = [f"property {kinds[_VERTEX[name].str]} {name}" for name in _VERTEX.names or ()]
-    header = [
-        "ply",
-        "format binary_little_endian 1.0",
-        "comment spot3d 3D heatmap, world frame, metres",
-        f"element vertex {len(rows)}",
-        *properties,
-        "end_header",
-    ]
-    return ("\n".join(header) + "\n").encode("ascii") + rows.tobytes()
+    return _HEADER.format(count=len(rows)).encode("ascii") + rows.tobytes()
 
 
 def write_ply(path: Path, points: MapSnapshot) -> None:
@@ -186,6 +180,5 @@ def read_ply(path: Path) -> MapSnapshot:
     if len(body) != int(count[1]) * _VERTEX.itemsize:
         raise ValueError(f"{path} is truncated")
     rows = np.frombuffer(body, _VERTEX)
-    xyz = np.stack([rows[axis] for axis in "xyz"], axis=1)
-    rgb = np.stack([rows[channel] for channel in ("red", "green", "blue")], axis=1)
-    return MapSnapshot(xyz, rgb, rows["heat"].copy(), rows["frequency"].copy(), len(rows))
+    xyz, rgb, heat, frequency = (rows[name].copy() for name in ("xyz", "rgb", "heat", "frequency"))
+    return MapSnapshot(xyz, rgb, heat, frequency, len(rows))

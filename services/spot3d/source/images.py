@@ -20,17 +20,12 @@ _MORE = np.full(4096, 0x55, np.uint8)
 
 def read_colour(path: Path) -> NDArray[np.uint8]:
     """Colour image (h, w, 3) uint8 RGB of a PNG or JPEG file. Raises SourceError if missing or unreadable."""
-    image = decoded_image(_file_bytes(path), COLOUR)
-    if image is None:
-        raise SourceError(f"{path} is not a readable image; copy or convert the recording again")
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+    return np.asarray(cv2.cvtColor(_image_of(path, COLOUR), cv2.COLOR_BGR2RGB), np.uint8)
 
 
 def read_depth(path: Path) -> NDArray[np.uint16]:
     """Depth image (h, w) uint16 in the file's units. Raises SourceError unless it is 16-bit, one channel."""
-    image = decoded_image(_file_bytes(path), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise SourceError(f"{path} is not a readable image; copy or convert the recording again")
+    image = _image_of(path, cv2.IMREAD_UNCHANGED)
     if image.dtype == np.uint8:
         raise SourceError(f"{path} is 8-bit depth, which has only 256 levels; export depth as 16-bit PNG")
     if image.dtype != np.uint16 or image.ndim != 2:
@@ -63,7 +58,7 @@ def _is_cut_short(data: NDArray[np.uint8], image: NDArray[Any], how: int) -> boo
     return not np.array_equal(image, np.asarray(cv2.imdecode(longer, how)))
 
 
-def _file_bytes(path: Path) -> NDArray[np.uint8]:
+def _image_of(path: Path, how: int) -> NDArray[Any]:
     try:
         data = np.fromfile(path, np.uint8)
     except FileNotFoundError:
@@ -72,4 +67,7 @@ def _file_bytes(path: Path) -> NDArray[np.uint8]:
         raise SourceError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
     if data.size == 0:
         raise SourceError(f"{path} is empty; copy or convert the recording again")
-    return data
+    image = decoded_image(data, how)
+    if image is None:
+        raise SourceError(f"{path} is not a readable image; copy or convert the recording again")
+    return image

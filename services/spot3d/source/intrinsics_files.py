@@ -28,12 +28,12 @@ _FORMS = "expected fx fy cx cy, or [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
 HINT = "give them as --intrinsics fx,fy,cx,cy (pixels)"
 
 
-def parse_intrinsics(text: str, where: str = "--intrinsics") -> FocalAndCentre:
+def parse_intrinsics(text: str) -> FocalAndCentre:
     """(fx, fy, cx, cy) in pixels from `fx,fy,cx,cy`, split at commas or spaces. Raises SourceError if malformed."""
     try:
         fx, fy, cx, cy = (float(word) for word in text.replace(",", " ").split())
     except ValueError:
-        raise SourceError(f"{where}: {text.strip()!r} is not four numbers; give fx,fy,cx,cy in pixels") from None
+        raise SourceError(f"--intrinsics: {text.strip()!r} is not four numbers; give fx,fy,cx,cy in pixels") from None
     return fx, fy, cx, cy
 
 

@@ -46,7 +46,7 @@ class Player:
     """
 
     def __init__(self, node: Node, stream: str, settings: SourceSettings, earlier: Sent) -> None:
-        self.node, self.alive, self.stream, self.settings = node, node.alive, stream, settings
+        self.node, self.stream, self.settings = node, stream, settings
         self.credit = Credit(node.link.in_flight)
         self.previews = Previews(node, PREVIEW)
         self.order = StreamOrder()
@@ -198,13 +198,14 @@ class Player:
             elif time.monotonic() - since_s >= limit_s:
                 lost = self.credit.give_up()
                 self.node.counters.drop("lost in flight", len(lost))
+                missing = [stage for stage in STAGES if stage != "source" and stage not in self.node.alive]
                 log.warning(
                     "no progress for %.1f s: %d frames (%d to %d ns) count as lost; stages not running: %s",
                     limit_s,
                     len(lost),
                     lost[0],
                     lost[-1],
-                    ", ".join(stage for stage in STAGES if stage != "source" and stage not in self.alive) or "none",
+                    ", ".join(missing) or "none",
                 )
 
     def _ending(self, wait_s: float) -> Iterator[None]:
@@ -216,7 +217,7 @@ class Player:
         said_s = float("-inf")
         while not self.node.stop.is_set():
             now_s = time.monotonic()
-            if "fusion" in self.alive:
+            if "fusion" in self.node.alive:
                 seen_s = now_s
             if now_s - start_s > _END_LIMIT_S or now_s - seen_s > self.node.link.credit_timeout_s:
                 log.warning("fusion has not confirmed the end of the stream after %.0f s", now_s - start_s)

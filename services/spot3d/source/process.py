@@ -4,7 +4,6 @@ import logging
 import threading
 import time
 
-from spot3d.dataflow.alive import Alive
 from spot3d.dataflow.node import Node
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
@@ -57,14 +56,14 @@ def run(
         stop_on_signals(stop) as stopped,
         Node("source", link, stopped, (_PROGRESS,), (OUT, END, PREVIEW)) as node,
     ):
-        _wait_for(node, node.alive, wait_for)
+        _wait_for(node, wait_for)
         player = Player(node, stream or new_stream(), settings, earlier or Sent())
         player.play(sequence, rate_hz or settings.rate_hz or None)
 
 
-def _wait_for(node: Node, alive: Alive, stages: tuple[str, ...]) -> None:
+def _wait_for(node: Node, stages: tuple[str, ...]) -> None:
     end_s, said = time.monotonic() + START_LIMIT_S, False
-    while missing := alive.missing(stages, _LOOK_S, node.stop):
+    while missing := node.alive.missing(stages, _LOOK_S, node.stop):
         if node.stop.is_set():
             return
         if time.monotonic() > end_s:

@@ -1,7 +1,7 @@
 """Frames of a recording on disk, read on access."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -21,7 +21,9 @@ from spot3d.source.sequence import FrameSequence
 if TYPE_CHECKING:
     from spot3d.source.colour_registration import ColourRegistration
 
+E = TypeVar("E")
 T = TypeVar("T")
+_READABLE = "frames has readable depth and colour images"
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +75,9 @@ class Recording(FrameSequence):
         camera = self.colour_camera.averaged() if self.halved else self.colour_camera
         return ColourRegistration(self.intrinsics, camera)
 
+    def at_half_size(self) -> "Recording":
+        return replace(self, halved=True)
+
     def __getitem__(self, index: int) -> RgbdFrame:
         """Reads one frame. Raises SourceError if a file is missing, unreadable or of the wrong size."""
         entry = self.frames[index]
@@ -108,24 +113,27 @@ def first_readable_shape(frames: list[RecordedFrame]) -> tuple[int, int]:
         height, width = read_depth(entry.depth).shape
         return height, width
 
-    return _of_first_readable(frames, shape)
+    return of_first_readable(frames, shape, _READABLE)
 
 
 def with_a_readable_frame(recording: Recording) -> Recording:
     """The recording. Raises SourceError if it has no frame whose images can be read and have their camera's size."""
-    _of_first_readable(recording.frames, recording.images)
+    of_first_readable(recording.frames, recording.images, _READABLE)
     return recording
 
 
-def _of_first_readable(frames: list[RecordedFrame], read: Callable[[RecordedFrame], T]) -> T:
-    """What `read` returns for the first frame for which it does not raise SourceError. Raises one if it always does."""
+def of_first_readable(entries: Sequence[E], read: Callable[[E], T], what: str) -> T:
+    """What `read` returns for the first entry for which it does not raise SourceError. Raises one if it always does.
+
+    what: continues `none of so many` in that error.
+    """
     refused: SourceError | None = None
-    for entry in frames:
+    for entry in entries:
         try:
             return read(entry)
         except SourceError as error:
             refused = refused or error
-    raise SourceError(f"none of {len(frames)} frames has readable depth and colour images; the first error: {refused}")
+    raise SourceError(f"none of {len(entries)} {what}; the first error: {refused}")
 
 
 def _averaged(colour: NDArray[np.uint8], shape: tuple[int, int]) -> NDArray[np.uint8]:

@@ -16,7 +16,6 @@ from spot3d.source.realsense.camera import is_camera
 from spot3d.source.ros.topics import TopicNames
 from spot3d.source.sequence import Derived, FrameSequence, FrameStream, Note
 from spot3d.source.sequences import SCENE_FRAMES, open_source, open_stream
-from spot3d.source.sequences import at_half_size as whole_at_half_size
 from spot3d.source.settings import SourceSettings
 
 
@@ -73,11 +72,6 @@ def open_selected_stream(selection: Selection, settings: SourceSettings) -> Fram
     return _SelectedStream(open_stream(selection.name), selection, settings)
 
 
-def at_half_size(sequence: FrameSequence) -> FrameSequence:
-    """The same frames at half size, as `open_selection` opens them where the settings say so."""
-    return sequence.at_half_size() if isinstance(sequence, Selected) else whole_at_half_size(sequence)
-
-
 class _SelectedStream:
     """Some frames of a camera."""
 
@@ -123,8 +117,7 @@ class Selected(Derived):
         return self.original.rate_hz / self._indices.step
 
     def at_half_size(self) -> "Selected":
-        """The same frames at half size."""
-        return Selected(at_half_size(self.original), self._indices, self._noise)
+        return Selected(self.original.at_half_size(), self._indices, self._noise)
 
     def true_pose(self, index: int) -> NDArray[np.float64] | None:
         return self.original.true_pose(self._indices[index])

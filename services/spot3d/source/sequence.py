@@ -58,6 +58,12 @@ class FrameSequence(ABC):
     def __getitem__(self, index: int) -> RgbdFrame:
         """One frame. Raises SourceError if it cannot be read, IndexError beyond the sequence."""
 
+    def at_half_size(self) -> "FrameSequence":
+        """The same frames at half size."""
+        from spot3d.source.halving import Halved  # is itself a sequence, and imports OpenCV
+
+        return Halved(self)
+
     def __len__(self) -> int:
         return len(self.stamps_ns)
 

@@ -5,7 +5,6 @@ from pathlib import Path
 
 from spot3d.recorder.profile import is_our_mcap
 from spot3d.source.errors import SourceError
-from spot3d.source.halving import Halved
 from spot3d.source.intrinsics_files import FocalAndCentre
 from spot3d.source.realsense.camera import is_camera, open_camera
 from spot3d.source.realsense.recording import RealSenseRecording, is_realsense_recording
@@ -64,7 +63,7 @@ def open_source(
         if not isinstance(sequence, Recording):
             raise SourceError(f"{path_or_name} states its own unit of depth; omit --depth-unit")
         sequence = replace(sequence, depth_scale=depth_unit)
-    return at_half_size(sequence) if halved else sequence
+    return sequence.at_half_size() if halved else sequence
 
 
 def is_stream(name: str) -> bool:
@@ -81,11 +80,6 @@ def has_topics(name: str) -> bool:
 def open_stream(name: str) -> FrameStream:
     """The stream of a name for which `is_stream` holds. Raises SourceError if its SDK is not installed."""
     return open_camera(name) if is_camera(name) else RealSenseRecording(Path(name))
-
-
-def at_half_size(sequence: FrameSequence) -> FrameSequence:
-    """The same frames at half size."""
-    return replace(sequence, halved=True) if isinstance(sequence, Recording) else Halved(sequence)
 
 
 def _open_path(folder: Path, intrinsics: FocalAndCentre | None, topics: TopicNames) -> FrameSequence:

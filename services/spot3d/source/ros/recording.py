@@ -13,6 +13,7 @@ from spot3d.frame import RgbdFrame
 from spot3d.source.calibration import ColourCamera
 from spot3d.source.errors import SourceError
 from spot3d.source.intrinsics_files import HINT, FocalAndCentre, intrinsics_for
+from spot3d.source.recording import of_first_readable
 from spot3d.source.ros.bag import Bag, BagTopic
 from spot3d.source.ros.images import MILLIMETRES, colour_image, depth_image
 from spot3d.source.ros.poses import PoseAt, poses_of, transform_tree
@@ -148,23 +149,18 @@ def _first_readable(
 
     stated: intrinsics from depth's camera_info, whose size depth must have. Raises SourceError if no frame is readable.
     """
-    refused: SourceError | None = None
-    for d, c in zip(of_depth, of_colour, strict=True):
-        try:
-            depth, colour = depths[int(d)], colours[int(c)]
-            colour_image(colour)
-            height, width = depth_image(depth).shape
-            if stated is not None and (height, width) != stated.shape:
-                size = f"{stated.width}x{stated.height}"
-                raise SourceError(f"{depths.name} is {width}x{height}, but its camera_info is for {size}; {HINT}")
-        except SourceError as error:
-            refused = refused or error
-        else:
-            return (height, width), depth.header.frame_id, colour.header.frame_id
-    raise SourceError(
-        f"none of {len(of_depth)} image pairs of {depths.name} and {colours.name} can be read; the first error: "
-        f"{refused}"
-    )
+
+    def read(pair: tuple[int, int]) -> tuple[tuple[int, int], str, str]:
+        depth, colour = depths[pair[0]], colours[pair[1]]
+        colour_image(colour)
+        height, width = depth_image(depth).shape
+        if stated is not None and (height, width) != stated.shape:
+            size = f"{stated.width}x{stated.height}"
+            raise SourceError(f"{depths.name} is {width}x{height}, but its camera_info is for {size}; {HINT}")
+        return (height, width), depth.header.frame_id, colour.header.frame_id
+
+    pairs = list(zip(of_depth.tolist(), of_colour.tolist(), strict=True))
+    return of_first_readable(pairs, read, f"image pairs of {depths.name} and {colours.name} can be read")
 
 
 def _camera(bag: Bag, info_topic: str | None, needed: bool) -> _Camera:

@@ -1,8 +1,8 @@
 """A bin on a workbench with things in it and beside it, seen from above as by a bin-picking robot's camera."""
 
+from spot3d.source.scene.materials import DARK, PALE, PLASTER
 from spot3d.source.scene.placement import TABLE_HEIGHT, Arrangement, Placed, Region, arrange
-from spot3d.source.scene.shapes import BOX, ROOM, SPECKLE, WOOD, Primitive, Texture
-from spot3d.source.scene.table import DARK, OAK, PALE
+from spot3d.source.scene.shapes import BOX, ROOM, Primitive
 
 HALF_DEPTH, HALF_WIDTH = 0.45, 0.80
 BENCH: Region = (0.03 - HALF_DEPTH, HALF_DEPTH - 0.03, -0.65, 0.65)
@@ -25,9 +25,7 @@ def _fill(bench: Arrangement) -> None:
 
 def bin_room() -> list[Primitive]:
     """Walls and furniture in the world: the workbench in the middle of the room."""
-    wall = Texture(SPECKLE, (0.70, 0.69, 0.66), (0.66, 0.66, 0.64), 0.05)
-    pale, dark = Texture(WOOD, PALE, OAK, 0.12), Texture(WOOD, DARK, OAK, 0.1)
-    top = Primitive(BOX, (HALF_DEPTH, HALF_WIDTH, 0.02), pale, (0.0, 0.0, TABLE_HEIGHT - 0.02))
+    top = Primitive(BOX, (HALF_DEPTH, HALF_WIDTH, 0.02), PALE, (0.0, 0.0, TABLE_HEIGHT - 0.02))
     half = (TABLE_HEIGHT - 0.04) / 2
-    legs = [Primitive(BOX, (0.04, 0.04, half), dark, (x, y, half)) for x in (-0.35, 0.35) for y in (-0.7, 0.7)]
-    return [Primitive(ROOM, (3.0, 3.0, 1.35), wall, (0.0, 0.0, 1.35)), top, *legs]
+    legs = [Primitive(BOX, (0.04, 0.04, half), DARK, (x, y, half)) for x in (-0.35, 0.35) for y in (-0.7, 0.7)]
+    return [Primitive(ROOM, (3.0, 3.0, 1.35), PLASTER, (0.0, 0.0, 1.35)), top, *legs]

@@ -1,8 +1,8 @@
 """A free-standing desk in a room, and the things on it."""
 
+from spot3d.source.scene.materials import CLOTH, DARK, OAK, PALE, TILED
 from spot3d.source.scene.placement import TABLE_HEIGHT, Arrangement, Placed, Region, arrange
-from spot3d.source.scene.shapes import BOX, ROOM, SPECKLE, TILES, WOOD, Primitive, Texture
-from spot3d.source.scene.table import DARK, OAK, PALE
+from spot3d.source.scene.shapes import BOX, ROOM, Primitive
 
 HALF_DEPTH, HALF_WIDTH = 0.42, 0.80
 DESK_REGION: Region = (0.02 - HALF_DEPTH, HALF_DEPTH - 0.02, 0.02 - HALF_WIDTH, HALF_WIDTH - 0.02)
@@ -38,30 +38,23 @@ def _fill(desk: Arrangement) -> None:
 
 def desk_room() -> list[Primitive]:
     """Walls and furniture in the world: the desk in the middle, a chair before it, cupboards by the walls."""
-    wall = Texture(TILES, (0.62, 0.63, 0.60), (0.50, 0.53, 0.54), 0.20)
-    pale, oak, dark = (
-        Texture(WOOD, PALE, OAK, 0.12),
-        Texture(WOOD, OAK, DARK, 0.09),
-        Texture(WOOD, DARK, OAK, 0.1),
-    )
-    cloth = Texture(SPECKLE, (0.25, 0.30, 0.38), (0.42, 0.44, 0.46), 0.05)
     top = TABLE_HEIGHT - 0.0125
     leg = (TABLE_HEIGHT - 0.025) / 2
-    desk = [Primitive(BOX, (HALF_DEPTH, HALF_WIDTH, 0.0125), pale, (0.0, 0.0, top))] + [
-        Primitive(BOX, (0.025, 0.025, leg), dark, (x * (HALF_DEPTH - 0.04), y * (HALF_WIDTH - 0.04), leg))
+    desk = [Primitive(BOX, (HALF_DEPTH, HALF_WIDTH, 0.0125), PALE, (0.0, 0.0, top))] + [
+        Primitive(BOX, (0.025, 0.025, leg), DARK, (x * (HALF_DEPTH - 0.04), y * (HALF_WIDTH - 0.04), leg))
         for x in (-1, 1)
         for y in (-1, 1)
     ]
     chair = [
-        Primitive(BOX, (0.23, 0.23, 0.03), cloth, (0.72, 0.1, 0.46)),
-        Primitive(BOX, (0.03, 0.22, 0.32), cloth, (0.96, 0.1, 0.80)),
-        Primitive(BOX, (0.03, 0.03, 0.21), dark, (0.72, 0.1, 0.22)),
-        Primitive(BOX, (0.28, 0.03, 0.02), dark, (0.72, 0.1, 0.02)),
-        Primitive(BOX, (0.03, 0.28, 0.02), dark, (0.72, 0.1, 0.02)),
+        Primitive(BOX, (0.23, 0.23, 0.03), CLOTH, (0.72, 0.1, 0.46)),
+        Primitive(BOX, (0.03, 0.22, 0.32), CLOTH, (0.96, 0.1, 0.80)),
+        Primitive(BOX, (0.03, 0.03, 0.21), DARK, (0.72, 0.1, 0.22)),
+        Primitive(BOX, (0.28, 0.03, 0.02), DARK, (0.72, 0.1, 0.02)),
+        Primitive(BOX, (0.03, 0.28, 0.02), DARK, (0.72, 0.1, 0.02)),
     ]
     by_the_walls = [
-        Primitive(BOX, (0.22, 0.6, 1.0), oak, (-2.75, 0.9, 1.0)),
-        Primitive(BOX, (0.9, 0.2, 0.42), dark, (0.3, -2.78, 0.42)),
-        Primitive(BOX, (0.55, 0.2, 0.9), oak, (-0.6, 2.78, 0.9)),
+        Primitive(BOX, (0.22, 0.6, 1.0), OAK, (-2.75, 0.9, 1.0)),
+        Primitive(BOX, (0.9, 0.2, 0.42), DARK, (0.3, -2.78, 0.42)),
+        Primitive(BOX, (0.55, 0.2, 0.9), OAK, (-0.6, 2.78, 0.9)),
     ]
-    return [Primitive(ROOM, (3.0, 3.0, 1.35), wall, (0.0, 0.0, 1.35)), *desk, *chair, *by_the_walls]
+    return [Primitive(ROOM, (3.0, 3.0, 1.35), TILED, (0.0, 0.0, 1.35)), *desk, *chair, *by_the_walls]

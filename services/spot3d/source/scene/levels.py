@@ -1,8 +1,8 @@
 """Things at several levels: on a table, on the floor, on a chest, and on a stool."""
 
+from spot3d.source.scene.materials import DARK, OAK
 from spot3d.source.scene.placement import TABLE_HEIGHT, Arrangement, Placed, Region, arrange
-from spot3d.source.scene.shapes import BOX, ROOM, SPECKLE, WOOD, Primitive, Texture
-from spot3d.source.scene.table import DARK, OAK
+from spot3d.source.scene.shapes import BOX, ROOM, SPECKLE, Primitive, Texture
 
 HALF_DEPTH, HALF_WIDTH = 0.40, 0.75
 TOP: Region = (0.03 - HALF_DEPTH, HALF_DEPTH - 0.03, 0.03 - HALF_WIDTH, HALF_WIDTH - 0.03)
@@ -35,8 +35,7 @@ def _fill(room: Arrangement) -> None:
 def room_of_levels() -> list[Primitive]:
     """Walls and furniture in the world: the table in the middle of the room."""
     wall, floor = (0.62, 0.63, 0.60), (0.50, 0.53, 0.54)
-    oak, dark = Texture(WOOD, OAK, DARK, 0.09), Texture(WOOD, DARK, OAK, 0.1)
-    top = Primitive(BOX, (HALF_DEPTH, HALF_WIDTH, 0.02), oak, (0.0, 0.0, TABLE_HEIGHT - 0.02))
+    top = Primitive(BOX, (HALF_DEPTH, HALF_WIDTH, 0.02), OAK, (0.0, 0.0, TABLE_HEIGHT - 0.02))
     half = (TABLE_HEIGHT - 0.04) / 2
-    legs = [Primitive(BOX, (0.03, 0.03, half), dark, (x, y, half)) for x in (-0.35, 0.35) for y in (-0.7, 0.7)]
+    legs = [Primitive(BOX, (0.03, 0.03, half), DARK, (x, y, half)) for x in (-0.35, 0.35) for y in (-0.7, 0.7)]
     return [Primitive(ROOM, (3.0, 3.0, 1.35), Texture(SPECKLE, wall, floor, 0.05), (0.0, 0.0, 1.35)), top, *legs]

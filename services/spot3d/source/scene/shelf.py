@@ -1,8 +1,8 @@
 """A bookcase by the wall, with things on its boards and in a crate."""
 
+from spot3d.source.scene.materials import CLOTH, OAK, PLASTER
 from spot3d.source.scene.placement import Arrangement, Placed, Region, arrange
-from spot3d.source.scene.shapes import BOX, ROOM, SPECKLE, WOOD, Primitive, Texture
-from spot3d.source.scene.table import DARK, OAK
+from spot3d.source.scene.shapes import BOX, ROOM, Primitive
 
 BOARDS = (0.42, 0.82, 1.22)
 DEPTH, HALF_WIDTH, TOP = 0.30, 0.52, 1.62
@@ -30,17 +30,14 @@ def _fill(shelf: Arrangement) -> None:
 
 def shelf_room() -> list[Primitive]:
     """Walls and furniture in the world: the bookcase, its back to the wall at x = -0.3, and a sofa beside it."""
-    wall = Texture(SPECKLE, (0.70, 0.69, 0.66), (0.66, 0.66, 0.64), 0.05)
-    oak = Texture(WOOD, OAK, DARK, 0.09)
-    cloth = Texture(SPECKLE, (0.25, 0.30, 0.38), (0.42, 0.44, 0.46), 0.05)
     boards = [
-        Primitive(BOX, (DEPTH / 2, HALF_WIDTH, 0.01), oak, (-DEPTH / 2, 0.0, height - 0.01))
+        Primitive(BOX, (DEPTH / 2, HALF_WIDTH, 0.01), OAK, (-DEPTH / 2, 0.0, height - 0.01))
         for height in (*BOARDS, TOP)
     ]
     sides = [
-        Primitive(BOX, (DEPTH / 2, 0.015, TOP / 2), oak, (-DEPTH / 2, side * (HALF_WIDTH + 0.015), TOP / 2))
+        Primitive(BOX, (DEPTH / 2, 0.015, TOP / 2), OAK, (-DEPTH / 2, side * (HALF_WIDTH + 0.015), TOP / 2))
         for side in (-1, 1)
     ]
-    back = Primitive(BOX, (0.0075, HALF_WIDTH, TOP / 2), oak, (0.0075 - DEPTH, 0.0, TOP / 2))
-    sofa = Primitive(BOX, (0.45, 0.65, 0.25), cloth, (0.15, 1.55, 0.25))
-    return [Primitive(ROOM, (2.0, 3.0, 1.35), wall, (2.0 - DEPTH, 0.0, 1.35)), *boards, *sides, back, sofa]
+    back = Primitive(BOX, (0.0075, HALF_WIDTH, TOP / 2), OAK, (0.0075 - DEPTH, 0.0, TOP / 2))
+    sofa = Primitive(BOX, (0.45, 0.65, 0.25), CLOTH, (0.15, 1.55, 0.25))
+    return [Primitive(ROOM, (2.0, 3.0, 1.35), PLASTER, (2.0 - DEPTH, 0.0, 1.35)), *boards, *sides, back, sofa]

@@ -5,23 +5,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.source.scene.materials import CLOTH, DARK, OAK, PALE, TILED
 from spot3d.source.scene.placement import TABLE_HEIGHT, Arrangement, Placed, Region, arrange
-from spot3d.source.scene.shapes import (
-    BOX,
-    PICTURE,
-    PLAIN,
-    ROOM,
-    SPECKLE,
-    TILES,
-    WOOD,
-    Colour,
-    Primitive,
-    Texture,
-)
+from spot3d.source.scene.shapes import BOX, PICTURE, PLAIN, ROOM, Colour, Primitive, Texture
 
-OAK: Colour = (0.52, 0.34, 0.18)
-PALE: Colour = (0.66, 0.52, 0.34)
-DARK: Colour = (0.22, 0.14, 0.09)
 SHELF_HEIGHT = 0.98
 TABLE_REGION: Region = (-0.20, 0.37, -0.66, 0.66)
 FRONT_REGION: Region = (0.0, 0.37, -0.66, 0.66)
@@ -73,27 +60,20 @@ def _fill(table: Arrangement, cluttered: bool) -> None:
 def table_room(seed: int) -> list[Primitive]:
     """Walls and furniture in the world: the table by the wall x = -0.5, the shelf above its rear edge."""
     rng = np.random.default_rng((seed, 99))
-    wall = Texture(TILES, (0.62, 0.63, 0.60), (0.50, 0.53, 0.54), 0.20)
-    oak, pale, dark = (
-        Texture(WOOD, OAK, DARK, 0.09),
-        Texture(WOOD, PALE, OAK, 0.12),
-        Texture(WOOD, DARK, OAK, 0.1),
-    )
-    cloth = Texture(SPECKLE, (0.25, 0.30, 0.38), (0.42, 0.44, 0.46), 0.05)
     inside = (2.35, 2.3, 1.3)
     top = TABLE_HEIGHT - 0.018
     leg_height = TABLE_HEIGHT - 0.036
     pieces = [
-        Primitive(ROOM, inside, wall, (-0.5 + inside[0], 0.1, inside[2])),
-        Primitive(BOX, (0.4, 0.7, 0.018), pale, (0.0, 0.0, top)),
-        Primitive(BOX, (0.14, 0.6, 0.0125), dark, (-0.36, 0.0, SHELF_HEIGHT - 0.0125)),
-        Primitive(BOX, (0.22, 0.55, 1.0), oak, (-0.28, 1.62, 1.0)),
-        Primitive(BOX, (0.27, 0.65, 0.22), cloth, (-0.15, -1.62, 0.22)),
-        Primitive(BOX, (0.60, 0.25, 0.25), dark, (0.15, -2.0, 0.69)),
-        Primitive(BOX, (0.9, 0.3, 0.4), pale, (1.3, 1.95, 0.4)),
+        Primitive(ROOM, inside, TILED, (-0.5 + inside[0], 0.1, inside[2])),
+        Primitive(BOX, (0.4, 0.7, 0.018), PALE, (0.0, 0.0, top)),
+        Primitive(BOX, (0.14, 0.6, 0.0125), DARK, (-0.36, 0.0, SHELF_HEIGHT - 0.0125)),
+        Primitive(BOX, (0.22, 0.55, 1.0), OAK, (-0.28, 1.62, 1.0)),
+        Primitive(BOX, (0.27, 0.65, 0.22), CLOTH, (-0.15, -1.62, 0.22)),
+        Primitive(BOX, (0.60, 0.25, 0.25), DARK, (0.15, -2.0, 0.69)),
+        Primitive(BOX, (0.9, 0.3, 0.4), PALE, (1.3, 1.95, 0.4)),
     ]
     pieces += [
-        Primitive(BOX, (0.03, 0.03, leg_height / 2), pale, (0.34 * x, 0.64 * y, leg_height / 2))
+        Primitive(BOX, (0.03, 0.03, leg_height / 2), PALE, (0.34 * x, 0.64 * y, leg_height / 2))
         for x in (-1, 1)
         for y in (-1, 1)
     ]
