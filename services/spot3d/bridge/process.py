@@ -23,10 +23,8 @@ _TICK_S = 0.05
 _ASKED_S = 0.3
 """The other side is probed for this long before the old connections are looked at again."""
 
-_MUTE, _ROLE = (
-    "connected, but the other side does not answer",
-    "; check that this side's certificate has a role there ([access])",
-)
+_MUTE = "connected, but the other side does not answer"
+_ROLE = "; check that this side's certificate has a role there ([access])"
 
 log = logging.getLogger("spot3d.bridge")
 
@@ -117,5 +115,4 @@ class _Bridge:
         self._due_s = now_s + self._link.health_interval_s
         header = Header(robot=self._link.robot, seq=self._healths, stamp_ns=time.time_ns(), frame_id=BRIDGE)
         self._healths += 1
-        health = self._counters.health(header, now_s, process_use())
-        self._health.put(encode(health.model_copy(update={"state": self._state()})))
+        self._health.put(encode(self._counters.health(header, now_s, process_use(), self._state())))

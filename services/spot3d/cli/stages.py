@@ -1,7 +1,7 @@
 """The commands of the dataflow's processes: each stage, the bridge and the router, on whatever device."""
 
-import threading
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
@@ -32,7 +32,7 @@ from spot3d.cli.options import (
     stage_started,
 )
 from spot3d.dataflow.settings import USUAL_ENDPOINT
-from spot3d.settings import Settings, load_settings
+from spot3d.settings import load_settings
 
 _NEWCOMERS_S = 0.5
 """Interval at which the router looks for new connections."""
@@ -112,11 +112,8 @@ def _awaited(input_name: str, live: bool, supervised: bool) -> tuple[str, ...]:
     return EVERY_STAGE
 
 
-Stage = Callable[[Settings, threading.Event], None]
-
-
-def linked(stage: Stage) -> Callable[..., None]:
-    """The command of a stage that has no options but those of every stage; its name and help are the stage's."""
+def linked(stage: str, does: str) -> Callable[..., None]:
+    """The command of a stage that has no options but those of every stage. does: what the stage is for, in words."""
 
     def command(
         settings: SettingsOption = None,
@@ -128,38 +125,11 @@ def linked(stage: Stage) -> Callable[..., None]:
         supervised: SupervisedOption = False,
     ) -> None:
         stop = stage_started(supervised)
-        stage(load_settings(settings, preset, link_overrides(robot, connect, listen, lossless)), stop)
+        resolved = load_settings(settings, preset, link_overrides(robot, connect, listen, lossless))
+        import_module(f"spot3d.{stage}.process").run(resolved.link, getattr(resolved, stage), stop)
 
-    command.__name__, command.__doc__ = stage.__name__, stage.__doc__
+    command.__name__, command.__doc__ = stage, f"The {stage} stage: {does}."
     return command
-
-
-def pose(settings: Settings, stop: threading.Event) -> None:
-    """The pose stage: the camera's pose for each frame."""
-    from spot3d.pose.process import run
-
-    run(settings.link, settings.pose, stop)
-
-
-def proposals(settings: Settings, stop: threading.Event) -> None:
-    """The proposals stage: generic 2D boxes of each frame."""
-    from spot3d.proposals.process import run
-
-    run(settings.link, settings.proposals, stop)
-
-
-def heatmap(settings: Settings, stop: threading.Event) -> None:
-    """The heatmap stage: how likely each pixel shows an object."""
-    from spot3d.heatmap.process import run
-
-    run(settings.link, settings.heatmap, stop)
-
-
-def segments(settings: Settings, stop: threading.Event) -> None:
-    """The segments stage: the objects of single keyframes."""
-    from spot3d.segments.process import run
-
-    run(settings.link, settings.segments, stop)
 
 
 def fusion(
@@ -249,4 +219,13 @@ def router(
         heartbeat.close()
 
 
-COMMANDS = (source, linked(pose), linked(proposals), linked(heatmap), linked(segments), fusion, bridge, router)
+COMMANDS = (
+    source,
+    linked("pose", "the camera's pose for each frame"),
+    linked("proposals", "generic 2D boxes of each frame"),
+    linked("heatmap", "how likely each pixel shows an object"),
+    linked("segments", "the objects of single keyframes"),
+    fusion,
+    bridge,
+    router,
+)

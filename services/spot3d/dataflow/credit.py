@@ -6,7 +6,6 @@ class Credit:
 
     def __init__(self, in_flight: int) -> None:
         self.in_flight = in_flight
-        self.lost = 0
         self._outstanding: list[int] = []
 
     @property
@@ -18,15 +17,11 @@ class Credit:
         """Record a sent frame."""
         self._outstanding.append(stamp_ns)
 
-    def answered(self, last_stamp_ns: int) -> int:
-        """Release every frame up to this stamp; returns how many of them were in flight."""
-        waiting = [stamp for stamp in self._outstanding if stamp > last_stamp_ns]
-        answered = len(self._outstanding) - len(waiting)
-        self._outstanding = waiting
-        return answered
+    def answered(self, last_stamp_ns: int) -> None:
+        """Release every frame up to this stamp."""
+        self._outstanding = [stamp for stamp in self._outstanding if stamp > last_stamp_ns]
 
     def give_up(self) -> list[int]:
-        """Count the frames in flight as lost, because nobody answers; returns their stamps."""
+        """Release the frames in flight, because nobody answers; returns their stamps."""
         lost, self._outstanding = self._outstanding, []
-        self.lost += len(lost)
         return lost

@@ -61,10 +61,7 @@ def own_certificate(link: LinkSettings) -> Validity | None:
     ours = _context(ssl.PROTOCOL_TLS_SERVER, link)
     other = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     other.check_hostname = False
-    if link.ca is None:
-        other.load_default_certs()
-    else:
-        _load_authority(other, link.ca)
+    _load_authorities(other, link.ca)
     try:
         return _validity(_talk(ours, other))
     except ssl.SSLCertVerificationError as error:
@@ -156,10 +153,7 @@ def _begun(context: ssl.SSLContext, plain: socket.socket, endpoint: str) -> ssl.
 
 def _context(protocol: int, link: LinkSettings) -> ssl.SSLContext:
     context = ssl.SSLContext(protocol)
-    if protocol == ssl.PROTOCOL_TLS_CLIENT and link.ca is None:
-        context.load_default_certs()
-    if link.ca is not None:
-        _load_authority(context, link.ca)
+    _load_authorities(context, link.ca)
     if link.certificate is not None and link.key is not None:
         for file in (link.certificate, link.key):
             _refuse_unreadable(file)
@@ -174,7 +168,11 @@ def _context(protocol: int, link: LinkSettings) -> ssl.SSLContext:
     return context
 
 
-def _load_authority(context: ssl.SSLContext, file: Path) -> None:
+def _load_authorities(context: ssl.SSLContext, file: Path | None) -> None:
+    """Trust the authority in a file; None: the public ones."""
+    if file is None:
+        context.load_default_certs()
+        return
     _refuse_unreadable(file)
     try:
         context.load_verify_locations(file)

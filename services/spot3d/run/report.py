@@ -202,15 +202,8 @@ class HopTimes:
 
 
 def _stage_document(item: StageReport) -> dict[str, Any]:
-    return {
-        "step_ms": {name: _rounded(value) for name, value in item.step_ms.items()},
-        "cpu_s": _rounded(item.cpu_s),
-        "rss_mb": _rounded(item.rss_mb),
-        "errors": item.errors,
-        "last_error": item.last_error,
-        "restarts": item.restarts,
-        "events": item.events,
-    }
+    step_ms = {name: _rounded(value) for name, value in item.step_ms.items()}
+    return asdict(item) | {"step_ms": step_ms, "cpu_s": _rounded(item.cpu_s), "rss_mb": _rounded(item.rss_mb)}
 
 
 def _rounded(value: float | None) -> float | None:

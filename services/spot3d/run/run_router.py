@@ -32,18 +32,16 @@ def open_run_router(
     Raises ConnectionError where it cannot listen, TlsError where its certificate cannot be used.
     """
     with ExitStack() as stack:
-        router: RunRouter | None = None
-        refused: ConnectionError | None = None
-        if usual is not None:
+        try:
             # Looking whether it is free would not be enough: another run may begin at the same time.
-            try:
-                router = stack.enter_context(_listening(settings, (usual, *listen), apart))
+            endpoints = listen if usual is None else (usual, *listen)
+            router = stack.enter_context(_listening(settings, endpoints, apart))
+            if usual is not None:
                 watcher.on_note(f"status, dashboard and record can reach this run at {usual}")
-            except ConnectionError as error:
-                refused = error
-        if router is None:
+        except ConnectionError as refused:
+            if usual is None:
+                raise
             router = stack.enter_context(_listening(settings, listen, apart))
-        if refused is not None:
             # All is well without the usual endpoint: it was to blame.
             why = f"{usual} is in use" if "in use" in str(refused) else str(refused)
             watcher.on_event(f"{why}: other programs can reach this run only at endpoints given with --listen")

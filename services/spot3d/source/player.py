@@ -149,8 +149,7 @@ class Player:
         return True
 
     def _header(self, stamp_ns: int) -> Header:
-        header = Header(robot=self.node.link.robot, seq=0, stamp_ns=stamp_ns, frame_id="camera")
-        return header.model_copy(update={"stream": self.stream})
+        return Header(robot=self.node.link.robot, seq=0, stamp_ns=stamp_ns, frame_id="camera", stream=self.stream)
 
     def _send(self, frame: RgbdFrame, read_ns: int) -> None:
         header = self._header(frame.stamp_ns)
