@@ -5,7 +5,7 @@ from scenes import camera, overlaps, squares
 from spot3d.boxes import iou_matrix_2d
 from spot3d.camera import Intrinsics
 from spot3d.proposals.propose import propose
-from spot3d.proposals.settings import ProposalSettings
+from spot3d.proposals.settings import PAPER, ProposalSettings
 
 LEFT, RIGHT = (60, 70, 70, 90), (190, 100, 60, 60)
 
@@ -99,7 +99,7 @@ def test_no_two_boxes_overlap_by_more_than_beta():
 
 
 def test_the_papers_settings_find_the_objects_too():
-    boxes = propose(*squares(LEFT, RIGHT), camera(), ProposalSettings.PAPER)
+    boxes = propose(*squares(LEFT, RIGHT), camera(), PAPER)
     assert min(overlaps(boxes[:10], one).max() for one in (LEFT, RIGHT)) > 0.7
 
 
