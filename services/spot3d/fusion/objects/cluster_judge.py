@@ -76,10 +76,10 @@ class ClusterJudge:
         if middle < wide or box.volume < settings.volume_min:
             return TOO_SMALL
         # What is thin lies on something. What nothing is seen beneath is a board's edge, or a piece of a wall.
-        stands = 2 * np.count_nonzero(segments.support.rows[members].any(axis=1)) > len(members)
-        if shortest < (settings.plane_distance if stands else wide):
+        ground = ground_below(box, segments.support.rows[members], up)
+        if shortest < (wide if np.isnan(ground) else settings.plane_distance):
             return TOO_THIN
-        return Judged(self._piece(views, box, segments.support.rows[members], up), confidence)
+        return Judged(self._piece(views, box, ground, up), confidence)
 
     def box_of_all(self, around: Box3D, pieces: Numbers, whole: NDArray[np.int64], up: NDArray[np.float64]) -> Box3D:
         """The box of an object in pieces, from all of their segments and those (rows) that hold it whole.
@@ -93,9 +93,8 @@ class ClusterJudge:
         box = self._box_of(self._undisputed(self._seen(rows), rows), up)
         return box if box.size.max() <= self._settings.size_max else around
 
-    def _piece(self, views: ObjectViews, box: Box3D, support: NDArray[np.float64], up: NDArray[np.float64]) -> Piece:
-        """How a cluster stands. support: of all of its segments, disputed ones too."""
-        ground = ground_below(box, support, up)
+    def _piece(self, views: ObjectViews, box: Box3D, ground: float, up: NDArray[np.float64]) -> Piece:
+        """How a cluster stands. ground: by all of its segments, disputed ones too."""
         edge = lower_edge(views, box, TILT)
         if edge is not None:
             return Piece(box, ground, edge, leans=True)
