@@ -13,7 +13,7 @@ from spot3d.dataflow.cadence import Cadence
 from spot3d.dataflow.process_use import process_use
 from spot3d.drawing.line_chart import Line, line_chart
 from spot3d.drawing.picture import Picture
-from spot3d.evaluate.table import Column, Table
+from spot3d.evaluate.table import Column, Table, columns
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import Fusion
 from spot3d.segments.finder import find_segments
@@ -32,8 +32,8 @@ def map_growth(material: Material, length: int, settings: Settings, say: Callabl
         "map growth",
         f"Cost against map size, {material.data} at {material.size} on a long path",
         (
-            *(Column("frames"), Column("map points"), Column("fuse ms"), Column("fuse p99 ms")),
-            *(Column("keyframes"), Column("update ms", 1), Column("longest ms", 1)),
+            *columns("frames", "map points", "fuse ms", "fuse p99 ms", "keyframes"),
+            *columns("update ms", "longest ms", digits=1),
             Column("memory MB", 0),
         ),
     )

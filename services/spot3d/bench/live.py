@@ -7,12 +7,12 @@ from pathlib import Path
 from spot3d.bench.live_run import LiveRun, live_run
 from spot3d.bench.material import Material
 from spot3d.bench.recording import write_recording
-from spot3d.evaluate.table import Cell, Column, Table
+from spot3d.evaluate.table import Cell, Column, Table, columns
 
-COLUMNS: tuple[Column, ...] = (
-    *(Column("data"), Column("size"), Column("offered /s", 1), Column("fused /s", 1)),
-    *(Column("frames"), Column("fused"), Column("p50 ms", 0), Column("p99 ms", 0), Column("first fused s", 1)),
-    *(Column("CPU cores", 2), Column("fusion MB", 0), Column("not fused"), Column("busy")),
+COLUMNS = (
+    *(*columns("data", "size"), *columns("offered /s", "fused /s", digits=1)),
+    *(*columns("frames", "fused"), *columns("p50 ms", "p99 ms", digits=0), Column("first fused s", 1)),
+    *(Column("CPU cores", 2), Column("fusion MB", 0), *columns("not fused", "busy")),
 )
 _WHOLE = "source to fused"
 

@@ -9,17 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from spot3d.evaluate.table import Cell, Column
+from spot3d.evaluate.table import Cell, Column, columns
 
-MEASURED: tuple[Column, ...] = (
-    Column("data"),
-    Column("size"),
-    Column("step"),
-    Column("ms"),
-    Column("p99 ms"),
-    Column("CPU ms"),
-    Column("reference"),
-    Column("reference ms"),
+MEASURED = (
+    *columns("data", "size", "step", "ms", "p99 ms", "CPU ms", "reference", "reference ms"),
     Column("reference / ours", 1),
     Column("copy ms", 3),
 )

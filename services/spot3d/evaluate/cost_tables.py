@@ -10,7 +10,7 @@ import numpy as np
 from spot3d.evaluate.datasets import both_sizes
 from spot3d.evaluate.labelled import DataSet, LabelledSequence
 from spot3d.evaluate.measured_run import Runs
-from spot3d.evaluate.table import Cell, Column, Table
+from spot3d.evaluate.table import Cell, Column, Table, columns
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
 from spot3d.settings import Settings
@@ -23,13 +23,8 @@ TIMED = (*STAGES[1:], "objects")
 
 def time_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Table:
     """Mean time of each stage for a frame, at VGA and half size (paper, Table II)."""
-    columns: tuple[Column, ...] = (
-        Column("data"),
-        Column("size"),
-        *(Column(f"{stage} ms", 1) for stage in TIMED),
-        Column("all ms", 1),
-    )
-    table = Table("time", "Time for a frame by stage (paper, Table II)", columns)
+    heads = (*columns("data", "size"), *columns(*(f"{stage} ms" for stage in (*TIMED, "all")), digits=1))
+    table = Table("time", "Time for a frame by stage (paper, Table II)", heads)
     for dataset, size in both_sizes(datasets):
         done = [runs.run(item, settings) for item in dataset.sequences]
         frames = sum(max(1, run.frames - 1) for run in done)
@@ -44,15 +39,9 @@ def time_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Table
 
 def poses_table(datasets: list[DataSet], settings: Settings, say: Callable[[str], None]) -> Table:
     """ATE and RPE, by evo's definitions, of each pose provider, and its time for a frame."""
-    columns: tuple[Column, ...] = (
-        Column("data"),
-        Column("provider"),
-        Column("ATE mm", 1),
-        Column("RPE mm", 2),
-        Column("RPE deg", 3),
-    )
-    columns += (Column("RPE median mm", 2), Column("RPE median deg", 3), Column("lost %", 1), Column("ms a frame", 1))
-    table = Table("poses", "Camera poses", columns)
+    heads = (*columns("data", "provider"), Column("ATE mm", 1), Column("RPE mm", 2), Column("RPE deg", 3))
+    heads += (Column("RPE median mm", 2), Column("RPE median deg", 3), *columns("lost %", "ms a frame", digits=1))
+    table = Table("poses", "Camera poses", heads)
     installed = importlib.util.find_spec("small_gicp") is not None
     for item in (item for dataset in datasets for item in dataset.sequences):
         if not item.sequence.has_true_poses:

@@ -10,6 +10,7 @@ from spot3d.evaluate.judgement import Found, judge
 from spot3d.evaluate.labelled import DataSet, LabelledSequence
 from spot3d.evaluate.measured_run import Measured, world_alignment
 from spot3d.evaluate.object_tables import (
+    CARRIED,
     NOTE_CARRIED,
     NOTE_NO_OBJECT,
     NOTE_PEER,
@@ -20,7 +21,7 @@ from spot3d.evaluate.object_tables import (
 from spot3d.evaluate.peer import PEER, behind_peer
 from spot3d.evaluate.peer_map import FRAMES_MAX, PeerMap
 from spot3d.evaluate.scores import object_scores, without_object
-from spot3d.evaluate.table import Column, Table
+from spot3d.evaluate.table import Table, columns
 from spot3d.evaluate.truth import LabelledScene, read_found_objects
 from spot3d.file_errors import in_words
 from spot3d.settings import Settings
@@ -28,11 +29,11 @@ from spot3d.source.errors import SourceError
 from spot3d.trajectory import read_tum
 
 COLUMNS = (
-    *(Column(name) for name in ("data", "method", "poses", "found", "left out", "no object", "true")),
-    *(Column(f"3D {name}") for name in ("IoU", "IoU_o", "SR", "DR")),
-    *(Column(name, 1) for name in ("AP", "AR", "F", "AP all", "AR all", "F all")),
-    *(Column(f"carried {name}") for name in ("IoU", "IoU_o", "SR", "DR")),
-    *(Column(f"carried {name}", 1) for name in ("AP", "AR", "F")),
+    *columns("data", "method", "poses", "found", "left out", "no object", "true"),
+    *columns("3D IoU", "3D IoU_o", "3D SR", "3D DR"),
+    *columns("AP", "AR", "F", "AP all", "AR all", "F all", digits=1),
+    *CARRIED,
+    *columns("carried AP", "carried AR", "carried F", digits=1),
 )
 
 

@@ -11,7 +11,7 @@ from spot3d.boxes import detection_rate, success_rate
 from spot3d.evaluate.labelled import DataSet, LabelledFrame, boxes_around
 from spot3d.evaluate.peer import PEER, RADIUS, RANGE_MAX, behind_peer, peer_in_frame
 from spot3d.evaluate.scores import recall_of, without_object
-from spot3d.evaluate.table import Cell, Column, Table
+from spot3d.evaluate.table import Cell, Column, Table, columns
 from spot3d.evaluate.unjudged import judged_overlap
 from spot3d.frame import RgbdFrame
 from spot3d.fusion.paper.density_frame import find_by_density_in_frame
@@ -39,8 +39,8 @@ def proposals_table(datasets: list[DataSet], settings: Settings) -> Table:
 
     Ours: filter the proposals by depth, remove the supporting plane, cluster, and box each cluster's pixels.
     """
-    columns = (Column("data"), Column("proposals"), Column("boxes SR"), Column("boxes DR"), *BOTH_METHODS)
-    table = Table("proposals", "Single frame: success and detection rate (paper, Table I)", columns)
+    heads = (*columns("data", "proposals", "boxes SR", "boxes DR"), *BOTH_METHODS)
+    table = Table("proposals", "Single frame: success and detection rate (paper, Table I)", heads)
     for dataset in datasets:
         bare, ours = ({number: FoundInFrames() for number in NUMBERS} for _ in range(2))
         peer = FoundInFrames()
@@ -108,9 +108,9 @@ class FoundInFrames:
 
 def filters_table(datasets: list[DataSet], settings: Settings) -> Table:
     """Shares of proposals that the depth filters accept, mask in part, or reject (paper, Sec. VI-A)."""
-    columns: tuple[Column, ...] = (Column("data"), Column("metric culling"), Column("proposals a frame", 0))
-    columns += (Column("accepted %", 1), Column("masked in part %", 1), Column("rejected %", 1))
-    table = Table("filters", "What the depth filters do with the proposals (paper, Sec. VI-A)", columns)
+    heads = (*columns("data", "metric culling"), Column("proposals a frame", 0))
+    heads += columns("accepted %", "masked in part %", "rejected %", digits=1)
+    table = Table("filters", "What the depth filters do with the proposals (paper, Sec. VI-A)", heads)
     for dataset in datasets:
         for culling in (True, False):
             counts, frames = Counter[str](), 0

@@ -13,15 +13,17 @@ from spot3d.evaluate.peer_map import FRAMES_MAX, VOXEL
 from spot3d.evaluate.points import mean_point_scores
 from spot3d.evaluate.scores import object_scores, recall_of, without_object
 from spot3d.evaluate.stability import stability
-from spot3d.evaluate.table import Cell, Column, Table
+from spot3d.evaluate.table import Cell, Column, Table, columns
 from spot3d.fusion.settings import Vote
 from spot3d.segments.settings import Step
 from spot3d.settings import Settings
 
 OURS = "spot3d"
-OVERLAP = tuple(Column(f"{space} {name}") for space in ("2D", "3D") for name in ("IoU", "IoU_o", "SR", "DR"))
-OVERLAP += (Column("3D SR all"), Column("left out", 1), Column("no object", 1))
-CARRIED = tuple(Column(f"carried {name}") for name in ("IoU", "IoU_o", "SR", "DR"))
+OVERLAP = (
+    *columns("2D IoU", "2D IoU_o", "2D SR", "2D DR", "3D IoU", "3D IoU_o", "3D SR", "3D DR", "3D SR all"),
+    *columns("left out", "no object", digits=1),
+)
+CARRIED = columns("carried IoU", "carried IoU_o", "carried SR", "carried DR")
 POSES = (Column("ATE mm", 1), Column("lost %", 0))
 POINTS = ("AP", "AR", "F", "carried AP", "carried AR", "carried F")
 NOTE_CARRIED = (
@@ -42,9 +44,8 @@ NOTE_PEER = (
 
 def objects_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Table:
     """2D and 3D overlap of the objects found, at VGA and half size, with recall curves (paper, Fig. 10)."""
-    columns: tuple[Column, ...] = (Column("data"), Column("size"), Column("method"), *OVERLAP)
-    columns += (*CARRIED, Column("found", 1), Column("true", 1), *POSES)
-    table = Table("objects", "Objects of whole runs: overlap with the true ones (paper, Fig. 10)", columns)
+    heads = (*columns("data", "size", "method"), *OVERLAP, *CARRIED, *columns("found", "true", digits=1), *POSES)
+    table = Table("objects", "Objects of whole runs: overlap with the true ones (paper, Fig. 10)", heads)
     for dataset, size in both_sizes(datasets):
         done = _runs_of(dataset, settings, runs)
         methods = by_method(done)
@@ -64,8 +65,8 @@ def objects_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Ta
 
 def ablations_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Table:
     """2D and 3D overlap without one step at a time, of the whole method (paper, Table III), and of the peer."""
-    columns: tuple[Column, ...] = (Column("data"), Column("method"), *OVERLAP)
-    table = Table("ablations", "Ablations: overlap without one step each (paper, Table III)", columns)
+    heads = (*columns("data", "method"), *OVERLAP)
+    table = Table("ablations", "Ablations: overlap without one step each (paper, Table III)", heads)
     for dataset in datasets:
         for name, changed in ablations(settings).items():
             table.add(dataset.name, name, *_overlap([run.ours for run in _runs_of(dataset, changed, runs)]))
@@ -114,10 +115,9 @@ def pose_cells(runs: list[MeasuredRun]) -> tuple[Cell, Cell]:
 
 def points_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Table:
     """AP, AR and F of labelled points in the objects' boxes, and time (paper, Table IV)."""
-    columns: tuple[Column, ...] = (Column("data"), Column("size"), Column("method"))
-    columns += tuple(Column(name, 1) for name in POINTS)
-    columns += (Column("no object", 1), *POSES, Column("ms a frame", 1))
-    table = Table("points", "Labelled points in the boxes, and time (paper, Table IV)", columns)
+    heads = (*columns("data", "size", "method"), *columns(*POINTS, "no object", digits=1), *POSES)
+    heads += columns("ms a frame", digits=1)
+    table = Table("points", "Labelled points in the boxes, and time (paper, Table IV)", heads)
     for dataset, size in both_sizes(datasets):
         items = [item for item in dataset.sequences if item.truth is not None and len(item.truth.label)]
         done = {item.name: runs.run(item, settings) for item in items}
@@ -139,9 +139,9 @@ def points_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Tab
 
 def stability_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> Table:
     """Id switches and jitter of boxes over a run, for each true object (not in the paper)."""
-    columns: tuple[Column, ...] = (Column("data"), Column("object"), Column("id switches"), Column("matched %", 0))
-    columns += (Column("centre jitter mm", 1), Column("size jitter mm", 1))
-    table = Table("stability", "How steady the objects are over a run", columns)
+    heads = (*columns("data", "object", "id switches"), Column("matched %", 0))
+    heads += columns("centre jitter mm", "size jitter mm", digits=1)
+    table = Table("stability", "How steady the objects are over a run", heads)
     for item in (item for dataset in datasets for item in dataset.sequences):
         truth = item.truth
         if truth is None:

@@ -24,7 +24,7 @@ from spot3d.evaluate.object_tables import (
 )
 from spot3d.evaluate.peer import PEER, behind_peer
 from spot3d.evaluate.scores import object_scores, without_object
-from spot3d.evaluate.table import Column, Table
+from spot3d.evaluate.table import Table, columns
 from spot3d.settings import Settings
 
 SHAKES = ((0.005, 0.2), (0.010, 0.4), (0.020, 0.8))
@@ -62,11 +62,10 @@ EVERY = (1, 2, 3, 4, 5, 10, 20, 30)
 """Every nth frame, down to the one of 30 a second that a slow link or computer leaves."""
 
 COLUMNS = (
-    *(Column(name) for name in ("data", "worse", "method", "3D IoU", "3D SR", "3D DR")),
-    *(Column(name, 1) for name in ("AP", "AR", "F")),
-    *(Column(f"carried {name}") for name in ("IoU", "SR", "DR")),
-    Column("carried F", 1),
-    *(Column(name, 1) for name in ("found", "no object", "true")),
+    *columns("data", "worse", "method", "3D IoU", "3D SR", "3D DR"),
+    *columns("AP", "AR", "F", digits=1),
+    *columns("carried IoU", "carried SR", "carried DR"),
+    *columns("carried F", "found", "no object", "true", digits=1),
     *POSES,
 )
 

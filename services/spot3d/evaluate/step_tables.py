@@ -5,19 +5,15 @@ from typing import get_args
 from spot3d.boxes import mean_iou
 from spot3d.evaluate.frame_tables import FoundInFrames, boxes_in_frame, proposals_and_heat
 from spot3d.evaluate.labelled import DataSet
-from spot3d.evaluate.table import Column, Table
+from spot3d.evaluate.table import Table, columns
 from spot3d.segments.settings import Step
 from spot3d.settings import Settings
 
 
 def steps_table(datasets: list[DataSet], settings: Settings) -> Table:
     """Success and detection rate at IoU 0.5 and mean IoU of single frames, with all steps and without one at a time."""
-    columns = (Column("data"), Column("without"), Column("SR"), Column("DR"), Column("IoU"))
-    table = Table(
-        "steps",
-        "Single frame: without one step of the finder each",
-        (*columns, Column("a frame", 1), Column("no object", 1), Column("true a frame", 1)),
-    )
+    heads = (*columns("data", "without", "SR", "DR", "IoU"), *columns("a frame", "no object", "true a frame", digits=1))
+    table = Table("steps", "Single frame: without one step of the finder each", heads)
     variants = {"-": settings} | {step: settings.changed("segments", skipped=(step,)) for step in get_args(Step)}
     for dataset in datasets:
         found = {name: FoundInFrames() for name in variants}

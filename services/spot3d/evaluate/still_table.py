@@ -17,7 +17,7 @@ from spot3d.evaluate.peer_map import PeerMap
 from spot3d.evaluate.projection import box_surface, boxes_in_view
 from spot3d.evaluate.robustness import SHAKES
 from spot3d.evaluate.scores import recall_of
-from spot3d.evaluate.table import Column, Table
+from spot3d.evaluate.table import Table, columns
 from spot3d.pipeline import PipelineStep, run_pipeline
 from spot3d.settings import Settings
 from spot3d.source.sequence import FrameList, FrameSequence
@@ -30,7 +30,7 @@ def still_table(datasets: list[DataSet], settings: Settings) -> Table:
     objects. The peer's clusters are boxed in 3D too. Raises StageFailedError if a stage fails on a frame.
     """
     title = "Single frame through all stages: 3D boxes drawn into it"
-    table = Table("still", title, (Column("data"), *BOTH_METHODS))
+    table = Table("still", title, (*columns("data"), *BOTH_METHODS))
     given = settings.changed("pose", provider="given")
     for dataset in datasets:
         ours, peer = FoundInFrames(), FoundInFrames()
@@ -60,7 +60,7 @@ def moving_table(datasets: list[DataSet], settings: Settings) -> Table:
     run's poses. Raises StageFailedError if a stage fails on a frame.
     """
     title = "Single frame as a moving camera sees it: 3D boxes drawn into it"
-    table = Table("moving", title, (Column("data"), Column("poses"), *BOTH_METHODS))
+    table = Table("moving", title, (*columns("data", "poses"), *BOTH_METHODS))
     ways = [
         ("true", settings.changed("pose", provider="given"), Degradation()),
         *(

@@ -21,6 +21,11 @@ class Column:
     digits: int = 2
 
 
+def columns(*names: str, digits: int = 2) -> tuple[Column, ...]:
+    """Columns of these names, whose numbers have this many decimals."""
+    return tuple(Column(name, digits) for name in names)
+
+
 @dataclass(slots=True)
 class Table:
     """Rows under columns. name: that of the command line; notes: sentences that a reader must know."""
