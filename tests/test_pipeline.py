@@ -181,5 +181,4 @@ def test_what_was_taken_away_is_no_object_in_the_end() -> None:
 
 def overlaps(true: Sequence[TrueBox], found: list[Box3D]) -> NDArray[np.float64]:
     """The greatest IoU (n,) of each true box with any found one."""
-    boxes = [Box3D(box.centre, box.size, box.rotation) for box in true]
-    return np.asarray(iou_matrix_3d(boxes, found).max(axis=1))
+    return np.asarray(iou_matrix_3d(true, found).max(axis=1))

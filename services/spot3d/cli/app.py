@@ -178,7 +178,6 @@ def demo(
     """Find the objects of the built-in scene, with KISS-ICP's poses, and compare them with what is there."""
     from rich.console import Console
 
-    from spot3d.boxes import Box3D
     from spot3d.run.demo import demo_table, match_objects
     from spot3d.run.run import run as run_input
     from spot3d.source.scene.model import build_scene
@@ -191,8 +190,7 @@ def demo(
         endpoints = () if page is None else (page.endpoint,)
         chosen = selection(f"scene:{seed}", frames, 1, None)
         done = run_input(chosen, resolved, out, console, in_process, listen=endpoints, usual=USUAL_ENDPOINT)
-        model = build_scene(seed)
-        true = [(item.name, Box3D(item.centre, item.size, item.rotation)) for item in model.boxes]
+        true = [(box.name, box) for box in build_scene(seed).boxes]
         console.print(demo_table(*match_objects(true, done.result.objects)))
         _conclude(done, resolved, False)
         if page is None:

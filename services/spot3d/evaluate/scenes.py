@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from spot3d.boxes import Box3D
 from spot3d.camera import back_project
 from spot3d.evaluate.labelled import LabelledFrame, LabelledFrames, LabelledSequence, mask_boxes
 from spot3d.evaluate.peer import voxel_keys
@@ -65,7 +64,7 @@ def _scene_truth(scene: Scene, indices: range) -> LabelledScene:
     return LabelledScene(
         tuple(box.name for box in boxes),
         tuple(box.id for box in boxes),
-        tuple(Box3D(box.centre, box.size, box.rotation) for box in boxes),
+        tuple(boxes),
         scene.up,
         points[rows],
         labels[rows],

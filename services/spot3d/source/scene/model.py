@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spot3d.boxes import Box3D
 from spot3d.source.scene.bin import BIN_SHADED, bin_room, things_about_bin
 from spot3d.source.scene.changing import CHANGE_FRAME, things_on_changing_table
 from spot3d.source.scene.desk import DESK_SHADED, desk_room, things_on_desk
@@ -19,15 +19,12 @@ from spot3d.source.scene.table import TABLE_SHADED, table_room, things_on_table
 UP = (0.0, 0.0, 1.0)
 
 
-@dataclass(frozen=True, slots=True)
-class TrueBox:
-    """One object's upright box in the world: centre and size (3,) metres, rotation (3, 3) with axes as columns."""
+@dataclass(frozen=True, slots=True, eq=False)
+class TrueBox(Box3D):
+    """One object's upright box in the world, its number and its name."""
 
     id: int
     name: str
-    centre: NDArray[np.float64]
-    size: NDArray[np.float64]
-    rotation: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,10 +78,6 @@ def build_scene(seed: int = 0, kind: SceneKind = DEFAULT_KIND, frame: int = 0) -
 
 def _true_box(number: int, item: Placed) -> TrueBox:
     c, s = np.cos(item.yaw), np.sin(item.yaw)
-    return TrueBox(
-        number,
-        item.thing.name,
-        np.array([item.x, item.y, item.z + item.thing.size[2] / 2]),
-        np.array(item.thing.size),
-        np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]),
-    )
+    centre = np.array([item.x, item.y, item.z + item.thing.size[2] / 2])
+    rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    return TrueBox(centre, np.array(item.thing.size), rotation, number, item.thing.name)
