@@ -85,7 +85,7 @@ def test_a_map_of_another_epoch_takes_the_objects_and_the_path_with_it() -> None
     robot.receive("fusion/changes", again, 2.0)
     assert robot.objects is not None, "the last objects of a map come before its points, or fusion was started again"
     robot.receive("fusion/changes", again.model_copy(update={"generation": 6, "epoch": "reset"}), 3.0)
-    assert (robot.objects, len(robot.trail.segments()), robot.map.count) == (None, 0, 1)
+    assert (robot.objects, len(robot.trail.segments()), len(robot.map.points()[0])) == (None, 0, 1)
 
 
 def test_up_is_the_cameras_until_objects_say_better() -> None:

@@ -7,6 +7,8 @@ from spot3d_schemas import MapChanges
 
 CHUNK = 16_384
 """Points that are sent to browsers together: 150 kB."""
+Points = tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint32]]
+"""xyz (n, 3), rgb (n, 3), heat (n,) and frequency (n,) of some points, copied."""
 
 
 class MapCopy:
@@ -27,11 +29,6 @@ class MapCopy:
         self._rgb = np.zeros((limit, 3), np.uint8)
         self._heat = np.zeros(limit, np.uint8)
         self._frequency = np.zeros(limit, np.uint32)
-
-    @property
-    def count(self) -> int:
-        """How many points there are."""
-        return int(np.count_nonzero(self._frequency[: self._used]))
 
     @property
     def chunks(self) -> int:
@@ -56,15 +53,16 @@ class MapCopy:
             self.dirty |= set(np.unique(rows // CHUNK).tolist())
         return another
 
-    def chunk(self, number: int) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.uint8]]:
-        """xyz, rgb and heat of a chunk's points, copied."""
-        part = slice(number * CHUNK, min((number + 1) * CHUNK, self._used))
-        there = self._frequency[part] > 0
-        return self._xyz[part][there], self._rgb[part][there], self._heat[part][there]
+    def chunk(self, number: int) -> Points:
+        """A chunk's points."""
+        return self._points(number * CHUNK, min((number + 1) * CHUNK, self._used))
 
-    def points(self) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint32]]:
-        """xyz, rgb, heat and frequency of all points, copied."""
-        part = slice(0, self._used)
+    def points(self) -> Points:
+        """All points."""
+        return self._points(0, self._used)
+
+    def _points(self, start: int, end: int) -> Points:
+        part = slice(start, end)
         there = self._frequency[part] > 0
         return self._xyz[part][there], self._rgb[part][there], self._heat[part][there], self._frequency[part][there]
 

@@ -197,7 +197,7 @@ class RobotScene:
             copy.dirty |= set(range(copy.chunks))
         for number in sorted(copy.dirty)[:_CHUNKS_AT_ONCE]:
             copy.dirty.discard(number)
-            xyz, rgb, warmth = copy.chunk(number)
+            xyz, rgb, warmth, _ = copy.chunk(number)
             if not len(xyz):
                 old = self._chunks.pop(number, None)
                 if old is not None:
