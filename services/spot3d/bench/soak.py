@@ -21,12 +21,12 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-import zenoh
 from zenoh.handlers import RingChannel
 
 from spot3d.bench.material import at_half_size, load
 from spot3d.bench.readings import Growth, Reading, charts, growths, minute_table, read_process
 from spot3d.bench.recording import write_recording
+from spot3d.dataflow.payload import arrived
 from spot3d.dataflow.process_use import KEEPING_MEMORY, SINGLE_THREADED
 from spot3d.dataflow.router import free_loopback_endpoint
 from spot3d.dataflow.session import open_session
@@ -37,7 +37,7 @@ from spot3d.source.process import run as run_source
 from spot3d.source.sequence import FrameSequence
 from spot3d.source.sequences import open_source
 from spot3d.source.settings import SourceSettings
-from spot3d_schemas import STAGES, Health, Progress, decode, key
+from spot3d_schemas import STAGES, Health, Progress, key
 
 _RATE_HZ = 30.0
 _FRAMES = 300
@@ -85,10 +85,18 @@ def watch(sequence: FrameSequence, seconds: float, out: Path) -> tuple[list[Read
         for stage in STAGES[1:]:
             processes[stage] = stack.enter_context(_process([stage, *arguments], out, stage))
         session = stack.enter_context(open_session(link))
-        told = {
-            topic: session.declare_subscriber(key(_ROBOT, topic), RingChannel(1))
-            for topic in (*(f"{stage}/health" for stage in STAGES), "fusion/progress")
-        }
+        healths = [session.declare_subscriber(key(_ROBOT, f"{stage}/health"), RingChannel(1)) for stage in STAGES]
+        progress = session.declare_subscriber(key(_ROBOT, "fusion/progress"), RingChannel(1))
+        drops, fused = dict[str, int](), 0
+
+        def listen() -> None:
+            nonlocal fused
+            for ear in healths:
+                for health in arrived(ear.handler, Health):
+                    drops[health.stage] = sum(health.drops.values())
+            for said in arrived(progress.handler, Progress):
+                fused = said.fused
+
         stop = threading.Event()
         source = threading.Thread(
             target=run_source,
@@ -99,48 +107,25 @@ def watch(sequence: FrameSequence, seconds: float, out: Path) -> tuple[list[Read
         stack.callback(source.join, _END_S)
         stack.callback(stop.set)
         source.start()
-        heard = _Heard(told)
-        while not heard.fused and source.is_alive() and not _ended(processes):
-            heard.listen()
+        while not fused and source.is_alive() and not _ended(processes):
+            listen()
             time.sleep(0.1)
         start_s = time.monotonic()
         log.info("the first frame is fused; reading every %.0f s for %.1f minutes", _EVERY_S, seconds / 60)
         next_s = start_s
         while time.monotonic() - start_s < seconds and source.is_alive() and not _ended(processes):
-            heard.listen()
+            listen()
             if time.monotonic() >= next_s:
                 next_s += _EVERY_S
                 at_s = time.monotonic() - start_s
                 for name, process in processes.items():
                     use = read_process(process.pid)
-                    drops = heard.drops.get(name, 0)
-                    readings.append(Reading(name, at_s, *use, drops, heard.fused if name == "fusion" else 0))
+                    readings.append(Reading(name, at_s, *use, drops.get(name, 0), fused if name == "fusion" else 0))
             time.sleep(0.2)
         died = [f"{name} ended with {code}; see {out / name}.log" for name, code in _ended(processes).items()]
         if time.monotonic() - start_s < seconds - _END_S and not died:
             died.append("the source has ended too early; see above")
     return readings, died
-
-
-class _Heard:
-    """The latest drops of each stage, and frames fused."""
-
-    def __init__(self, told: Mapping[str, zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]]) -> None:
-        self._told = told
-        self.drops: dict[str, int] = {}
-        self.fused = 0
-
-    def listen(self) -> None:
-        """Process the received messages."""
-        for topic, subscriber in self._told.items():
-            sample = subscriber.handler.try_recv()
-            if sample is None:
-                continue
-            if topic == "fusion/progress":
-                self.fused = decode(sample.payload.to_bytes(), Progress).fused
-            else:
-                health = decode(sample.payload.to_bytes(), Health)
-                self.drops[health.stage] = sum(health.drops.values())
 
 
 def _ended(processes: Mapping[str, subprocess.Popen[bytes]]) -> dict[str, int]:
