@@ -1,7 +1,6 @@
 """Steps of the views' consensus: one view's statements on segments, and an update with one more keyframe."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,20 +17,12 @@ from spot3d.geometry.downsampling import to_lattice
 from spot3d.segments.finder import find_segments
 from spot3d.settings import Settings
 
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """A step, its transcription, and the arrays that it reads."""
-
-    name: str
-    ours: Callable[[], object]
-    reference: str
-    theirs: Callable[[], object]
-    read: list[NDArray[Any]]
+Add = Callable[[str, Callable[[], object], str, Callable[[], object], bool, list[NDArray[Any]]], None]
+"""Measures a step: its name, the step, the reference's name, the reference, whether that is slow, arrays read."""
 
 
-def consensus_steps(m: Material, settings: Settings) -> list[Step]:
-    """The steps with all frames of the material as keyframes; their number stays constant."""
+def consensus_steps(add: Add, m: Material, settings: Settings) -> None:
+    """Measure the steps with all frames of the material as keyframes; their number stays constant."""
     keyframes = [_keyframe(m, index, settings) for index in range(len(m))]
     views, table = [view_of(keyframe) for keyframe in keyframes], SegmentTable()
     rows_of = [table.extend(keyframe, number) for number, keyframe in enumerate(keyframes)]
@@ -41,27 +32,25 @@ def consensus_steps(m: Material, settings: Settings) -> list[Step]:
     votes.update(keyframes)
     statements = _statements(table, views, rows_of)
     first = views[0]
-    return [
-        Step(
-            f"views, what one says of {len(table)} segments",
-            walking(len(m), lambda i: ask(views[i], places, spheres, said, label)),
-            "NumPy, segment by segment",
-            walking(
-                len(m),
-                lambda i: reference.said_by_view(
-                    views[i].labels, views[i].depth, views[i].pose, views[i].focal, places
-                ),
-            ),
-            [first.labels, first.depth, places],
+    add(
+        f"views, what one says of {len(table)} segments",
+        walking(len(m), lambda i: ask(views[i], places, spheres, said, label)),
+        "NumPy, segment by segment",
+        walking(
+            len(m),
+            lambda i: reference.said_by_view(views[i].labels, views[i].depth, views[i].pose, views[i].focal, places),
         ),
-        Step(
-            "consensus, a keyframe more",
-            walking(len(m), lambda i: votes.update([keyframes[i]])),
-            "sets, all clusters, no boxes",
-            lambda: reference.clusters(statements, settings.fusion.views_min, settings.fusion.object_share),
-            [keyframes[0].labels, keyframes[0].depth, keyframes[0].colour, places],
-        ),
-    ]
+        True,
+        [first.labels, first.depth, places],
+    )
+    add(
+        "consensus, a keyframe more",
+        walking(len(m), lambda i: votes.update([keyframes[i]])),
+        "sets, all clusters, no boxes",
+        lambda: reference.clusters(statements, settings.fusion.views_min, settings.fusion.object_share),
+        True,
+        [keyframes[0].labels, keyframes[0].depth, keyframes[0].colour, places],
+    )
 
 
 def _keyframe(m: Material, index: int, settings: Settings) -> Keyframe:

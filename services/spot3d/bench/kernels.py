@@ -48,8 +48,7 @@ def kernels_table(materials: Sequence[Material], settings: Settings, say: Callab
         _image_steps(steps, material, settings)
         _plane_steps(steps, material, settings.fusion)
         _map_steps(steps, material, settings.fusion)
-        for step in consensus_steps(material, settings):
-            steps.add(step.name, step.ours, step.reference, step.theirs, True, step.read)
+        consensus_steps(steps.add, material, settings)
     table.notes += [
         "Medians and 99th percentiles over consecutive frames; ours and the reference measured in alternation.",
         "Copy: the step's input bytes, copied into new memory. One thread, one core.",
