@@ -14,12 +14,13 @@ from typing import Any
 import zenoh
 from zenoh.handlers import FifoChannel
 
+from spot3d.dataflow.payload import arrived
 from spot3d.dataflow.process_use import SINGLE_THREADED
 from spot3d.dataflow.router import free_loopback_endpoint
 from spot3d.dataflow.session import zenoh_config
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.settings import load_settings
-from spot3d_schemas import STAGES, Health, Progress, decode, key
+from spot3d_schemas import STAGES, Health, Progress, key
 
 Reading = tuple[float, float]
 
@@ -98,16 +99,12 @@ def _watch(
         health = [session.declare_subscriber(key(robot, f"{stage}/health"), FifoChannel(64)) for stage in STAGES]
         while process.poll() is None and time.monotonic() < deadline_s:
             for subscriber in health:
-                if (sample := subscriber.handler.try_recv()) is not None:
-                    told = decode(sample.payload.to_bytes(), Health)
+                for told in arrived(subscriber.handler, Health):
                     cpu[told.stage].append((time.monotonic(), told.cpu_s))
-            sample = progress.handler.try_recv()
-            if sample is None:
-                time.sleep(_POLL_S)
-                continue
-            fused = decode(sample.payload.to_bytes(), Progress).fused
-            if fused > (seen[-1][1] if seen else 0):
-                seen.append((time.monotonic(), fused))
+            for said in arrived(progress.handler, Progress):
+                if said.fused > (seen[-1][1] if seen else 0):
+                    seen.append((time.monotonic(), said.fused))
+            time.sleep(_POLL_S)
     return seen, list(cpu.values())
 
 
