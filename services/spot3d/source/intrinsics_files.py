@@ -8,7 +8,7 @@ import numpy as np
 
 from spot3d.camera import Intrinsics, off_centre
 from spot3d.source.errors import SourceError
-from spot3d.source.text_files import read_text
+from spot3d.source.text_files import numbers_of, read_text
 
 log = logging.getLogger(__name__)
 
@@ -72,10 +72,7 @@ def _values_of_file(path: Path) -> FocalAndCentre:
     Raises SourceError if it is missing or holds anything else.
     """
     words = " ".join(line.split("#")[0] for line in read_text(path).splitlines()).replace(",", " ").split()
-    try:
-        values = np.array([float(word) for word in words])
-    except ValueError:
-        raise SourceError(f"{path} is malformed: it contains text that is not a number; {_FORMS}") from None
+    values = numbers_of(words, path, _FORMS)
     if values.size == 4:
         fx, fy, cx, cy = values.tolist()
         return fx, fy, cx, cy

@@ -11,7 +11,7 @@ from spot3d.source.calibration import load_calibration
 from spot3d.source.errors import SourceError
 from spot3d.source.intrinsics_files import FocalAndCentre, intrinsics_for, seven_scenes_values
 from spot3d.source.recording import RecordedFrame, Recording, first_readable_shape, with_a_readable_frame
-from spot3d.source.text_files import log_skipped, read_pose_matrix
+from spot3d.source.text_files import read_pose_matrix, well_formed
 
 log = logging.getLogger(__name__)
 
@@ -78,15 +78,5 @@ def _colour_path(folder: Path, stem: str) -> Path:
 
 def _poses(folder: Path, stems: list[str]) -> dict[str, NDArray[np.float64] | None]:
     """T_world_camera (4, 4) of each frame with a pose file. None where tracking was lost."""
-    poses: dict[str, NDArray[np.float64] | None] = {}
-    malformed = []
-    for stem in stems:
-        path = folder / f"{stem}.pose.txt"
-        if not path.is_file():
-            continue
-        try:
-            poses[stem] = read_pose_matrix(path)
-        except SourceError as error:
-            malformed.append(error)
-    log_skipped(f"poses of {folder}", len(poses) + len(malformed), malformed)
-    return poses
+    there = [(stem, path) for stem in stems if (path := folder / f"{stem}.pose.txt").is_file()]
+    return dict(well_formed(there, lambda pose: (pose[0], read_pose_matrix(pose[1])), f"poses of {folder}"))

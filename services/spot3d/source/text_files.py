@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from decimal import Decimal
 from pathlib import Path
 from typing import TypeVar
@@ -16,6 +16,7 @@ from spot3d.trajectory import nearest_rotation, pose_from_quaternion
 
 log = logging.getLogger(__name__)
 
+E = TypeVar("E")
 T = TypeVar("T")
 
 # Rotations written with a handful of digits are orthonormal within about this tolerance.
@@ -36,18 +37,12 @@ def read_text(path: Path) -> str:
         raise SourceError(f"{path} is not a text file: {error}") from error
 
 
-def read_matrix(path: Path, size: int) -> NDArray[np.float64]:
-    """Matrix (size, size) float64 of a text file. Raises SourceError if it holds anything else."""
-    words = read_text(path).split()
+def numbers_of(words: list[str], path: Path, expected: str) -> NDArray[np.float64]:
+    """A file's words as numbers (n,). Raises SourceError, which says what is expected, if one is none."""
     try:
-        values = np.array([float(word) for word in words])
+        return np.array([float(word) for word in words])
     except ValueError:
-        raise SourceError(
-            f"{path} is malformed: it contains text that is not a number; expected {size}x{size} numbers"
-        ) from None
-    if values.size != size * size:
-        raise SourceError(f"{path} is malformed: it has {values.size} numbers; expected {size}x{size}")
-    return values.reshape(size, size)
+        raise SourceError(f"{path} is malformed: it contains text that is not a number; {expected}") from None
 
 
 def read_pose_matrix(path: Path) -> NDArray[np.float64] | None:
@@ -56,7 +51,10 @@ def read_pose_matrix(path: Path) -> NDArray[np.float64] | None:
     A rotation that was written with few digits is made orthonormal, as messages require. Raises SourceError if the
     matrix is no rigid transform.
     """
-    T_world_camera = read_matrix(path, 4)
+    values = numbers_of(read_text(path).split(), path, "expected 4x4 numbers")
+    if values.size != 16:
+        raise SourceError(f"{path} is malformed: it has {values.size} numbers; expected 4x4")
+    T_world_camera = values.reshape(4, 4)
     if not np.isfinite(T_world_camera).all():
         return None
     if not is_rigid(T_world_camera):
@@ -96,26 +94,32 @@ def read_stamped_lines(path: Path, parse: Callable[[list[str], str], T]) -> list
     Stamps are seconds in the file, read exactly. parse: is given the words, and `file:line` for its SourceError.
     Malformed lines are skipped and logged. Raises SourceError if all are.
     """
-    lines, malformed = [], []
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
-        words = line.split("#")[0].replace(",", " ").split()
-        if not words:
-            continue
-        where = f"{path}:{number}"
+
+    def read(numbered: tuple[str, list[str]]) -> tuple[int, T]:
+        where, words = numbered
+        return _stamp_ns(words, where), parse(words[1:], where)
+
+    lines = (line.split("#")[0].replace(",", " ").split() for line in read_text(path).splitlines())
+    numbered = [(f"{path}:{number}", words) for number, words in enumerate(lines, start=1) if words]
+    return sorted(well_formed(numbered, read, f"lines of {path}"), key=lambda entry: entry[0])
+
+
+def well_formed(entries: Collection[E], read: Callable[[E], T], what: str) -> list[T]:
+    """What `read` returns for each entry, except those for which it raises SourceError, whose number is logged.
+
+    what: names the entries in the log. Raises the first error if all entries are malformed.
+    """
+    found, malformed = [], []
+    for entry in entries:
         try:
-            lines.append((_stamp_ns(words, where), parse(words[1:], where)))
+            found.append(read(entry))
         except SourceError as error:
             malformed.append(error)
-    log_skipped(f"lines of {path}", len(lines) + len(malformed), malformed)
-    return sorted(lines, key=lambda entry: entry[0])
-
-
-def log_skipped(what: str, count: int, malformed: list[SourceError]) -> None:
-    """Log how many of `count` items are skipped, and why the first one is. Raises that error if all are malformed."""
-    if malformed and len(malformed) == count:
+    if malformed and not found:
         raise malformed[0]
     if malformed:
-        log.warning("%d of %d %s are left out; the first: %s", len(malformed), count, what, malformed[0])
+        log.warning("%d of %d %s are left out; the first: %s", len(malformed), len(entries), what, malformed[0])
+    return found
 
 
 def _stamp_ns(words: list[str], where: str) -> int:
