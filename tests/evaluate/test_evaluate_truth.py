@@ -10,7 +10,7 @@ import pytest
 
 from spot3d.boxes import Box3D, iou_matrix_3d
 from spot3d.evaluate.points import points_in_boxes
-from spot3d.evaluate.truth import read_cuboids, read_found_objects, read_labelled_scene
+from spot3d.evaluate.truth import read_cuboids, read_found_boxes, read_labelled_scene
 
 DATA = Path(os.environ.get("SPOT3D_DATA", Path(__file__).parents[2] / "../shared/data"))
 
@@ -155,15 +155,14 @@ def write_objects(path: Path, *objects: dict[str, Any]) -> Path:
     return path
 
 
-def test_found_objects(tmp_path: Path) -> None:
-    assert read_found_objects(write_objects(tmp_path / "none.json")) == ()
-    (found,) = read_found_objects(write_objects(tmp_path / "objects.json", FOUND))
-    assert (found.id, found.points, found.confidence, found.views) == (7, 321, 0.5, 12)
-    np.testing.assert_allclose(found.box.centre, [1, 2, 3])
+def test_found_boxes(tmp_path: Path) -> None:
+    assert read_found_boxes(write_objects(tmp_path / "none.json")) == ()
+    (found,) = read_found_boxes(write_objects(tmp_path / "objects.json", FOUND))
+    np.testing.assert_allclose(found.centre, [1, 2, 3])
     # Rows of the file are rows of the matrix: its first column, the box's long axis, is the world's y.
-    np.testing.assert_allclose(found.box.rotation[:, 0], [0, 1, 0])
+    np.testing.assert_allclose(found.rotation[:, 0], [0, 1, 0])
     same = Box3D(np.array([1, 2, 3]), np.array([0.2, 0.3, 0.1]), np.eye(3))
-    np.testing.assert_allclose(iou_matrix_3d([found.box], [same]), [[1]], atol=1e-12)
+    np.testing.assert_allclose(iou_matrix_3d([found], [same]), [[1]], atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -178,14 +177,14 @@ def test_found_objects(tmp_path: Path) -> None:
 def test_broken_objects_name_the_field(tmp_path: Path, change: dict[str, Any], message: str) -> None:
     path = write_objects(tmp_path / "objects.json", FOUND | change)
     with pytest.raises(ValueError, match=rf"objects\.json.*{message}"):
-        read_found_objects(path)
+        read_found_boxes(path)
 
 
 @pytest.mark.parametrize(("text", "message"), [("", "not valid JSON"), ("[]", "the document"), ("{}", "objects")])
 def test_a_file_that_holds_no_objects_is_refused(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "objects.json").write_text(text)
     with pytest.raises(ValueError, match=message):
-        read_found_objects(tmp_path / "objects.json")
+        read_found_boxes(tmp_path / "objects.json")
 
 
 def test_the_boxes_of_redkitchen_hold_their_objects_points() -> None:

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from spot3d.boxes import Box3D
-from spot3d.evaluate.truth import read_found_objects
 from spot3d.found_object import FoundObject
 from spot3d.run.lost_tracking import LostTracking, notice
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport, report_document, statistics_ms
-from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, write_json, write_ply, write_results
+from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, found_in, write_json, write_ply, write_results
 from spot3d_schemas import Hop
 
 TURN = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
@@ -46,7 +45,7 @@ def test_results_can_be_read_back(objects, tmp_path):
     for item in document["objects"]:
         assert set(item) == {"id", "centre", "size", "rotation", "points", "confidence", "views"}
         assert item["rotation"] == TURN.tolist(), "rows; the columns are the box's axes"
-    read = read_found_objects(tmp_path / "objects.json")
+    read = found_in(document).objects
     assert [(item.id, item.views, item.points, item.confidence) for item in read] == [
         (item.id, item.views, item.points, item.confidence) for item in objects
     ]

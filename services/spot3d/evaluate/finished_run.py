@@ -22,7 +22,7 @@ from spot3d.evaluate.peer import PEER, behind_peer
 from spot3d.evaluate.peer_map import FRAMES_MAX, PeerMap
 from spot3d.evaluate.scores import object_scores, without_object
 from spot3d.evaluate.table import Table, columns
-from spot3d.evaluate.truth import LabelledScene, read_found_objects
+from spot3d.evaluate.truth import LabelledScene, read_found_boxes
 from spot3d.file_errors import in_words
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
@@ -47,7 +47,7 @@ def finished_table(dataset: DataSet, folder: Path, settings: Settings) -> Table:
     item, truth = _labelled(dataset)
     try:
         stamps, poses = read_tum(folder / "trajectory.txt")
-        objects = read_found_objects(folder / "objects.json")
+        boxes = read_found_boxes(folder / "objects.json")
         report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
         x, y = report["centre"]
         bend = tuple(tuple(float(at) for at in row) for row in report.get("bend", ()))
@@ -68,7 +68,7 @@ def finished_table(dataset: DataSet, folder: Path, settings: Settings) -> Table:
             sightings.add(depth, camera, true_pose, pose)
     carried = sightings.carried(invert(T))
     table = Table("run", f"Objects of the run in {folder}", COLUMNS)
-    methods = {OURS: Found(tuple(one.box for one in objects), ()), PEER: peer.found(settings.fusion)}
+    methods = {OURS: Found(boxes, ()), PEER: peer.found(settings.fusion)}
     done = []
     for method, found in methods.items():
         fixed, bent = judge(found.moved(T).boxes, truth), judge(found.boxes, carried)

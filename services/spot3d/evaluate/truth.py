@@ -1,4 +1,4 @@
-"""Reads ground truth, and the objects of a finished run, from files."""
+"""Reads ground truth, and the boxes of a finished run, from files."""
 
 import json
 import zipfile
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError, field_validator
 
 from spot3d.boxes import Box3D
-from spot3d.found_object import FoundObject
 
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Matrix = tuple[Vector, Vector, Vector]
@@ -63,18 +62,15 @@ class _Labels(BaseModel):
         return objects
 
 
-class _FoundRecord(BaseModel):
+class _FoundObject(BaseModel):
     id: int
     centre: Vector
     size: Vector
     rotation: Matrix
-    points: int
-    confidence: FiniteFloat
-    views: int
 
 
 class _Objects(BaseModel):
-    objects: list[_FoundRecord]
+    objects: list[_FoundObject]
 
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -129,19 +125,13 @@ def read_cuboids(path: Path) -> tuple[Box3D, ...]:
     return tuple(boxes)
 
 
-def read_found_objects(path: Path) -> tuple[FoundObject, ...]:
-    """Objects of a run from its `objects.json`; boxes in the world frame, metres.
+def read_found_boxes(path: Path) -> tuple[Box3D, ...]:
+    """Boxes of a run's objects from its `objects.json`; world frame, metres.
 
     Raises FileNotFoundError for a missing file and ValueError, naming file and field, for a broken one.
     """
     return tuple(
-        FoundObject(
-            id=item.id,
-            box=_box(path, f"object {item.id}", np.array(item.centre), item.size, np.array(item.rotation)),
-            confidence=item.confidence,
-            views=item.views,
-            points=item.points,
-        )
+        _box(path, f"object {item.id}", np.array(item.centre), item.size, np.array(item.rotation))
         for item in _read_json(path, _Objects).objects
     )
 
