@@ -61,14 +61,14 @@ class Alive:
         return ()
 
 
-def stages_by_robot(session: zenoh.Session, timeout_s: float) -> dict[str, frozenset[str]]:
-    """The stages that are alive of each robot that is. Raises ZError if the session cannot ask."""
+def stages_by_robot(session: zenoh.Session, timeout_s: float, robot: str = "*") -> dict[str, frozenset[str]]:
+    """The stages that are alive of each robot that is, or of one of them. Raises ZError if the session cannot ask."""
     alive: dict[str, set[str]] = {}
-    for reply in session.liveliness().get(alive_key("*", "*"), timeout=timeout_s):
+    for reply in session.liveliness().get(alive_key(robot, "*"), timeout=timeout_s):
         token = None if reply.ok is None else token_of(str(reply.ok.key_expr))
         if token is not None:
             alive.setdefault(token.robot, set()).add(token.stage)
-    return {robot: frozenset(stages) for robot, stages in alive.items()}
+    return {name: frozenset(stages) for name, stages in alive.items()}
 
 
 def others_alive(session: zenoh.Session, robot: str, timeout_s: float) -> str:

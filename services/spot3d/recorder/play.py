@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import zenoh
 
+from spot3d.dataflow.alive import stages_by_robot
 from spot3d.dataflow.endpoints import declare_publisher
 from spot3d.dataflow.pace import Pace
 from spot3d.dataflow.rate_limited_log import RateLimitedLog
@@ -19,7 +20,7 @@ from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.recorder.keyboard import on_key
 from spot3d.recorder.mcap_contents import McapContents
 from spot3d.recorder.relabel import Labels
-from spot3d_schemas import STAGES, TOPICS, End, Header, alive_key, encode, peek_header, process_key, token_of
+from spot3d_schemas import STAGES, TOPICS, End, Header, alive_key, encode, peek_header, process_key
 
 log = logging.getLogger("spot3d.play")
 
@@ -116,11 +117,9 @@ class _Player:
 
 
 def _refuse_alive(session: zenoh.Session, robot: str, stages: set[str]) -> None:
-    replies = session.liveliness().get(alive_key(robot, "*"), timeout=_TOKEN_S)
-    tokens = [token_of(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None]
-    alive = {token.stage for token in tokens if token is not None}
-    if alive & stages:
+    alive = stages & stages_by_robot(session, _TOKEN_S, robot).get(robot, frozenset())
+    if alive:
         raise StageAliveError(
-            f"{', '.join(sorted(alive & stages))} of robot {robot!r} is running; play under another name with "
+            f"{', '.join(sorted(alive))} of robot {robot!r} is running; play under another name with "
             "--robot, or omit its topics with --topics"
         )
