@@ -161,9 +161,8 @@ class Link:
         self.connected = bool(session.info.routers_zid()) or not client
         self.alive = stages_by_robot(session, _ANSWER_S)
         interest = self._interest
-        asked = [robot for robot in sorted(interest.robots) if "fusion" in self.alive.get(robot, ())]
-        if not interest.maps:
-            asked = []
+        shown = sorted(interest.robots) if interest.maps else ()
+        asked = [robot for robot in shown if "fusion" in self.alive.get(robot, ())]
         behind = 0
         start_s = time.monotonic()
         for robot in asked:

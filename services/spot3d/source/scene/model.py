@@ -16,8 +16,6 @@ from spot3d.source.scene.shapes import Solids, pack, placed
 from spot3d.source.scene.shelf import SHELF_SHADED, shelf_room, things_on_shelf
 from spot3d.source.scene.table import TABLE_SHADED, table_room, things_on_table
 
-UP = (0.0, 0.0, 1.0)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueBox(Box3D):

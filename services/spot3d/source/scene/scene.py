@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
 from spot3d.frame import RgbdFrame
-from spot3d.source.scene.model import UP, TrueBox, build_scene, first_frames
+from spot3d.source.scene.model import TrueBox, build_scene, first_frames
 from spot3d.source.scene.name import DEFAULT_KIND, SceneKind
 from spot3d.source.scene.noise import measured_depth, noisy_colour
 from spot3d.source.scene.path import RATE_HZ, camera_pose
@@ -57,7 +57,7 @@ class Scene(FrameSequence):
     @property
     def up(self) -> NDArray[np.float64]:
         """The world's up direction (3,)."""
-        return np.array(UP)
+        return np.array((0.0, 0.0, 1.0))
 
     def true_pose(self, index: int) -> NDArray[np.float64]:
         return camera_pose(self._index(index), self.seed, self.kind)
