@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.geometry.quantiles import quantiles
 from spot3d.geometry.upright import are_below
 
 _LOWEST = 0.02
@@ -26,7 +27,7 @@ def stands_on(
     """
     if not len(pixels):
         return False
-    bottom = float(np.quantile(height.ravel()[pixels], _LOWEST))
+    bottom = float(quantiles(height.ravel()[pixels], _LOWEST)[0])
     if abs(bottom) < within:
         return True
     if bottom < 0 or not is_below_camera(points.reshape(-1, 3)[pixels], up):

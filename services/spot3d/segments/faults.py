@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from spot3d.frame_segments import TOO_COLD, TOO_LONG, TOO_LOW, TOO_SMALL
 from spot3d.geometry.downsampling import LatticeFrame
+from spot3d.geometry.quantiles import quantiles
 from spot3d.segments.settings import SegmentsSettings
 
 _CUBE_SEEN = 2**0.5
@@ -27,7 +28,7 @@ def fault_of(
     flat = points.reshape(-1, 3)[pixels]
     if not covers_least(flat, frame, settings):
         return TOO_SMALL
-    if float(np.quantile(height.ravel()[pixels], 0.9)) < settings.height_min:
+    if quantiles(height.ravel()[pixels], 0.9)[0] < settings.height_min:
         return TOO_LOW
     centred = flat - flat.mean(axis=0)
     longest = np.linalg.eigh(centred.T @ centred)[1][:, 2]

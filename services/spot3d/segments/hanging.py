@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.geometry.quantiles import quantiles
 from spot3d.geometry.standing import is_below_camera
 from spot3d.geometry.upright import taken
 from spot3d.kernel import kernel
@@ -89,7 +90,7 @@ def join_hanging(
 def _part(
     pixels: NDArray[np.int64], flat: NDArray[np.float32], height: NDArray[np.float32], up: NDArray[np.float64]
 ) -> _Part:
-    bottom, top = np.quantile(height[pixels], (_END, 1 - _END))
+    bottom, top = quantiles(height[pixels], _END, 1 - _END)
     plan = _in_plan(flat, pixels[:: max(1, len(pixels) // _SAMPLE)], up)
     return _Part(pixels, plan, plan.min(axis=0), plan.max(axis=0), float(bottom), float(top))
 

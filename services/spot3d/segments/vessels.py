@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.depth_noise import DepthNoise
+from spot3d.geometry.quantiles import quantiles
 from spot3d.geometry.upright import taken
 from spot3d.kernel import kernel
 from spot3d.segments.labels import pixels_of
@@ -73,7 +74,7 @@ def join_vessels(
         rows = pixels[:: max(1, len(pixels) // _SAMPLE)]
         sample = taken(points.reshape(-1, 3), rows)
         upright.append(sample @ R)
-        sigma = float(noise.sigma(float(np.median(sample[:, 2]))))
+        sigma = float(noise.sigma(float(quantiles(sample[:, 2], 0.5)[0])))
         hollow = _hollow(upright[number], taken(normals.reshape(-1, 3), rows) @ R, _NOISES * sigma)
         if hollow is not None:
             hollows[number] = hollow
@@ -92,7 +93,7 @@ def _around(places: NDArray[np.float32], hollow: Hollow) -> bool:
     """Whether (n, 3) upright places lie around a hollow, reach up to its rim and begin below it."""
     if _share_near(places, hollow.axis, hollow.radius + _WALL) < _WITHIN:
         return False
-    bottom, top = np.quantile(places[:, 2], (0.02, 0.98))
+    bottom, top = quantiles(places[:, 2], 0.02, 0.98)
     return bool(top > hollow.rim - _RIM and bottom < hollow.rim - _RIM)
 
 
@@ -119,7 +120,7 @@ def _hollow(places: NDArray[np.float32], normals: NDArray[np.float32], scatter: 
         aim = (inwards * normals[:, :2]).sum(axis=1)[walls] / np.maximum(distance * level, 1e-9)[walls]
         if len(aim) < _WALLS_MIN or aim.mean() < _FACING:
             return None
-    return Hollow(axis, float(np.quantile(distance, 0.95)), float(np.quantile(places[:, 2], 0.98)))
+    return Hollow(axis, float(quantiles(distance, 0.95)[0]), float(quantiles(places[:, 2], 0.98)[0]))
 
 
 def _ring_of(places: NDArray[np.float32], scatter: float) -> tuple[float, float, float, int]:
