@@ -95,7 +95,7 @@ def _most_inliers(
     step = max(1, len(points) // _COARSE)
     few, few_tolerance = np.ascontiguousarray(points[::step]), np.ascontiguousarray(tolerance[::step])
     coarse = count_inliers(planes.astype(np.float32), few, few_tolerance)
-    best = planes[np.argsort(-coarse, kind="stable")[:_SHORTLIST]]
+    best = planes[np.argsort(-coarse.astype(np.int16), kind="stable")[:_SHORTLIST]]  # few bits are sorted fast
     fine = count_inliers(best.astype(np.float32), points, tolerance)
     plane: NDArray[np.float64] = best[int(np.argmax(fine))]
     return plane
@@ -109,7 +109,7 @@ def on_plane(
 ) -> NDArray[np.bool_]:
     """Which valid points lie on the plane within the tolerance of their depth (paper, Eq. 9). Camera frame."""
     n = plane[:3].astype(np.float32)
-    z = points[..., 2]
+    z = np.ascontiguousarray(points[..., 2])
     distance = np.abs(points @ n + np.float32(plane[3]))
     inliers: NDArray[np.bool_] = (distance < plane_tolerance(z, settings, noise)) & (z > 0)
     return inliers
