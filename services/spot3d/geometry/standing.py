@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.geometry.quantiles import quantiles
-from spot3d.geometry.upright import are_below
+from spot3d.geometry.upright import are_below, taken
 
 _LOWEST = 0.02
 """This share of a part's points may lie below its bottom: noise, and pixels at its edge."""
@@ -30,7 +30,7 @@ def stands_on(
     bottom = float(quantiles(height.ravel()[pixels], _LOWEST)[0])
     if abs(bottom) < within:
         return True
-    if bottom < 0 or not is_below_camera(points.reshape(-1, 3)[pixels], up):
+    if bottom < 0 or not is_below_camera(taken(points.reshape(-1, 3), pixels), up):
         return False
     part = np.zeros(height.shape, np.uint8)
     part.ravel()[pixels] = 1

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from spot3d.frame_segments import TOO_COLD, TOO_LONG, TOO_LOW, TOO_SMALL
 from spot3d.geometry.downsampling import LatticeFrame
 from spot3d.geometry.quantiles import quantiles
+from spot3d.geometry.upright import taken
 from spot3d.segments.settings import SegmentsSettings
 
 _CUBE_SEEN = 2**0.5
@@ -25,7 +26,7 @@ def fault_of(
     pixels: (n,) flat indices of its pixels; points: (h, w, 3) metres, camera frame; height: (h, w) metres above the
     support.
     """
-    flat = points.reshape(-1, 3)[pixels]
+    flat = taken(points.reshape(-1, 3), pixels)
     if not covers_least(flat, frame, settings):
         return TOO_SMALL
     if quantiles(height.ravel()[pixels], 0.9)[0] < settings.height_min:
