@@ -31,9 +31,10 @@ def fault_of(
         return TOO_SMALL
     if quantiles(height.ravel()[pixels], 0.9)[0] < settings.height_min:
         return TOO_LOW
-    centred = flat - flat.mean(axis=0)
-    longest = np.linalg.eigh(centred.T @ centred)[1][:, 2]
-    if float(np.ptp(centred @ longest)) > settings.size_max:
+    coordinates = np.ascontiguousarray(flat.T)
+    centred = coordinates - coordinates.mean(axis=1, keepdims=True)
+    longest = np.linalg.eigh(centred @ centred.T)[1][:, 2]
+    if float(np.ptp(longest @ centred)) > settings.size_max:
         return TOO_LONG
     return TOO_COLD if float(frame.heat.ravel()[pixels].mean()) / 255 < settings.heat_min else ""
 

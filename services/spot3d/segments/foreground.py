@@ -59,7 +59,7 @@ def long_pieces(
     low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
     _reach(piece, points, looked_at, np.ascontiguousarray(axes), low, high)
     long = looked_at & ((high - low).max(axis=1) > settings.size_max)
-    return np.asarray(long[piece])
+    return np.asarray(long.take(piece))
 
 
 @kernel("void(i4[:,::1], f4[:,:,::1], b1[::1], f8[:,::1])")

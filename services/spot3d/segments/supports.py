@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.geometry.planes import PlaneSettings, on_plane
+from spot3d.geometry.upright import taken
 from spot3d.segments.settings import SegmentsSettings
 from spot3d.segments.upper_side import CLEARLY, IMAGE_UP
 from spot3d.trajectory import rotation_to_z
@@ -186,10 +187,11 @@ def beside_support(
     _, piece, sizes, _ = cv2.connectedComponentsWithStats(on.astype(np.uint8), connectivity=4)
     large = sizes[:, cv2.CC_STAT_AREA] >= _PIECE
     large[0] = False  # pixels on no piece
-    seen = points[large[piece]]
+    flat = points.reshape(-1, 3)
+    seen = taken(flat, np.flatnonzero(large.take(np.asarray(piece, np.int32))))
     if not len(seen):
         return np.zeros_like(low)
-    low[low] = ~above_extent(points[low], seen, up)
+    low[low] = ~above_extent(taken(flat, np.flatnonzero(low)), seen, up)
     return low
 
 
