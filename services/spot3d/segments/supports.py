@@ -184,11 +184,11 @@ def beside_support(
     low = (depth > 0) & (depth <= settings.range_max) & (height <= tolerance)
     on = low & (height >= -tolerance) & (normals @ up.astype(np.float32) > FACING)
     low &= ~on
-    _, piece, sizes, _ = cv2.connectedComponentsWithStats(on.astype(np.uint8), connectivity=4)
-    large = sizes[:, cv2.CC_STAT_AREA] >= _PIECE
+    piece = np.asarray(cv2.connectedComponents(on.astype(np.uint8), connectivity=4)[1], np.int32)
+    large = np.bincount(piece.ravel()) >= _PIECE
     large[0] = False  # pixels on no piece
     flat = points.reshape(-1, 3)
-    seen = taken(flat, np.flatnonzero(large.take(np.asarray(piece, np.int32))))
+    seen = taken(flat, np.flatnonzero(large.take(piece)))
     if not len(seen):
         return np.zeros_like(low)
     low[low] = ~above_extent(taken(flat, np.flatnonzero(low)), seen, up)
