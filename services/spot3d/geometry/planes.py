@@ -121,10 +121,11 @@ def refine_plane(
 ) -> NDArray[np.float64]:
     """Least squares on the inliers, each weighted by the inverse of its variance. points (n, 3), tolerance (n,)."""
     for _ in range(2):
-        inliers = np.abs(points @ plane[:3].astype(np.float32) + np.float32(plane[3])) < tolerance
-        if np.count_nonzero(inliers) < 3:
+        distance = np.abs(points @ plane[:3].astype(np.float32) + np.float32(plane[3]))
+        inliers = np.flatnonzero(distance < tolerance)
+        if len(inliers) < 3:
             return plane
-        plane = fit_plane(points[inliers], 1 / tolerance[inliers] ** 2, towards=plane[:3])
+        plane = fit_plane(taken(points, inliers), np.float32(1) / tolerance[inliers] ** 2, towards=plane[:3])
     return plane
 
 

@@ -146,5 +146,5 @@ def _ring_of(places: NDArray[np.float32], scatter: float) -> tuple[float, float,
         return *axis, 0.0, 0
     off = np.abs(np.hypot(x - a, y - b) - np.sqrt(np.maximum(square + slope * height, 0)))
     on = off < max(_RING * radius, scatter)
-    sides = np.unique(((np.arctan2(y[on] - b, x[on] - a) + np.pi) / _SIDE).astype(np.int64) % 12)
-    return *axis, float(on.mean()), len(sides)
+    sides = np.bincount(((np.arctan2(y[on] - b, x[on] - a) + np.pi) / _SIDE).astype(np.int64) % 12)
+    return *axis, float(on.mean()), int(np.count_nonzero(sides))
