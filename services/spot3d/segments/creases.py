@@ -185,11 +185,12 @@ def _connect(
         for u in range(w):
             if not mask[v, u]:
                 continue
+            i = _root(root, v * w + u)
             # Half of the pixels within two of this one: the other half visits the pair.
             for y in range(v, min(h, v + 3)):
                 for x in range(max(0, u - 2), min(w, u + 3)):
                     if mask[y, x] and (y > v or x > u):
-                        i, j = _root(root, v * w + u), _root(root, y * w + x)
+                        j = _root(root, y * w + x)
                         if i != j and (
                             within(points, v, u, y, x, _LINK)
                             or (
@@ -198,7 +199,8 @@ def _connect(
                                 and _level(points, normals, y, x, v, u)
                             )
                         ):
-                            root[max(i, j)] = min(i, j)
+                            i, j = min(i, j), max(i, j)
+                            root[j] = i
     depth, inside, label, count = points[:, :, 2], mask.ravel(), labels.ravel(), 0
     for i in range(h * w):
         if inside[i]:
