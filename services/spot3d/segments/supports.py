@@ -212,8 +212,23 @@ def above_extent(asked: NDArray[np.float32], seen: NDArray[np.float32], up: NDAr
     end = np.minimum(seen.max(axis=0), asked.max(axis=0))
     w, h = (np.maximum(np.ceil(end - corner), 0) + margin + 2).astype(int)
     extent = np.zeros((h, w), np.uint8)
-    cv2.fillConvexPoly(extent, np.rint(cv2.convexHull(seen - corner)).astype(np.int32), 1)
+    cv2.fillConvexPoly(extent, np.rint(cv2.convexHull(_outermost(seen - corner))).astype(np.int32), 1)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * margin + 1, 2 * margin + 1))
     extent = cv2.dilate(extent, disc)
     x, y = np.clip(np.rint(asked - corner), 0, (w - 1, h - 1)).astype(np.int32).T  # cells at the rim are free
     return np.asarray(extent[y, x] != 0)
+
+
+def _outermost(points: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Those of (n, 2) points that may be corners of their convex hull, whose time grows with their number.
+
+    They are outside the octagon of the points that are farthest in eight directions, or at most one unit within.
+    """
+    along = np.array(((1, 0), (1, 1), (0, 1), (-1, 1)), np.float32) @ points.T
+    farthest = points[np.concatenate((along.argmax(axis=1), along.argmin(axis=1)))]
+    corners = np.asarray(cv2.convexHull(farthest), np.float32)[:, 0]
+    edges = np.roll(corners, -1, axis=0) - corners
+    inwards = edges[:, ::-1] * np.array((-1, 1), np.float32)
+    depth = inwards @ points.T - (inwards * corners).sum(axis=1, keepdims=True)
+    near = (depth <= np.linalg.norm(edges, axis=1, keepdims=True)).any(axis=0)
+    return np.asarray(points[near])
