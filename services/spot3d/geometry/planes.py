@@ -170,7 +170,7 @@ def triple_planes(
     spread: sine of the least angle at the first of the points, below which they count as collinear.
     """
     corners = taken(points.reshape(-1, 3), triples.ravel()).reshape(-1, 9).T
-    a, b, c = np.split(np.array(corners, np.float64, order="C"), 3)  # (3, m) each: coordinates apart are faster
+    a, b, c = np.split(np.array(corners, np.float64, order="C"), 3)  # (3, m) each: coordinates are faster apart
     normals = np.cross(b - a, c - a, axis=0)
     length = np.linalg.norm(normals, axis=0)
     sides = np.linalg.norm(b - a, axis=0) * np.linalg.norm(c - a, axis=0)

@@ -40,5 +40,5 @@ def stands_on(
 
 def is_below_camera(places: NDArray[np.float32], up: NDArray[np.float64]) -> bool:
     """Whether a camera looks down so steeply on a part that it hides its support: (n, 3) metres, camera frame."""
-    middle = np.array(places.T, np.float64, order="C").mean(axis=1)
+    middle = np.array(places.T, np.float64, order="C").mean(axis=1)  # coordinates are faster apart
     return bool(are_below(-middle[None], up)[0])

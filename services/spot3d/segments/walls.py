@@ -43,7 +43,7 @@ def is_wall(
     pixels: (n,) flat indices of its pixels; points, normals: (h, w, 3) float32, camera frame; up: (3,) unit, camera
     frame. A point is behind the part's plane if it is so by more than the least object (`size_min`) and noise.
     """
-    coordinates = np.array(taken(points.reshape(-1, 3), pixels).T, np.float64, order="C")
+    coordinates = np.array(taken(points.reshape(-1, 3), pixels).T, np.float64, order="C")  # apart they are faster
     middle = coordinates.mean(axis=1)
     centred = coordinates - middle[:, None]
     axes = np.linalg.eigh(centred @ centred.T)[1]
