@@ -21,3 +21,7 @@ def test_quantiles_are_the_plain_ones(count: int, trim: float) -> None:
 def test_of_equal_values_that_very_one_is_found() -> None:
     assert quantiles(np.full((1, 9), 0.3), 0.5)[0].tolist() == [0.3]
     assert quantiles(np.repeat([[0.1, 0.7, 0.9]], 5, axis=1), 0.5)[0].tolist() == [0.7]
+
+
+def test_of_one_row_there_is_one_value_for_each_share() -> None:
+    assert [float(value) for value in quantiles(np.array([4, 1, 3], np.float32), 0.25, 0.5, 1.0)] == [2.0, 3.0, 4.0]

@@ -2,6 +2,7 @@
 
 import tracemalloc
 
+import cv2
 import numpy as np
 import pytest
 from fusion_room import CAMERA, FLOOR, ROOM, THREE, Cuboid, View, look_at, view
@@ -13,6 +14,7 @@ from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import on_plane, transform_plane
 from spot3d.segments.settings import SegmentsSettings, Step
 from spot3d.segments.supports import (
+    _outermost,
     above_extent,
     beside_support,
     choose_support,
@@ -272,3 +274,12 @@ def test_a_support_that_reaches_far_is_drawn_only_where_something_is_asked_for()
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 4e6, "not 400 m of it in cells of a centimetre"
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 20, 5000])
+@pytest.mark.parametrize("spread", [(0, 0), (300, 0), (100, 100), (0.1, 0.1), (300, 20)])
+def test_the_hull_of_all_points_is_that_of_the_outermost(spread: tuple[float, float], count: int) -> None:
+    points = np.random.default_rng(count).normal(0, spread, (count, 2)).astype(np.float32)
+    outermost = _outermost(points)
+    np.testing.assert_array_equal(cv2.convexHull(outermost), cv2.convexHull(points))
+    assert count < 5000 or min(spread) < 20 or len(outermost) < 0.05 * count

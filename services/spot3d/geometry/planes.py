@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.depth_noise import KINECT_V1, DepthNoise
+from spot3d.geometry.upright import taken
 from spot3d.kernel import kernel
 
 _NEIGHBOUR_SHARE = 1 / 16
@@ -74,7 +75,7 @@ def dominant_planes(
         planes = np.concatenate((known, planes))
     if len(planes) == 0:
         return planes
-    sample = flat[valid[rng.integers(0, len(valid), _FINE)]]
+    sample = taken(flat, valid[rng.integers(0, len(valid), _FINE)])
     tolerance = plane_tolerance(sample[:, 2], settings, noise)
     distinct: list[NDArray[np.float64]] = []
     while len(distinct) < settings.plane_candidates and len(sample) > _FINE * _LEAST_SHARE:
@@ -84,7 +85,7 @@ def dominant_planes(
         if np.count_nonzero(~free) < _FINE * _LEAST_SHARE:
             distinct.pop()
             break
-        sample, tolerance = sample[free], tolerance[free]
+        sample, tolerance = taken(sample, np.flatnonzero(free)), tolerance[free]
     return np.array(distinct).reshape(-1, 4)
 
 
@@ -95,7 +96,7 @@ def _most_inliers(
     step = max(1, len(points) // _COARSE)
     few, few_tolerance = np.ascontiguousarray(points[::step]), np.ascontiguousarray(tolerance[::step])
     coarse = count_inliers(planes.astype(np.float32), few, few_tolerance)
-    best = planes[np.argsort(-coarse, kind="stable")[:_SHORTLIST]]
+    best = planes[np.argsort(-coarse.astype(np.int16), kind="stable")[:_SHORTLIST]]  # few bits are sorted fast
     fine = count_inliers(best.astype(np.float32), points, tolerance)
     plane: NDArray[np.float64] = best[int(np.argmax(fine))]
     return plane
@@ -109,7 +110,7 @@ def on_plane(
 ) -> NDArray[np.bool_]:
     """Which valid points lie on the plane within the tolerance of their depth (paper, Eq. 9). Camera frame."""
     n = plane[:3].astype(np.float32)
-    z = points[..., 2]
+    z = np.ascontiguousarray(points[..., 2])
     distance = np.abs(points @ n + np.float32(plane[3]))
     inliers: NDArray[np.bool_] = (distance < plane_tolerance(z, settings, noise)) & (z > 0)
     return inliers
@@ -120,10 +121,11 @@ def refine_plane(
 ) -> NDArray[np.float64]:
     """Least squares on the inliers, each weighted by the inverse of its variance. points (n, 3), tolerance (n,)."""
     for _ in range(2):
-        inliers = np.abs(points @ plane[:3].astype(np.float32) + np.float32(plane[3])) < tolerance
-        if np.count_nonzero(inliers) < 3:
+        distance = np.abs(points @ plane[:3].astype(np.float32) + np.float32(plane[3]))
+        inliers = np.flatnonzero(distance < tolerance)
+        if len(inliers) < 3:
             return plane
-        plane = fit_plane(points[inliers], 1 / tolerance[inliers] ** 2, towards=plane[:3])
+        plane = fit_plane(taken(points, inliers), np.float32(1) / tolerance[inliers] ** 2, towards=plane[:3])
     return plane
 
 
@@ -167,16 +169,16 @@ def triple_planes(
 
     spread: sine of the least angle at the first of the points, below which they count as collinear.
     """
-    a, b, c = (points.reshape(-1, 3)[triples[:, i]].astype(np.float64) for i in range(3))
-    normals = np.cross(b - a, c - a)
-    length = np.linalg.norm(normals, axis=1)
-    sides = np.linalg.norm(b - a, axis=1) * np.linalg.norm(c - a, axis=1)
-    good = (a[:, 2] > 0) & (b[:, 2] > 0) & (c[:, 2] > 0) & (length > spread * sides)
-    a, normals = a[good], normals[good] / length[good, None]
-    offsets = -np.einsum("ij,ij->i", normals, a)
-    planes = np.column_stack((normals, offsets))
-    planes[offsets < 0] *= -1
-    return planes, a
+    corners = taken(points.reshape(-1, 3), triples.ravel()).reshape(-1, 9).T
+    a, b, c = np.split(np.array(corners, np.float64, order="C"), 3)  # (3, m) each: coordinates are faster apart
+    normals = np.cross(b - a, c - a, axis=0)
+    length = np.linalg.norm(normals, axis=0)
+    sides = np.linalg.norm(b - a, axis=0) * np.linalg.norm(c - a, axis=0)
+    good = np.flatnonzero((a[2] > 0) & (b[2] > 0) & (c[2] > 0) & (length > spread * sides))
+    a, normals = a[:, good], normals[:, good] / length[good]
+    planes = np.vstack((normals, -np.einsum("im,im->m", normals, a)))
+    planes *= np.where(planes[3] < 0, -1, 1)
+    return np.ascontiguousarray(planes.T), a.T
 
 
 def count_inliers(

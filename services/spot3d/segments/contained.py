@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
+from spot3d.geometry.quantiles import quantiles
 from spot3d.geometry.upright import share_inside, taken, upright_box
 from spot3d.segments.hanging import STANDS
 from spot3d.trajectory import rotation_to_z
@@ -136,7 +137,7 @@ def _stands_in(part: _Part, box: Box3D, size: float, view: _View) -> bool:
     places = places[level.all(axis=1)]
     if len(places) <= _FLOOR * len(beside):
         return False
-    floor = np.quantile(places[:, 2], _LOWEST)
+    (floor,) = quantiles(places[:, 2], _LOWEST)
     on_floor = np.count_nonzero(places[:, 2] < floor + STANDS) > _FLOOR * len(beside)
     return bool(on_floor and floor < part.places[:, 2].max() - size)
 

@@ -65,10 +65,10 @@ def split_at_creases(
     Returns (h, w) int32: regions from 0, -1 = not in `mask`. Pixels near no region form regions of their own.
     """
     reach = max(1, int(_NEAR * focal))
-    smooth = np.empty_like(normals)
+    smooth = normals.copy()
     _smooth(points, normals, mask, reach, smooth)
-    bend = np.empty(mask.shape, np.float32)
-    _concavity(points, smooth, mask, reach, bend)
+    bend, count = np.zeros(mask.shape, np.float32), np.full(mask.shape, 1e-6, np.float32)
+    _concavity(points, smooth, mask, reach, bend, count)
     labels = np.empty(mask.shape, np.int32)
     _connect(points, smooth, mask & (bend < _FAINT * crease), least, _AREA * focal * focal, labels)
     _share_out(points, mask, labels)
@@ -86,44 +86,51 @@ def _smooth(
     reach: int,
     smooth: NDArray[np.float32],
 ) -> None:
-    """The mean of each pixel's normal and similar normals near it: noise falls, creases stay."""
+    """The mean of each pixel's normal and similar normals near it: noise falls, creases stay.
+
+    smooth: `normals` at first. Each pair of pixels is visited once, from its first pixel, here and in `_concavity`.
+    """
     h, w = mask.shape
     for v in range(h):
         for u in range(w):
             if not mask[v, u]:
-                smooth[v, u] = 0
                 continue
             n0, n1, n2 = normals[v, u, 0], normals[v, u, 1], normals[v, u, 2]
-            s0, s1, s2 = n0, n1, n2
-            for y in range(max(0, v - reach), min(h, v + reach + 1)):
-                for x in range(max(0, u - reach), min(w, u + reach + 1)):
+            s0, s1, s2 = smooth[v, u, 0], smooth[v, u, 1], smooth[v, u, 2]
+            for y in range(v, min(h, v + reach + 1)):
+                for x in range(max(0, u - reach) if y > v else u, min(w, u + reach + 1)):
                     if mask[y, x]:
                         m0, m1, m2 = normals[y, x, 0], normals[y, x, 1], normals[y, x, 2]
                         if n0 * m0 + n1 * m1 + n2 * m2 > _LIKE and within(points, v, u, y, x, _NEAR):
                             s0, s1, s2 = s0 + m0, s1 + m1, s2 + m2
+                            smooth[y, x, 0], smooth[y, x, 1] = smooth[y, x, 0] + n0, smooth[y, x, 1] + n1
+                            smooth[y, x, 2] += n2
             scale = np.float32(1) / max(np.sqrt(s0 * s0 + s1 * s1 + s2 * s2), np.float32(1e-6))
             smooth[v, u, 0], smooth[v, u, 1], smooth[v, u, 2] = s0 * scale, s1 * scale, s2 * scale
 
 
-@kernel("void(f4[:,:,::1], f4[:,:,::1], b1[:,::1], i8, f4[:,::1])")
+@kernel("void(f4[:,:,::1], f4[:,:,::1], b1[:,::1], i8, f4[:,::1], f4[:,::1])")
 def _concavity(
     points: NDArray[np.float32],
     normals: NDArray[np.float32],
     mask: NDArray[np.bool_],
     reach: int,
     bend: NDArray[np.float32],
+    count: NDArray[np.float32],
 ) -> None:
-    """Mean curvature towards the near pixels times the range: positive in a hollow or crease, negative on a ball."""
+    """Mean curvature towards the near pixels times the range: positive in a hollow or crease, negative on a ball.
+
+    bend: 0 at first; count: nearly 0 at first, a buffer for the number of near pixels.
+    """
     h, w = mask.shape
     for v in range(h):
         for u in range(w):
-            bend[v, u] = 0
             if not mask[v, u]:
                 continue
-            total, count = np.float32(0), np.float32(1e-6)
-            for y in range(max(0, v - reach), min(h, v + reach + 1)):
-                for x in range(max(0, u - reach), min(w, u + reach + 1)):
-                    if mask[y, x] and (y != v or x != u):
+            total, pairs = bend[v, u], count[v, u]
+            for y in range(v, min(h, v + reach + 1)):
+                for x in range(max(0, u - reach) if y > v else u + 1, min(w, u + reach + 1)):
+                    if mask[y, x]:
                         a, b = points[y, x, 0] - points[v, u, 0], points[y, x, 1] - points[v, u, 1]
                         c = points[y, x, 2] - points[v, u, 2]
                         square = a * a + b * b + c * c
@@ -132,9 +139,10 @@ def _concavity(
                             turn = (normals[v, u, 0] - normals[y, x, 0]) * a
                             turn += (normals[v, u, 1] - normals[y, x, 1]) * b
                             turn += (normals[v, u, 2] - normals[y, x, 2]) * c
-                            total += max(turn * depth / square, _CONVEX)
-                            count += np.float32(1)
-            bend[v, u] = total / count
+                            turn = max(turn * depth / square, _CONVEX)
+                            total, pairs = total + turn, pairs + np.float32(1)
+                            bend[y, x], count[y, x] = bend[y, x] + turn, count[y, x] + np.float32(1)
+            bend[v, u] = total / pairs
 
 
 @part()
@@ -177,11 +185,12 @@ def _connect(
         for u in range(w):
             if not mask[v, u]:
                 continue
+            i = _root(root, v * w + u)
             # Half of the pixels within two of this one: the other half visits the pair.
             for y in range(v, min(h, v + 3)):
                 for x in range(max(0, u - 2), min(w, u + 3)):
                     if mask[y, x] and (y > v or x > u):
-                        i, j = _root(root, v * w + u), _root(root, y * w + x)
+                        j = _root(root, y * w + x)
                         if i != j and (
                             within(points, v, u, y, x, _LINK)
                             or (
@@ -190,24 +199,22 @@ def _connect(
                                 and _level(points, normals, y, x, v, u)
                             )
                         ):
-                            root[max(i, j)] = min(i, j)
-    count = 0
+                            i, j = min(i, j), max(i, j)
+                            root[j] = i
+    depth, inside, label, count = points[:, :, 2], mask.ravel(), labels.ravel(), 0
     for i in range(h * w):
-        if mask[i // w, i % w]:
+        if inside[i]:
             root[i] = root[root[i]]  # a root precedes its pixels
             size[root[i]] += 1
-    for i in range(h * w):
-        v, u = i // w, i % w
-        labels[v, u] = -1
-        if not mask[v, u]:
-            continue
-        z = points[root[i] // w, root[i] % w, 2]
-        if size[root[i]] >= min(least, large / (z * z)):
-            if root[i] == i:
-                labels[v, u] = count
+    for v in range(h):
+        for u in range(w):
+            i = v * w + u
+            label[i] = -1
+            if inside[i] and root[i] != i:
+                label[i] = label[root[i]]
+            elif inside[i] and size[i] >= min(least, large / (depth[v, u] * depth[v, u])):
+                label[i] = count
                 count += 1
-            else:
-                labels[v, u] = labels[root[i] // w, root[i] % w]
 
 
 @kernel("void(f4[:,:,::1], b1[:,::1], i4[:,::1])")

@@ -164,7 +164,8 @@ def _risen(labels: NDArray[np.int32], height: NDArray[np.float32]) -> tuple[NDAr
     pixels of each of these."""
     risen = np.zeros(int(labels.max(initial=-1)) + 2, np.bool_)  # the last entry is for label -1
     risen[labels[height > 0]] = True
-    return np.where(risen[labels], labels, -1).astype(np.int32), pixels_of(np.where(risen[labels], -1, labels))
+    rises = risen.take(labels)
+    return np.where(rises, labels, np.int32(-1)), pixels_of(np.where(rises, np.int32(-1), labels))
 
 
 def _segments(

@@ -47,19 +47,20 @@ def long_pieces(
     """
     facing = normals @ plane[:3].astype(np.float32) > FACING
     on = on_plane(plane, points, settings, noise) & facing
-    count, pieces, boxes, _ = cv2.connectedComponentsWithStats(on.astype(np.uint8), connectivity=4)
+    count, pieces = cv2.connectedComponents(on.astype(np.uint8), connectivity=4)
     piece = np.asarray(pieces, np.int32)
-    looked_at = boxes[:, cv2.CC_STAT_AREA] >= _PIXELS
+    pixels = np.bincount(piece.ravel(), minlength=count)
+    looked_at = pixels >= _PIXELS
     looked_at[0] = False  # pixels on no piece
     sums = np.zeros((count, 9))
     _add_up(piece, points, looked_at, sums)
-    sums /= np.maximum(boxes[:, cv2.CC_STAT_AREA :], 1)
+    sums /= np.maximum(pixels, 1)[:, None]
     mean, square = sums[:, :3], sums[:, (3, 4, 5, 4, 6, 7, 5, 7, 8)]
     axes = np.linalg.eigh(square.reshape(-1, 3, 3) - mean[:, :, None] * mean[:, None, :])[1][:, :, 1:]
     low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
     _reach(piece, points, looked_at, np.ascontiguousarray(axes), low, high)
     long = looked_at & ((high - low).max(axis=1) > settings.size_max)
-    return np.asarray(long[piece])
+    return np.asarray(long.take(piece))
 
 
 @kernel("void(i4[:,::1], f4[:,:,::1], b1[::1], f8[:,::1])")

@@ -25,11 +25,11 @@ def join_fragments(
         _find_nearest(labels, points, size, least, np.float32(gap * focal), nearest, square)
         if (nearest < 0).all():
             break
-        root = np.arange(count, dtype=np.int32)
-        for fragment in np.argsort(size, kind="stable")[np.sort(size) < least].tolist():
-            if nearest[fragment] >= 0:
-                root[root == root[fragment]] = root[nearest[fragment]]
-        labels = np.where(labels >= 0, root[labels], -1).astype(np.int32)
+        root = np.append(np.arange(count), -1).astype(np.int32)  # the last entry is for label -1
+        order = np.argsort(size, kind="stable")
+        for fragment in order[nearest[order] >= 0].tolist():
+            root[root == root[fragment]] = root[nearest[fragment]]
+        labels = root.take(labels)
     return labels
 
 

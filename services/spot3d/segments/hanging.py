@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.geometry.quantiles import quantiles
 from spot3d.geometry.standing import is_below_camera
 from spot3d.geometry.upright import taken
 from spot3d.kernel import kernel
@@ -73,15 +74,16 @@ def join_hanging(
     the support; up: (3,) unit, camera frame; carriers: flat pixel indices of what is too long for an object. A part
     that hangs above nothing stays as it is.
     """
-    known = [_part(pixels, points.reshape(-1, 3), height, up) for pixels in parts]
+    flat, depth = points.reshape(-1, 3), np.ascontiguousarray(points[..., 2])
+    known = [_part(pixels, flat, height, up) for pixels in parts]
     held: dict[int, list[NDArray[np.int64]]] = {k: [part.pixels] for k, part in enumerate(known)}
     for k, part in enumerate(known):
-        if part.bottom < STANDS or is_below_camera(points.reshape(-1, 3)[part.pixels], up):
+        if part.bottom < STANDS or is_below_camera(taken(flat, part.pixels), up):
             continue
-        hidden, air = _beneath(part, points[..., 2], height, up)
-        across = _across(part, points.reshape(-1, 3), up) if air > _AIR else None
+        hidden, air = _beneath(part, depth, height, up)
+        across = _across(part, flat, up) if air > _AIR else None
         holder = _holder(part, known, across, up) if hidden <= _HIDDEN else None
-        if holder is not None and not _is_carried(part, carriers, points.reshape(-1, 3), height, up):
+        if holder is not None and not _is_carried(part, carriers, flat, height, up):
             held[holder] += held.pop(k)  # a holder never hangs itself
     return [np.concatenate(pixels) for pixels in held.values()]
 
@@ -89,9 +91,10 @@ def join_hanging(
 def _part(
     pixels: NDArray[np.int64], flat: NDArray[np.float32], height: NDArray[np.float32], up: NDArray[np.float64]
 ) -> _Part:
-    bottom, top = np.quantile(height[pixels], (_END, 1 - _END))
+    bottom, top = quantiles(height[pixels], _END, 1 - _END)
     plan = _in_plan(flat, pixels[:: max(1, len(pixels) // _SAMPLE)], up)
-    return _Part(pixels, plan, plan.min(axis=0), plan.max(axis=0), float(bottom), float(top))
+    axes = np.ascontiguousarray(plan.T)
+    return _Part(pixels, plan, axes.min(axis=1), axes.max(axis=1), float(bottom), float(top))
 
 
 def _in_plan(flat: NDArray[np.float32], pixels: NDArray[np.int64], up: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -117,7 +120,7 @@ def _is_carried(
 def _across(part: _Part, flat: NDArray[np.float32], up: NDArray[np.float64]) -> NDArray[np.float32]:
     """(3,) unit: the level direction across the view of a part. A part's extent along it is seen whole, however little
     of its depth is."""
-    across = np.cross(flat[part.pixels].mean(axis=0, dtype=np.float64), up)
+    across = np.cross(taken(flat, part.pixels).mean(axis=0, dtype=np.float64), up)
     return np.asarray(across / np.linalg.norm(across), np.float32)
 
 

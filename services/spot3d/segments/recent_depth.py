@@ -107,15 +107,15 @@ def _fitted(other: NDArray[np.float32], depth: NDArray[np.float32], camera: Intr
     both = (depth > 0) & (other > 0)
     difference = np.where(both, depth - other, np.float32(0))
     alike = both & (np.abs(difference) < _STEP + 3 * camera.noise.sigma(other))
-    seen, agreeing = _around(both), _around(alike)
+    seen, agreeing = _around(both.view(np.uint8)), _around(alike.view(np.uint8))
     offset = _around(np.where(alike, difference, np.float32(0))) / np.maximum(agreeing, 1)
     fits = (other > 0) & (agreeing >= _WINDOW) & (agreeing >= _ALIKE * seen)
     return np.where(fits, other + offset, np.float32(0))
 
 
-def _around(values: NDArray[np.generic]) -> NDArray[np.float32]:
+def _around(values: NDArray[np.uint8] | NDArray[np.float32]) -> NDArray[np.float32]:
     """The sum over the square window around each pixel."""
-    sums = cv2.boxFilter(values.astype(np.float32), -1, (_WINDOW, _WINDOW), normalize=False)
+    sums = cv2.boxFilter(values, cv2.CV_32F, (_WINDOW, _WINDOW), normalize=False)
     return np.asarray(sums, np.float32)
 
 
@@ -147,7 +147,7 @@ def _splat(
 
     to_pixel: (3, 4) from (z u, z v, z, 1) to the other image's (z u, z v, z).
     """
-    h, w = depth.shape
+    (h, w), (rows, columns) = depth.shape, seen_depth.shape
     for v in range(h):
         for u in range(w):
             z = depth[v, u]
@@ -160,7 +160,7 @@ def _splat(
             right = to_pixel[0, 0] * x + to_pixel[0, 1] * y + to_pixel[0, 2] * z + to_pixel[0, 3]
             down = to_pixel[1, 0] * x + to_pixel[1, 1] * y + to_pixel[1, 2] * z + to_pixel[1, 3]
             left, top = int(np.floor(right / far)), int(np.floor(down / far))
-            for i in range(max(0, top), min(seen_depth.shape[0], top + 2)):
-                for j in range(max(0, left), min(seen_depth.shape[1], left + 2)):
-                    if far < seen_depth[i, j]:
+            for i in (top, top + 1):
+                for j in (left, left + 1):
+                    if 0 <= i < rows and 0 <= j < columns and far < seen_depth[i, j]:
                         seen_depth[i, j], seen_heat[i, j] = far, heat[v, u]

@@ -39,9 +39,7 @@ def join_at_seams(
     one = total < crease * met
     if colour is not None:
         one |= (total < sharp * met) & _alike(labels[inside], colour[inside], count)
-    joined = united(labels, np.argwhere(one), count)
-    joined[inside] = np.unique(joined[inside], return_inverse=True)[1]
-    return joined
+    return united(labels, np.argwhere(one), count)
 
 
 def _alike(labels: NDArray[np.int32], colour: NDArray[np.uint8], count: int) -> NDArray[np.bool_]:

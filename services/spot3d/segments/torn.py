@@ -54,10 +54,10 @@ def join_torn(
     met = _meetings(labels, points, noise)
     if len(met.regions) == 0:
         return labels
-    valid = (points[..., 2] > 0).astype(np.float32)
+    valid = (points[..., 2] > 0).astype(np.float32)  # points without depth are zero
     facing = _unit(_means(np.asarray(cv2.boxFilter(normals, -1, (_WINDOW, _WINDOW)), np.float32).reshape(-1, 3), met))
     filled = np.maximum(cv2.boxFilter(valid, -1, (_WINDOW, _WINDOW)), 1e-6)
-    places = cv2.boxFilter(points * valid[..., None], -1, (_WINDOW, _WINDOW)) / filled[..., None]
+    places = cv2.boxFilter(points, -1, (_WINDOW, _WINDOW)) / filled[..., None]
     place = _means(places.reshape(-1, 3), met)
     offset = _unit((place[:, 1] - place[:, 0])[:, None])[:, 0]
     crease = np.einsum("mk,mk->m", facing[:, 0] - facing[:, 1], offset)
@@ -102,8 +102,8 @@ def _link(
         for v in range(h - dv):
             for u in range(max(0, -du), w - max(0, du)):
                 i, j = owner[v, u], owner[v + dv, u + du]
-                if i == j:
-                    continue
+                if i == j or (i == v * w + u and j == (v + dv) * w + u + du):
+                    continue  # no hole is between the two
                 y, x, q, p = i // w, i % w, j // w, j % w
                 a, b = labels[y, x], labels[q, p]
                 if a < 0 or b < 0 or a == b or max(abs(y - q), abs(x - p)) <= 1:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.depth_noise import DepthNoise
+from spot3d.geometry.quantiles import quantiles
 from spot3d.geometry.upright import taken
 from spot3d.kernel import kernel
 from spot3d.segments.labels import pixels_of
@@ -73,7 +74,7 @@ def join_vessels(
         rows = pixels[:: max(1, len(pixels) // _SAMPLE)]
         sample = taken(points.reshape(-1, 3), rows)
         upright.append(sample @ R)
-        sigma = float(noise.sigma(float(np.median(sample[:, 2]))))
+        sigma = float(noise.sigma(float(quantiles(sample[:, 2], 0.5)[0])))
         hollow = _hollow(upright[number], taken(normals.reshape(-1, 3), rows) @ R, _NOISES * sigma)
         if hollow is not None:
             hollows[number] = hollow
@@ -92,7 +93,7 @@ def _around(places: NDArray[np.float32], hollow: Hollow) -> bool:
     """Whether (n, 3) upright places lie around a hollow, reach up to its rim and begin below it."""
     if _share_near(places, hollow.axis, hollow.radius + _WALL) < _WITHIN:
         return False
-    bottom, top = np.quantile(places[:, 2], (0.02, 0.98))
+    bottom, top = quantiles(places[:, 2], 0.02, 0.98)
     return bool(top > hollow.rim - _RIM and bottom < hollow.rim - _RIM)
 
 
@@ -119,7 +120,7 @@ def _hollow(places: NDArray[np.float32], normals: NDArray[np.float32], scatter: 
         aim = (inwards * normals[:, :2]).sum(axis=1)[walls] / np.maximum(distance * level, 1e-9)[walls]
         if len(aim) < _WALLS_MIN or aim.mean() < _FACING:
             return None
-    return Hollow(axis, float(np.quantile(distance, 0.95)), float(np.quantile(places[:, 2], 0.98)))
+    return Hollow(axis, float(quantiles(distance, 0.95)[0]), float(quantiles(places[:, 2], 0.98)[0]))
 
 
 def _ring_of(places: NDArray[np.float32], scatter: float) -> tuple[float, float, float, int]:
@@ -129,20 +130,21 @@ def _ring_of(places: NDArray[np.float32], scatter: float) -> tuple[float, float,
     Returns the axis' x and y, the share of the places that are as far away as they should be, and on how many of its
     twelve sides these are. The share is 0 where the places lie in a plane, or scatter too much for their distance.
     """
-    middle = places.mean(axis=0, dtype=np.float64)
-    level, height = places[:, :2] - middle[:2], places[:, 2] - middle[2]
-    terms = np.column_stack((2 * level, height, np.ones(len(places))))
-    gram = terms.T @ terms
+    coordinates = np.array(places.T, np.float64, order="C")  # apart they are faster
+    middle = coordinates.mean(axis=1)
+    x, y, height = coordinates - middle[:, None]
+    terms = np.stack((2 * x, 2 * y, height, np.ones(len(x))))
+    gram = terms @ terms.T
     spread = np.linalg.eigvalsh(gram[:3, :3])
     if not spread[0] > 1e-9 * spread[2]:
         return float(middle[0]), float(middle[1]), 0.0, 0
-    a, b, slope, square = np.linalg.solve(gram, terms.T @ (level**2).sum(axis=1)).tolist()
+    a, b, slope, square = np.linalg.solve(gram, terms @ (x * x + y * y)).tolist()
     square += a * a + b * b
     radius = float(np.sqrt(max(square, 0.0)))
-    away = level - (a, b)
-    off = np.abs(np.hypot(*away.T) - np.sqrt(np.maximum(square + slope * height, 0)))
-    on = off < max(_RING * radius, scatter)
+    axis = a + float(middle[0]), b + float(middle[1])
     if scatter > _THICK * radius:
-        on[:] = False
-    sides = np.unique(((np.arctan2(away[on, 1], away[on, 0]) + np.pi) / _SIDE).astype(np.int64) % 12)
-    return a + float(middle[0]), b + float(middle[1]), float(on.mean()), len(sides)
+        return *axis, 0.0, 0
+    off = np.abs(np.hypot(x - a, y - b) - np.sqrt(np.maximum(square + slope * height, 0)))
+    on = off < max(_RING * radius, scatter)
+    sides = np.bincount(((np.arctan2(y[on] - b, x[on] - a) + np.pi) / _SIDE).astype(np.int64) % 12)
+    return *axis, float(on.mean()), int(np.count_nonzero(sides))

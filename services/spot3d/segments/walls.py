@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.geometry.downsampling import LatticeFrame
+from spot3d.geometry.upright import taken
 from spot3d.segments.settings import SegmentsSettings
 from spot3d.segments.supports import FACING
 
@@ -42,20 +43,20 @@ def is_wall(
     pixels: (n,) flat indices of its pixels; points, normals: (h, w, 3) float32, camera frame; up: (3,) unit, camera
     frame. A point is behind the part's plane if it is so by more than the least object (`size_min`) and noise.
     """
-    flat = points.reshape(-1, 3)[pixels].astype(np.float64)
-    middle = flat.mean(axis=0)
-    centred = flat - middle
-    axes = np.linalg.eigh(centred.T @ centred)[1]
+    coordinates = np.array(taken(points.reshape(-1, 3), pixels).T, np.float64, order="C")  # apart they are faster
+    middle = coordinates.mean(axis=1)
+    centred = coordinates - middle[:, None]
+    axes = np.linalg.eigh(centred @ centred.T)[1]
     normal = axes[:, 0] if axes[:, 0] @ middle < 0 else -axes[:, 0]
     if abs(float(normal @ up)) > _LEVEL:
         return False
-    if float(np.mean(normals.reshape(-1, 3)[pixels] @ normal.astype(np.float32) > FACING)) < _FLAT:
+    if float(np.mean(taken(normals.reshape(-1, 3), pixels) @ normal.astype(np.float32) > FACING)) < _FLAT:
         return False
     own = np.zeros(frame.depth.shape, np.uint8)
     own.ravel()[pixels] = 1
     around = cv2.dilate(np.pad(own, _RING), np.ones((2 * _RING + 1, 2 * _RING + 1), np.uint8))
     ring = (around[_RING:-_RING, _RING:-_RING] > own) & (frame.depth > 0)
-    seen = points[ring]
+    seen = taken(points.reshape(-1, 3), np.flatnonzero(ring))
     if len(seen) < _SEEN * (np.count_nonzero(around) - len(pixels)):
         return False
     step = np.maximum(np.float32(settings.size_min), settings.noise_gate * frame.camera.noise.sigma(seen[:, 2]))

@@ -141,7 +141,7 @@ def faces(
 
 def ends_of(seen: ObjectViews, axes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The least and the greatest coordinate of an object in each view, (m, views), along (3, m) axes, unit, world."""
-    starts = np.flatnonzero(np.diff(seen.frame, prepend=-1, append=np.iinfo(np.int64).max))
+    starts = np.flatnonzero(np.concatenate(([True], seen.frame[1:] != seen.frame[:-1], [True])))
     lows, highs = np.empty((2, axes.shape[1], len(starts) - 1))
     _ends_of_views(seen.places, seen.blur, starts, np.ascontiguousarray(axes), lows, highs)
     return lows, highs
