@@ -239,7 +239,7 @@ def test_a_run_is_reached_at_the_usual_endpoint_unless_told_another(more, folder
 
     monkeypatch.setattr("spot3d.run.run.run", refuse)
     assert isinstance(runner.invoke(cli.app, ["run", "scene", *more]).exception, CommandError)
-    assert (asked[0], *asked[-2:]) == (Path(folder), listen, usual)
+    assert (asked[0], *asked[-3:]) == (Path(folder), listen, usual, None)
 
 
 def test_what_cannot_be_written_to_is_refused(tmp_path, monkeypatch):
