@@ -302,7 +302,7 @@ def test_given_poses_are_doubted_where_no_two_views_agree(
 def test_the_unit_of_depth_is_doubted_only_where_frames_were_fused(
     fused: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("spot3d.run.left_out.first_depth", lambda _sequence: "the median depth of the first frame")
+    monkeypatch.setattr("spot3d.run.left_out.first_depth", lambda *_: "the median depth of the first frame")
     done = Finished(tmp_path, FrameList(), RunResult(), RunReport("folder", "processes", 9, (640, 480), fused=fused))
     monkeypatch.setattr("spot3d.run.run.run", lambda *_arguments: done)
     result = runner.invoke(cli.app, ["run", "scene", "--out", str(tmp_path)])

@@ -285,7 +285,7 @@ def _conclude(done: "Finished", settings: Settings, given_poses: bool) -> None:
     )
     few = why_so_few(result, report.keyframes, settings)
     doubt = pose_doubt(result, report.fused, report.skipped) if given_poses else ""
-    seen = first_depth(done.sequence) if report.fused and not result.objects else ""
+    seen = first_depth(done.sequence, bool(found)) if report.fused else ""
     known = result.calibration()
     corrected = depth_scale.notice(known.depth_factor), delay.notice(result.delay_s()), orientation.notice(known)
     anew = (
