@@ -148,8 +148,7 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
         report.error = f"{', '.join(not_played)}; the last error: {report.stages['source'].last_error}"
     report.error = report.error or report.useless_stage()
     if not (report.fused or report.error or report.interrupted):
-        reasons = ", ".join(f"{count} {reason}" for reason, count in report.skipped.items() if count)
-        report.error = f"no frame was fused: {reasons or 'none was received'}"
+        report.error = report.nothing_fused()
     if in_process:
         # Logs of an earlier run's processes would be taken for this one's.
         delete_logs(folder)
