@@ -218,6 +218,7 @@ def test_a_bridge_between_stages_that_there_are_not_is_refused() -> None:
     [
         ("proposals.alpha", (0.91, 0.95, 1.0), (0.4, 0.65, 0.9)),
         ("proposals.edges.colour_contrast", (1e-6, 0.9, 1001.0, math.inf), (1.0, 80.0, 160.0, 1000.0)),
+        ("bridge.silence_s", (1e-9, 0.19), (0.2, 60.0)),
         ("fusion.density_radius", (0.21, 10.0), (0.02, 0.2)),
         ("fusion.density_cell", (1e-300, 9e-4), (0.0, 1e-3, 0.1)),
         ("fusion.plane_triples", (100_001, 1_000_000), (10, 100_000)),

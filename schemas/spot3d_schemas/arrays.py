@@ -25,6 +25,15 @@ PALETTE, PALETTE_2D = "palette", "palette-2d"
 JPEG = "jpeg"
 """Lossy, for (h, w, 3) uint8 RGB images."""
 
+_MEANING = {
+    RAW: "C order, little endian",
+    DELTA_ZLIB: "thin links', spot3d_schemas/array_codes.py",
+    PALETTE: "thin links', spot3d_schemas/palette_code.py",
+    PALETTE_2D: "thin links', spot3d_schemas/palette_code.py",
+    JPEG: "the bytes of a JPEG file",
+}
+"""The encodings for clients in other languages."""
+
 _TYPES = ("uint8", "int8", "uint16", "uint32", "float32", "float64")
 _DTYPES = {name: np.dtype(name).newbyteorder("<") for name in _TYPES}
 _NAMES = {dtype: name for name, dtype in _DTYPES.items()}
@@ -112,11 +121,15 @@ class ArraySpec:
                 "data": {
                     "type": "string",
                     "contentEncoding": "binary",
-                    "description": "msgpack bin (JSON has no such type). raw: C order, little endian.",
+                    "description": f"msgpack bin (JSON has no such type). {_meaning(RAW, *sorted(self.thin))}.",
                 },
             },
             "required": ["dtype", "shape", "encoding", "data"],
         }
+
+
+def _meaning(*encodings: str) -> str:
+    return "; ".join(f"{name}: {_MEANING[name]}" for name in encodings)
 
 
 def dtype_name(array: NDArray[Any]) -> str:

@@ -239,7 +239,7 @@ def test_a_run_is_reached_at_the_usual_endpoint_unless_told_another(more, folder
 
     monkeypatch.setattr("spot3d.run.run.run", refuse)
     assert isinstance(runner.invoke(cli.app, ["run", "scene", *more]).exception, CommandError)
-    assert (asked[0], *asked[-2:]) == (Path(folder), listen, usual)
+    assert (asked[0], *asked[-3:]) == (Path(folder), listen, usual, None)
 
 
 def test_what_cannot_be_written_to_is_refused(tmp_path, monkeypatch):
@@ -302,7 +302,7 @@ def test_given_poses_are_doubted_where_no_two_views_agree(
 def test_the_unit_of_depth_is_doubted_only_where_frames_were_fused(
     fused: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("spot3d.run.left_out.first_depth", lambda _sequence: "the median depth of the first frame")
+    monkeypatch.setattr("spot3d.run.left_out.first_depth", lambda *_: "the median depth of the first frame")
     done = Finished(tmp_path, FrameList(), RunResult(), RunReport("folder", "processes", 9, (640, 480), fused=fused))
     monkeypatch.setattr("spot3d.run.run.run", lambda *_arguments: done)
     result = runner.invoke(cli.app, ["run", "scene", "--out", str(tmp_path)])

@@ -219,6 +219,12 @@ def test_intrinsics_are_of_one_data_set(tmp_path: Path) -> None:
     assert "one data set;" in str(result.exception)
 
 
+def test_a_finished_run_of_data_without_truth_is_refused(tmp_path: Path) -> None:
+    write_osd(tmp_path)
+    with pytest.raises(SourceError, match="has no sequence with both true objects and true poses"):
+        CliRunner().invoke(app, ["run", str(tmp_path), "--of", str(tmp_path)], catch_exceptions=False)
+
+
 @pytest.mark.parametrize("words", [["run", "scene:3"], ["points", "scene:3", "--of", "out"]])
 def test_a_run_is_asked_for_in_one_way(words: list[str]) -> None:
     result = CliRunner().invoke(app, words)

@@ -71,6 +71,14 @@ def test_labelled_scene_names_the_missing_file(tmp_path: Path, missing: str) -> 
             {"objects": [{"name": "mug", "label": 1, "min_area_box": MUG | {"size": [1, 1, -1]}}]},
             "mug: box size",
         ),
+        (
+            {"objects": [{"name": "mug", "label": 1, "min_area_box": MUG | {"size": [400, 200, 100]}}]},
+            "mug: a side of 400 m is implausibly long; give boxes in metres",
+        ),
+        (
+            {"objects": [{"name": "mug", "label": 1, "min_area_box": MUG | {"centre": [500, 1000, 50]}}]},
+            "mug: its box contains none of its 2 points in labelled_cloud.npz",
+        ),
         ({"objects": [{"name": "mug", "label": 0, "min_area_box": MUG}]}, r"objects\.0\.label: .* equal to 1"),
         ({"objects": [{"name": "mug", "label": 255, "min_area_box": MUG}]}, r"objects\.0\.label: .* equal to 254"),
         (
@@ -126,7 +134,16 @@ def test_cuboid_has_half_sizes_and_a_yaw_about_z(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "line", ["1 2 3", "1 2 3 0 1 1", "1 2 3 0 1 1 1 1", "1 2 3 0 1 1 x", "1 2 3 0 1 1 -1", "nan 2 3 0 1 1 1"]
+    "line",
+    [
+        "1 2 3",
+        "1 2 3 0 1 1",
+        "1 2 3 0 1 1 1 1",
+        "1 2 3 0 1 1 x",
+        "1 2 3 0 1 1 -1",
+        "nan 2 3 0 1 1 1",
+        "9 9 9 0 70 30 90",
+    ],
 )
 def test_a_broken_cuboid_names_its_line(tmp_path: Path, line: str) -> None:
     (tmp_path / "truth.txt").write_text(f"# comment\n{line}\n")

@@ -373,7 +373,11 @@ def test_nothing_to_see_before_the_first_pose() -> None:
 
 
 @pytest.mark.parametrize(
-    ("factor", "said"), [(0.0, "the depth image is empty"), (1000.0, "check its unit (depth_scale)")]
+    ("factor", "said"),
+    [
+        (0.0, "the depth image is empty"),
+        (1000.0, "check its unit (depth_scale), which --depth-unit sets for a folder"),
+    ],
 )
 def test_depth_in_another_unit_is_told_as_such(factor: float, said: str) -> None:
     depth = np.float32(factor) * frame(0)

@@ -4,7 +4,6 @@ import errno
 import io
 import json
 import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from spot3d.run.dashboard_process import DashboardProcess, dashboard_of_run
+from spot3d.run.dashboard_process import DashboardProcess
 from spot3d.run.run import run
 from spot3d.run.sole_writer import sole_writer
 from spot3d.settings import load_settings
@@ -140,21 +139,28 @@ def test_a_picture_that_cannot_be_drawn_costs_no_other_result(tmp_path: Path, mo
     assert "overview.png cannot be drawn: TypeError: no hull" in report["events"]
 
 
-def test_a_dashboard_of_a_run_that_is_refused_leaves_the_others_log(tmp_path: Path) -> None:
-    (tmp_path / "dashboard.log").write_text("of the run that goes on")
-    with (
-        sole_writer(tmp_path),
-        pytest.raises(SourceError, match="another run writes into"),
-        dashboard_of_run("robot", None, tmp_path, Console(quiet=True)),
-    ):
-        pass
-    assert (tmp_path / "dashboard.log").read_text() == "of the run that goes on"
+def test_no_dashboard_of_a_run_that_is_refused_is_started(tmp_path: Path) -> None:
+    """Its log would replace another run's, and the browser show nothing."""
+    refused = (
+        (Selection("scene"), load_settings(overrides={"pose": {"provider": "given"}}), "another run writes into"),
+        (Selection(str(tmp_path / "no such folder")), load_settings(), "no such folder does not exist"),
+    )
+    for selection, settings, why in refused:
+        page = DashboardProcess("robot", None, tmp_path / "dashboard.log", Console(quiet=True))
+        with sole_writer(tmp_path), pytest.raises(SourceError, match=why):
+            run(selection, settings, tmp_path, Console(quiet=True), accepted=page.start)
+        page.close()
+    assert not list(tmp_path.iterdir())
 
 
-def test_a_dashboard_that_has_ended_by_itself_says_where_to_look(tmp_path: Path) -> None:
+def test_a_dashboard_that_has_ended_by_itself_says_where_to_look(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     text = io.StringIO()
-    with subprocess.Popen([sys.executable, "-c", "pass"], text=True) as process:
-        process.wait(20)
-        DashboardProcess("tcp/127.0.0.1:1", process, tmp_path / "dashboard.log").keep(Console(file=text, width=200))
+    page = DashboardProcess("robot", None, tmp_path / "dashboard.log", Console(file=text, width=200))
+    monkeypatch.setattr(page, "_command", [sys.executable, "-c", "pass"])
+    page.start()
+    page.close()
+    page.keep()
     assert "stays until Ctrl-C" not in text.getvalue()
     assert f"has ended; see {tmp_path / 'dashboard.log'}" in text.getvalue()

@@ -81,3 +81,11 @@ def test_frames_that_are_far_apart_are_told_of_odometry_alone() -> None:
     assert input_doubts(Selected(recording(30), range(0, 10, 2)), True) == []
     (said,) = input_doubts(Selected(recording(5), range(0, 10, 2)), True)
     assert "0.4 s apart" in said
+
+
+@pytest.mark.parametrize("odometry", [False, True])
+def test_timestamps_in_another_unit_are_told(odometry: bool) -> None:
+    for rate_hz, apart in ((0.03, "33"), (0.03e-3, "33,333")):
+        (said,) = input_doubts(recording(rate_hz), odometry)
+        assert said == f"frames are {apart} s apart by their timestamps: check that these are in seconds"
+    assert not any("timestamps" in said for said in input_doubts(Selected(recording(5), range(0, 10, 9)), odometry))

@@ -178,6 +178,11 @@ def test_the_first_frame_s_depth_shows_a_wrong_unit(tmp_path: Path) -> None:
         "folder with --depth-unit METRES"
     )
     assert first_depth(Selected(recording, range(1))) == first_depth(recording)
+    assert [bool(first_depth(replace(recording, depth_scale=unit), found=True)) for unit in (1e-3, 2e-4, 5e-5)] == [
+        True,
+        False,
+        True,
+    ], "units that make a kitchen a hall, or a doll's house"
     assert not first_depth(FrameList([recording[0]])), "other inputs take no --depth-unit"
     paths[1].unlink()
     assert not first_depth(recording)

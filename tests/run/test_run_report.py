@@ -21,6 +21,20 @@ def test_a_stage_that_only_failed_is_told(p50: float | None, errors: int, said: 
 
 
 @pytest.mark.parametrize(
+    ("skipped", "said"),
+    [
+        ({}, "none was received"),
+        ({"lost pose": 9, "no heat": 0}, "9 lost pose"),
+        ({"no pose": 9}, "9 no pose"),
+        ({"no pose": 9, "no heat": 8}, "9 no pose, 8 no heat; poses must have the stamp_ns of their frames"),
+    ],
+)
+def test_why_no_frame_was_fused_is_told(skipped: dict[str, int], said: str) -> None:
+    report = RunReport("scene", "processes", 9, (64, 48), skipped=skipped)
+    assert report.nothing_fused() == f"no frame was fused: {said}"
+
+
+@pytest.mark.parametrize(
     ("fused", "skipped", "interrupted", "said"),
     [
         (9, {}, False, "none dropped"),

@@ -132,6 +132,16 @@ def test_stretches_of_lost_tracking_are_told():
     assert not tracking.stretches()[-1].to_the_end
 
 
+def test_many_short_stretches_are_told_as_well():
+    """Such as frames between given poses that are too far apart."""
+    tracking = LostTracking()
+    for index in range(30):
+        tracking.add(index, index % 3 != 0, "the frame has no given pose")
+    assert (
+        notice(tracking.stretches()) == "tracking was lost in 20 frames, in 10 stretches (the frame has no given pose)"
+    )
+
+
 def test_why_tracking_was_lost_is_told_and_reported():
     tracking = LostTracking()
     for index in range(40):

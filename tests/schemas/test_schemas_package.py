@@ -86,6 +86,8 @@ def test_json_schema(name: str) -> None:
         assert described["required"] == ["dtype", "shape", "encoding", "data"]
         assert described["properties"]["dtype"] == {"enum": list(spec.dtypes)}
         assert described["properties"]["shape"]["minItems"] == len(spec.axes)
+        said = described["properties"]["data"]["description"]
+        assert all(f"{encoding}: " in said for encoding in described["properties"]["encoding"]["enum"])
 
 
 def test_json_schema_states_row_major_matrices() -> None:

@@ -28,7 +28,10 @@ def test_an_orientation_in_colour_turns_nothing(tmp_path: Path) -> None:
     assert read_colour(path)[0, 0, 0] > 245
 
 
-@pytest.mark.parametrize("more", [[], [cv2.IMWRITE_JPEG_RST_INTERVAL, 2], [cv2.IMWRITE_JPEG_OPTIMIZE, 1]])
+@pytest.mark.parametrize(
+    "more",
+    [[], [cv2.IMWRITE_JPEG_RST_INTERVAL, 2], [cv2.IMWRITE_JPEG_OPTIMIZE, 1], [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]],
+)
 def test_a_jpeg_that_was_cut_short_is_refused_though_it_has_an_end_mark(more: list[int], tmp_path: Path) -> None:
     _, jpeg = cv2.imencode(".jpg", SPOTS, more)
     path = tmp_path / "cut.jpg"

@@ -255,6 +255,7 @@ def _calibration(x: float) -> str:
         (_replace("frame-000001.color.png", bomb()), "not a readable image"),
         (_replace("calibration.json", "{}"), "give .registered"),
         (_replace("calibration.json", '{"colour": {"fx": "wide"}}'), "colour.fx"),
+        (_replace("calibration.json", '{"K": [20]}'), "K: Extra inputs are not permitted; expected"),
         (_replace("calibration.json", _calibration(float("nan"))), "not a rigid transform"),
     ],
 )

@@ -1,9 +1,13 @@
-"""Which lines of TUM's lists belong together."""
+"""Which lines of TUM's lists belong together, and where colour lies in that layout."""
 
+import json
+from pathlib import Path
+
+import cv2
 import numpy as np
 import pytest
 
-from spot3d.source.tum import nearest_in_time
+from spot3d.source.tum import nearest_in_time, open_tum
 
 
 @pytest.mark.parametrize(
@@ -19,3 +23,16 @@ from spot3d.source.tum import nearest_in_time
 def test_nearest_in_time(stamps: list[int], others: list[int], expected: list[int]) -> None:
     found = nearest_in_time(np.array(stamps, np.int64), np.array(others, np.int64))
     assert found.tolist() == expected
+
+
+def test_a_calibration_file_states_the_colour_camera(tmp_path: Path) -> None:
+    """Of another size than depth, as the error for such colour advises."""
+    assert cv2.imwrite(str(tmp_path / "colour.png"), np.full((32, 48, 3), 90, np.uint8))
+    assert cv2.imwrite(str(tmp_path / "depth.png"), np.full((16, 24), 5000, np.uint16))
+    (tmp_path / "rgb.txt").write_text("1.0 colour.png\n")
+    (tmp_path / "depth.txt").write_text("1.0 depth.png\n")
+    camera = {"fx": 40, "fy": 40, "cx": 24, "cy": 16, "width": 48, "height": 32}
+    (tmp_path / "calibration.json").write_text(json.dumps({"colour": camera, "T_colour_depth": np.eye(4).tolist()}))
+    frame = open_tum(tmp_path, (20, 20, 12, 8))[0]
+    assert frame.colour.shape == (16, 24, 3)
+    assert (frame.colour == 90).all()

@@ -130,6 +130,10 @@ class Crossing:
             stack.callback(flows[-1].stop)
         stack.callback(TokenMirror(local, self._prompt, robot, lambda stage: stage in here).stop)
         stack.callback(TokenMirror(self._prompt, local, robot, lambda stage: stage not in here).stop)
+        # Undone first: while connections end, which may take seconds, late subscribers must not be given old messages.
+        for flow in flows:
+            if flow.target is local:
+                stack.callback(flow.withdraw)
         return flows
 
     def _send(self, topic: Topic, payload: bytes, put: Put) -> None:

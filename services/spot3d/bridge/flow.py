@@ -2,12 +2,12 @@
 
 import threading
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 
 import zenoh
 from zenoh.handlers import Handler, RingChannel
 
-from spot3d.dataflow.endpoints import declare_publisher, has_subscribers, waiting
+from spot3d.dataflow.endpoints import declare_publisher, has_subscribers, subscribe_kept, waiting
 from spot3d.dataflow.payload import intact_bytes
 from spot3d.dataflow.settings import LinkSettings
 from spot3d_schemas import CodecError, Topic, alive_key, key, token_of
@@ -41,19 +41,17 @@ class Flow:
         refused: Refused,
     ) -> None:
         self._topic, self._origin, self._link, self._forward, self._refused = topic, origin, link, forward, refused
-        self._publisher = declare_publisher(target, topic.name, link)
+        self.target, self._publisher = target, declare_publisher(target, topic.name, link)
         self._unsubscribe: Stop | None = None
 
     def follow(self) -> None:
         """Subscribe while somebody on the other side does, and only then: nothing else should cross the link."""
         wanted = has_subscribers(self._publisher)
         if wanted and self._unsubscribe is None:
-            # Never a FIFO: while one is full, the session receives nothing else.
-            channel: RingChannel[zenoh.Sample] = RingChannel(waiting(self._topic.name, self._link))
-            where = key(self._link.robot, self._topic.name)
-            subscriber = self._origin.declare_subscriber(where, channel)
-            self._unsubscribe = subscriber.undeclare
-            threading.Thread(target=self._pass_on, args=(subscriber.handler,), daemon=True).start()
+            stack = ExitStack()
+            handler = self._subscribe(stack)
+            self._unsubscribe = stack.close
+            threading.Thread(target=self._pass_on, args=(handler,), daemon=True).start()
         elif not wanted:
             self.stop()
 
@@ -62,6 +60,21 @@ class Flow:
         if self._unsubscribe is not None:
             self._unsubscribe()
             self._unsubscribe = None
+
+    def withdraw(self) -> None:
+        """Undeclare the publisher, which would go on to give late subscribers the last message of a kept topic."""
+        undeclare: Stop = self._publisher.undeclare
+        undeclare()
+
+    def _subscribe(self, stack: ExitStack) -> Handler[zenoh.Sample]:
+        where, size = key(self._link.robot, self._topic.name), waiting(self._topic.name, self._link)
+        if self._topic.kept:
+            return subscribe_kept(self._origin, where, size, stack)
+        # Never a FIFO: while one is full, the session receives nothing else.
+        channel: RingChannel[zenoh.Sample] = RingChannel(size)
+        subscriber = self._origin.declare_subscriber(where, channel)
+        stack.callback(subscriber.undeclare)
+        return subscriber.handler
 
     def _pass_on(self, handler: Handler[zenoh.Sample]) -> None:
         while True:

@@ -29,7 +29,7 @@ class BridgeSettings(BaseModel):
     )
     silence_s: float = Field(
         0.6,
-        gt=0,
+        ge=0.2,  # one is asked for every 0.1 s
         description="time without an echo from the other side after which new connections are tried beside the old "
         "ones, seconds; TCP may take seconds to resume old ones",
     )

@@ -156,10 +156,11 @@ def run(
     with dashboard_if_wanted(show, in_process, resolved, settings, folder, console) as page:
         endpoints = (*(listen or ()), *(() if page is None else (page.endpoint,)))
         usual = None if listen else USUAL_ENDPOINT
-        done = run_input(chosen, resolved, folder, console, in_process, topic, endpoints, usual)
+        show_it = None if page is None else page.start
+        done = run_input(chosen, resolved, folder, console, in_process, topic, endpoints, usual, show_it)
         _conclude(done, resolved, topic is not None or resolved.pose.provider == "given")
         if page is not None:
-            page.keep(console)
+            page.keep()
 
 
 @app.command()
@@ -189,14 +190,15 @@ def demo(
     with dashboard_if_wanted(show, in_process, resolved, settings, out, console) as page:
         endpoints = () if page is None else (page.endpoint,)
         chosen = selection(f"scene:{seed}", frames, 1, None)
-        done = run_input(chosen, resolved, out, console, in_process, listen=endpoints, usual=USUAL_ENDPOINT)
+        show_it = None if page is None else page.start
+        done = run_input(chosen, resolved, out, console, in_process, None, endpoints, USUAL_ENDPOINT, show_it)
         true = [(box.name, box) for box in build_scene(seed).boxes]
         console.print(demo_table(*match_objects(true, done.result.objects)))
         _conclude(done, resolved, False)
         if page is None:
             typer.echo(f"to see it live in the browser: {own_command()} demo --dashboard")
         else:
-            page.keep(console)
+            page.keep()
 
 
 @app.command()
@@ -283,7 +285,7 @@ def _conclude(done: "Finished", settings: Settings, given_poses: bool) -> None:
     )
     few = why_so_few(result, report.keyframes, settings)
     doubt = pose_doubt(result, report.fused, report.skipped) if given_poses else ""
-    seen = first_depth(done.sequence) if report.fused and not result.objects else ""
+    seen = first_depth(done.sequence, bool(found)) if report.fused else ""
     known = result.calibration()
     corrected = depth_scale.notice(known.depth_factor), delay.notice(result.delay_s()), orientation.notice(known)
     anew = (

@@ -1,7 +1,7 @@
 """`spot3d dashboard`: what robots see and find, in the browser."""
 
 import sys
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -60,7 +60,7 @@ def dashboard(
 def dashboard_if_wanted(
     wanted: bool, in_process: bool, resolved: Settings, file: Path | None, out: Path, console: "Console"
 ) -> "AbstractContextManager[DashboardProcess | None]":
-    """The dashboard of a run, if it is wanted. file: the run's settings; out: folder of its results.
+    """The dashboard of a run, if it is wanted, to be started. file: the run's settings; out: folder of its results.
 
     Raises OSError if its page cannot be served: its own process would only log that.
     """
@@ -71,10 +71,10 @@ def dashboard_if_wanted(
     if find_spec("viser") is None:
         raise CommandError("the dashboard needs viser: pip install 'spot3d[dashboard]'")
     from spot3d.dashboard.free_port import free_port
-    from spot3d.run.dashboard_process import dashboard_of_run
+    from spot3d.run.dashboard_process import DashboardProcess
 
     free_port(resolved.dashboard)
-    return dashboard_of_run(resolved.link.robot, file, out, console)
+    return closing(DashboardProcess(resolved.link.robot, file, out / "dashboard.log", console))
 
 
 def own_command() -> str:

@@ -11,6 +11,7 @@ from typing import Any, Generic, Self, TypeVar
 import zenoh
 from zenoh.handlers import FifoChannel, Handler
 
+from spot3d.camera import Intrinsics, off_centre
 from spot3d.dataflow.about import about
 from spot3d.dataflow.admission import PER_FRAME, Admission
 from spot3d.dataflow.alive import watch_alive
@@ -28,7 +29,9 @@ from spot3d.dataflow.stopping import end_threads
 from spot3d.dataflow.streams import Streams, new_stream
 from spot3d_schemas import (
     TOPICS,
+    CameraIntrinsics,
     CodecError,
+    Frame,
     Header,
     Message,
     alive_key,
@@ -88,6 +91,7 @@ class Node:
         self._inbox = Inbox(trays | {topic: Tray(_QUERIES_WAITING, False) for topic in queries})
         self.state = ""
         self.sender = new_stream()
+        self._camera: CameraIntrinsics | None = None
         self._streams, self._clocks = Streams(), Clocks()
         self._about = f"{stage}/about"
         self._seqs = dict.fromkeys((*self._outputs, *queries, self._about), 0)
@@ -252,9 +256,17 @@ class Node:
             arrival = self._admission.judge(topic, message.header, time.monotonic())
             if not arrival.refused:
                 self._clocks.observe(message.header, received_ns, time.monotonic())
+                if isinstance(message, Frame):
+                    self._tell_intrinsics(message.intrinsics)
                 recording += arrival.restarted
                 pushed_out = self._inbox.put(topic, Received(message, received_ns, recording))
                 self.counters.drop(f"{topic} busy", pushed_out)
+
+    def _tell_intrinsics(self, camera: CameraIntrinsics) -> None:
+        """Report once that the intrinsics hardly fit the images."""
+        if camera != self._camera and (text := off_centre(Intrinsics(**camera.model_dump()))):
+            self.note("intrinsics off centre", text)
+        self._camera = camera
 
     def _ask(self, topic: str, handler: Handler[zenoh.Query]) -> None:
         for query in handler:  # until the queryable has ended

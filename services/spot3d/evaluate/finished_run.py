@@ -91,7 +91,9 @@ def finished_table(dataset: DataSet, folder: Path, settings: Settings) -> Table:
 def _labelled(dataset: DataSet) -> tuple[LabelledSequence, LabelledScene]:
     sequences = [item for item in dataset.sequences if item.sequence.has_true_poses]
     items = [(item, item.truth) for item in sequences if item.truth is not None]
-    if len(items) != 1:
+    if not items:
+        raise SourceError(f"{dataset.name} has no sequence with both true objects and true poses")
+    if len(items) > 1:
         raise SourceError(
             f"{dataset.name} has {len(items)} sequences with true objects and poses; name the one that was run"
         )

@@ -11,9 +11,13 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError, field_validator
 
 from spot3d.boxes import Box3D
+from spot3d.evaluate.points import points_in_boxes
 
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Matrix = tuple[Vector, Vector, Vector]
+
+_TRUE_MOST_M = 20.0
+"""Largest accepted side of a true object: a box of 2 cm in millimetres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,8 +95,15 @@ def read_labelled_scene(folder: Path) -> LabelledScene:
     for item in labels.objects:
         shape = item.min_area_box
         centre = R_world_aligned @ (np.array(shape.centre) + plane_offset)
-        boxes.append(_box(path, item.name, centre, shape.size, R_world_aligned @ _yaw(shape.yaw_rad)))
+        boxes.append(_true_box(path, item.name, centre, shape.size, R_world_aligned @ _yaw(shape.yaw_rad)))
     xyz, label = _read_labelled_cloud(folder / "labelled_cloud.npz")
+    for item, box in zip(labels.objects, boxes, strict=True):
+        its_points = xyz[label == item.label]
+        if len(its_points) and not points_in_boxes(its_points, [box]).any():
+            raise ValueError(
+                f"{path}, {item.name}: its box contains none of its {len(its_points)} points in labelled_cloud.npz; "
+                "give both in metres, and the points in the world of the poses"
+            )
     return LabelledScene(
         names=tuple(item.name for item in labels.objects),
         labels=tuple(item.label for item in labels.objects),
@@ -121,7 +132,7 @@ def read_cuboids(path: Path) -> tuple[Box3D, ...]:
         if len(half) != 3:
             raise ValueError(f"{path}, line {number}: expected 7 numbers, got {len(fields)}")
         size = (2 * half[0], 2 * half[1], 2 * half[2])
-        boxes.append(_box(path, f"line {number}", np.array((x, y, z)), size, _yaw(yaw)))
+        boxes.append(_true_box(path, f"line {number}", np.array((x, y, z)), size, _yaw(yaw)))
     return tuple(boxes)
 
 
@@ -139,6 +150,12 @@ def read_found_boxes(path: Path) -> tuple[Box3D, ...]:
 def _yaw(angle: float) -> NDArray[np.float64]:
     c, s = np.cos(angle), np.sin(angle)
     return np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+
+
+def _true_box(path: Path, name: str, centre: NDArray[np.float64], size: Vector, rotation: NDArray[np.float64]) -> Box3D:
+    if max(size) > _TRUE_MOST_M:
+        raise ValueError(f"{path}, {name}: a side of {max(size):g} m is implausibly long; give boxes in metres")
+    return _box(path, name, centre, size, rotation)
 
 
 def _box(path: Path, name: str, centre: NDArray[np.float64], size: Vector, rotation: NDArray[np.float64]) -> Box3D:

@@ -88,7 +88,6 @@ class _Stage:
         self.last = PoseEstimate(np.eye(4), "lost")
         self.lost_since: tuple[int, str] | None = None
         self.followed = False
-        self.camera: Intrinsics | None = None
         self.told: dict[str, NDArray[np.float64]] = {}
         self.node.state = ""
 
@@ -98,7 +97,6 @@ class _Stage:
             self._begin()
             self._resume(given.message.header.stamp_ns)
         frame = rgbd_frame(given.message)
-        self._tell_intrinsics(frame.intrinsics)
         self.last = self._track(frame)
         self._tell_if_lost(frame.stamp_ns, frame.intrinsics)
         self._tell_errors()
@@ -179,12 +177,6 @@ class _Stage:
             self.node.state = f"{what}: {advice} ({self.last.reason})" + (f"; {doubt}" if doubt else "")
             if not known:
                 self.node.note("lost tracking", self.node.state)
-
-    def _tell_intrinsics(self, camera: Intrinsics) -> None:
-        """Report once that the intrinsics hardly fit the images."""
-        if camera != self.camera and (text := off_centre(camera)):
-            self.node.note("intrinsics off centre", text)
-        self.camera = camera
 
     def _tell_errors(self) -> None:
         """Report estimated errors of given poses and camera: when notable, and when changed by as much again."""

@@ -70,8 +70,10 @@ def why_few(depth_m: NDArray[np.float32], found: int, settings: PoseSettings) ->
         return "the depth image is empty"
     middle = float(np.median(valid))
     if middle >= settings.range_max:
-        reach = f"only depth below {settings.range_max:g} m is used"
-        return f"the median depth is {middle:.3g} m, and {reach}; check its unit (depth_scale)"
+        return (
+            f"the median depth is {middle:.3g} m, and only depth below {settings.range_max:g} m is used; check its "
+            "unit (depth_scale), which --depth-unit sets for a folder"
+        )
     return f"only {found} points on smooth surfaces, but {POINTS_MIN} are needed"
 
 

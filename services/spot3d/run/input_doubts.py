@@ -10,6 +10,8 @@ from spot3d.source.sequence import FrameSequence
 
 _FOLLOWED_HZ = 3.0
 """Minimum rate at which odometry tracks from one frame to the next; at lower rates it has to search."""
+_TAKEN_S = 10.0
+"""Frames that are farther apart have their timestamps in another unit: milliseconds are 1000 times too far."""
 _LOOKED_AT, _CLEARLY, _LEAST = 8, 1.3, 0.4
 """Frames that are examined; the ratio of colour's changes along depth's edges that decides; and the least change, for
 dark frames.
@@ -34,7 +36,10 @@ def input_doubts(sequence: FrameSequence, odometry: bool) -> list[str]:
     recording = sequence.original if isinstance(sequence, Selected) else sequence
     if isinstance(recording, Recording) and recording.colour_by_default and (doubt := _colour(recording)):
         doubts.append(doubt)
-    if odometry and len(sequence) > 1 and sequence.rate_hz < _FOLLOWED_HZ:
+    if len(recording) > 1 and recording.rate_hz * _TAKEN_S < 1:
+        apart = f"frames are {1 / recording.rate_hz:,.0f} s apart by their timestamps"
+        doubts.append(f"{apart}: check that these are in seconds")
+    elif odometry and len(sequence) > 1 and sequence.rate_hz < _FOLLOWED_HZ:
         text = f"frames are {1 / sequence.rate_hz:.2g} s apart, too far for accurate odometry: boxes may be too wide"
         own = ", or use the recorded poses (--pose truth)" if sequence.has_true_poses else ""
         doubts.append(f"{text}; play more frames per second{own}")

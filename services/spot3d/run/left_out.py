@@ -23,6 +23,8 @@ _VIEWS_DISAGREE = (TOO_SELDOM, MOSTLY_BACKGROUND, GONE)
 """Why candidates are no objects where poses do not put one thing at one place."""
 _FAR_OFF: tuple[Verdict, ...] = ("implausible pose", "pose too far from the origin")
 """Why frames are not fused whose poses have too large a unit."""
+_NEAR_M, _FAR_M = 0.4, 4.0
+"""The range in which depth cameras measure well."""
 
 
 def why_so_few(result: RunResult, keyframes: int, settings: Settings) -> str:
@@ -71,10 +73,11 @@ def pose_doubt(result: RunResult, fused: int, skipped: Mapping[str, int]) -> str
     )
 
 
-def first_depth(sequence: FrameSequence) -> str:
+def first_depth(sequence: FrameSequence, found: bool = False) -> str:
     """The median depth of a folder's first frame, in words, which shows a wrong unit; empty if it has no depth.
 
-    Other inputs have a unit of their own: empty for them, too.
+    found: there are objects: only depth that hardly any camera measures is told then. Other inputs have a unit of their
+    own: empty for them, too.
     """
     recording = sequence.original if isinstance(sequence, Selected) else sequence
     if not isinstance(recording, Recording):
@@ -83,10 +86,11 @@ def first_depth(sequence: FrameSequence) -> str:
         frame = sequence[0]
         metres = frame.depth_metres()
         measured = metres[metres > 0]
-        if measured.size:
+        middle = float(np.median(measured)) if measured.size else 0.0
+        if measured.size and not (found and _NEAR_M <= middle <= _FAR_M):
             unit = "metres" if frame.depth_scale == 1 else f"units of {1000 * frame.depth_scale:g} mm"
             return (
-                f"the median depth of the first frame is {np.median(measured):.2f} m, read as {unit}; if that is "
+                f"the median depth of the first frame is {middle:.2f} m, read as {unit}; if that is "
                 "wrong, set the unit of a folder with --depth-unit METRES"
             )
     return ""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 _MOST = 100
 """Maximum number of stretches listed: the longest."""
 _TOLD = 10
-"""Minimum number of frames of a stretch that is reported to people."""
+"""Minimum number of frames that are reported to people: of a stretch, or of all where each is shorter."""
 
 
 @dataclass(slots=True)
@@ -58,13 +58,15 @@ class LostTracking:
 def notice(found: Sequence[Stretch]) -> str:
     """One line for people; empty where tracking was never lost for long."""
     long = [stretch for stretch in found if stretch.frames >= _TOLD or (stretch.from_the_start and stretch.to_the_end)]
+    if not long and sum(stretch.frames for stretch in found) >= _TOLD:
+        long = list(found)
     if not long:
         return ""
     count, last = sum(stretch.frames for stretch in long), long[-1]
     text = f"tracking was lost in {count} frames" + (f", in {len(long)} stretches" if len(long) > 1 else "")
     if last.to_the_end and last.from_the_start:
         text = f"none of the {count} frames could be tracked" if count > 1 else "the only frame could not be tracked"
-    elif last.to_the_end:
+    elif last.to_the_end and last.frames >= _TOLD:
         text += f", the last {last.frames} of them to the end: the camera did not return to a place that it saw before"
     longest = max(long, key=lambda stretch: stretch.frames)
     return f"{text} ({longest.reason})" if longest.reason else text

@@ -11,6 +11,7 @@ import numpy as np
 
 import spot3d
 from spot3d.dataflow.clocks import travel_times_ns
+from spot3d.dataflow.join import NO_HEAT, NO_POSE
 from spot3d.machine import machine
 from spot3d.run.lost_tracking import Stretch
 from spot3d.run.results import RunResult
@@ -102,6 +103,14 @@ class RunReport:
             reasons.append(f"{self.missing} not reached")
         said = f"not fused: {', '.join(reasons)}" if reasons else "none dropped"
         return f"interrupted; {said}" if self.interrupted else said
+
+    def nothing_fused(self) -> str:
+        """Says why no frame was fused."""
+        skipped = {reason: count for reason, count in self.skipped.items() if count}
+        reasons = ", ".join(f"{count} {reason}" for reason, count in skipped.items())
+        # Each pose then counts as a frame whose heat did not come.
+        apart = "; poses must have the stamp_ns of their frames" if {NO_POSE, NO_HEAT} <= skipped.keys() else ""
+        return f"no frame was fused: {reasons or 'none was received'}{apart}"
 
     def useless_stage(self) -> str:
         """The stage that did nothing but fail, and its error: the results lack its output. Empty if there is none."""

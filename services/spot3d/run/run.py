@@ -1,7 +1,7 @@
 """`spot3d run`: turns an input into a folder of results."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -61,10 +61,12 @@ def run(
     pose_topic: str | None = None,
     listen: Sequence[str] = (),
     usual: str | None = None,
+    accepted: Callable[[], None] | None = None,
 ) -> Finished:
     """Play the input through all stages and write every result file into `folder`.
 
     pose_topic: key of external poses. listen: endpoints for other programs. usual: one more, if it is free.
+    accepted: is called as soon as it is certain that the input can be played into `folder`.
     Ctrl-C (SIGINT) or SIGTERM end the stages at once; the results so far are written all the same.
     Raises SourceError for an input that cannot be played, or if another run writes into `folder`, OSError if that
     cannot be written, and ModuleNotFoundError if a stage's package is not installed.
@@ -86,6 +88,8 @@ def run(
         if settings.pose.provider == "given" and not sequence.has_true_poses and pose_topic is None:
             raise SourceError(f"{name} has no true poses; choose --pose kiss or --pose gicp")
         with sole_writer(folder):
+            if accepted is not None:
+                accepted()
             console.print(f"writing results to {folder}", markup=False, highlight=False, soft_wrap=True)
             plan = Plan(selection, settings, folder, pose_topic, tuple(listen), usual, seen, sequence.stamps_ns)
             return _run(sequence, plan, console, supervisor)
@@ -144,8 +148,7 @@ def _run(sequence: FrameSequence, plan: Plan, console: Console, supervisor: Supe
         report.error = f"{', '.join(not_played)}; the last error: {report.stages['source'].last_error}"
     report.error = report.error or report.useless_stage()
     if not (report.fused or report.error or report.interrupted):
-        reasons = ", ".join(f"{count} {reason}" for reason, count in report.skipped.items() if count)
-        report.error = f"no frame was fused: {reasons or 'none was received'}"
+        report.error = report.nothing_fused()
     if in_process:
         # Logs of an earlier run's processes would be taken for this one's.
         delete_logs(folder)

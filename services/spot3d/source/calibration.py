@@ -17,6 +17,11 @@ from spot3d.source.text_files import is_rigid, read_text
 _APART_MOST_M = 1.0
 """Largest accepted distance between the cameras. Farther apart they do not share a view: the file is in millimetres."""
 
+_FORMS = (
+    'expected {"registered": true}, or {"colour": {"fx", "fy", "cx", "cy", "width", "height"}, "T_colour_depth": 4x4 '
+    "rows} in pixels and metres"
+)
+
 Row = Annotated[list[float], Field(min_length=4, max_length=4)]
 
 
@@ -69,12 +74,12 @@ class _CalibrationFile(BaseModel):
     T_colour_depth: Annotated[list[Row], Field(min_length=4, max_length=4)] | None = None
 
 
-def load_calibration(folder: Path, depth: Intrinsics) -> ColourCamera | None:
+def load_calibration(folder: Path, depth: Intrinsics | None) -> ColourCamera | None:
     """The folder's colour camera, or None where colour is registered with depth already.
 
     `calibration.json` decides: `{"registered": true}`, or `{"colour": {"fx", "fy", "cx", "cy", "width", "height"},
-    "T_colour_depth": 4x4 rows}` in pixels and metres. Without that file, depth intrinsics equal to those of 7-Scenes'
-    Kinect select its calibration. Raises SourceError if the file is malformed.
+    "T_colour_depth": 4x4 rows}` in pixels and metres. Without that file, `depth` intrinsics equal to those of
+    7-Scenes' Kinect select its calibration. Raises SourceError if the file is malformed.
     """
     path = folder / "calibration.json"
     if not path.is_file():
@@ -99,6 +104,6 @@ def load_calibration(folder: Path, depth: Intrinsics) -> ColourCamera | None:
     except ValidationError as error:
         first = error.errors()[0]
         field = ".".join(str(part) for part in first["loc"]) or "the document"
-        raise SourceError(f"{path} is malformed: {field}: {first['msg']}") from None
+        raise SourceError(f"{path} is malformed: {field}: {first['msg']}; {_FORMS}") from None
     except (ValueError, RecursionError) as error:
         raise SourceError(f"{path} is malformed: {error}") from None

@@ -12,8 +12,8 @@ from spot3d.source.errors import SourceError
 COLOUR = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
 """How colour is decoded: as its pixels are stored. An EXIF orientation would turn colour, but not depth."""
 
-_BEGIN, _END, _GREY = b"\xff\xd8", b"\xff\xd9", 128
-"""Marks of a JPEG's beginning and end, and its mid-grey."""
+_BEGIN, _END, _PROGRESSIVE, _GREY = b"\xff\xd8", b"\xff\xd9", b"\xff\xc2", 128
+"""Marks of a JPEG's beginning, end, and frame of progressive scans; its mid-grey."""
 _MORE = np.full(4096, 0x55, np.uint8)
 """Data of more pixels, whatever they show."""
 
@@ -47,13 +47,17 @@ def decoded_image(data: NDArray[np.uint8], how: int) -> NDArray[Any] | None:
 
 
 def _is_cut_short(data: NDArray[np.uint8], image: NDArray[Any], how: int) -> bool:
-    """Whether the data are those of a sequential JPEG and end before `image` does, though they have an end mark.
+    """Whether the data are those of a JPEG and end before `image` does, though they have an end mark.
 
-    The decoder fills what is missing with grey. If an image that ends in grey is whole, more data changes nothing.
+    The decoder fills what is missing of a sequential one with grey, and leaves a progressive one blurred. If such an
+    image is whole, more data changes nothing.
     """
-    if data[:2].tobytes() != _BEGIN or (image[-4:, -4:] != _GREY).any():
+    if data[:2].tobytes() != _BEGIN:
         return False
-    end = data.tobytes().rfind(_END)
+    written = data.tobytes()
+    if (image[-4:, -4:] != _GREY).any() and _PROGRESSIVE not in written:
+        return False
+    end = written.rfind(_END)
     longer = np.concatenate((data[:end], _MORE, data[end:]))
     return not np.array_equal(image, np.asarray(cv2.imdecode(longer, how)))
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.source.calibration import load_calibration
 from spot3d.source.errors import SourceError
 from spot3d.source.intrinsics_files import FocalAndCentre, intrinsics_for, tum_values
 from spot3d.source.motion import Motion, Pose
@@ -30,9 +31,10 @@ def open_tum(folder: Path, intrinsics: FocalAndCentre | None = None) -> Recordin
     Each depth image is paired with the colour image nearest in time, up to 20 ms off, and with the pose at its time
     (see `_poses_at`). A depth image without colour is skipped, one without pose has no true pose. Stamps are the depth
     images'. Depth is 5000 per metre.
-    In the published data colour is registered and lens distortion small, so neither is corrected. `intrinsics` (fx, fy,
-    cx, cy) override `intrinsics.txt` and the published values. Malformed lines are skipped and logged. The image size
-    is that of the first frame that can be read. Raises SourceError.
+    In the published data colour is registered and lens distortion small, so neither is corrected; `calibration.json`
+    states where other colour lies (see `load_calibration`). `intrinsics` (fx, fy, cx, cy) override `intrinsics.txt` and
+    the published values. Malformed lines are skipped and logged. The image size is that of the first frame that can be
+    read. Raises SourceError.
     """
 
     def file(words: list[str], _where: str) -> Path:
@@ -77,7 +79,7 @@ def open_tum(folder: Path, intrinsics: FocalAndCentre | None = None) -> Recordin
         )
     where = "--intrinsics" if intrinsics else str(folder / "intrinsics.txt")
     camera = intrinsics_for(intrinsics or tum_values(folder), first_readable_shape(frames), where)
-    return with_a_readable_frame(Recording(frames, camera, METRES_PER_UNIT))
+    return with_a_readable_frame(Recording(frames, camera, METRES_PER_UNIT, load_calibration(folder, None)))
 
 
 def _poses_at(stamps_ns: NDArray[np.int64], truth: list[tuple[int, Pose]]) -> list[Pose | None]:

@@ -137,6 +137,17 @@ def test_a_broken_pose_is_left_out_and_told(
     assert f"1 of 4 {what} are left out; the first error: " in caplog.text
 
 
+def test_odometry_of_no_body_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    said = camera_messages(SPEAKER, FRAMES, START_NS)
+    for frame in FRAMES:
+        assert frame.T_world_camera is not None
+        stamp_ns = START_NS + frame.stamp_ns
+        said.append(("/odom", stamp_ns, SPEAKER.odometry(stamp_ns, "odom", "", frame.T_world_camera)))
+    bag = open_source(write_bag(tmp_path, "mcap", said), topics=TopicNames(pose="/odom"))
+    np.testing.assert_allclose(bag.true_pose(1), FRAMES[1].T_world_camera, atol=1e-9)
+    assert "/odom names no child frame: its poses are taken as the camera's own, of its optical frame" in caplog.text
+
+
 def test_poses_of_another_time_are_refused(tmp_path: Path) -> None:
     said = [*camera_messages(SPEAKER, FRAMES, START_NS), ("/pose", 5, SPEAKER.pose(5, "map", np.eye(4)))]
     with pytest.raises(

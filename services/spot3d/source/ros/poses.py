@@ -1,5 +1,6 @@
 """The camera's poses from a bag's /tf, or from the messages of an odometry or a tracker."""
 
+import logging
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -7,6 +8,8 @@ from spot3d.source.errors import SourceError
 from spot3d.source.motion import Motion, Pose
 from spot3d.source.ros.bag import Bag
 from spot3d.source.ros.transforms import TransformTree, stamp_of, transform_of, valid_poses
+
+log = logging.getLogger(__name__)
 
 TF = "tf2_msgs/msg/TFMessage"
 _ODOMETRY, _TRANSFORM = "nav_msgs/msg/Odometry", "geometry_msgs/msg/TransformStamped"
@@ -27,9 +30,10 @@ def transform_tree(bag: Bag, dynamic: bool) -> TransformTree:
 def poses_of(bag: Bag, topic: str, camera_frame: str) -> PoseAt:
     """The camera's poses from a topic.
 
-    topic: Odometry or TransformStamped, whose child frame /tf_static connects with the camera's (optical) frame;
-    PoseStamped, with or without covariance, as the camera's own pose; or /tf. `/tf:FRAME` names a world other than the
-    root of the camera's tree. Raises SourceError, which names what is missing.
+    topic: Odometry or TransformStamped, whose child frame /tf_static connects with the camera's (optical) frame, or the
+    camera's own pose if they name none, which is logged; PoseStamped, with or without covariance, as the camera's own
+    pose; or /tf. `/tf:FRAME` names a world other than the root of the camera's tree. Raises SourceError, which names
+    what is missing.
     """
     name, _, world = topic.partition(":")
     kind = bag.types.get(name)
@@ -53,6 +57,8 @@ def _of_tree(tree: TransformTree, camera_frame: str, world: str) -> PoseAt:
 def _of_messages(bag: Bag, topic: str, kind: str, camera_frame: str) -> PoseAt:
     messages = [message for _, _, message in bag.messages(topic)]
     body = getattr(messages[-1], "child_frame_id", "") if messages else ""
+    if not body and kind in (_ODOMETRY, _TRANSFORM):
+        log.warning("%s names no child frame: its poses are taken as the camera's own, of its optical frame", topic)
     posed = valid_poses(messages, lambda message: _pose(message, kind), f"poses of {topic}")
     motion = Motion([(stamp_of(message), pose) for message, pose in posed])
     T_body_camera = transform_tree(bag, dynamic=False).fixed_between(body, camera_frame) if body else None
