@@ -108,7 +108,8 @@ def test_segments_are_clustered_the_same_way(seed: int) -> None:
     divided = observed[rng.random(len(observed)) < 0.1, 0]
     spilling = rng.integers(len(frame), size=6)
     background = rng.choice(spilling, size=60)
-    statements = Statements(frame, observed, np.column_stack((whole[:, 0], holder)), divided, background)
+    places = rng.normal(size=(len(frame), 3)), rng.normal(size=(9, 3))
+    statements = Statements(frame, observed, np.column_stack((whole[:, 0], holder)), divided, background, *places)
     found = clusters_of(statements, 3, 0.3)
     ours = {frozenset(np.flatnonzero(found == number).tolist()) for number in range(found.max() + 1)}
     assert ours == {frozenset(rows) for rows in reference.clusters(statements, 3, 0.3)}

@@ -12,7 +12,7 @@ from spot3d.fusion.objects.agreement import Statements
 from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.keyframes import FusedFrame, Keyframe, keyframe_of
 from spot3d.fusion.objects.segment_table import SegmentTable
-from spot3d.fusion.objects.views import BACKGROUND, DIVIDED, OBJECT, WHOLE, View, ask, view_of
+from spot3d.fusion.objects.views import BACKGROUND, DIVIDED, OBJECT, WHOLE, View, ask, eyes_of, view_of
 from spot3d.geometry.downsampling import to_lattice
 from spot3d.segments.finder import find_segments
 from spot3d.settings import Settings
@@ -75,5 +75,12 @@ def _statements(table: SegmentTable, views: list[View], rows_of: list[NDArray[np
         within.append(np.column_stack((held, holder))[holder >= 0])
         divided.append(np.flatnonzero(others & (said == DIVIDED)))
         background.append(np.flatnonzero(others & (said == BACKGROUND)))
-    said_of_rows = [np.concatenate(parts) for parts in (observed, within, divided, background)]
-    return Statements(table.frame.rows.copy(), *said_of_rows)
+    return Statements(
+        table.frame.rows.copy(),
+        np.concatenate(observed),
+        np.concatenate(within),
+        np.concatenate(divided),
+        np.concatenate(background),
+        table.spheres.rows[:, :3].astype(np.float64),
+        eyes_of(views),
+    )

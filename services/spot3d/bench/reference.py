@@ -154,10 +154,11 @@ def said_by_view(
 def clusters(said: Statements, views_min: int, object_share: float) -> list[set[int]]:
     """Clusters of segments that most frames observing them have in one segment (MaskClustering, Sec. 3), by sets.
 
-    A cluster that most frames have in one segment with a larger one is joined to it as its part. views_min: least
+    The two that agree best are joined first. A frame's vote is as the pixels that it has on both. A cluster that more
+    frames have in one segment with a larger one than show it by itself is joined to it as its part. views_min: least
     frames that show an object; object_share: least share of the frames observing it that see it as an object.
     """
-    frame, observed, within, divided, background = said
+    frame, observed, within, divided, background, centre, eye = said
     observers: list[set[int]] = [set() for _ in frame]
     holders = [{row} for row in range(len(frame))]
     for row, by in observed.tolist():
@@ -168,43 +169,45 @@ def clusters(said: Statements, views_min: int, object_share: float) -> list[set[
     times, unseen = Counter(divided.tolist()), Counter(background.tolist())
     several = {row for row in times if times[row] >= 0.5 * seen[row]}
     spilled = {row for row in unseen if seen[row] < object_share * (seen[row] + unseen[row])}
-    groups = []
     for row, own in enumerate(frame.tolist()):
         wrong = holders[row] & (several if row in spilled else several | spilled)
-        silent = {int(frame[holder]) for holder in wrong}
-        if row not in several:
-            groups.append(({row}, observers[row] - silent | {own}, holders[row] - wrong))
-    for least in (20, 15, 10, 8, 6, 5, 4, 3, 2):
-        while True:
-            number = list(range(len(groups)))
-            for i, (_, sees, holds) in enumerate(groups):
-                for j, (_, other_sees, other_holds) in enumerate(groups[:i]):
-                    both = len(sees & other_sees)
-                    if both >= least and len(holds & other_holds) >= 0.6 * both and number[i] != number[j]:
-                        number = [number[j] if n == number[i] else n for n in number]
-            if len(set(number)) == len(groups):
-                break
-            groups = [
-                (
-                    set().union(*(groups[i][0] for i in members)),
-                    set().union(*(groups[i][1] for i in members)),
-                    set().union(*(groups[i][2] for i in members)),
-                )
-                for members in ([i for i, n in enumerate(number) if n == name] for name in sorted(set(number)))
-            ]
-    shown = [len({int(frame[row]) for row in rows}) for rows, _, _ in groups]
-    whole_of: dict[int, int] = {}
-    for i, (_, sees, holds) in enumerate(groups):
-        wholes = []
-        for j, (_, other_sees, other_holds) in enumerate(groups):
-            both, in_one = len(sees & other_sees), len(holds & other_holds)
-            if views_min <= shown[i] < min(shown[j], in_one) and in_one >= 0.5 * both:
-                wholes.append((in_one / both, shown[j], -j))
-        if wholes:
-            whole_of[i] = -max(wholes)[2]
+        observers[row] = observers[row] - {int(frame[holder]) for holder in wrong} | {own}
+        holders[row] -= wrong
+    groups = [[row] for row in range(len(frame)) if row not in several]
+    while True:
+        pairs = []
+        known = []
+        for rows in groups:
+            sees, held = (set[int]().union(*(said_of[row] for row in rows)) for said_of in (observers, holders))
+            middle = np.mean(centre[rows], axis=0)
+            known.append(({by: 1 / max(float(np.linalg.norm(middle - eye[by])), 0.1) for by in sees}, held))
+        for j, (other_nearness, other_held) in enumerate(known):
+            for i, (nearness, held) in enumerate(known[:j]):
+                votes = {by: nearness[by] * other_nearness[by] for by in nearness.keys() & other_nearness.keys()}
+                if in_one := held & other_held:
+                    share = round(sum(votes[int(frame[row])] for row in in_one) / sum(votes.values()), 9)
+                    pairs.append((i, j, len(votes), share))
+        agreed = [
+            (-(share * views + 1) / (views + 2), i, j) for i, j, views, share in pairs if views > 1 and share >= 0.6
+        ]
+        taken: set[int] = set()
+        for _, i, j in sorted(agreed):
+            if not {i, j} & taken:
+                taken |= {i, j}
+                groups[i] = groups[i] + groups[j]
+                groups[j] = []
+        groups = [rows for rows in groups if rows]
+        if not agreed:
+            break
+    shown = [len({int(frame[row]) for row in rows}) for rows in groups]
+    wholes: dict[int, list[tuple[float, int, int]]] = {}
+    for i, j, views, share in pairs:
+        part, whole = (i, j) if shown[i] <= shown[j] else (j, i)
+        if views_min <= shown[part] < min(shown[whole], share * views):
+            wholes.setdefault(part, []).append((share, shown[whole], -whole))
     joined: dict[int, set[int]] = {}
-    for i, (rows, _, _) in enumerate(groups):
-        while i in whole_of:
-            i = whole_of[i]
+    for i, rows in enumerate(groups):
+        while i in wholes:
+            i = -max(wholes[i])[2]
         joined.setdefault(i, set()).update(rows)
     return list(joined.values())

@@ -1,5 +1,7 @@
 """Which segments become one, by who sees and holds them."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from scipy.sparse import csr_array
@@ -18,14 +20,22 @@ def clusters(
     background: list[int] | None = None,
     views_min: int = 3,
     join_parts: bool = True,
+    ranges: dict[int, float] | None = None,
 ) -> list[int]:
+    """Numbers of the clusters, in the order of their first segments. ranges: of frames, 1 if not stated."""
+
     def pairs(listed: Pairs) -> np.ndarray:
         return np.array(listed, np.int64).reshape(-1, 2)
 
     def rows(listed: list[int] | None) -> np.ndarray:
         return np.array([] if listed is None else listed, np.int64)
 
-    said = Statements(rows(frame), pairs(observed), pairs(within), rows(divided), rows(background))
+    eyes = np.ones((1 + max((*frame, *(by for _, by in observed)), default=-1), 1)) * (0.0, 0.0, 1.0)
+    for number, metres in (ranges or {}).items():
+        eyes[number, 2] = metres
+    said = Statements(
+        rows(frame), pairs(observed), pairs(within), rows(divided), rows(background), np.zeros((len(frame), 3)), eyes
+    )
     found = clusters_of(said, views_min, object_share=0.3, join_parts=join_parts)
     numbers: dict[int, int] = {-1: -1}
     return [numbers.setdefault(number, len(numbers) - 1) for number in found.tolist()]
@@ -86,6 +96,30 @@ def test_what_few_see_as_an_object_joins_nothing_but_its_like(background: int) -
     assert found == ([0] * 8 if background < 5 else [0, 0, 0, 1, 1, 2, 2, 2])
 
 
+def test_two_objects_are_not_joined_by_a_chain_of_segments_between_them() -> None:
+    """Frames 0 to 5 tell two objects apart. Frame 6 shows a piece between them, which frame 7 has in one with the first
+    object, and frame 8 with the second: it agrees with both, which no frame has in one."""
+    frame = [k // 2 for k in range(12)] + [6, 7, 8]
+    first, second, piece, with_first, with_second = list(range(0, 12, 2)), list(range(1, 12, 2)), 12, 13, 14
+    within = held_by([[*first, with_first], [*second, with_second], [piece, with_first]])
+    within += held_by([[piece, with_second]])
+    observed = [(row, by) for row in (*first, *second) for by in range(6) if by != frame[row]]
+    observed += [(row, 7) for row in (*first, piece)] + [(row, 8) for row in (*second, piece)]
+    observed += [(row, by) for row in (with_first, with_second) for by in range(7)]
+    assert clusters(frame, observed, within) == [0, 1] * 6 + [0, 0, 1]
+
+
+@pytest.mark.parametrize(("near", "apart"), [((), False), (range(4), True), (range(4, 11), False)])
+def test_the_vote_of_a_view_is_as_its_pixels(near: Sequence[int], apart: bool) -> None:
+    """Four views tell two objects apart, seven have them in one. Views from half the range have four times the vote."""
+    frame = [k // 2 for k in range(8)] + list(range(4, 11))
+    first, second, both = list(range(0, 8, 2)), list(range(1, 8, 2)), list(range(8, 15))
+    within = held_by([first, second, both]) + [(row, holder) for row in (*first, *second) for holder in both]
+    ranges = {number: 0.5 if number in near else 1.0 for number in range(11)}
+    found = clusters(frame, seen_by_all(frame), within, ranges=ranges, join_parts=False)
+    assert (found[0] != found[1]) == apart
+
+
 def test_parts_that_most_views_have_in_one_join() -> None:
     """Frames 0 and 1 tore it in two; frames 2 to 9 have it whole."""
     frame = [0, 0, 1, 1, *range(2, 10)]
@@ -125,7 +159,7 @@ def test_what_most_views_have_in_one_with_another_is_a_part_of_it(apart: int, on
 @pytest.mark.parametrize(("shown", "joined"), [((4, 5), True), ((5, 4), True), ((4, 4), False), ((6, 7), False)])
 def test_a_whole_is_shown_by_more_frames_than_its_part(shown: tuple[int, int], joined: bool) -> None:
     """Five of six frames that see both have them in one; where six show the lesser by itself that is more."""
-    pairs = tuple(np.array([value]) for value in (0, 1, 6, 5))
+    pairs = agreement._Pairs(np.array([0]), np.array([1]), np.array([6]), np.array([5 / 6]))
     whole = agreement._whole_of(pairs, np.array(shown), views_min=3)
     assert (whole[0] == whole[1]) == joined
 
@@ -154,11 +188,12 @@ def test_what_does_not_hang_together_may_be_clustered_apart() -> None:
 @pytest.mark.parametrize(("rows", "frames"), [(0, 0), (1, 1), (7, 63), (40, 64), (40, 200)])
 def test_pairs_are_those_of_all_rows_by_all_rows(rows: int, frames: int) -> None:
     rng = np.random.default_rng(rows)
-    seen = rng.random((rows, frames)) < 0.3
-    held = rng.random((rows, rows)) < 0.4
-    V, C = (csr_array(matrix.astype(np.int32)) for matrix in (seen, held))
-    supporters, seen_by = (matrix.astype(np.int64) @ matrix.T for matrix in (held, seen))
-    pair = np.triu((supporters > 0) & (supporters >= 0.7 * seen_by), 1)
-    found = np.array(agreement._pairs(V, C, 0.7))
-    found = found[:, np.lexsort(found[1::-1])]
-    np.testing.assert_array_equal(found, [*np.nonzero(pair), seen_by[pair], supporters[pair]])
+    near = rng.uniform(0.5, 2, (rows, frames)) * (rng.random((rows, frames)) < 0.3)
+    held = rng.uniform(0.5, 2, (rows, rows)) * (rng.random((rows, rows)) < 0.4)
+    a, b = np.nonzero(np.triu(held @ held.T, 1))
+    votes, views = ((matrix @ matrix.T)[a, b] for matrix in (near, 1.0 * (near > 0)))
+    a, b, votes, views = (column[views > 0] for column in (a, b, votes, views))
+    found = agreement._pairs(csr_array(near), csr_array(held))
+    order = [k for k in np.lexsort((found.b, found.a)) if found.views[k]]
+    np.testing.assert_array_equal([found.a[order], found.b[order], found.views[order]], [a, b, views])
+    np.testing.assert_allclose(found.share[order], (held @ held.T)[a, b] / votes, atol=1e-8)

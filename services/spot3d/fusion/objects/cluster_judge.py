@@ -12,7 +12,7 @@ from spot3d.fusion.objects.footing import lower_edge, narrow_foot
 from spot3d.fusion.objects.found import ObjectViews, box_of, ground_below
 from spot3d.fusion.objects.reasons import GONE, MOSTLY_BACKGROUND, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
 from spot3d.fusion.objects.segment_graph import SegmentGraph
-from spot3d.fusion.objects.views import BACKGROUND, THROUGH
+from spot3d.fusion.objects.views import BACKGROUND, THROUGH, eyes_of
 from spot3d.fusion.settings import FusionSettings
 
 
@@ -119,14 +119,13 @@ class ClusterJudge:
         """What these segments saw of an object, in the order of their frames."""
         segments, frame = self._graph.segments, self._graph.segments.frame.rows[rows]
         outline = segments.outline.rows[rows]
-        poses = np.array([self._graph.views[number].pose for number in frame.tolist()], np.float64)
         return ObjectViews(
             segments.places.rows[rows],
             outline if "outline" not in self._settings.skipped else np.full_like(outline, np.nan),
             segments.blur.rows[rows],
             segments.support.rows[rows],
             frame,
-            -np.einsum("nji,nj->ni", poses[:, :, :3], poses[:, :, 3]),
+            eyes_of(self._graph.views[number] for number in frame.tolist()),
         )
 
     def _box_of(self, views: ObjectViews, up: NDArray[np.float64]) -> Box3D:

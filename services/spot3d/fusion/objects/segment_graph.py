@@ -11,7 +11,7 @@ from spot3d.fusion.objects.growing import Growing
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.recalibration import Change, Placement, change_segments, changed_view
 from spot3d.fusion.objects.segment_table import SegmentTable
-from spot3d.fusion.objects.views import BACKGROUND, DIVIDED, NOTHING, OBJECT, WHOLE, View, ask, view_of
+from spot3d.fusion.objects.views import BACKGROUND, DIVIDED, NOTHING, OBJECT, WHOLE, View, ask, eyes_of, view_of
 from spot3d.pose_corrections import PoseCorrections
 
 _LEVEL = 0.985
@@ -88,7 +88,7 @@ class SegmentGraph:
         segments, local = self.segments, np.full(len(self.segments) + 1, -1)  # row -1: of no segment
         local[rows] = np.arange(len(rows))
         observations = self.observations[local[self.observations[:, 0]] >= 0]
-        _, frame = np.unique(np.concatenate((segments.frame.rows[rows], observations[:, 1])), return_inverse=True)
+        frames, frame = np.unique(np.concatenate((segments.frame.rows[rows], observations[:, 1])), return_inverse=True)
         own, by = frame[: len(rows)], frame[len(rows) :]
         row, holder = local[observations[:, 0]], local[observations[:, 3]]
         observed, whole = observations[:, 2] >= OBJECT, holder >= 0
@@ -98,13 +98,15 @@ class SegmentGraph:
             np.column_stack((row, holder))[whole],
             row[observations[:, 2] == DIVIDED],
             row[observations[:, 2] == BACKGROUND],
+            segments.spheres.rows[rows, :3].astype(np.float64),
+            eyes_of(self.views[number] for number in frames.tolist()),
         )
 
     def outdated(self) -> list[int]:
         """The keyframes that the latest one replaces: those of nearly the same view, but for the last five."""
         numbers = np.fromiter(self.views, np.int64, len(self.views))
         poses = np.stack([view.pose for view in self.views.values()]).astype(np.float64)
-        places = -np.einsum("kij,ki->kj", poses[:, :, :3], poses[:, :, 3])
+        places = eyes_of(self.views.values())
         turned = np.einsum("kij,ij->k", poses[:, :, :3], poses[-1, :, :3])
         same = np.linalg.norm(places - places[-1], axis=1) < _SAME_PLACE
         same &= turned > 1 + 2 * np.cos(_SAME_TURN)

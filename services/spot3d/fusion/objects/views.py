@@ -4,6 +4,7 @@ After M. Yan, J. Zhang, Y. Zhu and H. Wang, *MaskClustering: View Consensus Base
 Open-Vocabulary 3D Instance Segmentation*, CVPR 2024.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -107,6 +108,12 @@ def within_reach(
     reach = float(np.linalg.norm(corners - middle, axis=1).max())
     centre = np.linalg.solve(pose[:, :3].astype(np.float64), middle - pose[:, 3])
     return centre.astype(np.float32), reach
+
+
+def eyes_of(views: Iterable[View]) -> NDArray[np.float64]:
+    """From where these views look, (n, 3) world, metres."""
+    poses = np.array([view.pose for view in views], np.float64).reshape(-1, 3, 4)
+    return np.asarray(-np.einsum("nji,nj->ni", poses[:, :, :3], poses[:, :, 3]))
 
 
 def ask(
