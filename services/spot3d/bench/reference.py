@@ -178,7 +178,9 @@ def clusters(said: Statements, views_min: int, object_share: float) -> list[set[
         pairs = []
         known = []
         for rows in groups:
-            sees, held = (set[int]().union(*(said_of[row] for row in rows)) for said_of in (observers, holders))
+            sees = Counter(by for row in rows for by in observers[row])
+            holds = Counter(holder for row in rows for holder in holders[row])
+            held = {holder for holder, count in holds.items() if 2 * count > sees[int(frame[holder])]}
             middle = np.mean(centre[rows], axis=0)
             known.append(({by: 1 / max(float(np.linalg.norm(middle - eye[by])), 0.1) for by in sees}, held))
         for j, (other_nearness, other_held) in enumerate(known):

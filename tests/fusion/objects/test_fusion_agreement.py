@@ -109,6 +109,18 @@ def test_two_objects_are_not_joined_by_a_chain_of_segments_between_them() -> Non
     assert clusters(frame, observed, within) == [0, 1] * 6 + [0, 0, 1]
 
 
+def test_pieces_that_some_views_have_elsewhere_do_not_join_what_they_lie_in() -> None:
+    """Ten frames tell two objects apart. Two pieces, which frames 10 and 11 show alone, lie in the first object by six
+    of the ten frames each, and in the second by the others, of which none is the same."""
+    frame = [*range(10), *range(10), 10, 11]
+    first, second = list(range(10)), list(range(10, 20))
+    within = held_by([first, second])
+    within += [(20, first[k] if k < 6 else second[k]) for k in range(10)]
+    within += [(21, first[k] if k > 3 else second[k]) for k in range(10)]
+    observed = [(row, by) for row in range(22) for by in range(10) if by != frame[row]]
+    assert clusters(frame, observed, within) == [0] * 10 + [1] * 10 + [0, 0]
+
+
 @pytest.mark.parametrize(("near", "apart"), [((), False), (range(4), True), (range(4, 11), False)])
 def test_the_vote_of_a_view_is_as_its_pixels(near: Sequence[int], apart: bool) -> None:
     """Four views tell two objects apart, seven have them in one. Views from half the range have four times the vote."""
