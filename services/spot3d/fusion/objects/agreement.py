@@ -16,7 +16,8 @@ _UNDER_SEGMENTED = 0.5
 """A segment that this share of the views that see it divide, most of them, holds several objects, and supports nothing.
 With 0.4, 0.5, 0.6: detection 0.92, success 0.90 in the mean of the same runs as for `_AGREED`."""
 _VIEWS = 2
-"""Fewest views that must see both to join: one alone may be wrong."""
+"""Fewest views that must see both to join: one alone may be wrong. With 1, 2, 3: detection 0.92, success 0.90, F 92.1,
+92.7, 92.6 in the mean of the same runs as for `_AGREED`."""
 _AGREED = 0.6
 """Share of the views' votes on two clusters that must hold both in one: most, and a few more than can be chance. With
 0.55, 0.6, 0.65: detection 0.92, 0.92, 0.90, success 0.90, 0.90, 0.87 in the mean of twelve sets of runs, on rendered
