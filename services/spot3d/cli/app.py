@@ -9,37 +9,13 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from spot3d import missing_package
-from spot3d.cli import recordings, stages
+from spot3d.cli import options, recordings, stages
 from spot3d.cli.bench import bench
 from spot3d.cli.certificates import certificates
-from spot3d.cli.dashboard import DashboardOption, dashboard, dashboard_if_wanted, own_command
+from spot3d.cli.dashboard import dashboard, dashboard_if_wanted, own_command
 from spot3d.cli.doctor import doctor
 from spot3d.cli.evaluate import evaluate
-from spot3d.cli.options import (
-    ColourTopicOption,
-    CommandError,
-    ConnectOption,
-    DepthTopicOption,
-    DepthUnitOption,
-    EveryOption,
-    FramesOption,
-    HalfOption,
-    InputArgument,
-    IntrinsicsOption,
-    ListenOption,
-    NoiseOption,
-    PresetOption,
-    RateOption,
-    RobotOption,
-    SettingsOption,
-    SupervisedOption,
-    VersionOption,
-    check_topics,
-    link_overrides,
-    out_folder,
-    play_overrides,
-    stage_started,
-)
+from spot3d.cli.options import CommandError, check_topics, link_overrides, out_folder, play_overrides, stage_started
 from spot3d.dataflow.settings import USUAL_ENDPOINT
 from spot3d.dataflow.thread_deaths import end_with_any_thread
 from spot3d.file_errors import in_words
@@ -78,13 +54,13 @@ def main() -> None:
 
 
 @app.callback()
-def before_any_command(version: VersionOption = False) -> None:
+def before_any_command(version: options.Version = False) -> None:
     """Takes the options of the command line as a whole."""
 
 
 @app.command()
 def run(
-    input_name: InputArgument,
+    input_name: options.Input,
     out: Annotated[Path | None, typer.Option(help="folder for the results; default: out/ and INPUT's name")] = None,
     pose: Annotated[
         str | None,
@@ -93,23 +69,21 @@ def run(
             help="source of the camera poses: kiss, gicp, truth or a topic; default: kiss",
         ),
     ] = None,
-    settings: SettingsOption = None,
-    preset: PresetOption = None,
-    in_process: Annotated[
-        bool, typer.Option("--in-process", help="run all stages in one process, without Zenoh")
-    ] = False,
-    half: HalfOption = False,
-    frames: FramesOption = None,
-    every: EveryOption = 1,
+    settings: options.Settings = None,
+    preset: options.Preset = None,
+    in_process: options.InProcess = False,
+    half: options.Half = False,
+    frames: options.Frames = None,
+    every: options.Every = 1,
     live: Annotated[bool, typer.Option("--live", help="play at the recorded rate, and drop frames when busy")] = False,
-    rate: RateOption = None,
-    intrinsics: IntrinsicsOption = None,
-    noise: NoiseOption = None,
-    depth_unit: DepthUnitOption = None,
-    colour_topic: ColourTopicOption = None,
-    depth_topic: DepthTopicOption = None,
-    listen: ListenOption = None,
-    show: DashboardOption = False,
+    rate: options.Rate = None,
+    intrinsics: options.Intrinsics = None,
+    noise: options.Noise = None,
+    depth_unit: options.DepthUnit = None,
+    colour_topic: options.ColourTopic = None,
+    depth_topic: options.DepthTopic = None,
+    listen: options.Listen = None,
+    show: options.Dashboard = False,
 ) -> None:
     """Play INPUT through all stages and write the objects found, with a picture, into a folder."""
     from rich.console import Console
@@ -168,13 +142,11 @@ def demo(
     frames: Annotated[int, typer.Option(min=1, help="length of the scene in frames, at 30 Hz")] = 300,
     seed: Annotated[int, typer.Option(min=0, help="seed of the scene")] = 0,
     out: Annotated[Path, typer.Option(help="folder for the results")] = Path("out/demo"),
-    settings: SettingsOption = None,
-    preset: PresetOption = None,
-    in_process: Annotated[
-        bool, typer.Option("--in-process", help="run all stages in one process, without Zenoh")
-    ] = False,
-    half: HalfOption = False,
-    show: DashboardOption = False,
+    settings: options.Settings = None,
+    preset: options.Preset = None,
+    in_process: options.InProcess = False,
+    half: options.Half = False,
+    show: options.Dashboard = False,
 ) -> None:
     """Find the objects of the built-in scene, with KISS-ICP's poses, and compare them with what is there."""
     from rich.console import Console
@@ -202,7 +174,7 @@ def demo(
 
 
 @app.command()
-def topics(robot: RobotOption = None) -> None:
+def topics(robot: options.Robot = None) -> None:
     """Print every topic: its key, message, rate and delivery."""
     from spot3d_schemas import TOPICS
 
@@ -232,9 +204,9 @@ def schema(name: Annotated[str, typer.Argument(help="name of a message, such as 
 
 @app.command()
 def status(
-    settings: SettingsOption = None,
-    robot: RobotOption = None,
-    connect: ConnectOption = None,
+    settings: options.Settings = None,
+    robot: options.Robot = None,
+    connect: options.Connect = None,
     watch: Annotated[bool, typer.Option("--watch", help="update the table until Ctrl-C")] = False,
 ) -> None:
     """Print the live health of every stage; exit code 1 if something is wrong, as that one is not alive."""
@@ -250,11 +222,11 @@ def status(
 @app.command()
 def results(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="folder in which each stream of frames gets a folder")],
-    settings: SettingsOption = None,
-    robot: RobotOption = None,
-    connect: ConnectOption = None,
+    settings: options.Settings = None,
+    robot: options.Robot = None,
+    connect: options.Connect = None,
     keep: Annotated[int, typer.Option(min=1, help="number of streams that are kept; older ones are deleted")] = 100,
-    supervised: SupervisedOption = False,
+    supervised: options.Supervised = False,
 ) -> None:
     """Keep what the robot's stages find, in a folder for each stream of frames, until Ctrl-C."""
     stop = stage_started(supervised)
@@ -265,7 +237,7 @@ def results(
 
 
 @app.command(name="settings")
-def print_settings(settings: SettingsOption = None, preset: PresetOption = None) -> None:
+def print_settings(settings: options.Settings = None, preset: options.Preset = None) -> None:
     """Print all settings as they would be used, as a TOML file with descriptions."""
     typer.echo(to_toml(load_settings(settings, preset)), nl=False)
 

@@ -8,16 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from spot3d.cli.options import (
-    CommandError,
-    ConnectOption,
-    ListenOption,
-    RobotOption,
-    SettingsOption,
-    SupervisedOption,
-    link_overrides,
-    stage_started,
-)
+from spot3d.cli import options
+from spot3d.cli.options import CommandError, link_overrides, stage_started
 from spot3d.settings import Settings, load_settings
 
 if TYPE_CHECKING:
@@ -28,20 +20,17 @@ if TYPE_CHECKING:
 
 HostOption = Annotated[str | None, typer.Option(help="address to serve the page on; default: 127.0.0.1")]
 PortOption = Annotated[int | None, typer.Option(help="port to serve the page on; default: 8080, or the next free port")]
-DashboardOption = Annotated[
-    bool, typer.Option("--dashboard", help="show the run live in the browser, and stay there until Ctrl-C")
-]
 
 
 def dashboard(
-    settings: SettingsOption = None,
-    robot: RobotOption = None,
-    connect: ConnectOption = None,
-    listen: ListenOption = None,
+    settings: options.Settings = None,
+    robot: options.Robot = None,
+    connect: options.Connect = None,
+    listen: options.Listen = None,
     host: HostOption = None,
     port: PortOption = None,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="do not open a browser")] = False,
-    supervised: SupervisedOption = False,
+    supervised: options.Supervised = False,
 ) -> None:
     """A page in the browser that shows what robots see and find, live."""
     page: dict[str, Any] = {name: value for name, value in (("host", host), ("port", port)) if value is not None}

@@ -9,7 +9,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from spot3d.cli.options import ConnectOption, RobotOption, SettingsOption, link_overrides
+from spot3d.cli import options
+from spot3d.cli.options import link_overrides
 from spot3d.doctor.finding import Finding
 from spot3d.doctor.others import TopicRate
 from spot3d.settings import load_settings
@@ -18,9 +19,9 @@ _STYLES = {"ok": "green", "note": "yellow", "problem": "bold red"}
 
 
 def doctor(
-    settings: SettingsOption = None,
-    robot: RobotOption = None,
-    connect: ConnectOption = None,
+    settings: options.Settings = None,
+    robot: options.Robot = None,
+    connect: options.Connect = None,
     seconds: Annotated[float, typer.Option(min=1.5, help="time over which rates are measured, seconds")] = 3.5,
 ) -> None:
     """Look at versions, clocks, certificates, kernels, memory and rates on every device; exit code 1 for a problem."""

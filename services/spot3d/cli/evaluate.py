@@ -5,17 +5,8 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from spot3d.cli.options import (
-    CommandError,
-    EveryOption,
-    FramesOption,
-    HalfOption,
-    IntrinsicsOption,
-    PresetOption,
-    SettingsOption,
-    check_outputs,
-    say,
-)
+from spot3d.cli import options
+from spot3d.cli.options import CommandError, check_outputs, say
 from spot3d.settings import load_settings
 from spot3d.source.errors import SourceError
 from spot3d.source.intrinsics_files import parse_intrinsics
@@ -57,12 +48,12 @@ def evaluate(
             "together, half; default: all",
         ),
     ] = None,
-    every: EveryOption = 1,
-    frames: FramesOption = None,
-    half: HalfOption = False,
-    intrinsics: IntrinsicsOption = None,
-    settings: SettingsOption = None,
-    preset: PresetOption = None,
+    every: options.Every = 1,
+    frames: options.Frames = None,
+    half: options.Half = False,
+    intrinsics: options.Intrinsics = None,
+    settings: options.Settings = None,
+    preset: options.Preset = None,
 ) -> None:
     """Measure as the paper does: print TABLE in Markdown for the data set at PATH, or all tables for all data.
 
@@ -121,9 +112,9 @@ def evaluate(
             typer.echo(to_markdown(one))
     except StageFailedError as error:
         raise CommandError(str(error)) from error
-    options = {"table": table, "every": every, "frames": frames, "half": half, "pose": pose, "of": of and str(of)}
-    options |= {"intrinsics": intrinsics, "only": only}
-    kept = record(resolved, {name: data_checksum(name) for name in names}, options)
+    given = {"table": table, "every": every, "frames": frames, "half": half, "pose": pose, "of": of and str(of)}
+    given |= {"intrinsics": intrinsics, "only": only}
+    kept = record(resolved, {name: data_checksum(name) for name in names}, given)
     typer.echo(_measured_on(kept))
     if json_file is not None:
         write_tables(json_file, kept, made)
@@ -132,8 +123,8 @@ def evaluate(
 
 
 def _measured_on(kept: dict[str, Any]) -> str:
-    machine, options = kept["machine"], kept["options"]
-    given = ", ".join(f"{name} {value}" for name, value in options.items() if value not in (None, False))
+    machine = kept["machine"]
+    given = ", ".join(f"{name} {value}" for name, value in kept["options"].items() if value not in (None, False))
     data = "; ".join(f"{name} ({checksum[:12]})" for name, checksum in kept["data"].items())
     return (
         f"spot3d {kept['version']}, preset {kept['settings']['preset']}, on {machine['cpu']}, "

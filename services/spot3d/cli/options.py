@@ -1,4 +1,4 @@
-"""Options that several commands share, and what they mean for the settings."""
+"""Options that several commands share, as types of their parameters, and what they mean for the settings."""
 
 import errno
 import logging
@@ -9,50 +9,53 @@ from typing import Annotated, Any
 
 import typer
 
-from spot3d import __version__
+from spot3d import __version__, settings
 from spot3d.dataflow.stopping import stop_with_parent
-from spot3d.settings import Preset
 
-InputArgument = Annotated[
+Input = Annotated[
     str,
     typer.Argument(
         metavar="INPUT",
         help="folder (7-Scenes, TUM RGB-D), ROS bag, file of spot3d record, or: realsense[:SERIAL], scene[:SEED]",
     ),
 ]
-SettingsOption = Annotated[Path | None, typer.Option("--settings", help="TOML file; see: spot3d settings")]
-PresetOption = Annotated[Preset | None, typer.Option(help="values of settings that are not given")]
-RobotOption = Annotated[str | None, typer.Option(help="the robot's name, the first part of every key")]
-ConnectOption = Annotated[
+Settings = Annotated[Path | None, typer.Option("--settings", help="TOML file; see: spot3d settings")]
+Preset = Annotated[settings.Preset | None, typer.Option(help="values of settings that are not given")]
+Robot = Annotated[str | None, typer.Option(help="the robot's name, the first part of every key")]
+Connect = Annotated[
     list[str] | None, typer.Option(help="router to connect to, such as tcp/127.0.0.1:7447; may be repeated")
 ]
-ListenOption = Annotated[
+Listen = Annotated[
     list[str] | None, typer.Option(help="endpoint to listen on, as the router of other programs; may be repeated")
 ]
-DeliveryOption = Annotated[
+Lossless = Annotated[
     bool | None,
     typer.Option("--lossless/--live", help="lossless: nothing is dropped; live: the latest frame wins"),
 ]
-FramesOption = Annotated[int | None, typer.Option(min=1, help="number of frames to play at most")]
-EveryOption = Annotated[int, typer.Option(min=1, help="play only every nth frame")]
-HalfOption = Annotated[bool, typer.Option("--half", help="play frames at half their width and height")]
-IntrinsicsOption = Annotated[
+Frames = Annotated[int | None, typer.Option(min=1, help="number of frames to play at most")]
+Every = Annotated[int, typer.Option(min=1, help="play only every nth frame")]
+Half = Annotated[bool, typer.Option("--half", help="play frames at half their width and height")]
+Intrinsics = Annotated[
     str | None, typer.Option(metavar="FX,FY,CX,CY", help="depth camera's intrinsics, pixels, for any input folder")
 ]
-RateOption = Annotated[float | None, typer.Option(min=0.01, help="frames per second to play at; default: as recorded")]
-NoiseOption = Annotated[
+Rate = Annotated[float | None, typer.Option(min=0.01, help="frames per second to play at; default: as recorded")]
+Noise = Annotated[
     str | None,
     typer.Option("--noise", metavar="d435|tof|...", help="noise model of the depth; see: spot3d settings"),
 ]
-DepthUnitOption = Annotated[
+DepthUnit = Annotated[
     float | None,
     typer.Option(
         "--depth-unit", metavar="METRES", help="unit of the depth in metres, for any input folder, such as 0.001"
     ),
 ]
-ColourTopicOption = Annotated[str | None, typer.Option("--colour-topic", help="ROS bags: topic of the colour images")]
-DepthTopicOption = Annotated[str | None, typer.Option("--depth-topic", help="ROS bags: topic of the depth images")]
-SupervisedOption = Annotated[bool, typer.Option("--supervised", hidden=True)]
+ColourTopic = Annotated[str | None, typer.Option("--colour-topic", help="ROS bags: topic of the colour images")]
+DepthTopic = Annotated[str | None, typer.Option("--depth-topic", help="ROS bags: topic of the depth images")]
+InProcess = Annotated[bool, typer.Option("--in-process", help="run all stages in one process, without Zenoh")]
+Dashboard = Annotated[
+    bool, typer.Option("--dashboard", help="show the run live in the browser, and stay there until Ctrl-C")
+]
+Supervised = Annotated[bool, typer.Option("--supervised", hidden=True)]
 
 
 def _print_version(asked: bool) -> None:
@@ -61,7 +64,7 @@ def _print_version(asked: bool) -> None:
         raise typer.Exit
 
 
-VersionOption = Annotated[
+Version = Annotated[
     bool, typer.Option("--version", callback=_print_version, is_eager=True, help="print the version and exit")
 ]
 

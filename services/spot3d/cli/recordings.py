@@ -7,18 +7,8 @@ from typing import Annotated
 
 import typer
 
-from spot3d.cli.options import (
-    CommandError,
-    ConnectOption,
-    DeliveryOption,
-    ListenOption,
-    RobotOption,
-    SettingsOption,
-    SupervisedOption,
-    link_overrides,
-    say,
-    stage_started,
-)
+from spot3d.cli import options
+from spot3d.cli.options import CommandError, link_overrides, say, stage_started
 from spot3d.settings import load_settings
 
 TopicsOption = Annotated[
@@ -30,12 +20,12 @@ RecordingArgument = Annotated[Path, typer.Argument(metavar="RECORDING.mcap", hel
 def record(
     out: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="file to write")],
     topics: TopicsOption = None,
-    settings: SettingsOption = None,
-    robot: RobotOption = None,
-    connect: ConnectOption = None,
-    listen: ListenOption = None,
-    lossless: DeliveryOption = None,
-    supervised: SupervisedOption = False,
+    settings: options.Settings = None,
+    robot: options.Robot = None,
+    connect: options.Connect = None,
+    listen: options.Listen = None,
+    lossless: options.Lossless = None,
+    supervised: options.Supervised = False,
 ) -> None:
     """Record what is on the wire into an MCAP file, until Ctrl-C; exit code 1 if the disk is full before."""
     stop = stage_started(supervised)
@@ -64,11 +54,11 @@ def play(
     loop: Annotated[bool, typer.Option("--loop", help="play repeatedly until Ctrl-C")] = False,
     start: Annotated[float, typer.Option("--from", min=0, help="where to start, seconds from the beginning")] = 0.0,
     end: Annotated[float | None, typer.Option("--to", min=0, help="where to end, seconds from the beginning")] = None,
-    settings: SettingsOption = None,
-    robot: RobotOption = None,
-    connect: ConnectOption = None,
-    listen: ListenOption = None,
-    lossless: DeliveryOption = None,
+    settings: options.Settings = None,
+    robot: options.Robot = None,
+    connect: options.Connect = None,
+    listen: options.Listen = None,
+    lossless: options.Lossless = None,
 ) -> None:
     """Put a recording back on the wire, in its own time; the space bar pauses it."""
     logging.basicConfig(format="%(asctime)s %(name)s %(levelname)s: %(message)s", level=logging.INFO)

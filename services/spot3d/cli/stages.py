@@ -7,30 +7,8 @@ from typing import Annotated
 
 import typer
 
-from spot3d.cli.options import (
-    ColourTopicOption,
-    CommandError,
-    ConnectOption,
-    DeliveryOption,
-    DepthTopicOption,
-    DepthUnitOption,
-    EveryOption,
-    FramesOption,
-    HalfOption,
-    InputArgument,
-    IntrinsicsOption,
-    ListenOption,
-    NoiseOption,
-    PresetOption,
-    RateOption,
-    RobotOption,
-    SettingsOption,
-    SupervisedOption,
-    check_topics,
-    link_overrides,
-    play_overrides,
-    stage_started,
-)
+from spot3d.cli import options
+from spot3d.cli.options import CommandError, check_topics, link_overrides, play_overrides, stage_started
 from spot3d.dataflow.settings import USUAL_ENDPOINT
 from spot3d.settings import load_settings
 
@@ -39,22 +17,22 @@ _NEWCOMERS_S = 0.5
 
 
 def source(
-    input_name: InputArgument,
-    settings: SettingsOption = None,
-    preset: PresetOption = None,
-    robot: RobotOption = None,
-    connect: ConnectOption = None,
-    listen: ListenOption = None,
-    lossless: DeliveryOption = None,
-    frames: FramesOption = None,
-    every: EveryOption = 1,
-    half: HalfOption = False,
-    rate: RateOption = None,
-    intrinsics: IntrinsicsOption = None,
-    noise: NoiseOption = None,
-    depth_unit: DepthUnitOption = None,
-    colour_topic: ColourTopicOption = None,
-    depth_topic: DepthTopicOption = None,
+    input_name: options.Input,
+    settings: options.Settings = None,
+    preset: options.Preset = None,
+    robot: options.Robot = None,
+    connect: options.Connect = None,
+    listen: options.Listen = None,
+    lossless: options.Lossless = None,
+    frames: options.Frames = None,
+    every: options.Every = 1,
+    half: options.Half = False,
+    rate: options.Rate = None,
+    intrinsics: options.Intrinsics = None,
+    noise: options.Noise = None,
+    depth_unit: options.DepthUnit = None,
+    colour_topic: options.ColourTopic = None,
+    depth_topic: options.DepthTopic = None,
     pose_topic: Annotated[
         str | None, typer.Option("--pose-topic", help="ROS bags: topic of the camera's poses")
     ] = None,
@@ -62,7 +40,7 @@ def source(
     after_ns: Annotated[int | None, typer.Option(hidden=True)] = None,
     sent: Annotated[int, typer.Option(hidden=True)] = 0,
     stream: Annotated[str | None, typer.Option(hidden=True)] = None,
-    supervised: SupervisedOption = False,
+    supervised: options.Supervised = False,
 ) -> None:
     """The source stage: play INPUT to the other stages."""
     check_topics(input_name, colour_topic=colour_topic, depth_topic=depth_topic, pose_topic=pose_topic)
@@ -116,13 +94,13 @@ def linked(stage: str, does: str) -> Callable[..., None]:
     """The command of a stage that has no options but those of every stage. does: what the stage is for, in words."""
 
     def command(
-        settings: SettingsOption = None,
-        preset: PresetOption = None,
-        robot: RobotOption = None,
-        connect: ConnectOption = None,
-        listen: ListenOption = None,
-        lossless: DeliveryOption = None,
-        supervised: SupervisedOption = False,
+        settings: options.Settings = None,
+        preset: options.Preset = None,
+        robot: options.Robot = None,
+        connect: options.Connect = None,
+        listen: options.Listen = None,
+        lossless: options.Lossless = None,
+        supervised: options.Supervised = False,
     ) -> None:
         stop = stage_started(supervised)
         resolved = load_settings(settings, preset, link_overrides(robot, connect, listen, lossless))
@@ -133,16 +111,16 @@ def linked(stage: str, does: str) -> Callable[..., None]:
 
 
 def fusion(
-    settings: SettingsOption = None,
-    preset: PresetOption = None,
-    robot: RobotOption = None,
-    connect: ConnectOption = None,
-    listen: ListenOption = None,
-    lossless: DeliveryOption = None,
+    settings: options.Settings = None,
+    preset: options.Preset = None,
+    robot: options.Robot = None,
+    connect: options.Connect = None,
+    listen: options.Listen = None,
+    lossless: options.Lossless = None,
     resume: Annotated[
         Path | None, typer.Option(help="resume from the map in this snapshot; the poses must be in the same world")
     ] = None,
-    supervised: SupervisedOption = False,
+    supervised: options.Supervised = False,
 ) -> None:
     """The fusion stage: frames with heat and pose become a map, and the objects in it."""
     stop = stage_started(supervised)
@@ -158,13 +136,13 @@ def fusion(
 
 
 def bridge(
-    settings: SettingsOption = None,
-    robot: RobotOption = None,
-    connect: ConnectOption = None,
+    settings: options.Settings = None,
+    robot: options.Robot = None,
+    connect: options.Connect = None,
     ground: Annotated[
         list[str] | None, typer.Option(help="router on the other side, such as tcp/ADDRESS:7447; may be repeated")
     ] = None,
-    supervised: SupervisedOption = False,
+    supervised: options.Supervised = False,
 ) -> None:
     """Join this device's router with another one's over a thin or broken link, which never stalls this device."""
     stop = stage_started(supervised)
@@ -178,14 +156,14 @@ def bridge(
 
 
 def router(
-    settings: SettingsOption = None,
+    settings: options.Settings = None,
     listen: Annotated[list[str] | None, typer.Option(help="endpoints to listen on; may be repeated")] = None,
     connect: Annotated[list[str] | None, typer.Option(help="other routers to connect to; may be repeated")] = None,
     stages: Annotated[
         Path | None,
         typer.Option(help="Unix socket for the stages, so that they do not wait for clients connected elsewhere"),
     ] = None,
-    supervised: SupervisedOption = False,
+    supervised: options.Supervised = False,
 ) -> None:
     """A router that the stages meet at, where no zenohd runs; ends with Ctrl-C.
 
