@@ -8,7 +8,7 @@ import pytest
 
 from spot3d.boxes import Box3D
 from spot3d.camera import Intrinsics
-from spot3d.drawing.recall_plot import Curve, recall_plot
+from spot3d.drawing.charts import Curve, recall_plot
 from spot3d.evaluate.projection import box_surface, boxes_in_view, thinned
 from spot3d.evaluate.record import data_checksum
 from spot3d.evaluate.scores import object_scores, recall_of

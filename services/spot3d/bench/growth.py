@@ -11,7 +11,7 @@ from spot3d.bench.timing import peak_memory_mb
 from spot3d.camera_pose import CameraPose
 from spot3d.dataflow.cadence import Cadence
 from spot3d.dataflow.process_use import process_use
-from spot3d.drawing.line_chart import Line, line_chart
+from spot3d.drawing.charts import Line, line_chart
 from spot3d.drawing.picture import Picture
 from spot3d.evaluate.table import Column, Table, columns
 from spot3d.frame_segments import FrameSegments

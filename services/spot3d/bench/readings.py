@@ -7,7 +7,7 @@ from pathlib import Path
 from statistics import median
 from typing import Literal
 
-from spot3d.drawing.line_chart import Line, line_chart
+from spot3d.drawing.charts import Line, line_chart
 from spot3d.drawing.picture import Picture
 
 _ROOM_MB, _ROOM_SHARE = 30.0, 0.15

@@ -50,15 +50,13 @@ def draw_lines(picture: Picture, lines: NDArray[np.float64], colour: Colour, thi
     """Draw (n, 2, 2) line segments [from, to][x, y] with a dark outline, in place."""
     ends = _fixed(lines)
     for outline, paint in ((2, INK), (0, colour)):
-        for start, end in ends:
-            cv2.line(picture, start, end, paint, thickness + outline, lineType=cv2.LINE_AA, shift=_SUBPIXEL_BITS)
+        cv2.polylines(picture, ends, False, paint, thickness + outline, cv2.LINE_AA, _SUBPIXEL_BITS)
 
 
 def draw_faint_lines(picture: Picture, lines: NDArray[np.float64], colour: Colour) -> None:
     """Draw (n, 2, 2) line segments thin and half transparent, in place: for hidden edges."""
     layer = picture.copy()
-    for start, end in _fixed(lines):
-        cv2.line(layer, start, end, colour, 1, lineType=cv2.LINE_AA, shift=_SUBPIXEL_BITS)
+    cv2.polylines(layer, _fixed(lines), False, colour, 1, cv2.LINE_AA, _SUBPIXEL_BITS)
     cv2.addWeighted(layer, 0.5, picture, 0.5, 0, dst=picture)
 
 
@@ -120,7 +118,6 @@ def _overlap(a: tuple[float, float, int], b: tuple[float, float, int], height: i
     return abs(a[1] - b[1]) < height and a[0] < b[0] + b[2] + 8 and b[0] < a[0] + a[2] + 8
 
 
-def _fixed(lines: NDArray[np.float64]) -> list[tuple[tuple[int, int], tuple[int, int]]]:
+def _fixed(lines: NDArray[np.float64]) -> list[NDArray[np.int32]]:
     # Segments are clipped by the caller; the bound only keeps OpenCV's fixed-point numbers in range.
-    values = np.clip(np.rint(lines * (1 << _SUBPIXEL_BITS)), -(2**24), 2**24).astype(int)
-    return [((int(a[0]), int(a[1])), (int(b[0]), int(b[1]))) for a, b in values]
+    return list(np.clip(np.rint(lines * (1 << _SUBPIXEL_BITS)), -(2**24), 2**24).astype(np.int32))

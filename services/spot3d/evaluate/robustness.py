@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from spot3d.drawing.recall_plot import Curve
+from spot3d.drawing.charts import Curve
 from spot3d.evaluate.degraded import SEED, Degradation
 from spot3d.evaluate.labelled import DataSet, LabelledSequence
 from spot3d.evaluate.measured_run import MeasuredRun, measure

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import detection_rate, mean_iou, mean_modified_iou, recall_curve, success_rate
-from spot3d.drawing.recall_plot import Curve
+from spot3d.drawing.charts import Curve
 
 THRESHOLDS = np.linspace(0, 1, 41)
 HIT = 0.5

@@ -7,8 +7,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from spot3d.drawing.charts import Curve, recall_plot
 from spot3d.drawing.picture import write_picture
-from spot3d.drawing.recall_plot import Curve, recall_plot
 
 Cell = str | int | float | None
 

@@ -5,7 +5,7 @@ from math import inf, nan
 import numpy as np
 import pytest
 
-from spot3d.drawing.line_chart import Line, line_chart
+from spot3d.drawing.charts import Line, line_chart
 
 KNOWN = [(0.0, 1.0), (1.0, 2.0), (3.0, 3.0)]
 
