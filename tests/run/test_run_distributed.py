@@ -10,8 +10,8 @@ import pytest
 from schemas_samples import SAMPLES
 
 from spot3d.run import distributed
+from spot3d.run.display import RunMonitor
 from spot3d.run.distributed import Plan
-from spot3d.run.monitor import RunMonitor
 from spot3d.run.report import RunReport
 from spot3d.settings import load_settings
 from spot3d.source.selected import Selection

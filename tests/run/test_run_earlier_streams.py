@@ -14,7 +14,7 @@ from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.run.collector import Collector
 from spot3d.run.earlier_streams import MOST
 from spot3d.run.growing_files import GrowingFiles
-from spot3d.run.overview_frames import OverviewFrames
+from spot3d.run.overview import OverviewFrames
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import MapSnapshot, RunResult, empty_snapshot, read_ply, write_results
 from spot3d.trajectory import read_tum

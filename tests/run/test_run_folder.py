@@ -132,7 +132,7 @@ def test_a_picture_that_cannot_be_drawn_costs_no_other_result(tmp_path: Path, mo
     def fail(*_: object) -> None:
         raise TypeError("no hull")
 
-    monkeypatch.setattr("spot3d.run.overview_file.draw_overview", fail)
+    monkeypatch.setattr("spot3d.run.overview.draw_overview", fail)
     run(Selection("scene", 3), load_settings(), tmp_path, Console(quiet=True), in_process=True)
     report = json.loads((tmp_path / "report.json").read_text())
     assert (report["error"], report["frames"]["fused"]) == (None, 3)

@@ -14,9 +14,9 @@ from schemas_samples import SAMPLES
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.run import distributed, from_messages
 from spot3d.run.collector import Collector
+from spot3d.run.display import RunMonitor
 from spot3d.run.from_messages import NoMapError, asked_map
 from spot3d.run.growing_files import GrowingFiles
-from spot3d.run.monitor import RunMonitor
 from spot3d.run.report import RunReport
 from spot3d_schemas import encode, key
 

@@ -13,9 +13,9 @@ from rich.console import Console
 
 from spot3d import pipeline
 from spot3d.frame import RgbdFrame
+from spot3d.run.display import RunMonitor
 from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.in_process import run_in_process
-from spot3d.run.monitor import RunMonitor
 from spot3d.run.report import RunReport
 from spot3d.run.run import run
 from spot3d.settings import load_settings

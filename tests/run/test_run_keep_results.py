@@ -16,7 +16,7 @@ from dataflow_stages import Recording, frame_message
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.run import keep_results as keep_results_module
-from spot3d.run import overview_file, stream_folder
+from spot3d.run import overview, stream_folder
 from spot3d.run.keep_results import keep_results
 from spot3d.run.results import RunResult, empty_snapshot, read_ply
 from spot3d.run.stream_folder import StreamFolder, drop_oldest
@@ -217,7 +217,7 @@ def test_a_picture_that_cannot_be_drawn_costs_no_other_result(tmp_path: Path, mo
     def fail(*_: object) -> None:
         raise TypeError("'NoneType' object is not subscriptable")
 
-    monkeypatch.setattr(overview_file, "draw_overview", fail)
+    monkeypatch.setattr(overview, "draw_overview", fail)
     folder = StreamFolder(tmp_path, ROBOT, "first", 1e9)
     folder.update(1, RunResult(), True)
     folder.write(empty_snapshot(), [])

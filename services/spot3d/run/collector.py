@@ -22,7 +22,7 @@ from spot3d.run.from_messages import NoMapError, asked_map, found_objects
 from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.health_totals import HealthTotals
 from spot3d.run.lost_tracking import LostTracking
-from spot3d.run.overview_frames import OverviewFrames
+from spot3d.run.overview import OverviewFrames
 from spot3d.run.report import FrameRate, HopTimes, RunReport, StageReport
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame, empty_snapshot
 from spot3d.segments.upper_side import IMAGE_UP, event_of, notice

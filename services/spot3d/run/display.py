@@ -1,11 +1,15 @@
-"""Shows how a run goes: the progress bar on a terminal, and the lines above it."""
+"""Shows how a run goes, by a progress bar and lines above it, and holds what it writes to and what stops it."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from threading import Event
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from spot3d.run.growing_files import GrowingFiles
+from spot3d.run.report import RunReport
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,6 +22,22 @@ class Watcher:
     on_progress: Callable[[int, int, int], None]
     on_event: Callable[[str], None]
     on_note: Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class RunMonitor:
+    """A run's report and files, the watcher that shows its progress, and the event that ends it early."""
+
+    report: RunReport
+    files: GrowingFiles
+    watcher: Watcher
+    stop: Event
+
+    def tell(self, *events: str) -> None:
+        """Show events of the run, and enter them into the report."""
+        for event in events:
+            self.report.events.append(event)
+            self.watcher.on_event(event)
 
 
 @contextmanager

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from spot3d.dataflow.streams import new_stream
 from spot3d.run.collector import Collector, relay_poses
-from spot3d.run.monitor import RunMonitor
-from spot3d.run.overview_frames import OverviewFrames
+from spot3d.run.display import RunMonitor
+from spot3d.run.overview import OverviewFrames
 from spot3d.run.results import MapSnapshot, RunResult, empty_snapshot
 from spot3d.run.run_router import open_run_router
 from spot3d.run.silence import Silence

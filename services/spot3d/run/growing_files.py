@@ -1,13 +1,13 @@
 """Files that grow line by line during a run: the camera's trajectory, and the updates of the objects."""
 
 import json
+from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.run.bounded_file import BoundedFile
 from spot3d.run.results import RunResult, objects_document
 from spot3d.trajectory import tum_line
 
@@ -24,8 +24,8 @@ class GrowingFiles:
 
     def __init__(self, folder: Path, limit_bytes: int = LIMIT_BYTES) -> None:
         self.folder = folder
-        self._poses = BoundedFile(folder / TRAJECTORY, limit_bytes, "poses")
-        self._updates = BoundedFile(folder / UPDATES, limit_bytes, "updates")
+        self._poses = _BoundedFile(folder / TRAJECTORY, limit_bytes, "poses")
+        self._updates = _BoundedFile(folder / UPDATES, limit_bytes, "updates")
         self._last_ns: int | None = None
 
     def __enter__(self) -> Self:
@@ -58,3 +58,53 @@ class GrowingFiles:
     def notices(self) -> list[str]:
         """Messages for people about missing lines."""
         return [text for file in (self._updates, self._poses) if (text := file.notice())]
+
+
+class _BoundedFile:
+    """Appends lines until it is closed. Lines that cannot be kept are counted, and end nothing.
+
+    what: what the missing lines hold, in words.
+    """
+
+    def __init__(self, path: Path, limit_bytes: int, what: str) -> None:
+        self._missing = 0
+        self._path, self._limit, self._what = path, limit_bytes, what
+        self._stream = path.open("wb", buffering=0)
+        self._bytes = 0
+        self._reason = ""
+
+    def close(self) -> None:
+        """Close the file."""
+        self._stream.close()
+
+    def leave(self, folder: Path) -> None:
+        """Move the file into another folder and begin a new one. Raises OSError."""
+        self._stream.close()
+        try:
+            self._path.replace(folder / self._path.name)
+            self._missing, self._reason = 0, ""
+        finally:
+            self._stream = self._path.open("ab", buffering=0)
+            self._bytes = self._stream.tell()
+
+    def add(self, text: str) -> None:
+        """Append one line, without its end."""
+        line = text.encode() + b"\n"
+        if not self._reason and self._bytes + len(line) > self._limit:
+            self._reason = f"has reached its limit of {self._limit} bytes"
+        if not self._reason:
+            try:
+                written = self._stream.write(line)
+                if written < len(line):
+                    raise OSError(None, "the disk is full")
+                self._bytes += len(line)
+                return
+            except OSError as error:
+                with suppress(OSError):  # leave no half line behind, if the disk is still there
+                    self._stream.truncate(self._bytes)
+                self._reason = f"cannot be written: {error.strerror}"
+        self._missing += 1
+
+    def notice(self) -> str | None:
+        """A message for people if lines are missing."""
+        return f"{self._path.name} {self._reason}; {self._missing} {self._what} are missing" if self._missing else None

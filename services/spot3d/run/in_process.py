@@ -11,8 +11,8 @@ from spot3d.dataflow.process_use import process_use, stay_single_threaded
 from spot3d.fusion.fusion import FoundObjects
 from spot3d.pipeline import PipelineResult, PipelineStep, run_pipeline
 from spot3d.pose.estimate import GIVEN_TOO_FAR
+from spot3d.run.display import RunMonitor
 from spot3d.run.lost_tracking import LostTracking
-from spot3d.run.monitor import RunMonitor
 from spot3d.run.report import FrameRate, StageReport, statistics_ms
 from spot3d.run.results import MapSnapshot, RunResult, TrackedFrame
 from spot3d.segments.upper_side import event_of, notice

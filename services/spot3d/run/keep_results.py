@@ -19,7 +19,7 @@ from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.dataflow.streams import Streams
 from spot3d.run.from_messages import NoMapError, asked_map, found_objects
-from spot3d.run.overview_frames import OverviewFrames
+from spot3d.run.overview import OverviewFrames
 from spot3d.run.stream_folder import StreamFolder, drop_oldest
 from spot3d_schemas import TOPICS, Message, Objects, Pose, Progress, key
 

@@ -12,14 +12,12 @@ from rich.console import Console
 from spot3d import missing_package
 from spot3d.dataflow.stopping import stop_on_signals
 from spot3d.drawing.overview import candidate_indices
-from spot3d.run.display import progress_bar
+from spot3d.run.display import RunMonitor, progress_bar
 from spot3d.run.distributed import Plan, run_distributed
 from spot3d.run.earlier_streams import forget_streams
 from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.input_doubts import input_doubts
-from spot3d.run.monitor import RunMonitor
-from spot3d.run.overview_file import View, write_overview
-from spot3d.run.overview_frames import OverviewFrames
+from spot3d.run.overview import OverviewFrames, View, write_overview
 from spot3d.run.report import RunReport, report_document
 from spot3d.run.results import RESULTS, RunResult, write_json, write_results
 from spot3d.run.sole_writer import sole_writer

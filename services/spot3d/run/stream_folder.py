@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.run.growing_files import GrowingFiles
-from spot3d.run.overview_file import View, write_overview
+from spot3d.run.overview import View, write_overview
 from spot3d.run.results import MapSnapshot, RunResult, objects_document, write_json, write_ply
 from spot3d_schemas import Progress
 

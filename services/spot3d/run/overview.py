@@ -1,4 +1,7 @@
-"""Collects some frames of a stream, spread over it, with their poses, for an overview."""
+"""overview.png: the picture of the objects found, and the frames of a stream that it may show."""
+
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import zenoh
@@ -6,9 +9,11 @@ from numpy.typing import NDArray
 
 from spot3d.dataflow.conversion import rgbd_frame
 from spot3d.dataflow.payload import decoded
+from spot3d.drawing.overview import draw_overview
+from spot3d.drawing.picture import write_picture
 from spot3d.frame import RgbdFrame
 from spot3d.run.one_sample import OneSample
-from spot3d.run.overview_file import View
+from spot3d.run.results import RunResult
 from spot3d_schemas import Frame, key
 
 MOST = 24
@@ -17,6 +22,9 @@ _FIRST_S = 0.5
 """Time between two frames at first, seconds; it doubles each time that there are too many."""
 _POSES = 300
 """A frame's pose is looked up among so many latest ones."""
+
+View = tuple[RgbdFrame, NDArray[np.float64]]
+"""A frame with its T_world_camera."""
 
 
 class OverviewFrames:
@@ -84,3 +92,21 @@ class OverviewFrames:
             self.views = self.views[::2]
             self._due_s += self._interval_s
             self._interval_s *= 2
+
+
+def write_overview(
+    path: Path, name: str, views: Sequence[View], result: RunResult, camera_path: NDArray[np.float64]
+) -> str:
+    """Draw the objects into views of the recording `name`, in its order, and from above. camera_path: (m, 3), world.
+
+    Returns why it cannot be drawn, for people; otherwise empty. Raises OSError where the file cannot be written.
+    """
+    count = len(result.objects)
+    title = f"spot3d    {name}    {count} object{'s' * (count != 1)} in {result.frame_count} frames"
+    points, up = result.points, np.array(result.up)
+    try:
+        picture = draw_overview(title, views, result.objects, points.xyz, points.rgb, camera_path, up)
+    except Exception as error:  # messages may hold any finite numbers, and the other results must not be lost
+        return f"{path.name} cannot be drawn: {type(error).__name__}: {error}"
+    write_picture(path, picture)
+    return ""

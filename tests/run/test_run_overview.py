@@ -6,8 +6,8 @@ import pytest
 import zenoh
 from dataflow_stages import Recording, frame_message
 
-from spot3d.run import overview_frames
-from spot3d.run.overview_frames import MOST, OverviewFrames
+from spot3d.run import overview
+from spot3d.run.overview import MOST, OverviewFrames
 from spot3d_schemas import encode
 
 
@@ -19,7 +19,7 @@ def test_frames_are_kept_from_all_along_the_way(monkeypatch: pytest.MonkeyPatch)
         payload = encode(frame_message(replace(shot, stamp_ns=now_ns), "robot", 0))
         return SimpleNamespace(sample=SimpleNamespace(payload=zenoh.ZBytes(payload)), close=lambda: None)
 
-    monkeypatch.setattr(overview_frames, "OneSample", latest)
+    monkeypatch.setattr(overview, "OneSample", latest)
     seen = OverviewFrames("robot")
     assert seen.image == (0, 0)
     for number in range(30 * 60 * 30):
