@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 from threading import Barrier
 
 import pytest
+import zenoh
 
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.run.display import Watcher
-from spot3d.run.run_router import RunRouter, open_run_router
+from spot3d.run.run_router import open_run_router
 from spot3d.settings import load_settings
 
 LIMIT_S = 20.0
@@ -27,19 +28,19 @@ class Told:
         return Watcher(lambda *_: None, self.events.append, self.notes.append)
 
 
-def reached(router: RunRouter, endpoint: str) -> bool:
+def reached(router: zenoh.Session, endpoint: str) -> bool:
     """Whether who connects there is at the run's own router."""
     with open_session(LinkSettings(connect=(endpoint,))) as session:
-        return list(map(str, session.info.routers_zid())) == [str(router.session.info.zid())]
+        return list(map(str, session.info.routers_zid())) == [str(router.info.zid())]
 
 
 @pytest.mark.parametrize("apart", [True, False])
 def test_others_reach_a_run_at_the_usual_endpoint(apart: bool) -> None:
     usual, told = free_loopback_endpoint(), Told()
-    with open_run_router(load_settings(), (), usual, apart, told.watcher()) as router:
+    with open_run_router(load_settings(), (), usual, apart, told.watcher()) as (router, own):
         assert reached(router, usual)
-        assert reached(router, router.endpoint)
-        assert router.endpoint.startswith("unixsock-stream/") == apart
+        assert reached(router, own)
+        assert own.startswith("unixsock-stream/") == apart
     assert (told.notes, told.events) == ([f"status, dashboard and record can reach this run at {usual}"], [])
 
 
@@ -47,10 +48,13 @@ def test_others_reach_a_run_at_the_usual_endpoint(apart: bool) -> None:
 def test_a_run_goes_without_the_usual_endpoint_where_that_is_taken(others: int) -> None:
     usual, told = free_loopback_endpoint(), Told()
     listen = tuple(free_loopback_endpoint() for _ in range(others))
-    with open_router((usual,)), open_run_router(load_settings(), listen, usual, True, told.watcher()) as router:
+    with (
+        open_router((usual,)),
+        open_run_router(load_settings(), listen, usual, True, told.watcher()) as (router, own),
+    ):
         assert not reached(router, usual)
-        assert all(reached(router, endpoint) for endpoint in (router.endpoint, *listen))
-        assert router.endpoint.startswith("unixsock-stream/") == bool(listen), "only who can come is kept apart"
+        assert all(reached(router, endpoint) for endpoint in (own, *listen))
+        assert own.startswith("unixsock-stream/") == bool(listen), "only who can come is kept apart"
     assert (told.notes, told.events) == (
         [],
         [f"{usual} is in use: other programs can reach this run only at endpoints given with --listen"],

@@ -77,8 +77,8 @@ def run_distributed(plan: Plan, supervisor: Supervisor, monitor: RunMonitor, kee
     with ExitStack() as stack:
         # With it a slow onlooker does not stall a lossless run, but external poses could not come in, either.
         apart = plan.settings.link.delivery == "lossless" and plan.pose_topic is None
-        router = stack.enter_context(open_run_router(plan.settings, plan.listen, plan.usual, apart, monitor.watcher))
-        session, endpoint = router.session, router.endpoint
+        router = open_run_router(plan.settings, plan.listen, plan.usual, apart, monitor.watcher)
+        session, endpoint = stack.enter_context(router)
         collector = stack.enter_context(Collector(session, robot, plan.stream, monitor.files, plan.seen))
         if plan.pose_topic is not None and plan.pose_topic != key(robot, "pose/pose"):
             stack.enter_context(relay_poses(session, plan.pose_topic, robot))

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 
 import zenoh
 
@@ -13,19 +12,11 @@ from spot3d.security.access import access_control
 from spot3d.settings import Settings
 
 
-@dataclass(frozen=True, slots=True)
-class RunRouter:
-    """The session of a run's router, and the endpoint of its stages."""
-
-    session: zenoh.Session
-    endpoint: str
-
-
 @contextmanager
 def open_run_router(
     settings: Settings, listen: tuple[str, ...], usual: str | None, apart: bool, watcher: Watcher
-) -> Iterator[RunRouter]:
-    """The router of a run, for as long as the block is entered.
+) -> Iterator[tuple[zenoh.Session, str]]:
+    """The session of a run's router, and the endpoint of its stages, for as long as the block is entered.
 
     listen: endpoints for other programs. usual: one more, left out if it is taken. apart: if other programs can connect
     at all, the stages use a Unix socket, and no stage waits for anyone else.
@@ -49,11 +40,11 @@ def open_run_router(
 
 
 @contextmanager
-def _listening(settings: Settings, listen: tuple[str, ...], apart: bool) -> Iterator[RunRouter]:
+def _listening(settings: Settings, listen: tuple[str, ...], apart: bool) -> Iterator[tuple[zenoh.Session, str]]:
     access = access_control(settings.access) if settings.access.enabled else None
     with ExitStack() as stack:
         spare, endpoint = apart and bool(listen), free_loopback_endpoint()
         if spare:
             endpoint = f"unixsock-stream/{stack.enter_context(stages_socket())}"
         router = open_router((endpoint, *listen), link=settings.link, access=access, spare=spare)
-        yield RunRouter(stack.enter_context(router), endpoint)
+        yield stack.enter_context(router), endpoint
