@@ -17,11 +17,11 @@ from spot3d.evaluate.datasets import (
     distinctly_named,
     open_dataset,
 )
+from spot3d.evaluate.frame_tables import judged_overlap
 from spot3d.evaluate.labelled import DataSet, joined
 from spot3d.evaluate.ply import read_ply_points
 from spot3d.evaluate.points import IGNORED
 from spot3d.evaluate.scores import without_object
-from spot3d.evaluate.unjudged import judged_overlap
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
 from spot3d.source.scene.name import scene_names

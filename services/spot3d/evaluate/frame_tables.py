@@ -1,23 +1,25 @@
-"""Tables of single frames: success and detection over the number of proposals (Table I), rates of the filters."""
+"""Tables of single frames: success and detection over the number of proposals (Table I), worth of steps, filters."""
 
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import get_args
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.boxes import detection_rate, success_rate
+from spot3d.boxes import detection_rate, iou_matrix_2d, mean_iou, success_rate
 from spot3d.evaluate.labelled import DataSet, LabelledFrame, boxes_around
 from spot3d.evaluate.peer import PEER, RADIUS, RANGE_MAX, behind_peer, peer_in_frame
-from spot3d.evaluate.scores import recall_of, without_object
+from spot3d.evaluate.scores import HIT, recall_of, without_object
 from spot3d.evaluate.table import Cell, Column, Table, columns
-from spot3d.evaluate.unjudged import judged_overlap
 from spot3d.frame import RgbdFrame
 from spot3d.fusion.paper.density_frame import find_by_density_in_frame
 from spot3d.heatmap.heat import Heatmap, weighted_heat
 from spot3d.proposals.propose import propose
 from spot3d.segments.finder import find_segments
+from spot3d.segments.settings import Step
 from spot3d.settings import Settings
 
 NUMBERS = (50, 100, 500, 1000, 2000)
@@ -106,6 +108,24 @@ class FoundInFrames:
         return self.success, self.detection, found, without_object(self.iou), self.left_out / len(self.iou)
 
 
+def steps_table(datasets: list[DataSet], settings: Settings) -> Table:
+    """Success and detection rate at IoU 0.5 and mean IoU of single frames, with all steps and without one at a time."""
+    heads = (*columns("data", "without", "SR", "DR", "IoU"), *columns("a frame", "no object", "true a frame", digits=1))
+    table = Table("steps", "Single frame: without one step of the finder each", heads)
+    variants = {"-": settings} | {step: settings.changed("segments", skipped=(step,)) for step in get_args(Step)}
+    for dataset in datasets:
+        found = {name: FoundInFrames() for name in variants}
+        for item in dataset.frames:
+            _, heat = proposals_and_heat(item.frame, settings)
+            for name, changed in variants.items():
+                found[name].add(item, boxes_in_frame(item.frame, heat, changed))
+        for name, one in found.items():
+            success, detection, a_frame, no_object, _ = one.cells()
+            table.add(dataset.name, name, success, detection, mean_iou(one.iou), a_frame, no_object, one.true)
+    table.notes.append("The steps are those of `segments.skipped`.")
+    return table
+
+
 def filters_table(datasets: list[DataSet], settings: Settings) -> Table:
     """Shares of proposals that the depth filters accept, mask in part, or reject (paper, Sec. VI-A)."""
     heads = (*columns("data", "metric culling"), Column("proposals a frame", 0))
@@ -149,3 +169,27 @@ def _all_frames(dataset: DataSet) -> Iterator[RgbdFrame]:
     else:
         for item in dataset.sequences:
             yield from item.sequence
+
+
+def judged_overlap(item: LabelledFrame, found: NDArray[np.floating]) -> tuple[NDArray[np.float64], int]:
+    """IoU (true, counted) of the found boxes (m, 4 or more) that count, and how many are left out.
+
+    Left out are boxes that hit no true object and have more than half of their pixels where nothing is annotated.
+    """
+    iou = iou_matrix_2d(item.boxes, found)
+    if item.unjudged is None or not len(found):
+        return iou, 0
+    stray = iou.max(axis=0, initial=0.0) < HIT
+    counts = ~(stray & (_share(item.unjudged, found[:, :4].astype(np.float64)) > 0.5))
+    return iou[:, counts], int(np.count_nonzero(~counts))
+
+
+def _share(mask: NDArray[np.bool_], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Share (m,) of each box's pixels (m, 4) [x, y, w, h] that are set in an (h, w) mask."""
+    sums = np.asarray(cv2.integral(mask.astype(np.uint8)), np.int64)
+    height, width = mask.shape
+    low = np.clip(np.rint(boxes[:, :2]).astype(np.int64), 0, (width, height))
+    high = np.clip(np.rint(boxes[:, :2] + boxes[:, 2:]).astype(np.int64), 0, (width, height))
+    (left, top), (right, bottom) = low.T, high.T
+    inside = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
+    return np.asarray(inside / np.maximum(1, (right - left) * (bottom - top)))
