@@ -125,8 +125,8 @@ def at_half_size(dataset: DataSet) -> DataSet:
         return LabelledFrame(halve(full.frame), full.boxes / 2, unjudged)
 
     frames = LabelledFrames(dataset.frames.count, read)
-    sequences = tuple(LabelledSequence(s.name, s.sequence.at_half_size(), s.truth) for s in dataset.sequences)
-    return DataSet(dataset.name, dataset.kind, frames, sequences, halved=True)
+    sequences = tuple(replace(item, sequence=item.sequence.at_half_size()) for item in dataset.sequences)
+    return replace(dataset, frames=frames, sequences=sequences, halved=True)
 
 
 def both_sizes(datasets: list[DataSet]) -> list[tuple[DataSet, str]]:

@@ -39,14 +39,10 @@ def peer_in_frame(depth: NDArray[np.float32], camera: Intrinsics, size_max: floa
     plane = dominant_plane(points[pixels], np.zeros(3))
     pixels = pixels[points[pixels] @ plane[:3] + plane[3] > ON_PLANE]
     means, voxel = voxel_means(points[pixels], VOXEL)
-    parts, chosen = [], np.zeros(len(means), np.bool_)
-    for rows in dbscan_clusters(means, VOXELS_MIN):
-        if upright_box(means[rows].astype(np.float32), plane[:3]).size.max() > size_max:
-            continue
-        chosen[:] = False
-        chosen[rows] = True
-        parts.append(np.divmod(pixels[chosen[voxel]], camera.width))
-    return boxes_around(parts)
+    clusters = dbscan_clusters(means, VOXELS_MIN)
+    sizes = (upright_box(means[rows].astype(np.float32), plane[:3]).size.max() for rows in clusters)
+    kept = [rows for rows, size in zip(clusters, sizes, strict=True) if size <= size_max]
+    return boxes_around(np.divmod(pixels[np.isin(voxel, rows)], camera.width) for rows in kept)
 
 
 def dbscan_clusters(points: NDArray[np.float64], least: int) -> list[NDArray[np.int64]]:

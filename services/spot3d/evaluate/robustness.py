@@ -7,7 +7,7 @@ import numpy as np
 
 from spot3d.drawing.charts import Curve
 from spot3d.evaluate.degraded import SEED, Degradation
-from spot3d.evaluate.labelled import DataSet, LabelledSequence
+from spot3d.evaluate.labelled import DataSet
 from spot3d.evaluate.measured_run import MeasuredRun, measure
 from spot3d.evaluate.object_tables import (
     NOTE_CARRIED,
@@ -146,7 +146,7 @@ def robustness_table(
         for worse, level in [("nothing", base), *((f"{k}: {n}", one) for k, v in chosen.items() for n, one in v)]:
             if level not in done:
                 say(f"{dataset.name}, worse: {worse} ...")
-                done[level] = [_measured(item, level, settings) for item in items]
+                done[level] = [measure(replace(item, sequence=level.of(item.sequence)), settings) for item in items]
                 _add(table, dataset.name, worse, done[level])
         for kind, levels in chosen.items():
             table.curves += _curves(f"{dataset.name} {kind}", [(name, done[level]) for name, level in levels])
@@ -169,10 +169,6 @@ def robustness_table(
         NOTE_PEER,
     ]
     return table
-
-
-def _measured(item: LabelledSequence, level: Degradation, settings: Settings) -> MeasuredRun:
-    return measure(LabelledSequence(item.name, level.of(item.sequence), item.truth), settings)
 
 
 def _add(table: Table, data: str, worse: str, runs: list[MeasuredRun]) -> None:

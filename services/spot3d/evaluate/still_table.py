@@ -3,13 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from spot3d.boxes import Box3D, moved
-from spot3d.camera import Intrinsics
+from spot3d.boxes import moved
 from spot3d.evaluate.degraded import Degradation
 from spot3d.evaluate.frame_tables import BOTH_METHODS, FoundInFrames
-from spot3d.evaluate.labelled import DataSet
+from spot3d.evaluate.labelled import DataSet, LabelledFrame
 from spot3d.evaluate.measured_run import as_the_run_has_it, tracked_poses, world_alignment
 from spot3d.evaluate.moved_views import moved_views
 from spot3d.evaluate.peer import PEER
@@ -35,14 +33,8 @@ def still_table(datasets: list[DataSet], settings: Settings) -> Table:
     for dataset in datasets:
         ours, peer = FoundInFrames(), FoundInFrames()
         for item in dataset.frames:
-            frame = item.frame
-            alone = FrameList([replace(frame, T_world_camera=np.eye(4))])  # the camera's frame is the world
-            result = run_pipeline(alone, given)
-            result.failures.refuse()
-            ours.add(item, _drawn([one.box for one in result.objects.objects], frame.intrinsics))
-            cloud = PeerMap(1)
-            cloud.add(frame.depth_metres(), frame.intrinsics, np.eye(4))
-            peer.add(item, _drawn(cloud.found(settings.fusion).boxes, frame.intrinsics))
+            alone = FrameList([replace(item.frame, T_world_camera=np.eye(4))])  # the camera's frame is the world
+            _add(item, alone, given, ours, peer)
         table.add(dataset.name, *ours.cells(), *peer.cells(), peer.true)
         table.curves += [recall_of(dataset.name, "ours", ours.iou), recall_of(dataset.name, PEER, peer.iou)]
         table.notes += ours.behind(peer, dataset.name)
@@ -61,23 +53,15 @@ def moving_table(datasets: list[DataSet], settings: Settings) -> Table:
     """
     title = "Single frame as a moving camera sees it: 3D boxes drawn into it"
     table = Table("moving", title, (*columns("data", "poses"), *BOTH_METHODS))
-    ways = [
-        ("true", settings.changed("pose", provider="given"), Degradation()),
-        *(
-            (f"{1e3 * m:g} mm {d:g} deg", settings.changed("pose", provider="given"), Degradation(metres=m, degrees=d))
-            for m, d in SHAKES
-        ),
-        ("KISS-ICP", settings.changed("pose", provider="kiss"), Degradation()),
-    ]
+    given, kiss = (settings.changed("pose", provider=provider) for provider in ("given", "kiss"))
+    shakes = [(f"{1e3 * m:g} mm {d:g} deg", given, Degradation(metres=m, degrees=d)) for m, d in SHAKES]
+    ways = [("true", given, Degradation()), *shakes, ("KISS-ICP", kiss, Degradation())]
     for dataset in datasets:
         found = {name: (FoundInFrames(), FoundInFrames()) for name, *_ in ways}
         for item in dataset.frames:
             views = FrameList(moved_views(item.frame))
             for name, how, worse in ways:
-                ours, peer = found[name]
-                boxes = _found_in_run(worse.of(views), how)
-                for one, of_method in zip((ours, peer), boxes, strict=True):
-                    one.add(item, _drawn(of_method, item.frame.intrinsics))
+                _add(item, worse.of(views), how, *found[name])
         for name, (ours, peer) in found.items():
             table.add(dataset.name, name, *ours.cells(), *peer.cells(), peer.true)
             table.notes += ours.behind(peer, f"{dataset.name}, poses {name}")
@@ -85,8 +69,13 @@ def moving_table(datasets: list[DataSet], settings: Settings) -> Table:
     return table
 
 
-def _found_in_run(sequence: FrameSequence, settings: Settings) -> tuple[list[Box3D], list[Box3D]]:
-    """The boxes that a run finds, and the peer's by the run's poses, in the world of the true poses."""
+def _add(
+    item: LabelledFrame, sequence: FrameSequence, settings: Settings, ours: FoundInFrames, peer: FoundInFrames
+) -> None:
+    """Add the boxes that a run of the sequence finds, and the peer's by the run's poses, as seen in the frame.
+
+    The frame's camera is the world of the true poses.
+    """
     cloud, T_world_map = PeerMap(len(sequence)), np.eye(4)
 
     def follow(step: PipelineStep) -> None:
@@ -99,10 +88,6 @@ def _found_in_run(sequence: FrameSequence, settings: Settings) -> tuple[list[Box
     result.failures.refuse()
     T = world_alignment(sequence, tracked_poses(result))
     boxes = [one.box for one in result.objects.objects], cloud.found(settings.fusion).moved(T_world_map).boxes
-    ours, peer = ([moved(box, T) for box in some] for some in boxes)
-    return ours, peer
-
-
-def _drawn(boxes: list[Box3D] | tuple[Box3D, ...], camera: Intrinsics) -> NDArray[np.float64]:
-    """(n, 4) [x, y, w, h] pixels around the image of boxes that are in the camera's frame."""
-    return boxes_in_view([box_surface(box) for box in boxes], np.eye(4), camera)
+    for method, found in zip((ours, peer), boxes, strict=True):
+        surfaces = [box_surface(moved(box, T)) for box in found]
+        method.add(item, boxes_in_view(surfaces, np.eye(4), item.frame.intrinsics))
