@@ -48,7 +48,7 @@ PERIOD_NS = 50_000_000
 _STAGE = """
 import importlib, sys
 from spot3d.dataflow.settings import LinkSettings
-from spot3d.dataflow.thread_deaths import end_with_any_thread
+from spot3d.dataflow.stopping import end_with_any_thread
 end_with_any_thread()
 stage, link = sys.argv[1], LinkSettings.model_validate_json(sys.argv[2])
 names = {"pose": "PoseSettings", "proposals": "ProposalSettings", "heatmap": "HeatmapSettings",

@@ -22,7 +22,7 @@ TLS = {"ca": "ca.pem", "certificate": "ground.pem", "key": "ground.key"}
 
 DYING = """
 import threading, time
-from spot3d.dataflow.thread_deaths import end_with_any_thread
+from spot3d.dataflow.stopping import end_with_any_thread
 end_with_any_thread()
 threading.Thread(target=lambda: 1 / 0, name="objects", daemon=True).start()
 time.sleep(60)

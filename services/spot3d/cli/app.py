@@ -17,7 +17,7 @@ from spot3d.cli.doctor import doctor
 from spot3d.cli.evaluate import evaluate
 from spot3d.cli.options import CommandError, check_topics, link_overrides, out_folder, play_overrides, stage_started
 from spot3d.dataflow.settings import USUAL_ENDPOINT
-from spot3d.dataflow.thread_deaths import end_with_any_thread
+from spot3d.dataflow.stopping import end_with_any_thread
 from spot3d.file_errors import in_words
 from spot3d.settings import InvalidSettingsError, Settings, load_settings, to_toml
 from spot3d.source.errors import SourceError

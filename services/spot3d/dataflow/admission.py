@@ -3,13 +3,12 @@
 from collections.abc import Iterable
 
 from spot3d.dataflow.alive import Alive
-from spot3d.dataflow.capture_lag import CaptureLag
+from spot3d.dataflow.capture_stamps import CaptureLag, StampPace
 from spot3d.dataflow.counters import Counters
 from spot3d.dataflow.order import StreamOrder, Verdict
 from spot3d.dataflow.producers import Producers
 from spot3d.dataflow.rate_limited_log import RateLimitedLog
 from spot3d.dataflow.settings import LinkSettings
-from spot3d.dataflow.stamp_pace import StampPace
 from spot3d_schemas import Header
 
 PER_FRAME = frozenset(("source/frame", "pose/pose", "proposals/boxes", "heatmap/heat", "segments/segments"))

@@ -1,10 +1,11 @@
-"""Ends a stage's process at SIGINT, SIGTERM, SIGHUP or its stop event, and with the run that started it."""
+"""Ends a stage's process at SIGINT, SIGTERM, SIGHUP or its stop event, with its run, and with any of its threads."""
 
 import os
 import signal
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from types import FrameType
@@ -12,6 +13,8 @@ from types import FrameType
 _THREADS_END_S = 2.0
 _GRACE_S = 3.0
 """Time to end cleanly once the run is gone."""
+_EXIT_CODE = 70
+"""EX_SOFTWARE: an internal error."""
 
 
 class StoppedError(Exception):
@@ -72,3 +75,24 @@ def end_threads(threads: Sequence[threading.Thread]) -> None:
     for thread in threads:
         if thread.ident is not None:
             thread.join(max(0.0, end_s - time.monotonic()))
+
+
+def end_with_any_thread() -> None:
+    """From now on an exception that ends a thread ends the process; standard error says which thread, and why.
+
+    A stage that has lost a thread looks alive, and others would wait for it for ever. An excepthook that is set already
+    stays.
+    """
+    if threading.excepthook is threading.__excepthook__:
+        threading.excepthook = _end
+
+
+def _end(death: threading.ExceptHookArgs) -> None:
+    if death.exc_type is SystemExit:
+        return
+    name = "unnamed" if death.thread is None else death.thread.name
+    traceback.print_exception(death.exc_type, death.exc_value, death.exc_traceback)
+    why = f"{death.exc_type.__name__}: {death.exc_value}"
+    sys.stderr.write(f"error: the process ends, as its thread {name!r} failed with {why}\n")
+    sys.stderr.flush()
+    os._exit(_EXIT_CODE)
