@@ -6,7 +6,7 @@ from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import StoppedError
 from spot3d.dataflow.tls import TlsError, probe, why_unreached
 from spot3d.doctor.asking import ask_all, collect_health, is_complete, topic_rates
-from spot3d.doctor.finding import Finding
+from spot3d.doctor.finding import Finding, checked
 from spot3d.doctor.others import TopicRate, look_at, states
 from spot3d.doctor.this_device import look_here
 from spot3d_schemas import STAGES
@@ -49,10 +49,6 @@ def reached(link: LinkSettings, answered: bool = True) -> list[Finding]:
             except TlsError as error:
                 findings.append(Finding("note", "router", str(error), "connected through another of its endpoints"))
                 continue
-            remedy = (
-                "make a new certificate for it: spot3d certificates --out FOLDER NAME --renew"
-                if shown.soon_over
-                else ""
-            )
-            findings.append(Finding("problem" if remedy else "ok", "router's certificate", str(shown), remedy))
+            remedy = "make a new certificate for it: spot3d certificates --out FOLDER NAME --renew"
+            findings.append(checked(shown.soon_over, "router's certificate", str(shown), remedy))
     return findings

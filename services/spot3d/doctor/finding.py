@@ -17,3 +17,8 @@ class Finding:
     what: str
     text: str
     remedy: str = ""
+
+
+def checked(bad: bool, what: str, text: str, remedy: str) -> Finding:
+    """A problem with its remedy if it is bad; otherwise ok."""
+    return Finding("problem", what, text, remedy) if bad else Finding("ok", what, text)

@@ -9,7 +9,7 @@ from spot3d import __version__
 from spot3d.dataflow.about import zenoh_version
 from spot3d.dataflow.clocks import offset_in_words
 from spot3d.dataflow.tls import EXPIRES_SOON
-from spot3d.doctor.finding import Finding
+from spot3d.doctor.finding import Finding, checked
 from spot3d.doctor.this_device import disk, kernels, shared_memory
 from spot3d_schemas import STAGES, About, Health
 
@@ -124,9 +124,8 @@ def certificates(host: str, there: Sequence[Answer]) -> list[Finding]:
         return []
     until = datetime.datetime.fromtimestamp(min(ends) / 1e9, datetime.UTC)
     soon = until - datetime.datetime.now(datetime.UTC) < EXPIRES_SOON
-    text = f"valid until {until:%Y-%m-%d %H:%M} UTC"
-    remedy = "make new ones: spot3d certificates --out FOLDER NAME --renew" if soon else ""
-    return [Finding("problem" if soon else "ok", f"certificates on {host}", text, remedy)]
+    remedy = "make new ones: spot3d certificates --out FOLDER NAME --renew"
+    return [checked(soon, f"certificates on {host}", f"valid until {until:%Y-%m-%d %H:%M} UTC", remedy)]
 
 
 def flows(before: Health, after: Health) -> list[TopicRate]:

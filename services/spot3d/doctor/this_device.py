@@ -8,7 +8,7 @@ from spot3d.dataflow.about import shared_memory_bytes, snapshot_disk, zenoh_vers
 from spot3d.dataflow.kernel_cache import stage_kernels_missing
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.tls import TlsError, own_certificate
-from spot3d.doctor.finding import Finding
+from spot3d.doctor.finding import Finding, checked
 from spot3d_schemas import STAGES
 
 SHARED_BYTES = 128 << 20
@@ -40,7 +40,7 @@ def certificate(link: LinkSettings) -> Finding:
         return Finding("problem", "certificate", str(error), _RENEW)
     if own is None:
         return Finding("ok", "certificate", "none is set ([link] certificate, key, ca): anybody can connect")
-    return Finding("problem" if own.soon_over else "ok", "certificate", str(own), _RENEW if own.soon_over else "")
+    return checked(own.soon_over, "certificate", str(own), _RENEW)
 
 
 def kernels(missing: int, where: str) -> Finding:
@@ -61,17 +61,11 @@ def shared_memory(room: int, where: str) -> Finding:
         )
         remedy = "for a live run, mount /dev/shm and keep link.shared_memory on; a lossless run does not use it"
         return Finding("note", f"shared memory {where}", text, remedy)
-    little = room < SHARED_BYTES
-    remedy = (
-        f"enlarge it to {SHARED_BYTES >> 20} MB (docker: --shm-size), or set link.shared_memory = false"
-        if little
-        else ""
-    )
-    return Finding("problem" if little else "ok", f"shared memory {where}", f"{room / 1e6:.0f} MB left", remedy)
+    remedy = f"enlarge it to {SHARED_BYTES >> 20} MB (docker: --shm-size), or set link.shared_memory = false"
+    return checked(room < SHARED_BYTES, f"shared memory {where}", f"{room / 1e6:.0f} MB left", remedy)
 
 
 def disk(folder: str, free: int, where: str) -> Finding:
     """Finding about the disk. free: bytes left in `folder`, where snapshots of the map are kept."""
-    little = free < DISK_BYTES
-    remedy = f"free some space: snapshots of the map need up to {DISK_BYTES >> 30} GB" if little else ""
-    return Finding("problem" if little else "ok", f"disk {where}", f"{free / 1e9:.1f} GB left in {folder}", remedy)
+    remedy = f"free some space: snapshots of the map need up to {DISK_BYTES >> 30} GB"
+    return checked(free < DISK_BYTES, f"disk {where}", f"{free / 1e9:.1f} GB left in {folder}", remedy)
