@@ -9,8 +9,8 @@ import typer
 from typer.testing import CliRunner
 
 from spot3d.bench import kernels
-from spot3d.bench.live_run import LiveRun
-from spot3d.bench.material import load, to_and_fro
+from spot3d.bench.live import LiveRun
+from spot3d.bench.material import to_and_fro
 from spot3d.bench.recording import write_recording
 from spot3d.bench.timing import Timed, alternate, peak_memory_mb
 from spot3d.camera import Intrinsics
@@ -101,7 +101,7 @@ def test_a_walk_goes_to_and_fro(count: int, walk: list[int]) -> None:
 
 
 def test_a_written_recording_plays_the_same_frames(tmp_path: Path) -> None:
-    frames = load(Scene(frames=3, intrinsics=SMALL), 3)
+    frames = list(Scene(frames=3, intrinsics=SMALL))
     write_recording(tmp_path / "walk", frames, 6)
     opened = open_source(tmp_path / "walk")
     assert len(opened) == 6

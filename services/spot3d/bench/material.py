@@ -12,8 +12,6 @@ from spot3d.heatmap.heat import weighted_heat
 from spot3d.proposals.propose import propose
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
-from spot3d.source.halving import halve
-from spot3d.source.sequence import FrameSequence
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,16 +50,6 @@ class Material:
         if pose is None:
             raise SourceError(f"{self.data}: frame {index} has no true pose, which measuring fusion needs")
         return pose
-
-
-def load(sequence: FrameSequence, count: int) -> list[RgbdFrame]:
-    """The first `count` frames, in memory."""
-    return [sequence[index] for index in range(min(count, len(sequence)))]
-
-
-def at_half_size(frames: list[RgbdFrame]) -> list[RgbdFrame]:
-    """The frames at half size."""
-    return [halve(frame) for frame in frames]
 
 
 def prepare(data: str, frames: list[RgbdFrame], settings: Settings) -> Material:

@@ -17,13 +17,13 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
+from itertools import islice
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from zenoh.handlers import RingChannel
 
-from spot3d.bench.material import at_half_size, load
 from spot3d.bench.readings import Growth, Reading, charts, growths, minute_table, read_process
 from spot3d.bench.recording import write_recording
 from spot3d.dataflow.payload import arrived
@@ -33,6 +33,7 @@ from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.drawing.picture import write_picture
 from spot3d.settings import without_settings
+from spot3d.source.halving import halve
 from spot3d.source.process import run as run_source
 from spot3d.source.sequence import FrameSequence
 from spot3d.source.sequences import open_source
@@ -58,7 +59,7 @@ def soak(
     logging.basicConfig(format="%(asctime)s %(name)s %(levelname)s: %(message)s", level=logging.INFO)
     out.mkdir(parents=True, exist_ok=True)
     log.info("%s: reading %d frames", input_name, _FRAMES)
-    frames = at_half_size(load(open_source(input_name), _FRAMES))
+    frames = [halve(frame) for frame in islice(open_source(input_name), _FRAMES)]
     with tempfile.TemporaryDirectory(prefix="spot3d-soak-") as name:
         recording = Path(name) / "recording"
         write_recording(recording, frames, round(60 * minutes * _RATE_HZ))

@@ -1,6 +1,7 @@
 """`spot3d bench`: where the time goes, beside references measured in the same run."""
 
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -108,13 +109,13 @@ def _tables(
 
 def _materials(names: list[str], count: int, settings: "Settings") -> list["Material"]:
     """Each data set at full and at half size."""
-    from spot3d.bench.material import at_half_size, load, prepare
+    from spot3d.bench.material import prepare
+    from spot3d.source.halving import halve
     from spot3d.source.sequences import open_source
 
     made = []
     for name in names:
         say(f"{name}: {count} frames ...")
-        frames = load(open_source(name), count)
-        short = Path(name).name
-        made += [prepare(short, frames, settings), prepare(short, at_half_size(frames), settings)]
+        frames = list(islice(open_source(name), count))
+        made += [prepare(Path(name).name, sized, settings) for sized in (frames, [halve(one) for one in frames])]
     return made
