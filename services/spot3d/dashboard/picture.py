@@ -19,10 +19,7 @@ _HEAT_SHARE = 0.6
 
 
 def live_picture(
-    seen: Preview,
-    heat: Preview | None,
-    T_world_camera: NDArray[np.float64] | None,
-    objects: Sequence[Object3D],
+    seen: Preview, heat: Preview | None, T_world_camera: NDArray[np.float64] | None, objects: Sequence[Object3D]
 ) -> NDArray[np.uint8]:
     """A preview at 640 pixels with each object's box and number; (h, 640, 3) uint8 RGB.
 

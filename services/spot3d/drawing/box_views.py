@@ -8,13 +8,7 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import CORNERS, EDGES, Box3D, corners
 from spot3d.camera import Intrinsics, invert
-from spot3d.drawing.picture import (
-    Picture,
-    draw_faint_lines,
-    draw_lines,
-    draw_object_labels,
-    object_colour,
-)
+from spot3d.drawing.picture import Picture, draw_faint_lines, draw_lines, draw_object_labels, object_colour
 from spot3d.frame import RgbdFrame
 
 _NEAR = 0.05

@@ -9,16 +9,7 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D, corners
 from spot3d.camera_pose import REACH_M
-from spot3d.drawing.picture import (
-    GREY,
-    INK,
-    WHITE,
-    Picture,
-    draw_lines,
-    draw_object_labels,
-    draw_text,
-    object_colour,
-)
+from spot3d.drawing.picture import GREY, INK, WHITE, Picture, draw_lines, draw_object_labels, draw_text, object_colour
 
 _MARGIN = 0.25
 """Margin around boxes and camera path, metres."""

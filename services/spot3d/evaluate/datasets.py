@@ -28,11 +28,7 @@ DEPTH = 2
 
 
 def open_dataset(
-    name: str,
-    settings: Settings,
-    every: int = 1,
-    frames: int | None = None,
-    intrinsics: FocalAndCentre | None = None,
+    name: str, settings: Settings, every: int = 1, frames: int | None = None, intrinsics: FocalAndCentre | None = None
 ) -> DataSet:
     """The data set in a folder, by its layout, or the built-in scene: `scene:SEED`, `scenes:COUNT` (seeds 0 ..).
 

@@ -116,11 +116,7 @@ GROUPS = tuple(groups(Degradation()))
 
 
 def robustness_table(
-    datasets: list[DataSet],
-    settings: Settings,
-    every: int,
-    only: tuple[str, ...],
-    say: Callable[[str], None],
+    datasets: list[DataSet], settings: Settings, every: int, only: tuple[str, ...], say: Callable[[str], None]
 ) -> Table:
     """Whole runs of ours and of the peer on degraded sequences, with curves over each kind (not in the paper).
 

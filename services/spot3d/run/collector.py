@@ -55,12 +55,7 @@ class Collector:
     """
 
     def __init__(
-        self,
-        session: zenoh.Session,
-        robot: str,
-        stream: str,
-        files: GrowingFiles,
-        seen: OverviewFrames | None = None,
+        self, session: zenoh.Session, robot: str, stream: str, files: GrowingFiles, seen: OverviewFrames | None = None
     ) -> None:
         self._files, self._seen = files, seen
         self.objects: Objects | None = None
