@@ -35,23 +35,14 @@ def ask_all(session: zenoh.Session, robot: str) -> list[Answer]:
 
 def _ask(session: zenoh.Session, where: str) -> list[Answer]:
     asked_ns = time.time_ns()
-    replies = session.get(
-        where,
-        timeout=_ANSWER_S,
-        target=zenoh.QueryTarget.ALL,
-        consolidation=zenoh.ConsolidationMode.NONE,
-    )
+    every, none = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
     answers = []
-    for reply in replies:
+    for reply in session.get(where, timeout=_ANSWER_S, target=every, consolidation=none):
         back_ns = time.time_ns()
-        if reply.ok is None:
-            continue
-        about = decoded(reply.ok.payload, About)
-        if about is None:
-            continue  # an invalid answer; `stages` reports if there is no other
-        answers.append(
-            Answer(about, 1e-6 * (about.time_ns - (asked_ns + back_ns) / 2), 1e-6 * (back_ns - asked_ns) / 2)
-        )
+        about = None if reply.ok is None else decoded(reply.ok.payload, About)
+        if about is not None:  # `stages` reports if no answer is valid
+            offset_ms = 1e-6 * (about.time_ns - (asked_ns + back_ns) / 2)
+            answers.append(Answer(about, offset_ms, 1e-6 * (back_ns - asked_ns) / 2))
     return answers
 
 
@@ -85,10 +76,9 @@ def is_complete(session: zenoh.Session, robot: str) -> bool:
 
 def topic_rates(health: Mapping[str, Sequence[Health]]) -> list[TopicRate]:
     """The rates at which all stages send, by their own counters: listening would fill the link that is examined."""
-    return [flow for by_stage in health.values() if by_stage for flow in _between(by_stage)]
-
-
-def _between(by_stage: Sequence[Health]) -> list[TopicRate]:
-    """Rates from the first to the last message of one process: two of one name count separately."""
-    own = [one for one in by_stage if one.pid == by_stage[0].pid]
-    return flows(own[0], own[-1]) if len(own) > 1 else []
+    rates = []
+    for by_stage in health.values():
+        # From the first to the last message of one process: two of one name count separately.
+        own = [one for one in by_stage if one.pid == by_stage[0].pid]
+        rates += flows(own[0], own[-1]) if own else []
+    return rates
