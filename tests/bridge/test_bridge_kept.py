@@ -8,7 +8,7 @@ import numpy as np
 from spot3d.bridge.crossing import Crossing
 from spot3d.bridge.settings import BridgeSettings
 from spot3d.dataflow.counters import Counters
-from spot3d.dataflow.endpoints import declare_publisher, subscribe_kept
+from spot3d.dataflow.endpoints import declare_publisher, subscribe_newest
 from spot3d.dataflow.payload import arrived
 from spot3d.dataflow.router import free_loopback_endpoint, open_router
 from spot3d.dataflow.session import open_session
@@ -41,7 +41,7 @@ def test_objects_from_before_an_outage_are_forgotten_for_those_of_now() -> None:
             """The frame counts that somebody on the drone hears of who has just come."""
             frames = list[int]()
             with ExitStack() as asking, open_session(link) as late:
-                ear = subscribe_kept(late, key(ROBOT, TOPIC), 8, asking)
+                ear = subscribe_newest(late, key(ROBOT, TOPIC), 8, asking, kept=True)
 
                 def came() -> bool:
                     crossing.tick()

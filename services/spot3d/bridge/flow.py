@@ -7,7 +7,7 @@ from contextlib import ExitStack, suppress
 import zenoh
 from zenoh.handlers import Handler, RingChannel
 
-from spot3d.dataflow.endpoints import declare_publisher, has_subscribers, subscribe_kept, waiting
+from spot3d.dataflow.endpoints import declare_publisher, has_subscribers, subscribe_newest, waiting
 from spot3d.dataflow.payload import intact_bytes
 from spot3d.dataflow.settings import LinkSettings
 from spot3d_schemas import CodecError, Topic, alive_key, key, token_of
@@ -49,7 +49,8 @@ class Flow:
         wanted = has_subscribers(self._publisher)
         if wanted and self._unsubscribe is None:
             stack = ExitStack()
-            handler = self._subscribe(stack)
+            where, size = key(self._link.robot, self._topic.name), waiting(self._topic.name, self._link)
+            handler = subscribe_newest(self._origin, where, size, stack, self._topic.kept)
             self._unsubscribe = stack.close
             threading.Thread(target=self._pass_on, args=(handler,), daemon=True).start()
         elif not wanted:
@@ -65,16 +66,6 @@ class Flow:
         """Undeclare the publisher, which would go on to give late subscribers the last message of a kept topic."""
         undeclare: Stop = self._publisher.undeclare
         undeclare()
-
-    def _subscribe(self, stack: ExitStack) -> Handler[zenoh.Sample]:
-        where, size = key(self._link.robot, self._topic.name), waiting(self._topic.name, self._link)
-        if self._topic.kept:
-            return subscribe_kept(self._origin, where, size, stack)
-        # Never a FIFO: while one is full, the session receives nothing else.
-        channel: RingChannel[zenoh.Sample] = RingChannel(size)
-        subscriber = self._origin.declare_subscriber(where, channel)
-        stack.callback(subscriber.undeclare)
-        return subscriber.handler
 
     def _pass_on(self, handler: Handler[zenoh.Sample]) -> None:
         while True:

@@ -13,22 +13,13 @@ from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dashboard.health import HEARD
 from spot3d.dataflow.alive import stages_by_robot
-from spot3d.dataflow.endpoints import end_subscription, subscribe_kept
+from spot3d.dataflow.endpoints import end_subscription, subscribe_newest
 from spot3d.dataflow.payload import intact_bytes, refusal
 from spot3d.dataflow.rate_limited_log import RateLimitedLog
 from spot3d.dataflow.session import open_session
 from spot3d.dataflow.settings import LinkSettings
 from spot3d.dataflow.stopping import StoppedError
-from spot3d_schemas import (
-    TOPICS,
-    CodecError,
-    MapChanges,
-    Message,
-    decode,
-    fleet_key,
-    key,
-    robot_of,
-)
+from spot3d_schemas import TOPICS, CodecError, MapChanges, Message, decode, fleet_key, key, robot_of
 from spot3d_schemas.limits import MAX_MAP_CHANGES
 
 log = logging.getLogger(__name__)
@@ -136,7 +127,9 @@ class Link:
             with open_session(self._settings, self._stop) as session, ExitStack() as stack:
                 with self._lock:
                     for topic in _FLEET:
-                        self._fleet[topic] = _hear_fleet(session, topic, stack)
+                        size = _WAITING.get(topic, _HEALTHS_WAITING)
+                        ear = subscribe_newest(session, fleet_key(topic), size, stack, TOPICS[topic].kept)
+                        self._fleet[topic] = ear
                     self._session = session
                     self._listen()
                 self._settled.set()
@@ -217,15 +210,6 @@ class Link:
         except zenoh.ZError as error:
             log.warning("%s: no answer: %s", selector, error)
         return said or None
-
-
-def _hear_fleet(session: zenoh.Session, topic: str, stack: ExitStack) -> Handler[zenoh.Sample]:
-    """Subscribe to a topic of every robot until the stack is closed."""
-    size = _WAITING.get(topic, _HEALTHS_WAITING)
-    if TOPICS[topic].kept:
-        return subscribe_kept(session, fleet_key(topic), size, stack)
-    channel: RingChannel[zenoh.Sample] = RingChannel(size)
-    return stack.enter_context(session.declare_subscriber(fleet_key(topic), channel)).handler
 
 
 def _received(handler: "Handler[zenoh.Sample]") -> zenoh.Sample | None:

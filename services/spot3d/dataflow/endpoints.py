@@ -92,9 +92,16 @@ def declare_subscriber(
     return session.declare_subscriber(key(link.robot, topic), channel)
 
 
-def subscribe_kept(session: zenoh.Session, where: str, size: int, stack: ExitStack) -> Handler[zenoh.Sample]:
-    """The newest `size` messages of a kept topic until the stack closes; the last one from before comes first."""
+def subscribe_newest(
+    session: zenoh.Session, where: str, size: int, stack: ExitStack, kept: bool = False
+) -> Handler[zenoh.Sample]:
+    """The newest `size` messages from now on until the stack closes; of a kept topic the last one from before as well.
+
+    Never a FIFO: while one is full, the session receives nothing else.
+    """
     channel: RingChannel[zenoh.Sample] = RingChannel(size)
+    if not kept:
+        return stack.enter_context(session.declare_subscriber(where, channel)).handler
     history = HistoryConfig(detect_late_publishers=True, max_samples=1)
     late = declare_advanced_subscriber(session, where, channel, history=history)
     undeclare: Callable[[], object] = late.undeclare

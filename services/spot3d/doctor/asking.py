@@ -5,9 +5,8 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 
 import zenoh
-from zenoh.handlers import FifoChannel, Handler
 
-from spot3d.dataflow.endpoints import subscribe_kept
+from spot3d.dataflow.endpoints import subscribe_newest
 from spot3d.dataflow.payload import arrived, decoded
 from spot3d.doctor.others import Answer, TopicRate, flows
 from spot3d_schemas import STAGES, About, Health, Objects, key
@@ -50,10 +49,8 @@ def collect_health(session: zenoh.Session, robot: str, seconds: float) -> dict[s
     """Each stage's health messages during this time."""
     health: dict[str, list[Health]] = {stage: [] for stage in STAGES}
     with ExitStack() as stack:
-        handlers: dict[str, Handler[zenoh.Sample]] = {}
-        for stage in STAGES:
-            subscriber = session.declare_subscriber(key(robot, f"{stage}/health"), FifoChannel(_HEALTH_WAITING))
-            handlers[stage] = stack.enter_context(subscriber).handler
+        keys = {stage: key(robot, f"{stage}/health") for stage in STAGES}
+        handlers = {stage: subscribe_newest(session, keys[stage], _HEALTH_WAITING, stack) for stage in STAGES}
         deadline_s = time.monotonic() + seconds
         while time.monotonic() < deadline_s:
             for stage, handler in handlers.items():
@@ -65,7 +62,7 @@ def collect_health(session: zenoh.Session, robot: str, seconds: float) -> dict[s
 def is_complete(session: zenoh.Session, robot: str) -> bool:
     """Whether fusion's latest objects are those of all frames of a recording that has ended."""
     with ExitStack() as stack:
-        ear = subscribe_kept(session, key(robot, "fusion/objects"), 1, stack)
+        ear = subscribe_newest(session, key(robot, "fusion/objects"), 1, stack, kept=True)
         deadline_s = time.monotonic() + _ANSWER_S
         while time.monotonic() < deadline_s:
             if (objects := next(arrived(ear, Objects), None)) is not None:

@@ -8,9 +8,10 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import zenoh
-from zenoh.handlers import Handler, RingChannel
+from zenoh.handlers import Handler
 
 from spot3d.dataflow.alive import watch_alive
+from spot3d.dataflow.endpoints import subscribe_newest
 from spot3d.dataflow.heartbeat import Heartbeat
 from spot3d.dataflow.payload import arrived
 from spot3d.dataflow.producers import Producers
@@ -60,10 +61,8 @@ class _Keeper:
         """Process messages until stopped."""
         with ExitStack() as stack:
             self._producers = Producers(stack.enter_context(watch_alive(self._session, self._robot)))
-            inputs: dict[str, Handler[zenoh.Sample]] = {}
-            for topic in _TOPICS:
-                ear = self._session.declare_subscriber(key(self._robot, topic), RingChannel(_WAITING))
-                inputs[topic] = stack.enter_context(ear).handler
+            keys = {topic: key(self._robot, topic) for topic in _TOPICS}
+            inputs = {topic: subscribe_newest(self._session, keys[topic], _WAITING, stack) for topic in _TOPICS}
             stack.callback(self._seen.close)
             log.info("results of %s go to %s", self._robot, self._out.absolute())
             while not stop.wait(_POLL_S):

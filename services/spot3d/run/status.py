@@ -10,11 +10,10 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
-from zenoh.handlers import Handler, RingChannel
 
 from spot3d.dashboard.health import StageRecords, Word
 from spot3d.dataflow.alive import others_alive, watch_alive
-from spot3d.dataflow.endpoints import subscribe_kept
+from spot3d.dataflow.endpoints import subscribe_newest
 from spot3d.dataflow.payload import arrived
 from spot3d.dataflow.rate_limited_log import printable
 from spot3d.dataflow.session import open_session
@@ -32,19 +31,16 @@ _READERS = ("pose", "proposals", "heatmap")
 """Stages that work on the frames themselves."""
 _STYLES = {"good": "green", "waits": "yellow", "bad": "red", "ended": "dim"}
 
-Ear = Handler[zenoh.Sample]
-
 
 class _Robot:
     """The latest state of a robot: which stages are alive, their health, and the objects found."""
 
     def __init__(self, session: zenoh.Session, name: str, stack: ExitStack) -> None:
         self._name, self._alive = name, stack.enter_context(watch_alive(session, name))
-        self._handlers: dict[str, Ear] = {}
-        for stage in (*STAGES, BRIDGE):
-            ear = session.declare_subscriber(key(name, f"{stage}/health"), RingChannel(1))
-            self._handlers[stage] = stack.enter_context(ear).handler
-        self._objects_ear = subscribe_kept(session, key(name, "fusion/objects"), 1, stack)
+        self._handlers = {
+            stage: subscribe_newest(session, key(name, f"{stage}/health"), 1, stack) for stage in (*STAGES, BRIDGE)
+        }
+        self._objects_ear = subscribe_newest(session, key(name, "fusion/objects"), 1, stack, kept=True)
         self._records = StageRecords()
         self._health: dict[str, Health] = {}
         self._objects: Objects | None = None
