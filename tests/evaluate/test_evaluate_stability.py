@@ -37,19 +37,18 @@ def both(id_left: int, id_right: int) -> Update:
 )
 def test_id_switches(updates: list[Update], switches: list[int], matched: list[float]) -> None:
     measured = stability(updates, TRUTH)
-    assert measured.id_switches.tolist() == switches
-    np.testing.assert_allclose(measured.matched, matched)
+    assert [one.id_switches for one in measured] == switches
+    np.testing.assert_allclose([one.matched for one in measured], matched)
 
 
 def test_without_truth_there_is_nothing_to_measure() -> None:
-    measured = stability([both(1, 2)], [])
-    assert measured.id_switches.shape == measured.centre_jitter.shape == (0,)
+    assert stability([both(1, 2)], []) == []
 
 
 def test_the_threshold_of_a_match_is_inclusive_and_can_be_set() -> None:
     half = [[(1, cube(0, (1, 1, 0.5)))]]
-    assert stability(half, [cube(0)], threshold=0.5).matched.tolist() == [1]
-    assert stability(half, [cube(0)], threshold=0.51).matched.tolist() == [0]
+    assert stability(half, [cube(0)], threshold=0.5)[0].matched == 1
+    assert stability(half, [cube(0)], threshold=0.51)[0].matched == 0
 
 
 @pytest.mark.parametrize(
@@ -67,6 +66,6 @@ def test_the_threshold_of_a_match_is_inclusive_and_can_be_set() -> None:
 )
 def test_jitter(boxes: list[Box3D | None], centre: float, size: float) -> None:
     updates = [[] if box is None else [(1, box)] for box in boxes]
-    measured = stability(updates, [cube(0)])
-    np.testing.assert_allclose(measured.centre_jitter, [centre], atol=1e-12)
-    np.testing.assert_allclose(measured.size_jitter, [size], atol=1e-12)
+    (measured,) = stability(updates, [cube(0)])
+    np.testing.assert_allclose(measured.centre_jitter, centre, atol=1e-12)
+    np.testing.assert_allclose(measured.size_jitter, size, atol=1e-12)

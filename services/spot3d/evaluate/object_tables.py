@@ -147,10 +147,9 @@ def stability_table(datasets: list[DataSet], settings: Settings, runs: Runs) -> 
         if truth is None:
             continue
         run = runs.run(item, settings)
-        steady = stability(run.updates, truth.boxes)
-        for row, name in enumerate(truth.names):
-            jitter = (1e3 * float(steady.centre_jitter[row]), 1e3 * float(steady.size_jitter[row]))
-            table.add(item.name, name, int(steady.id_switches[row]), 100 * float(steady.matched[row]), *jitter)
+        for name, one in zip(truth.names, stability(run.updates, truth.boxes), strict=True):
+            jitter = (1e3 * one.centre_jitter, 1e3 * one.size_jitter)
+            table.add(item.name, name, one.id_switches, 100 * one.matched, *jitter)
         ids = {number for update in run.updates for number, _ in update}
         last = len(run.updates[-1]) if run.updates else 0
         strays = int(without_object([run.ours.fixed.iou]))

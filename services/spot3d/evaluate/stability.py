@@ -1,13 +1,12 @@
 """Stability of a run's objects: id switches, and jitter of boxes from one update to the next."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from math import nan
 from statistics import median
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D, iou_matrix_3d
 
@@ -15,40 +14,29 @@ Update = Sequence[tuple[int, Box3D]]
 Match = tuple[int, Box3D] | None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Stability:
-    """Stability of each of N true objects over a run.
+class Stability(NamedTuple):
+    """Stability of one true object over a run.
 
-    id_switches: (N,) int64, how often the matched id changed.
-    matched: (N,) float64, the share of updates in which the object is matched; nan without updates.
-    centre_jitter: (N,) float64 metres, median move of the matched box's centre from one update to the next.
-    size_jitter: (N,) float64 metres, median change of its size.
-
-    Jitter is over the last half of the run, nan if the object is never matched in two consecutive updates.
+    id_switches: how often the matched id changed; matched: the share of updates in which it is matched, nan without
+    updates. centre_jitter, size_jitter: metres, the median move of the matched box's centre and change of its size from
+    one update to the next, over the last half of the run; nan if it is never matched in two consecutive updates.
     """
 
-    id_switches: NDArray[np.int64]
-    matched: NDArray[np.float64]
-    centre_jitter: NDArray[np.float64]
-    size_jitter: NDArray[np.float64]
+    id_switches: int
+    matched: float
+    centre_jitter: float
+    size_jitter: float
 
 
-def stability(updates: Sequence[Update], truth: Sequence[Box3D], threshold: float = 0.25) -> Stability:
-    """Count id switches and measure jitter over a run's updates, in order of time.
+def stability(updates: Sequence[Update], truth: Sequence[Box3D], threshold: float = 0.25) -> list[Stability]:
+    """Count id switches and measure jitter of each true box over a run's updates, in order of time.
 
-    updates: each a list of (id, box), world frame. truth: N true boxes. In each update an object is matched by the box
-    with the largest IoU, if that is at least `threshold`. As in MOTA, an id is compared with the last one that matched,
-    however long ago: losing an object is no switch, finding it again under another id is one.
+    updates: each a list of (id, box), world frame. In each update an object is matched by the box with the largest IoU,
+    if that is at least `threshold`. As in MOTA, an id is compared with the last one that matched, however long ago:
+    losing an object is no switch, finding it again under another id is one.
     """
     matches = [_matches(update, truth, threshold) for update in updates]
-    tracks = [[found[row] for found in matches] for row in range(len(truth))]
-    jitters = [_jitter(track[len(track) // 2 :]) for track in tracks]
-    return Stability(
-        id_switches=np.array([_id_switches(track) for track in tracks], dtype=np.int64),
-        matched=np.array([_matched_part(track) for track in tracks], dtype=np.float64),
-        centre_jitter=np.array([centre for centre, _ in jitters], dtype=np.float64),
-        size_jitter=np.array([size for _, size in jitters], dtype=np.float64),
-    )
+    return [_stability([found[row] for found in matches]) for row in range(len(truth))]
 
 
 def _matches(update: Update, truth: Sequence[Box3D], threshold: float) -> list[Match]:
@@ -59,13 +47,10 @@ def _matches(update: Update, truth: Sequence[Box3D], threshold: float) -> list[M
     return [update[int(row.argmax())] if row.max() >= threshold else None for row in iou]
 
 
-def _id_switches(track: Sequence[Match]) -> int:
+def _stability(track: Sequence[Match]) -> Stability:
     ids = [match[0] for match in track if match is not None]
-    return sum(before != after for before, after in pairwise(ids))
-
-
-def _matched_part(track: Sequence[Match]) -> float:
-    return sum(match is not None for match in track) / len(track) if track else nan
+    switches = sum(before != after for before, after in pairwise(ids))
+    return Stability(switches, len(ids) / len(track) if track else nan, *_jitter(track[len(track) // 2 :]))
 
 
 def _jitter(track: Sequence[Match]) -> tuple[float, float]:
