@@ -29,7 +29,7 @@ def test_objects_that_do_not_come_are_told_with_where_to_look(tmp_path: Path, mo
         latest=dict,
         counts=lambda: (3, Counter()),
     )
-    supervisor = SimpleNamespace(poll=lambda _: [], processes=dict, has_finished=lambda stage: stage == "source")
+    supervisor = SimpleNamespace(poll=lambda _: [], processes=dict, children={"source": SimpleNamespace(finished=True)})
     watcher = SimpleNamespace(on_progress=lambda *_: None)
     report, plan = RunReport("scene", "processes", 3, (1, 1)), Plan(Selection("scene", 3), load_settings(), tmp_path)
     monitor = RunMonitor(report, SimpleNamespace(), watcher, Event())
@@ -50,7 +50,10 @@ def test_stages_that_compile_their_kernels_are_told_once(tmp_path: Path, monkeyp
     collector = SimpleNamespace(progress=None, drain=drain, news=list, latest=lambda: health)
     running = dict.fromkeys(("source", "pose", "segments", "fusion"), 1)
     supervisor = SimpleNamespace(
-        poll=lambda _: [], processes=lambda: running, has_finished=lambda _: False, end=lambda _: None
+        poll=lambda _: [],
+        processes=lambda: running,
+        children={"source": SimpleNamespace(finished=False)},
+        end=lambda _: None,
     )
     watcher = SimpleNamespace(on_note=said.append)
     report, plan = RunReport("scene", "processes", 3, (1, 1)), Plan(Selection("scene", 3), load_settings(), tmp_path)

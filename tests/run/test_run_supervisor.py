@@ -51,7 +51,7 @@ def test_a_run_cannot_go_on_without_the_process_that_starts_its_stages(tmp_path:
             assert time.monotonic() < end_s, "fusion has not started"
             assert not supervisor.poll({})
             time.sleep(0.02)
-        os.kill(supervisor.fork_server_pid, signal.SIGKILL)
+        os.kill(supervisor._fork_server.pid, signal.SIGKILL)
         death = first_death(supervisor)
     assert death.fatal
     assert "SIGKILL" in death.message

@@ -129,7 +129,7 @@ def _follow(
                 collector.fill(report, supervisor.restarts())
                 keep(collector.result(collector.snapshot(_MAP_INTERRUPTED_S)))
                 kept_s = time.monotonic()
-        if supervisor.has_finished("source"):
+        if supervisor.children["source"].finished:
             ended_s = min(ended_s, time.monotonic())
             if _complete(collector):
                 return

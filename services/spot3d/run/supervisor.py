@@ -35,7 +35,8 @@ _ENVIRONMENT = {"PYTHONUNBUFFERED": "1", "PYDANTIC_DISABLE_PLUGINS": "__all__"}
 class Child:
     """One stage's process. pid: None until it runs, and once it is killed or has ended. code: its exit code, or None.
 
-    restarts: their number. recent_s: times of the latest ones, seconds.
+    restarts: their number. recent_s: times of the latest ones, seconds. finished: it has ended, or was asked to, and is
+    not started again.
     """
 
     stage: str
@@ -89,20 +90,11 @@ class Supervisor:
     def __exit__(self, *_error: object) -> None:
         self.stop()
 
-    @property
-    def fork_server_pid(self) -> int:
-        """Process id of the fork server."""
-        return self._fork_server.pid
-
     def start(self, stage: str, arguments: Sequence[str], log: Path) -> None:
         """Start one stage; its output goes to the file `log`."""
         log.unlink(missing_ok=True)
         self.children[stage] = Child(stage, list(arguments), log)
         self._launch(self.children[stage])
-
-    def has_finished(self, stage: str) -> bool:
-        """Whether the stage has ended, or was asked to, and is not started again."""
-        return self.children[stage].finished
 
     def restarts(self) -> dict[str, int]:
         """How often each stage was restarted."""
