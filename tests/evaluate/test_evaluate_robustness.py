@@ -13,12 +13,22 @@ from typer.testing import CliRunner
 from spot3d.camera import Intrinsics, invert
 from spot3d.cli.evaluate import evaluate
 from spot3d.depth_noise import KINECT_V1
-from spot3d.evaluate.colour_errors import blurred, darkened
 from spot3d.evaluate.degraded import SEED, Degradation
-from spot3d.evaluate.depth_errors import bent, fattened, mixed, noisier, torn
+from spot3d.evaluate.faults import (
+    Pose,
+    bent,
+    blurred,
+    darkened,
+    fattened,
+    late,
+    misplaced,
+    mixed,
+    noisier,
+    shaken,
+    torn,
+)
 from spot3d.evaluate.object_tables import OURS
 from spot3d.evaluate.peer import PEER
-from spot3d.evaluate.pose_errors import Pose, late, misplaced, shaken
 from spot3d.evaluate.robustness import (
     BENT,
     BLURRED,

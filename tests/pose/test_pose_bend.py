@@ -11,7 +11,7 @@ from test_pose_tracking import LARGER, TABLE, render
 
 from made_frame import frame_of
 from spot3d.calibration import NOMINAL, bend_of_image
-from spot3d.evaluate.depth_errors import bent
+from spot3d.evaluate.faults import bent
 from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.keyframe_adjuster import Adjusted
 from spot3d.pose.motion import moved, turned

@@ -16,7 +16,7 @@ from made_frame import frame_of
 from spot3d.camera import Intrinsics
 from spot3d.depth_noise import KINECT_V1
 from spot3d.evaluate.datasets import at_half_size, open_dataset
-from spot3d.evaluate.depth_errors import bent
+from spot3d.evaluate.faults import bent
 from spot3d.pose.estimate import PoseEstimate, PoseTracker
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.registration import Registration, implausible

@@ -6,9 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
-from spot3d.evaluate.colour_errors import blurred, darkened
-from spot3d.evaluate.depth_errors import bent, fattened, mixed, noisier, torn
-from spot3d.evaluate.pose_errors import late, misplaced, shaken
+from spot3d.evaluate.faults import bent, blurred, darkened, fattened, late, misplaced, mixed, noisier, shaken, torn
 from spot3d.frame import RgbdFrame
 from spot3d.source.selected import Selected
 from spot3d.source.sequence import Derived, FrameSequence
