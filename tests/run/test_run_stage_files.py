@@ -16,7 +16,7 @@ SNAPSHOTS = (
     "snapshots/robot/fusion-before.snapshot",
     "snapshots/robot/pose.snapshot",
 )
-PARTIAL = "snapshots/robot/.pose.snapshot.partial"
+PARTIAL = "snapshots/robot/.pose.snapshot.4711.partial"
 
 
 def put(folder: Path, *names: str) -> None:

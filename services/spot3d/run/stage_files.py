@@ -21,7 +21,7 @@ def delete_logs(run: Path) -> None:
 def delete_snapshots(run: Path) -> None:
     """Delete the stages' snapshots, and nothing else in their folders."""
     for robot in (run / SNAPSHOTS).glob("*/"):
-        _delete(robot, (*robot.glob("*.snapshot"), *robot.glob(".*.snapshot.partial")))
+        _delete(robot, (*robot.glob("*.snapshot"), *robot.glob(".*.snapshot.*partial")))
     _delete(run / SNAPSHOTS, ())
 
 
