@@ -105,8 +105,8 @@ def run(
     if in_process and topic is not None:
         raise CommandError(f"--in-process cannot receive topics; omit --in-process, or --pose {pose}")
     overrides = play_overrides(
-        half,
-        rate,
+        halved=half or None,
+        rate_hz=rate,
         depth_noise=noise,
         depth_unit=depth_unit,
         colour_topic=colour_topic,
@@ -156,7 +156,7 @@ def demo(
     from spot3d.source.scene.model import build_scene
     from spot3d.source.selected import selection
 
-    overrides = play_overrides(half, None) | {"link": {"delivery": "lossless"}, "pose": {"provider": "kiss"}}
+    overrides = play_overrides(halved=half or None) | {"link": {"delivery": "lossless"}, "pose": {"provider": "kiss"}}
     resolved = load_settings(settings, preset, overrides)
     console = Console()
     with dashboard_if_wanted(show, in_process, resolved, settings, out, console) as page:
@@ -180,7 +180,7 @@ def topics(robot: options.Robot = None) -> None:
 
     if robot is not None:
         # Checked as settings are, so that a typo is reported as one.
-        load_settings(overrides=link_overrides(robot, None, None, None))
+        load_settings(overrides=link_overrides(robot))
     rows = [("key", "message", "rate", "delivery")]
     for topic in TOPICS.values():
         where = topic.key_template.format(robot=robot or "<robot>")
@@ -214,7 +214,7 @@ def status(
 
     from spot3d.run.status import show_status
 
-    resolved = load_settings(settings, None, link_overrides(robot, connect, None, None))
+    resolved = load_settings(settings, None, link_overrides(robot, connect))
     if not show_status(resolved.link, Console(), watch):
         raise typer.Exit(1)
 
@@ -230,7 +230,7 @@ def results(
 ) -> None:
     """Keep what the robot's stages find, in a folder for each stream of frames, until Ctrl-C."""
     stop = stage_started(supervised)
-    resolved = load_settings(settings, None, link_overrides(robot, connect, None, None))
+    resolved = load_settings(settings, None, link_overrides(robot, connect))
     from spot3d.run.keep_results import keep_results
 
     keep_results(resolved.link, out, keep, stop)

@@ -34,7 +34,7 @@ def dashboard(
 ) -> None:
     """A page in the browser that shows what robots see and find, live."""
     page: dict[str, Any] = {name: value for name, value in (("host", host), ("port", port)) if value is not None}
-    resolved = load_settings(settings, None, link_overrides(robot, connect, listen, None) | {"dashboard": page})
+    resolved = load_settings(settings, None, link_overrides(robot, connect, listen) | {"dashboard": page})
     stop = stage_started(supervised)
     from spot3d.dashboard.process import open_browser, run
 

@@ -27,7 +27,7 @@ def doctor(
     """Look at versions, clocks, certificates, kernels, memory and rates on every device; exit code 1 for a problem."""
     from spot3d.doctor.examine import examine
 
-    link = load_settings(settings, None, link_overrides(robot, connect, None, None)).link
+    link = load_settings(settings, None, link_overrides(robot, connect)).link
     findings, sent = examine(link, seconds)
     console = Console()
     show(console, findings, sent)

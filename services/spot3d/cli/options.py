@@ -73,17 +73,9 @@ class CommandError(Exception):
     """A command cannot do what it was asked to; the message says why."""
 
 
-def play_overrides(half: bool, rate: float | None, **named: str | float | None) -> dict[str, Any]:
-    """Settings of the options that say how an input is played; only those that were given.
-
-    named: the source's settings by their names.
-    """
-    source: dict[str, Any] = {name: value for name, value in named.items() if value is not None}
-    if half:
-        source["halved"] = True
-    if rate is not None:
-        source["rate_hz"] = rate
-    return {"source": source}
+def play_overrides(**named: str | float | None) -> dict[str, Any]:
+    """Settings of the source by their names, of the options that were given; None: not given."""
+    return {"source": {name: value for name, value in named.items() if value is not None}}
 
 
 def check_topics(input_name: str, **options: str | None) -> None:
@@ -99,7 +91,7 @@ def check_topics(input_name: str, **options: str | None) -> None:
 
 
 def link_overrides(
-    robot: str | None, connect: list[str] | None, listen: list[str] | None, lossless: bool | None
+    robot: str | None, connect: list[str] | None = None, listen: list[str] | None = None, lossless: bool | None = None
 ) -> dict[str, Any]:
     """Settings of the options that say how a stage reaches the others; only those that were given.
 

@@ -46,8 +46,8 @@ def source(
     check_topics(input_name, colour_topic=colour_topic, depth_topic=depth_topic, pose_topic=pose_topic)
     stop = stage_started(supervised)
     overrides = play_overrides(
-        half,
-        rate,
+        halved=half or None,
+        rate_hz=rate,
         depth_noise=noise,
         depth_unit=depth_unit,
         colour_topic=colour_topic,
@@ -146,7 +146,7 @@ def bridge(
 ) -> None:
     """Join this device's router with another one's over a thin or broken link, which never stalls this device."""
     stop = stage_started(supervised)
-    overrides = link_overrides(robot, connect, None, None)
+    overrides = link_overrides(robot, connect)
     if ground:
         overrides["bridge"] = {"ground": tuple(ground)}
     resolved = load_settings(settings, None, overrides)
