@@ -39,9 +39,8 @@ _CHANNELS: dict[str, type[_Encoded]] = {
 def export(source: Path, out: Path, complain: Callable[[str], None]) -> dict[str, int]:
     """Write the results folder of a run, or a recording, as Foxglove messages. Log times are capture times.
 
-    Returns the number of messages of each topic. complain: called with what had to be skipped. Raises SourceError or
-    BrokenRecordingError where `source` cannot be read or holds nothing to export, FileExistsError, and OSError where
-    the disk is full.
+    Returns the number of messages of each topic. complain: called with what had to be skipped. Raises SourceError where
+    `source` cannot be read or holds nothing to export, FileExistsError, and OSError where the disk is full.
     """
     if source.is_dir():
         sights: Iterable[tuple[int, ExportItem]] = items_of_run(source, complain)
