@@ -150,46 +150,37 @@ def _match(
     following, owner, difference = np.full((3, len(expected)), _NONE)
     difference[:] = _BITS_MAX + 1
     nearest = np.full(len(features), _NONE)
-    found = _Found(features.pixels, features.points, features.descriptors)
-    _find_nearest(found, expected, known, reach, _Cells(first, following), _Claims(owner, difference), nearest)
+    notes = _Notes(first, following, owner, difference)
+    _find_nearest(features.pixels, features.points, features.descriptors, expected, known, reach, notes, nearest)
     return nearest
 
 
-class _Found(NamedTuple):
-    """The arrays of `Features` that are compared."""
+class _Notes(NamedTuple):
+    """Notes about landmarks.
 
-    pixels: NDArray[np.float64]
-    points: NDArray[np.float64]
-    descriptors: NDArray[np.uint64]
-
-
-class _Cells(NamedTuple):
-    """Linked lists of landmarks in image cells as wide as the reach: first of each cell, (m,) next of each, or -1."""
+    first, following: linked lists of those in image cells as wide as the reach, first of each cell, (m,) next of each,
+    or -1; owner, difference: (m,) the feature matched to each, -1 = none, and in how many bits they differ.
+    """
 
     first: NDArray[np.int64]
     following: NDArray[np.int64]
-
-
-class _Claims(NamedTuple):
-    """The feature matched to each of (m,) landmarks, -1 = none, and in how many bits they differ."""
-
     owner: NDArray[np.int64]
     difference: NDArray[np.int64]
 
 
 @kernel()
 def _find_nearest(
-    features: _Found,
+    pixels: NDArray[np.float64],
+    points: NDArray[np.float64],
+    descriptors: NDArray[np.uint64],
     expected: NDArray[np.float64],
     known: NDArray[np.uint64],
     reach: float,
-    cells: _Cells,
-    claims: _Claims,
+    notes: _Notes,
     nearest: NDArray[np.int64],
 ) -> None:
-    """Fill in `nearest`, which is -1, and cells and claims, which are empty; `difference` starts above the maximum."""
-    pixels, points, descriptors = features
-    (first, following), (owner, difference) = cells, claims
+    """Fill in `nearest`, which is -1, and the notes, which are empty; `difference` starts above the maximum."""
+    first, following, owner, difference = notes
     for j in range(len(expected)):
         column, line = int(expected[j, 0] / reach) + 1, int(expected[j, 1] / reach) + 1
         following[j] = first[line, column]
