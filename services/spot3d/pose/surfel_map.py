@@ -103,13 +103,18 @@ class SurfelMap:
         distance: float,
         kernel: float,
         stride: int = 1,
+        shared: NDArray[np.float64] | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Point-to-plane normal equations of every `stride`-th point at a pose.
 
         Returns H (6, 6) and g (6,) of H x = g for the twist x (metres, radians; world axes, about the camera), and
-        (points tried, points matched, sum of squared distances in m2).
+        (points tried, points matched, sum of squared distances in m2). shared: see `shared_information`, which sums
+        there, (6, 6).
         """
-        sums = self._summed(surface, T_world_camera, distance, kernel, stride, False)
+        asked = np.zeros((0, _POSE)) if shared is None else shared
+        sums = _Sums(np.zeros((_POSE, _POSE)), np.zeros(_POSE), np.zeros(3), asked, np.empty((2, _POSE)))
+        pose = np.ascontiguousarray(T_world_camera, np.float64)
+        _normal_equations(self._arrays, _points_of(surface), pose, distance, kernel, stride, sums)
         return sums.H, sums.g, sums.totals
 
     def shared_information(
@@ -119,23 +124,9 @@ class SurfelMap:
 
         The noise of the two normals is independent and averages out in products; in squares it adds up.
         """
-        summed = self._summed(surface, T_world_camera, distance, kernel, 1, True).shared
+        summed = np.zeros((_POSE, _POSE))
+        self.normal_equations(surface, T_world_camera, distance, kernel, shared=summed)
         return np.asarray(0.5 * (summed + summed.T))
-
-    def _summed(
-        self,
-        surface: Surface,
-        T_world_camera: NDArray[np.float64],
-        distance: float,
-        kernel: float,
-        stride: int,
-        asks_shared: bool,
-    ) -> _Sums:
-        square, shared = np.zeros((_POSE, _POSE)), np.zeros((_POSE if asks_shared else 0, _POSE))
-        sums = _Sums(square, np.zeros(_POSE), np.zeros(3), shared, np.empty((2, _POSE)))
-        pose = np.ascontiguousarray(T_world_camera, np.float64)
-        _normal_equations(self._arrays, _points_of(surface), pose, distance, kernel, stride, sums)
-        return sums
 
     def rescale(self, factor: float) -> None:
         """Move every surfel to where it would be with depth `factor` times as large."""
