@@ -236,11 +236,7 @@ def _toml_lines(model: BaseModel, table: str, shared: Layer) -> list[str]:
 
 
 def _toml_value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        return repr(value)
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(_toml_value(item) for item in value)}]"
-    # A JSON string is a valid TOML basic string, except that TOML wants DEL escaped too.
-    return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007F")
+    if isinstance(value, float):
+        return repr(value)  # JSON has another name for infinity
+    # Other JSON is valid TOML, except that TOML wants DEL escaped in strings.
+    return json.dumps(value, ensure_ascii=False, default=str).replace("\x7f", "\\u007F")
