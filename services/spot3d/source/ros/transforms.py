@@ -51,7 +51,7 @@ class TransformTree:
 
     def connected(self, target: str, source: str) -> bool:
         """Whether the two frames belong to one tree."""
-        return self.root(_name(target)) == self.root(_name(source))
+        return self.root(target) == self.root(source)
 
     def fixed_between(self, target: str, source: str) -> Pose | None:
         """T_target_source (4, 4) over fixed frames alone. None if there is no such path."""
@@ -60,7 +60,6 @@ class TransformTree:
 
     def between(self, target: str, source: str, stamp_ns: int) -> Pose | None:
         """T_target_source (4, 4) at a time. None if it is unknown at that time, or the frames are not connected."""
-        target, source = _name(target), _name(source)
         if not self.connected(target, source):
             return None
         one, other = self._to_root(target, stamp_ns), self._to_root(source, stamp_ns)
@@ -68,13 +67,9 @@ class TransformTree:
 
     def _path(self, frame: str) -> list[str]:
         path = [_name(frame)]
-        while (above := self._parent(path[-1])) is not None and above not in path:
-            path.append(above)
+        while (edge := self.fixed.get(path[-1]) or self.moving.get(path[-1])) and edge[0] not in path:
+            path.append(edge[0])
         return path
-
-    def _parent(self, frame: str) -> str | None:
-        entry = self.fixed.get(frame) or self.moving.get(frame)
-        return None if entry is None else entry[0]
 
     def _to_root(self, frame: str, stamp_ns: int) -> Pose | None:
         T = np.eye(4)
