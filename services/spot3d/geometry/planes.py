@@ -103,10 +103,7 @@ def _most_inliers(
 
 
 def on_plane(
-    plane: NDArray[np.float64],
-    points: NDArray[np.float32],
-    settings: PlaneSettings,
-    noise: DepthNoise = KINECT_V1,
+    plane: NDArray[np.float64], points: NDArray[np.float32], settings: PlaneSettings, noise: DepthNoise = KINECT_V1
 ) -> NDArray[np.bool_]:
     """Which valid points lie on the plane within the tolerance of their depth (paper, Eq. 9). Camera frame."""
     n = plane[:3].astype(np.float32)

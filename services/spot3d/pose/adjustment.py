@@ -107,11 +107,7 @@ class Adjustment:
     """
 
     def __init__(
-        self,
-        sigmas: NDArray[np.float64],
-        bend_sigma: float,
-        held: tuple[float, float],
-        shares: NDArray[np.float64],
+        self, sigmas: NDArray[np.float64], bend_sigma: float, held: tuple[float, float], shares: NDArray[np.float64]
     ) -> None:
         self._sigmas = np.concatenate((sigmas, np.full(BEND_NODES[0] * BEND_NODES[1], bend_sigma)))
         self._free = np.flatnonzero(self._sigmas)

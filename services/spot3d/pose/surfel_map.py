@@ -265,13 +265,7 @@ def _insert(known: _Surfels, surface: _Points, T: NDArray[np.float64], frame: in
 
 @kernel()
 def _normal_equations(
-    known: _Surfels,
-    surface: _Points,
-    T: NDArray[np.float64],
-    distance: float,
-    kernel: float,
-    stride: int,
-    sums: _Sums,
+    known: _Surfels, surface: _Points, T: NDArray[np.float64], distance: float, kernel: float, stride: int, sums: _Sums
 ) -> None:
     """Sum H, g and the totals over every stride-th point; Geman-McClure weights, inverse noise variance."""
     keys, surfels, voxel, beside = known

@@ -100,11 +100,7 @@ class Renderer:
 
 @kernel()
 def _cast(
-    kind: NDArray[np.int32],
-    form: NDArray[np.float64],
-    rays: Rays,
-    depth: NDArray[np.float32],
-    which: NDArray[np.int32],
+    kind: NDArray[np.int32], form: NDArray[np.float64], rays: Rays, depth: NDArray[np.float32], which: NDArray[np.int32]
 ) -> None:
     """Writes the depth and the primitive of the nearest hit, one primitive after the other."""
     to_local, eye, rectangles, pinhole = rays
