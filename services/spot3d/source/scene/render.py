@@ -35,12 +35,8 @@ class RenderedView:
 
 def empty_rendered_view(shape: tuple[int, int]) -> RenderedView:
     """A view of shape (h, w) to render into. Its arrays are uninitialised."""
-    return RenderedView(
-        np.empty(shape, np.float32),
-        np.empty(shape, np.int32),
-        np.empty(shape, np.float32),
-        np.empty((*shape, 3), np.uint8),
-    )
+    depth, cosine = np.empty((2, *shape), np.float32)
+    return RenderedView(depth, np.empty(shape, np.int32), cosine, np.empty((*shape, 3), np.uint8))
 
 
 class Renderer:
