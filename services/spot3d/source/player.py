@@ -204,14 +204,8 @@ class Player:
                 lost = self.credit.give_up()
                 self.node.counters.drop("lost in flight", len(lost))
                 missing = [stage for stage in STAGES if stage != "source" and stage not in self.node.alive]
-                log.warning(
-                    "no progress for %.1f s: %d frames (%d to %d ns) count as lost; stages not running: %s",
-                    limit_s,
-                    len(lost),
-                    lost[0],
-                    lost[-1],
-                    ", ".join(missing) or "none",
-                )
+                text = "no progress for %.1f s: %d frames (%d to %d ns) count as lost; stages not running: %s"
+                log.warning(text, limit_s, len(lost), lost[0], lost[-1], ", ".join(missing) or "none")
 
     def _ending(self, wait_s: float) -> Iterator[None]:
         """Publish the stream's end until fusion confirms that it is complete, or is absent for too long.
