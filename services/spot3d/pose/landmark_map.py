@@ -67,7 +67,12 @@ class LandmarkMap:
         visible, expected = np.empty(len(self.rows), np.int64), np.empty((len(self.rows), 3))
         count = _project(self.rows["position"], invert(T_world_camera), lens, size, visible, expected)
         visible, expected = visible[:count], expected[:count]
-        found = _match(features, expected, self.rows["descriptor"][visible], size, reach)
+        first = np.full((int(size[1] / reach) + 3, int(size[0] / reach) + 3), _NONE)
+        following, owner, difference = np.full((3, count), _NONE)
+        difference[:] = _BITS_MAX + 1
+        notes, found = _Notes(first, following, owner, difference), np.full(len(features), _NONE)
+        pixels, points, descriptors = features.pixels, features.points, features.descriptors
+        _find_nearest(pixels, points, descriptors, expected, self.rows["descriptor"][visible], reach, notes, found)
         return Matches(np.where(found >= 0, np.append(visible, _NONE)[found], _NONE), visible)
 
     def insert(
@@ -138,23 +143,6 @@ def _project(
     return count
 
 
-def _match(
-    features: Features,
-    expected: NDArray[np.float64],
-    known: NDArray[np.uint64],
-    size: NDArray[np.float64],
-    reach: float,
-) -> NDArray[np.int64]:
-    """Row (n,) int64 of the expected landmark (m, 3) with the descriptor nearest to each feature's, -1 = none."""
-    first = np.full((int(size[1] / reach) + 3, int(size[0] / reach) + 3), _NONE)
-    following, owner, difference = np.full((3, len(expected)), _NONE)
-    difference[:] = _BITS_MAX + 1
-    nearest = np.full(len(features), _NONE)
-    notes = _Notes(first, following, owner, difference)
-    _find_nearest(features.pixels, features.points, features.descriptors, expected, known, reach, notes, nearest)
-    return nearest
-
-
 class _Notes(NamedTuple):
     """Notes about landmarks.
 
@@ -179,7 +167,10 @@ def _find_nearest(
     notes: _Notes,
     nearest: NDArray[np.int64],
 ) -> None:
-    """Fill in `nearest`, which is -1, and the notes, which are empty; `difference` starts above the maximum."""
+    """Write the row (n,) of the expected landmark (m, 3) whose descriptor is nearest to each feature's to `nearest`.
+
+    It is -1 = none before, and the notes are empty; `difference` starts above the maximum.
+    """
     first, following, owner, difference = notes
     for j in range(len(expected)):
         column, line = int(expected[j, 0] / reach) + 1, int(expected[j, 1] / reach) + 1
