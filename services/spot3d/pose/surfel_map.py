@@ -31,14 +31,6 @@ class _Surfels(NamedTuple):
     beside: bool
 
 
-class _Points(NamedTuple):
-    """The arrays of a `Surface`."""
-
-    points: NDArray[np.float32]
-    normals: NDArray[np.float32]
-    sigma: NDArray[np.float32]
-
-
 class _Sums(NamedTuple):
     """Sums, and scratch rows (2, 6) of one point, by the map's normal and by its own.
 
@@ -75,11 +67,11 @@ class SurfelMap:
     def insert(self, surface: Surface, T_world_camera: NDArray[np.float64]) -> None:
         """Average the surface points into their surfels, weighted by their noise."""
         self.frames += 1
-        if self.count + len(surface) > self.limit:
+        if self.count + len(surface.points) > self.limit:
             self._forget()
         pose = np.ascontiguousarray(T_world_camera, np.float64)
         room = self.limit - self.count
-        self.count += _insert(self._arrays, _points_of(surface), pose, self.frames, room)
+        self.count += _insert(self._arrays, surface, pose, self.frames, room)
 
     def held(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Keys (n,) and surfels (n, 11) of the map, copied."""
@@ -114,7 +106,7 @@ class SurfelMap:
         asked = np.zeros((0, _POSE)) if shared is None else shared
         sums = _Sums(np.zeros((_POSE, _POSE)), np.zeros(_POSE), np.zeros(3), asked, np.empty((2, _POSE)))
         pose = np.ascontiguousarray(T_world_camera, np.float64)
-        _normal_equations(self._arrays, _points_of(surface), pose, distance, kernel, stride, sums)
+        _normal_equations(self._arrays, surface, pose, distance, kernel, stride, sums)
         return sums.H, sums.g, sums.totals
 
     def shared_information(
@@ -167,10 +159,6 @@ class SurfelMap:
         self.count = len(keys)
 
 
-def _points_of(surface: Surface) -> _Points:
-    return _Points(surface.points, surface.normals, surface.sigma)
-
-
 @part()
 def _side(nx: float, ny: float, nz: float) -> int:
     """The signed axis that a normal is nearest to, 0..5: +x, -x, +y, -y, +z, -z."""
@@ -221,7 +209,7 @@ def _restore(known: _Surfels, kept_keys: NDArray[np.int64], kept: NDArray[np.flo
 
 
 @kernel()
-def _insert(known: _Surfels, surface: _Points, T: NDArray[np.float64], frame: int, room: int) -> int:
+def _insert(known: _Surfels, surface: Surface, T: NDArray[np.float64], frame: int, room: int) -> int:
     """Running means of position and normal; returns the number of new surfels, at most `room`. T: the pose (4, 4)."""
     keys, surfels, voxel, _ = known
     points, normals, sigma = surface
@@ -265,7 +253,7 @@ def _insert(known: _Surfels, surface: _Points, T: NDArray[np.float64], frame: in
 
 @kernel()
 def _normal_equations(
-    known: _Surfels, surface: _Points, T: NDArray[np.float64], distance: float, kernel: float, stride: int, sums: _Sums
+    known: _Surfels, surface: Surface, T: NDArray[np.float64], distance: float, kernel: float, stride: int, sums: _Sums
 ) -> None:
     """Sum H, g and the totals over every stride-th point; Geman-McClure weights, inverse noise variance."""
     keys, surfels, voxel, beside = known
