@@ -1,6 +1,6 @@
 """Overlap of boxes, and the rates that follow from it: IoU, detection rate, success rate, recall curve."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import isfinite
 
@@ -155,7 +155,7 @@ def detection_rate(scenes: Sequence[NDArray[np.float64]], threshold: float = 0.5
     objects; here N_k differs and the objects of all scenes are pooled (hits / objects): the same for equal N.
     Returns nan when there is no true object at all.
     """
-    return _rate_at_least(_pooled_truths(scenes), threshold)
+    return _mean(_pooled(iou_per_truth, scenes) >= threshold)
 
 
 def success_rate(scenes: Sequence[NDArray[np.float64]], threshold: float = 0.5) -> float:
@@ -164,35 +164,30 @@ def success_rate(scenes: Sequence[NDArray[np.float64]], threshold: float = 0.5) 
     scenes: one IoU matrix (N_k, M_k) for each scene; the proposals of all scenes are pooled, as for the
     detection rate. Returns nan when there is no proposal at all.
     """
-    return _rate_at_least(_pooled_proposals(scenes), threshold)
+    return _mean(_pooled(iou_per_proposal, scenes) >= threshold)
 
 
 def mean_iou(scenes: Sequence[NDArray[np.float64]]) -> float:
     """Mean IoU over the true objects of all scenes (paper, Table III, IoU); nan without any."""
-    best = _pooled_truths(scenes)
-    return float(best.mean()) if best.size else float("nan")
+    return _mean(_pooled(iou_per_truth, scenes))
 
 
 def mean_modified_iou(scenes: Sequence[NDArray[np.float64]]) -> float:
     """Mean modified IoU over the proposals of all scenes (paper, Table III, IoU_o); nan without any."""
-    best = _pooled_proposals(scenes)
-    return float(best.mean()) if best.size else float("nan")
+    return _mean(_pooled(iou_per_proposal, scenes))
 
 
 def recall_curve(scenes: Sequence[NDArray[np.float64]], thresholds: ArrayLike) -> NDArray[np.float64]:
     """Detection rate at each IoU threshold (T,): the paper's recall curve (Fig. 10). Returns (T,)."""
-    best = _pooled_truths(scenes)
-    steps = np.asarray(thresholds, dtype=np.float64)
-    return np.array([_rate_at_least(best, float(threshold)) for threshold in steps])
+    best = _pooled(iou_per_truth, scenes)
+    return np.array([_mean(best >= threshold) for threshold in np.asarray(thresholds, np.float64)])
 
 
-def _pooled_truths(scenes: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    return np.concatenate([np.zeros(0), *(iou_per_truth(iou) for iou in scenes)])
+def _pooled(
+    best: Callable[[NDArray[np.float64]], NDArray[np.float64]], scenes: Sequence[NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    return np.concatenate([np.zeros(0), *map(best, scenes)])
 
 
-def _pooled_proposals(scenes: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    return np.concatenate([np.zeros(0), *(iou_per_proposal(iou) for iou in scenes)])
-
-
-def _rate_at_least(best: NDArray[np.float64], threshold: float) -> float:
-    return float(np.mean(best >= threshold)) if best.size else float("nan")
+def _mean(values: NDArray[np.float64] | NDArray[np.bool_]) -> float:
+    return float(np.mean(values)) if values.size else float("nan")

@@ -8,10 +8,6 @@ from numpy.typing import NDArray
 from spot3d.boxes import Box3D
 
 
-def _grey() -> NDArray[np.float64]:
-    return np.full(3, 128.0)
-
-
 @dataclass(frozen=True, slots=True)
 class FoundObject:
     """One object in the world frame.
@@ -28,4 +24,4 @@ class FoundObject:
     confidence: float
     views: int
     points: int
-    colour: NDArray[np.float64] = field(default_factory=_grey)
+    colour: NDArray[np.float64] = field(default_factory=lambda: np.full(3, 128.0))

@@ -177,7 +177,8 @@ class _Cores:
                 with _timed(step_s, "segments"):
                     segments = self._keyframes.find(frame, heat.heat, pose.T_world_camera, pose.calibration)
                 if segments is None:
-                    _join_last_two(step_s["segments"])
+                    times = step_s["segments"]
+                    times[-2:] = [sum(times[-2:])]  # its time belongs to the keyframe before
         return segments
 
     def _fuse(self, frame: RgbdFrame, heat: Heatmap, pose: PoseEstimate, segments: FrameSegments | None) -> str:
@@ -217,7 +218,3 @@ def _timed(step_s: dict[str, list[float]], stage: str) -> Iterator[None]:
     start = time.perf_counter()
     yield
     step_s.setdefault(stage, []).append(time.perf_counter() - start)
-
-
-def _join_last_two(times: list[float]) -> None:
-    times[-2:] = [sum(times[-2:])]

@@ -156,8 +156,14 @@ def _is_setting(name: str) -> bool:
 
 
 def _environment() -> Layer:
+    """The settings in the environment. Refuses names that would be ignored: of no section, or with one underscore."""
+    one_underscore = re.compile(rf"{ENVIRONMENT_PREFIX}({'|'.join(Settings.model_fields)})_([^_].*)", re.IGNORECASE)
     for name in os.environ:
-        _refuse_one_underscore(name)
+        if (match := one_underscore.fullmatch(name)) and name not in _NO_SETTINGS:
+            meant = f"{ENVIRONMENT_PREFIX}{match[1]}__{match[2]}".upper()
+            raise InvalidSettingsError(
+                f"{name} in the environment: two underscores must follow the section's name, as in {meant}"
+            )
         section = name.upper().removeprefix(ENVIRONMENT_PREFIX).split("__")[0].lower()
         if _is_setting(name) and section not in Settings.model_fields:
             known = ", ".join(part.upper() for part in Settings.model_fields)
@@ -173,17 +179,6 @@ class _Environment(EnvSettingsSource):
             return super().decode_complex_value(field_name, field, value)
         except ValueError:
             return value
-
-
-def _refuse_one_underscore(name: str) -> None:
-    """Refuse a variable that begins with a section's name, but has one underscore behind it, and would be ignored."""
-    pattern = rf"{ENVIRONMENT_PREFIX}({'|'.join(Settings.model_fields)})_([^_].*)"
-    match = re.fullmatch(pattern, name, re.IGNORECASE)
-    if match and name not in _NO_SETTINGS:
-        meant = f"{ENVIRONMENT_PREFIX}{match[1]}__{match[2]}".upper()
-        raise InvalidSettingsError(
-            f"{name} in the environment: two underscores must follow the section's name, as in {meant}"
-        )
 
 
 def _merged(below: Layer, above: Layer) -> Layer:
@@ -236,11 +231,7 @@ def _toml_lines(model: BaseModel, table: str, shared: Layer) -> list[str]:
 
 
 def _toml_value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        return repr(value)
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(_toml_value(item) for item in value)}]"
-    # A JSON string is a valid TOML basic string, except that TOML wants DEL escaped too.
-    return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007F")
+    if isinstance(value, float):
+        return repr(value)  # JSON has another name for infinity
+    # Other JSON is valid TOML, except that TOML wants DEL escaped in strings.
+    return json.dumps(value, ensure_ascii=False, default=str).replace("\x7f", "\\u007F")

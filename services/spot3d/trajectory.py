@@ -16,14 +16,7 @@ def rotation_angle(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
 
     By atan2 of sine and cosine, which stays exact for the tiny angles between neighbouring frames.
     """
-    axis = np.stack(
-        (
-            rotation[..., 2, 1] - rotation[..., 1, 2],
-            rotation[..., 0, 2] - rotation[..., 2, 0],
-            rotation[..., 1, 0] - rotation[..., 0, 1],
-        ),
-        axis=-1,
-    )
+    axis = rotation[..., (2, 0, 1), (1, 2, 0)] - rotation[..., (1, 2, 0), (2, 0, 1)]
     trace = np.trace(rotation, axis1=-2, axis2=-1)
     return np.asarray(np.arctan2(np.linalg.norm(axis, axis=-1), trace - 1))
 

@@ -1,6 +1,5 @@
 """Keyframes adjusted as one: on the built-in scene, whose poses and camera are wrong in known ways."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -154,7 +153,7 @@ def test_a_keyframe_that_was_straightened_is_the_one_that_was_told() -> None:
     x, y, z = surface.points.T.astype(np.float64)
     across, down = (CAMERA.fx * x / z + CAMERA.cx) / CAMERA.width, (CAMERA.fy * y / z + CAMERA.cy) / CAMERA.height
     straight = surface.points * np.exp(bend_at(np.array(known.bend), across, down))[:, None]
-    straightened = replace(surface, points=straight.astype(np.float32))
+    straightened = surface._replace(points=straight.astype(np.float32))
     told, seen = (
         adjustment._keyframe(NewKeyframe(0, one, CAMERA, by, here, *IN_TIME, here))
         for one, by in ((surface, NOMINAL), (straightened, known))

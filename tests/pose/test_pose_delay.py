@@ -191,7 +191,7 @@ def test_a_jump_tells_no_velocity() -> None:
 
 def test_frames_that_see_too_little_tell_nothing() -> None:
     delay = PoseDelay(PoseSettings().given_delay_sigma)
-    nothing = Surface(*(array[:3] for array in (ROOM.points, ROOM.normals, ROOM.sigma)))
+    nothing = Surface(*(array[:3] for array in ROOM))
     for index in range(60):
         delay.compensated(index * 66_666_667, swung(index / 15), nothing)
     assert delay.delay_s == 0

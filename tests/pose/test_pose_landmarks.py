@@ -202,7 +202,8 @@ def test_the_twist_ends_where_the_plain_gradient_vanishes(sure: float) -> None:
     places = points @ T[:3, :3].T + T[:3, 3] + rng.normal(0, 0.003, (40, 3)) + (0.004, -0.003, 0.002)
     blur = rng.uniform(1, 2, 40)
     expected = np.full(6, 0.003)
-    twist = Agreement(points, blur, places, 1 / 525).twist(T, sure * np.eye(6), expected)
+    lateral, axial = blur / 525 * points[:, 2], KINECT_V1.sigma(points[:, 2]) + 0.002
+    twist = Agreement(points, places, lateral, axial, 1 / 525).twist(T, sure * np.eye(6), expected)
     left = gradient(moved(T, twist), points, places, blur) + sure * (twist - expected)
     assert np.linalg.norm(twist) > 2e-3
     assert np.linalg.norm(left) < 0.02 * np.linalg.norm(gradient(T, points, places, blur) - sure * expected)

@@ -32,7 +32,7 @@ def plane_depth(normal: NDArray[np.float64], offset: float) -> NDArray[np.float3
 
 @pytest.mark.parametrize("depth_m", [0.0, 1e-40, 1e30, np.nan, np.inf])
 def test_no_depth_that_a_camera_measures_gives_no_points(depth_m: float) -> None:
-    assert len(sample_surface(np.full(CAMERA.shape, depth_m, np.float32), CAMERA, SETTINGS)) == 0
+    assert len(sample_surface(np.full(CAMERA.shape, depth_m, np.float32), CAMERA, SETTINGS).points) == 0
 
 
 def test_cell_sums_equal_the_plain_sums() -> None:
@@ -56,9 +56,9 @@ def test_cell_sums_equal_the_plain_sums() -> None:
 def test_a_plane_is_met_exactly(tilt: tuple[float, float, float]) -> None:
     normal = np.array(tilt) / np.linalg.norm(tilt)
     surface = sample_surface(plane_depth(normal, 1.5), CAMERA, SETTINGS)
-    assert len(surface) > 4000
+    assert len(surface.points) > 4000
     np.testing.assert_allclose(surface.points @ normal, 1.5, atol=1e-4)
-    np.testing.assert_allclose(surface.normals, np.tile(-normal, (len(surface), 1)), atol=1e-3)
+    np.testing.assert_allclose(surface.normals, np.tile(-normal, (len(surface.points), 1)), atol=1e-3)
 
 
 def test_the_fit_averages_noise_away() -> None:
@@ -66,7 +66,7 @@ def test_the_fit_averages_noise_away() -> None:
     sigma = float(KINECT_V1.sigma(2.0))
     noisy = flat + np.random.default_rng(0).normal(0, sigma, flat.shape).astype(np.float32)
     surface = sample_surface(noisy, CAMERA, SETTINGS)
-    assert len(surface) > 4000
+    assert len(surface.points) > 4000
     # 144 pixels a fit: a twelfth of one pixel's noise.
     assert float(np.std(surface.points[:, 2])) < sigma / 9
     assert float(np.median(surface.sigma)) == pytest.approx(sigma, rel=0.05)
@@ -78,12 +78,12 @@ def test_jumps_holes_range_and_grazing_views_give_no_points() -> None:
     points = sample_surface(step, CAMERA, SETTINGS).points
     assert ((points[:, 2] < 1.001) | (points[:, 2] > 1.199)).all()
     holes = np.where(np.arange(320) % 2 == 0, step, 0).astype(np.float32)
-    assert len(sample_surface(holes, CAMERA, SETTINGS)) == 0
-    assert len(sample_surface(step + np.float32(4), CAMERA, SETTINGS)) == 0
+    assert len(sample_surface(holes, CAMERA, SETTINGS).points) == 0
+    assert len(sample_surface(step + np.float32(4), CAMERA, SETTINGS).points) == 0
     floor = np.clip(plane_depth(np.array([0.0, 1.0, 0.0801]), 0.4), 0, 3).astype(np.float32)
     surface = sample_surface(floor, CAMERA, SETTINGS)
     cosines = -np.sum(surface.points * surface.normals, axis=1) / np.linalg.norm(surface.points, axis=1)
-    assert len(surface) > 100
+    assert len(surface.points) > 100
     assert cosines.min() >= GRAZING_COS - 1e-3
 
 
@@ -115,11 +115,11 @@ def test_normal_equations_point_to_the_plane() -> None:
     off = np.eye(4)
     off[2, 3] = 0.004
     H, g, (tried, matched, squares) = planes.normal_equations(surface, off, 0.05, 3.0)
-    assert tried == matched == len(surface)
+    assert tried == matched == len(surface.points)
     assert (squares / matched) ** 0.5 == pytest.approx(0.004, abs=1e-4)
     assert g[2] / H[2, 2] == pytest.approx(-0.004, abs=1e-4)
     _, _, (tried, matched, _) = planes.normal_equations(surface, off, 0.002, 3.0)
-    assert (tried, matched) == (len(surface), 0)
+    assert (tried, matched) == (len(surface.points), 0)
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])

@@ -62,7 +62,7 @@ def play(
 ) -> None:
     """Put a recording back on the wire, in its own time; the space bar pauses it."""
     logging.basicConfig(format="%(asctime)s %(name)s %(levelname)s: %(message)s", level=logging.INFO)
-    from spot3d.recorder.mcap_contents import BrokenRecordingError, open_mcap
+    from spot3d.recorder.mcap_contents import open_mcap
     from spot3d.recorder.play import Playing, StageAliveError
     from spot3d.recorder.play import play as play_recording
     from spot3d.recorder.record import NoSuchTopicError, matching_topics
@@ -83,7 +83,7 @@ def play(
         pause = "; space pauses" if sys.stdin.isatty() else ""
         typer.echo(f"{recording}: {length_s:.1f} s, {len(chosen)} topics{state}, as robot {resolved.link.robot}{pause}")
         sent = play_recording(contents, Playing(chosen, rate, loop, start, end), resolved.link)
-    except (BrokenRecordingError, StageAliveError, NoSuchTopicError) as error:
+    except (StageAliveError, NoSuchTopicError) as error:
         raise CommandError(str(error)) from error
     typer.echo(f"{sent} messages sent")
 
@@ -94,14 +94,11 @@ def export(
 ) -> None:
     """Write a run or a recording in Foxglove's schemas, for Foxglove, Lichtblick and Rerun."""
     from spot3d.recorder.foxglove_export import export as export_all
-    from spot3d.recorder.mcap_contents import BrokenRecordingError
 
     if not source.exists():
         raise CommandError(f"{source} does not exist; give a folder of results of spot3d run, or a recording")
     try:
         written = export_all(source, out, say)
-    except BrokenRecordingError as error:
-        raise CommandError(str(error)) from error
     except FileExistsError as error:
         raise CommandError(f"{out} already exists; give another name, or delete it") from error
     typer.echo(f"{out}: {', '.join(f'{count} {topic}' for topic, count in written.items())}")

@@ -69,12 +69,8 @@ def to_lattice(
     if grazing_cos > 0:
         depth = without_flying(depth, camera.fx, grazing_cos)
     kept = np.s_[::factor, ::factor]
-    return LatticeFrame(
-        np.require(colour[kept], requirements=["C", "W"]),
-        depth,
-        np.require(heat[kept], requirements=["C", "W"]),
-        camera,
-    )
+    colour, heat = (np.require(image[kept], requirements=["C", "W"]) for image in (colour, heat))
+    return LatticeFrame(colour, depth, heat, camera)
 
 
 def _mean_of_nearest(depth: NDArray[np.float32], factor: int, noise: DepthNoise) -> NDArray[np.float32]:

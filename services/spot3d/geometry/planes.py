@@ -47,8 +47,7 @@ def plane_tolerance(
 ) -> NDArray[np.float32]:
     """eps_p, or `noise_gate` deviations of the noise at that depth if more; in the shape of `depth`, both in metres."""
     gate = np.float32(settings.noise_gate) * noise.sigma(depth)
-    tolerance: NDArray[np.float32] = np.maximum(np.float32(settings.plane_distance), gate)
-    return tolerance
+    return np.asarray(np.maximum(np.float32(settings.plane_distance), gate))
 
 
 def dominant_planes(
@@ -98,22 +97,17 @@ def _most_inliers(
     coarse = count_inliers(planes.astype(np.float32), few, few_tolerance)
     best = planes[np.argsort(-coarse.astype(np.int16), kind="stable")[:_SHORTLIST]]  # few bits are sorted fast
     fine = count_inliers(best.astype(np.float32), points, tolerance)
-    plane: NDArray[np.float64] = best[int(np.argmax(fine))]
-    return plane
+    return np.asarray(best[int(np.argmax(fine))])
 
 
 def on_plane(
-    plane: NDArray[np.float64],
-    points: NDArray[np.float32],
-    settings: PlaneSettings,
-    noise: DepthNoise = KINECT_V1,
+    plane: NDArray[np.float64], points: NDArray[np.float32], settings: PlaneSettings, noise: DepthNoise = KINECT_V1
 ) -> NDArray[np.bool_]:
     """Which valid points lie on the plane within the tolerance of their depth (paper, Eq. 9). Camera frame."""
     n = plane[:3].astype(np.float32)
     z = np.ascontiguousarray(points[..., 2])
     distance = np.abs(points @ n + np.float32(plane[3]))
-    inliers: NDArray[np.bool_] = (distance < plane_tolerance(z, settings, noise)) & (z > 0)
-    return inliers
+    return np.asarray((distance < plane_tolerance(z, settings, noise)) & (z > 0))
 
 
 def refine_plane(
@@ -145,8 +139,7 @@ def fit_plane(
 
 def transform_plane(plane: NDArray[np.float64], T_target_source: NDArray[np.float64]) -> NDArray[np.float64]:
     """The same plane (4,), or planes (n, 4), in the target frame: p' = p T^-1."""
-    moved: NDArray[np.float64] = plane @ np.linalg.inv(T_target_source)
-    return moved
+    return np.asarray(plane @ np.linalg.inv(T_target_source))
 
 
 def neighbour_triples(

@@ -107,11 +107,7 @@ class Adjustment:
     """
 
     def __init__(
-        self,
-        sigmas: NDArray[np.float64],
-        bend_sigma: float,
-        held: tuple[float, float],
-        shares: NDArray[np.float64],
+        self, sigmas: NDArray[np.float64], bend_sigma: float, held: tuple[float, float], shares: NDArray[np.float64]
     ) -> None:
         self._sigmas = np.concatenate((sigmas, np.full(BEND_NODES[0] * BEND_NODES[1], bend_sigma)))
         self._free = np.flatnonzero(self._sigmas)
@@ -285,10 +281,9 @@ class Adjustment:
 
 def _keyframe(seen: NewKeyframe) -> _Keyframe:
     """The keyframe of a frame: points subsampled, the calibration undone."""
-    chosen = slice(None, None, max(1, len(seen.surface) // _POINTS))
+    chosen = slice(None, None, max(1, len(seen.surface.points) // _POINTS))
     surface, camera, known = seen.surface, seen.camera, seen.calibration
-    arrays = surface.points, surface.normals, surface.sigma
-    points, normals, sigma = (array[chosen].astype(np.float64) for array in arrays)
+    points, normals, sigma = (array[chosen].astype(np.float64) for array in surface)
     # A point's pixel is the same with and without the calibration.
     x, y, z = points.T
     columns, rows = BEND_NODES

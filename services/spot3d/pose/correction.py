@@ -121,7 +121,7 @@ class CorrectedPoses:
             return given
         if leaps:
             return self._begin_anew(surface, given)
-        if len(surface) < POINTS_MIN:
+        if len(surface.points) < POINTS_MIN:
             return given
         return self._corrected(surface, intrinsics, given, last[0], stamp_ns)
 

@@ -169,10 +169,10 @@ class PoseDelay:
 
     def _compare(self, first: _Moving, second: _Moving) -> None:
         """Register one frame to the other, and record how that motion differs from the poses' motion."""
-        if min(len(first.frame.surface), len(second.frame.surface)) < POINTS_MIN:
+        if min(len(first.frame.surface.points), len(second.frame.surface.points)) < POINTS_MIN:
             return
         surface = _thinned(second.frame.surface)
-        planes = SurfelMap(_REACH * VOXEL, len(first.frame.surface))
+        planes = SurfelMap(_REACH * VOXEL, len(first.frame.surface.points))
         planes.insert(first.frame.surface, np.eye(4))
         expected = _motion(first, second, self.delay_s)
         registered = refined(planes, surface, expected, _REACH * DISTANCE)
@@ -216,4 +216,4 @@ def _motion(first: _Moving, second: _Moving, delay_s: float) -> NDArray[np.float
 
 def _thinned(surface: Surface) -> Surface:
     """Every nth point."""
-    return Surface(*(array[::_STRIDE].copy() for array in (surface.points, surface.normals, surface.sigma)))
+    return Surface(*(array[::_STRIDE].copy() for array in surface))

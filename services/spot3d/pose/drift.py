@@ -5,14 +5,12 @@ sideways motion seem too short. Image features do not slide. Colour images are t
 images, so that depth places each single frame better: the landmarks' correction is smoothed over time.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
-from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.kernel import kernel
 from spot3d.pose.features import Features
 from spot3d.pose.landmark_map import LandmarkMap, Matches
@@ -99,14 +97,10 @@ class DriftCorrection:
     ) -> tuple["Agreement", NDArray[np.int64]]:
         """Agreement of the matched features with their landmarks, and the rows of these features, (m,)."""
         matched = np.flatnonzero(matches.landmark >= 0)
-        agreement = Agreement(
-            features.points[matched],
-            features.blur[matched],
-            self.map.rows["position"][matches.landmark[matched]],
-            _PIXEL * 2 / (camera.fx + camera.fy),
-            features.noise,
-        )
-        return agreement, matched
+        points, landmarks = features.points[matched], self.map.rows["position"][matches.landmark[matched]]
+        pixel, depth = _PIXEL * 2 / (camera.fx + camera.fy), points[:, 2]
+        lateral, axial = pixel * features.blur[matched] * depth, features.noise.sigma(depth) + _MAP_NOISE
+        return Agreement(points, landmarks, lateral, axial, pixel), matched
 
     def seen_again(
         self,
@@ -132,19 +126,18 @@ class DriftCorrection:
         self._correction = np.zeros(6)
 
 
-@dataclass(frozen=True, slots=True)
-class Agreement:
+class Agreement(NamedTuple):
     """How matched features agree with their landmarks.
 
-    points: (n, 3) float64 metres, camera frame; blur: (n,) pixels; landmarks: (n, 3) metres, world;
-    pixel: radians that a pixel is wide; noise: of the points' depth.
+    points: (n, 3) float64 metres, camera frame; landmarks: (n, 3) metres, world; lateral, axial: (n,) standard
+    deviations across a ray and along it, metres; pixel: radians that a pixel is wide.
     """
 
     points: NDArray[np.float64]
-    blur: NDArray[np.float64]
     landmarks: NDArray[np.float64]
+    lateral: NDArray[np.float64]
+    axial: NDArray[np.float64]
     pixel: float
-    noise: DepthNoise = KINECT_V1
 
     def drift(self, T_world_camera: NDArray[np.float64], prior: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """The motion (6,) that corrects a pose, less where it is in doubt; None where too few landmarks agree."""
@@ -191,20 +184,8 @@ class Agreement:
     def _equations(self, T_world_camera: NDArray[np.float64]) -> "_Sums":
         sums = _Sums(np.zeros((6, 6)), np.zeros(6), np.zeros(len(self.points)))
         room = _Room(np.empty(3), np.empty(3), np.empty(3), np.eye(3, 6), np.empty((3, 6)))
-        lateral = self.pixel * self.blur * self.points[:, 2]
-        axial = self.noise.sigma(self.points[:, 2]) + _MAP_NOISE
-        pairs = _Pairs(self.points, self.landmarks, lateral, axial)
-        _normal_equations(np.ascontiguousarray(T_world_camera), pairs, room, sums)
+        _normal_equations(np.ascontiguousarray(T_world_camera), self, room, sums)
         return sums
-
-
-class _Pairs(NamedTuple):
-    """Points and their landmarks (see `Agreement`), with the standard deviations across a ray and along it, metres."""
-
-    points: NDArray[np.float64]
-    landmarks: NDArray[np.float64]
-    lateral: NDArray[np.float64]
-    axial: NDArray[np.float64]
 
 
 class _Room(NamedTuple):
@@ -226,12 +207,12 @@ class _Sums(NamedTuple):
 
 
 @kernel()
-def _normal_equations(T: NDArray[np.float64], pairs: _Pairs, room: _Room, sums: _Sums) -> None:
+def _normal_equations(T: NDArray[np.float64], matched: Agreement, room: _Room, sums: _Sums) -> None:
     """Sum H and g of H x = g for the twist x that brings points to their landmarks; Geman-McClure weights.
 
     The error of a point is `axial` along its ray and `lateral` across it.
     """
-    points, landmarks, lateral, axial = pairs
+    points, landmarks, lateral, axial, _ = matched
     ray, r, lever, J, MJ = room
     H, g, weights = sums
     for i in range(len(points)):

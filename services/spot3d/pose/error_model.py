@@ -7,8 +7,6 @@ filters (Magill 1965) therefore tries several drifts, each relative to the given
 well they predict the given poses. The innovations give the noise, and the seventh state is the scale.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,13 +35,6 @@ _UNKNOWN = 1e-6
 _SHIFT, _TURN, _SCALE = slice(0, 3), slice(3, 6), 6
 
 
-class _Posed(NamedTuple):
-    """Time (seconds) and pose (4, 4) in the map of the camera by odometry."""
-
-    time_s: float
-    pose: NDArray[np.float64]
-
-
 class ErrorModel:
     """Estimates noise, drift and scale along the way.
 
@@ -61,7 +52,8 @@ class ErrorModel:
         self._covariance = np.tile(_ANY * np.eye(7), (len(_DRIFTS), 1, 1))
         # By drift, sums over innovations: log determinant of their covariance, squared norm by it, and dimensions.
         self._sums = np.zeros((len(_DRIFTS), 3))
-        self._last: _Posed | None = None
+        # Of the last comparison: time (seconds), and pose (4, 4) in the map by odometry.
+        self._last: tuple[float, NDArray[np.float64]] | None = None
 
     def learn(
         self,
@@ -75,10 +67,9 @@ class ErrorModel:
         information: (6, 6) of its registration, map axes, in units of the stated uncertainty, if its surface were worth
         one point of independent noise.
         """
-        now = _Posed(time_s, T_map_odometry)
         offset = twist(T_map_odometry, T_map_given) / self._sigma
-        if self._last is None or time_s - self._last.time_s >= _APART_S:
-            self._foretell(now, offset, _spread(information))
+        if self._last is None or time_s - self._last[0] >= _APART_S:
+            self._foretell(time_s, T_map_odometry, offset, _spread(information))
         return self.drift
 
     def rescaled(self, factor: float) -> None:
@@ -97,12 +88,14 @@ class ErrorModel:
         """How many numbers were predicted, older ones counting less."""
         return float(self._sums[0, 2])
 
-    def _foretell(self, now: _Posed, offset: NDArray[np.float64], spread: NDArray[np.float64]) -> None:
+    def _foretell(
+        self, time_s: float, pose: NDArray[np.float64], offset: NDArray[np.float64], spread: NDArray[np.float64]
+    ) -> None:
         """Predict the given pose by each of the filters, and update them with the innovation."""
-        last, self._last = self._last, now
+        last, self._last = self._last, (time_s, pose)
         transition, elapsed = np.eye(7), 0.0
         if last is not None:
-            elapsed, step = now.time_s - last.time_s, now.pose[:3, 3] - last.pose[:3, 3]
+            elapsed, step = time_s - last[0], pose[:3, 3] - last[1][:3, 3]
             transition[:6, :6] = self._lever(step)
             transition[_SHIFT, _SCALE] = step
             self._sums *= np.exp(-elapsed / _MEMORY_S)

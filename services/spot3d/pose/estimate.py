@@ -47,4 +47,3 @@ class PoseTracker(Protocol):
 
     def track(self, frame: RgbdFrame) -> PoseEstimate:
         """Pose of the frame, which may carry a given one."""
-        ...

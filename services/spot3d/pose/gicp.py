@@ -72,10 +72,7 @@ class SmallGicp:
 
     def _cloud(self, points: NDArray[np.float64]) -> "small_gicp.PointCloud":
         cloud, _ = small_gicp.preprocess_points(
-            points,
-            downsampling_resolution=_SOURCE_VOXEL,
-            num_neighbors=_NEIGHBOURS,
-            num_threads=1,
+            points, downsampling_resolution=_SOURCE_VOXEL, num_neighbors=_NEIGHBOURS, num_threads=1
         )
         return cloud
 
@@ -87,11 +84,6 @@ class SmallGicp:
         distance: float,
     ) -> NDArray[np.float64]:
         result = small_gicp.align(
-            voxels,
-            source,
-            guess,
-            max_correspondence_distance=distance,
-            num_threads=1,
-            max_iterations=_ITERATIONS,
+            voxels, source, guess, max_correspondence_distance=distance, num_threads=1, max_iterations=_ITERATIONS
         )
         return np.array(result.T_target_source)

@@ -99,15 +99,8 @@ def kiss_config(voxel: float, points: int, iterations: int, convergence: float) 
     """
     return KISSConfig(
         data={"max_range": _RANGE, "min_range": 0.0, "deskew": False},
-        mapping={
-            "voxel_size": voxel,
-            "max_points_per_voxel": points,
-        },
-        registration={
-            "max_num_iterations": iterations,
-            "convergence_criterion": convergence,
-            "max_num_threads": 1,
-        },
+        mapping={"voxel_size": voxel, "max_points_per_voxel": points},
+        registration={"max_num_iterations": iterations, "convergence_criterion": convergence, "max_num_threads": 1},
         adaptive_threshold={
             "fixed_threshold": None,
             "initial_threshold": _FIRST_THRESHOLD,

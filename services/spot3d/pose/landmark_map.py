@@ -67,7 +67,12 @@ class LandmarkMap:
         visible, expected = np.empty(len(self.rows), np.int64), np.empty((len(self.rows), 3))
         count = _project(self.rows["position"], invert(T_world_camera), lens, size, visible, expected)
         visible, expected = visible[:count], expected[:count]
-        found = _match(features, expected, self.rows["descriptor"][visible], size, reach)
+        first = np.full((int(size[1] / reach) + 3, int(size[0] / reach) + 3), _NONE)
+        following, owner, difference = np.full((3, count), _NONE)
+        difference[:] = _BITS_MAX + 1
+        notes, found = _Notes(first, following, owner, difference), np.full(len(features), _NONE)
+        pixels, points, descriptors = features.pixels, features.points, features.descriptors
+        _find_nearest(pixels, points, descriptors, expected, self.rows["descriptor"][visible], reach, notes, found)
         return Matches(np.where(found >= 0, np.append(visible, _NONE)[found], _NONE), visible)
 
     def insert(
@@ -138,58 +143,35 @@ def _project(
     return count
 
 
-def _match(
-    features: Features,
-    expected: NDArray[np.float64],
-    known: NDArray[np.uint64],
-    size: NDArray[np.float64],
-    reach: float,
-) -> NDArray[np.int64]:
-    """Row (n,) int64 of the expected landmark (m, 3) with the descriptor nearest to each feature's, -1 = none."""
-    first = np.full((int(size[1] / reach) + 3, int(size[0] / reach) + 3), _NONE)
-    following, owner, difference = np.full((3, len(expected)), _NONE)
-    difference[:] = _BITS_MAX + 1
-    nearest = np.full(len(features), _NONE)
-    found = _Found(features.pixels, features.points, features.descriptors)
-    _find_nearest(found, expected, known, reach, _Cells(first, following), _Claims(owner, difference), nearest)
-    return nearest
+class _Notes(NamedTuple):
+    """Notes about landmarks.
 
-
-class _Found(NamedTuple):
-    """The arrays of `Features` that are compared."""
-
-    pixels: NDArray[np.float64]
-    points: NDArray[np.float64]
-    descriptors: NDArray[np.uint64]
-
-
-class _Cells(NamedTuple):
-    """Linked lists of landmarks in image cells as wide as the reach: first of each cell, (m,) next of each, or -1."""
+    first, following: linked lists of those in image cells as wide as the reach, first of each cell, (m,) next of each,
+    or -1; owner, difference: (m,) the feature matched to each, -1 = none, and in how many bits they differ.
+    """
 
     first: NDArray[np.int64]
     following: NDArray[np.int64]
-
-
-class _Claims(NamedTuple):
-    """The feature matched to each of (m,) landmarks, -1 = none, and in how many bits they differ."""
-
     owner: NDArray[np.int64]
     difference: NDArray[np.int64]
 
 
 @kernel()
 def _find_nearest(
-    features: _Found,
+    pixels: NDArray[np.float64],
+    points: NDArray[np.float64],
+    descriptors: NDArray[np.uint64],
     expected: NDArray[np.float64],
     known: NDArray[np.uint64],
     reach: float,
-    cells: _Cells,
-    claims: _Claims,
+    notes: _Notes,
     nearest: NDArray[np.int64],
 ) -> None:
-    """Fill in `nearest`, which is -1, and cells and claims, which are empty; `difference` starts above the maximum."""
-    pixels, points, descriptors = features
-    (first, following), (owner, difference) = cells, claims
+    """Write the row (n,) of the expected landmark (m, 3) whose descriptor is nearest to each feature's to `nearest`.
+
+    It is -1 = none before, and the notes are empty; `difference` starts above the maximum.
+    """
+    first, following, owner, difference = notes
     for j in range(len(expected)):
         column, line = int(expected[j, 0] / reach) + 1, int(expected[j, 1] / reach) + 1
         following[j] = first[line, column]

@@ -83,14 +83,9 @@ def plane_equations(
     fitted = _Fitted(np.zeros((len(seen.places), 4)), np.zeros((planes, 3)))
     own = np.zeros((_PLANE, 7))
     _fit(seen, distance, scale, fitted, own)
+    across, explained = np.zeros((2, _PLANE, size))
     room = _Room(
-        np.zeros((size, size)),
-        np.zeros(size),
-        np.zeros((_PLANE, size)),
-        np.zeros((_PLANE, size)),
-        np.zeros(frames, np.int64),
-        np.zeros(_ROW),
-        own,
+        np.zeros((size, size)), np.zeros(size), across, explained, np.zeros(frames, np.int64), np.zeros(_ROW), own
     )
     _sum_up(seen, fitted, room)
     H = np.triu(room.H)

@@ -60,20 +60,16 @@ class Registrar(Protocol):
 
     def register(self, surface: Surface, T_world_guess: NDArray[np.float64], wide: bool) -> Registration:
         """Register the surface starting from a guess; `wide` searches further, for a poor guess."""
-        ...
 
     def insert(self, surface: Surface, T_world_camera: NDArray[np.float64]) -> None:
         """Add a frame whose registration was accepted."""
-        ...
 
     @property
     def planes(self) -> SurfelMap:
         """The map of planes, from which `restored` can rebuild the other maps."""
-        ...
 
     def restored(self) -> None:
         """Rebuild the other maps after the map of planes was replaced by that of an earlier process."""
-        ...
 
 
 def judged(

@@ -1,6 +1,6 @@
 """Surface points of a depth image: local plane fits, which average noise and give normals."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,7 @@ POINTS_MIN = 300
 """Fewest surface points from which the pose of a frame is estimated."""
 
 
-@dataclass(frozen=True, slots=True)
-class Surface:
+class Surface(NamedTuple):
     """Points on smooth surfaces in the camera frame.
 
     points: (n, 3) float32 metres; normals: (n, 3) float32, unit, towards the camera;
@@ -34,9 +33,6 @@ class Surface:
     points: NDArray[np.float32]
     normals: NDArray[np.float32]
     sigma: NDArray[np.float32]
-
-    def __len__(self) -> int:
-        return len(self.points)
 
 
 def sample_surface(depth_m: NDArray[np.float32], camera: Intrinsics, settings: PoseSettings) -> Surface:

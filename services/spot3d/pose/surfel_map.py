@@ -31,14 +31,6 @@ class _Surfels(NamedTuple):
     beside: bool
 
 
-class _Points(NamedTuple):
-    """The arrays of a `Surface`."""
-
-    points: NDArray[np.float32]
-    normals: NDArray[np.float32]
-    sigma: NDArray[np.float32]
-
-
 class _Sums(NamedTuple):
     """Sums, and scratch rows (2, 6) of one point, by the map's normal and by its own.
 
@@ -75,11 +67,11 @@ class SurfelMap:
     def insert(self, surface: Surface, T_world_camera: NDArray[np.float64]) -> None:
         """Average the surface points into their surfels, weighted by their noise."""
         self.frames += 1
-        if self.count + len(surface) > self.limit:
+        if self.count + len(surface.points) > self.limit:
             self._forget()
         pose = np.ascontiguousarray(T_world_camera, np.float64)
         room = self.limit - self.count
-        self.count += _insert(self._arrays, _points_of(surface), pose, self.frames, room)
+        self.count += _insert(self._arrays, surface, pose, self.frames, room)
 
     def held(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Keys (n,) and surfels (n, 11) of the map, copied."""
@@ -103,13 +95,18 @@ class SurfelMap:
         distance: float,
         kernel: float,
         stride: int = 1,
+        shared: NDArray[np.float64] | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Point-to-plane normal equations of every `stride`-th point at a pose.
 
         Returns H (6, 6) and g (6,) of H x = g for the twist x (metres, radians; world axes, about the camera), and
-        (points tried, points matched, sum of squared distances in m2).
+        (points tried, points matched, sum of squared distances in m2). shared: see `shared_information`, which sums
+        there, (6, 6).
         """
-        sums = self._summed(surface, T_world_camera, distance, kernel, stride, False)
+        asked = np.zeros((0, _POSE)) if shared is None else shared
+        sums = _Sums(np.zeros((_POSE, _POSE)), np.zeros(_POSE), np.zeros(3), asked, np.empty((2, _POSE)))
+        pose = np.ascontiguousarray(T_world_camera, np.float64)
+        _normal_equations(self._arrays, surface, pose, distance, kernel, stride, sums)
         return sums.H, sums.g, sums.totals
 
     def shared_information(
@@ -119,23 +116,9 @@ class SurfelMap:
 
         The noise of the two normals is independent and averages out in products; in squares it adds up.
         """
-        summed = self._summed(surface, T_world_camera, distance, kernel, 1, True).shared
+        summed = np.zeros((_POSE, _POSE))
+        self.normal_equations(surface, T_world_camera, distance, kernel, shared=summed)
         return np.asarray(0.5 * (summed + summed.T))
-
-    def _summed(
-        self,
-        surface: Surface,
-        T_world_camera: NDArray[np.float64],
-        distance: float,
-        kernel: float,
-        stride: int,
-        asks_shared: bool,
-    ) -> _Sums:
-        square, shared = np.zeros((_POSE, _POSE)), np.zeros((_POSE if asks_shared else 0, _POSE))
-        sums = _Sums(square, np.zeros(_POSE), np.zeros(3), shared, np.empty((2, _POSE)))
-        pose = np.ascontiguousarray(T_world_camera, np.float64)
-        _normal_equations(self._arrays, _points_of(surface), pose, distance, kernel, stride, sums)
-        return sums
 
     def rescale(self, factor: float) -> None:
         """Move every surfel to where it would be with depth `factor` times as large."""
@@ -174,10 +157,6 @@ class SurfelMap:
         self.surfels.fill(0)
         _restore(self._arrays, keys, surfels)
         self.count = len(keys)
-
-
-def _points_of(surface: Surface) -> _Points:
-    return _Points(surface.points, surface.normals, surface.sigma)
 
 
 @part()
@@ -230,7 +209,7 @@ def _restore(known: _Surfels, kept_keys: NDArray[np.int64], kept: NDArray[np.flo
 
 
 @kernel()
-def _insert(known: _Surfels, surface: _Points, T: NDArray[np.float64], frame: int, room: int) -> int:
+def _insert(known: _Surfels, surface: Surface, T: NDArray[np.float64], frame: int, room: int) -> int:
     """Running means of position and normal; returns the number of new surfels, at most `room`. T: the pose (4, 4)."""
     keys, surfels, voxel, _ = known
     points, normals, sigma = surface
@@ -274,13 +253,7 @@ def _insert(known: _Surfels, surface: _Points, T: NDArray[np.float64], frame: in
 
 @kernel()
 def _normal_equations(
-    known: _Surfels,
-    surface: _Points,
-    T: NDArray[np.float64],
-    distance: float,
-    kernel: float,
-    stride: int,
-    sums: _Sums,
+    known: _Surfels, surface: Surface, T: NDArray[np.float64], distance: float, kernel: float, stride: int, sums: _Sums
 ) -> None:
     """Sum H, g and the totals over every stride-th point; Geman-McClure weights, inverse noise variance."""
     keys, surfels, voxel, beside = known

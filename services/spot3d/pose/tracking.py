@@ -134,8 +134,8 @@ class MapTracker:
         stamp_ns, last, came_ns = frame.stamp_ns, self._last, self._came_ns
         self._came_ns = stamp_ns
         surface = sample_surface(depth_m, frame.intrinsics, self._settings)
-        if len(surface) < POINTS_MIN:
-            return self._lose(why_few(depth_m, len(surface), self._settings))
+        if len(surface.points) < POINTS_MIN:
+            return self._lose(why_few(depth_m, len(surface.points), self._settings))
         view = View(
             stamp_ns=stamp_ns,
             at_video_rate=came_ns is not None and (stamp_ns - came_ns) * 1e-9 <= _COASTING,

@@ -55,13 +55,7 @@ class Backlog:
         self._changed = threading.Condition()
 
     def put(
-        self,
-        topic: str,
-        publish_ns: int,
-        sequence: int,
-        data: bytes,
-        wait: bool,
-        place: tuple[int, str] | None = None,
+        self, topic: str, publish_ns: int, sequence: int, data: bytes, wait: bool, place: tuple[int, str] | None = None
     ) -> bool:
         """Add a message, logged at the current time. Returns whether there was room; `wait`: wait for room."""
         size = len(data)

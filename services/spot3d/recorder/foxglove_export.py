@@ -12,7 +12,6 @@ from foxglove.messages import CameraCalibration, CompressedImage, FrameTransform
 import spot3d
 from spot3d.frame import RgbdFrame
 from spot3d.recorder import foxglove_messages as made
-from spot3d.recorder.edge_points import edge_points
 from spot3d.recorder.export_items import Cloud, ExportItem, items_of_recording, items_of_run
 from spot3d.recorder.mcap_contents import open_mcap
 from spot3d.recorder.mcap_writer import McapWriter
@@ -39,9 +38,8 @@ _CHANNELS: dict[str, type[_Encoded]] = {
 def export(source: Path, out: Path, complain: Callable[[str], None]) -> dict[str, int]:
     """Write the results folder of a run, or a recording, as Foxglove messages. Log times are capture times.
 
-    Returns the number of messages of each topic. complain: called with what had to be skipped. Raises SourceError or
-    BrokenRecordingError where `source` cannot be read or holds nothing to export, FileExistsError, and OSError where
-    the disk is full.
+    Returns the number of messages of each topic. complain: called with what had to be skipped. Raises SourceError where
+    `source` cannot be read or holds nothing to export, FileExistsError, and OSError where the disk is full.
     """
     if source.is_dir():
         sights: Iterable[tuple[int, ExportItem]] = items_of_run(source, complain)
@@ -90,7 +88,8 @@ class _Exporter:
             scene = made.scene(stamp_ns, sight.objects, sight.up, sorted(self._shown - found))
             self._put("/objects", stamp_ns, scene)
             # Rerun does not support SceneUpdate.
-            self._put("/objects/edges", stamp_ns, made.points(stamp_ns, made.WORLD, *edge_points(sight.objects)))
+            xyz, rgb = made.edge_points(sight.objects)
+            self._put("/objects/edges", stamp_ns, made.points(stamp_ns, made.WORLD, xyz, rgb))
             self._shown = found
 
     def _put(self, topic: str, stamp_ns: int, message: _Encoded) -> None:

@@ -29,6 +29,7 @@ from foxglove.messages import (
 )
 from numpy.typing import NDArray
 
+from spot3d.boxes import EDGES, corners
 from spot3d.camera import Intrinsics
 from spot3d.drawing.picture import object_colour
 from spot3d.found_object import FoundObject
@@ -39,6 +40,8 @@ _JPEG_QUALITY = 85
 _BOX_ALPHA = 0.35
 _LABEL_SIZE = 0.03
 """Height of the labels' letters, metres."""
+_SPACING = 0.005
+"""Largest distance of points on the edges of boxes, metres: that of the map's points."""
 
 _POINT = np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3), ("alpha", "u1")])
 _FLOAT, _BYTE = PackedElementFieldNumericType.Float32, PackedElementFieldNumericType.Uint8
@@ -100,6 +103,20 @@ def points(stamp_ns: int, frame_id: str, xyz: NDArray[np.float32], rgb: NDArray[
         fields=_FIELDS,
         data=rows.tobytes(),
     )
+
+
+def edge_points(objects: Iterable[FoundObject]) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Points along the edges of the objects' boxes, in the colours of their labels, for viewers that show no boxes.
+
+    Returns (n, 3) metres, world, and (n, 3) RGB.
+    """
+    xyz, rgb = [np.zeros((0, 3))], [np.zeros((0, 3), np.uint8)]
+    for item in objects:
+        for start, end in corners(item.box)[EDGES]:
+            count = 1 + int(np.ceil(np.linalg.norm(end - start) / _SPACING))
+            xyz.append(np.linspace(start, end, count))
+            rgb.append(np.full((count, 3), object_colour(item.id), np.uint8))
+    return np.concatenate(xyz).astype(np.float32), np.concatenate(rgb)
 
 
 def scene(stamp_ns: int, objects: Iterable[FoundObject], up: Sequence[float], gone: Iterable[int]) -> SceneUpdate:

@@ -16,6 +16,7 @@ from mcap.records import Channel, Chunk, Message, Metadata
 from mcap.stream_reader import breakup_chunk
 
 from spot3d.recorder.profile import MAGIC, PROFILE, is_our_mcap
+from spot3d.source.errors import SourceError
 
 log = logging.getLogger(__name__)
 
@@ -23,10 +24,6 @@ _RECORD = struct.Struct("<BQ")
 _CHUNK_TIMES = struct.Struct("<QQ")
 _LONGEST_CHUNK = 2**30
 """A chunk holds 16 MB and one message. A record that claims to be longer than this is broken."""
-
-
-class BrokenRecordingError(Exception):
-    """A file that is no recording of ours, or is damaged. The message says which and where."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,13 +72,13 @@ class McapContents:
         return self.metadata.get("spot3d", {}).get("robot", "robot")
 
     def messages(self, chunk: ChunkPlace) -> list[Message]:
-        """The messages of one chunk, sorted by log time. Raises BrokenRecordingError."""
+        """The messages of one chunk, sorted by log time. Raises SourceError if it is damaged."""
         try:
             with self.path.open("rb") as stream:
                 stream.seek(chunk.offset)
                 records = breakup_chunk(Chunk.read(ReadDataStream(stream)), validate_crc=True)
         except (McapError, ValueError, struct.error, zstandard.ZstdError, MemoryError) as error:
-            raise BrokenRecordingError(f"{self.path} is damaged at byte {chunk.offset}: {error}") from error
+            raise SourceError(f"{self.path} is damaged at byte {chunk.offset}: {error}") from error
         return sorted((item for item in records if isinstance(item, Message)), key=lambda item: item.log_time)
 
     def between(self, start_ns: int, end_ns: int, complain: Callable[[str], None]) -> Iterator[Message]:
@@ -92,7 +89,7 @@ class McapContents:
                 continue
             try:
                 messages = self.messages(chunk)
-            except BrokenRecordingError as error:
+            except SourceError as error:
                 damaged.append(str(error))
                 continue
             yield from (item for item in messages if start_ns <= item.log_time <= end_ns)
@@ -101,11 +98,11 @@ class McapContents:
 
 
 def open_mcap(path: Path) -> McapContents:
-    """Opens a recording. Messages are read on access. Raises BrokenRecordingError, OSError."""
+    """Opens a recording. Messages are read on access. Raises SourceError if the file is none of ours, OSError."""
     if not path.exists():
-        raise BrokenRecordingError(f"{path} does not exist; give a file written by spot3d record")
+        raise SourceError(f"{path} does not exist; give a file written by spot3d record")
     if not is_our_mcap(path):
-        raise BrokenRecordingError(f"{path} is not a recording of spot3d (an MCAP file with the profile {PROFILE!r})")
+        raise SourceError(f"{path} is not a recording of spot3d (an MCAP file with the profile {PROFILE!r})")
     contents = McapContents(path)
     size = path.stat().st_size
     with path.open("rb") as stream:

@@ -23,6 +23,10 @@ class ColourRegistration:
     def __init__(self, intrinsics: Intrinsics, camera: ColourCamera) -> None:
         self.intrinsics = intrinsics
         self.camera = camera
+        depth_pinhole, colour_pinhole = (
+            np.array((one.fx, one.fy, one.cx, one.cy), np.float32) for one in (intrinsics, camera.intrinsics)
+        )
+        self._pinholes = depth_pinhole, colour_pinhole
         self._T_colour_depth = np.ascontiguousarray(camera.T_colour_depth[:3], np.float32)
         baseline = float(np.linalg.norm(camera.T_colour_depth[:3, 3]))
         parallax_m = camera.intrinsics.fx * baseline
@@ -47,23 +51,16 @@ class ColourRegistration:
         edge. A point that a nearer surface hides takes the colour of its own surface beside it. Raises SourceError if
         an image's size is not that of its intrinsics.
         """
-        if colour.shape != (*self.camera.intrinsics.shape, 3) or depth.shape != self.intrinsics.shape:
+        shape = self.camera.intrinsics.shape
+        if colour.shape != (*shape, 3) or depth.shape != self.intrinsics.shape:
             raise SourceError(
                 f"size mismatch: colour {colour.shape} and depth {depth.shape}, but the intrinsics are for "
-                f"{self.camera.intrinsics.shape} and {self.intrinsics.shape}"
+                f"{shape} and {self.intrinsics.shape}"
             )
         depth = np.ascontiguousarray(depth, np.float32)
         fill_inverse_depth(depth, self._inverse)
-        _project(
-            self._inverse,
-            _pinhole_values(self.intrinsics),
-            _pinhole_values(self.camera.intrinsics),
-            self._T_colour_depth,
-            self.camera.intrinsics.shape,
-            self._inverse_there,
-            self._column,
-            self._row,
-        )
+        projected = self._inverse_there, self._column, self._row
+        _project(self._inverse, *self._pinholes, self._T_colour_depth, shape, *projected)
         _cells(self._column, self._row, self._cell_bits, self._cell_columns, self._cell)
         _find_hidden(depth, self._inverse_there, self._cell, self._hidden, self._nearest, self._is_hidden)
         cv2.convertMaps(self._column, self._row, cv2.CV_16SC2, self._pixel, self._fraction)
@@ -71,10 +68,6 @@ class ColourRegistration:
         registered = np.asarray(image, np.uint8)
         _fill_hidden(registered, self._inverse, self._is_hidden)
         return registered
-
-
-def _pinhole_values(camera: Intrinsics) -> NDArray[np.float32]:
-    return np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32)
 
 
 @kernel()

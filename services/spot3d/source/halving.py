@@ -1,5 +1,7 @@
 """Frames at half size: a quarter of the work for every stage after."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
@@ -13,14 +15,8 @@ AROUND = np.array([0.25, 0.5, 0.25])
 def halve(frame: RgbdFrame) -> RgbdFrame:
     """The frame with every second pixel. Colour is averaged around each kept pixel; depth is never averaged."""
     smooth = np.asarray(cv2.sepFilter2D(frame.colour, -1, AROUND, AROUND), np.uint8)
-    return RgbdFrame(
-        frame.stamp_ns,
-        np.ascontiguousarray(smooth[::2, ::2]),
-        frame.depth[::2, ::2].copy(),
-        frame.depth_scale,
-        frame.intrinsics.halved(),
-        frame.T_world_camera,
-    )
+    colour, depth = np.ascontiguousarray(smooth[::2, ::2]), frame.depth[::2, ::2].copy()
+    return replace(frame, colour=colour, depth=depth, intrinsics=frame.intrinsics.halved())
 
 
 class Halved(Derived):

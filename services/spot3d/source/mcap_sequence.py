@@ -3,7 +3,6 @@
 import json
 import logging
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -14,8 +13,9 @@ from numpy.typing import NDArray
 from spot3d.dataflow.conversion import rgbd_frame
 from spot3d.dataflow.order import RESTART_NS
 from spot3d.frame import RgbdFrame
-from spot3d.recorder.mcap_contents import BrokenRecordingError, McapContents, open_mcap
+from spot3d.recorder.mcap_contents import McapContents, open_mcap
 from spot3d.source.errors import SourceError
+from spot3d.source.recording import of_first_readable
 from spot3d.source.sequence import FrameSequence
 from spot3d_schemas import CodecError, Frame, Heat, decode, peek_header
 
@@ -39,9 +39,9 @@ _MESSAGES: dict[str, type[Frame] | type[Heat]] = {"source/frame": Frame, "heatma
 class McapSequence(FrameSequence):
     """A sequence of RgbdFrame, read on access. Of several streams in the recording, it is the longest."""
 
-    def __init__(self, contents: McapContents) -> None:
-        """Raises SourceError where the recording holds no frames."""
-        self._contents = contents
+    def __init__(self, path: Path) -> None:
+        """Opens a recording. Raises SourceError where it holds no frames, or saying what is wrong with it."""
+        self._contents = contents = open_mcap(path)
         self._topic = next((topic for topic in _MESSAGES if topic in contents.topics), "")
         try:
             places = _places(contents, self._topic) if self._topic else []
@@ -67,7 +67,7 @@ class McapSequence(FrameSequence):
             )
         self._chunk: tuple[int, list[bytes]] = (-1, [])
         self.stamps_ns = [place.stamp_ns for place in self._places]
-        first = self._first()
+        first = of_first_readable(range(len(self)), self.__getitem__, f"frames of {path} can be read")
         # Those of the first frame: other frames may have other intrinsics.
         self.intrinsics, self._has_poses = first.intrinsics, first.T_world_camera is not None
 
@@ -90,28 +90,9 @@ class McapSequence(FrameSequence):
             raise SourceError(f"{self._contents.path}, frame {index}: {error}") from error
         return replace(frame, colour=frame.colour.copy(), depth=frame.depth.copy())
 
-    def _first(self) -> RgbdFrame:
-        """The first frame that is not damaged. Raises SourceError if all are."""
-        for index in range(len(self) - 1):
-            with suppress(SourceError):
-                return self[index]
-        return self[-1]
-
-
-def open_recorded_mcap(path: Path) -> McapSequence:
-    """Opens a recording. Raises SourceError, saying what is wrong with it."""
-    try:
-        return McapSequence(open_mcap(path))
-    except BrokenRecordingError as error:
-        raise SourceError(str(error)) from error
-
 
 def _messages(contents: McapContents, chunk: int, topic: str) -> list[bytes]:
-    wanted = contents.topics[topic]
-    try:
-        messages = contents.messages(contents.chunks[chunk])
-    except BrokenRecordingError as error:
-        raise SourceError(str(error)) from error
+    wanted, messages = contents.topics[topic], contents.messages(contents.chunks[chunk])
     return [item.data for item in messages if item.channel_id == wanted]
 
 

@@ -11,12 +11,12 @@ from spot3d.dataflow.conversion import frame_message
 from spot3d.dataflow.credit import Credit
 from spot3d.dataflow.node import Node
 from spot3d.dataflow.order import StreamOrder
+from spot3d.dataflow.pace import Pace
 from spot3d.dataflow.previews import Previews
 from spot3d.dataflow.streams import new_stream
 from spot3d.frame import RgbdFrame
 from spot3d.source.errors import BETWEEN_STREAMS, IN_THE_INPUT, UNREADABLE, UNSENDABLE, WITHOUT_POSE
 from spot3d.source.image_limit import refuse_large_images
-from spot3d.source.pace import FramePace
 from spot3d.source.sequence import CAMERA_GONE, FrameSequence, FrameStream
 from spot3d.source.settings import SourceSettings
 from spot3d_schemas import STAGES, End, Header, Progress
@@ -55,19 +55,25 @@ class Player:
         self.leaving: Iterator[None] | None = None
 
     def play(self, sequence: FrameSequence | FrameStream, rate_hz: float | None) -> None:
-        """Publish the frames and then the stream's end."""
-        lossless = self.node.link.delivery == "lossless"
+        """Publish the frames and then the stream's end.
+
+        rate_hz: frames per second; None: the recorded pace in a live run, and none in a lossless one.
+        """
+        lossless, is_camera = self.node.link.delivery == "lossless", isinstance(sequence, FrameStream)
         # A camera's clock may be set while it streams.
-        self.order = StreamOrder(confirm=isinstance(sequence, FrameStream) or not lossless)
-        if isinstance(sequence, FrameStream):
-            # A camera has a pace of its own.
-            pace, frames = FramePace(self.node, None, recorded=False), self._streamed(sequence)
-        else:
-            pace, frames = FramePace(self.node, rate_hz, recorded=not lossless), self._frames(sequence)
-        for frame, read_ns in frames:
+        self.order = StreamOrder(confirm=is_camera or not lossless)
+        # A camera has a pace of its own. At a given rate, each frame counts as a recorded second.
+        paced = not is_camera and (rate_hz is not None or not lossless)
+        pace, first_ns = Pace(rate_hz or 1.0, self.node.note), 0
+        for frame, read_ns in self._streamed(sequence) if isinstance(sequence, FrameStream) else self._frames(sequence):
             if not self._in_order(frame.stamp_ns):
                 continue
-            pace.wait(self.sent, frame.stamp_ns)
+            if self.sent == 0:
+                pace.restart()
+                first_ns = frame.stamp_ns
+            if paced:
+                recorded_s = 1e-9 * (frame.stamp_ns - first_ns) if rate_hz is None else float(self.sent)
+                pace.wait(recorded_s, self.node.stop, self.node.rest)
             if lossless:
                 self._wait_for_credit(self.credit.in_flight - 1)
             else:
@@ -198,14 +204,8 @@ class Player:
                 lost = self.credit.give_up()
                 self.node.counters.drop("lost in flight", len(lost))
                 missing = [stage for stage in STAGES if stage != "source" and stage not in self.node.alive]
-                log.warning(
-                    "no progress for %.1f s: %d frames (%d to %d ns) count as lost; stages not running: %s",
-                    limit_s,
-                    len(lost),
-                    lost[0],
-                    lost[-1],
-                    ", ".join(missing) or "none",
-                )
+                text = "no progress for %.1f s: %d frames (%d to %d ns) count as lost; stages not running: %s"
+                log.warning(text, limit_s, len(lost), lost[0], lost[-1], ", ".join(missing) or "none")
 
     def _ending(self, wait_s: float) -> Iterator[None]:
         """Publish the stream's end until fusion confirms that it is complete, or is absent for too long.

@@ -52,10 +52,7 @@ def run(
         wait_for = EVERY_STAGE if link.delivery == "lossless" else ()
     if not isinstance(sequence, FrameStream):
         refuse_large_images(sequence.intrinsics, settings.halved)
-    with (
-        stop_on_signals(stop) as stopped,
-        Node("source", link, stopped, (_PROGRESS,), (OUT, END, PREVIEW)) as node,
-    ):
+    with stop_on_signals(stop) as stopped, Node("source", link, stopped, (_PROGRESS,), (OUT, END, PREVIEW)) as node:
         _wait_for(node, wait_for)
         player = Player(node, stream or new_stream(), settings, earlier or Sent())
         player.play(sequence, rate_hz or settings.rate_hz or None)

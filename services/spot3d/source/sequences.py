@@ -54,9 +54,9 @@ def open_source(
     elif is_our_mcap(Path(path_or_name)):
         if intrinsics is not None:
             raise SourceError("a file of spot3d record states its own intrinsics; omit --intrinsics")
-        from spot3d.source.mcap_sequence import open_recorded_mcap  # its packages are an extra's
+        from spot3d.source.mcap_sequence import McapSequence  # its packages are an extra's
 
-        sequence = open_recorded_mcap(Path(path_or_name))
+        sequence = McapSequence(Path(path_or_name))
     else:
         sequence = _open_path(Path(path_or_name), intrinsics, topics or TopicNames())
     if depth_unit:

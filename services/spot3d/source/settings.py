@@ -10,12 +10,7 @@ class SourceSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    rate_hz: float = Field(
-        0.0,
-        ge=0,
-        le=1000,
-        description="frames per second to play at; 0: the recorded rate",
-    )
+    rate_hz: float = Field(0.0, ge=0, le=1000, description="frames per second to play at; 0: the recorded rate")
     halved: bool = Field(False, description="play frames at half their width and height")
     depth_noise: str = Field(
         "",

@@ -56,10 +56,7 @@ def open_seven_scenes(folder: Path, intrinsics: FocalAndCentre | None = None) ->
     poses = _poses(folder, stems)
     frames = [
         RecordedFrame(
-            stamp_ns=number * 10**9 // RATE_HZ,
-            colour=_colour_path(folder, stem),
-            depth=folder / f"{stem}.depth.png",
-            T_world_camera=poses.get(stem),
+            number * 10**9 // RATE_HZ, _colour_path(folder, stem), folder / f"{stem}.depth.png", poses.get(stem)
         )
         for number, stem in numbered
     ]

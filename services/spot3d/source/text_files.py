@@ -105,15 +105,17 @@ def read_stamped_lines(path: Path, parse: Callable[[list[str], str], T]) -> list
 
 
 def well_formed(entries: Collection[E], read: Callable[[E], T], what: str) -> list[T]:
-    """What `read` returns for each entry, except those for which it raises SourceError, whose number is logged.
+    """What `read` returns for each entry, except those that it refuses, whose number is logged.
 
-    what: names the entries in the log. Raises the first error if all entries are malformed.
+    read: raises SourceError or ValueError for a malformed entry. what: names the entries in the log. Raises the first
+    error if all entries are malformed.
     """
-    found, malformed = [], []
+    found: list[T] = []
+    malformed: list[Exception] = []
     for entry in entries:
         try:
             found.append(read(entry))
-        except SourceError as error:
+        except (SourceError, ValueError) as error:
             malformed.append(error)
     if malformed and not found:
         raise malformed[0]

@@ -62,21 +62,12 @@ def open_tum(folder: Path, intrinsics: FocalAndCentre | None = None) -> Recordin
             "same clock"
         )
     if len(frames) < len(depths):
-        alone = len(depths) - len(frames)
-        log.warning(
-            "%s: %d of %d depth images are left out, as they have no colour image within 20 ms",
-            folder,
-            alone,
-            len(depths),
-        )
+        alone, told = len(depths) - len(frames), "are left out, as they have no colour image within 20 ms"
+        log.warning("%s: %d of %d depth images %s", folder, alone, len(depths), told)
     without_pose = sum(pose is None for pose in poses)
     if truth and without_pose:
-        log.warning(
-            "%s: %d of %d depth images have no pose at their time; check that both use the same clock",
-            truth_path,
-            without_pose,
-            len(depths),
-        )
+        told = "have no pose at their time; check that both use the same clock"
+        log.warning("%s: %d of %d depth images %s", truth_path, without_pose, len(depths), told)
     where = "--intrinsics" if intrinsics else str(folder / "intrinsics.txt")
     camera = intrinsics_for(intrinsics or tum_values(folder), first_readable_shape(frames), where)
     return with_a_readable_frame(Recording(frames, camera, METRES_PER_UNIT, load_calibration(folder, None)))

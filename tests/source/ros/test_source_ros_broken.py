@@ -134,7 +134,7 @@ def test_a_broken_pose_is_left_out_and_told(
     bag = open_source(write_bag(tmp_path, "mcap", said), topics=TopicNames(pose=topic))
     for index in (0, 2, 3):
         np.testing.assert_allclose(bag.true_pose(index), FRAMES[index].T_world_camera, atol=1e-9)
-    assert f"1 of 4 {what} are left out; the first error: " in caplog.text
+    assert f"1 of 4 {what} are left out; the first: " in caplog.text
 
 
 def test_odometry_of_no_body_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

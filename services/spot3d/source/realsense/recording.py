@@ -3,6 +3,7 @@
 import sqlite3
 import struct
 from collections.abc import Iterator
+from contextlib import closing, suppress
 from pathlib import Path
 from threading import Event
 
@@ -21,15 +22,10 @@ def is_realsense_recording(path: Path) -> bool:
     if not path.is_file():
         return False
     if path.suffix == ".db3":
-        try:
-            connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)
-            try:
-                found = connection.execute("SELECT 1 FROM topics WHERE name LIKE ?", (f"{_TOPICS}%",)).fetchone()
-            finally:
-                connection.close()
-        except sqlite3.Error:
-            return False
-        return found is not None
+        uri, asked = f"{path.resolve().as_uri()}?mode=ro", "SELECT 1 FROM topics WHERE name LIKE ?"
+        with suppress(sqlite3.Error), closing(sqlite3.connect(uri, uri=True)) as connection:
+            return connection.execute(asked, (f"{_TOPICS}%",)).fetchone() is not None
+        return False
     return path.suffix == ".bag" and f"topic={_TOPICS}".encode() in _list_of_topics(path)
 
 

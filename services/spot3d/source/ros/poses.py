@@ -7,7 +7,8 @@ from typing import Any
 from spot3d.source.errors import SourceError
 from spot3d.source.motion import Motion, Pose
 from spot3d.source.ros.bag import Bag
-from spot3d.source.ros.transforms import TransformTree, stamp_of, transform_of, valid_poses
+from spot3d.source.ros.transforms import TransformTree, stamp_of, transform_of
+from spot3d.source.text_files import well_formed
 
 log = logging.getLogger(__name__)
 
@@ -59,8 +60,7 @@ def _of_messages(bag: Bag, topic: str, kind: str, camera_frame: str) -> PoseAt:
     body = getattr(messages[-1], "child_frame_id", "") if messages else ""
     if not body and kind in (_ODOMETRY, _TRANSFORM):
         log.warning("%s names no child frame: its poses are taken as the camera's own, of its optical frame", topic)
-    posed = valid_poses(messages, lambda message: _pose(message, kind), f"poses of {topic}")
-    motion = Motion([(stamp_of(message), pose) for message, pose in posed])
+    motion = Motion(well_formed(messages, lambda one: (stamp_of(one), _pose(one, kind)), f"poses of {topic}"))
     T_body_camera = transform_tree(bag, dynamic=False).fixed_between(body, camera_frame) if body else None
     if body and T_body_camera is None:
         raise SourceError(

@@ -1,7 +1,6 @@
 """The transform tree of /tf and /tf_static, with interpolated poses."""
 
-import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,9 +8,8 @@ import numpy as np
 
 from spot3d.camera import invert
 from spot3d.source.motion import Motion, Pose
+from spot3d.source.text_files import well_formed
 from spot3d.trajectory import pose_from_quaternion
-
-log = logging.getLogger(__name__)
 
 
 def transform_of(translation: Any, rotation: Any) -> Pose:
@@ -37,12 +35,11 @@ class TransformTree:
         Raises ValueError if all of a topic are malformed.
         """
         tree = TransformTree()
-        for one, T in valid_poses(static, _transform, "transforms of /tf_static"):
-            tree.fixed[_name(one.child_frame_id)] = (_name(one.header.frame_id), T)
+        for child, parent, _, T in well_formed(static, _edge, "transforms of /tf_static"):
+            tree.fixed[child] = (parent, T)
         stamped: dict[tuple[str, str], list[tuple[int, Pose]]] = {}
-        for one, T in valid_poses(dynamic, _transform, "transforms of /tf"):
-            edge = (_name(one.child_frame_id), _name(one.header.frame_id))
-            stamped.setdefault(edge, []).append((stamp_of(one), T))
+        for child, parent, stamp_ns, T in well_formed(dynamic, _edge, "transforms of /tf"):
+            stamped.setdefault((child, parent), []).append((stamp_ns, T))
         for (child, parent), poses in stamped.items():
             if child not in tree.fixed:
                 tree.moving[child] = (parent, Motion(poses))
@@ -54,7 +51,7 @@ class TransformTree:
 
     def connected(self, target: str, source: str) -> bool:
         """Whether the two frames belong to one tree."""
-        return self.root(_name(target)) == self.root(_name(source))
+        return self.root(target) == self.root(source)
 
     def fixed_between(self, target: str, source: str) -> Pose | None:
         """T_target_source (4, 4) over fixed frames alone. None if there is no such path."""
@@ -63,7 +60,6 @@ class TransformTree:
 
     def between(self, target: str, source: str, stamp_ns: int) -> Pose | None:
         """T_target_source (4, 4) at a time. None if it is unknown at that time, or the frames are not connected."""
-        target, source = _name(target), _name(source)
         if not self.connected(target, source):
             return None
         one, other = self._to_root(target, stamp_ns), self._to_root(source, stamp_ns)
@@ -71,13 +67,9 @@ class TransformTree:
 
     def _path(self, frame: str) -> list[str]:
         path = [_name(frame)]
-        while (above := self._parent(path[-1])) is not None and above not in path:
-            path.append(above)
+        while (edge := self.fixed.get(path[-1]) or self.moving.get(path[-1])) and edge[0] not in path:
+            path.append(edge[0])
         return path
-
-    def _parent(self, frame: str) -> str | None:
-        entry = self.fixed.get(frame) or self.moving.get(frame)
-        return None if entry is None else entry[0]
 
     def _to_root(self, frame: str, stamp_ns: int) -> Pose | None:
         T = np.eye(4)
@@ -89,29 +81,15 @@ class TransformTree:
         return T
 
 
-def valid_poses(messages: Sequence[Any], pose_of: Callable[[Any], Pose], what: str) -> list[tuple[Any, Pose]]:
-    """The messages with a valid pose, and the poses. Others are skipped and logged. Raises ValueError if all are."""
-    found: list[tuple[Any, Pose]] = []
-    refused: list[ValueError] = []
-    for message in messages:
-        try:
-            found.append((message, pose_of(message)))
-        except ValueError as error:
-            refused.append(error)
-    if refused and not found:
-        raise refused[0]
-    if refused:
-        log.warning("%d of %d %s are left out; the first error: %s", len(refused), len(messages), what, refused[0])
-    return found
-
-
 def stamp_of(message: Any) -> int:
     """The stamp of a message's header, ns."""
     return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
 
 
-def _transform(stamped: Any) -> Pose:
-    return transform_of(stamped.transform.translation, stamped.transform.rotation)
+def _edge(stamped: Any) -> tuple[str, str, int, Pose]:
+    """Child, parent, stamp in ns and T_parent_child (4, 4) of a TransformStamped."""
+    T = transform_of(stamped.transform.translation, stamped.transform.rotation)
+    return _name(stamped.child_frame_id), _name(stamped.header.frame_id), stamp_of(stamped), T
 
 
 def _name(frame: str) -> str:

@@ -13,12 +13,7 @@ FLOOR = 0.004
 
 @part()
 def hit_box(
-    half: tuple[float, float, float],
-    inside: bool,
-    eye: tuple[float, float, float],
-    dx: float,
-    dy: float,
-    dz: float,
+    half: tuple[float, float, float], inside: bool, eye: tuple[float, float, float], dx: float, dy: float, dz: float
 ) -> float:
     """Ray parameter where a ray enters a box of these half sizes, or leaves it if `inside`. FAR if it misses."""
     (hx, hy, hz), (ox, oy, oz) = half, eye

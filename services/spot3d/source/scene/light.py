@@ -17,13 +17,20 @@ LAMP_HALF = 0.3
 CELLS = 224
 
 
-def shadow_maps(solids: Solids, shaded: dict[float, Region]) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-    """Shadow maps of upward surfaces, which `shaded` gives by height.
+class LampLight(NamedTuple):
+    """Shadow maps of upward surfaces.
 
-    Returns areas (n, 5) float64: height, x from, y from, cells per metre along x and y; and light (n, 224, 224)
-    float32, [map, y, x], the visible share 0..1 of the lamp.
+    areas: (n, 5) float64, height, x from, y from, cells per metre along x and y; light: (n, 224, 224) float32, [map, y,
+    x], the visible share 0..1 of the lamp.
     """
-    cells = CELLS - 1
+
+    areas: NDArray[np.float64]
+    light: NDArray[np.float32]
+
+
+def shadow_maps(solids: Solids, shaded: dict[float, Region]) -> LampLight:
+    """Shadow maps of the upward surfaces that `shaded` gives by height."""
+    shapes, cells = solids.shapes, CELLS - 1
     areas = np.array(
         [
             (z, left, near, cells / (right - left), cells / (far - near))
@@ -31,16 +38,16 @@ def shadow_maps(solids: Solids, shaded: dict[float, Region]) -> tuple[NDArray[np
         ]
     )
     # A bounding sphere of each primitive spares most rays the exact test.
-    middle = solids.centre + np.einsum("nij,nj->ni", solids.rotation, (solids.low + solids.high) / 2)
+    middle = shapes.centre + np.einsum("nij,nj->ni", shapes.rotation, (solids.low + solids.high) / 2)
     radius = np.linalg.norm(solids.high - solids.low, axis=1) / 2
     light = np.empty((len(areas), CELLS, CELLS), np.float32)
     steps = (np.arange(3) - 1) * (LAMP_HALF * 2 / 3)
     lamps = np.array([(LAMP_CENTRE[0] + a, LAMP_CENTRE[1] + b, LAMP_CENTRE[2]) for a in steps for b in steps])
-    _fill(areas, lamps, _Spheres(solids.shapes, middle, radius), light)
+    _fill(areas, lamps, _Spheres(shapes, middle, radius), light)
     # Cells under a thing are dark. Blurring them imitates the dark line where things touch their support.
     for shadow in light:
         shadow[:] = cv2.blur(shadow, (3, 3))
-    return areas, light
+    return LampLight(areas, light)
 
 
 class _Spheres(NamedTuple):

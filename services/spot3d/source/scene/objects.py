@@ -53,9 +53,8 @@ def make(name: str, rng: np.random.Generator) -> Thing:
     first, second = rng.choice(len(PALETTE), 2, replace=False)
     scale = float(rng.uniform(0.88, 1.12))
     parts = CATALOGUE[name](scale, PALETTE[first], PALETTE[second])
-    bounds = [part.bounds() for part in parts]
-    low = np.min([part_low for part_low, _ in bounds], axis=0)
-    high = np.max([part_high for _, part_high in bounds], axis=0)
+    bounds = np.array([part.bounds() for part in parts])
+    low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     origin = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     moved = []
     for part in parts:
@@ -122,26 +121,23 @@ def _roll(scale: float, _first: Colour, second: Colour) -> list[Primitive]:
     return [Primitive(CONE, form, Texture(SPECKLE, (0.85, 0.84, 0.80), second, 0.03), (0, 0, 0), LYING)]
 
 
-def _crate(scale: float, first: Colour, _second: Colour) -> list[Primitive]:
-    return _open_box(0.115 * scale, 0.17 * scale, 0.035 * scale, first)
-
-
-def _bin(scale: float, first: Colour, _second: Colour) -> list[Primitive]:
-    return _open_box(0.19 * scale, 0.26 * scale, 0.07 * scale, first)
-
-
 def _stool(scale: float, first: Colour, second: Colour) -> list[Primitive]:
     half, leg, surface = 0.16 * scale, 0.20 * scale, Texture(PLAIN, first)
     legs = [Primitive(BOX, (0.015, 0.015, leg), surface, (x, y, -0.02)) for x in (-0.13, 0.13) for y in (-0.13, 0.13)]
     return [Primitive(BOX, (half, half, 0.02), Texture(PLAIN, second), (0, 0, leg)), *legs]
 
 
-def _open_box(depth: float, width: float, half: float, colour: Colour) -> list[Primitive]:
-    """A bottom and four walls. depth, width, half: half sizes in metres."""
-    surface, thick = Texture(PLAIN, colour), CRATE_WALL / 2
-    ends = [Primitive(BOX, (thick, width, half), surface, (side * (depth - thick), 0, 0)) for side in (-1, 1)]
-    sides = [Primitive(BOX, (depth, thick, half), surface, (0, side * (width - thick), 0)) for side in (-1, 1)]
-    return [Primitive(BOX, (depth, width, thick), surface, (0, 0, thick - half)), *ends, *sides]
+def _open_box(half_depth: float, half_width: float, half_height: float) -> Recipe:
+    """A bottom and four walls; half sizes in metres."""
+
+    def parts(scale: float, first: Colour, _second: Colour) -> list[Primitive]:
+        depth, width, half = half_depth * scale, half_width * scale, half_height * scale
+        surface, thick = Texture(PLAIN, first), CRATE_WALL / 2
+        ends = [Primitive(BOX, (thick, width, half), surface, (side * (depth - thick), 0, 0)) for side in (-1, 1)]
+        sides = [Primitive(BOX, (depth, thick, half), surface, (0, side * (width - thick), 0)) for side in (-1, 1)]
+        return [Primitive(BOX, (depth, width, thick), surface, (0, 0, thick - half)), *ends, *sides]
+
+    return parts
 
 
 CATALOGUE: dict[str, Recipe] = {
@@ -167,8 +163,8 @@ CATALOGUE: dict[str, Recipe] = {
     "melon": _melon,
     "vase": _vase,
     "paper roll": _roll,
-    "crate": _crate,
-    "bin": _bin,
+    "crate": _open_box(0.115, 0.17, 0.035),
+    "bin": _open_box(0.19, 0.26, 0.07),
     "chest": block(0.38, 0.52, 0.44, WOOD, 0.12),
     "stool": _stool,
     **OFFICE,

@@ -32,34 +32,23 @@ def _tilted(degrees: float) -> tuple[Vector, Vector, Vector]:
 
 def _monitor(scale: float, first: Colour, second: Colour) -> list[Primitive]:
     half_width, half_height, middle = 0.255 * scale, 0.155 * scale, 0.29 * scale
-    case = Texture(PLAIN, BLACK)
+    case, picture = Texture(PLAIN, BLACK), Texture(PICTURE, first, second, 0.09)
     return [
         Primitive(BOX, (0.11 * scale, 0.13 * scale, 0.008), case),
         Primitive(BOX, (0.014, 0.03, 0.14 * scale), case, (-0.03, 0, 0.14 * scale)),
         Primitive(BOX, (0.02, half_width, half_height), case, (0, 0, middle)),
-        Primitive(
-            BOX,
-            (0.002, half_width - 0.012, half_height - 0.012),
-            Texture(PICTURE, first, second, 0.09),
-            (0.02, 0, middle),
-        ),
+        Primitive(BOX, (0.002, half_width - 0.012, half_height - 0.012), picture, (0.02, 0, middle)),
     ]
 
 
 def _laptop(scale: float, first: Colour, second: Colour) -> list[Primitive]:
     half_width, half_depth, lean = 0.165 * scale, 0.115 * scale, 18.0
     rise, back = half_depth * np.cos(np.radians(lean)), half_depth * np.sin(np.radians(lean))
-    screen = (-half_depth - float(back), 0.0, float(rise))
+    x, z, picture = -half_depth - float(back), float(rise), Texture(PICTURE, first, second, 0.06)
     return [
         Primitive(BOX, (half_depth, half_width, 0.009), Texture(CHECKS, GREY, BLACK, 0.03)),
-        Primitive(BOX, (0.004, half_width, half_depth), Texture(PLAIN, GREY), screen, _tilted(lean)),
-        Primitive(
-            BOX,
-            (0.001, half_width - 0.01, half_depth - 0.012),
-            Texture(PICTURE, first, second, 0.06),
-            (screen[0] + 0.004, 0.0, screen[2]),
-            _tilted(lean),
-        ),
+        Primitive(BOX, (0.004, half_width, half_depth), Texture(PLAIN, GREY), (x, 0.0, z), _tilted(lean)),
+        Primitive(BOX, (0.001, half_width - 0.01, half_depth - 0.012), picture, (x + 0.004, 0.0, z), _tilted(lean)),
     ]
 
 

@@ -56,13 +56,8 @@ def _before_table(index: int, phase: NDArray[np.float64]) -> tuple[NDArray[np.fl
     sweep = np.arcsin(0.92 * np.sin(np.pi * index / FRAMES_PER_SWEEP - np.pi / 2)) / np.arcsin(0.92)
     angle = HALF_ARC * sweep
     swell = 1 + 0.07 * np.sin(2 * np.pi * index / 430 + phase[0])
-    eye = np.array(
-        [
-            RADIUS_ACROSS * swell * np.cos(angle),
-            RADIUS_ALONG * swell * np.sin(angle),
-            HEIGHT + 0.09 * np.sin(2 * np.pi * index / 370 + phase[1]),
-        ]
-    )
+    height = HEIGHT + 0.09 * np.sin(2 * np.pi * index / 370 + phase[1])
+    eye = np.array([RADIUS_ACROSS * swell * np.cos(angle), RADIUS_ALONG * swell * np.sin(angle), height])
     return eye, TARGET + np.array([0.0, 0.10 * np.sin(2 * np.pi * index / 260 + phase[2]), 0.0])
 
 

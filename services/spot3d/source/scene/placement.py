@@ -54,11 +54,7 @@ class Arrangement:
         self.done: list[Placed] = []
 
     def stand(
-        self,
-        name: str,
-        region: Region | None = None,
-        height: float = TABLE_HEIGHT,
-        yaw: tuple[float, float] = ANY_YAW,
+        self, name: str, region: Region | None = None, height: float = TABLE_HEIGHT, yaw: tuple[float, float] = ANY_YAW
     ) -> Placed:
         """Places a thing at random in a region (default: the arrangement's), with a yaw from a range (radians)."""
         return self.put(make(name, self.rng), region, height, yaw)
@@ -141,12 +137,7 @@ class Arrangement:
                 return candidate
         raise NoRoomError(name)
 
-    def free(
-        self,
-        candidate: Placed,
-        region: Region,
-        touching: Placed | None = None,
-    ) -> bool:
+    def free(self, candidate: Placed, region: Region, touching: Placed | None = None) -> bool:
         outline = footprint(candidate)
         low, high = outline.min(axis=0), outline.max(axis=0)
         if low[0] < region[0] or high[0] > region[1] or low[1] < region[2] or high[1] > region[3]:

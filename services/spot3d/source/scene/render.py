@@ -6,13 +6,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.boxes import EDGES
+from spot3d.boxes import CORNERS, EDGES
 from spot3d.camera import Intrinsics
 from spot3d.kernel import kernel
 from spot3d.source.scene.intersect import FAR, hit_box, hit_cone, hit_ellipsoid
 from spot3d.source.scene.light import shadow_maps
 from spot3d.source.scene.model import SceneModel
-from spot3d.source.scene.shading import GAMMA, Image, LampLight, Rays, SurfacePattern, shade
+from spot3d.source.scene.shading import GAMMA, Image, Rays, shade
 from spot3d.source.scene.shapes import BOX, CONE, ROOM
 from spot3d.source.scene.texture import noise_table
 
@@ -35,12 +35,8 @@ class RenderedView:
 
 def empty_rendered_view(shape: tuple[int, int]) -> RenderedView:
     """A view of shape (h, w) to render into. Its arrays are uninitialised."""
-    return RenderedView(
-        np.empty(shape, np.float32),
-        np.empty(shape, np.int32),
-        np.empty(shape, np.float32),
-        np.empty((*shape, 3), np.uint8),
-    )
+    depth, cosine = np.empty((2, *shape), np.float32)
+    return RenderedView(depth, np.empty(shape, np.int32), cosine, np.empty((*shape, 3), np.uint8))
 
 
 class Renderer:
@@ -49,7 +45,7 @@ class Renderer:
     def __init__(self, model: SceneModel, intrinsics: Intrinsics, seed: int) -> None:
         self.model = model
         self.intrinsics = intrinsics
-        self._light = LampLight(*shadow_maps(model.solids, model.shaded))
+        self._light = shadow_maps(model.solids, model.shaded)
         self._table = noise_table(seed)
         # Kept, as views are: fresh memory pages for each frame would take a tenth of its time.
         self._which = np.empty(intrinsics.shape, np.int32)
@@ -57,34 +53,29 @@ class Renderer:
 
     def render(self, T_world_camera: NDArray[np.float64], view: RenderedView) -> None:
         """Fills `view` with what a camera at T_world_camera (4, 4) inside the room sees."""
-        s, intrinsics = self.model.solids, self.intrinsics
-        which, colour = self._which, self._sharp
+        solids, intrinsics = self.model.solids, self.intrinsics
+        shapes, which, colour = solids.shapes, self._which, self._sharp
         rotation, origin = T_world_camera[:3, :3], T_world_camera[:3, 3]
         # Rays in each primitive's frame: p + t * (a * x + b * y + c), where t is the depth.
-        to_local = np.ascontiguousarray(np.einsum("nji,jk->nik", s.rotation, rotation))
-        eye = np.einsum("nji,nj->ni", s.rotation, origin - s.centre)
+        to_local = np.ascontiguousarray(np.einsum("nji,jk->nik", shapes.rotation, rotation))
+        eye = np.einsum("nji,nj->ni", shapes.rotation, origin - shapes.centre)
         rectangles = self._rectangles(rotation, origin)
         pinhole = np.array([intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy])
         view.depth[:] = FAR
         which[:] = 0
         rays = Rays(to_local, eye, rectangles, pinhole)
-        _cast(s.kind, s.form, rays, view.depth, which)
-        surface, image = (
-            SurfacePattern(s.pattern, s.first, s.second, 1 / s.period),
-            Image(view.depth, which, view.cosine, colour),
-        )
-        shade(s.shapes, surface, rays, self._light, self._table, GAMMA, image)
+        _cast(shapes.kind, shapes.form, rays, view.depth, which)
+        image = Image(view.depth, which, view.cosine, colour)
+        shade(shapes, solids.surface, rays, self._light, self._table, GAMMA, image)
         # Imitates a small lens's sharpness, and softens the aliasing of one ray a pixel.
         cv2.GaussianBlur(colour, (3, 3), 0.7, dst=view.colour)
-        np.take(s.instance, which, out=view.instance, mode="clip")
+        np.take(solids.instance, which, out=view.instance, mode="clip")
 
     def _rectangles(self, rotation: NDArray[np.float64], origin: NDArray[np.float64]) -> NDArray[np.int32]:
         """Pixel rectangles (n, 4) int32 [u from, u to, v from, v to) around each primitive's projected bounds."""
-        s, camera = self.model.solids, self.intrinsics
-        low_high = np.stack((s.low, s.high), axis=1)
-        pick = np.indices((2, 2, 2)).reshape(3, 8)
-        corners = np.stack([low_high[:, pick[axis], axis] for axis in range(3)], axis=-1)
-        world = np.einsum("nij,nkj->nki", s.rotation, corners) + s.centre[:, None]
+        solids, camera = self.model.solids, self.intrinsics
+        corners = np.where(CORNERS < 0, solids.low[:, None], solids.high[:, None])
+        world = np.einsum("nij,nkj->nki", solids.shapes.rotation, corners) + solids.shapes.centre[:, None]
         seen = (world - origin) @ rotation
         # Where an edge of the bounds reaches behind the camera, its intersection with the near plane replaces the
         # corner.
@@ -98,24 +89,14 @@ class Renderer:
         v = camera.fy * points[..., 1] / points[..., 2] + camera.cy
         empty = ~np.isfinite(u).any(axis=1)
         u[empty] = v[empty] = -1.0
-        bounds = (
-            np.nanmin(u, axis=1),
-            np.nanmax(u, axis=1) + 2,
-            np.nanmin(v, axis=1),
-            np.nanmax(v, axis=1) + 2,
-        )
+        bounds = np.nanmin(u, axis=1), np.nanmax(u, axis=1) + 2, np.nanmin(v, axis=1), np.nanmax(v, axis=1) + 2
         limits = (camera.width, camera.width, camera.height, camera.height)
-        clipped = [np.clip(bound, 0, limit) for bound, limit in zip(bounds, limits, strict=True)]
-        return np.stack(clipped, axis=1).astype(np.int32)
+        return np.asarray(np.clip(np.stack(bounds, axis=1), 0, limits).astype(np.int32))
 
 
 @kernel()
 def _cast(
-    kind: NDArray[np.int32],
-    form: NDArray[np.float64],
-    rays: Rays,
-    depth: NDArray[np.float32],
-    which: NDArray[np.int32],
+    kind: NDArray[np.int32], form: NDArray[np.float64], rays: Rays, depth: NDArray[np.float32], which: NDArray[np.int32]
 ) -> None:
     """Writes the depth and the primitive of the nearest hit, one primitive after the other."""
     to_local, eye, rectangles, pinhole = rays

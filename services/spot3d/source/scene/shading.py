@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from spot3d.kernel import kernel, part
 from spot3d.source.scene.intersect import outward_normal
-from spot3d.source.scene.light import LAMP_CENTRE
-from spot3d.source.scene.shapes import BOX, CONE, PLAIN, ROOM, SPECKLE, WOOD, Shapes
+from spot3d.source.scene.light import LAMP_CENTRE, LampLight
+from spot3d.source.scene.shapes import BOX, CONE, PLAIN, ROOM, SPECKLE, WOOD, Shapes, SurfacePattern
 from spot3d.source.scene.texture import pattern_at, smooth_noise
 
 AMBIENT, LAMP, WINDOW = 0.34, 0.72, 0.16
@@ -17,15 +17,6 @@ WINDOW_DIRECTION = (0.75, -0.55, 0.37)
 CARPET_FREQUENCY = 10.0
 # Grey levels for 1024 steps of brightness. The square root approximates the display's gamma.
 GAMMA = (255.0 * np.sqrt(np.arange(1024) / 1023.0)).astype(np.uint8)
-
-
-class SurfacePattern(NamedTuple):
-    """Each primitive's pattern (n,), first and second colour (n, 3), and patterns per metre (n,)."""
-
-    pattern: NDArray[np.int32]
-    first: NDArray[np.float64]
-    second: NDArray[np.float64]
-    frequency: NDArray[np.float64]
 
 
 class Rays(NamedTuple):
@@ -39,13 +30,6 @@ class Rays(NamedTuple):
     eye: NDArray[np.float64]
     rectangles: NDArray[np.int32]
     pinhole: NDArray[np.float64]
-
-
-class LampLight(NamedTuple):
-    """The arrays that `shadow_maps` returns."""
-
-    areas: NDArray[np.float64]
-    light: NDArray[np.float32]
 
 
 class Image(NamedTuple):

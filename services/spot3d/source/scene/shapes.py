@@ -63,39 +63,38 @@ class Primitive:
 
 
 class Shapes(NamedTuple):
-    """The arrays of `Solids` that rays are cast at."""
+    """Primitives that rays are cast at, one row each.
 
-    kind: NDArray[np.int32]
-    form: NDArray[np.float64]
-    rotation: NDArray[np.float64]
-    centre: NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Solids:
-    """All primitives of a scene as arrays for the compiled code, one row each.
-
-    kind, pattern, instance (n,) int32 (instance 0 = room and furniture); form (n, 6), first, second (n, 3), period
-    (n,), low, high (n, 3) bounds in the primitive's frame; rotation (n, 3, 3) of T_world_primitive, centre (n, 3): all
-    float64, metres.
+    kind: (n,) int32; form: (n, 6); rotation: (n, 3, 3) of T_world_primitive, centre: (n, 3); all float64, metres.
     """
 
     kind: NDArray[np.int32]
     form: NDArray[np.float64]
     rotation: NDArray[np.float64]
     centre: NDArray[np.float64]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
+
+
+class SurfacePattern(NamedTuple):
+    """Each primitive's pattern (n,) int32, first and second colour (n, 3), and patterns per metre (n,)."""
+
     pattern: NDArray[np.int32]
     first: NDArray[np.float64]
     second: NDArray[np.float64]
-    period: NDArray[np.float64]
-    instance: NDArray[np.int32]
+    frequency: NDArray[np.float64]
 
-    @property
-    def shapes(self) -> Shapes:
-        """The arrays that kernels cast rays at."""
-        return Shapes(self.kind, self.form, self.rotation, self.centre)
+
+@dataclass(frozen=True, slots=True)
+class Solids:
+    """All primitives of a scene as arrays for the compiled code, one row each.
+
+    low, high: (n, 3) float64 bounds in the primitive's frame, metres; instance: (n,) int32, 0 = room and furniture.
+    """
+
+    shapes: Shapes
+    surface: SurfacePattern
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    instance: NDArray[np.int32]
 
 
 def pack(primitives: list[Primitive], instances: list[int]) -> Solids:
@@ -103,19 +102,24 @@ def pack(primitives: list[Primitive], instances: list[int]) -> Solids:
     form = np.zeros((len(primitives), 6))
     for row, primitive in zip(form, primitives, strict=True):
         row[: len(primitive.form)] = primitive.form
-    bounds = [primitive.local_bounds() for primitive in primitives]
+    kinds, surfaces = [p.kind for p in primitives], [p.surface for p in primitives]
+    low, high = np.array([primitive.local_bounds() for primitive in primitives]).swapaxes(0, 1)
     return Solids(
-        kind=np.array([p.kind for p in primitives], np.int32),
-        form=form,
-        rotation=np.array([p.rotation for p in primitives], np.float64),
-        centre=np.array([p.centre for p in primitives], np.float64),
-        low=np.array([low for low, _ in bounds]),
-        high=np.array([high for _, high in bounds]),
-        pattern=np.array([p.surface.pattern for p in primitives], np.int32),
-        first=np.array([p.surface.first for p in primitives], np.float64),
-        second=np.array([p.surface.second for p in primitives], np.float64),
-        period=np.array([p.surface.period for p in primitives], np.float64),
-        instance=np.array(instances, np.int32),
+        Shapes(
+            np.array(kinds, np.int32),
+            form,
+            np.array([p.rotation for p in primitives], np.float64),
+            np.array([p.centre for p in primitives], np.float64),
+        ),
+        SurfacePattern(
+            np.array([s.pattern for s in surfaces], np.int32),
+            np.array([s.first for s in surfaces], np.float64),
+            np.array([s.second for s in surfaces], np.float64),
+            1 / np.array([s.period for s in surfaces], np.float64),
+        ),
+        low,
+        high,
+        np.array(instances, np.int32),
     )
 
 

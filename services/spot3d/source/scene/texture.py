@@ -41,13 +41,7 @@ def _print(table: NDArray[np.float32], a: float, b: float, lines: float) -> floa
 
 @part()
 def pattern_at(
-    pattern: int,
-    table: NDArray[np.float32],
-    a: float,
-    b: float,
-    half_a: float,
-    half_b: float,
-    shift: float,
+    pattern: int, table: NDArray[np.float32], a: float, b: float, half_a: float, half_b: float, shift: float
 ) -> tuple[float, float]:
     """Share 0..1 of the second colour, and ink 0..1, at (a, b) on a face of half sizes (half_a, half_b).
 

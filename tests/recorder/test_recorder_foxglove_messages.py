@@ -6,7 +6,7 @@ import pytest
 from spot3d.boxes import Box3D
 from spot3d.drawing.picture import object_colour
 from spot3d.found_object import FoundObject
-from spot3d.recorder.edge_points import edge_points
+from spot3d.recorder.foxglove_messages import edge_points
 from spot3d.trajectory import rotation_from_quaternion
 
 CENTRE, SIZE = np.array((0.1, -0.2, 1.5)), np.array((0.3, 0.2, 0.1))
