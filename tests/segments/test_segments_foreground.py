@@ -26,7 +26,7 @@ def out_of(
     height = (points @ TABLE[:3] + TABLE[3]).astype(np.float32)
     long, normals = np.zeros(depth.shape, np.bool_), surface_normals(depth, CAMERA)
     for plane in others:
-        long |= long_pieces(points, normals, plane, settings)
+        long |= long_pieces(points, normals, np.ones(depth.shape, np.bool_), plane, settings)
     return standing_out(
         points, height, noise_height(depth, TABLE, settings), np.zeros(depth.shape, np.bool_), long, settings
     )
@@ -88,7 +88,7 @@ def test_a_view_that_is_all_wall_is_a_wall() -> None:
     nothing = np.zeros(CAMERA.shape, np.bool_)
     for size_max, is_long in ((SETTINGS.size_max, True), (3.0, False)):
         settings = SETTINGS.model_copy(update={"size_max": size_max})
-        long = long_pieces(points, normals, facing, settings)
+        long = long_pieces(points, normals, ~nothing, facing, settings)
         assert long.all() if is_long else not long.any()
         out = standing_out(points, height, noise_height(depth, TABLE, settings), nothing, long, settings)
         assert not out.any() if is_long else out.all()
@@ -103,3 +103,16 @@ def test_what_is_beside_the_support_stands_out_though_it_is_lower() -> None:
     out = standing_out(points, height, tolerance, beside, np.zeros(CAMERA.shape, np.bool_), SETTINGS)
     assert not out[~beside].any()
     assert out[beside].mean() > 0.9
+
+
+def test_a_plane_through_a_bent_table_and_a_laptop_on_it_is_no_long_piece() -> None:
+    """The table goes on where the laptop's top ends, as far as this plane tells."""
+    laptop = Cuboid((0, 0, 0.01), (0.4, 0.3, 0.02), colour=(9, 9, 9))
+    seen = view(POSE, (*ROOM, laptop))
+    points, normals = back_project(seen.depth, CAMERA), surface_normals(seen.depth, CAMERA)
+    on_laptop = (seen.colour == 9).all(-1)
+    settings = SETTINGS.model_copy(update={"plane_distance": 0.015})
+    between = transform_plane(np.array([0, 0, 1.0, -0.01]), invert(POSE))
+    off = np.abs(points @ TABLE[:3] + TABLE[3]) > 0.015
+    assert long_pieces(points, normals, off | True, between, settings)[on_laptop].mean() > 0.5
+    assert not long_pieces(points, normals, off, between, settings).any()

@@ -38,7 +38,8 @@ def levels_of(seen: View, *others: NDArray[np.float64], settings: SegmentsSettin
     tolerance = noise_height(seen.depth, table, settings)
     main = Levels(table[None], np.zeros(height.shape, np.int8), height, tolerance)
     beside = beside_support(points, normals, height, tolerance, table[:3], settings)
-    pieces: list[LongPieces] = [(plane, long_pieces(points, normals, plane, settings)) for plane in others]
+    off = np.abs(height) > tolerance
+    pieces: list[LongPieces] = [(plane, long_pieces(points, normals, off, plane, settings)) for plane in others]
     return with_lower(main, beside, pieces, points, settings, CAMERA.noise)
 
 

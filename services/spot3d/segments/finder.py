@@ -23,7 +23,14 @@ from spot3d.segments.labels import pixels_of
 from spot3d.segments.levels import Levels, with_lower
 from spot3d.segments.occlusion import join_occluded
 from spot3d.segments.settings import SegmentsSettings
-from spot3d.segments.supports import beside_support, choose_support, expected_up, heights_and_tolerance, held_heat
+from spot3d.segments.supports import (
+    FACING,
+    beside_support,
+    choose_support,
+    expected_up,
+    heights_and_tolerance,
+    held_heat,
+)
 from spot3d.segments.torn import join_torn
 from spot3d.segments.vessels import join_vessels
 from spot3d.segments.walls import is_wall
@@ -116,8 +123,9 @@ def _standing_out(
     points, normals, noise = among.points, among.normals, frame.camera.noise
     height, tolerance = heights_and_tolerance(points, support, settings, noise)
     levels = Levels(support[None], np.zeros(height.shape, np.int8), height, tolerance)
+    off = (np.abs(height) > tolerance) | (normals @ support[:3].astype(np.float32) <= FACING)
     others = [
-        (plane, long_pieces(points, normals, plane, settings, noise))
+        (plane, long_pieces(points, normals, off, plane, settings, noise))
         for plane in among.planes
         if (plane != support).any()
     ]

@@ -37,16 +37,18 @@ def standing_out(
 def long_pieces(
     points: NDArray[np.float32],
     normals: NDArray[np.float32],
+    off: NDArray[np.bool_],
     plane: NDArray[np.float64],
     settings: SegmentsSettings,
     noise: DepthNoise = KINECT_V1,
 ) -> NDArray[np.bool_]:
     """(h, w) bool: pixels on connected pieces of a plane that are longer than an object, with normals like its own.
 
-    points, normals: (h, w, 3) float32, camera frame; plane: (4,).
+    points, normals: (h, w, 3) float32, camera frame; off: (h, w) bool, pixels off the support; plane: (4,). Pixels of
+    the support connect nothing: where it is bent, a plane through a part of it and through a laptop on it is none.
     """
     facing = normals @ plane[:3].astype(np.float32) > FACING
-    on = on_plane(plane, points, settings, noise) & facing
+    on = on_plane(plane, points, settings, noise) & facing & off
     count, pieces = cv2.connectedComponents(on.astype(np.uint8), connectivity=4)
     piece = np.asarray(pieces, np.int32)
     pixels = np.bincount(piece.ravel(), minlength=count)
