@@ -9,7 +9,7 @@ from fusion_room import CAMERA, ROOM, TABLE, THREE, Cuboid, View, look_at, stand
 from numpy.typing import NDArray
 
 from spot3d.boxes import iou_matrix_2d
-from spot3d.camera import Intrinsics, invert
+from spot3d.camera import Intrinsics, back_project, invert
 from spot3d.frame_segments import BELOW_SUPPORT, NO_SUPPORT, TOO_COLD, TOO_LONG, TOO_LOW, TOO_MANY, FrameSegments
 from spot3d.geometry.downsampling import LatticeFrame
 from spot3d.geometry.planes import transform_plane
@@ -192,6 +192,21 @@ def test_a_bare_table_has_no_objects_though_it_shines_and_is_bent() -> None:
     depth[specks] -= 0.05
     warm = np.full_like(frame.heat, 60)
     assert len(find(View(frame.colour, np.maximum(depth, 0), warm))) == 0
+
+
+def test_a_swell_of_the_support_without_an_edge_is_no_object() -> None:
+    """Sensors bend depth so in a corner of the image, more steeply than a quadratic does."""
+    frame = seen()
+    points = back_project(frame.depth, FINE_CAMERA)
+    plane = transform_plane(np.array([0, 0, 1.0, 0]), invert(POSE))
+    on_table = (frame.colour == TABLE.colour).all(-1)
+    middle = points[on_table].mean(axis=0)
+    for across, expected in ((0.05, 0), (0.01, 1)):
+        swell = 0.02 * np.exp(-0.5 * (np.linalg.norm(points - middle, axis=2) / across) ** 2 * (across > 0.02))
+        swell *= np.linalg.norm(points - middle, axis=2) < 4 * across
+        depth = (frame.depth * np.where(on_table, 1 - swell / plane[3], 1)).astype(np.float32)
+        warm = np.full_like(frame.heat, 60)
+        assert len(find(View(frame.colour, depth, warm))) == expected
 
 
 @pytest.mark.parametrize("tall", [0.015, 0.03])
