@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from spot3d.segments.holes import fill_holes
+from spot3d.segments.holes import fill_holes, join_across_holes
 
 RED, BLUE, TABLE = (200, 40, 40), (50, 60, 200), (180, 150, 110)
 FOCAL = 300.0
@@ -75,3 +75,38 @@ def test_a_hole_far_from_all_things_is_no_things() -> None:
     colour = np.full((80, 120, 3), TABLE, np.uint8)
     colour[20:60, 80:110] = 255  # glare
     np.testing.assert_array_equal(fill_holes(labels, depth, colour, FOCAL), labels)
+
+
+@pytest.mark.parametrize(
+    ("right", "between", "at", "expected"),
+    [(RED, RED, 0.02, 1), (RED, RED, 0.06, 2), (BLUE, RED, 0.02, 2), (RED, BLUE, 0.02, 2), (RED, TABLE, 0.02, 2)],
+)
+def test_parts_of_one_colour_and_height_are_joined_across_a_hole_of_it(
+    right: tuple[int, int, int], between: tuple[int, int, int], at: float, expected: int
+) -> None:
+    """A keyboard without depth in its middle. Each other row: another height, colour, or hole between."""
+    depth, height = np.ones((30, 60), np.float32), np.zeros((30, 60), np.float32)
+    colour = np.full((30, 60, 3), TABLE, np.uint8)
+    left_part, hole, right_part = np.s_[10:20, 10:20], np.s_[10:20, 20:35], np.s_[10:20, 35:50]
+    colour[left_part], colour[hole], colour[right_part] = RED, between, right
+    height[left_part], height[right_part], depth[hole] = 0.02, at, 0
+    parts = [np.flatnonzero(_mask(depth.shape, part)) for part in (left_part, right_part)]
+    joined = join_across_holes(parts, depth, colour, height)
+    assert len(joined) == expected
+    np.testing.assert_array_equal(np.sort(np.concatenate(joined)), np.sort(np.concatenate(parts)))
+
+
+def test_parts_that_touch_stay_apart_whatever_hole_is_between_them() -> None:
+    """Two boxes of one colour, and a hole at the end of the crease between them."""
+    depth, height = np.ones((30, 60), np.float32), np.full((30, 60), 0.1, np.float32)
+    colour = np.full((30, 60, 3), TABLE, np.uint8)
+    colour[10:20, 10:50], depth[14:20, 26:34] = RED, 0
+    left, right = _mask(depth.shape, np.s_[10:20, 10:30]), _mask(depth.shape, np.s_[10:20, 30:50])
+    parts = [np.flatnonzero(part & (depth > 0)) for part in (left, right)]
+    assert len(join_across_holes(parts, depth, colour, height)) == 2
+
+
+def _mask(shape: tuple[int, ...], part: tuple[slice, slice]) -> NDArray[np.bool_]:
+    mask = np.zeros(shape, np.bool_)
+    mask[part] = True
+    return mask

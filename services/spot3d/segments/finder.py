@@ -18,7 +18,7 @@ from spot3d.segments.faults import covers_least, fault_of
 from spot3d.segments.foreground import long_pieces, standing_out
 from spot3d.segments.fragments import join_fragments
 from spot3d.segments.hanging import STANDS, join_hanging
-from spot3d.segments.holes import fill_holes
+from spot3d.segments.holes import fill_holes, join_across_holes
 from spot3d.segments.labels import pixels_of
 from spot3d.segments.levels import Levels, with_lower
 from spot3d.segments.occlusion import join_occluded
@@ -109,6 +109,8 @@ def find_on_lattice(
         parts = join_hanging(parts, points, levels.height.ravel(), up, np.concatenate([long, *too_long]))
     if "contained" not in settings.skipped:
         parts = join_contained(parts, points, among.normals, up)
+    if "holes" not in settings.skipped:
+        parts = join_across_holes(parts, frame.depth, frame.colour, levels.height)
     return _segments(parts, frame, among, levels, left_out, settings)
 
 

@@ -124,7 +124,8 @@ class SegmentsSettings(BaseModel):
         "(bend), foreground beside the support (beside), lower supports (levels), cooling of walls "
         "(walls); joining of parts of one colour (colour), of vessels (vessels), of torn surfaces "
         "(torn), of fragments (fragments), of partly hidden parts (occluded), of hanging parts "
-        "(hanging), of parts in another's box (contained); filling of holes (holes)",
+        "(hanging), of parts in another's box (contained), across holes of their colour, which are filled then "
+        "(holes)",
     )
     seed: int = Field(0, ge=0, description="seed of RANSAC's choice of triples")
 
