@@ -1,4 +1,4 @@
-"""What leans stands on its lower edge, what is wider above than below on its foot, and all else on all of itself."""
+"""What leans stands on its lower edge, and all else on all of itself."""
 
 import dataclasses
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
 from spot3d.fusion.objects.balance import TILT
-from spot3d.fusion.objects.footing import lower_edge, narrow_foot
+from spot3d.fusion.objects.footing import lower_edge
 from spot3d.fusion.objects.found import ObjectViews, box_of
 from spot3d.fusion.objects.outline import OUTERMOST
 from spot3d.fusion.objects.views import SAMPLE
@@ -18,10 +18,10 @@ UP = np.array([0.0, 0.0, 1.0])
 VIEWS = 24
 
 
-def seen(points: list[NDArray[np.float64]], eyes: NDArray[np.float64] | None = None) -> tuple[ObjectViews, Box3D]:
-    """What was seen of a thing on a table, (SAMPLE, 3) points for each view, and its box. eyes: from where, (n, 3)."""
+def seen(points: list[NDArray[np.float64]]) -> tuple[ObjectViews, Box3D]:
+    """What was seen of a thing on a table, (SAMPLE, 3) points for each view, and its box."""
     count = len(points)
-    eyes = np.tile((1.0, 0.0, 0.5), (count, 1)) if eyes is None else eyes
+    eyes = np.tile((1.0, 0.0, 0.5), (count, 1))
     places = np.array(points, np.float32)
     outline, blur = np.full((count, OUTERMOST, 3), np.nan, np.float32), np.zeros((count, 3), np.float32)
     table = np.broadcast_to(np.array([0.0, 0.0, 1.0, 0.0]), (count, 4))
@@ -100,68 +100,3 @@ def test_a_ball_does_not_lean() -> None:
         normals *= np.sign(normals @ (0.8, 0.0, 0.6))[:, None]
         views.append(0.06 * normals + np.array((0, 0, 0.06)))
     assert edge_of(views)[0] is None
-
-
-ANGLES = np.linspace(-0.6, 0.6, VIEWS)
-EYES = np.column_stack((np.cos(ANGLES), np.sin(ANGLES), np.full(VIEWS, 0.5)))
-
-
-def facing(points: NDArray[np.float64], normals: NDArray[np.float64], seed: int = 0) -> list[NDArray[np.float64]]:
-    """SAMPLE of the points that face each of the eyes."""
-    rng, views = np.random.default_rng(seed), []
-    for eye in EYES:
-        towards = np.flatnonzero(((eye - points) * normals).sum(axis=1) > 0)
-        views.append(points[rng.choice(towards, SAMPLE)])
-    return views
-
-
-def column(radius: float, low: float, high: float, x: float = 0.0, y: float = 0.0) -> NDArray[np.float64]:
-    """Points of an upright cylinder's side and their normals, (n, 6)."""
-    angle, height = np.meshgrid(np.linspace(0, 2 * np.pi, 60), np.linspace(low, high, 60))
-    level = np.stack((np.cos(angle), np.sin(angle)), axis=-1).reshape(-1, 2)
-    place = np.column_stack((level * radius + (x, y), height.ravel()))
-    return np.column_stack((place, level, np.zeros(len(level))))
-
-
-def foot_of(views: list[NDArray[np.float64]], eyes: NDArray[np.float64] = EYES) -> Box3D | None:
-    what, box = seen(views, eyes)
-    return narrow_foot(what, box, TILT)
-
-
-LAMP = np.concatenate((column(0.013, 0.0, 0.4), column(0.08, 0.4, 0.48, 0.05, 0.07)))
-
-
-def test_a_lamp_stands_on_its_pole() -> None:
-    foot = foot_of(facing(LAMP[:, :3], LAMP[:, 3:]))
-    assert foot is not None
-    assert foot.size[:2].max() < 0.03
-    np.testing.assert_allclose(foot.centre[:2], 0.0, atol=0.015)
-
-
-@pytest.mark.parametrize("radius", [0.035, 0.1])
-def test_a_bottle_stands_on_all_of_itself(radius: float) -> None:
-    bottle = np.concatenate((column(radius, 0.0, 0.2), column(0.4 * radius, 0.2, 0.28)))
-    assert foot_of(facing(bottle[:, :3], bottle[:, 3:])) is None
-
-
-def test_a_foot_that_something_hides_in_most_views_is_as_wide_as_others_have_it() -> None:
-    carton = column(0.1, 0.0, 0.3)
-    views = facing(carton[:, :3], carton[:, 3:])
-    hidden = [view * (1, 1, 1) for view in views]
-    for view in hidden[:18]:
-        covered = (view[:, 2] < 0.06) & (view[:, 1] < 0.09)
-        view[covered, 2] = 0.1
-    assert foot_of(hidden) is None
-
-
-def test_from_straight_above_nothing_is_said_of_a_foot() -> None:
-    views = facing(LAMP[:, :3], LAMP[:, 3:])
-    above = np.array(views).astype(np.float32).astype(np.float64).mean(axis=1) + np.array((0, 0, 1))
-    assert foot_of(views, above) is None
-
-
-def test_where_no_bottom_is_seen_nothing_is_said_of_a_foot() -> None:
-    views = facing(LAMP[:, :3], LAMP[:, 3:])
-    for view in views[2:]:
-        view[:, 2] = np.maximum(view[:, 2], 0.06)
-    assert foot_of(views) is None

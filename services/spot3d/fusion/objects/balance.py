@@ -42,7 +42,7 @@ class Piece:
     """An object, or a part of one.
 
     box: upright; ground: height along up of the plane that it stands above, metres; NaN = unknown; foot: upright box of
-    what it could stand on: its lowest part, or the lower edge of that if it leans (see `footing`).
+    what it could stand on: itself, or its lower edge if it leans (see `footing`).
     """
 
     box: Box3D

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from spot3d.boxes import Box3D
 from spot3d.fusion.objects.balance import TILT, Numbers, Piece
 from spot3d.fusion.objects.disputed import without_disputed
-from spot3d.fusion.objects.footing import lower_edge, narrow_foot
+from spot3d.fusion.objects.footing import lower_edge
 from spot3d.fusion.objects.found import ObjectViews, box_of, ground_below
 from spot3d.fusion.objects.reasons import GONE, MOSTLY_BACKGROUND, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
 from spot3d.fusion.objects.segment_graph import SegmentGraph
@@ -96,13 +96,7 @@ class ClusterJudge:
     def _piece(self, views: ObjectViews, box: Box3D, ground: float, up: NDArray[np.float64]) -> Piece:
         """How a cluster stands. ground: by all of its segments, disputed ones too."""
         edge = lower_edge(views, box, TILT)
-        if edge is not None:
-            return Piece(box, ground, edge, leans=True)
-        foot = None
-        # A foot that is narrower than the least object cannot be told from noise.
-        if TILT * box.size[2] > self._settings.size_min:
-            foot = narrow_foot(views, box, TILT)
-        return Piece(box, ground, box if foot is None else foot, leans=False)
+        return Piece(box, ground, box if edge is None else edge, leans=edge is not None)
 
     def _undisputed(self, views: ObjectViews, rows: NDArray[np.int64]) -> ObjectViews:
         """What these segments saw of an object, without the points that other views dispute (see `disputed`)."""
