@@ -27,7 +27,7 @@ and detection with 2.5, 5, 10 cm: on HOTS 0.90, 0.93; 0.91, 0.94; 0.92, 0.94; in
 0.83; on OSD and in clutter the same."""
 
 _STEP = 0.01
-"""Parts at one height differ by less beside a hole, metres. With 0.5, 1 and 2 cm single frames of HOTS and OSD are the
+"""Parts at one height differ by less beside a hole, metres. From 0.5 to 5 cm single frames of HOTS and OSD are the
 same; without a limit OSD's detection is 0.93 instead of 0.99, as neighbours of one colour become one."""
 
 
