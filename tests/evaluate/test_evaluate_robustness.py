@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
-from evaluate_samples import write_osd
+from evaluate_samples import write_osd, write_png
 from typer.testing import CliRunner
 
 from spot3d.camera import Intrinsics, invert
@@ -343,7 +343,20 @@ def test_kinds_are_known_ones(words: list[str]) -> None:
     assert "choose from poses, delay" in str(CliRunner().invoke(app, words).exception)
 
 
-def test_robustness_needs_true_objects(tmp_path: Path) -> None:
+def test_frames_by_themselves_are_degraded_too(tmp_path: Path) -> None:
     write_osd(tmp_path)
+    words = ["robustness", str(tmp_path), "--only", "poses,scale,bent", "--json", str(tmp_path / "numbers.json")]
+    result = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert result.exit_code == 0
+    (table,) = json.loads((tmp_path / "numbers.json").read_text())["tables"]
+    worse = ["nothing", *(f"scale: x {k:g}" for k in SCALES), *(f"bent: {100 * k:g} %" for k in BENT)]
+    assert [row["worse"] for row in table["rows"]] == worse
+    assert {curve["data"].split()[-1] for curve in table["curves"]} == {"scale", "bent"}
+    assert table["curves"][0]["rate"][0] == table["rows"][0]["ours DR"]
+
+
+def test_robustness_needs_true_objects(tmp_path: Path) -> None:
+    write_png(tmp_path / "frame-000000.color.png", np.zeros((48, 64, 3), np.uint8))
+    write_png(tmp_path / "frame-000000.depth.png", np.full((48, 64), 1500, np.uint16))
     with pytest.raises(SourceError, match="true objects"):
-        CliRunner().invoke(app, ["robustness", str(tmp_path)], catch_exceptions=False)
+        CliRunner().invoke(app, ["robustness", str(tmp_path), "--intrinsics", "50,50,32,24"], catch_exceptions=False)

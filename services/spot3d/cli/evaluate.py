@@ -58,16 +58,16 @@ def evaluate(
     """Measure as the paper does: print TABLE in Markdown for the data set at PATH, or all tables for all data.
 
     The table `run` is of a run that is over, live ones included: spot3d evaluate run PATH --of FOLDER. `robustness` is
-    of runs on input that is made worse, a kind after the other, `moving` of single frames as a camera that moves has
-    them; these two are not among `all`, they take long.
+    of runs, or of single frames, on input that is made worse, a kind after the other, `moving` of single frames as a
+    camera that moves has them; these two are not among `all`, they take long.
     """
     from spot3d.dataflow.process_use import stay_single_threaded
     from spot3d.evaluate.datasets import at_half_size, datasets_below, distinctly_named, open_dataset
     from spot3d.evaluate.finished_run import finished_table
     from spot3d.evaluate.record import data_checksum, record
-    from spot3d.evaluate.robustness import GROUPS, robustness_table
+    from spot3d.evaluate.robustness import GROUPS
     from spot3d.evaluate.table import to_markdown, write_plots, write_tables
-    from spot3d.evaluate.tables import SHORT_TABLES, TABLES, make_tables, with_objects
+    from spot3d.evaluate.tables import SHORT_TABLES, TABLES, make_tables, robustness_tables
     from spot3d.failures import StageFailedError
 
     if table not in (ALL, RUN, ROBUSTNESS, *TABLES):
@@ -102,7 +102,7 @@ def evaluate(
     made = []
     try:
         if table == ROBUSTNESS:
-            tables = iter([robustness_table(with_objects(datasets), resolved, every, kinds, say)])
+            tables = robustness_tables(datasets, resolved, every, kinds, say)
         elif of is not None:
             tables = iter([finished_table(dataset, of, resolved) for dataset in datasets])
         else:

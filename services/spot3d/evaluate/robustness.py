@@ -114,6 +114,19 @@ def groups(base: Degradation) -> dict[str, Levels]:
 
 GROUPS = tuple(groups(Degradation()))
 
+NOTE_WORSE = (
+    "Poses: each axis off by a smooth random error of this deviation, correlated over 10 frames. Delay: of poses "
+    "against images, in recorded frames. Mount: poses of a body fixed to the camera, displaced and rotated by so "
+    "much. Centre: the stated principal point is that much lower in the image (true poses, by which objects are "
+    "carried, are then not those of such a camera). Focal: the stated focal length is so many times as long. "
+    "Scale: depth times a factor, as of a camera out of calibration. Bent: depth is too long in parts of the "
+    "image and too short in others, by this deviation, alike in all frames. Depth: noise is added until its "
+    "deviation is so many times that of a Kinect, 1.2 mm + 1.9 mm/m2 (z - 0.4 m)^2. Edges: depth is the mean of "
+    "the pixels within so many, or near objects are wider by so many. Together: several of these at once. Holes: "
+    "share of the measured pixels lost in blobs, others in each frame. Colour: a white pixel has so many "
+    f"photons, or colour has motion blur in one direction, another one in each frame. All with seed {SEED}."
+)
+
 
 def robustness_table(
     datasets: list[DataSet], settings: Settings, every: int, only: tuple[str, ...], say: Callable[[str], None]
@@ -149,16 +162,7 @@ def robustness_table(
     if own and set(only) & set(OF_GIVEN_POSES):
         table.notes.append("Shaken, late and misplaced poses are given poses; with odometry these rows are left out.")
     table.notes += [
-        "Poses: each axis off by a smooth random error of this deviation, correlated over 10 frames. Delay: of poses "
-        "against images, in recorded frames. Mount: poses of a body fixed to the camera, displaced and rotated by so "
-        "much. Centre: the stated principal point is that much lower in the image (true poses, by which objects are "
-        "carried, are then not those of such a camera). Focal: the stated focal length is so many times as long. "
-        "Scale: depth times a factor, as of a camera out of calibration. Bent: depth is too long in parts of the "
-        "image and too short in others, by this deviation, alike in all frames. Depth: noise is added until its "
-        "deviation is so many times that of a Kinect, 1.2 mm + 1.9 mm/m2 (z - 0.4 m)^2. Edges: depth is the mean of "
-        "the pixels within so many, or near objects are wider by so many. Together: several of these at once. Holes: "
-        "share of the measured pixels lost in blobs, others in each frame. Colour: a white pixel has so many "
-        f"photons, or colour has motion blur in one direction, another one in each frame. All with seed {SEED}.",
+        NOTE_WORSE,
         NOTE_NO_OBJECT,
         NOTE_CARRIED,
         NOTE_POSES,

@@ -4,10 +4,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from spot3d.evaluate.cost_tables import poses_table, time_table
+from spot3d.evaluate.frame_robustness import frame_robustness_table
 from spot3d.evaluate.frame_tables import filters_table, proposals_table, steps_table
 from spot3d.evaluate.labelled import DataSet
 from spot3d.evaluate.measured_run import Runs
 from spot3d.evaluate.object_tables import ablations_table, objects_table, points_table, stability_table
+from spot3d.evaluate.robustness import robustness_table
 from spot3d.evaluate.still_table import moving_table, still_table
 from spot3d.evaluate.table import Table
 from spot3d.settings import Settings
@@ -68,12 +70,19 @@ TABLES = {
 SHORT_TABLES = [name for name, kind in TABLES.items() if not kind.long]
 
 
-def with_objects(datasets: list[DataSet]) -> list[DataSet]:
-    """The data sets that have a sequence with true objects. Raises SourceError if none has."""
-    chosen = [dataset for dataset in datasets if _OBJECTS.met_by(dataset)]
-    if not chosen:
-        raise _not_enough(datasets, _OBJECTS.words)
-    return chosen
+def robustness_tables(
+    datasets: list[DataSet], settings: Settings, every: int, only: tuple[str, ...], say: Say
+) -> Iterator[Table]:
+    """The tables of degraded input: of whole runs, and of single frames of data sets without true objects in runs.
+
+    Raises SourceError at once if there are neither.
+    """
+    runs = [dataset for dataset in datasets if _OBJECTS.met_by(dataset)]
+    frames = [dataset for dataset in datasets if dataset not in runs and _FRAMES.met_by(dataset)]
+    if not runs and not frames:
+        raise _not_enough(datasets, f"{_OBJECTS.words} or {_FRAMES.words}")
+    of_both = (robustness_table, runs), (frame_robustness_table, frames)
+    return (make(chosen, settings, every, only, say) for make, chosen in of_both if chosen)
 
 
 def make_tables(names: list[str], datasets: list[DataSet], settings: Settings, say: Say) -> Iterator[Table]:
