@@ -2,6 +2,7 @@
 
 import logging
 import math
+import re
 from collections.abc import Callable, Collection
 from decimal import Decimal
 from pathlib import Path
@@ -37,10 +38,10 @@ def read_text(path: Path) -> str:
         raise SourceError(f"{path} is not a text file: {error}") from error
 
 
-def numbers_of(words: list[str], path: Path, expected: str) -> NDArray[np.float64]:
-    """A file's words as numbers (n,). Raises SourceError, which says what is expected, if one is none."""
+def numbers_of(text: str, path: Path, expected: str) -> NDArray[np.float64]:
+    """A file's numbers (n,), between spaces, commas or brackets. Raises SourceError, which says what is expected."""
     try:
-        return np.array([float(word) for word in words])
+        return np.array([float(word) for word in re.sub(r"[\[\],]", " ", text).split()])
     except ValueError:
         raise SourceError(f"{path} is malformed: it contains text that is not a number; {expected}") from None
 
@@ -51,7 +52,7 @@ def read_pose_matrix(path: Path) -> NDArray[np.float64] | None:
     A rotation that was written with few digits is made orthonormal, as messages require. Raises SourceError if the
     matrix is no rigid transform.
     """
-    values = numbers_of(read_text(path).split(), path, "expected 4x4 numbers")
+    values = numbers_of(read_text(path), path, "expected 4x4 numbers")
     if values.size != 16:
         raise SourceError(f"{path} is malformed: it has {values.size} numbers; expected 4x4")
     T_world_camera = values.reshape(4, 4)
