@@ -130,7 +130,7 @@ def _stamp_ns(words: list[str], where: str) -> int:
     except ArithmeticError:  # no number, or nan
         in_range = False
     if not in_range:
-        unit = "; is it in another unit, such as nanoseconds?" if words[0].isdecimal() else ""
+        unit = "; is it in another unit, such as nanoseconds?" if _is_finite(words[0]) else ""
         raise SourceError(
             f"{where} is malformed: it must begin with a timestamp in seconds, not with {words[0]!r}{unit}"
         )
