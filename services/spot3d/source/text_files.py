@@ -27,7 +27,7 @@ _STAMP_MAX_NS = np.iinfo(np.int64).max
 
 
 def read_text(path: Path) -> str:
-    """The file's text. Raises SourceError if it is missing or not text."""
+    """The file's text. Raises SourceError if it is missing or not UTF-8."""
     try:
         return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
@@ -35,7 +35,7 @@ def read_text(path: Path) -> str:
     except OSError as error:
         raise SourceError(f"{path} cannot be read: {why(error)}") from error
     except UnicodeDecodeError as error:
-        raise SourceError(f"{path} is not a text file: {error}") from error
+        raise SourceError(f"{path} is not a text file in UTF-8: {error}; save it as UTF-8") from error
 
 
 def numbers_of(text: str, path: Path, expected: str) -> NDArray[np.float64]:
