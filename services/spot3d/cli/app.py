@@ -293,7 +293,7 @@ def _conclude(done: "Finished", settings: Settings, given_poses: bool) -> None:
         if report.earlier_streams
         else ""
     )
-    lost, unkept = notice(report.lost), forgotten(result.keyframes_dropped, settings)
+    lost, unkept = notice(report.lost, given_poses), forgotten(result.keyframes_dropped, settings)
     for line in (anew, few, doubt, seen, lost, *corrected, unkept):
         if line:
             typer.echo(line)
