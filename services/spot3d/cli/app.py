@@ -273,6 +273,7 @@ def print_settings(settings: SettingsOption = None, preset: PresetOption = None)
 def _conclude(done: "Finished", settings: Settings, given_poses: bool) -> None:
     """Print how a run went, and end with the exit code for programs. given_poses: they are no odometry's."""
     from spot3d.pose import delay, depth_scale, orientation
+    from spot3d.pose.estimate import GIVEN_JUMPED
     from spot3d.run.earlier_streams import FOLDER as EARLIER
     from spot3d.run.left_out import first_depth, forgotten, pose_doubt, why_so_few
     from spot3d.run.lost_tracking import notice
@@ -284,7 +285,8 @@ def _conclude(done: "Finished", settings: Settings, given_poses: bool) -> None:
         f" ({report.not_fused()}); results in {done.folder}"
     )
     few = why_so_few(result, report.keyframes, settings)
-    doubt = pose_doubt(result, report.fused, report.skipped) if given_poses else ""
+    jumps = report.stages["pose"].events.get(GIVEN_JUMPED, 0) if "pose" in report.stages else 0
+    doubt = pose_doubt(result, report.fused, report.skipped, jumps) if given_poses else ""
     seen = first_depth(done.sequence, bool(found)) if report.fused else ""
     known = result.calibration()
     corrected = depth_scale.notice(known.depth_factor), delay.notice(result.delay_s()), orientation.notice(known)
