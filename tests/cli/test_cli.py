@@ -265,6 +265,17 @@ def test_the_light_commands_load_no_algorithm():
     assert done.stdout.strip() == "[]"
 
 
+def test_a_run_whose_output_nobody_reads_any_more_writes_its_results(tmp_path: Path) -> None:
+    """Such as one before `head`, or before a `tee` that Ctrl-C has ended."""
+    arguments = ["run", "scene", "--frames", "2", "--half", "--in-process", "--out", str(tmp_path / "out")]
+    with subprocess.Popen([sys.executable, "-m", "spot3d", *arguments], stdout=subprocess.PIPE) as running:
+        assert running.stdout is not None
+        running.stdout.close()
+        assert running.wait(120) == 0
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert (report["error"], report["frames"]["fused"]) == (None, 2)
+
+
 def test_a_missing_package_is_named(monkeypatch, capsys, tmp_path):
     monkeypatch.setitem(sys.modules, "cv2", None)
     importers = ("spot3d.run.", "spot3d.drawing.", "spot3d.source.images")

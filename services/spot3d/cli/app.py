@@ -112,8 +112,6 @@ def run(
     show: DashboardOption = False,
 ) -> None:
     """Play INPUT through all stages and write the objects found, with a picture, into a folder."""
-    from rich.console import Console
-
     from spot3d.source.sequences import has_topics, is_stream
 
     if pose is not None and "/" not in pose and pose not in ("kiss", "gicp", "truth", "given"):
@@ -149,10 +147,12 @@ def run(
     if listen:
         # Checked as settings are, so that a typo is reported as one.
         load_settings(settings, preset, {"link": {"mode": "router", "listen": tuple(listen)}})
+    from spot3d.run.display import RunConsole
     from spot3d.run.run import run as run_input
     from spot3d.source.selected import selection
 
-    chosen, console, folder = selection(input_name, frames, every, intrinsics), Console(), out_folder(input_name, out)
+    chosen, folder = selection(input_name, frames, every, intrinsics), out_folder(input_name, out)
+    console = RunConsole()
     with dashboard_if_wanted(show, in_process, resolved, settings, folder, console) as page:
         endpoints = (*(listen or ()), *(() if page is None else (page.endpoint,)))
         usual = None if listen else USUAL_ENDPOINT
@@ -177,16 +177,15 @@ def demo(
     show: DashboardOption = False,
 ) -> None:
     """Find the objects of the built-in scene, with KISS-ICP's poses, and compare them with what is there."""
-    from rich.console import Console
-
     from spot3d.run.demo import demo_table, match_objects
+    from spot3d.run.display import RunConsole
     from spot3d.run.run import run as run_input
     from spot3d.source.scene.model import build_scene
     from spot3d.source.selected import selection
 
     overrides = play_overrides(half, None) | {"link": {"delivery": "lossless"}, "pose": {"provider": "kiss"}}
     resolved = load_settings(settings, preset, overrides)
-    console = Console()
+    console = RunConsole()
     with dashboard_if_wanted(show, in_process, resolved, settings, out, console) as page:
         endpoints = () if page is None else (page.endpoint,)
         chosen = selection(f"scene:{seed}", frames, 1, None)

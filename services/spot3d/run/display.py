@@ -1,11 +1,20 @@
 """Shows how a run goes: the progress bar on a terminal, and the lines above it."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+
+class RunConsole(Console):
+    """Prints to whoever reads it; a run goes on without, as before `head`, or before a `tee` that Ctrl-C has ended."""
+
+    def on_broken_pipe(self) -> None:
+        """Print nothing more, instead of ending the program."""
+        with suppress(SystemExit):
+            super().on_broken_pipe()
 
 
 @dataclass(frozen=True, slots=True)
