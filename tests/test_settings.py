@@ -98,6 +98,19 @@ def test_toml_round_trip(preset, tmp_path):
     assert "eps_Z" in text, "the paper's symbols are in the file"
 
 
+def test_a_file_may_begin_with_a_byte_order_mark(tmp_path):
+    file = written(tmp_path, "")
+    file.write_text("[fusion]\ntau = 7\n", encoding="utf-8-sig")
+    assert load_settings(file).fusion.tau == 7
+
+
+def test_a_file_in_another_encoding_is_refused_with_what_to_do(tmp_path):
+    file = written(tmp_path, "")
+    file.write_text("# K\u00fcche\n", encoding="latin-1")
+    with pytest.raises(InvalidSettingsError, match=r"is not valid TOML: .*; save it as UTF-8$"):
+        load_settings(file)
+
+
 @pytest.mark.parametrize(
     ("text", "named"),
     [

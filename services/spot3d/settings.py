@@ -131,11 +131,12 @@ def load_settings(
 def read_toml(file: Path) -> Layer:
     """The tables of a TOML file. Raises InvalidSettingsError, naming the file and what is wrong with it."""
     try:
-        with file.open("rb") as stream:
-            return tomllib.load(stream)
+        return tomllib.loads(file.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise InvalidSettingsError(f"cannot read settings from {file}: {why(error)}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise InvalidSettingsError(f"{file} is not valid TOML: {error}; save it as UTF-8") from error
+    except tomllib.TOMLDecodeError as error:
         raise InvalidSettingsError(f"{file} is not valid TOML: {error}") from error
 
 

@@ -13,9 +13,10 @@ from typer.testing import CliRunner
 import spot3d
 from spot3d.cli import app as cli
 from spot3d.cli.options import CommandError, check_outputs, out_folder
+from spot3d.pose.estimate import GIVEN_JUMPED
 from spot3d.recorder.mcap_writer import McapWriter
 from spot3d.recorder.profile import PROFILE
-from spot3d.run.report import RunReport
+from spot3d.run.report import RunReport, StageReport
 from spot3d.run.results import RunResult
 from spot3d.run.run import Finished
 from spot3d.source.sequence import FrameList
@@ -264,6 +265,17 @@ def test_the_light_commands_load_no_algorithm():
     assert done.stdout.strip() == "[]"
 
 
+def test_a_run_whose_output_nobody_reads_any_more_writes_its_results(tmp_path: Path) -> None:
+    """Such as one before `head`, or before a `tee` that Ctrl-C has ended."""
+    arguments = ["run", "scene", "--frames", "2", "--half", "--in-process", "--out", str(tmp_path / "out")]
+    with subprocess.Popen([sys.executable, "-m", "spot3d", *arguments], stdout=subprocess.PIPE) as running:
+        assert running.stdout is not None
+        running.stdout.close()
+        assert running.wait(120) == 0
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert (report["error"], report["frames"]["fused"]) == (None, 2)
+
+
 def test_a_missing_package_is_named(monkeypatch, capsys, tmp_path):
     monkeypatch.setitem(sys.modules, "cv2", None)
     importers = ("spot3d.run.", "spot3d.drawing.", "spot3d.source.images")
@@ -296,6 +308,16 @@ def test_given_poses_are_doubted_where_no_two_views_agree(
     assert result.exit_code == 0, result.output
     assert "no objects: 42 candidates" in result.output
     assert ("are the given poses camera-to-world" in result.output) == (pose != "kiss")
+
+
+@pytest.mark.parametrize("pose", ["kiss", "truth"])
+def test_given_poses_that_jumped_are_doubted(pose: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stages = {"pose": StageReport(events={GIVEN_JUMPED: 2})}
+    report = RunReport("scene", "processes", 9, (640, 480), fused=9, stages=stages)
+    done = Finished(tmp_path, FrameList(), RunResult(frame_count=9), report)
+    monkeypatch.setattr("spot3d.run.run.run", lambda *_arguments: done)
+    result = runner.invoke(cli.app, ["run", "scene", "--out", str(tmp_path), "--pose", pose])
+    assert ("the given poses jumped 2 times" in result.output) == (pose == "truth")
 
 
 @pytest.mark.parametrize("fused", [0, 9])

@@ -98,6 +98,15 @@ def half_of_osd(folder: Path) -> DataSet:
     return at_half_size(open_dataset(str(folder), Settings()))
 
 
+def test_an_annotation_in_colours_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    write_osd(tmp_path)
+    write_png(tmp_path / "annotation" / "learn2.png", np.ones((48, 64, 3), np.uint8))
+    frames = open_dataset(str(tmp_path), Settings()).frames
+    assert frames is not None
+    with pytest.raises(SourceError, match=r"learn2\.png is not a mask .*; save the objects' numbers .* palette$"):
+        frames.read(0)
+
+
 def test_osd_disparity(tmp_path: Path) -> None:
     write_osd(tmp_path)
     (tmp_path / "depth").rename(tmp_path / "disparity")

@@ -11,6 +11,7 @@ import pytest
 from spot3d.boxes import Box3D, iou_matrix_3d
 from spot3d.evaluate.points import points_in_boxes
 from spot3d.evaluate.truth import read_cuboids, read_found_boxes, read_labelled_scene
+from spot3d.source.errors import SourceError
 
 DATA = Path(os.environ.get("SPOT3D_DATA", Path(__file__).parents[2] / "../shared/data"))
 
@@ -122,6 +123,22 @@ def test_a_cloud_that_is_no_archive_is_refused(tmp_path: Path, content: bytes) -
 def test_cuboids_count(tmp_path: Path, text: str, count: int) -> None:
     (tmp_path / "truth.txt").write_text(text)
     assert len(read_cuboids(tmp_path / "truth.txt")) == count
+
+
+def test_cuboids_may_begin_with_a_byte_order_mark_and_must_be_utf8(tmp_path: Path) -> None:
+    path = tmp_path / "truth.txt"
+    path.write_text("1 2 3 0 1 1 1\r\n", encoding="utf-8-sig")
+    assert len(read_cuboids(path)) == 1
+    path.write_text("# K\u00fcche\n1 2 3 0 1 1 1\n", encoding="latin-1")
+    with pytest.raises(SourceError, match=r"truth\.txt is not a text file in UTF-8: .*; save it as UTF-8$"):
+        read_cuboids(path)
+
+
+def test_labels_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+    write_scene(tmp_path)
+    written = (tmp_path / "labels.json").read_text()
+    (tmp_path / "labels.json").write_text(written, encoding="utf-8-sig")
+    assert read_labelled_scene(tmp_path).names
 
 
 def test_cuboid_has_half_sizes_and_a_yaw_about_z(tmp_path: Path) -> None:

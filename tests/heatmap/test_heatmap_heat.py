@@ -114,6 +114,7 @@ def test_equals_the_plain_transcription(chosen: HeatmapSettings, seed: int, hole
     ("depth", "boxes", "message"),
     [
         (np.ones((4, 4), np.float32), [box(0, 0, 1, 1)], "intrinsics"),
+        (np.full((48, 64), 1000, np.uint16), [box(0, 0, 1, 1)], r"depth is uint16 \(48, 64\); expected float32"),
         (np.ones((48, 64), np.float32), [box(np.nan, 0, 1, 1)], "not finite"),
     ],
 )

@@ -13,6 +13,7 @@ from rich.console import Console
 
 from spot3d import pipeline
 from spot3d.frame import RgbdFrame
+from spot3d.pose.estimate import GIVEN_JUMPED
 from spot3d.run.display import RunMonitor
 from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.in_process import run_in_process
@@ -70,6 +71,27 @@ def test_an_input_is_searched_for_poses_once(tmp_path: Path) -> None:
         run_in_process(scene, settings, RunMonitor(report, files, watcher, Event()))
     assert report.fused == FRAMES
     assert scene.searched == 1
+
+
+class JumpingScene(Derived):
+    """Its poses jump by more than a metre, as those of a tracker that begins anew."""
+
+    def __getitem__(self, index: int) -> RgbdFrame:
+        frame = self.original[index]
+        assert frame.T_world_camera is not None
+        moved = frame.T_world_camera.copy()
+        moved[0, 3] += 1.5 * (index >= FRAMES)
+        return replace(frame, T_world_camera=moved)
+
+
+def test_given_poses_that_jump_are_counted(tmp_path: Path) -> None:
+    settings = load_settings(overrides={"source": {"halved": True}, "pose": {"provider": "given"}})
+    scene = JumpingScene(open_selection(Selection("scene", 2 * FRAMES), settings.source))
+    watcher = SimpleNamespace(on_progress=lambda *_: None, on_event=pytest.fail)
+    report = RunReport("scene", "in process", 2 * FRAMES, (320, 240))
+    with GrowingFiles(tmp_path) as files:
+        run_in_process(scene, settings, RunMonitor(report, files, watcher, Event()))
+    assert report.stages["pose"].events == {GIVEN_JUMPED: 1}
 
 
 class FarScene(Derived):

@@ -136,6 +136,14 @@ def test_where_poses_hardly_are_what_they_have_to_be_it_is_said_what_that_is(
     )
 
 
+@pytest.mark.parametrize(("jumps", "times"), [(1, "once"), (12, "12 times")])
+def test_poses_that_jump_away_from_the_map_are_doubted_whatever_is_found(jumps: int, times: str) -> None:
+    assert pose_doubt(result(25, {}), 30, {}, jumps).startswith(
+        f"the given poses jumped {times} away from what depth shows, and objects may be found twice: are the given "
+        "poses camera-to-world, "
+    )
+
+
 @pytest.mark.parametrize(
     ("found", "left_out", "fused", "skipped"),
     [

@@ -142,6 +142,16 @@ def test_many_short_stretches_are_told_as_well():
     )
 
 
+def test_given_poses_that_end_need_no_camera_that_returns():
+    tracking = LostTracking()
+    for index in range(40):
+        tracking.add(index, index >= 10, "the frame has no given pose")
+    found = tracking.stretches()
+    told, reason = "tracking was lost in 30 frames, the last 30 of them to the end", "(the frame has no given pose)"
+    assert notice(found) == f"{told}: the camera did not return to a place that it saw before {reason}"
+    assert notice(found, given_poses=True) == f"{told} {reason}"
+
+
 def test_why_tracking_was_lost_is_told_and_reported():
     tracking = LostTracking()
     for index in range(40):

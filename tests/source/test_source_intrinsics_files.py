@@ -40,6 +40,8 @@ def test_values_that_no_camera_has_are_refused_in_words(text: str, given: str) -
         "# fx fy cx cy\n520.5, 521, 320, 240",
         "520.5 0 320\n0 521 240\n0 0 1\n",
         "520.5,0,320\n0,521,240\n0,0,1\n",
+        "[[520.5, 0, 320], [0, 521, 240], [0, 0, 1]]\n",
+        "[[520.5 0. 320.]\n [0. 521. 240.]\n [0. 0. 1.]]",
     ],
 )
 def test_either_layout_takes_four_numbers_or_a_matrix(

@@ -36,3 +36,17 @@ def test_a_calibration_file_states_the_colour_camera(tmp_path: Path) -> None:
     frame = open_tum(tmp_path, (20, 20, 12, 8))[0]
     assert frame.colour.shape == (16, 24, 3)
     assert (frame.colour == 90).all()
+
+
+def test_poses_that_are_too_far_apart_are_told_with_how_near_they_have_to_be(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert cv2.imwrite(str(tmp_path / "colour.png"), np.full((16, 24, 3), 90, np.uint8))
+    assert cv2.imwrite(str(tmp_path / "depth.png"), np.full((16, 24), 5000, np.uint16))
+    for name in ("rgb", "depth"):
+        lines = [f"1.{tenth} {'colour' if name == 'rgb' else 'depth'}.png\n" for tenth in range(6)]
+        (tmp_path / f"{name}.txt").write_text("".join(lines))
+    (tmp_path / "groundtruth.txt").write_text("1.0 0 0 0 0 0 0 1\n1.5 0 0 0 0 0 0 1\n")
+    open_tum(tmp_path, (20, 20, 12, 8))
+    assert "4 of 6 depth images have no pose at their time; check that both use the same clock, and " in caplog.text
+    assert "that poses are at most 0.25 s apart" in caplog.text

@@ -86,8 +86,6 @@ def run(
     show: options.Dashboard = False,
 ) -> None:
     """Play INPUT through all stages and write the objects found, with a picture, into a folder."""
-    from rich.console import Console
-
     from spot3d.source.sequences import has_topics, is_stream
 
     if pose is not None and "/" not in pose and pose not in ("kiss", "gicp", "truth", "given"):
@@ -123,10 +121,12 @@ def run(
     if listen:
         # Checked as settings are, so that a typo is reported as one.
         load_settings(settings, preset, {"link": {"mode": "router", "listen": tuple(listen)}})
+    from spot3d.run.display import RunConsole
     from spot3d.run.run import run as run_input
     from spot3d.source.selected import selection
 
-    chosen, console, folder = selection(input_name, frames, every, intrinsics), Console(), out_folder(input_name, out)
+    chosen, folder = selection(input_name, frames, every, intrinsics), out_folder(input_name, out)
+    console = RunConsole()
     with dashboard_if_wanted(show, in_process, resolved, settings, folder, console) as page:
         endpoints = (*(listen or ()), *(() if page is None else (page.endpoint,)))
         usual = None if listen else USUAL_ENDPOINT
@@ -149,16 +149,15 @@ def demo(
     show: options.Dashboard = False,
 ) -> None:
     """Find the objects of the built-in scene, with KISS-ICP's poses, and compare them with what is there."""
-    from rich.console import Console
-
     from spot3d.run.demo import demo_table, match_objects
+    from spot3d.run.display import RunConsole
     from spot3d.run.run import run as run_input
     from spot3d.source.scene.model import build_scene
     from spot3d.source.selected import selection
 
     overrides = play_overrides(halved=half or None) | {"link": {"delivery": "lossless"}, "pose": {"provider": "kiss"}}
     resolved = load_settings(settings, preset, overrides)
-    console = Console()
+    console = RunConsole()
     with dashboard_if_wanted(show, in_process, resolved, settings, out, console) as page:
         endpoints = () if page is None else (page.endpoint,)
         chosen = selection(f"scene:{seed}", frames, 1, None)
@@ -245,6 +244,7 @@ def print_settings(settings: options.Settings = None, preset: options.Preset = N
 def _conclude(done: "Finished", settings: Settings, given_poses: bool) -> None:
     """Print how a run went, and end with the exit code for programs. given_poses: they are no odometry's."""
     from spot3d.pose import delay, depth_scale, orientation
+    from spot3d.pose.estimate import GIVEN_JUMPED
     from spot3d.run.earlier_streams import FOLDER as EARLIER
     from spot3d.run.left_out import first_depth, forgotten, pose_doubt, why_so_few
     from spot3d.run.lost_tracking import notice
@@ -256,7 +256,8 @@ def _conclude(done: "Finished", settings: Settings, given_poses: bool) -> None:
         f" ({report.not_fused()}); results in {done.folder}"
     )
     few = why_so_few(result, report.keyframes, settings)
-    doubt = pose_doubt(result, report.fused, report.skipped) if given_poses else ""
+    jumps = report.stages["pose"].events.get(GIVEN_JUMPED, 0) if "pose" in report.stages else 0
+    doubt = pose_doubt(result, report.fused, report.skipped, jumps) if given_poses else ""
     seen = first_depth(done.sequence, bool(found)) if report.fused else ""
     known = result.calibration()
     corrected = depth_scale.notice(known.depth_factor), delay.notice(result.delay_s()), orientation.notice(known)
@@ -265,7 +266,7 @@ def _conclude(done: "Finished", settings: Settings, given_poses: bool) -> None:
         if report.earlier_streams
         else ""
     )
-    lost, unkept = notice(report.lost), forgotten(result.keyframes_dropped, settings)
+    lost, unkept = notice(report.lost, given_poses), forgotten(result.keyframes_dropped, settings)
     for line in (anew, few, doubt, seen, lost, *corrected, unkept):
         if line:
             typer.echo(line)

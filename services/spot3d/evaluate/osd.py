@@ -75,7 +75,10 @@ def open_osd(
 def _read_annotation(path: Path) -> NDArray[np.integer]:
     mask = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if mask is None or mask.ndim != 2 or mask.dtype not in (np.uint8, np.uint16):
-        raise SourceError(f"{path} is not a mask of instances with one channel")
+        raise SourceError(
+            f"{path} is not a mask of instances with one channel; save the objects' numbers as grey levels, without a "
+            "palette"
+        )
     return np.asarray(mask, np.int64)
 
 

@@ -12,6 +12,7 @@ from pydantic import BaseModel, Field, FiniteFloat, ValidationError, field_valid
 
 from spot3d.boxes import Box3D
 from spot3d.evaluate.points import points_in_boxes
+from spot3d.source.text_files import read_text
 
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Matrix = tuple[Vector, Vector, Vector]
@@ -85,7 +86,8 @@ def read_labelled_scene(folder: Path) -> LabelledScene:
 
     The file's boxes stand upright in an aligned frame whose z is the height above the supporting plane:
     p_aligned = R_aligned_world @ p_world - (0, 0, plane_offset); yaw turns the box's x axis about that z.
-    Raises FileNotFoundError for a missing file and ValueError, naming file and field, for a broken one.
+    Raises FileNotFoundError for a missing file, SourceError for one that is not UTF-8, and ValueError, naming file and
+    field, for a broken one.
     """
     path = folder / "labels.json"
     labels = _read_json(path, _Labels)
@@ -118,10 +120,11 @@ def read_cuboids(path: Path) -> tuple[Box3D, ...]:
     """True boxes from a TUM-style `truth_objects.txt`; world frame with z up.
 
     One box a line: x y z yaw half_length half_width half_height, in metres and radians; `#` begins a comment.
-    Raises FileNotFoundError for a missing file and ValueError, naming the line, for a broken one.
+    Raises FileNotFoundError for a missing file, SourceError for one that is not UTF-8, and ValueError, naming the line,
+    for a broken one.
     """
     boxes = []
-    for number, line in enumerate(_existing(path).read_text(encoding="utf-8").splitlines(), start=1):
+    for number, line in enumerate(read_text(_existing(path)).splitlines(), start=1):
         fields = line.split("#", 1)[0].split()
         if not fields:
             continue
@@ -139,7 +142,8 @@ def read_cuboids(path: Path) -> tuple[Box3D, ...]:
 def read_found_boxes(path: Path) -> tuple[Box3D, ...]:
     """Boxes of a run's objects from its `objects.json`; world frame, metres.
 
-    Raises FileNotFoundError for a missing file and ValueError, naming file and field, for a broken one.
+    Raises FileNotFoundError for a missing file, SourceError for one that is not UTF-8, and ValueError, naming file and
+    field, for a broken one.
     """
     return tuple(
         _box(path, f"object {item.id}", np.array(item.centre), item.size, np.array(item.rotation))
@@ -173,7 +177,7 @@ def _existing(path: Path) -> Path:
 
 def _read_json(path: Path, model: type[Model]) -> Model:
     try:
-        return model.model_validate(json.loads(_existing(path).read_text(encoding="utf-8")))
+        return model.model_validate(json.loads(read_text(_existing(path))))
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "the document"

@@ -39,10 +39,10 @@ def weighted_heat(
 
     depth: (h, w) float32 metres, 0 = invalid. boxes: (M, 5) float32 [x, y, w, h, c] pixels.
     Heat is normalised by the frame's maximum, so that the threshold eps means the same in every frame.
-    Raises ValueError when a shape is wrong or a box is not finite.
+    Raises ValueError when a shape or depth's dtype is wrong or a box is not finite.
     """
-    if depth.shape != camera.shape:
-        raise ValueError(f"depth is {depth.shape}, but the intrinsics are for {camera.shape}")
+    if depth.shape != camera.shape or depth.dtype != np.float32:
+        raise ValueError(f"depth is {depth.dtype} {depth.shape}; expected float32 {camera.shape} as of the intrinsics")
     boxes = np.ascontiguousarray(boxes, dtype=np.float32).reshape(-1, 5)
     if not np.isfinite(boxes).all():
         raise ValueError("proposals contain values that are not finite")

@@ -12,6 +12,8 @@ from spot3d.pose_corrections import PoseCorrections
 
 GIVEN_TOO_FAR = "given pose too far from the origin"
 """Event of a remark about where the world begins."""
+GIVEN_JUMPED = "given poses jumped: the map that corrects them began anew"
+"""Event of a frame with which the map is restarted."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from spot3d.dataflow.streams import new_stream
 from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
 from spot3d.pose import delay, depth_scale, orientation
-from spot3d.pose.estimate import GIVEN_TOO_FAR, PoseEstimate, PoseTracker
+from spot3d.pose.estimate import GIVEN_JUMPED, GIVEN_TOO_FAR, PoseEstimate, PoseTracker
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.snapshot import read_tracker, tracker_snapshot
@@ -33,7 +33,6 @@ log = logging.getLogger(__name__)
 
 _IN, _OUT = "source/frame", "pose/pose"
 _FORGOTTEN = "surfels and landmarks forgotten: the map's limit is reached"
-_RESTARTED = "given poses jumped: the map that corrects them began anew"
 _SNAPSHOT_S = 2.0
 """Time between two snapshots of the tracker's map, if any are kept: what is newer helps little to relocalise."""
 _SPREAD = 20
@@ -152,7 +151,7 @@ class _Stage:
         if estimate.remark:
             self.node.note(GIVEN_TOO_FAR, estimate.remark)
         if estimate.restarted:
-            self.node.counters.event(_RESTARTED)
+            self.node.counters.event(GIVEN_JUMPED)
         return estimate
 
     def _tell_if_lost(self, stamp_ns: int, camera: Intrinsics) -> None:

@@ -1,7 +1,7 @@
 """Shows how a run goes, by a progress bar and lines above it, and holds what it writes to and what stops it."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from threading import Event
 
@@ -10,6 +10,15 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from spot3d.run.growing_files import GrowingFiles
 from spot3d.run.report import RunReport
+
+
+class RunConsole(Console):
+    """Prints to whoever reads it; a run goes on without, as before `head`, or before a `tee` that Ctrl-C has ended."""
+
+    def on_broken_pipe(self) -> None:
+        """Print nothing more, instead of ending the program."""
+        with suppress(SystemExit):
+            super().on_broken_pipe()
 
 
 @dataclass(frozen=True, slots=True)

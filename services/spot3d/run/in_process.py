@@ -10,7 +10,7 @@ from spot3d.colour_alignment import AlignmentWatch
 from spot3d.dataflow.process_use import process_use, stay_single_threaded
 from spot3d.fusion.fusion import FoundObjects
 from spot3d.pipeline import PipelineResult, PipelineStep, run_pipeline
-from spot3d.pose.estimate import GIVEN_TOO_FAR
+from spot3d.pose.estimate import GIVEN_JUMPED, GIVEN_TOO_FAR
 from spot3d.run.display import RunMonitor
 from spot3d.run.lost_tracking import LostTracking
 from spot3d.run.report import FrameRate, StageReport, statistics_ms
@@ -50,6 +50,8 @@ def run_in_process(sequence: FrameSequence, settings: Settings, monitor: RunMoni
             tell("segments", event_of(side_up), notice(side_up))
         if step.pose.remark:
             tell("pose", GIVEN_TOO_FAR, step.pose.remark)
+        if step.pose.restarted:
+            events["pose"][GIVEN_JUMPED] += 1
         if off := alignment.look(step.frame):
             tell("proposals", AlignmentWatch.EVENT, off)
         if has_true_poses and step.frame.T_world_camera is None:

@@ -59,15 +59,18 @@ def why_so_few(result: RunResult, keyframes: int, settings: Settings) -> str:
     return f"{head if found else 'no objects'}: {', '.join(said)}" + (f"; {advice}" if advice else "")
 
 
-def pose_doubt(result: RunResult, fused: int, skipped: Mapping[str, int]) -> str:
+def pose_doubt(result: RunResult, fused: int, skipped: Mapping[str, int], jumps: int = 0) -> str:
     """What given poses have to be, where they hardly can be that; empty if there is no sign of it.
 
-    fused: number of frames. skipped: number of the others, by reason.
+    fused: number of frames. skipped: number of the others, by reason. jumps: how often the poses left the map that
+    corrects them; poses shaken by 3 cm and 1.2 degrees never do.
     """
     nothing_agrees = not result.objects and any(result.left_out.get(reason) for reason in _VIEWS_DISAGREE)
-    if not nothing_agrees and sum(skipped.get(reason, 0) for reason in _FAR_OFF) <= fused:
+    if not (jumps or nothing_agrees) and sum(skipped.get(reason, 0) for reason in _FAR_OFF) <= fused:
         return ""
-    return (
+    times = "once" if jumps == 1 else f"{jumps} times"
+    jumped = f"the given poses jumped {times} away from what depth shows, and objects may be found twice: "
+    return (jumped if jumps else "") + (
         "are the given poses camera-to-world, in metres, of a camera with x right, y down, z forward? Compare with "
         "--pose kiss, which does not use them"
     )

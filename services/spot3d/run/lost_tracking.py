@@ -55,8 +55,8 @@ class LostTracking:
         return sorted(longest, key=lambda stretch: stretch.from_ns)
 
 
-def notice(found: Sequence[Stretch]) -> str:
-    """One line for people; empty where tracking was never lost for long."""
+def notice(found: Sequence[Stretch], given_poses: bool = False) -> str:
+    """One line for people; empty where tracking was never lost for long. given_poses: they are no odometry's."""
     long = [stretch for stretch in found if stretch.frames >= _TOLD or (stretch.from_the_start and stretch.to_the_end)]
     if not long and sum(stretch.frames for stretch in found) >= _TOLD:
         long = list(found)
@@ -67,6 +67,7 @@ def notice(found: Sequence[Stretch]) -> str:
     if last.to_the_end and last.from_the_start:
         text = f"none of the {count} frames could be tracked" if count > 1 else "the only frame could not be tracked"
     elif last.to_the_end and last.frames >= _TOLD:
-        text += f", the last {last.frames} of them to the end: the camera did not return to a place that it saw before"
+        text += f", the last {last.frames} of them to the end"
+        text += "" if given_poses else ": the camera did not return to a place that it saw before"
     longest = max(long, key=lambda stretch: stretch.frames)
     return f"{text} ({longest.reason})" if longest.reason else text

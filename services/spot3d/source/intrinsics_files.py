@@ -71,8 +71,8 @@ def _values_of_file(path: Path) -> FocalAndCentre:
 
     Raises SourceError if it is missing or holds anything else.
     """
-    words = " ".join(line.split("#")[0] for line in read_text(path).splitlines()).replace(",", " ").split()
-    values = numbers_of(words, path, _FORMS)
+    text = " ".join(line.split("#")[0] for line in read_text(path).splitlines())
+    values = numbers_of(text, path, _FORMS)
     if values.size == 4:
         fx, fy, cx, cy = values.tolist()
         return fx, fy, cx, cy

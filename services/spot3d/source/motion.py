@@ -10,6 +10,8 @@ from spot3d.trajectory import pose_from_quaternion, quaternion_from_rotation
 Pose = NDArray[np.float64]
 _GAP_NS = 250_000_000
 """Poses are not interpolated over a longer gap: the tracker was lost, or the poses are of another time."""
+CHECK_POSES = f"check that both use the same clock, and that poses are at most {_GAP_NS / 1e9:g} s apart"
+"""What to do about images without a pose at their time."""
 
 
 class Motion:

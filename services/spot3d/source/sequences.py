@@ -96,12 +96,9 @@ def _open_path(folder: Path, intrinsics: FocalAndCentre | None, topics: TopicNam
         return open_tum(folder, intrinsics)
     if is_seven_scenes(folder):
         return open_seven_scenes(folder, intrinsics)
-    inner = sorted(path.name for path in folder.iterdir() if path.is_dir())
-    for name in inner:
-        if is_tum(folder / name) or is_seven_scenes(folder / name):
-            raise SourceError(
-                f"{folder} contains recordings, but is not one itself; give one of them, such as {folder / name}"
-            )
+    for inner in sorted(folder.iterdir()):
+        if is_ros_bag(inner) or is_tum(inner) or is_seven_scenes(inner):
+            raise SourceError(f"{folder} contains recordings, but is not one itself; give one of them, such as {inner}")
     raise SourceError(
         f"{folder} is not a recording: it has neither frame-NNNNNN.depth.png (7-Scenes), nor depth.txt and rgb.txt "
         "(TUM RGB-D), nor metadata.yaml (ROS 2). Depth images in a folder must be 16-bit PNG"

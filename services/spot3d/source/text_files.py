@@ -2,6 +2,7 @@
 
 import logging
 import math
+import re
 from collections.abc import Callable, Collection
 from decimal import Decimal
 from pathlib import Path
@@ -26,7 +27,7 @@ _STAMP_MAX_NS = np.iinfo(np.int64).max
 
 
 def read_text(path: Path) -> str:
-    """The file's text. Raises SourceError if it is missing or not text."""
+    """The file's text. Raises SourceError if it is missing or not UTF-8."""
     try:
         return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
@@ -34,13 +35,13 @@ def read_text(path: Path) -> str:
     except OSError as error:
         raise SourceError(f"{path} cannot be read: {why(error)}") from error
     except UnicodeDecodeError as error:
-        raise SourceError(f"{path} is not a text file: {error}") from error
+        raise SourceError(f"{path} is not a text file in UTF-8: {error}; save it as UTF-8") from error
 
 
-def numbers_of(words: list[str], path: Path, expected: str) -> NDArray[np.float64]:
-    """A file's words as numbers (n,). Raises SourceError, which says what is expected, if one is none."""
+def numbers_of(text: str, path: Path, expected: str) -> NDArray[np.float64]:
+    """A file's numbers (n,), between spaces, commas or brackets. Raises SourceError, which says what is expected."""
     try:
-        return np.array([float(word) for word in words])
+        return np.array([float(word) for word in re.sub(r"[\[\],]", " ", text).split()])
     except ValueError:
         raise SourceError(f"{path} is malformed: it contains text that is not a number; {expected}") from None
 
@@ -51,7 +52,7 @@ def read_pose_matrix(path: Path) -> NDArray[np.float64] | None:
     A rotation that was written with few digits is made orthonormal, as messages require. Raises SourceError if the
     matrix is no rigid transform.
     """
-    values = numbers_of(read_text(path).split(), path, "expected 4x4 numbers")
+    values = numbers_of(read_text(path), path, "expected 4x4 numbers")
     if values.size != 16:
         raise SourceError(f"{path} is malformed: it has {values.size} numbers; expected 4x4")
     T_world_camera = values.reshape(4, 4)
@@ -131,7 +132,7 @@ def _stamp_ns(words: list[str], where: str) -> int:
     except ArithmeticError:  # no number, or nan
         in_range = False
     if not in_range:
-        unit = "; is it in another unit, such as nanoseconds?" if words[0].isdecimal() else ""
+        unit = "; is it in another unit, such as nanoseconds?" if _is_finite(words[0]) else ""
         raise SourceError(
             f"{where} is malformed: it must begin with a timestamp in seconds, not with {words[0]!r}{unit}"
         )

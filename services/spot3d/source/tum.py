@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from spot3d.source.calibration import load_calibration
 from spot3d.source.errors import SourceError
 from spot3d.source.intrinsics_files import FocalAndCentre, intrinsics_for, tum_values
-from spot3d.source.motion import Motion, Pose
+from spot3d.source.motion import CHECK_POSES, Motion, Pose
 from spot3d.source.recording import RecordedFrame, Recording, first_readable_shape, with_a_readable_frame
 from spot3d.source.text_files import pose_of_words, read_stamped_lines
 
@@ -66,8 +66,13 @@ def open_tum(folder: Path, intrinsics: FocalAndCentre | None = None) -> Recordin
         log.warning("%s: %d of %d depth images %s", folder, alone, len(depths), told)
     without_pose = sum(pose is None for pose in poses)
     if truth and without_pose:
-        told = "have no pose at their time; check that both use the same clock"
-        log.warning("%s: %d of %d depth images %s", truth_path, without_pose, len(depths), told)
+        log.warning(
+            "%s: %d of %d depth images have no pose at their time; %s",
+            truth_path,
+            without_pose,
+            len(depths),
+            CHECK_POSES,
+        )
     where = "--intrinsics" if intrinsics else str(folder / "intrinsics.txt")
     camera = intrinsics_for(intrinsics or tum_values(folder), first_readable_shape(frames), where)
     return with_a_readable_frame(Recording(frames, camera, METRES_PER_UNIT, load_calibration(folder, None)))

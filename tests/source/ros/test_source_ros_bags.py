@@ -165,6 +165,20 @@ def test_poses_of_transforms_and_of_a_tracker(tmp_path: Path, topic: str) -> Non
         np.testing.assert_allclose(bag.true_pose(index), T_world_odom @ frame.T_world_camera, atol=1e-9)
 
 
+@pytest.mark.parametrize("kind", ["bag", "mcap-folder"])
+def test_a_folder_around_a_bag_names_it(tmp_path: Path, kind: str) -> None:
+    path = write_bag(tmp_path, kind, said_by(1 if kind == "bag" else 2))
+    with pytest.raises(SourceError, match=f"contains recordings, but is not one itself; .* such as {path}$"):
+        open_source(tmp_path)
+
+
+def test_a_bag_whose_recorder_was_killed_is_named_by_its_file(tmp_path: Path) -> None:
+    path = write_bag(tmp_path, "mcap", said_by(2))
+    (path.parent / "metadata.yaml").unlink()
+    with pytest.raises(SourceError, match=f"give one of them, such as {path}$"):
+        open_source(path.parent)
+
+
 def test_intrinsics_can_be_given(tmp_path: Path) -> None:
     said = [one for one in said_by(2) if "info" not in one[0]]
     bag = open_source(write_bag(tmp_path, "mcap", said), intrinsics=(140.0, 141.0, 79.0, 59.0), halved=True)

@@ -156,6 +156,18 @@ def test_poses_of_another_time_are_refused(tmp_path: Path) -> None:
         open_source(write_bag(tmp_path, "mcap", said), topics=TopicNames(pose="/pose"))
 
 
+def test_frames_without_a_pose_are_told_with_how_near_poses_have_to_be(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    said = [*camera_messages(SPEAKER, FRAMES, START_NS)]
+    said.append(("/pose", START_NS, SPEAKER.pose(START_NS, "map", np.eye(4))))
+    bag = open_source(write_bag(tmp_path, "mcap", said), topics=TopicNames(pose="/pose"))
+    alone = len(bag) - 1
+    assert [bag.true_pose(index) is None for index in range(len(bag))] == [False] + [True] * alone
+    told = f"/pose: {alone} of {len(bag)} depth images have no pose at their time; check that both use the same clock"
+    assert f"{told}, and that poses are at most 0.25 s apart" in caplog.text
+
+
 def test_one_image_without_a_stamp_leaves_the_others_theirs(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     def unstamped(message: Any) -> Any:
         return replace(message, header=replace(message.header, stamp=replace(message.header.stamp, sec=0, nanosec=0)))

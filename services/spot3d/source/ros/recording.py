@@ -13,6 +13,7 @@ from spot3d.frame import RgbdFrame
 from spot3d.source.calibration import ColourCamera
 from spot3d.source.errors import SourceError
 from spot3d.source.intrinsics_files import HINT, FocalAndCentre, intrinsics_for
+from spot3d.source.motion import CHECK_POSES
 from spot3d.source.recording import of_first_readable
 from spot3d.source.ros.bag import Bag, BagTopic
 from spot3d.source.ros.images import MILLIMETRES, colour_image, depth_image
@@ -69,10 +70,12 @@ def open_bag(path: Path, names: TopicNames, intrinsics: FocalAndCentre | None = 
     else:
         raise SourceError(f"{path}: there is no camera_info with intrinsics beside {topics.depth}; {HINT}")
     pose_at = poses_of(bag, names.pose, depth_camera.frame) if names.pose else None
-    if pose_at is not None and all(pose_at(int(stamp_ns)) is None for stamp_ns in rows):
-        raise SourceError(
-            f"{path}: {names.pose} has no pose at the time of any frame; check that both use the same clock"
-        )
+    without_pose = 0 if pose_at is None else sum(pose_at(int(stamp_ns)) is None for stamp_ns in rows)
+    if without_pose == len(rows):
+        raise SourceError(f"{path}: {names.pose} has no pose at the time of any frame; {CHECK_POSES}")
+    if without_pose:
+        text = "depth images have no pose at their time"
+        log.warning("%s: %d of %d %s; %s", names.pose, without_pose, len(rows), text, CHECK_POSES)
     return BagRecording(
         depths=depths,
         colours=colours,
