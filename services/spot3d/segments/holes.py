@@ -70,6 +70,8 @@ def join_across_holes(
     for number, pixels in enumerate(parts):
         labels.ravel()[pixels] = number + 1
     for piece in _other_colours(labels, valid, colour):
+        if len(piece.beside) < 2:
+            continue
         own = np.median(colour[piece.window][piece.mask], axis=0)
         rim = np.where(_grown(piece.mask, _AROUND) & valid[piece.window], labels[piece.window], 0)
         beside = {
