@@ -9,7 +9,7 @@ from fusion_room import CAMERA, FLOOR, ROOM, THREE, Cuboid, View, look_at, view
 from fusion_room import WALL as BACK
 from numpy.typing import NDArray
 
-from spot3d.camera import back_project, invert
+from spot3d.camera import Intrinsics, back_project, invert
 from spot3d.geometry.normals import surface_normals
 from spot3d.geometry.planes import on_plane, transform_plane
 from spot3d.segments.settings import SegmentsSettings, Step
@@ -176,6 +176,17 @@ def test_a_bent_table_is_level_and_what_stands_on_it_is_as_high_as_it_is() -> No
     assert np.quantile(np.abs(plain[on_table]), 0.9) > 0.006
     assert np.quantile(np.abs(straightened[on_table]), 0.9) < 0.004
     assert np.abs(np.median((straightened - true)[on_things])) < 0.004
+
+
+def test_a_table_that_is_bent_in_waves_is_level_and_a_thin_thing_on_it_is_as_high_as_it_is() -> None:
+    camera = Intrinsics(285.0, 285.0, 159.5, 119.5, 320, 240)
+    v, u = np.mgrid[-1:1:240j, -1:1:320j]
+    waves = 0.008 * np.cos(1.5 * np.pi * u) * np.cos(1.5 * np.pi * v)
+    thing = (np.abs(u + 0.3) < 0.1) & (np.abs(v) < 0.1)
+    points = back_project((1.0 - waves - 0.02 * thing).astype(np.float32), camera)
+    height = heights_and_tolerance(points, np.array([0, 0, -1.0, 1.0]), SETTINGS, camera.noise)[0]
+    assert np.quantile(np.abs(height[~thing]), 0.9) < 0.004
+    assert np.median(height[thing]) == pytest.approx(0.02, abs=0.004)
 
 
 @pytest.mark.parametrize("skipped", [(), ("bend",)])
