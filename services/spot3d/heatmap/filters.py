@@ -24,21 +24,6 @@ class FilteredProposals:
     confidence: NDArray[np.float32]
     cut: NDArray[np.float32]
 
-    @property
-    def rejected(self) -> int:
-        """Proposals that the hard filter rejects."""
-        return int(np.count_nonzero(self.confidence == 0))
-
-    @property
-    def masked(self) -> int:
-        """Accepted proposals that the soft filter masks in part."""
-        return int(np.count_nonzero((self.confidence > 0) & np.isfinite(self.cut)))
-
-    @property
-    def accepted(self) -> int:
-        """Proposals accepted whole."""
-        return int(np.count_nonzero((self.confidence > 0) & np.isinf(self.cut)))
-
 
 def filter_proposals(
     boxes: NDArray[np.float32], tiles: DepthTiles, camera: Intrinsics, settings: HeatmapSettings

@@ -49,7 +49,9 @@ def weighted_heat(
     tiles = depth_tiles(depth)
     proposals = filter_proposals(boxes, tiles, camera, settings)
     heat = sum_proposals(proposals, tiles, depth.shape)
-    return Heatmap(heat, proposals.accepted, proposals.masked, proposals.rejected)
+    kept, soft = proposals.confidence > 0, np.isfinite(proposals.cut)
+    accepted, masked, rejected = (int(np.count_nonzero(which)) for which in (kept & ~soft, kept & soft, ~kept))
+    return Heatmap(heat, accepted, masked, rejected)
 
 
 def sum_proposals(proposals: FilteredProposals, tiles: DepthTiles, shape: tuple[int, int]) -> NDArray[np.uint8]:
