@@ -10,7 +10,6 @@ from spot3d_schemas.codec import (
     refuse_encoding,
     refuse_length,
 )
-from spot3d_schemas.header import Header, Hop
 from spot3d_schemas.image_messages import (
     CameraIntrinsics,
     DepthNoise,
@@ -21,7 +20,7 @@ from spot3d_schemas.image_messages import (
     Segments,
 )
 from spot3d_schemas.json_schema import json_schema
-from spot3d_schemas.message import Message
+from spot3d_schemas.message import Header, Hop, Message
 from spot3d_schemas.names import checked_name
 from spot3d_schemas.state_messages import About, End, Health, Progress
 from spot3d_schemas.topics import (

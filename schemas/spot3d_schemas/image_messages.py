@@ -22,7 +22,6 @@ from spot3d_schemas.fields import (
     SegmentSupports,
     Transform,
 )
-from spot3d_schemas.header import Record
 from spot3d_schemas.limits import (
     MAX_DEPTH_NOISE,
     MAX_IMAGE_PIXELS,
@@ -30,7 +29,7 @@ from spot3d_schemas.limits import (
     MAX_LEAST_NOISY_RANGE,
     MIN_DEPTH_NOISE,
 )
-from spot3d_schemas.message import Message
+from spot3d_schemas.message import Message, Record
 
 
 class CameraIntrinsics(Record):

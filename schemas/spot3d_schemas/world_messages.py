@@ -32,7 +32,6 @@ from spot3d_schemas.fields import (
     Transform,
     Vector,
 )
-from spot3d_schemas.header import Record
 from spot3d_schemas.limits import (
     MAX_BEND,
     MAX_CORRECTIONS,
@@ -40,7 +39,7 @@ from spot3d_schemas.limits import (
     MAX_OBJECTS_BYTES,
     MAX_OBJECTS_VALUES,
 )
-from spot3d_schemas.message import Message
+from spot3d_schemas.message import Message, Record
 
 
 class Pose(Message):
