@@ -10,15 +10,7 @@ from spot3d_schemas.codec import (
     refuse_encoding,
     refuse_length,
 )
-from spot3d_schemas.image_messages import (
-    CameraIntrinsics,
-    DepthNoise,
-    Frame,
-    Heat,
-    Preview,
-    Proposals,
-    Segments,
-)
+from spot3d_schemas.image_messages import CameraIntrinsics, DepthNoise, Frame, Heat, Preview, Proposals, Segments
 from spot3d_schemas.json_schema import json_schema
 from spot3d_schemas.message import Header, Hop, Message
 from spot3d_schemas.names import checked_name

@@ -183,12 +183,7 @@ class Stage:
         start_s = time.perf_counter()
         try:
             self.fusion.fuse(
-                frame.colour,
-                frame.depth_metres(),
-                message.heat,
-                frame.intrinsics,
-                camera_pose(pose.message),
-                stamp_ns,
+                frame.colour, frame.depth_metres(), message.heat, frame.intrinsics, camera_pose(pose.message), stamp_ns
             )
         except Exception as error:
             self.node.crashed("fuse", f"cannot fuse the frame at {stamp_ns} ns", error)

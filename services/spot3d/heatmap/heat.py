@@ -30,10 +30,7 @@ class Heatmap:
 
 
 def weighted_heat(
-    depth: NDArray[np.float32],
-    camera: Intrinsics,
-    boxes: NDArray[np.float32],
-    settings: HeatmapSettings,
+    depth: NDArray[np.float32], camera: Intrinsics, boxes: NDArray[np.float32], settings: HeatmapSettings
 ) -> Heatmap:
     """Filter the proposals by depth and sum what is left of them (paper, Eqs. 3-6).
 

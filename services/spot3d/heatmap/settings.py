@@ -13,9 +13,7 @@ class HeatmapSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     depth_range_min: float = Field(
-        0.5,
-        ge=0,
-        description="eps_delta: depth range above which a proposal's background is masked, metres",
+        0.5, ge=0, description="eps_delta: depth range above which a proposal's background is masked, metres"
     )
     size_min: float = Field(
         SIZE_MIN, ge=0, description="eps_min: proposals whose width and height are both below this are rejected, metres"

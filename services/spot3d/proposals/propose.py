@@ -24,10 +24,7 @@ _POOL = 1000
 
 
 def propose(
-    colour: NDArray[np.uint8],
-    depth_m: NDArray[np.float32],
-    intrinsics: Intrinsics,
-    settings: ProposalSettings,
+    colour: NDArray[np.uint8], depth_m: NDArray[np.float32], intrinsics: Intrinsics, settings: ProposalSettings
 ) -> NDArray[np.float32]:
     """Boxes that are likely to hold an object (paper, Sec. III, Eq. 1; Zitnick and Dollar, ECCV 2014).
 

@@ -69,10 +69,7 @@ class _Part:
 
 
 def join_contained(
-    parts: list[NDArray[np.int64]],
-    points: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    up: NDArray[np.float64],
+    parts: list[NDArray[np.int64]], points: NDArray[np.float32], normals: NDArray[np.float32], up: NDArray[np.float64]
 ) -> list[NDArray[np.int64]]:
     """The parts after joining each with a larger one if half of the points of one lie in the other's upright box.
 

@@ -32,8 +32,7 @@ class SegmentsSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     enabled: bool = Field(
-        True,
-        description='find objects in keyframes; off: no frame is a keyframe (for fusion.clustering = "density")',
+        True, description='find objects in keyframes; off: no frame is a keyframe (for fusion.clustering = "density")'
     )
     interval_s: float = Field(0.3, ge=0, description="shortest capture time between two keyframes, seconds")
     motion_m: float = Field(
@@ -103,10 +102,7 @@ class SegmentsSettings(BaseModel):
         "15 cm2 if that is less; smaller ones join a neighbour",
     )
     heat_min: float = Field(
-        0.05,
-        ge=0,
-        le=1,
-        description="least mean confidence of a segment; far below eps, since views have yet to vote",
+        0.05, ge=0, le=1, description="least mean confidence of a segment; far below eps, since views have yet to vote"
     )
     height_min: float = Field(
         0.01, ge=0, description="least height above the support, metres; what is lower counts as noise or glare"

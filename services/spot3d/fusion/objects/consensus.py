@@ -102,10 +102,7 @@ class ViewConsensus:
         return list(waiting)
 
     def update(
-        self,
-        keyframes: list[Keyframe],
-        calibration: Calibration = NOMINAL,
-        corrections: PoseCorrections | None = None,
+        self, keyframes: list[Keyframe], calibration: Calibration = NOMINAL, corrections: PoseCorrections | None = None
     ) -> Consensus:
         """Take in keyframes, in their order, and find the objects. Updates run one at a time.
 
