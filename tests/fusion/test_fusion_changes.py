@@ -24,7 +24,7 @@ def rows_seen(frequencies: list[int], heat: float = 0.0) -> np.ndarray:
 
 
 def asked(changes: ChangeLog, rows: np.ndarray, since: int, most: int = LIMIT) -> tuple[list[int], int, int]:
-    chosen, cursor, behind = changes.after(since, most, rows, LIMIT, least=2.0, tau=0.0)
+    chosen, cursor, behind = changes.after(since, most, rows, least=2.0, tau=0.0)
     return chosen.tolist(), cursor, behind
 
 
@@ -34,7 +34,7 @@ def answer(fusion: Fusion, parameters: dict[str, str]) -> MapChanges:
 
 
 def test_every_change_is_told_once() -> None:
-    changes, rows = ChangeLog(), rows_seen([])
+    changes, rows = ChangeLog(LIMIT), rows_seen([])
     assert asked(changes, rows, 0) == ([], 0, 0)
     rows = rows_seen([1, 2, 4])
     told, cursor, behind = asked(changes, rows, 0)
@@ -51,7 +51,7 @@ def test_every_change_is_told_once() -> None:
 
 @pytest.mark.parametrize(("heat", "told"), [(0.52, False), (0.6, True)])
 def test_heat_is_told_where_people_would_see_it(heat: float, told: bool) -> None:
-    changes, rows = ChangeLog(), rows_seen([10], heat=5.0)
+    changes, rows = ChangeLog(LIMIT), rows_seen([10], heat=5.0)
     cursor = asked(changes, rows, 0)[1]
     rows[:, HEAT] = 10 * heat
     assert bool(asked(changes, rows, cursor)[0]) == told
@@ -59,7 +59,7 @@ def test_heat_is_told_where_people_would_see_it(heat: float, told: bool) -> None
 
 
 def test_a_point_that_is_no_more_and_one_in_its_place() -> None:
-    changes, rows = ChangeLog(), rows_seen([9, 9])
+    changes, rows = ChangeLog(LIMIT), rows_seen([9, 9])
     cursor = asked(changes, rows, 0)[1]
     rows[0, FREQUENCY] = 0
     gone, cursor, _ = asked(changes, rows, cursor)
@@ -70,7 +70,7 @@ def test_a_point_that_is_no_more_and_one_in_its_place() -> None:
 
 
 def test_a_point_in_anothers_place_is_told_however_alike_they_are() -> None:
-    changes, rows = ChangeLog(), rows_seen([9, 9])
+    changes, rows = ChangeLog(LIMIT), rows_seen([9, 9])
     cursor = asked(changes, rows, 0)[1]
     rows[1, FIRST] = 7
     told, cursor, _ = asked(changes, rows, cursor)
@@ -97,7 +97,7 @@ def test_whoever_asks_a_full_map_knows_where_its_points_are() -> None:
 
 
 def test_answers_are_bounded_and_complete() -> None:
-    changes, rows, since, told = ChangeLog(), rows_seen([5] * 90), 0, []
+    changes, rows, since, told = ChangeLog(LIMIT), rows_seen([5] * 90), 0, []
     for left in (60, 30, 0):
         chosen, since, behind = asked(changes, rows, since, most=30)
         assert (behind, len(chosen) <= 30) == (left, True)
@@ -106,7 +106,7 @@ def test_answers_are_bounded_and_complete() -> None:
 
 
 def test_another_map_has_another_generation() -> None:
-    changes = ChangeLog()
+    changes = ChangeLog(LIMIT)
     for frequency in (9, 18, 36):
         rows = rows_seen([frequency])
         asked(changes, rows, 0)

@@ -21,7 +21,7 @@ def changes_message(fusion: Fusion, parameters: zenoh.Parameters, header: Header
     rows = heatmap.points()
     least, tau = counting(fusion.frame_count, fusion.settings)
     known = since if generation == changes.generation else 0
-    chosen, cursor, behind = changes.after(known, limit, rows, heatmap.limit, least, tau)
+    chosen, cursor, behind = changes.after(known, limit, rows, least, tau)
     heat, frequency = changes.as_sent(chosen)
     points = rows[chosen]
     return MapChanges(
