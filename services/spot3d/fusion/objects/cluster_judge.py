@@ -1,7 +1,7 @@
 """Whether the segments of a cluster are an object, and what box they have together."""
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +24,6 @@ class Described:
 
     item: FoundObject
     piece: Piece
-
-    def numbered(self, number: int) -> Self:
-        """The same with this number."""
-        return replace(self, item=replace(self.item, id=number))
 
 
 class Least(NamedTuple):

@@ -2,7 +2,7 @@
 
 from collections import Counter, deque
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -205,9 +205,8 @@ class ViewConsensus:
         segments, described = self._graph.segments, self._described()
         anew = []
         for number, found in described.items():
-            item = found.item
-            warm = item.confidence + _SPREAD / np.sqrt(item.views) >= self._settings.heat_min
-            if warm and not item.id:
+            warm = found.item.confidence + _SPREAD / np.sqrt(found.item.views) >= self._settings.heat_min
+            if warm and not found.item.id:
                 anew.append((number, np.flatnonzero(segments.cluster.rows == number)))
         anew.sort(key=lambda one: (-len(one[1]), one[0]))
         taken = {found.item.id for found in described.values()}
@@ -219,7 +218,8 @@ class ViewConsensus:
             other = (before > 0) & (before != identity)
             segments.former.rows[members[other]] = before[other]
             segments.identity.rows[members] = identity
-            self._verdicts[number] = described[number].numbered(identity)
+            found = described[number]
+            self._verdicts[number] = replace(found, item=replace(found.item, id=identity))
 
     def _described(self) -> dict[int, Described]:
         """The clusters that are objects, or would be if they were warmer."""
