@@ -14,16 +14,14 @@ since older senders do not know it: 1.1 added the header's stream and sender.
 from typing import Annotated, ClassVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, FailFast, Field
+from pydantic import BaseModel, FailFast, Field
 
 from spot3d_schemas.fields import Count, Name, Nanoseconds
 from spot3d_schemas.limits import MAX_FIELD_BYTES, MAX_HOPS, MAX_VALUES
 
 
-class Record(BaseModel):
+class Record(BaseModel, frozen=True, strict=True, extra="ignore"):
     """A frozen, strictly checked set of fields; two are equal when all their values are, arrays included."""
-
-    model_config = ConfigDict(frozen=True, strict=True, extra="ignore")
 
     def __eq__(self, other: object) -> bool:
         if type(other) is not type(self):

@@ -3,7 +3,7 @@
 import math
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from spot3d.depth_noise import GRAZING_COS, RANGE_MAX, GrazingCos
 from spot3d.object_size import SIZE_MAX, SIZE_MIN, SizeMax
@@ -26,10 +26,8 @@ Step = Literal[
 """A step of the finder that can be skipped, for ablations."""
 
 
-class SegmentsSettings(BaseModel):
+class SegmentsSettings(BaseModel, frozen=True, extra="forbid"):
     """Which frames are keyframes, and how the objects of a keyframe are found (paper, Sec. VI-A, single frames)."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     enabled: bool = Field(
         True, description='find objects in keyframes; off: no frame is a keyframe (for fusion.clustering = "density")'
