@@ -10,23 +10,14 @@ from spot3d_schemas.codec import (
     refuse_encoding,
     refuse_length,
 )
-from spot3d_schemas.header import Header, Hop
-from spot3d_schemas.image_messages import (
-    CameraIntrinsics,
-    DepthNoise,
-    Frame,
-    Heat,
-    Preview,
-    Proposals,
-    Segments,
-)
+from spot3d_schemas.image_messages import CameraIntrinsics, DepthNoise, Frame, Heat, Preview, Proposals, Segments
 from spot3d_schemas.json_schema import json_schema
-from spot3d_schemas.message import Message
-from spot3d_schemas.messages import MESSAGES
+from spot3d_schemas.message import Header, Hop, Message
 from spot3d_schemas.names import checked_name
 from spot3d_schemas.state_messages import About, End, Health, Progress
 from spot3d_schemas.topics import (
     BRIDGE,
+    MESSAGES,
     STAGES,
     TOPICS,
     Token,

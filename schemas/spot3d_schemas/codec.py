@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from spot3d_schemas.arrays import ArraySpec, decode_array, dtype_name, encode_data
-from spot3d_schemas.header import Header
 from spot3d_schemas.limits import MAX_FIELD_BYTES, MAX_FIELDS, MAX_MESSAGE_BYTES, MAX_OBJECTS_VALUES
-from spot3d_schemas.message import Message
+from spot3d_schemas.message import Header, Message
 from spot3d_schemas.wire import Span, bin_data, bin_header, map_spans, unpack
 
 _ALIGNMENT = 16

@@ -71,9 +71,7 @@ HeatImage = Annotated[
 LabelImage = Annotated[NDArray[np.uint8], ArraySpec(("uint8",), _IMAGE, MAX_IMAGE_PIXELS, thin=(DELTA_ZLIB,))]
 SegmentHeat = Annotated[NDArray[np.float32], ArraySpec(("float32",), ("n",), MAX_SEGMENTS, finite=True)]
 Planes = Annotated[
-    NDArray[np.float64],
-    ArraySpec(("float64",), ("p", 4), MAX_PLANES, finite=True),
-    AfterValidator(_with_unit_normals),
+    NDArray[np.float64], ArraySpec(("float64",), ("p", 4), MAX_PLANES, finite=True), AfterValidator(_with_unit_normals)
 ]
 SegmentSupports = Annotated[NDArray[np.int8], ArraySpec(("int8",), ("n",), MAX_SEGMENTS)]
 Boxes = Annotated[NDArray[np.float32], ArraySpec(("float32",), ("M", 5), MAX_BOXES, finite=True)]

@@ -22,7 +22,6 @@ from spot3d_schemas.fields import (
     SegmentSupports,
     Transform,
 )
-from spot3d_schemas.header import Record
 from spot3d_schemas.limits import (
     MAX_DEPTH_NOISE,
     MAX_IMAGE_PIXELS,
@@ -30,7 +29,7 @@ from spot3d_schemas.limits import (
     MAX_LEAST_NOISY_RANGE,
     MIN_DEPTH_NOISE,
 )
-from spot3d_schemas.message import Message
+from spot3d_schemas.message import Message, Record
 
 
 class CameraIntrinsics(Record):
@@ -77,14 +76,21 @@ class DepthNoise(Record):
         return self
 
 
-def _of_the_size(image: Array, info: ValidationInfo) -> Array:
-    intrinsics = info.data.get("intrinsics")
-    if intrinsics is not None and image.shape[:2] != intrinsics.shape:
-        raise ValueError(f"is {list(image.shape)}, but the intrinsics are for {list(intrinsics.shape)} (h, w)")
-    return image
+class ImageMessage(Message):
+    """What all messages with images share: the intrinsics that state their size."""
+
+    intrinsics: CameraIntrinsics
+
+    @field_validator("colour", "depth", "heat", check_fields=False)
+    @classmethod
+    def _has_the_size_of_the_intrinsics(cls, image: Array, info: ValidationInfo) -> Array:
+        intrinsics = info.data.get("intrinsics")
+        if intrinsics is not None and image.shape[:2] != intrinsics.shape:
+            raise ValueError(f"is {list(image.shape)}, but the intrinsics are for {list(intrinsics.shape)} (h, w)")
+        return image
 
 
-class RgbdMessage(Message):
+class RgbdMessage(ImageMessage):
     """What Frame and Heat share: one RGB-D image with its units and intrinsics.
 
     colour: (h, w, 3) uint8 RGB, registered with depth.
@@ -94,16 +100,10 @@ class RgbdMessage(Message):
 
     VERSION: ClassVar[str] = "1.1"
 
-    intrinsics: CameraIntrinsics
     depth_scale: Positive
     colour: Colour
     depth: Depth
     depth_noise: DepthNoise | None = None
-
-    @field_validator("colour", "depth", "heat", check_fields=False)
-    @classmethod
-    def _has_the_size_of_the_intrinsics(cls, image: Array, info: ValidationInfo) -> Array:
-        return _of_the_size(image, info)
 
     @field_validator("depth")
     @classmethod
@@ -129,7 +129,7 @@ class Proposals(Message):
     boxes: Boxes
 
 
-class Preview(Message):
+class Preview(ImageMessage):
     """A small picture of a frame for people, up to 320 pixels wide, on the wire as JPEG.
 
     intrinsics: of this picture. colour: (h, w, 3) uint8 RGB: what the camera sees (source/preview), or the frame's heat
@@ -139,13 +139,7 @@ class Preview(Message):
 
     SCHEMA: ClassVar[str] = "spot3d.Preview"
 
-    intrinsics: CameraIntrinsics
     colour: PreviewColour
-
-    @field_validator("colour")
-    @classmethod
-    def _fits_the_intrinsics(cls, image: Array, info: ValidationInfo) -> Array:
-        return _of_the_size(image, info)
 
 
 class Heat(RgbdMessage):

@@ -4,15 +4,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from spot3d_schemas.fields import (
-    Count,
-    Finite,
-    Name,
-    Nanoseconds,
-    NonNegative,
-    Reasons,
-    Text,
-)
+from spot3d_schemas.fields import Count, Finite, Name, Nanoseconds, NonNegative, Reasons, Text
 from spot3d_schemas.message import Message
 
 

@@ -86,6 +86,9 @@ _ROWS = (
 TOPICS = MappingProxyType({topic.name: topic for topic in _ROWS})
 """Every topic by its name, `<stage>/<topic>`."""
 
+MESSAGES: dict[str, type[Message]] = {topic.message.__name__: topic.message for topic in _ROWS}
+"""Every message by its short name."""
+
 
 def key(robot: str, topic: str) -> str:
     """The key expression of one robot's topic.

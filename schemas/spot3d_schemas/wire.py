@@ -40,12 +40,7 @@ def _tags() -> tuple[_Tag | None, ...]:
     for first, extra in ((0xC4, 0), (0xC7, 1)):  # bin; ext, which has a type byte
         for i in range(3):
             tags[first + i] = _Tag(2**i, 1 + 2**i + extra, 0, 0)
-    for first, sizes in (
-        (0xCA, (4, 8)),
-        (0xCC, (1, 2, 4, 8)),
-        (0xD0, (1, 2, 4, 8)),
-        (0xD4, (2, 3, 5, 9, 17)),
-    ):
+    for first, sizes in ((0xCA, (4, 8)), (0xCC, (1, 2, 4, 8)), (0xD0, (1, 2, 4, 8)), (0xD4, (2, 3, 5, 9, 17))):
         for i, size in enumerate(sizes):  # float; uint; int; fixext
             tags[first + i] = _Tag(0, 1 + size, 0, 0)
     for i in range(3):

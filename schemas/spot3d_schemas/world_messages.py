@@ -32,15 +32,8 @@ from spot3d_schemas.fields import (
     Transform,
     Vector,
 )
-from spot3d_schemas.header import Record
-from spot3d_schemas.limits import (
-    MAX_BEND,
-    MAX_CORRECTIONS,
-    MAX_OBJECTS,
-    MAX_OBJECTS_BYTES,
-    MAX_OBJECTS_VALUES,
-)
-from spot3d_schemas.message import Message
+from spot3d_schemas.limits import MAX_BEND, MAX_CORRECTIONS, MAX_OBJECTS, MAX_OBJECTS_BYTES, MAX_OBJECTS_VALUES
+from spot3d_schemas.message import Message, Record
 
 
 class Pose(Message):

@@ -7,7 +7,7 @@ from spot3d.bench import reference, reference_map
 from spot3d.camera import Intrinsics, invert
 from spot3d.fusion.map.heatmap3d import Heatmap3D
 from spot3d.fusion.map.map_arrays import FREQUENCY, HEAT, LAST, WEIGHT, R, X
-from spot3d.fusion.map.merging import Pixels
+from spot3d.fusion.map.merging import Merging, Pixels, merge
 from spot3d.fusion.objects.agreement import Statements, clusters_of
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.segment_table import SegmentTable
@@ -15,6 +15,7 @@ from spot3d.fusion.objects.views import ask, view_of
 from spot3d.fusion.settings import FusionSettings
 from spot3d.geometry.downsampling import to_lattice
 from spot3d.geometry.planes import count_inliers
+from spot3d.sensor import pinhole
 from spot3d.source.scene.scene import Scene
 
 CAMERA = Intrinsics(73.0, 71.0, 39.2, 30.4, 80, 60)
@@ -66,11 +67,14 @@ def test_frames_are_merged_the_same_way(scene: Scene) -> None:
     plain = reference_map.copy_of(heatmap)
     assert (len(plain.rows), plain.voxels) == (0, {})
     candidates = np.full(CAMERA.shape, -1, np.int32)
+    gate, range_max = np.float32(SETTINGS.noise_gate), np.float32(SETTINGS.range_max)
+    how = Merging(np.float32(1 / heatmap.voxel), gate, range_max, noise_weighting=True, look_up=True)
     for number in range(1, 5):
         frame, pose = scene[number], scene.true_pose(number)
         depth, heat = frame.depth_metres(), rng.integers(0, 256, CAMERA.shape, np.uint8)
         pixels = Pixels(depth, frame.colour, heat)
-        index, (warped, found, _) = heatmap.merge(number, pixels, candidates, CAMERA, pose, SETTINGS)
+        index, to_world = np.full(CAMERA.shape, -1, np.int32), pose.astype(np.float32)
+        warped, found, _ = merge(heatmap.arrays, number, pixels, candidates, pinhole(CAMERA), to_world, how, index)
         plain_index, plain_warped, plain_found = reference_map.merge(
             plain, candidates, depth, frame.colour, heat, pose, CAMERA, SETTINGS.noise_gate, SETTINGS.range_max, number
         )

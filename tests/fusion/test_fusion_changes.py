@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import zenoh
 
 from spot3d.camera import Intrinsics
 from spot3d.camera_pose import CameraPose
@@ -11,7 +12,7 @@ from spot3d.fusion.map.changes import ChangeLog
 from spot3d.fusion.map.map_arrays import COLUMNS, FIRST, FREQUENCY, HEAT, R, X
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.supports import RecentSupports
-from spot3d_schemas import Header
+from spot3d_schemas import Header, MapChanges
 
 LIMIT = 100
 
@@ -23,12 +24,17 @@ def rows_seen(frequencies: list[int], heat: float = 0.0) -> np.ndarray:
 
 
 def asked(changes: ChangeLog, rows: np.ndarray, since: int, most: int = LIMIT) -> tuple[list[int], int, int]:
-    chosen, cursor, behind = changes.after(since, most, rows, LIMIT, least=2.0, tau=0.0)
+    chosen, cursor, behind = changes.after(since, most, rows, least=2.0, tau=0.0)
     return chosen.tolist(), cursor, behind
 
 
+def answer(fusion: Fusion, parameters: dict[str, str]) -> MapChanges:
+    header = Header(robot="robot", seq=0, stamp_ns=1, frame_id="camera")
+    return changes_message(fusion, zenoh.Parameters(parameters), header, "a")
+
+
 def test_every_change_is_told_once() -> None:
-    changes, rows = ChangeLog(), rows_seen([])
+    changes, rows = ChangeLog(LIMIT), rows_seen([])
     assert asked(changes, rows, 0) == ([], 0, 0)
     rows = rows_seen([1, 2, 4])
     told, cursor, behind = asked(changes, rows, 0)
@@ -45,7 +51,7 @@ def test_every_change_is_told_once() -> None:
 
 @pytest.mark.parametrize(("heat", "told"), [(0.52, False), (0.6, True)])
 def test_heat_is_told_where_people_would_see_it(heat: float, told: bool) -> None:
-    changes, rows = ChangeLog(), rows_seen([10], heat=5.0)
+    changes, rows = ChangeLog(LIMIT), rows_seen([10], heat=5.0)
     cursor = asked(changes, rows, 0)[1]
     rows[:, HEAT] = 10 * heat
     assert bool(asked(changes, rows, cursor)[0]) == told
@@ -53,7 +59,7 @@ def test_heat_is_told_where_people_would_see_it(heat: float, told: bool) -> None
 
 
 def test_a_point_that_is_no_more_and_one_in_its_place() -> None:
-    changes, rows = ChangeLog(), rows_seen([9, 9])
+    changes, rows = ChangeLog(LIMIT), rows_seen([9, 9])
     cursor = asked(changes, rows, 0)[1]
     rows[0, FREQUENCY] = 0
     gone, cursor, _ = asked(changes, rows, cursor)
@@ -64,7 +70,7 @@ def test_a_point_that_is_no_more_and_one_in_its_place() -> None:
 
 
 def test_a_point_in_anothers_place_is_told_however_alike_they_are() -> None:
-    changes, rows = ChangeLog(), rows_seen([9, 9])
+    changes, rows = ChangeLog(LIMIT), rows_seen([9, 9])
     cursor = asked(changes, rows, 0)[1]
     rows[1, FIRST] = 7
     told, cursor, _ = asked(changes, rows, cursor)
@@ -77,12 +83,11 @@ def test_whoever_asks_a_full_map_knows_where_its_points_are() -> None:
     fusion = Fusion(FusionSettings(map_limit=1000, lattice_width=40))
     camera, pose, known, since = Intrinsics(24.0, 24.0, 11.5, 11.5, 24, 24), np.eye(4), {}, 0
     colour, depth = np.full((*camera.shape, 3), 100, np.uint8), np.ones(camera.shape, np.float32)
-    header = Header(robot="robot", seq=0, stamp_ns=1, frame_id="camera")
     for place in range(6):
         pose[0, 3] = 2.0 * place
         fusion.fuse(colour, depth, np.zeros(camera.shape, np.uint8), camera, CameraPose(pose))
         parameters = {"generation": str(fusion.map_changes.generation), "since": str(since)}
-        message = changes_message(fusion, parameters, header, "a")
+        message = answer(fusion, parameters)
         since = message.cursor
         assert message.behind == 0
         known |= dict(zip(message.number.tolist(), message.xyz.tolist(), strict=True))
@@ -92,7 +97,7 @@ def test_whoever_asks_a_full_map_knows_where_its_points_are() -> None:
 
 
 def test_answers_are_bounded_and_complete() -> None:
-    changes, rows, since, told = ChangeLog(), rows_seen([5] * 90), 0, []
+    changes, rows, since, told = ChangeLog(LIMIT), rows_seen([5] * 90), 0, []
     for left in (60, 30, 0):
         chosen, since, behind = asked(changes, rows, since, most=30)
         assert (behind, len(chosen) <= 30) == (left, True)
@@ -101,7 +106,7 @@ def test_answers_are_bounded_and_complete() -> None:
 
 
 def test_another_map_has_another_generation() -> None:
-    changes = ChangeLog()
+    changes = ChangeLog(LIMIT)
     for frequency in (9, 18, 36):
         rows = rows_seen([frequency])
         asked(changes, rows, 0)
@@ -125,26 +130,23 @@ def fused() -> Fusion:
 @pytest.mark.parametrize("since", ["", "0", "-3", "1e9", "x" * 1000])
 def test_the_message_says_all_to_whoever_has_nothing(since: str) -> None:
     fusion = fused()
-    header = Header(robot="robot", seq=0, stamp_ns=1, frame_id="camera")
     parameters = {"generation": str(fusion.map_changes.generation), "since": since}
-    message = changes_message(fusion, parameters, header, "a")
+    message = answer(fusion, parameters)
     assert message.number.tolist() == [0, 1, 2]
     np.testing.assert_array_equal(message.xyz, np.arange(9).reshape(3, 3))
     assert message.rgb.tolist() == [[10, 20, 255]] * 3
     assert message.frequency.tolist() == [4, 8, 16]
     assert message.heat.tolist() == [170, 102, 57], "tau is 2: 5 % of 40 frames"
     assert (message.behind, message.total) == (0, 3)
-    rest = changes_message(fusion, parameters | {"since": str(message.cursor)}, header, "a")
+    rest = answer(fusion, parameters | {"since": str(message.cursor)})
     assert (len(rest.number), rest.cursor) == (0, message.cursor)
-    assert len(
-        changes_message(fusion, parameters | {"since": str(message.cursor), "generation": "7"}, header, "a").number
-    )
-    assert changes_message(fusion, parameters | {"limit": "1"}, header, "a").behind == 2
-    none = changes_message(fusion, parameters | {"limit": "0"}, header, "a")
+    assert len(answer(fusion, parameters | {"since": str(message.cursor), "generation": "7"}).number)
+    assert answer(fusion, parameters | {"limit": "1"}).behind == 2
+    none = answer(fusion, parameters | {"limit": "0"})
     assert (len(none.number), none.cursor, none.behind) == (1, 1, 2), "nothing is skipped"
     for since in ("9" * 19, str(2**63 - 1)):
         known = {"generation": str(message.generation), "since": since}
-        ahead = changes_message(fusion, known, header, "a")
+        ahead = answer(fusion, known)
         assert (len(ahead.number), ahead.cursor) == (0, message.cursor), "nobody has more than there is"
 
 

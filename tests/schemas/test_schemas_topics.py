@@ -2,11 +2,13 @@
 
 import pytest
 
+import spot3d_schemas
 from spot3d_schemas import (
     BRIDGE,
     MESSAGES,
     STAGES,
     TOPICS,
+    Message,
     Token,
     alive_key,
     checked_name,
@@ -43,14 +45,14 @@ def test_rows_agree_with_themselves(name: str) -> None:
     topic = TOPICS[name]
     assert topic.name == name
     assert topic.producer in (*STAGES, BRIDGE)
-    assert topic.message in MESSAGES.values()
     assert topic.key_template == "spot3d/{robot}/" + name
     assert (topic.rate_hz == 0) == (topic.kind == "query")
 
 
 def test_keys_differ_and_every_message_has_a_topic() -> None:
     assert len({key("drone", name) for name in TOPICS}) == len(TOPICS)
-    assert {topic.message for topic in TOPICS.values()} == set(MESSAGES.values())
+    models = (item for item in vars(spot3d_schemas).values() if isinstance(item, type) and issubclass(item, Message))
+    assert {model.__name__: model for model in models if model is not Message} == MESSAGES
 
 
 def test_key() -> None:

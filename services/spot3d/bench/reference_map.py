@@ -38,7 +38,7 @@ def merge(
     range_max: float,
     frame_number: int,
 ) -> tuple[NDArray[np.int32], int, int]:
-    """Assign every valid pixel a map point and update it, as `spot3d.fusion.map.heatmap3d.Heatmap3D.merge` does.
+    """Assign every valid pixel a map point and update it, as `spot3d.fusion.map.merging.merge` does.
 
     Returns the index map (h, w), and how many pixels were warped and found. New points are added to `known`.
     """

@@ -1,8 +1,7 @@
 """The answer to `fusion/changes`."""
 
-from collections.abc import Mapping
-
 import numpy as np
+import zenoh
 
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.map.map_arrays import R, X
@@ -10,11 +9,8 @@ from spot3d.fusion.map.selection import counting
 from spot3d_schemas import Header, MapChanges
 from spot3d_schemas.limits import MAX_COUNT, MAX_MAP_CHANGES
 
-ASKED = ("generation", "since", "limit")
-"""The query's parameters."""
 
-
-def changes_message(fusion: Fusion, parameters: Mapping[str, str], header: Header, epoch: str) -> MapChanges:
+def changes_message(fusion: Fusion, parameters: zenoh.Parameters, header: Header, epoch: str) -> MapChanges:
     """What changed in the map after what the client has, as the query's parameters say (see `MapChanges`).
 
     Missing or non-numeric parameters count as a client that has nothing. One that claims more than there is has all.
@@ -25,7 +21,7 @@ def changes_message(fusion: Fusion, parameters: Mapping[str, str], header: Heade
     rows = heatmap.points()
     least, tau = counting(fusion.frame_count, fusion.settings)
     known = since if generation == changes.generation else 0
-    chosen, cursor, behind = changes.after(known, limit, rows, heatmap.limit, least, tau)
+    chosen, cursor, behind = changes.after(known, limit, rows, least, tau)
     heat, frequency = changes.as_sent(chosen)
     points = rows[chosen]
     return MapChanges(
@@ -44,6 +40,6 @@ def changes_message(fusion: Fusion, parameters: Mapping[str, str], header: Heade
     )
 
 
-def _number(parameters: Mapping[str, str], name: str, otherwise: int) -> int:
-    text = parameters.get(name, "")
+def _number(parameters: zenoh.Parameters, name: str, otherwise: int) -> int:
+    text = parameters.get(name) or ""
     return min(int(text), MAX_COUNT) if text.isdecimal() and len(text) < 20 else otherwise

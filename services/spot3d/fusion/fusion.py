@@ -82,7 +82,7 @@ class Fusion:
     def __init__(self, settings: FusionSettings) -> None:
         self.settings = settings
         self.heatmap = Heatmap3D(settings.map_limit, settings.voxel)
-        self.map_changes = ChangeLog()
+        self.map_changes = ChangeLog(settings.map_limit)
         self._begin()
 
     def reset(self) -> None:

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from spot3d.depth_noise import GRAZING_COS, RANGE_MAX, GrazingCos
 from spot3d.object_size import SIZE_MAX, SIZE_MIN, SizeMax
@@ -16,10 +16,8 @@ MAP_ALONE = "; map alone"
 beside these, and in the paper's method, which finds objects in the map."""
 
 
-class FusionSettings(BaseModel):
+class FusionSettings(BaseModel, frozen=True, extra="forbid"):
     """Plane removal, registration, point selection, clustering and boxes (paper, Sec. V)."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     plane_distance: float = Field(
         0.005,

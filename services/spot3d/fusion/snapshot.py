@@ -15,7 +15,8 @@ from spot3d.found_object import FoundObject
 from spot3d.fusion.fusion import Fusion, MapState
 from spot3d.fusion.map.map_arrays import FREQUENCY
 from spot3d.fusion.objects.balance import Piece
-from spot3d.fusion.objects.consensus import Described, ViewConsensus
+from spot3d.fusion.objects.cluster_judge import Described
+from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.growing import Growing
 from spot3d.fusion.objects.identity import Identities
 from spot3d.fusion.objects.recalibration import Placement

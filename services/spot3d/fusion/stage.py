@@ -15,7 +15,7 @@ from spot3d.dataflow.ledger import Ledger
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.serving import On, OnQuery, serve
 from spot3d.dataflow.streams import new_stream
-from spot3d.fusion.change_answers import ASKED, changes_message
+from spot3d.fusion.change_answers import changes_message
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.inputs import NO_SEGMENTS, WITHOUT_FRAME, Arrival, Ready, inputs_of
 from spot3d.fusion.map_answers import MapAnswers
@@ -155,7 +155,7 @@ class Stage:
         if arrival.late is not None:
             self._observe(arrival.late)
         if arrival.frames:
-            self._publish_progress(self.node.header(_PROGRESS, given))
+            self._say_progress(given)
 
     def _account_for(self, frames: Sequence[Ready | Skipped]) -> None:
         for frame in frames:
@@ -183,12 +183,7 @@ class Stage:
         start_s = time.perf_counter()
         try:
             self.fusion.fuse(
-                frame.colour,
-                frame.depth_metres(),
-                message.heat,
-                frame.intrinsics,
-                camera_pose(pose.message),
-                stamp_ns,
+                frame.colour, frame.depth_metres(), message.heat, frame.intrinsics, camera_pose(pose.message), stamp_ns
             )
         except Exception as error:
             self.node.crashed("fuse", f"cannot fuse the frame at {stamp_ns} ns", error)
@@ -275,7 +270,7 @@ class Stage:
         end = given.message
         self.last = self.last or given
         if self.ledger.end(end.frames_sent, end.header.stamp_ns, time.monotonic()):
-            self._publish_progress(self.node.header(_PROGRESS, given))
+            self._say_progress(given)
 
     def _complete(self) -> None:
         """The stream is complete: publish the last objects, then that they are the last."""
@@ -289,10 +284,9 @@ class Stage:
         self.node.counters.drop(self.ledger.missing, missing)
         self._say_progress()
 
-    def _say_progress(self) -> None:
-        self._publish_progress(self._own_header(_PROGRESS))
-
-    def _publish_progress(self, header: Header) -> None:
+    def _say_progress(self, given: Received[Message] | None = None) -> None:
+        """Publish the progress, as answer to a message or by itself."""
+        header = self._own_header(_PROGRESS) if given is None else self.node.header(_PROGRESS, given)
         self.node.publish(_PROGRESS, self._progress(header))
 
     def _progress(self, header: Header) -> Progress:
@@ -305,8 +299,7 @@ class Stage:
         )
 
     def _answer_changes(self, query: zenoh.Query) -> None:
-        parameters = {name: query.parameters.get(name) or "" for name in ASKED}
-        message = changes_message(self.fusion, parameters, self._own_header(_CHANGES), self.epoch)
+        message = changes_message(self.fusion, query.parameters, self._own_header(_CHANGES), self.epoch)
         self.node.reply(query, _CHANGES, message)
 
     def _answer_map(self, query: zenoh.Query) -> None:

@@ -24,21 +24,6 @@ class FilteredProposals:
     confidence: NDArray[np.float32]
     cut: NDArray[np.float32]
 
-    @property
-    def rejected(self) -> int:
-        """Proposals that the hard filter rejects."""
-        return int(np.count_nonzero(self.confidence == 0))
-
-    @property
-    def masked(self) -> int:
-        """Accepted proposals that the soft filter masks in part."""
-        return int(np.count_nonzero((self.confidence > 0) & np.isfinite(self.cut)))
-
-    @property
-    def accepted(self) -> int:
-        """Proposals accepted whole."""
-        return int(np.count_nonzero((self.confidence > 0) & np.isinf(self.cut)))
-
 
 def filter_proposals(
     boxes: NDArray[np.float32], tiles: DepthTiles, camera: Intrinsics, settings: HeatmapSettings
@@ -48,7 +33,9 @@ def filter_proposals(
     boxes: (M, 5) float32 [x, y, w, h, c] pixels. A pixel belongs to a box when x <= u < x + w (rounded).
     A box without any valid depth is rejected, whichever filters are on.
     """
-    windows = _pixel_windows(boxes, camera)
+    corners = np.concatenate((boxes[:, :2], boxes[:, :2] + boxes[:, 2:4]), axis=1)
+    limits = camera.width, camera.height, camera.width, camera.height
+    windows = np.clip(np.rint(corners), 0, limits).astype(np.int32)
     near, far, size_depth = np.empty((3, len(windows)), np.float32)
     _depth_ranges(windows, tiles.pixels, tiles.near, tiles.far, near, far)
     middle = (near + far) / 2
@@ -65,13 +52,6 @@ def filter_proposals(
         rejected |= (width_m < settings.size_min) & (height_m < settings.size_min)
         rejected |= (width_m > settings.size_max) & (height_m > settings.size_max)
     return FilteredProposals(windows, np.where(rejected, 0, boxes[:, 4]).astype(np.float32), cut)
-
-
-def _pixel_windows(boxes: NDArray[np.float32], camera: Intrinsics) -> NDArray[np.int32]:
-    corners = np.concatenate((boxes[:, :2], boxes[:, :2] + boxes[:, 2:4]), axis=1)
-    limits = np.array([camera.width, camera.height, camera.width, camera.height])
-    windows: NDArray[np.int32] = np.clip(np.rint(corners), 0, limits).astype(np.int32)
-    return windows
 
 
 @kernel("void(i4[:,::1], f4[:,:,::1], f4[:,::1], f4[:,::1], f4[::1], f4[::1])", fastmath=ORDERED)

@@ -30,10 +30,7 @@ class Heatmap:
 
 
 def weighted_heat(
-    depth: NDArray[np.float32],
-    camera: Intrinsics,
-    boxes: NDArray[np.float32],
-    settings: HeatmapSettings,
+    depth: NDArray[np.float32], camera: Intrinsics, boxes: NDArray[np.float32], settings: HeatmapSettings
 ) -> Heatmap:
     """Filter the proposals by depth and sum what is left of them (paper, Eqs. 3-6).
 
@@ -49,7 +46,9 @@ def weighted_heat(
     tiles = depth_tiles(depth)
     proposals = filter_proposals(boxes, tiles, camera, settings)
     heat = sum_proposals(proposals, tiles, depth.shape)
-    return Heatmap(heat, proposals.accepted, proposals.masked, proposals.rejected)
+    kept, soft = proposals.confidence > 0, np.isfinite(proposals.cut)
+    accepted, masked, rejected = (int(np.count_nonzero(which)) for which in (kept & ~soft, kept & soft, ~kept))
+    return Heatmap(heat, accepted, masked, rejected)
 
 
 def sum_proposals(proposals: FilteredProposals, tiles: DepthTiles, shape: tuple[int, int]) -> NDArray[np.uint8]:

@@ -2,20 +2,16 @@
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from spot3d.object_size import SIZE_MAX, SIZE_MIN, SizeMax
 
 
-class HeatmapSettings(BaseModel):
+class HeatmapSettings(BaseModel, frozen=True, extra="forbid"):
     """Thresholds of the depth filters (paper, Sec. IV-B and IV-C)."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
     depth_range_min: float = Field(
-        0.5,
-        ge=0,
-        description="eps_delta: depth range above which a proposal's background is masked, metres",
+        0.5, ge=0, description="eps_delta: depth range above which a proposal's background is masked, metres"
     )
     size_min: float = Field(
         SIZE_MIN, ge=0, description="eps_min: proposals whose width and height are both below this are rejected, metres"

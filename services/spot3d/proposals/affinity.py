@@ -71,12 +71,7 @@ def _sort_by_group(
 
 @kernel()
 def _affinities(
-    label: NDArray[np.int32],
-    groups: _Groups,
-    gamma: np.float32,
-    least: np.float32,
-    met: NDArray[np.int32],
-    rows: _Rows,
+    label: NDArray[np.int32], groups: _Groups, gamma: np.float32, least: np.float32, met: NDArray[np.int32], rows: _Rows
 ) -> int:
     """Write the sparse rows as far as they fit; returns the number of entries that they need.
 

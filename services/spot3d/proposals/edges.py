@@ -38,31 +38,20 @@ def detect_edges(
     colour: (h, w, 3) uint8 RGB; depth: (h, w) float32 metres, 0 = invalid; focal_length: pixels. Colour alone
     counts, at full weight, where no pixel has depth or `settings.depth` is off.
     """
-    least = np.float32(settings.min_magnitude)
+    least, contrast = np.float32(settings.min_magnitude), np.float32(settings.colour_contrast)
     has_depth = settings.depth and bool(depth.any())
     smooth = np.asarray(cv2.GaussianBlur(colour, (5, 5), 1.0), np.uint8)
     weight = COLOUR_WEIGHT if has_depth else np.float32(1)
-    strength = colour_strength(smooth, weight, np.float32(settings.colour_contrast), least)
+    strength = np.zeros(depth.shape, np.float32)
+    if weight > least:
+        weakest = np.int32(4 * (contrast * least / (weight - least)) ** 2)
+        _colour_strength(smooth, weight, contrast, weakest, strength)
     if has_depth:
         inverse = fill_along_colour(depth, smooth, settings.colour_contrast * least / (1 - least))
         of_depth = depth_strength(inverse, focal_length, noise)
         strength = np.maximum(strength, np.where(of_depth >= least, of_depth, 0))
     ridges = np.asarray(cv2.GaussianBlur(strength, (0, 0), ALONG), np.float32)
     return thin(strength, ridges)
-
-
-def colour_strength(
-    smooth: NDArray[np.uint8], weight: np.float32, contrast: np.float32, least: np.float32
-) -> NDArray[np.float32]:
-    """Strength (h, w) float32 of colour edges: weight * g / (g + contrast), 0 below `least`.
-
-    g is the largest gradient of the three channels, grey levels per pixel. smooth: (h, w, 3) uint8.
-    """
-    strength = np.zeros(smooth.shape[:2], np.float32)
-    if weight > least:
-        weakest = np.int32(4 * (contrast * least / (weight - least)) ** 2)
-        _colour_strength(smooth, weight, contrast, weakest, strength)
-    return strength
 
 
 @kernel()
@@ -73,7 +62,11 @@ def _colour_strength(
     weakest: np.int32,
     strength: NDArray[np.float32],
 ) -> None:
-    """Fill in `strength`, which is 0, where the squared difference over two pixels is above `weakest`."""
+    """Strength (h, w) of colour edges, weight * g / (g + contrast), where g is large enough; it is 0 before.
+
+    g: largest gradient of the three channels, grey levels per pixel; weakest: its least, as the square of a difference
+    over two pixels.
+    """
     h, w = strength.shape
     for y in range(1, h - 1):
         for x in range(1, w - 1):

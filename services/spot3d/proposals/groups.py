@@ -56,25 +56,15 @@ def group_edges(
     ends when its orientation differences sum to this, units of pi. min_group_magnitude: groups whose
     magnitudes sum to no more than this are given to their neighbours.
     """
-    pixels = edge_pixels(magnitude, orientation)
+    edges = np.zeros(magnitude.shape, np.bool_)
+    edges[1:-1, 1:-1] = magnitude[1:-1, 1:-1] > 0
+    pixels = EdgePixels(magnitude.ravel(), orientation.ravel(), np.flatnonzero(edges), magnitude.shape[1])
     label, count = cluster(pixels, merge_threshold)
     count = absorb_small(pixels, label, count, min_group_magnitude)
     total, mean, normal, anchor = describe(pixels, label, count)
     label = label.reshape(magnitude.shape)
     first, neighbour, affinity = affinities(label, pixels.edges, mean, normal, gamma, min_affinity)
     return EdgeGroups(label, total, anchor, first, neighbour, affinity)
-
-
-def edge_pixels(magnitude: NDArray[np.float32], orientation: NDArray[np.float32]) -> EdgePixels:
-    """The edge pixels of a map (h, w) float32."""
-    edges = np.zeros(magnitude.shape, np.bool_)
-    edges[1:-1, 1:-1] = magnitude[1:-1, 1:-1] > 0
-    return EdgePixels(
-        np.ascontiguousarray(magnitude).reshape(-1),
-        np.ascontiguousarray(orientation).reshape(-1),
-        np.flatnonzero(edges),
-        magnitude.shape[1],
-    )
 
 
 def cluster(pixels: EdgePixels, threshold: float) -> tuple[NDArray[np.int32], int]:

@@ -81,10 +81,7 @@ def _weigh(
 
 @kernel()
 def _relax(
-    holes: NDArray[np.int32],
-    neighbours: NDArray[np.int32],
-    weights: NDArray[np.float32],
-    inverse: NDArray[np.float32],
+    holes: NDArray[np.int32], neighbours: NDArray[np.int32], weights: NDArray[np.float32], inverse: NDArray[np.float32]
 ) -> None:
     """Bring the pixels `holes` of the flat `inverse` nearer to their neighbours' weighted mean (Gauss-Seidel)."""
     for _ in range(_SWEEPS):

@@ -48,10 +48,7 @@ def depth_strength(inverse: NDArray[np.float32], focal_length: float, noise: Dep
 
 @kernel()
 def _jumps_and_creases(
-    fine: NDArray[np.float32],
-    coarse: NDArray[np.float32],
-    jumps: NDArray[np.float32],
-    creases: NDArray[np.float32],
+    fine: NDArray[np.float32], coarse: NDArray[np.float32], jumps: NDArray[np.float32], creases: NDArray[np.float32]
 ) -> None:
     """Responses (h, w) float32 of the filters for jumps and for creases, 1/m per pixel and per pixel squared.
 

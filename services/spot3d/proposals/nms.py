@@ -30,11 +30,7 @@ class _Sides(NamedTuple):
 
 @kernel()
 def _suppress(
-    windows: NDArray[np.int32],
-    order: NDArray[np.int64],
-    beta: np.float32,
-    kept: NDArray[np.int64],
-    sides: _Sides,
+    windows: NDArray[np.int32], order: NDArray[np.int64], beta: np.float32, kept: NDArray[np.int64], sides: _Sides
 ) -> int:
     """Write the indices of the windows kept; returns their number. sides: buffers for theirs."""
     left, top, right, bottom, areas = sides

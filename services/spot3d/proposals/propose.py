@@ -24,10 +24,7 @@ _POOL = 1000
 
 
 def propose(
-    colour: NDArray[np.uint8],
-    depth_m: NDArray[np.float32],
-    intrinsics: Intrinsics,
-    settings: ProposalSettings,
+    colour: NDArray[np.uint8], depth_m: NDArray[np.float32], intrinsics: Intrinsics, settings: ProposalSettings
 ) -> NDArray[np.float32]:
     """Boxes that are likely to hold an object (paper, Sec. III, Eq. 1; Zitnick and Dollar, ECCV 2014).
 
@@ -58,8 +55,7 @@ def _reduced(
     """
     factor = max(1, min(round(camera.width / width), camera.height))  # a wide, low image keeps a row
     w, h = camera.width // factor, camera.height // factor
-    fx, fy, cx, cy = (value / factor for value in (camera.fx, camera.fy, camera.cx, camera.cy))
-    small = replace(camera, fx=fx, fy=fy, cx=cx, cy=cy, width=w, height=h)
+    small = replace(camera.thinned(factor), width=w, height=h)
     if factor > 1:
         whole = colour[: h * factor, : w * factor]
         colour = cv2.resize(whole, (w, h), interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
@@ -97,8 +93,5 @@ def boxes_from_edges(edges: EdgeMap, ranges: DepthRange, settings: ProposalSetti
     kept = suppress(windows, order, settings.beta, max(settings.max_boxes, _POOL))
     first = suppress(windows, kept, settings.apart, kept.size)
     kept = np.concatenate((first, kept[~np.isin(kept, first)]))[: settings.max_boxes]
-    boxes = np.empty((kept.size, 5), np.float32)
-    boxes[:, :2] = windows[kept, :2]
-    boxes[:, 2:4] = windows[kept, 2:] - windows[kept, :2]
-    boxes[:, 4] = scores[kept]
-    return boxes
+    low, high = np.hsplit(windows[kept], 2)
+    return np.column_stack((low, high - low, scores[kept])).astype(np.float32)

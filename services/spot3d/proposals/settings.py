@@ -1,14 +1,12 @@
 """Settings of the proposals stage: the symbols are those of EdgeBoxes (Zitnick and Dollar, ECCV 2014)."""
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from spot3d.object_size import SIZE_MAX, SIZE_MIN, SizeMax
 
 
-class EdgeSettings(BaseModel):
+class EdgeSettings(BaseModel, frozen=True, extra="forbid"):
     """How colour and depth become one thin edge map with magnitudes in [0, 1]."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     depth: bool = Field(
         True, description="use edges of depth beside those of colour; off: colour alone, at full weight"
@@ -22,10 +20,8 @@ class EdgeSettings(BaseModel):
     )
 
 
-class ProposalSettings(BaseModel):
+class ProposalSettings(BaseModel, frozen=True, extra="forbid"):
     """How many boxes, how they are searched for and which sizes they may have."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     max_boxes: int = Field(1000, ge=1, le=10_000, description="M: largest number of proposals per frame")
     alpha: float = Field(

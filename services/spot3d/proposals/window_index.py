@@ -46,8 +46,17 @@ def index_windows(magnitude: NDArray[np.float32], groups: EdgeGroups, kappa: flo
     h, w = magnitude.shape
     sides = np.maximum(np.arange(h + w + 1, dtype=np.float32), 1)
     norm = ((sides / 2) ** np.float32(-kappa)).astype(np.float32)
+    sums, starts = np.empty((h + 1, w + 1, 2), np.float32), np.empty((h + 1, w + 1, 2), np.uint32)
+    sums[0], sums[:, 0] = 0, 0
+    in_column = np.count_nonzero(groups.label >= 0, axis=0)
+    column = np.cumsum(in_column) - in_column
+    lines = np.empty((2, in_column.sum()), np.uint32)
+    _build_tables(
+        np.ascontiguousarray(magnitude), groups.label, groups.magnitude, groups.anchor, column, sums, starts, lines
+    )
+    starts[:h, w, 1], starts[h, :w, 1] = 0, column
+    starts[h, :, 0], starts[h, w, 1] = lines.shape[1], 0
     n = groups.magnitude.size
-    sums, starts, lines = build_tables(magnitude, groups)
     return WindowIndex(
         sums,
         norm,
@@ -65,24 +74,6 @@ def index_windows(magnitude: NDArray[np.float32], groups: EdgeGroups, kappa: flo
     )
 
 
-def build_tables(
-    magnitude: NDArray[np.float32], groups: EdgeGroups
-) -> tuple[NDArray[np.float32], NDArray[np.uint32], NDArray[np.uint32]]:
-    """`sums`, `starts` and `lines` of WindowIndex."""
-    h, w = groups.label.shape
-    sums, starts = np.empty((h + 1, w + 1, 2), np.float32), np.empty((h + 1, w + 1, 2), np.uint32)
-    sums[0], sums[:, 0] = 0, 0
-    in_column = np.count_nonzero(groups.label >= 0, axis=0)
-    column = np.cumsum(in_column) - in_column
-    lines = np.empty((2, in_column.sum()), np.uint32)
-    _build_tables(
-        np.ascontiguousarray(magnitude), groups.label, groups.magnitude, groups.anchor, column, sums, starts, lines
-    )
-    starts[:h, w, 1], starts[h, :w, 1] = 0, column
-    starts[h, :, 0], starts[h, w, 1] = lines.shape[1], 0
-    return sums, starts, lines
-
-
 @kernel()
 def _build_tables(
     magnitude: NDArray[np.float32],
@@ -94,7 +85,10 @@ def _build_tables(
     starts: NDArray[np.uint32],
     lines: NDArray[np.uint32],
 ) -> None:
-    """One pass over the image. column: (w,) place in `lines` where each column starts, afterwards where it ends."""
+    """Fill in `sums`, `starts` and `lines` of WindowIndex in one pass over the image.
+
+    column: (w,) place in `lines` where each column starts, afterwards where it ends.
+    """
     h, w = label.shape
     n = 0
     for y in range(h):

@@ -69,10 +69,7 @@ class _Part:
 
 
 def join_contained(
-    parts: list[NDArray[np.int64]],
-    points: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    up: NDArray[np.float64],
+    parts: list[NDArray[np.int64]], points: NDArray[np.float32], normals: NDArray[np.float32], up: NDArray[np.float64]
 ) -> list[NDArray[np.int64]]:
     """The parts after joining each with a larger one if half of the points of one lie in the other's upright box.
 
@@ -144,11 +141,7 @@ def _stands_in(part: _Part, box: Box3D, size: float, view: _View) -> bool:
 
 def _beside(pixels: NDArray[np.int64], shape: tuple[int, ...]) -> NDArray[np.int64]:
     """The flat indices of the pixels beside these; see `_AROUND`."""
-    (h, w), reach = shape, _AROUND[1] // 2
-    v, u = np.divmod(pixels, w)
-    top, left = max(0, int(v.min()) - reach), max(0, int(u.min()) - reach)
-    mask = np.zeros((min(h, int(v.max()) + reach + 1) - top, min(w, int(u.max()) + reach + 1) - left), np.uint8)
-    mask[v - top, u - left] = 1
+    mask = np.zeros(shape, np.uint8)
+    mask.ravel()[pixels] = 1
     near, far = (cv2.dilate(mask, np.ones((side, side), np.uint8)) for side in _AROUND)
-    v, u = np.nonzero(far > near)
-    return (v + top) * w + u + left
+    return np.flatnonzero(far > near)

@@ -79,10 +79,7 @@ def candidate_planes(frame: LatticeFrame, settings: SegmentsSettings) -> Candida
 
 
 def find_on_lattice(
-    frame: LatticeFrame,
-    among: CandidatePlanes,
-    settings: SegmentsSettings,
-    upwards: NDArray[np.float64] | None = None,
+    frame: LatticeFrame, among: CandidatePlanes, settings: SegmentsSettings, upwards: NDArray[np.float64] | None = None
 ) -> FrameSegments:
     """The objects of one frame on its lattice; see `find_segments` and `candidate_planes`.
 
@@ -115,10 +112,7 @@ def find_on_lattice(
 
 
 def _standing_out(
-    frame: LatticeFrame,
-    among: CandidatePlanes,
-    support: NDArray[np.float64],
-    settings: SegmentsSettings,
+    frame: LatticeFrame, among: CandidatePlanes, support: NDArray[np.float64], settings: SegmentsSettings
 ) -> tuple[Levels, NDArray[np.bool_], NDArray[np.int64]]:
     """The supports; (h, w) bool, the pixels above or beside them; and the flat indices of pixels on pieces of other
     planes that are longer than an object."""

@@ -67,10 +67,7 @@ def long_pieces(
 
 @kernel("void(i4[:,::1], f4[:,:,::1], b1[::1], f8[:,::1])")
 def _add_up(
-    piece: NDArray[np.int32],
-    points: NDArray[np.float32],
-    looked_at: NDArray[np.bool_],
-    sums: NDArray[np.float64],
+    piece: NDArray[np.int32], points: NDArray[np.float32], looked_at: NDArray[np.bool_], sums: NDArray[np.float64]
 ) -> None:
     """The sums of x, y, z, xx, xy, xz, yy, yz and zz over the points of each piece that is looked at."""
     h, w = piece.shape

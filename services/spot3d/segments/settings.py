@@ -3,7 +3,7 @@
 import math
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from spot3d.depth_noise import GRAZING_COS, RANGE_MAX, GrazingCos
 from spot3d.object_size import SIZE_MAX, SIZE_MIN, SizeMax
@@ -26,14 +26,11 @@ Step = Literal[
 """A step of the finder that can be skipped, for ablations."""
 
 
-class SegmentsSettings(BaseModel):
+class SegmentsSettings(BaseModel, frozen=True, extra="forbid"):
     """Which frames are keyframes, and how the objects of a keyframe are found (paper, Sec. VI-A, single frames)."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
     enabled: bool = Field(
-        True,
-        description='find objects in keyframes; off: no frame is a keyframe (for fusion.clustering = "density")',
+        True, description='find objects in keyframes; off: no frame is a keyframe (for fusion.clustering = "density")'
     )
     interval_s: float = Field(0.3, ge=0, description="shortest capture time between two keyframes, seconds")
     motion_m: float = Field(
@@ -103,10 +100,7 @@ class SegmentsSettings(BaseModel):
         "15 cm2 if that is less; smaller ones join a neighbour",
     )
     heat_min: float = Field(
-        0.05,
-        ge=0,
-        le=1,
-        description="least mean confidence of a segment; far below eps, since views have yet to vote",
+        0.05, ge=0, le=1, description="least mean confidence of a segment; far below eps, since views have yet to vote"
     )
     height_min: float = Field(
         0.01, ge=0, description="least height above the support, metres; what is lower counts as noise or glare"

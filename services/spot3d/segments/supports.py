@@ -162,10 +162,7 @@ def _bend(height: NDArray[np.float32], valid: NDArray[np.bool_]) -> NDArray[np.f
 # Found on rendered desks 2.4 m away: 65 % if all noise counts as height, 81 % with this; 1.7 m away: 97 and 97 %. With
 # 7.5, 12.5 and 15 mm instead of `height_min`: 84, 76 and 70 %, and success on HOTS 0.89, 0.91 and 0.91 (0.91 with it).
 def noise_height(
-    depth: NDArray[np.float32],
-    plane: NDArray[np.float64],
-    settings: SegmentsSettings,
-    noise: DepthNoise = KINECT_V1,
+    depth: NDArray[np.float32], plane: NDArray[np.float64], settings: SegmentsSettings, noise: DepthNoise = KINECT_V1
 ) -> NDArray[np.float32]:
     """Largest height above a support, metres, to which noise may lift points on it, in the shape of `depth`.
 

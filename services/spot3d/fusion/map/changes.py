@@ -20,33 +20,28 @@ class ChangeLog:
     changes of another one are void. Nothing is recorded until a client asks.
     """
 
-    def __init__(self) -> None:
-        self.generation = time.time_ns()
-        self.last = 0
-        self._change = np.zeros(0, np.int64)
-        self._frequency = np.zeros(0, np.float32)
-        self._heat = np.zeros(0, np.uint8)
-        self._first = np.zeros(0, np.float32)
+    def __init__(self, limit: int) -> None:
+        """limit: of the map's points."""
+        self._limit = limit
+        self.generation = 0
+        self.clear()
 
     def clear(self) -> None:
         """Start another generation, as the map has been emptied."""
         self.generation = max(time.time_ns(), self.generation + 1)
         self.last = 0
-        for column in (self._change, self._frequency, self._heat, self._first):
-            column.fill(0)
+        # Untouched pages cost no memory.
+        self._change, self._frequency = np.zeros(self._limit, np.int64), np.zeros(self._limit, np.float32)
+        self._heat, self._first = np.zeros(self._limit, np.uint8), np.zeros(self._limit, np.float32)
 
     def after(
-        self, since: int, most: int, rows: NDArray[np.float32], limit: int, least: float, tau: float
+        self, since: int, most: int, rows: NDArray[np.float32], least: float, tau: float
     ) -> tuple[NDArray[np.int64], int, int]:
         """The rows that changed after change number `since`, at most `most` >= 1, in the order of their changes.
 
-        rows: (n, 16) float32 map rows, at most `limit`; least, tau: as in `frequent_points`. Returns row numbers (k,),
-        the number of the last change among them, and how many rows are left for the next call.
+        rows: (n, 16) float32 map rows; least, tau: as in `frequent_points`. Returns row numbers (k,), the number of the
+        last change among them, and how many rows are left for the next call.
         """
-        if len(self._change) < limit:
-            # Untouched pages cost no memory.
-            self._change, self._frequency = np.zeros(limit, np.int64), np.zeros(limit, np.float32)
-            self._heat, self._first = np.zeros(limit, np.uint8), np.zeros(limit, np.float32)
         sent = self._change, self._frequency, self._heat, self._first
         self.last = int(_number_changes(rows, np.float32(least), np.float32(tau), *sent, self.last))
         change = self._change[: len(rows)]

@@ -3,12 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.camera import Intrinsics
 from spot3d.fusion.map.map_arrays import COLUMNS, FREQUENCY, HEAT, LAST, MapArrays, remove_key
-from spot3d.fusion.map.merging import Merging, Pixels, merge
-from spot3d.fusion.settings import FusionSettings
 from spot3d.kernel import kernel
-from spot3d.sensor import pinhole
 from spot3d.voxel_hash import EMPTY, empty_table, find_slot
 
 _EVICTED_SHARE = 0.2
@@ -77,30 +73,6 @@ class Heatmap3D:
         self.arrays.counts[0] = len(rows)
         self.points()[:] = rows
         _enter(self.arrays, keys)
-
-    def merge(
-        self,
-        frame_number: int,
-        pixels: Pixels,
-        candidates: NDArray[np.int32],
-        camera: Intrinsics,
-        T_world_camera: NDArray[np.float64],
-        settings: FusionSettings,
-    ) -> tuple[NDArray[np.int32], tuple[int, int, int]]:
-        """Merge a frame into the map (see `merging.merge`).
-
-        Returns the row of each pixel's point, (h, w) int32, -1 = none, and how many were warped, found and new.
-        """
-        index = np.full(candidates.shape, -1, np.int32)
-        how = Merging(
-            np.float32(1 / self.voxel),
-            np.float32(settings.noise_gate),
-            np.float32(settings.range_max),
-            settings.noise_weighting,
-            settings.look_up,
-        )
-        pose = T_world_camera.astype(np.float32)
-        return index, merge(self.arrays, frame_number, pixels, candidates, pinhole(camera), pose, how, index)
 
     def evict(self, wanted: int, tau: float) -> int:
         """Free the rows of `wanted` of the least useful points, or of a fifth of all; returns how many.

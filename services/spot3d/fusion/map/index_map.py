@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from spot3d.camera import Intrinsics, invert
 from spot3d.fusion.map.heatmap3d import Heatmap3D
 from spot3d.fusion.map.map_arrays import FREQUENCY
-from spot3d.fusion.map.merging import Pixels
+from spot3d.fusion.map.merging import Merging, Pixels, merge
 from spot3d.fusion.settings import FusionSettings
 from spot3d.kernel import kernel
 from spot3d.sensor import Pinhole, axial_noise_kernel, pinhole
@@ -62,8 +62,8 @@ class IndexMap:
         lacking = heatmap.count + depth.size - heatmap.limit
         if heatmap.count > 0 and lacking > 0:
             self._make_room(heatmap, lacking)
-        last, pixels = self._last, Pixels(depth, colour, heat)
-        candidates = np.full(depth.shape, -1, np.int32)
+        last, pixels, seen_by = self._last, Pixels(depth, colour, heat), pinhole(camera)
+        candidates, index = (np.full(depth.shape, -1, np.int32) for _ in range(2))
         if last is not None and last.camera == camera:
             T_camera_last = invert(T_world_camera) @ last.T_world_camera
             gates = Gates(
@@ -72,8 +72,16 @@ class IndexMap:
                 np.float32(settings.noise_gate),
             )
             nearest, T = np.full(depth.shape, np.inf, np.float32), T_camera_last.astype(np.float32)
-            warp(last.index, last.pixels, pixels, T, pinhole(camera), gates, nearest, candidates)
-        index, counts = heatmap.merge(frame_number, pixels, candidates, camera, T_world_camera, settings)
+            warp(last.index, last.pixels, pixels, T, seen_by, gates, nearest, candidates)
+        how = Merging(
+            np.float32(1 / heatmap.voxel),
+            np.float32(settings.noise_gate),
+            np.float32(settings.range_max),
+            settings.noise_weighting,
+            settings.look_up,
+        )
+        pose = T_world_camera.astype(np.float32)
+        counts = merge(heatmap.arrays, frame_number, pixels, candidates, seen_by, pose, how, index)
         self._last = _LastFrame(index, pixels, camera, T_world_camera)
         return MatchCounts(*counts)
 

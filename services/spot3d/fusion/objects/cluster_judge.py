@@ -1,11 +1,13 @@
 """Whether the segments of a cluster are an object, and what box they have together."""
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
+from spot3d.found_object import FoundObject
 from spot3d.fusion.objects.balance import TILT, Numbers, Piece
 from spot3d.fusion.objects.disputed import without_disputed
 from spot3d.fusion.objects.footing import lower_edge
@@ -16,11 +18,12 @@ from spot3d.fusion.objects.views import BACKGROUND, THROUGH, eyes_of
 from spot3d.fusion.settings import FusionSettings
 
 
-class Judged(NamedTuple):
-    """A cluster that is an object. confidence: the pseudo-average of Eq. 15, over views."""
+@dataclass(frozen=True, slots=True)
+class Described:
+    """A cluster that is an object, or would be if it were warmer: then its number is 0. piece: how it stands."""
 
+    item: FoundObject
     piece: Piece
-    confidence: float
 
 
 class Least(NamedTuple):
@@ -41,8 +44,8 @@ class ClusterJudge:
 
     def judged(
         self, members: NDArray[np.int64], observations: NDArray[np.int32], up: NDArray[np.float64]
-    ) -> Judged | str:
-        """The box of a cluster's segments and its confidence, or why it is no object. observations: of the members."""
+    ) -> Described | str:
+        """The object of a cluster's segments, without a number, or why it is none. observations: of the members."""
         settings, segments = self._settings, self._graph.segments
         least, tau = self.least
         if len(members) < least or len(own := np.unique(segments.frame.rows[members])) < least:
@@ -62,6 +65,7 @@ class ClusterJudge:
         agrees = mine | (sees & (2 * background < seen))
         if agrees.sum() < settings.object_share * sees.sum():
             return MOSTLY_BACKGROUND
+        # The pseudo-average of Eq. 15, over views.
         confidence = float(segments.heat.rows[members].sum() / (max(len(members), sees.sum()) + tau))
         views = self._seen(members)
         # A cluster that is too large in its views is no object, even if leaving out disputed points makes it smaller.
@@ -76,10 +80,14 @@ class ClusterJudge:
         if middle < wide or box.volume < settings.volume_min:
             return TOO_SMALL
         # What is thin lies on something. What nothing is seen beneath is a board's edge, or a piece of a wall.
-        ground = ground_below(box, segments.support.rows[members], up)
+        ground = ground_below(box, segments.support.rows[members], up)  # by all segments, disputed ones too
         if shortest < (wide if np.isnan(ground) else settings.plane_distance):
             return TOO_THIN
-        return Judged(self._piece(views, box, ground, up), confidence)
+        pixels = segments.pixels.rows[members]
+        colour = np.average(segments.colour.rows[members], axis=0, weights=pixels)
+        item = FoundObject(0, box, confidence, len(own), int(pixels.sum()), colour)
+        edge = lower_edge(views, box, TILT)
+        return Described(item, Piece(box, ground, box if edge is None else edge, leans=edge is not None))
 
     def box_of_all(self, around: Box3D, pieces: Numbers, whole: NDArray[np.int64], up: NDArray[np.float64]) -> Box3D:
         """The box of an object in pieces, from all of their segments and those (rows) that hold it whole.
@@ -92,11 +100,6 @@ class ClusterJudge:
         rows = np.union1d(np.flatnonzero(np.isin(segments.cluster.rows, pieces)), whole)
         box = self._box_of(self._undisputed(self._seen(rows), rows), up)
         return box if box.size.max() <= self._settings.size_max else around
-
-    def _piece(self, views: ObjectViews, box: Box3D, ground: float, up: NDArray[np.float64]) -> Piece:
-        """How a cluster stands. ground: by all of its segments, disputed ones too."""
-        edge = lower_edge(views, box, TILT)
-        return Piece(box, ground, box if edge is None else edge, leans=edge is not None)
 
     def _undisputed(self, views: ObjectViews, rows: NDArray[np.int64]) -> ObjectViews:
         """What these segments saw of an object, without the points that other views dispute (see `disputed`)."""

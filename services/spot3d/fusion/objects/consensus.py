@@ -3,7 +3,6 @@
 from collections import Counter, deque
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +12,8 @@ from spot3d.calibration import NOMINAL, Calibration
 from spot3d.found_object import FoundObject
 from spot3d.frame_segments import KEYFRAME_REASONS, OTHER, SEVERAL, WITHOUT_DEPTH
 from spot3d.fusion.objects.agreement import clusters_of
-from spot3d.fusion.objects.balance import Piece, put_together
-from spot3d.fusion.objects.cluster_judge import ClusterJudge, Judged
+from spot3d.fusion.objects.balance import put_together
+from spot3d.fusion.objects.cluster_judge import ClusterJudge, Described
 from spot3d.fusion.objects.gone import gone_segments
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.numbering import number_clusters, number_objects
@@ -50,18 +49,6 @@ class Consensus:
     up: NDArray[np.float64]
     left_out: Counter[str]
     dropped: int
-
-
-@dataclass(frozen=True, slots=True)
-class Described:
-    """A cluster that is an object, or would be if it were warmer: then its number is 0. piece: how it stands."""
-
-    item: FoundObject
-    piece: Piece
-
-    def numbered(self, number: int) -> Self:
-        """The same with this number."""
-        return replace(self, item=replace(self.item, id=number))
 
 
 class ViewConsensus:
@@ -115,10 +102,7 @@ class ViewConsensus:
         return list(waiting)
 
     def update(
-        self,
-        keyframes: list[Keyframe],
-        calibration: Calibration = NOMINAL,
-        corrections: PoseCorrections | None = None,
+        self, keyframes: list[Keyframe], calibration: Calibration = NOMINAL, corrections: PoseCorrections | None = None
     ) -> Consensus:
         """Take in keyframes, in their order, and find the objects. Updates run one at a time.
 
@@ -209,27 +193,9 @@ class ViewConsensus:
         members_of = _grouped(cluster, first, self._next_cluster)
         observations_of = _grouped(cluster[observations[:, 0]], first, self._next_cluster)
         for number, (members, about) in enumerate(zip(members_of, observations_of, strict=True), start=first):
-            judged = judge.judged(members, observations[about], up)
-            if isinstance(judged, str):
-                self._verdicts[number] = judged
-            elif gone[members].all():
-                self._verdicts[number] = GONE
-            else:
-                self._verdicts[number] = Described(self._object(members, judged), judged.piece)
+            verdict = judge.judged(members, observations[about], up)
+            self._verdicts[number] = GONE if isinstance(verdict, Described) and gone[members].all() else verdict
         self._number_warm()
-
-    def _object(self, members: NDArray[np.int64], judged: Judged) -> FoundObject:
-        """The object of these segments, without a number."""
-        segments = self._graph.segments
-        pixels = segments.pixels.rows[members]
-        return FoundObject(
-            id=0,
-            box=judged.piece.box,
-            confidence=judged.confidence,
-            views=len(np.unique(segments.frame.rows[members])),
-            points=int(pixels.sum()),
-            colour=np.average(segments.colour.rows[members], axis=0, weights=pixels),
-        )
 
     def _number_warm(self) -> None:
         """Number the clusters that are warm and have no number yet.
@@ -239,9 +205,8 @@ class ViewConsensus:
         segments, described = self._graph.segments, self._described()
         anew = []
         for number, found in described.items():
-            item = found.item
-            warm = item.confidence + _SPREAD / np.sqrt(item.views) >= self._settings.heat_min
-            if warm and not item.id:
+            warm = found.item.confidence + _SPREAD / np.sqrt(found.item.views) >= self._settings.heat_min
+            if warm and not found.item.id:
                 anew.append((number, np.flatnonzero(segments.cluster.rows == number)))
         anew.sort(key=lambda one: (-len(one[1]), one[0]))
         taken = {found.item.id for found in described.values()}
@@ -253,7 +218,8 @@ class ViewConsensus:
             other = (before > 0) & (before != identity)
             segments.former.rows[members[other]] = before[other]
             segments.identity.rows[members] = identity
-            self._verdicts[number] = described[number].numbered(identity)
+            found = described[number]
+            self._verdicts[number] = replace(found, item=replace(found.item, id=identity))
 
     def _described(self) -> dict[int, Described]:
         """The clusters that are objects, or would be if they were warmer."""

@@ -38,6 +38,5 @@ class Identities:
         while len(self._boxes) > _REMEMBERED:
             del self._boxes[next(iter(self._boxes))]
         return sorted(
-            (replace(item, id=number) for item, number in zip(objects, numbers, strict=True)),
-            key=lambda o: o.id,
+            (replace(item, id=number) for item, number in zip(objects, numbers, strict=True)), key=lambda o: o.id
         )

@@ -66,19 +66,9 @@ def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
     if segments.camera != frame.camera:
         off = min(np.ceil(frame.camera.fx / segments.camera.fx), max(labels.shape))  # the whole lattice at most
         labels = without_spill(labels, frame.depth, int(off))
-    return Keyframe(
-        frame.stamp_ns,
-        labels,
-        frame.colour,
-        frame.depth,
-        frame.camera,
-        frame.T_map_camera,
-        seen.heat,
-        seen.planes,
-        seen.stands_on,
-        seen.left_out,
-        frame.calibration,
-    )
+    image = labels, frame.colour, frame.depth, frame.camera
+    found = seen.heat, seen.planes, seen.stands_on, seen.left_out
+    return Keyframe(frame.stamp_ns, *image, frame.T_map_camera, *found, frame.calibration)
 
 
 def without_spill(labels: NDArray[np.uint8], depth: NDArray[np.float32], width: int) -> NDArray[np.uint8]:

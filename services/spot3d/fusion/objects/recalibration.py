@@ -1,7 +1,7 @@
 """Keyframes as seen with another calibration or pose of their camera: both become better known as a run goes on."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,36 +36,15 @@ class Placement:
         return replace(self, calibration=calibration, twist=tuple(twist.tolist()))
 
 
-class _Straightening(NamedTuple):
-    """A change of bend: depth is multiplied by the exponential of bend, (rows, columns), see `spot3d.calibration.Bend`.
-
-    to_image: (3, 3) from an arm, a vector from the camera in the views' world, to its place in the image, 0..1 of the
-    width and height, times its depth, and to that depth.
-    """
-
-    bend: NDArray[np.float64]
-    to_image: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, view: View, bend: NDArray[np.float64]) -> Self:
-        (fx, fy, cx, cy), (h, w) = view.focal.tolist(), view.depth.shape
-        lens = np.array(((fx / w, 0, (cx + 0.5) / w), (0, fy / h, (cy + 0.5) / h), (0, 0, 1)))
-        return cls(bend, lens @ view.pose[:, :3])
-
-    def of_arms(self, arms: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Logarithm, (...), of the factor by which arms (..., 3) change."""
-        across, down, depth = np.moveaxis(arms @ self.to_image.T, -1, 0)
-        depth = np.maximum(depth, NEAREST)
-        return bend_at(self.bend, across / depth, down / depth)
-
-
 @dataclass(frozen=True, slots=True)
 class Change:
     """How what one camera saw moves.
 
     camera: (3,) its place; step: (3,) its move; linear: (3, 3) how what it saw moves about it, in the views' world,
-    once it is straightened, if `straightening` is not None; axes: (3, 3) the camera's, after the change; factor: of
-    depth; shift: (2,) of the principal point, focal lengths.
+    once it is straightened; axes: (3, 3) the camera's, after the change; factor: of depth; shift: (2,) of the principal
+    point, focal lengths; bend: (rows, columns) change of depth's logarithm, see `spot3d.calibration.Bend`, None = none;
+    to_image: (3, 3) from an arm, a vector from the camera in the views' world, to its place in the image, 0..1 of the
+    width and height, times its depth, and to that depth.
     """
 
     camera: NDArray[np.float64]
@@ -74,7 +53,8 @@ class Change:
     axes: NDArray[np.float64]
     factor: float
     shift: NDArray[np.float64]
-    straightening: _Straightening | None = None
+    bend: NDArray[np.float64] | None
+    to_image: NDArray[np.float64]
 
     @classmethod
     def of(cls, view: View, before: Placement, now: Placement) -> Self:
@@ -89,14 +69,18 @@ class Change:
         linear = factor * turned @ inverse @ turn @ sheared((shift[0], shift[1])) @ axes
         step = np.subtract(now.twist[:3], before.twist[:3])
         bend = before.calibration.straighter(now.calibration)
-        straightening = None if bend is None else _Straightening.of(view, bend)
-        return cls(-(inverse @ origin)[:, 0], step, linear, turn.T @ axes @ turned.T, factor, shift, straightening)
+        (fx, fy, cx, cy), (h, w) = view.focal.tolist(), view.depth.shape
+        lens = np.array(((fx / w, 0, (cx + 0.5) / w), (0, fy / h, (cy + 0.5) / h), (0, 0, 1)))
+        camera, axes_now = -(inverse @ origin)[:, 0], turn.T @ axes @ turned.T
+        return cls(camera, step, linear, axes_now, factor, shift, bend, lens @ view.pose[:, :3])
 
     def straightened(self, points: NDArray[np.float32]) -> NDArray[np.float64]:
         """Logarithm, (...), of the factor by which (..., 3) points are straightened, before all else."""
-        if self.straightening is None:
+        if self.bend is None:
             return np.zeros(points.shape[:-1])
-        return self.straightening.of_arms(points - self.camera)
+        across, down, depth = np.moveaxis((points - self.camera) @ self.to_image.T, -1, 0)
+        depth = np.maximum(depth, NEAREST)
+        return bend_at(self.bend, across / depth, down / depth)
 
     def moved(self, points: NDArray[np.float32]) -> NDArray[np.float64]:
         """The points, (..., 3), after the change."""
@@ -107,8 +91,8 @@ class Change:
 def changed_view(view: View, change: Change) -> View:
     """The view after the change."""
     millimetres = view.depth * change.factor
-    if change.straightening is not None:
-        millimetres *= np.exp(bend_of_image(change.straightening.bend, view.depth.shape))
+    if change.bend is not None:
+        millimetres *= np.exp(bend_of_image(change.bend, view.depth.shape))
     millimetres = np.rint(millimetres)
     depth = np.where((view.depth < FAR) & (millimetres < FAR), millimetres, FAR).astype(np.uint16)
     origin = -change.axes @ (change.camera + change.step)

@@ -53,15 +53,13 @@ class SegmentGraph:
         row_of = segments.extend(keyframe, number)
         self._next_keyframe += 1
         count = len(segments) - old
-        answers, label = np.empty((2, max(old, count)), np.uint8)
         places, spheres = segments.places.rows, segments.spheres.rows
-        ask(view, places[:old], spheres[:old], answers[:old], label[:old])
-        self._enter(np.arange(old), number, answers[:old], row_of[label[:old]])
-        for other in self._views_of(spheres[old:]):
-            ask(self.views[other], places[old:], spheres[old:], answers[:count], label[:count])
-            self._enter(np.arange(old, old + count), other, answers[:count], self.rows_of[other][label[:count]])
+        others = self._views_of(spheres[old:])
         self.views[number], self.rows_of[number] = view, row_of
         self._placed[number] = Placement(keyframe.stamp_ns, keyframe.calibration)
+        self._ask(number, np.arange(old), places[:old], spheres[:old])
+        for other in others:
+            self._ask(other, np.arange(old, old + count), places[old:], spheres[old:])
         if len(keyframe.planes):
             self._normals[number] = keyframe.T_map_camera[:3, :3] @ keyframe.planes[0, :3]
         shown = np.bincount(keyframe.labels.ravel(), minlength=256)[1:] > 0
@@ -74,14 +72,17 @@ class SegmentGraph:
         near = (np.linalg.norm(centres - spheres[:, :3], axis=2) <= reaches + spheres[:, 3]).any(axis=1)
         return [number for number, is_near in zip(self.views, near.tolist(), strict=True) if is_near]
 
-    def _enter(
-        self, asked: NDArray[np.int64], keyframe: int, answers: NDArray[np.uint8], holder: NDArray[np.int32]
+    def _ask(
+        self, keyframe: int, asked: NDArray[np.int64], places: NDArray[np.float32], spheres: NDArray[np.float32]
     ) -> None:
-        """Record what a keyframe says of the segments in these rows."""
-        some = np.flatnonzero(answers != NOTHING)
-        whole = np.where(answers[some] == WHOLE, holder[some], -1)
-        self._observations.extend(np.column_stack((asked[some], np.full(len(some), keyframe), answers[some], whole)))
-        self.segments.touched.rows[asked[some]] = True
+        """Ask a keyframe about the segments in these rows, but for its own, and record the answers."""
+        answers, labels = np.empty((2, len(asked)), np.uint8)
+        ask(self.views[keyframe], places, spheres, answers, labels)
+        some = np.flatnonzero((answers != NOTHING) & (self.segments.frame.rows[asked] != keyframe))
+        asked, answers, holder = asked[some], answers[some], self.rows_of[keyframe][labels[some]]
+        whole = np.where(answers == WHOLE, holder, -1)
+        self._observations.extend(np.column_stack((asked, np.full(len(some), keyframe), answers, whole)))
+        self.segments.touched.rows[asked] = True
 
     def statements(self, rows: NDArray[np.int64]) -> Statements:
         """What the views say of these segments, and of the segments among these that hold them."""
@@ -167,17 +168,10 @@ class SegmentGraph:
         every, theirs = np.arange(len(segments)), np.flatnonzero(has_moved)
         segments.touched.rows[theirs] = True
         places, spheres = segments.places.rows, segments.spheres.rows
-        their_places, their_spheres = places[theirs], spheres[theirs]
-        answers, labels = np.empty((2, len(segments)), np.uint8)
-        near = set(self._views_of(their_spheres)).union(moved)
+        of_all, of_theirs = (every, places, spheres), (theirs, places[theirs], spheres[theirs])
+        near = set(self._views_of(spheres[theirs])).union(moved)
         for number in [number for number in self.views if number in near]:
-            whole = number in moved
-            rows = every if whole else theirs
-            answer, label = answers[: len(rows)], labels[: len(rows)]
-            asked = (places, spheres) if whole else (their_places, their_spheres)
-            ask(self.views[number], *asked, answer, label)
-            answer[segments.frame.rows[rows] == number] = NOTHING
-            self._enter(rows, number, answer, self.rows_of[number][label])
+            self._ask(number, *(of_all if number in moved else of_theirs))
 
     def up(self) -> NDArray[np.float64]:
         """The common normal of most keyframes' main supporting planes."""
