@@ -26,14 +26,15 @@ _SAMPLE = 5000
 """The bend is fitted to about this many pixels."""
 _FITS, _ROBUST = 8, 1.5
 """Rounds of the fit; a pixel this many deviations off weighs little, so that objects on the plane do not lift it."""
-_WINDOW, _ROUNDS, _NEAR = (65, 65), 2, np.float32(0.01)
-"""The mean of what a quadratic leaves within this reach, metres, in a window of 12 degrees (pixels of the lattice) is
-bend as well, in two rounds. Success / detection of single frames of HOTS: 0.93 / 0.95 with it and without; 0.91 / 0.93
-and 0.85 / 0.89 where depth is bent by 0.5 %, 0.88 / 0.91 and 0.80 / 0.82 by 1 %, otherwise in each image. With 9
-degrees 0.93 / 0.95 and 0.87 / 0.90 (1 %), with 15 degrees 0.93 / 0.94 and 0.85 / 0.88. OSD is the same with all."""
+_WINDOW, _ROUNDS = (65, 65), 2
+"""The mean of what a quadratic leaves within `plane_distance`, in a window of 12 degrees (pixels of the lattice), is
+bend as well, in two rounds. Success / detection of single frames of HOTS: 0.93 / 0.95 with it and without; 0.90 / 0.93
+and 0.85 / 0.89 where depth is bent by 0.5 %, 0.83 / 0.87 and 0.80 / 0.82 by 1 %, otherwise in each image. With twice
+the distance 0.88 / 0.91 there, but near desks have a quarter of a box of no object a scene more. OSD is the same with
+all of them, and HOTS with 9 and 15 degrees to 0.01."""
 _UNBENT = np.float32(0.1)
 """Where the support is seen on less than this share of the window, less than half of the mean counts. With 0.1, 0.15,
-0.3 it is the same to 0.01; from 0.3 on, the floor of a bin is taken for its bent support."""
+0.3 HOTS and OSD are the same to 0.01."""
 _CELL = 0.01
 """Cell size of the plan on which a support is drawn, metres: a pixel of the lattice at 3 m."""
 # With 0.02, 0.05 and 0.1 m, and with 50, 200 and 800 pixels, detections on redkitchen, clutter (with holes too) and
@@ -124,14 +125,14 @@ def heights_and_tolerance(
     tolerance = noise_height(depth, plane, settings, noise)
     if "bend" in settings.skipped:
         return height, tolerance
-    bend = _bend(height, depth > 0)
+    bend = _bend(height, depth > 0, settings.plane_distance)
     tolerance += _BEND_UNSURE * np.abs(bend)
     return height - bend, tolerance
 
 
-def _bend(height: NDArray[np.float32], valid: NDArray[np.bool_]) -> NDArray[np.float32]:
+def _bend(height: NDArray[np.float32], valid: NDArray[np.bool_], reach: float) -> NDArray[np.float32]:
     """(h, w) float32 metres: a quadratic of the pixel, fitted robustly to the heights near zero, and the mean of what
-    it leaves around each pixel. 0 if these are few."""
+    it leaves within `reach` metres around each pixel. 0 if these are few."""
     h, w = height.shape
     near = np.flatnonzero(valid & (np.abs(height) < _REACH))
     near = near[:: max(1, len(near) // _SAMPLE)]
@@ -154,7 +155,7 @@ def _bend(height: NDArray[np.float32], valid: NDArray[np.bool_]) -> NDArray[np.f
     bend = np.asarray(grid, np.float32)
     for _ in range(_ROUNDS):
         left = height - bend
-        on = (valid & (np.abs(left) < _NEAR)).astype(np.float32)
+        on = (valid & (np.abs(left) < reach)).astype(np.float32)
         bend += cv2.blur(left * on, _WINDOW) / (cv2.blur(on, _WINDOW) + _UNBENT)
     return bend
 
