@@ -24,7 +24,7 @@ def frame_robustness_table(
 ) -> Table:
     """Single frames of ours and of the peer with degraded input, with curves over each kind (not in the paper).
 
-    only: which kinds; those that need several frames are left out. Frames with all errors at once are one recording.
+    only: which kinds; those that need several frames are left out. A camera's own errors are alike in all frames.
     """
     heads = (*columns("data", "worse"), *BOTH_METHODS)
     table = Table("robustness-frames", "Single frame: success and detection rate with degraded input", heads)
