@@ -140,12 +140,12 @@ class _Cores:
         if refused:
             self.result.skipped[refused] += 1
         elif self._cadence.due(frame.stamp_ns):
-            update = self._objects()
+            update = self._objects(lasting=True)
         return PipelineStep(frame, pose, heat, segments, update, refused, self._keyframes.side_up)
 
     def end(self) -> None:
         """Find the last objects."""
-        self.result.complete = self._objects() is not None
+        self.result.complete = self._objects(lasting=False) is not None
 
     def _tracked(self, frame: RgbdFrame) -> PoseEstimate:
         """The frame's pose; if the tracker fails, a lost one with the last pose."""
@@ -203,11 +203,11 @@ class _Cores:
             self._world.follow(None, pose.T_world_camera, frame.stamp_ns)
         return refused
 
-    def _objects(self) -> FoundObjects | None:
+    def _objects(self, lasting: bool) -> FoundObjects | None:
         """An update of the objects; None if it fails."""
         said = f"no objects after {self._fusion.frame_count} frames"
         with self.result.failures.of("fusion", said), _timed(self.result.step_s, "objects"):
-            self.result.objects = self._fusion.objects()
+            self.result.objects = self._fusion.objects(lasting)
             return self.result.objects
         return None
 

@@ -197,9 +197,10 @@ class Fusion:
         """A copy of the map's points that were seen often enough."""
         return frequent_points(self.heatmap.points(), self.frame_count, self.settings)
 
-    def snapshot(self) -> ObjectsTask:
+    def snapshot(self, lasting: bool = False) -> ObjectsTask:
         """A task that finds the objects, with copies of what it needs: it may run while frames are fused.
 
+        lasting: objects of the views' consensus that no task before found wait for the next one.
         Every task must be run: it takes over the keyframes that came since the last one.
         """
         if self.settings.clustering == "density":
@@ -215,11 +216,12 @@ class Fusion:
             self._calibration,
             self._corrections,
             self.frame_count,
+            lasting,
         )
 
-    def objects(self) -> FoundObjects:
-        """The objects in the map as it is now."""
-        return self.snapshot()()
+    def objects(self, lasting: bool = False) -> FoundObjects:
+        """The objects in the map as it is now; lasting: see `snapshot`."""
+        return self.snapshot(lasting)()
 
 
 def _found_by_consensus(
@@ -229,11 +231,12 @@ def _found_by_consensus(
     calibration: Calibration,
     corrections: PoseCorrections | None,
     frame_count: int,
+    lasting: bool,
 ) -> FoundObjects:
     """The objects of the views' consensus, with the keyframes since the last task, at the map's present pose."""
     R_world_map = T_world_map[:3, :3]
     in_map = None if corrections is None else corrections.seen_from(R_world_map)
-    agreed = consensus.update(keyframes, calibration, in_map)
+    agreed = consensus.update(keyframes, calibration, in_map, lasting)
     objects = [replace(item, box=moved(item.box, T_world_map)) for item in agreed.objects]
     return FoundObjects(objects, R_world_map @ agreed.up, frame_count, agreed.left_out, agreed.dropped)
 

@@ -254,7 +254,7 @@ class Stage:
         if self.keeper.due(complete) and fusion.frame_count:
             kept = keep(fusion, self._account())
         update = Update(
-            task=fusion.snapshot(),
+            task=fusion.snapshot(lasting=not complete),
             frame_count=fusion.frame_count,
             given=given,
             map_points=heatmap.count,

@@ -270,6 +270,23 @@ def test_what_turns_out_to_be_cold_goes() -> None:
     assert found.left_out == {"too cold": 2}
 
 
+def test_a_new_object_waits_for_a_second_update_while_the_stream_goes_on() -> None:
+    two, three = (
+        [keyframe(pose, shown=shown, labels=labels) for pose in POSES]
+        for shown, labels in ((THREE[:2], {0: 1, 1: 2}), (THREE, None))
+    )
+    votes = ViewConsensus(SETTINGS)
+    assert_found(votes.update(two[:2], lasting=True), THREE[:2], least=0.5)  # there has been no update before
+    votes.update(two[2:4], lasting=True)
+    waits = votes.update(three[4:], lasting=True)
+    assert_found(waits, THREE[:2])
+    assert waits.left_out["seen too seldom"] == 1
+    last = votes.update([])  # of a stream that is over
+    assert_found(last)
+    assert not last.left_out
+    assert_same(votes.update([], lasting=True), last)
+
+
 def test_with_fewer_keyframes_than_an_object_needs_all_of_them_must_see_it() -> None:
     votes = ViewConsensus(SETTINGS)
     assert_found(votes.update([keyframe(POSES[0])]), least=0.3)

@@ -1,7 +1,8 @@
 """Why a candidate is no object: the reasons by which `Objects` counts what is left out."""
 
 TOO_SELDOM = "seen too seldom"
-"""In fewer keyframes than `views_min`: mostly fragments of one view."""
+"""In fewer keyframes than `views_min`: mostly fragments of one view. While the stream goes on, also in one update
+only."""
 MOSTLY_BACKGROUND = "background in most views"
 """Fewer than `object_share` of the keyframes that see it take it for an object."""
 GONE = "no longer there"
