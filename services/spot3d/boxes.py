@@ -1,6 +1,6 @@
-"""Overlap of boxes, and the rates that follow from it: IoU, detection rate, success rate, recall curve."""
+"""Boxes of any rotation, and how much boxes overlap."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
 
@@ -130,64 +130,3 @@ def _over_union(
     inner = np.clip(intersection, 0, np.minimum(size_a, size_b))
     union = size_a + size_b - inner
     return np.divide(inner, union, out=np.zeros_like(union), where=union > 0)
-
-
-def iou_per_truth(iou: NDArray[np.float64]) -> NDArray[np.float64]:
-    """IoU(i): the best overlap of each true object with any proposal (paper, Sec. VI-A, Eq. IoU_ori).
-
-    iou: (N, M) of N true objects and M proposals. Returns (N,); 0 without proposals.
-    """
-    return np.asarray(iou.max(axis=1, initial=0.0))
-
-
-def iou_per_proposal(iou: NDArray[np.float64]) -> NDArray[np.float64]:
-    """IoU_o(j), modified IoU: each proposal's best overlap with a true object (paper, Sec. VI-A, Eq. IoU).
-
-    iou: (N, M) of N true objects and M proposals. Returns (M,); 0 without true objects.
-    """
-    return np.asarray(iou.max(axis=0, initial=0.0))
-
-
-def detection_rate(scenes: Sequence[NDArray[np.float64]], threshold: float = 0.5) -> float:
-    """DR: the part of the true objects that a proposal overlaps with IoU >= threshold (paper, Eq. DR).
-
-    scenes: one IoU matrix (N_k, M_k) for each scene. The paper divides by N * K, as if each scene had N
-    objects; here N_k differs and the objects of all scenes are pooled (hits / objects): the same for equal N.
-    Returns nan when there is no true object at all.
-    """
-    return _mean(_pooled(iou_per_truth, scenes) >= threshold)
-
-
-def success_rate(scenes: Sequence[NDArray[np.float64]], threshold: float = 0.5) -> float:
-    """SR: the part of the proposals that overlap a true object with IoU >= threshold (paper, Sec. VI-A).
-
-    scenes: one IoU matrix (N_k, M_k) for each scene; the proposals of all scenes are pooled, as for the
-    detection rate. Returns nan when there is no proposal at all.
-    """
-    return _mean(_pooled(iou_per_proposal, scenes) >= threshold)
-
-
-def mean_iou(scenes: Sequence[NDArray[np.float64]]) -> float:
-    """Mean IoU over the true objects of all scenes (paper, Table III, IoU); nan without any."""
-    return _mean(_pooled(iou_per_truth, scenes))
-
-
-def mean_modified_iou(scenes: Sequence[NDArray[np.float64]]) -> float:
-    """Mean modified IoU over the proposals of all scenes (paper, Table III, IoU_o); nan without any."""
-    return _mean(_pooled(iou_per_proposal, scenes))
-
-
-def recall_curve(scenes: Sequence[NDArray[np.float64]], thresholds: ArrayLike) -> NDArray[np.float64]:
-    """Detection rate at each IoU threshold (T,): the paper's recall curve (Fig. 10). Returns (T,)."""
-    best = _pooled(iou_per_truth, scenes)
-    return np.array([_mean(best >= threshold) for threshold in np.asarray(thresholds, np.float64)])
-
-
-def _pooled(
-    best: Callable[[NDArray[np.float64]], NDArray[np.float64]], scenes: Sequence[NDArray[np.float64]]
-) -> NDArray[np.float64]:
-    return np.concatenate([np.zeros(0), *map(best, scenes)])
-
-
-def _mean(values: NDArray[np.float64] | NDArray[np.bool_]) -> float:
-    return float(np.mean(values)) if values.size else float("nan")

@@ -6,20 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from spot3d.boxes import (
-    Box3D,
-    corners,
-    detection_rate,
-    iou_matrix_2d,
-    iou_matrix_3d,
-    iou_per_proposal,
-    iou_per_truth,
-    mean_iou,
-    mean_modified_iou,
-    recall_curve,
-    success_rate,
-)
+from spot3d.boxes import Box3D, corners, iou_matrix_2d, iou_matrix_3d
 from spot3d.boxes import moved as in_frame
+from spot3d.evaluate.scores import THRESHOLDS, _best, object_scores, recall_of
 
 NAN = float("nan")
 # Two unit squares on one centre, one turned by 45 degrees, share a regular octagon of this area.
@@ -267,25 +256,20 @@ FALSE_ALARM = np.zeros((0, 1))
 def test_rates(
     scenes: list[NDArray[np.float64]], detection: float, success: float, iou: float, modified: float
 ) -> None:
-    measured = (detection_rate(scenes), success_rate(scenes), mean_iou(scenes), mean_modified_iou(scenes))
-    np.testing.assert_allclose(measured, (detection, success, iou, modified), atol=1e-12)
+    np.testing.assert_allclose(object_scores(scenes), (iou, modified, success, detection), atol=1e-12)
 
 
 def test_iou_of_each_object_and_each_proposal() -> None:
-    np.testing.assert_array_equal(iou_per_truth(TWICE), [0.8, 0.3])
-    np.testing.assert_array_equal(iou_per_proposal(TWICE), [0.8, 0.5, 0.3])
-    np.testing.assert_array_equal(iou_per_truth(MISSED), [0, 0])
-    np.testing.assert_array_equal(iou_per_proposal(FALSE_ALARM), [0])
-
-
-@pytest.mark.parametrize(("threshold", "success"), [(0.25, 1), (0.5, 2 / 3), (0.51, 1 / 3), (0.9, 0)])
-def test_success_rate_over_thresholds(threshold: float, success: float) -> None:
-    assert success_rate([TWICE], threshold) == pytest.approx(success)
+    np.testing.assert_array_equal(_best([TWICE], 1), [0.8, 0.3])
+    np.testing.assert_array_equal(_best([TWICE], 0), [0.8, 0.5, 0.3])
+    np.testing.assert_array_equal(_best([MISSED], 1), [0, 0])
+    np.testing.assert_array_equal(_best([FALSE_ALARM], 0), [0])
 
 
 def test_recall_curve() -> None:
-    thresholds = [0.0, 0.3, 0.31, 0.8, 1.0]
-    np.testing.assert_allclose(recall_curve([TWICE], thresholds), [1, 1, 0.5, 0.5, 0])
-    np.testing.assert_allclose(recall_curve([TWICE, np.ones((1, 1))], thresholds), [1, 1, 2 / 3, 2 / 3, 1 / 3])
-    assert recall_curve([TWICE], []).shape == (0,)
-    assert np.isnan(recall_curve([], thresholds)).all()
+    below_and_above = np.isin(THRESHOLDS.round(3), [0.0, 0.275, 0.325, 0.775, 0.825])
+    both = [TWICE, np.ones((1, 1))]
+    np.testing.assert_allclose(recall_of("", "", [TWICE]).recall[below_and_above], [1, 1, 0.5, 0.5, 0])
+    np.testing.assert_allclose(recall_of("", "", both).recall[below_and_above], [1, 1, 2 / 3, 2 / 3, 1 / 3])
+    assert recall_of("", "", both).recall[-1] == 1 / 3
+    assert np.isnan(recall_of("", "", []).recall).all()

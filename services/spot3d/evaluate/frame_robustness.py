@@ -48,7 +48,7 @@ def frame_robustness_table(
         for kind, levels in kinds.items():
             places, names = np.linspace(0, 1, len(levels)), tuple(name for name, _ in levels)
             for method, which in ((OURS, 0), (PEER, 1)):
-                detection = np.array([done[level][which].detection for _, level in levels])
+                detection = np.array([done[level][which].scores.detection for _, level in levels])
                 table.curves.append(Curve(f"{dataset.name} {kind}", f"{method} detection", places, detection, names))
     table.notes += [NOTE_WORSE, "Errors that need several frames are left out."]
     return table

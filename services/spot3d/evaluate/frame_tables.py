@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.boxes import detection_rate, iou_matrix_2d, mean_iou, success_rate
+from spot3d.boxes import iou_matrix_2d
 from spot3d.evaluate.labelled import DataSet, LabelledFrame, boxes_around
 from spot3d.evaluate.peer import PEER, RADIUS, RANGE_MAX, behind_peer, peer_in_frame
-from spot3d.evaluate.scores import HIT, recall_of, without_object
+from spot3d.evaluate.scores import HIT, ObjectScores, object_scores, recall_of, without_object
 from spot3d.evaluate.table import Cell, Column, Table, columns
 from spot3d.frame import RgbdFrame
 from spot3d.fusion.paper.density_frame import find_by_density_in_frame
@@ -55,7 +55,7 @@ def proposals_table(datasets: list[DataSet], settings: Settings) -> Table:
                 ours[number].add(item, boxes_in_frame(item.frame, heat, settings))
         for number in NUMBERS:
             b, o = bare[number], ours[number]
-            table.add(dataset.name, number, b.success, b.detection, *o.cells(), *peer.cells(), peer.true)
+            table.add(dataset.name, number, b.scores.success, b.scores.detection, *o.cells(), *peer.cells(), peer.true)
             table.curves += [
                 recall_of(dataset.name, f"{number} boxes", b.iou),
                 recall_of(dataset.name, f"{number} ours", o.iou),
@@ -85,12 +85,8 @@ class FoundInFrames:
         self.left_out += left_out
 
     @property
-    def success(self) -> float:
-        return success_rate(self.iou)
-
-    @property
-    def detection(self) -> float:
-        return detection_rate(self.iou)
+    def scores(self) -> ObjectScores:
+        return object_scores(self.iou)
 
     @property
     def true(self) -> float:
@@ -99,13 +95,13 @@ class FoundInFrames:
 
     def behind(self, peer: "FoundInFrames", where: str) -> list[str]:
         """A sentence on the measures in which the peer is better, if any."""
-        measures = [("success", self.success, peer.success), ("detection", self.detection, peer.detection)]
-        return behind_peer(where, measures)
+        a, b = self.scores, peer.scores
+        return behind_peer(where, [("success", a.success, b.success), ("detection", a.detection, b.detection)])
 
     def cells(self) -> tuple[Cell, ...]:
         """Success and detection rate; boxes, boxes without an object and boxes left out, each per frame."""
-        found = float(np.mean([matrix.shape[1] for matrix in self.iou]))
-        return self.success, self.detection, found, without_object(self.iou), self.left_out / len(self.iou)
+        found, rates = float(np.mean([matrix.shape[1] for matrix in self.iou])), self.scores
+        return rates.success, rates.detection, found, without_object(self.iou), self.left_out / len(self.iou)
 
 
 def steps_table(datasets: list[DataSet], settings: Settings) -> Table:
@@ -121,7 +117,7 @@ def steps_table(datasets: list[DataSet], settings: Settings) -> Table:
                 found[name].add(item, boxes_in_frame(item.frame, heat, changed))
         for name, one in found.items():
             success, detection, a_frame, no_object, _ = one.cells()
-            table.add(dataset.name, name, success, detection, mean_iou(one.iou), a_frame, no_object, one.true)
+            table.add(dataset.name, name, success, detection, one.scores.iou, a_frame, no_object, one.true)
     table.notes.append("The steps are those of `segments.skipped`.")
     return table
 
