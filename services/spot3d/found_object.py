@@ -1,5 +1,6 @@
-"""An object as fusion finds it, a run writes it, an evaluation judges it and a picture shows it."""
+"""Objects as fusion finds them, a run writes them, an evaluation judges them and a picture shows them."""
 
+from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,3 +26,18 @@ class FoundObject:
     views: int
     points: int
     colour: NDArray[np.float64] = field(default_factory=lambda: np.full(3, 128.0))
+
+
+@dataclass(frozen=True, slots=True)
+class FoundObjects:
+    """The objects of one update; up: (3,) unit, world; frame_count: frames fused so far.
+
+    left_out: number of rejected candidates, by reason (see `fusion.objects.reasons`). keyframes_dropped: number of
+    keyframes forgotten because there were more than `keyframe_limit`.
+    """
+
+    objects: list[FoundObject]
+    up: NDArray[np.float64]
+    frame_count: int = 0
+    left_out: Counter[str] = field(default_factory=Counter)
+    keyframes_dropped: int = 0

@@ -12,9 +12,10 @@ from spot3d.camera_pose import CameraPose
 from spot3d.dataflow.cadence import Cadence
 from spot3d.dataflow.order import DUPLICATE, OUT_OF_ORDER
 from spot3d.failures import Failures
+from spot3d.found_object import FoundObjects
 from spot3d.frame import RgbdFrame
 from spot3d.frame_segments import FrameSegments
-from spot3d.fusion.fusion import FoundObjects, Fusion
+from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.worlds import World
 from spot3d.heatmap.heat import Heatmap, weighted_heat
 from spot3d.pose.estimate import PoseEstimate

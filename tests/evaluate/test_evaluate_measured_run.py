@@ -18,8 +18,8 @@ from spot3d.evaluate.measured_run import measure
 from spot3d.evaluate.still_table import moving_table, still_table
 from spot3d.evaluate.truth import LabelledScene
 from spot3d.failures import Failures, StageFailedError
+from spot3d.found_object import FoundObjects
 from spot3d.frame import RgbdFrame
-from spot3d.fusion.fusion import FoundObjects
 from spot3d.heatmap.heat import Heatmap
 from spot3d.pipeline import PipelineStep
 from spot3d.pose.estimate import PoseEstimate

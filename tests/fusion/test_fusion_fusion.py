@@ -10,8 +10,9 @@ from spot3d.boxes import iou_matrix_3d, moved
 from spot3d.calibration import Calibration
 from spot3d.camera import Intrinsics
 from spot3d.camera_pose import CameraPose
+from spot3d.found_object import FoundObjects
 from spot3d.frame_segments import FrameSegments
-from spot3d.fusion.fusion import FoundObjects, Fusion
+from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.settings import MAP_ALONE, FusionSettings
 from spot3d.pose_corrections import PoseCorrections
 from spot3d.trajectory import rotation_from_vector

@@ -7,7 +7,8 @@ import numpy as np
 
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.settings import LinkSettings
-from spot3d.fusion.fusion import FoundObjects, Fusion
+from spot3d.found_object import FoundObjects
+from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.snapshot import Account, Kept, keep
 from spot3d.fusion.snapshot_keeper import SnapshotKeeper

@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 
 from spot3d.boxes import iou_matrix_3d
 from spot3d.camera import invert
-from spot3d.found_object import FoundObject
-from spot3d.fusion.objects.consensus import Consensus, ViewConsensus
+from spot3d.found_object import FoundObject, FoundObjects
+from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.geometry.planes import transform_plane
 
@@ -70,11 +70,11 @@ def overlaps(found: list[FoundObject], things: tuple[Cuboid, ...] = THREE) -> ND
     return iou_matrix_3d([thing.box() for thing in things], [item.box for item in found])
 
 
-def agreed(frames: list[Keyframe], **changes: object) -> Consensus:
+def agreed(frames: list[Keyframe], **changes: object) -> FoundObjects:
     return ViewConsensus(SETTINGS.model_copy(update=changes)).update(frames)
 
 
-def assert_found(agreed: Consensus, things: tuple[Cuboid, ...] = THREE, least: float = 0.8) -> None:
+def assert_found(agreed: FoundObjects, things: tuple[Cuboid, ...] = THREE, least: float = 0.8) -> None:
     """Each thing has one box of its own, and there are no others."""
     iou = overlaps(agreed.objects, things)
     assert iou.shape == (len(things), len(things)), f"{len(agreed.objects)} objects; left out: {agreed.left_out}"
@@ -82,7 +82,7 @@ def assert_found(agreed: Consensus, things: tuple[Cuboid, ...] = THREE, least: f
     assert (iou.max(axis=1) > least).all(), iou.max(axis=1)
 
 
-def described(agreed: Consensus, numbered: bool = True) -> NDArray[np.float64]:
+def described(agreed: FoundObjects, numbered: bool = True) -> NDArray[np.float64]:
     """All of every object, a row each, with or without its number, ordered by place."""
     objects = sorted(agreed.objects, key=lambda item: np.round(item.box.centre, 3).tolist())
     rows = [
@@ -96,7 +96,7 @@ def described(agreed: Consensus, numbered: bool = True) -> NDArray[np.float64]:
     return np.array(rows).reshape(len(rows), -1)
 
 
-def assert_same(one: Consensus, other: Consensus, numbered: bool = False) -> None:
+def assert_same(one: FoundObjects, other: FoundObjects, numbered: bool = False) -> None:
     """The same objects, but for rounding."""
     np.testing.assert_allclose(described(one, numbered), described(other, numbered), atol=1e-6)
     assert one.left_out == other.left_out

@@ -1,8 +1,7 @@
 """The fusion stage's core: frames with heat and pose in, 3D objects with stable numbers out (paper, Sec. V)."""
 
-from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -12,7 +11,7 @@ from spot3d.boxes import moved
 from spot3d.calibration import NOMINAL, Calibration
 from spot3d.camera import Intrinsics, invert
 from spot3d.camera_pose import CameraPose
-from spot3d.found_object import FoundObject
+from spot3d.found_object import FoundObjects
 from spot3d.frame_segments import NO_SUPPORT, FrameSegments
 from spot3d.fusion.map.changes import ChangeLog
 from spot3d.fusion.map.heatmap3d import Heatmap3D
@@ -33,21 +32,6 @@ from spot3d.pose_corrections import PoseCorrections
 
 _AWAITING_SEGMENTS = 60
 """Fused frames kept for their segments: a learned segmenter may take two seconds of a camera; 0.5 MB each."""
-
-
-@dataclass(frozen=True, slots=True)
-class FoundObjects:
-    """The objects of one update; up: (3,) unit, world; frame_count: frames fused so far.
-
-    left_out: number of rejected candidates, by reason (see `reasons`). keyframes_dropped: number of keyframes forgotten
-    because there were more than `keyframe_limit`.
-    """
-
-    objects: list[FoundObject]
-    up: NDArray[np.float64]
-    frame_count: int
-    left_out: Counter[str] = field(default_factory=Counter)
-    keyframes_dropped: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,7 +222,7 @@ def _found_by_consensus(
     in_map = None if corrections is None else corrections.seen_from(R_world_map)
     agreed = consensus.update(keyframes, calibration, in_map, lasting)
     objects = [replace(item, box=moved(item.box, T_world_map)) for item in agreed.objects]
-    return FoundObjects(objects, R_world_map @ agreed.up, frame_count, agreed.left_out, agreed.dropped)
+    return replace(agreed, objects=objects, up=R_world_map @ agreed.up, frame_count=frame_count)
 
 
 def _found_by_density(

@@ -11,8 +11,8 @@ import numpy as np
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.process_use import let_frames_go_first
 from spot3d.dataflow.stopping import end_threads
-from spot3d.found_object import FoundObject
-from spot3d.fusion.fusion import FoundObjects, ObjectsTask
+from spot3d.found_object import FoundObject, FoundObjects
+from spot3d.fusion.fusion import ObjectsTask
 from spot3d.fusion.snapshot import Kept
 from spot3d.fusion.snapshot_keeper import SnapshotKeeper
 from spot3d_schemas import Message, Object3D, Objects

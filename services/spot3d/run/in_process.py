@@ -8,7 +8,7 @@ import numpy as np
 
 from spot3d.colour_alignment import AlignmentWatch
 from spot3d.dataflow.process_use import process_use, stay_single_threaded
-from spot3d.fusion.fusion import FoundObjects
+from spot3d.found_object import FoundObjects
 from spot3d.pipeline import PipelineResult, PipelineStep, run_pipeline
 from spot3d.pose.estimate import GIVEN_JUMPED, GIVEN_TOO_FAR
 from spot3d.run.display import RunMonitor

@@ -11,9 +11,10 @@ from voting_room import POSES, SETTINGS, agreed, assert_found, assert_same, desc
 
 from spot3d.boxes import Box3D
 from spot3d.camera import Intrinsics
+from spot3d.found_object import FoundObjects
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.objects import cluster_judge
-from spot3d.fusion.objects.consensus import Consensus, ViewConsensus
+from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.found import ObjectViews, box_of
 from spot3d.fusion.objects.keyframes import FusedFrame, Keyframe, keyframe_of
 from spot3d.fusion.settings import FusionSettings
@@ -219,7 +220,7 @@ def test_what_is_thin_is_an_object_if_it_is_seen_to_lie_on_something() -> None:
     """The front edge of a board looks alike, but nothing is seen beneath it."""
     bar = standing(0.1, 0.0, (0.3, 0.1, 0.012))
 
-    def found(supports: tuple[float, ...]) -> Consensus:
+    def found(supports: tuple[float, ...]) -> FoundObjects:
         return agreed([keyframe(pose, (bar,), supports=supports) for pose in POSES])
 
     lying, above_nothing = found((0.0,)), found((-0.3,))
@@ -251,7 +252,7 @@ def test_a_cold_foot_is_a_part_of_what_would_fall_without_it() -> None:
     cube = replace(standing(0.0, 0.0, (0.12, 0.12, 0.12)), centre=(0.0, 0.0, 0.12))
     of_both = standing(0.0, 0.0, (0.2, 0.2, 0.36))
 
-    def found(*things: Cuboid) -> Consensus:
+    def found(*things: Cuboid) -> FoundObjects:
         return agreed([warm(keyframe(pose, things=things, shown=things), 0.1, 0.8) for pose in POSES])
 
     whole, alone = found(foot, sign), found(foot, cube)
@@ -456,7 +457,7 @@ def test_what_fails_in_an_update_is_made_good_in_the_next(monkeypatch: pytest.Mo
 def test_keyframes_may_come_while_an_update_runs() -> None:
     """`add` and `take_waiting` in one thread, `update` in another."""
     votes, frames = ViewConsensus(SETTINGS), rooms(4, 12)
-    results: list[Consensus] = []
+    results: list[FoundObjects] = []
     for frame in frames[:12]:
         votes.add(frame)
     waiting = votes.take_waiting()

@@ -8,7 +8,8 @@ from fusion_room import look_at, orbit, standing
 from voting_room import SETTINGS, agreed, assert_found, assert_same, keyframe, keyframes, overlaps
 
 from spot3d.calibration import NOMINAL, Calibration, moved_planes, sheared
-from spot3d.fusion.objects.consensus import Consensus, ViewConsensus
+from spot3d.found_object import FoundObjects
+from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.pose_corrections import PoseCorrections
 from spot3d.trajectory import rotation_from_vector
@@ -24,7 +25,7 @@ def wrong_by(factor: float) -> list[Keyframe]:
     return [replace(frame, calibration=NOMINAL if row < 6 else known) for row, frame in enumerate(frames)]
 
 
-def assert_better(found: Consensus, unaware: Consensus, by: float, off: float) -> None:
+def assert_better(found: FoundObjects, unaware: FoundObjects, by: float, off: float) -> None:
     """Boxes fit by so much better than where nothing was known, and nearly as well as if it had been known at once."""
     assert_found(found)
     fit, before, exact = (overlaps(one.objects).max(axis=1).mean() for one in (found, unaware, agreed(keyframes())))

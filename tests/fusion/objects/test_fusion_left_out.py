@@ -129,5 +129,5 @@ def test_what_becomes_an_object_is_left_out_no_longer() -> None:
 
 def test_forgotten_keyframes_are_counted() -> None:
     consensus = ViewConsensus(FusionSettings(keyframe_limit=2))
-    assert consensus.update([keyframe(number, OBJECT, 0.8, 0.1) for number in range(2)]).dropped == 0
-    assert consensus.update([keyframe(number, OBJECT, 0.8, 0.1) for number in range(2, 5)]).dropped == 3
+    assert consensus.update([keyframe(number, OBJECT, 0.8, 0.1) for number in range(2)]).keyframes_dropped == 0
+    assert consensus.update([keyframe(number, OBJECT, 0.8, 0.1) for number in range(2, 5)]).keyframes_dropped == 3

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from voting_room import SETTINGS, keyframe
 
 from spot3d.boxes import Box3D
-from spot3d.found_object import FoundObject
-from spot3d.fusion.objects.consensus import Consensus, ViewConsensus, _one_of
+from spot3d.found_object import FoundObject, FoundObjects
+from spot3d.fusion.objects.consensus import ViewConsensus, _one_of
 from spot3d.fusion.objects.keyframes import Keyframe
 
 STEADY = SETTINGS.model_copy(update={"tau_share": 0.0})
@@ -23,7 +23,7 @@ def room(number: int, count: int, heat: float) -> list[Keyframe]:
     return [keyframe(pose, heat=heat, told=away @ pose) for pose in orbit(count)]
 
 
-def places(found: Consensus) -> dict[int, int]:
+def places(found: FoundObjects) -> dict[int, int]:
     """The room that each object is in, by its number."""
     return {item.id: round(float(item.box.centre[0]) / 6) for item in found.objects}
 

@@ -2,14 +2,14 @@
 
 from collections import Counter, deque
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.boxes import Box3D
 from spot3d.calibration import NOMINAL, Calibration
-from spot3d.found_object import FoundObject
+from spot3d.found_object import FoundObject, FoundObjects
 from spot3d.frame_segments import KEYFRAME_REASONS, OTHER, SEVERAL, WITHOUT_DEPTH
 from spot3d.fusion.objects.agreement import clusters_of
 from spot3d.fusion.objects.balance import put_together
@@ -35,20 +35,6 @@ the wall, and one of a pillar.
 """
 _DROPPED_SHARE = 0.1
 """Share of the limit dropped at once if there are too many keyframes."""
-
-
-@dataclass(frozen=True, slots=True)
-class Consensus:
-    """What the views agree on.
-
-    objects: numbered; up: (3,) unit, world; left_out: number of candidates by reason (see `reasons`); dropped: number
-    of keyframes dropped as there were too many.
-    """
-
-    objects: list[FoundObject]
-    up: NDArray[np.float64]
-    left_out: Counter[str]
-    dropped: int
 
 
 class ViewConsensus:
@@ -107,14 +93,14 @@ class ViewConsensus:
         calibration: Calibration = NOMINAL,
         corrections: PoseCorrections | None = None,
         lasting: bool = False,
-    ) -> Consensus:
+    ) -> FoundObjects:
         """Take in keyframes, in their order, and find the objects. Updates run one at a time.
 
         calibration: by which all keyframes are seen, as far as known by now; corrections: of their poses, in the axes
-        of the map of poses. lasting: an object that no update before had waits for the next one, unless there were
-        fewer than `views_min` keyframes before. On redkitchen, forwards, backwards, mirrored, rolled, scaled and with
-        KISS-ICP, 125 numbers are given and gone before the end, 36 of them in one update alone. Waiting for one update
-        more would keep back 12 others, for a third 8.
+        of the map of poses, as is what is found. The frames are not counted here. lasting: an object that no update
+        before had waits for the next one, unless there were fewer than `views_min` keyframes before. On redkitchen,
+        forwards, backwards, mirrored, rolled, scaled and with KISS-ICP, 125 numbers are given and gone before the end,
+        36 of them in one update alone. Waiting for one update more would keep back 12 others, for a third 8.
         If one cannot be taken in, the exception is raised, and those after it are left to the next update.
         """
         graph = self._graph
@@ -140,7 +126,8 @@ class ViewConsensus:
         left_out += Counter({TOO_COLD: too_cold, SEVERAL: several, TOO_SELDOM: len(objects) - len(known)})
         # A segmenter's counts can be so large that a message cannot state their sum.
         left_out = Counter({reason: min(count, MAX_COUNT) for reason, count in left_out.items()})
-        return Consensus(sorted(known, key=lambda item: item.id), up, left_out, self.dropped)
+        known.sort(key=lambda item: item.id)
+        return FoundObjects(known, up, left_out=left_out, keyframes_dropped=self.dropped)
 
     def _take_in(self, keyframe: Keyframe) -> None:
         graph, limit = self._graph, self._settings.keyframe_limit
