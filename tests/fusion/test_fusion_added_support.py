@@ -10,7 +10,7 @@ from spot3d.boxes import iou_matrix_3d, moved
 from spot3d.camera_pose import CameraPose
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import Fusion
-from spot3d.fusion.objects.added_support import with_support
+from spot3d.fusion.objects.keyframes import with_support
 from spot3d.geometry.planes import transform_plane
 from spot3d.trajectory import rotation_from_vector
 

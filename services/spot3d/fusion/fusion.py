@@ -17,10 +17,9 @@ from spot3d.fusion.map.changes import ChangeLog
 from spot3d.fusion.map.heatmap3d import Heatmap3D
 from spot3d.fusion.map.index_map import IndexMap, MatchCounts
 from spot3d.fusion.map.selection import FrequentPoints, frequent_points
-from spot3d.fusion.objects.added_support import with_support
 from spot3d.fusion.objects.consensus import ViewConsensus
 from spot3d.fusion.objects.identity import Identities
-from spot3d.fusion.objects.keyframes import FusedFrame, Keyframe, keyframe_of
+from spot3d.fusion.objects.keyframes import FusedFrame, Keyframe, keyframe_of, with_support
 from spot3d.fusion.paper.density import find_by_density
 from spot3d.fusion.pose_frame import PoseFrame
 from spot3d.fusion.settings import FusionSettings

@@ -1,14 +1,16 @@
 """A keyframe as fusion keeps it: the segments found in one frame, and that frame's pose."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.calibration import NOMINAL, Calibration
-from spot3d.camera import Intrinsics
+from spot3d.camera import Intrinsics, back_project
 from spot3d.frame_segments import FrameSegments
+from spot3d.fusion.objects.found import STANDS
+from spot3d.geometry.standing import stands_on
 
 _STEP = 0.02
 """A depth step of more than this within two pixels leads to another surface, metres: eps_min of the paper."""
@@ -69,6 +71,19 @@ def keyframe_of(frame: FusedFrame, segments: FrameSegments) -> Keyframe:
     image = labels, frame.colour, frame.depth, frame.camera
     found = seen.heat, seen.planes, seen.stands_on, seen.left_out
     return Keyframe(frame.stamp_ns, *image, frame.T_map_camera, *found, frame.calibration)
+
+
+def with_support(keyframe: Keyframe, plane: NDArray[np.float64]) -> Keyframe:
+    """The keyframe with one plane, (4,) camera frame, facing the camera, as the support of what stands on it.
+
+    For segments whose segmenter gives none: a learned segmenter knows masks, and no planes.
+    """
+    points = back_project(keyframe.depth, keyframe.camera)
+    height = points @ plane[:3] + plane[3]
+    labels = np.where(keyframe.depth > 0, keyframe.labels, 0).ravel()
+    parts = (np.flatnonzero(labels == number + 1) for number in range(len(keyframe.heat)))
+    stand = [stands_on(pixels, height, points, plane[:3], STANDS) for pixels in parts]
+    return replace(keyframe, planes=plane[None], stands_on=np.where(stand, 0, -1).astype(np.int8))
 
 
 def without_spill(labels: NDArray[np.uint8], depth: NDArray[np.float32], width: int) -> NDArray[np.uint8]:
