@@ -6,10 +6,10 @@ import zenoh
 
 from spot3d.camera import Intrinsics
 from spot3d.camera_pose import CameraPose
-from spot3d.fusion.change_answers import changes_message
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.map.changes import ChangeLog
 from spot3d.fusion.map.map_arrays import COLUMNS, FIRST, FREQUENCY, HEAT, R, X
+from spot3d.fusion.map_answers import changes_message
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.supports import RecentSupports
 from spot3d_schemas import Header, MapChanges

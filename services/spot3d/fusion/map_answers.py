@@ -1,4 +1,4 @@
-"""Answers queries for the map's points, beside the fusing of further frames."""
+"""Answers to queries for the map's points, beside the fusing of further frames, and for its changes."""
 
 import threading
 import time
@@ -11,9 +11,10 @@ import zenoh
 from spot3d.dataflow.node import Node
 from spot3d.dataflow.stopping import end_threads
 from spot3d.fusion.fusion import Fusion
-from spot3d.fusion.map.selection import FrequentPoints
-from spot3d_schemas import Header, MapPoints
-from spot3d_schemas.limits import MAX_MAP_POINTS
+from spot3d.fusion.map.map_arrays import R, X
+from spot3d.fusion.map.selection import FrequentPoints, counting
+from spot3d_schemas import Header, MapChanges, MapPoints
+from spot3d_schemas.limits import MAX_COUNT, MAX_MAP_CHANGES, MAX_MAP_POINTS
 
 TOPIC = "fusion/map"
 _FRESH_S = 1.0
@@ -95,3 +96,38 @@ def _message(copy: _Copy, limit: int) -> MapPoints:
         total=copy.total,
         epoch=copy.epoch,
     )
+
+
+def changes_message(fusion: Fusion, parameters: zenoh.Parameters, header: Header, epoch: str) -> MapChanges:
+    """What changed in the map after what the client has, as the query's parameters say (see `MapChanges`).
+
+    Missing or non-numeric parameters count as a client that has nothing. One that claims more than there is has all.
+    """
+    generation, since = _number(parameters, "generation", 0), _number(parameters, "since", 0)
+    limit = max(1, min(_number(parameters, "limit", MAX_MAP_CHANGES), MAX_MAP_CHANGES))
+    changes, heatmap = fusion.map_changes, fusion.heatmap
+    rows = heatmap.points()
+    least, tau = counting(fusion.frame_count, fusion.settings)
+    known = since if generation == changes.generation else 0
+    chosen, cursor, behind = changes.after(known, limit, rows, least, tau)
+    heat, frequency = changes.as_sent(chosen)
+    points = rows[chosen]
+    return MapChanges(
+        header=header,
+        generation=changes.generation,
+        cursor=cursor,
+        behind=behind,
+        number=chosen.astype(np.uint32),
+        xyz=np.ascontiguousarray(points[:, X : X + 3]),
+        rgb=np.clip(np.rint(points[:, R : R + 3]), 0, 255).astype(np.uint8),
+        heat=heat,
+        frequency=frequency,
+        planes=fusion.supports.planes(),
+        total=heatmap.count,
+        epoch=epoch,
+    )
+
+
+def _number(parameters: zenoh.Parameters, name: str, otherwise: int) -> int:
+    text = parameters.get(name) or ""
+    return min(int(text), MAX_COUNT) if text.isdecimal() and len(text) < 20 else otherwise

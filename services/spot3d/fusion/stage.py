@@ -15,10 +15,9 @@ from spot3d.dataflow.ledger import Ledger
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.serving import On, OnQuery, serve
 from spot3d.dataflow.streams import new_stream
-from spot3d.fusion.change_answers import changes_message
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.inputs import NO_SEGMENTS, WITHOUT_FRAME, Arrival, Ready, inputs_of
-from spot3d.fusion.map_answers import MapAnswers
+from spot3d.fusion.map_answers import MapAnswers, changes_message
 from spot3d.fusion.snapshot import Account, keep
 from spot3d.fusion.snapshot_keeper import SnapshotKeeper
 from spot3d.fusion.updates import Update, Updates
