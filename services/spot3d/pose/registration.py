@@ -88,9 +88,9 @@ def information_of_structure(
     For a shift and a turn about the camera in its own axes. It leaves out the information of noise, as over a bare
     floor.
     """
-    turn = np.kron(np.eye(2), T_world_camera[:3, :3])
-    shared = planes.shared_information(surface, T_world_camera, DISTANCE, KERNEL)
-    values, directions = np.linalg.eigh(turn.T @ shared @ turn)
+    turn, shared = np.kron(np.eye(2), T_world_camera[:3, :3]), np.zeros((6, 6))
+    planes.normal_equations(surface, T_world_camera, DISTANCE, KERNEL, shared=shared)
+    values, directions = np.linalg.eigh(turn.T @ (0.5 * (shared + shared.T)) @ turn)
     return np.asarray(directions * np.maximum(values, 0) @ directions.T)
 
 

@@ -34,7 +34,7 @@ class _Surfels(NamedTuple):
 class _Sums(NamedTuple):
     """Sums, and scratch rows (2, 6) of one point, by the map's normal and by its own.
 
-    See `SurfelMap.normal_equations` and `shared_information`; shared: (0, 6) where it is not asked for.
+    See `SurfelMap.normal_equations`; shared: (0, 6) where it is not asked for.
     """
 
     H: NDArray[np.float64]
@@ -100,25 +100,15 @@ class SurfelMap:
         """Point-to-plane normal equations of every `stride`-th point at a pose.
 
         Returns H (6, 6) and g (6,) of H x = g for the twist x (metres, radians; world axes, about the camera), and
-        (points tried, points matched, sum of squared distances in m2). shared: see `shared_information`, which sums
-        there, (6, 6).
+        (points tried, points matched, sum of squared distances in m2). shared: (6, 6), to which the same is added as to
+        H, but products of the map's row and the point's own, not squares of the map's: the noise of the two normals is
+        independent and averages out in products; in squares it adds up.
         """
         asked = np.zeros((0, _POSE)) if shared is None else shared
         sums = _Sums(np.zeros((_POSE, _POSE)), np.zeros(_POSE), np.zeros(3), asked, np.empty((2, _POSE)))
         pose = np.ascontiguousarray(T_world_camera, np.float64)
         _normal_equations(self._arrays, surface, pose, distance, kernel, stride, sums)
         return sums.H, sums.g, sums.totals
-
-    def shared_information(
-        self, surface: Surface, T_world_camera: NDArray[np.float64], distance: float, kernel: float
-    ) -> NDArray[np.float64]:
-        """As H of `normal_equations`, but with products of the map's row and the point's own, not squares of the map's.
-
-        The noise of the two normals is independent and averages out in products; in squares it adds up.
-        """
-        summed = np.zeros((_POSE, _POSE))
-        self.normal_equations(surface, T_world_camera, distance, kernel, shared=summed)
-        return np.asarray(0.5 * (summed + summed.T))
 
     def rescale(self, factor: float) -> None:
         """Move every surfel to where it would be with depth `factor` times as large."""
