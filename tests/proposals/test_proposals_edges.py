@@ -108,7 +108,8 @@ def test_thinning_equals_the_plain_transcription(seed):
     strength = rng.random((30, 41)).astype(np.float32)
     strength[rng.random(strength.shape) < 0.3] = 0
     smooth = rng.random(strength.shape).astype(np.float32)
-    magnitude, orientation = thin(strength, smooth)
+    magnitude, orientation = np.zeros((2, *strength.shape), np.float32)
+    thin(strength, smooth, magnitude, orientation)
     expected = plain_thin(strength.astype(np.float64), smooth.astype(np.float64))
     np.testing.assert_array_equal(magnitude > 0, expected[0] > 0)
     np.testing.assert_allclose(magnitude, expected[0])

@@ -51,7 +51,9 @@ def detect_edges(
         of_depth = depth_strength(inverse, focal_length, noise)
         strength = np.maximum(strength, np.where(of_depth >= least, of_depth, 0))
     ridges = np.asarray(cv2.GaussianBlur(strength, (0, 0), ALONG), np.float32)
-    return thin(strength, ridges)
+    edges = EdgeMap(np.zeros_like(strength), np.zeros_like(strength))
+    thin(strength, ridges, *edges)
+    return edges
 
 
 @kernel()
@@ -82,24 +84,17 @@ def _colour_strength(
                 strength[y, x] = weight * g / (g + contrast)
 
 
-def thin(strength: NDArray[np.float32], smooth: NDArray[np.float32]) -> EdgeMap:
-    """Keep the pixels that are maxima across their edge; its normal is along the sharpest bend of the smoothed map.
-
-    strength, smooth: (h, w) float32. The outermost pixels have no edges.
-    """
-    thinned = EdgeMap(np.zeros_like(strength), np.zeros_like(strength))
-    _thin(strength, smooth, *thinned)
-    return thinned
-
-
 @kernel()
-def _thin(
+def thin(
     strength: NDArray[np.float32],
     smooth: NDArray[np.float32],
     magnitude: NDArray[np.float32],
     orientation: NDArray[np.float32],
 ) -> None:
-    """Fill in the two fields of EdgeMap, which are 0."""
+    """Fill in the fields of EdgeMap, which are 0, at pixels that are maxima of `strength` across their edge.
+
+    Its normal is along the sharpest bend of the smoothed map. All (h, w); the outermost pixels have no edges.
+    """
     h, w = strength.shape
     zero, one, half, quarter, tiny = np.float32(0), np.float32(1), np.float32(0.5), np.float32(0.25), np.float32(1e-30)
     for y in range(1, h - 1):  # loops that are free of branches run several pixels at once
