@@ -59,24 +59,19 @@ def group_edges(
     edges = np.zeros(magnitude.shape, np.bool_)
     edges[1:-1, 1:-1] = magnitude[1:-1, 1:-1] > 0
     pixels = EdgePixels(magnitude.ravel(), orientation.ravel(), np.flatnonzero(edges), magnitude.shape[1])
-    label, count = cluster(pixels, merge_threshold)
-    count = absorb_small(pixels, label, count, min_group_magnitude)
-    total, mean, normal, anchor = describe(pixels, label, count)
+    label, seen_by = np.full((2, magnitude.size), NONE, np.int32)
+    label[pixels.edges] = FREE
+    border, turns = np.empty_like(pixels.edges), np.empty(pixels.edges.size, np.float32)
+    count = _cluster(pixels, np.float32(merge_threshold), label, seen_by, border, turns)
+    total, number = np.zeros(count, np.float32), np.full(count, NONE, np.int32)
+    count = _absorb_small(pixels, np.float32(min_group_magnitude), label, total, number, border)
+    total, last = np.zeros(count, np.float32), np.zeros(count, np.int64)
+    mean, normal = np.zeros((2, count, 2), np.float32)
+    _describe(pixels, label, total, mean, normal, last)
+    anchor = np.stack((last % pixels.width, last // pixels.width), axis=1).astype(np.int32)
     label = label.reshape(magnitude.shape)
     first, neighbour, affinity = affinities(label, pixels.edges, mean, normal, gamma, min_affinity)
     return EdgeGroups(label, total, anchor, first, neighbour, affinity)
-
-
-def cluster(pixels: EdgePixels, threshold: float) -> tuple[NDArray[np.int32], int]:
-    """Grow groups greedily: always the bordering pixel of least turn, until the turns sum to `threshold`.
-
-    Returns labels (h * w,) int32 (-1 = no edge) and the number of groups.
-    """
-    label, seen_by = np.full((2, pixels.magnitude.size), NONE, np.int32)
-    label[pixels.edges] = FREE
-    border, turns = np.empty_like(pixels.edges), np.empty(pixels.edges.size, np.float32)
-    count: int = _cluster(pixels, np.float32(threshold), label, seen_by, border, turns)
-    return label, count
 
 
 @part()
@@ -97,8 +92,8 @@ def _cluster(
 ) -> int:
     """Label the pixels that are FREE; returns the number of groups.
 
-    seen_by: NONE everywhere, then the last group that has the pixel on its border; border, turns: buffers for the
-    growing group's border.
+    Groups grow greedily: always by the bordering pixel of least turn, until the turns sum to `threshold`. seen_by: NONE
+    everywhere, then the last group that has the pixel on its border; border, turns: buffers for that border.
     """
     _, orientation, edges, width = pixels
     count = 0
@@ -131,17 +126,6 @@ def _cluster(
     return count
 
 
-def absorb_small(pixels: EdgePixels, label: NDArray[np.int32], count: int, min_total: float) -> int:
-    """Give the pixels of weak groups to the bordering group of least turn, and renumber the other groups.
-
-    label: (h * w,) int32, changed in place; pixels that border on no other group end as -1. Returns the new
-    number of groups.
-    """
-    total, number = np.zeros(count, np.float32), np.full(count, NONE, np.int32)
-    kept: int = _absorb_small(pixels, np.float32(min_total), label, total, number, np.empty_like(pixels.edges))
-    return kept
-
-
 @kernel()
 def _absorb_small(
     pixels: EdgePixels,
@@ -151,7 +135,11 @@ def _absorb_small(
     number: NDArray[np.int32],
     pending: NDArray[np.int64],
 ) -> int:
-    """See `absorb_small`. total, number: 0 and NONE for each group; pending: buffer for pixels without a group."""
+    """Give the pixels of weak groups to the bordering group of least turn; renumber the others, and return their count.
+
+    Pixels that border on no other group end as NONE. total, number: 0 and NONE for each group; pending: buffer for
+    pixels without a group.
+    """
     magnitude, orientation, edges, width = pixels
     for i in range(edges.size):
         total[label[edges[i]]] += magnitude[edges[i]]
@@ -190,16 +178,6 @@ def _absorb_small(
     return kept
 
 
-def describe(
-    pixels: EdgePixels, label: NDArray[np.int32], count: int
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
-    """Each group's total magnitude (n,), mean place (n, 2), mean unit normal (n, 2) and last pixel (n, 2)."""
-    total, last = np.zeros(count, np.float32), np.zeros(count, np.int64)
-    mean, normal = np.zeros((2, count, 2), np.float32)
-    _describe(pixels, label, total, mean, normal, last)
-    return total, mean, normal, np.stack((last % pixels.width, last // pixels.width), axis=1).astype(np.int32)
-
-
 @kernel()
 def _describe(
     pixels: EdgePixels,
@@ -209,7 +187,7 @@ def _describe(
     normal: NDArray[np.float32],
     last: NDArray[np.int64],
 ) -> None:
-    """Sum up each group's total magnitude, its places and its normals, and its last pixel; all are 0 before."""
+    """Each group's total magnitude, mean place and mean unit normal (n, 2), and last pixel; all are 0 before."""
     magnitude, orientation, edges, width = pixels
     for i in range(edges.size):
         p = edges[i]
