@@ -18,7 +18,7 @@ from spot3d.evaluate.datasets import (
     open_dataset,
 )
 from spot3d.evaluate.frame_tables import judged_overlap
-from spot3d.evaluate.labelled import DataSet, joined
+from spot3d.evaluate.labelled import DataSet
 from spot3d.evaluate.ply import read_ply_points
 from spot3d.evaluate.points import IGNORED
 from spot3d.evaluate.scores import without_object
@@ -30,31 +30,27 @@ from spot3d.source.scene.name import scene_names
 def test_osd(tmp_path: Path) -> None:
     write_osd(tmp_path)
     dataset = open_dataset(str(tmp_path), Settings())
-    assert (dataset.kind, dataset.sequences) == ("OSD", ())
-    assert dataset.frames.count == 2
-    first, second = (dataset.frames.read(index) for index in (0, 1))
+    assert (dataset_kind(tmp_path), dataset.sequences) == ("OSD", ())
+    first, second = dataset.frames
     np.testing.assert_array_equal(first.boxes, [[5, 10, 20, 10], [40, 30, 4, 1]])
     assert second.boxes.shape == (0, 4), "learn10 comes after learn2"
     assert first.frame.depth_metres()[0, 0] == pytest.approx(1.5)
     assert first.frame.intrinsics.fx == 525
     half = at_half_size(dataset)
-    np.testing.assert_array_equal(half.frames.read(0).boxes, [[2.5, 5, 10, 5], [20, 15, 2, 0.5]])
+    np.testing.assert_array_equal(half.readers[0]().boxes, [[2.5, 5, 10, 5], [20, 15, 2, 0.5]])
 
 
 def test_a_folder_in_osds_layout_has_a_camera_of_its_own(tmp_path: Path) -> None:
     write_osd(tmp_path)
-    given = open_dataset(str(tmp_path), Settings(), intrinsics=(60.0, 61.0, 32.0, 24.0)).frames
+    given = open_dataset(str(tmp_path), Settings(), intrinsics=(60.0, 61.0, 32.0, 24.0)).readers
     (tmp_path / "camera-intrinsics.txt").write_text("570.34 0 31.5\n0 570.34 23.5\n0 0 1\n")
-    stated = open_dataset(str(tmp_path), Settings()).frames
-    assert given is not None
-    assert stated is not None
-    assert given.read(0).frame.intrinsics == Intrinsics(60, 61, 32, 24, 64, 48)
-    assert stated.read(0).frame.intrinsics == Intrinsics(570.34, 570.34, 31.5, 23.5, 64, 48)
+    stated = open_dataset(str(tmp_path), Settings()).readers
+    assert given[0]().frame.intrinsics == Intrinsics(60, 61, 32, 24, 64, 48)
+    assert stated[0]().frame.intrinsics == Intrinsics(570.34, 570.34, 31.5, 23.5, 64, 48)
     (tmp_path / "camera-intrinsics.txt").write_text("570.34 0 319.5\n0 570.34 239.5\n0 0 1\n")
-    misfit = open_dataset(str(tmp_path), Settings()).frames
-    assert misfit is not None
+    misfit = open_dataset(str(tmp_path), Settings()).readers
     with pytest.raises(SourceError, match=r"camera-intrinsics\.txt.*outside the 64x48 image"):
-        misfit.read(0)
+        misfit[0]()
 
 
 @pytest.mark.parametrize("shape", [(480, 640), (240, 320), (720, 1280)])
@@ -62,13 +58,12 @@ def test_osds_own_camera_is_that_of_its_own_size(tmp_path: Path, shape: tuple[in
     write_png(tmp_path / "image_color" / "learn0.png", np.full((*shape, 3), 90, np.uint8))
     write_png(tmp_path / "depth" / "learn0.png", np.full(shape, 1500, np.uint16))
     write_png(tmp_path / "annotation" / "learn0.png", np.ones(shape, np.uint8))
-    frames = open_dataset(str(tmp_path), Settings()).frames
-    assert frames is not None
+    frames = open_dataset(str(tmp_path), Settings()).readers
     if shape == (480, 640):
-        assert frames.read(0).frame.intrinsics == Intrinsics(525, 525, 319.5, 239.5, 640, 480)
+        assert frames[0]().frame.intrinsics == Intrinsics(525, 525, 319.5, 239.5, 640, 480)
     else:
         with pytest.raises(SourceError, match=rf"is {shape[1]}x{shape[0]}, and OSD's own intrinsics are for 640x480"):
-            frames.read(0)
+            frames[0]()
 
 
 def test_other_data_sets_keep_their_camera(tmp_path: Path) -> None:
@@ -85,7 +80,7 @@ def test_what_an_annotation_does_not_judge(tmp_path: Path) -> None:
     annotation[10:20, 5:25], annotation[20:40, 30:60] = 2, 0
     write_png(tmp_path / "annotation" / "learn2.png", annotation)
     for dataset, size in ((open_dataset(str(tmp_path), Settings()), 1), (half_of_osd(tmp_path), 2)):
-        item = dataset.frames.read(0)
+        item = dataset.readers[0]()
         found = np.array([[30, 20, 30, 20], [28, 8, 30, 20], [0, 40, 9, 8], [5, 10, 20, 10], [6, 10, 19, 25]]) / size
         iou, left_out = judged_overlap(item, found)
         assert (iou.shape, left_out) == ((1, 4), 1)
@@ -101,29 +96,26 @@ def half_of_osd(folder: Path) -> DataSet:
 def test_an_annotation_in_colours_is_refused_with_what_to_do(tmp_path: Path) -> None:
     write_osd(tmp_path)
     write_png(tmp_path / "annotation" / "learn2.png", np.ones((48, 64, 3), np.uint8))
-    frames = open_dataset(str(tmp_path), Settings()).frames
-    assert frames is not None
+    frames = open_dataset(str(tmp_path), Settings()).readers
     with pytest.raises(SourceError, match=r"learn2\.png is not a mask .*; save the objects' numbers .* palette$"):
-        frames.read(0)
+        frames[0]()
 
 
 def test_osd_disparity(tmp_path: Path) -> None:
     write_osd(tmp_path)
     (tmp_path / "depth").rename(tmp_path / "disparity")
-    frames = open_dataset(str(tmp_path), Settings(), every=2).frames
-    assert frames is not None
-    assert frames.count == 1
-    assert frames.read(0).frame.depth_metres()[0, 0] == pytest.approx(1.5)
+    frames = open_dataset(str(tmp_path), Settings(), every=2).readers
+    assert len(frames) == 1
+    assert frames[0]().frame.depth_metres()[0, 0] == pytest.approx(1.5)
 
 
 def test_rgbd_scenes(tmp_path: Path) -> None:
     write_rgbd_scenes(tmp_path)
-    frames = open_dataset(str(tmp_path), Settings()).frames
-    assert frames is not None
-    boxes = [frames.read(index).boxes.tolist() for index in range(frames.count)]
+    frames = open_dataset(str(tmp_path), Settings()).readers
+    boxes = [read().boxes.tolist() for read in frames]
     assert boxes == [[[5, 10, 20, 10], [0, 0, 4, 2]], [], [[5, 11, 20, 9]]]
-    assert open_dataset(str(tmp_path / "desk" / "desk_1"), Settings()).frames.count
-    assert frames.read(0).frame.intrinsics.fx == 570.3
+    assert open_dataset(str(tmp_path / "desk" / "desk_1"), Settings()).readers
+    assert frames[0]().frame.intrinsics.fx == 570.3
 
 
 @pytest.mark.parametrize("units", [1000, 10_000])
@@ -258,8 +250,8 @@ def test_scene() -> None:
     dataset = open_dataset("scene:1", Settings(), every=40, frames=2)
     (item,) = dataset.sequences
     assert item.truth is not None
-    assert len(item.sequence) == dataset.frames.count == 2
-    labelled = dataset.frames.read(1)
+    assert len(item.sequence) == len(dataset.readers) == 2
+    labelled = dataset.readers[1]()
     assert labelled.frame.stamp_ns == item.sequence.stamps_ns[1]
     assert 0 < len(labelled.boxes) <= len(item.truth.boxes)
     assert set(np.unique(item.truth.label)) >= {0, *item.truth.labels}
@@ -268,13 +260,10 @@ def test_scene() -> None:
     assert [size for _, size in both_sizes([at_half_size(dataset)])] == ["320x240"]
 
 
-def test_joined_frames(tmp_path: Path) -> None:
-    assert joined([]).count == 0
-    write_osd(tmp_path)
-    frames = open_dataset(str(tmp_path), Settings()).frames
-    assert frames is not None
-    both = joined([frames, frames])
-    assert [len(both.read(index).boxes) for index in range(both.count)] == [2, 0, 2, 0]
+def test_frames_of_several_scenes() -> None:
+    both = open_dataset("scenes:2", Settings(), every=40, frames=1)
+    alone = [open_dataset(f"scene:{seed}", Settings(), every=40, frames=1) for seed in range(2)]
+    assert [item.boxes.tolist() for item in both.frames] == [next(one.frames).boxes.tolist() for one in alone]
 
 
 def test_settings_may_halve_a_data_set() -> None:
@@ -284,7 +273,7 @@ def test_settings_may_halve_a_data_set() -> None:
     told = open_dataset("scene:0", halved, frames=30)
     assert told.halved
     for dataset in (told, at_half_size(told)):
-        one, other = dataset.frames.read(0), asked.frames.read(0)
+        one, other = dataset.readers[0](), asked.readers[0]()
         assert one.frame.depth.shape == other.frame.depth.shape == (240, 320)
         np.testing.assert_array_equal(one.boxes, other.boxes)
         assert dataset.sequences[0].sequence.intrinsics == asked.sequences[0].sequence.intrinsics

@@ -13,7 +13,7 @@ from spot3d import pipeline
 from spot3d.calibration import Calibration
 from spot3d.evaluate import still_table as still_table_module
 from spot3d.evaluate.degraded import Degradation
-from spot3d.evaluate.labelled import DataSet, LabelledFrame, LabelledFrames, LabelledSequence, mask_boxes
+from spot3d.evaluate.labelled import DataSet, LabelledFrame, LabelledSequence, mask_boxes
 from spot3d.evaluate.measured_run import measure
 from spot3d.evaluate.still_table import moving_table, still_table
 from spot3d.evaluate.truth import LabelledScene
@@ -61,8 +61,7 @@ def of_frame(table: Callable[[list[DataSet], Settings], object]) -> Callable[[Sc
     """The table of a scene's first frame."""
 
     def made(scene: Scene, settings: Settings) -> object:
-        frames = LabelledFrames(1, lambda index: LabelledFrame(scene[index], np.zeros((0, 4))))
-        return table([DataSet("scene", "frames", frames)], settings)
+        return table([DataSet("scene", (lambda: LabelledFrame(scene[0], np.zeros((0, 4))),))], settings)
 
     return made
 
@@ -114,7 +113,6 @@ def test_the_moving_cameras_peer_has_what_the_run_knows(monkeypatch: pytest.Monk
     monkeypatch.setattr(still_table_module, "run_pipeline", made)
     depth, shown = table_depth()
     frame = RgbdFrame(0, np.zeros((*depth.shape, 3), np.uint8), depth, 1.0, CAMERA)
-    frames = LabelledFrames(1, lambda index: LabelledFrame(frame, mask_boxes(shown, 2)))
-    table = moving_table([DataSet("table", "frames", frames)], Settings())
+    table = moving_table([DataSet("table", (lambda: LabelledFrame(frame, mask_boxes(shown, 2)),))], Settings())
     detection = [column.name for column in table.columns].index("peer DR")
     assert table.rows[0][detection] == 1

@@ -50,9 +50,8 @@ def test_the_truth_of_a_stretch_before_the_change_is_what_it_shows(every: int, f
 
 
 def test_single_frames_are_true_of_their_own_moment() -> None:
-    frames, scene = open_dataset("scene:1:changing", Settings(), 150, 2).frames, Scene(1, "changing", 151)
-    assert frames is not None
+    frames, scene = open_dataset("scene:1:changing", Settings(), 150, 2).readers, Scene(1, "changing", 151)
     for number, index in enumerate((0, 150)):
         ids, pixels = np.unique(scene.truth(index).instance, return_counts=True)
-        assert len(frames.read(number).boxes) == np.count_nonzero(pixels[ids > 0] >= 200)
+        assert len(frames[number]().boxes) == np.count_nonzero(pixels[ids > 0] >= 200)
         assert (TAKEN in ids, ADDED in ids) == (index == 0, index == 150)

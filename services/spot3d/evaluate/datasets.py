@@ -1,11 +1,13 @@
 """Opens a data set for evaluation by its path or name."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from spot3d.evaluate.labelled import DataSet, LabelledFrame, LabelledFrames, LabelledSequence, joined
+from spot3d.evaluate.labelled import DataSet, LabelledFrame, LabelledSequence
 from spot3d.evaluate.osd import is_osd, open_osd
 from spot3d.evaluate.rgbd_scenes import is_rgbd_scenes, open_rgbd_scenes
 from spot3d.evaluate.scenes import open_scene
@@ -49,24 +51,24 @@ def _opened(
     if scenes is not None:
         _has_own_camera(name, intrinsics)
         opened = [open_scene(scene, source, every, frames) for scene in scenes]
-        return DataSet(name, "built-in scene", joined([f for _, f in opened]), tuple(s for s, _ in opened))
+        return DataSet(name, tuple(read for _, reads in opened for read in reads), tuple(item for item, _ in opened))
     folder = Path(name)
     if not folder.is_dir():
         refuse_misnamed_scene(name)
         raise SourceError(f"{folder} is not a folder; give a data set's folder ({LAYOUTS}), scene or scenes:5")
     kind = dataset_kind(folder)
     if kind == "OSD":
-        return DataSet(folder.name, kind, frames=open_osd(folder, every, frames, intrinsics))
+        return DataSet(folder.name, open_osd(folder, every, frames, intrinsics))
     if kind == "RGB-D Scenes 2011":
         _has_own_camera(name, intrinsics)
-        return DataSet(folder.name, kind, frames=open_rgbd_scenes(folder, every, frames))
+        return DataSet(folder.name, open_rgbd_scenes(folder, every, frames))
     if kind == "RGB-D Scenes v2":
         _has_own_camera(name, intrinsics)
-        return DataSet(folder.name, kind, sequences=open_uw_scenes(folder, every, frames))
+        return DataSet(folder.name, sequences=open_uw_scenes(folder, every, frames))
     if kind is None:
         raise SourceError(f"{folder} is not one of the data sets {LAYOUTS}; docs/measured.md describes their layouts")
     sequence = open_selection(Selection(name, frames, every, intrinsics), source)
-    return DataSet(folder.name, kind, sequences=(LabelledSequence(folder.name, sequence, _truth_of(folder)),))
+    return DataSet(folder.name, sequences=(LabelledSequence(folder.name, sequence, _truth_of(folder)),))
 
 
 def dataset_kind(folder: Path) -> str | None:
@@ -115,14 +117,14 @@ def at_half_size(dataset: DataSet) -> DataSet:
     if dataset.halved:
         return dataset
 
-    def read(index: int) -> LabelledFrame:
-        full = dataset.frames.read(index)
+    def halved(read: Callable[[], LabelledFrame]) -> LabelledFrame:
+        full = read()
         unjudged = None if full.unjudged is None else full.unjudged[::2, ::2]
         return LabelledFrame(halve(full.frame), full.boxes / 2, unjudged)
 
-    frames = LabelledFrames(dataset.frames.count, read)
+    readers = tuple(partial(halved, read) for read in dataset.readers)
     sequences = tuple(replace(item, sequence=item.sequence.at_half_size()) for item in dataset.sequences)
-    return replace(dataset, frames=frames, sequences=sequences, halved=True)
+    return replace(dataset, readers=readers, sequences=sequences, halved=True)
 
 
 def both_sizes(datasets: list[DataSet]) -> list[tuple[DataSet, str]]:

@@ -31,7 +31,7 @@ def frame_robustness_table(
     base = Degradation()
     kinds = {kind: levels for kind, levels in groups(base).items() if kind in only and kind in OF_FRAMES}
     for dataset in datasets:
-        items = [*dataset.frames][::every]
+        items = [read() for read in dataset.readers[::every]]
         frames = FrameList(item.frame for item in items)
         done: dict[Degradation, tuple[FoundInFrames, FoundInFrames]] = {}
         for worse, level in [("nothing", base), *((f"{k}: {n}", one) for k, v in kinds.items() for n, one in v)]:

@@ -160,7 +160,7 @@ def boxes_in_frame(frame: RgbdFrame, heat: Heatmap, settings: Settings) -> NDArr
 
 
 def _all_frames(dataset: DataSet) -> Iterator[RgbdFrame]:
-    if dataset.frames.count:
+    if dataset.readers:
         yield from (item.frame for item in dataset.frames)
     else:
         for item in dataset.sequences:

@@ -23,29 +23,8 @@ class LabelledFrame:
     unjudged: NDArray[np.bool_] | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class LabelledFrames:
-    """`count` frames, read on access by number or by iteration."""
-
-    count: int
-    read: Callable[[int], LabelledFrame]
-
-    def __iter__(self) -> Iterator[LabelledFrame]:
-        return map(self.read, range(self.count))
-
-
-def joined(parts: list[LabelledFrames]) -> LabelledFrames:
-    """Concatenates several sets of frames."""
-    ends = np.cumsum([part.count for part in parts])
-
-    def read(index: int) -> LabelledFrame:
-        part = int(np.searchsorted(ends, index, side="right"))
-        return parts[part].read(index - int(ends[part]) + parts[part].count)
-
-    return LabelledFrames(int(ends[-1]) if parts else 0, read)
-
-
-NO_FRAMES = joined([])
+Readers = tuple[Callable[[], LabelledFrame], ...]
+"""What reads each of several frames when it is called."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,13 +38,17 @@ class LabelledSequence:
 
 @dataclass(frozen=True, slots=True)
 class DataSet:
-    """A data set's frames and sequences. halved: they are at half size already."""
+    """What reads a data set's single frames, and its sequences. halved: they are at half size already."""
 
     name: str
-    kind: str
-    frames: LabelledFrames = NO_FRAMES
+    readers: Readers = ()
     sequences: tuple[LabelledSequence, ...] = ()
     halved: bool = False
+
+    @property
+    def frames(self) -> Iterator[LabelledFrame]:
+        """The single frames, each read when it is its turn."""
+        return (read() for read in self.readers)
 
 
 def mask_boxes(instance: NDArray[np.integer], first: int, pixels_min: int = 1) -> NDArray[np.float64]:

@@ -1,12 +1,13 @@
 """The Object Segmentation Database (Richtsfeld et al. 2012), and others in its layout: frames with instance masks."""
 
+from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.evaluate.labelled import LabelledFrame, LabelledFrames, mask_boxes
+from spot3d.evaluate.labelled import LabelledFrame, Readers, mask_boxes
 from spot3d.frame import RgbdFrame
 from spot3d.source.errors import SourceError
 from spot3d.source.images import read_colour, read_depth
@@ -29,7 +30,7 @@ def is_osd(folder: Path) -> bool:
 
 def open_osd(
     folder: Path, every: int = 1, frames: int | None = None, intrinsics: FocalAndCentre | None = None
-) -> LabelledFrames:
+) -> Readers:
     """Frames with boxes around their instance masks (label 2 and up), every nth, at most `frames`.
 
     Layout: `image_color/NAME.png`, `annotation/NAME.png`, and `depth/NAME.png` or `disparity/NAME.png`, 16-bit
@@ -69,7 +70,7 @@ def open_osd(
         frame = RgbdFrame(index, colour, depth, METRES_PER_UNIT, camera)
         return LabelledFrame(frame, mask_boxes(annotation, FIRST_OBJECT), annotation == UNJUDGED)
 
-    return LabelledFrames(len(names), read)
+    return tuple(partial(read, index) for index in range(len(names)))
 
 
 def _read_annotation(path: Path) -> NDArray[np.integer]:

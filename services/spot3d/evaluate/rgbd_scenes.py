@@ -1,6 +1,7 @@
 """RGB-D Scenes Dataset of 2011 (Lai et al., ICRA 2011): single frames with true 2D boxes."""
 
 import re
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
-from spot3d.evaluate.labelled import LabelledFrame, LabelledFrames
+from spot3d.evaluate.labelled import LabelledFrame, Readers
 from spot3d.frame import RgbdFrame
 from spot3d.source.errors import SourceError
 from spot3d.source.images import read_colour, read_depth
@@ -23,7 +24,7 @@ def is_rgbd_scenes(folder: Path) -> bool:
     return next(iter(_depth_images(folder)), None) is not None
 
 
-def open_rgbd_scenes(folder: Path, every: int = 1, frames: int | None = None) -> LabelledFrames:
+def open_rgbd_scenes(folder: Path, every: int = 1, frames: int | None = None) -> Readers:
     """Frames with their annotated boxes, every nth of each sequence, at most `frames` of each.
 
     Layout, as unpacked: `desk/desk_1/desk_1_N.png` and `desk_1_N_depth.png`, and beside the folder `desk/desk_1.mat`.
@@ -52,7 +53,7 @@ def open_rgbd_scenes(folder: Path, every: int = 1, frames: int | None = None) ->
         camera = Intrinsics(FOCAL, FOCAL, *CENTRE, depth.shape[1], depth.shape[0])
         return LabelledFrame(RgbdFrame(index, colour, depth, METRES_PER_UNIT, camera), boxes)
 
-    return LabelledFrames(len(entries), read)
+    return tuple(partial(read, index) for index in range(len(entries)))
 
 
 def _depth_images(folder: Path) -> list[Path]:

@@ -1,9 +1,11 @@
 """The built-in scene as a data set: boxes and a labelled cloud from the renderer's ground truth."""
 
+from functools import partial
+
 import numpy as np
 
 from spot3d.camera import back_project
-from spot3d.evaluate.labelled import LabelledFrame, LabelledFrames, LabelledSequence, mask_boxes
+from spot3d.evaluate.labelled import LabelledFrame, LabelledSequence, Readers, mask_boxes
 from spot3d.evaluate.peer import voxel_keys
 from spot3d.evaluate.points import IGNORED
 from spot3d.evaluate.truth import LabelledScene
@@ -22,21 +24,19 @@ PIXELS_MIN = 200
 
 def open_scene(
     name: str, source: SourceSettings, every: int = 1, frames: int | None = None
-) -> tuple[LabelledSequence, LabelledFrames]:
+) -> tuple[LabelledSequence, Readers]:
     """The named scene as a labelled sequence, and some of its frames with boxes around the true masks."""
     sequence = open_selection(Selection(name, frames, every), source)
     named = parse_scene_name(name) or SceneName()
     # It ends with the last frame that is played, whose truth is the final one.
     scene = Scene(named.seed, named.kind, every * (len(sequence) - 1) + 1)
 
-    looked_at = range(0, len(sequence), max(1, len(sequence) // SINGLE_FRAMES))
-
-    def read(number: int) -> LabelledFrame:
-        index = looked_at[number]
+    def read(index: int) -> LabelledFrame:
         return LabelledFrame(sequence[index], mask_boxes(scene.truth(every * index).instance, 1, PIXELS_MIN))
 
     truth = _scene_truth(scene, range(0, len(scene), every))
-    return LabelledSequence(name, sequence, truth), LabelledFrames(len(looked_at), read)
+    looked_at = range(0, len(sequence), max(1, len(sequence) // SINGLE_FRAMES))
+    return LabelledSequence(name, sequence, truth), tuple(partial(read, index) for index in looked_at)
 
 
 def _scene_truth(scene: Scene, indices: range) -> LabelledScene:

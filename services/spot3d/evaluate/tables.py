@@ -37,7 +37,7 @@ class TableKind:
 
 _ANY = Need(lambda dataset: True, "frames")
 _FRAMES = Need(
-    lambda dataset: dataset.frames.count > 0, "single frames with true 2D boxes (OSD, RGB-D Scenes 2011, scene)"
+    lambda dataset: bool(dataset.readers), "single frames with true 2D boxes (OSD, RGB-D Scenes 2011, scene)"
 )
 _SEQUENCES = Need(lambda dataset: bool(dataset.sequences), "a sequence")
 _OBJECTS = Need(
