@@ -6,8 +6,9 @@ import pytest
 from spot3d.bench import reference, reference_map
 from spot3d.camera import Intrinsics, invert
 from spot3d.fusion.map.heatmap3d import Heatmap3D
+from spot3d.fusion.map.index_map import IndexMap
 from spot3d.fusion.map.map_arrays import FREQUENCY, HEAT, LAST, WEIGHT, R, X
-from spot3d.fusion.map.merging import Merging, Pixels, merge
+from spot3d.fusion.map.merging import Pixels, merge
 from spot3d.fusion.objects.agreement import Statements, clusters_of
 from spot3d.fusion.objects.keyframes import Keyframe
 from spot3d.fusion.objects.segment_table import SegmentTable
@@ -63,12 +64,11 @@ def test_lattice_depth_is_the_same(scene: Scene, factor: int) -> None:
 
 
 def test_frames_are_merged_the_same_way(scene: Scene) -> None:
-    rng, heatmap = np.random.default_rng(0), Heatmap3D(40_000, 0.005)
+    rng, heatmap = np.random.default_rng(0), Heatmap3D(40_000, SETTINGS.voxel)
     plain = reference_map.copy_of(heatmap)
     assert (len(plain.rows), plain.voxels) == (0, {})
     candidates = np.full(CAMERA.shape, -1, np.int32)
-    gate, range_max = np.float32(SETTINGS.noise_gate), np.float32(SETTINGS.range_max)
-    how = Merging(np.float32(1 / heatmap.voxel), gate, range_max, noise_weighting=True, look_up=True)
+    how = IndexMap(SETTINGS).how
     for number in range(1, 5):
         frame, pose = scene[number], scene.true_pose(number)
         depth, heat = frame.depth_metres(), rng.integers(0, 256, CAMERA.shape, np.uint8)

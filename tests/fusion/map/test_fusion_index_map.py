@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from spot3d.bench.reference import warp as reference_warp
 from spot3d.camera import Intrinsics, back_project
 from spot3d.fusion.map.heatmap3d import Heatmap3D
-from spot3d.fusion.map.index_map import Gates, IndexMap, MatchCounts, warp
+from spot3d.fusion.map.index_map import IndexMap, MatchCounts, warp
 from spot3d.fusion.map.map_arrays import FREQUENCY, HEAT, WEIGHT, X
 from spot3d.fusion.map.merging import Pixels
+from spot3d.fusion.settings import FusionSettings
 from spot3d.sensor import pinhole
 from spot3d.voxel_hash import find_slot
 
@@ -63,7 +64,7 @@ def test_warp_equals_the_plain_transcription(seed: int, colour_gate: float, z_ga
     cold = np.zeros(TINY.shape, np.uint8)
     warp(
         last_index, Pixels(last_depth, last_colour, cold), Pixels(depth, colour, cold), T, pinhole(TINY),
-        Gates(np.float32((255 * colour_gate) ** 2), np.float32(z_gate), np.float32(0)), nearest, kernel,
+        IndexMap(FusionSettings(colour_gate=colour_gate, depth_gate=z_gate, noise_gate=0)).how, nearest, kernel,
     )  # fmt: skip
     plain = reference_warp(last_index, last_depth, last_colour, depth, colour, T, TINY, colour_gate, z_gate)
     np.testing.assert_array_equal(kernel, plain)
@@ -84,7 +85,7 @@ def test_three_pixels_by_hand(cx: float, away: tuple[float, ...], row: tuple[flo
     warp(
         np.array([[4, 5, 6]], np.int32), Pixels(np.array([away], np.float32), colour, cold),
         Pixels(np.ones((1, 3), np.float32), colour, cold), motion, pinhole(line),
-        Gates(np.float32(1), np.float32(0.1), np.float32(0)), nearest, found,
+        IndexMap(FusionSettings(colour_gate=1 / 255, depth_gate=0.1, noise_gate=0)).how, nearest, found,
     )  # fmt: skip
     np.testing.assert_array_equal(found, [expected])
 

@@ -1,7 +1,6 @@
 """Registration of a frame with the 3D heatmap through the index map (paper, Sec. V-B)."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +38,16 @@ class IndexMap:
     """
 
     def __init__(self, settings: FusionSettings) -> None:
-        self.settings = settings
+        self._tau = settings.tau
+        self.how = Merging(
+            colour_gate=np.float32((255 * settings.colour_gate) ** 2),
+            depth_gate=np.float32(settings.depth_gate),
+            noise_gate=np.float32(settings.noise_gate),
+            per_metre=np.float32(1 / settings.voxel),
+            range_max=np.float32(settings.range_max),
+            noise_weighting=settings.noise_weighting,
+            look_up=settings.look_up,
+        )
         self._last: _LastFrame | None = None
 
     def register(
@@ -58,7 +66,6 @@ class IndexMap:
         A point's heat and frequency grow once a frame, however many pixels fall on it. The images are kept, not copied,
         until the next frame.
         """
-        settings = self.settings
         lacking = heatmap.count + depth.size - heatmap.limit
         if heatmap.count > 0 and lacking > 0:
             self._make_room(heatmap, lacking)
@@ -66,39 +73,19 @@ class IndexMap:
         candidates, index = (np.full(depth.shape, -1, np.int32) for _ in range(2))
         if last is not None and last.camera == camera:
             T_camera_last = invert(T_world_camera) @ last.T_world_camera
-            gates = Gates(
-                np.float32((255 * settings.colour_gate) ** 2),
-                np.float32(settings.depth_gate),
-                np.float32(settings.noise_gate),
-            )
             nearest, T = np.full(depth.shape, np.inf, np.float32), T_camera_last.astype(np.float32)
-            warp(last.index, last.pixels, pixels, T, seen_by, gates, nearest, candidates)
-        how = Merging(
-            np.float32(1 / heatmap.voxel),
-            np.float32(settings.noise_gate),
-            np.float32(settings.range_max),
-            settings.noise_weighting,
-            settings.look_up,
-        )
+            warp(last.index, last.pixels, pixels, T, seen_by, self.how, nearest, candidates)
         pose = T_world_camera.astype(np.float32)
-        counts = merge(heatmap.arrays, frame_number, pixels, candidates, seen_by, pose, how, index)
+        counts = merge(heatmap.arrays, frame_number, pixels, candidates, seen_by, pose, self.how, index)
         self._last = _LastFrame(index, pixels, camera, T_world_camera)
         return MatchCounts(*counts)
 
     def _make_room(self, heatmap: Heatmap3D, rows: int) -> None:
         """Evict the least useful points; pixels that find no room even so are left out."""
-        if heatmap.evict(rows, self.settings.tau) > 0 and self._last is not None:
+        if heatmap.evict(rows, self._tau) > 0 and self._last is not None:
             index = self._last.index
             gone = heatmap.arrays.rows[index, FREQUENCY] == 0  # at index -1 meaningless: it stays -1
             self._last = replace(self._last, index=np.where(gone, np.int32(-1), index))
-
-
-class Gates(NamedTuple):
-    """Limits for a match: squared L2 distance of RGB 0..255; metres of depth, or multiples of the depth's noise."""
-
-    colour: np.float32
-    depth: np.float32
-    noise: np.float32
 
 
 @kernel()
@@ -108,7 +95,7 @@ def warp(
     now: Pixels,
     T_camera_last: NDArray[np.float32],
     camera: Pinhole,
-    gates: Gates,
+    how: Merging,
     nearest: NDArray[np.float32],
     index: NDArray[np.int32],
 ) -> None:
@@ -118,7 +105,7 @@ def warp(
     (h, w), -1, into which the map's rows are written.
     """
     fx, fy, cx, cy, noise = camera
-    colour_gate, depth_gate, noise_gate = gates
+    colour_gate, depth_gate, noise_gate = how.colour_gate, how.depth_gate, how.noise_gate
     (last_depth, last_colour, _), (depth, colour, _) = last, now
     h, w = depth.shape
     T = T_camera_last

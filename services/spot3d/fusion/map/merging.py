@@ -27,10 +27,16 @@ class Pixels(NamedTuple):
 
 
 class Merging(NamedTuple):
-    """How frames are merged: voxels per metre, and values of FusionSettings."""
+    """How frames are matched with the map and merged: values of FusionSettings.
 
-    per_metre: np.float32
+    colour_gate: squared L2 distance of RGB 0..255; depth_gate: metres; noise_gate: multiples of the depth's noise;
+    per_metre: voxels.
+    """
+
+    colour_gate: np.float32
+    depth_gate: np.float32
     noise_gate: np.float32
+    per_metre: np.float32
     range_max: np.float32
     noise_weighting: bool
     look_up: bool
@@ -88,7 +94,7 @@ def merge(
     used, free_count = counts[0], counts[1]
     depth, colour, heat = pixels
     fx, fy, cx, cy, noise = camera
-    per_metre, noise_gate, range_max, noise_weighting, look_up = how
+    _, _, noise_gate, per_metre, range_max, noise_weighting, look_up = how
     h, w = depth.shape
     per_fx, per_fy = np.float32(1) / fx, np.float32(1) / fy
     T = T_world_camera
