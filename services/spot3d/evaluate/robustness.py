@@ -7,6 +7,7 @@ import numpy as np
 
 from spot3d.drawing.charts import Curve
 from spot3d.evaluate.degraded import SEED, Degradation
+from spot3d.evaluate.frame_tables import BOTH_METHODS, FoundInFrames, boxes_in_frame, proposals_and_heat
 from spot3d.evaluate.labelled import DataSet
 from spot3d.evaluate.measured_run import MeasuredRun, measure
 from spot3d.evaluate.object_tables import (
@@ -22,10 +23,11 @@ from spot3d.evaluate.object_tables import (
     point_measures,
     pose_cells,
 )
-from spot3d.evaluate.peer import PEER, behind_peer
+from spot3d.evaluate.peer import PEER, behind_peer, peer_in_frame
 from spot3d.evaluate.scores import object_scores, without_object
 from spot3d.evaluate.table import Table, columns
 from spot3d.settings import Settings
+from spot3d.source.sequence import FrameList
 
 SHAKES = ((0.005, 0.2), (0.010, 0.4), (0.020, 0.8))
 """Pose errors in metres and degrees along each axis: from the best motion capture to a phone's odometry."""
@@ -72,6 +74,8 @@ COLUMNS = (
 Levels = list[tuple[str, Degradation]]
 OF_GIVEN_POSES = ("poses", "delay", "mount", "together")
 """Groups that do not apply if the system estimates its own poses."""
+OF_FRAMES = ("centre", "focal", "scale", "bent", "depth", "edges", "holes", "colour")
+"""Groups that a frame by itself can have."""
 
 
 def groups(base: Degradation) -> dict[str, Levels]:
@@ -152,11 +156,10 @@ def robustness_table(
             f"{dataset.name}: {len(items[0].sequence)} frames of {camera.width}x{camera.height}, every {every} "
             f"unless stated; poses: {settings.pose.provider}."
         )
-        for worse, level in [("nothing", base), *((f"{k}: {n}", one) for k, v in chosen.items() for n, one in v)]:
-            if level not in done:
-                say(f"{dataset.name}, worse: {worse} ...")
-                done[level] = [measure(replace(item, sequence=level.of(item.sequence)), settings) for item in items]
-                _add(table, dataset.name, worse, done[level])
+        for level, worse in _distinct(base, chosen).items():
+            say(f"{dataset.name}, worse: {worse} ...")
+            done[level] = [measure(replace(item, sequence=level.of(item.sequence)), settings) for item in items]
+            _add(table, dataset.name, worse, done[level])
         for kind, levels in chosen.items():
             table.curves += _curves(f"{dataset.name} {kind}", [(name, done[level]) for name, level in levels])
     if own and set(only) & set(OF_GIVEN_POSES):
@@ -169,6 +172,48 @@ def robustness_table(
         NOTE_PEER,
     ]
     return table
+
+
+def frame_robustness_table(
+    datasets: list[DataSet], settings: Settings, every: int, only: tuple[str, ...], say: Callable[[str], None]
+) -> Table:
+    """Single frames of ours and of the peer with degraded input, with curves over each kind (not in the paper).
+
+    only: which kinds; those that need several frames are left out. A camera's own errors are alike in all frames.
+    """
+    heads = (*columns("data", "worse"), *BOTH_METHODS)
+    table = Table("robustness-frames", "Single frame: success and detection rate with degraded input", heads)
+    base = Degradation()
+    kinds = {kind: levels for kind, levels in groups(base).items() if kind in only and kind in OF_FRAMES}
+    for dataset in datasets:
+        items = [read() for read in dataset.readers[::every]]
+        frames = FrameList(item.frame for item in items)
+        done: dict[Degradation, tuple[FoundInFrames, FoundInFrames]] = {}
+        for level, worse in _distinct(base, kinds).items():
+            say(f"{dataset.name}, worse: {worse} ...")
+            ours, peer = done[level] = FoundInFrames(), FoundInFrames()
+            for item, frame in zip(items, level.of(frames), strict=True):
+                _, heat = proposals_and_heat(frame, settings)
+                ours.add(item, boxes_in_frame(frame, heat, settings))
+                peer.add(item, peer_in_frame(frame.depth_metres(), frame.intrinsics, settings.fusion.size_max))
+            table.add(dataset.name, worse, *ours.cells(), *peer.cells(), peer.true)
+            table.notes += ours.behind(peer, f"{dataset.name}, worse: {worse}")
+        for kind, levels in kinds.items():
+            places, names = np.linspace(0, 1, len(levels)), tuple(name for name, _ in levels)
+            for method, which in ((OURS, 0), (PEER, 1)):
+                detection = np.array([done[level][which].scores.detection for _, level in levels])
+                table.curves.append(Curve(f"{dataset.name} {kind}", f"{method} detection", places, detection, names))
+    table.notes += [NOTE_WORSE, "Errors that need several frames are left out."]
+    return table
+
+
+def _distinct(base: Degradation, kinds: dict[str, Levels]) -> dict[Degradation, str]:
+    """Each level of these kinds once, by its first name; the undegraded one comes first."""
+    named = {base: "nothing"}
+    for kind, levels in kinds.items():
+        for name, level in levels:
+            named.setdefault(level, f"{kind}: {name}")
+    return named
 
 
 def _add(table: Table, data: str, worse: str, runs: list[MeasuredRun]) -> None:

@@ -4,12 +4,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from spot3d.evaluate.cost_tables import poses_table, time_table
-from spot3d.evaluate.frame_robustness import frame_robustness_table
 from spot3d.evaluate.frame_tables import filters_table, proposals_table, steps_table
 from spot3d.evaluate.labelled import DataSet
 from spot3d.evaluate.measured_run import Runs
 from spot3d.evaluate.object_tables import ablations_table, objects_table, points_table, stability_table
-from spot3d.evaluate.robustness import robustness_table
+from spot3d.evaluate.robustness import frame_robustness_table, robustness_table
 from spot3d.evaluate.still_table import moving_table, still_table
 from spot3d.evaluate.table import Table
 from spot3d.settings import Settings
