@@ -179,42 +179,35 @@ class Agreement(NamedTuple):
 
     def weights(self, T_world_camera: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) robust weight of each match at a pose, 0..1."""
-        return self._equations(T_world_camera).weights
+        return self._equations(T_world_camera)[2]
 
-    def _equations(self, T_world_camera: NDArray[np.float64]) -> "_Sums":
-        sums = _Sums(np.zeros((6, 6)), np.zeros(6), np.zeros(len(self.points)))
-        room = _Room(np.empty(3), np.empty(3), np.empty(3), np.eye(3, 6), np.empty((3, 6)))
-        _normal_equations(np.ascontiguousarray(T_world_camera), self, room, sums)
+    def _equations(
+        self, T_world_camera: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """H (6, 6) and g (6,) at a pose, and the weight (n,) of each point."""
+        sums = np.zeros((6, 6)), np.zeros(6), np.zeros(len(self.points))
+        _normal_equations(np.ascontiguousarray(T_world_camera), self, np.empty((3, 3)), np.eye(6), *sums)
         return sums
 
 
-class _Room(NamedTuple):
-    """Scratch arrays of one point: three vectors (3,), J and MJ (3, 6); J's left half is the identity."""
-
-    ray: NDArray[np.float64]
-    r: NDArray[np.float64]
-    lever: NDArray[np.float64]
-    J: NDArray[np.float64]
-    MJ: NDArray[np.float64]
-
-
-class _Sums(NamedTuple):
-    """Sums H (6, 6) and g (6,), and the weight (n,) of each point."""
-
-    H: NDArray[np.float64]
-    g: NDArray[np.float64]
-    weights: NDArray[np.float64]
-
-
 @kernel()
-def _normal_equations(T: NDArray[np.float64], matched: Agreement, room: _Room, sums: _Sums) -> None:
+def _normal_equations(
+    T: NDArray[np.float64],
+    matched: Agreement,
+    vectors: NDArray[np.float64],
+    rows: NDArray[np.float64],
+    H: NDArray[np.float64],
+    g: NDArray[np.float64],
+    weights: NDArray[np.float64],
+) -> None:
     """Sum H and g of H x = g for the twist x that brings points to their landmarks; Geman-McClure weights.
 
-    The error of a point is `axial` along its ray and `lateral` across it.
+    The error of a point is `axial` along its ray and `lateral` across it. vectors, rows: scratch arrays of one point,
+    (3, 3) and (6, 6): its J, whose left half is the identity, above its MJ.
     """
     points, landmarks, lateral, axial, _ = matched
-    ray, r, lever, J, MJ = room
-    H, g, weights = sums
+    ray, r, lever = vectors
+    J, MJ = rows[:3], rows[3:]
     for i in range(len(points)):
         length = 0.0
         for a in range(3):
