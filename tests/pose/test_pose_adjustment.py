@@ -14,7 +14,7 @@ from spot3d.pose import adjustment
 from spot3d.pose.adjustment import Adjustment, NewKeyframe
 from spot3d.pose.common_errors import COMMON, CommonErrors, most_probable
 from spot3d.pose.correction import CorrectedPoses
-from spot3d.pose.keyframe_adjuster import KeyframeAdjuster, Learnt
+from spot3d.pose.keyframe_adjuster import KeyframeAdjuster
 from spot3d.pose.motion import moved, turned, twist
 from spot3d.pose.plane_equations import BEND_NODES, SeenPoints, plane_equations
 from spot3d.pose.settings import PoseSettings
@@ -111,7 +111,7 @@ def test_what_is_wrong_alike_in_all_is_found_with_the_poses(
 ) -> None:
     given = np.array([turned(pose, -turn) for pose in noisy(0, metres)])
     made = adjusted(given, UNSURE, told)
-    estimate, information = estimated(made.common_errors())
+    estimate, information = estimated(made.common)
     truth = np.array((np.log(told.depth_factor), *turn, *told.centre))
     off = estimate - truth
     # Within what is said to be uncertain, though not by five standard deviations and more where poses are noisy.
@@ -125,13 +125,13 @@ def test_what_is_wrong_alike_in_all_is_found_with_the_poses(
 def test_poses_are_those_that_go_with_what_is_applied() -> None:
     """Where depth's scale is not corrected poses go another way than where it is."""
     made = adjusted(noisy(0), UNSURE, Calibration(0.97))
-    estimate, _ = estimated(made.common_errors())
+    estimate, _ = estimated(made.common)
     assert apart(made.by(estimate)[0]) < 0.7 * apart(made.by(EXACT)[0])
 
 
 def test_depth_that_is_bent_is_no_common_error() -> None:
     """By half a per cent, exact poses: nothing that counts is made of it."""
-    estimate, _ = estimated(adjusted(scene()[1], UNSURE, bend=0.005).common_errors())
+    estimate, _ = estimated(adjusted(scene()[1], UNSURE, bend=0.005).common)
     assert np.abs(estimate).max() < 0.005
 
 
@@ -168,10 +168,10 @@ def test_the_common_errors_stay_when_keyframes_go(monkeypatch: pytest.MonkeyPatc
     made = adjusted(given, UNSURE, Calibration(0.97))
     assert len(made.stamps_ns) <= 8
     assert made.stamps_ns[-1] == (FRAMES - 1) * STEP_NS
-    estimate, information = estimated(made.common_errors())
+    estimate, information = estimated(made.common)
     assert estimate[0] == pytest.approx(np.log(0.97), abs=0.012)
     look_from_one_place(made, times=1)
-    kept, kept_information = estimated(made.common_errors())
+    kept, kept_information = estimated(made.common)
     np.testing.assert_allclose(kept, estimate, atol=0.005)
     assert 0.3 * information[0, 0] < kept_information[0, 0] < 1.5 * information[0, 0]
 
@@ -189,9 +189,9 @@ def look_from_one_place(made: Adjustment, times: int) -> None:
 
 def test_what_was_learnt_counts_once_however_often_keyframes_begin_anew() -> None:
     made = adjusted(noisy(0), UNSURE, Calibration(0.97))
-    estimate, information = estimated(made.common_errors())
+    estimate, information = estimated(made.common)
     look_from_one_place(made, times=5)
-    kept, kept_information = estimated(made.common_errors())
+    kept, kept_information = estimated(made.common)
     np.testing.assert_allclose(kept, estimate, atol=0.002)
     assert information[0, 0] < 1.2 * kept_information[0, 0] < 1.5 * information[0, 0]
 
@@ -201,7 +201,7 @@ def test_a_first_keyframe_stays_where_it_was_given() -> None:
     made = fresh(UNSURE)
     made.add(NewKeyframe(0, sample_surface(depths[0], CAMERA, SETTINGS), CAMERA, NOMINAL, true[0], *IN_TIME, np.eye(4)))
     np.testing.assert_allclose(made.by(EXACT)[0], true[:1])
-    estimate, information = estimated(made.common_errors())
+    estimate, information = estimated(made.common)
     np.testing.assert_allclose(estimate, np.zeros(COMMON))
     np.testing.assert_allclose(information, np.diag(UNSURE**-2.0))
 
@@ -287,9 +287,9 @@ def test_keyframes_are_told_where_given_poses_are_on_average(monkeypatch: pytest
     frames, told = range(0, 300, 3), dict[int, NDArray[np.float64]]()
     learn = KeyframeAdjuster.learn
 
-    def remembered(adjuster: KeyframeAdjuster, seen: NewKeyframe, pose: NDArray[np.float64]) -> Learnt:
+    def remembered(adjuster: KeyframeAdjuster, seen: NewKeyframe, pose: NDArray[np.float64]) -> None:
         told[seen.stamp_ns] = seen.given
-        return learn(adjuster, seen, pose)
+        learn(adjuster, seen, pose)
 
     monkeypatch.setattr(KeyframeAdjuster, "learn", remembered)
     made, tracker = Scene(0, frames=300, intrinsics=CAMERA), CorrectedPoses(SETTINGS)

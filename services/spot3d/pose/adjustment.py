@@ -99,7 +99,7 @@ class _Keyframe(NamedTuple):
 
 
 class Adjustment:
-    """Poses of the last keyframes, and the errors common to all of them.
+    """Poses of the last keyframes, and the errors common to all of them; common: the keyframes' likelihood of these.
 
     sigmas: (7,) prior standard deviation of each of `CommonErrors` and of the logarithm of the focal length;
     bend_sigma: the same of depth's scale at each lattice node; 0: the nominal value is kept. held: stated standard
@@ -127,7 +127,7 @@ class Adjustment:
         self._covariance = np.linalg.inv(self._told)
         free = self._free[self._free < COMMON]
         untold = np.zeros(1), np.zeros((1, len(free))), np.zeros((1, len(free), len(free)))
-        self._common = CommonErrors(free, self._sigmas[free], *untold)
+        self.common = CommonErrors(free, self._sigmas[free], *untold)
 
     @property
     def stamps_ns(self) -> list[int]:
@@ -157,10 +157,6 @@ class Adjustment:
         if len(self._keyframes) > 1:
             # One step is enough: the other keyframes start where the last adjustment ended.
             self._adjust()
-
-    def common_errors(self) -> CommonErrors:
-        """The keyframes' likelihood of the errors common to all of them."""
-        return self._common
 
     def by(self, applied: NDArray[np.float64]) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
         """The keyframes' poses (4, 4) if the common errors are those `applied` (6,) instead of the estimated ones; and
@@ -217,8 +213,8 @@ class Adjustment:
         free = size + self._free
         H[np.ix_(free, free)] += known
         g[free] += pull - known @ self._shared[self._free]
-        self._common = self._seen_in_common(H, g)
-        self._share = self._shares[most_probable(self._common)]
+        self.common = self._seen_in_common(H, g)
+        self._share = self._shares[most_probable(self.common)]
         H[np.ix_(free, free)] += self._told
         g[free] += self._told @ (self._expected - self._shared)[self._free]
         self._add_given(H, g)

@@ -168,7 +168,10 @@ class CorrectedPoses:
 
     def _learn(self, seen: NewKeyframe, T_map_camera: NDArray[np.float64]) -> None:
         """Add a keyframe, and move the map with the calibration."""
-        grown, looks = self._adjuster.learn(seen, T_map_camera)
+        self._adjuster.learn(seen, T_map_camera)
+        before, now = seen.calibration, self._adjuster.calibration
+        grown = now.depth_factor / before.depth_factor
+        looks = np.subtract((*now.turn, *now.centre), (*before.turn, *before.centre))
         if grown != 1:
             self._planes.rescale(grown)
             self._errors.rescaled(grown)

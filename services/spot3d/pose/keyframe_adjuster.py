@@ -64,13 +64,6 @@ class Adjusted(NamedTuple):
         return self._replace(T_world_now=now).corrections(np.eye(4))
 
 
-class Learnt(NamedTuple):
-    """Change of the calibration: ratio of the depth factors, and difference of turn and centre (5,)."""
-
-    grown: float
-    looks: NDArray[np.float64]
-
-
 class KeyframeAdjuster:
     """Bundle adjustment of keyframes, and the camera's calibration from it.
 
@@ -118,20 +111,18 @@ class KeyframeAdjuster:
         """Whether a frame is to be a keyframe."""
         return stamp_ns >= self._due_ns
 
-    def learn(self, seen: NewKeyframe, T_map_camera: NDArray[np.float64]) -> Learnt:
+    def learn(self, seen: NewKeyframe, T_map_camera: NDArray[np.float64]) -> None:
         """Take over the results of the keyframes before, and add a keyframe, unless enough others have the same view.
 
-        T_map_camera: (4, 4), its corrected pose in the map.
+        T_map_camera: (4, 4), its corrected pose in the map. May change `calibration`.
         """
         before = self._looks[:3]
-        learnt = self._take_over()
+        self._take_over()
         self._due_ns = seen.stamp_ns + EVERY_NS
         place = turned(T_map_camera, -before)
-        if sum(_same_view(place, other) for other in self._T_map_before.values()) >= _SAME_VIEWS:
-            return learnt
-        self._T_map_before[seen.stamp_ns] = place
-        self._running = self._thread.submit(self._adjustment.add, seen)
-        return learnt
+        if sum(_same_view(place, other) for other in self._T_map_before.values()) < _SAME_VIEWS:
+            self._T_map_before[seen.stamp_ns] = place
+            self._running = self._thread.submit(self._adjustment.add, seen)
 
     def news(self) -> Adjusted | None:
         """The latest adjusted poses of keyframes, returned once; None where there are no new ones."""
@@ -164,34 +155,29 @@ class KeyframeAdjuster:
             raise failed
         return True
 
-    def _take_over(self) -> Learnt:
+    def _take_over(self) -> None:
         """Update the calibration from the adjustment, and keep the adjusted poses to be published."""
         if not self._wait():
-            return Learnt(1.0, np.zeros(5))
-        errors, stamps = self._adjustment.common_errors(), self._adjustment.stamps_ns
-        factor, looks = self._factor, self._looks
-        self._factor = depth_scale.decided(errors, factor)
+            return
+        errors, stamps, known = self._adjustment.common, self._adjustment.stamps_ns, self.calibration
+        self._factor = depth_scale.decided(errors, self._factor)
         log_scale = float(np.log(self._factor))
-        self._looks = orientation.decided(errors, looks, log_scale)
-        learnt = Learnt(self._factor / factor, self._looks - looks)
+        self._looks = orientation.decided(errors, self._looks, log_scale)
         poses, bend = self._adjustment.by(np.append(log_scale, self._looks))
-        straighter = len(stamps) >= self._enough and self._straighten(bend)
+        if len(stamps) >= self._enough:
+            self._straighten(bend)
         self._T_map_before = {stamp: self._T_map_before[stamp] for stamp in stamps}
         self._untold += 1
-        anew = learnt.grown != 1 or learnt.looks.any() or straighter or _TOLD_EVERY * self._untold >= len(stamps)
-        if len(stamps) > 1 and anew:
+        if len(stamps) > 1 and (self.calibration != known or _TOLD_EVERY * self._untold >= len(stamps)):
             self._untold = 0
             now = [turned(pose, -self._looks[:3]) for pose in poses]
             self._news = Adjusted(stamps, list(self._T_map_before.values()), now)
-        return learnt
 
-    def _straighten(self, bend: NDArray[np.float64]) -> bool:
-        """Apply the latest bend of depth if it has changed enough; returns whether it has."""
+    def _straighten(self, bend: NDArray[np.float64]) -> None:
+        """Apply the latest bend of depth if it has changed enough."""
         bend = np.clip(bend, -MAX_BEND, MAX_BEND)
-        if np.abs(bend - (self._bend or 0.0)).max() < _BEND_STEP:
-            return False
-        self._bend = tuple(tuple(row) for row in bend.tolist())
-        return True
+        if np.abs(bend - (self._bend or 0.0)).max() >= _BEND_STEP:
+            self._bend = tuple(tuple(row) for row in bend.tolist())
 
 
 def _same_view(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
