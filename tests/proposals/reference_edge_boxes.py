@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from spot3d.proposals.affinity import MIN_AFFINITY
 from spot3d.proposals.groups import EdgeGroups
-from spot3d.proposals.scoring import MIN_AFFINITY
 
 
 def affinity_matrix(groups: EdgeGroups) -> NDArray[np.float64]:

@@ -3,9 +3,9 @@ import pytest
 from numba import njit
 from reference_edge_boxes import reference_score
 
-from spot3d.proposals.affinity import affinities
+from spot3d.proposals.affinity import MIN_AFFINITY, affinities
 from spot3d.proposals.groups import EdgeGroups, group_edges
-from spot3d.proposals.scoring import MIN_AFFINITY, score_limit, score_window
+from spot3d.proposals.scoring import score_limit, score_window
 from spot3d.proposals.window_index import index_windows
 
 KAPPA = 1.5
@@ -42,14 +42,7 @@ def outline_edges(shape=(60, 80)):
 
 
 def grouped(magnitude, orientation, smallest=0.5) -> EdgeGroups:
-    return group_edges(
-        magnitude,
-        orientation,
-        merge_threshold=0.5,
-        min_group_magnitude=smallest,
-        gamma=2.0,
-        min_affinity=MIN_AFFINITY,
-    )
+    return group_edges(magnitude, orientation, smallest, 2.0)
 
 
 @pytest.mark.parametrize(
@@ -130,6 +123,6 @@ def test_groups_around_the_same_place_have_no_affinity():
     label[3, 2:5], label[4, 2:5] = 0, 1
     edges = np.flatnonzero(label >= 0)
     mean, normal = np.full((2, 2), 3, np.float32), np.tile(np.array([0, 1], np.float32), (2, 1))
-    first, neighbour, affinity = affinities(label, edges, mean, normal, 2, MIN_AFFINITY)
+    first, neighbour, affinity = affinities(label, edges, mean, normal, 2)
     assert first.tolist() == [0, 0, 0]
     assert neighbour.size == affinity.size == 0

@@ -3,7 +3,7 @@ import pytest
 
 from spot3d.proposals.groups import group_edges
 from spot3d.proposals.nms import suppress
-from spot3d.proposals.scoring import MIN_AFFINITY, score_window
+from spot3d.proposals.scoring import score_window
 from spot3d.proposals.window_index import WindowIndex, index_windows
 from spot3d.proposals.windows import refine, window_shapes
 
@@ -49,10 +49,7 @@ def outline(x0: int, y0: int, x1: int, y1: int) -> WindowIndex:
     rows, columns = slice(y0 + 1, y1 - 1), slice(x0 + 1, x1 - 1)
     magnitude[rows, [x0 + 1, x1 - 2]] = magnitude[[y0 + 1, y1 - 2], columns] = 1
     orientation[[y0 + 1, y1 - 2], columns] = np.pi / 2
-    groups = group_edges(
-        magnitude, orientation, merge_threshold=0.5, min_group_magnitude=1.0, gamma=2.0, min_affinity=MIN_AFFINITY
-    )
-    return index_windows(magnitude, groups, 1.5)
+    return index_windows(magnitude, group_edges(magnitude, orientation, 1.0, 2.0), 1.5)
 
 
 @pytest.mark.parametrize(

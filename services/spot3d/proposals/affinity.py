@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from spot3d.kernel import kernel
 
 REACH = 2  # groups that come this close, in pixels along both axes, have an affinity
+MIN_AFFINITY = 0.05  # paths of a lower affinity do not connect
 PAIRS = 16  # pairs per group for which memory is allocated at first
 
 
@@ -17,13 +18,12 @@ def affinities(
     mean: NDArray[np.float32],
     normal: NDArray[np.float32],
     gamma: float,
-    least: float,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
     """Affinity |cos(t_i - t_ij) cos(t_j - t_ij)|^gamma of groups that come within REACH (EdgeBoxes, Eq. 1).
 
     t_i, t_j: directions of the groups, across their normals, t_ij: of the line between their means. label: (h, w)
     int32, -1 = no group; edges: (e,) int64, flat indices of the pixels that may have one; mean, normal: (n, 2) float32.
-    Returns the sparse rows `first`, `neighbour` and `affinity` of EdgeGroups: those of at least `least`, above 0.
+    Returns the sparse rows `first`, `neighbour` and `affinity` of EdgeGroups: those of at least MIN_AFFINITY.
     """
     group = label.reshape(-1)[edges]
     pixels = edges[group >= 0]
@@ -35,7 +35,7 @@ def affinities(
     while True:
         first, met = np.zeros(len(mean) + 1, np.int32), np.full(len(mean), -1, np.int32)
         rows = _Rows(first, np.empty(room, np.int32), np.empty(room, np.float32))
-        n = _affinities(label, groups, np.float32(gamma), np.float32(least), met, rows)
+        n = _affinities(label, groups, np.float32(gamma), met, rows)
         if n <= room:
             return first, rows.neighbour[:n], rows.affinity[:n]
         room = n
@@ -71,7 +71,7 @@ def _sort_by_group(
 
 @kernel()
 def _affinities(
-    label: NDArray[np.int32], groups: _Groups, gamma: np.float32, least: np.float32, met: NDArray[np.int32], rows: _Rows
+    label: NDArray[np.int32], groups: _Groups, gamma: np.float32, met: NDArray[np.int32], rows: _Rows
 ) -> int:
     """Write the sparse rows as far as they fit; returns the number of entries that they need.
 
@@ -99,7 +99,7 @@ def _affinities(
                     if squared < np.float32(1e-12):
                         squared = np.float32(1e-12)
                     a = (abs(ours * theirs) / squared) ** gamma
-                    if a < least:
+                    if a < np.float32(MIN_AFFINITY):
                         continue
                     place = n
                     n += 1

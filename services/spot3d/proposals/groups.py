@@ -9,6 +9,7 @@ from spot3d.kernel import kernel, part
 from spot3d.proposals.affinity import affinities
 
 PI = np.float32(np.pi)
+GROUP_TURN = np.float32(0.5)  # EdgeBoxes' own: a group ends when its orientation differences sum to this, units of pi
 FREE, NONE = -2, -1  # labels of edge pixels without a group yet, and of pixels without any
 
 
@@ -44,16 +45,12 @@ class EdgeGroups(NamedTuple):
 def group_edges(
     magnitude: NDArray[np.float32],
     orientation: NDArray[np.float32],
-    *,
-    merge_threshold: float,
     min_group_magnitude: float,
     gamma: float,
-    min_affinity: float,
 ) -> EdgeGroups:
-    """Groups of the edge map's pixels, and their affinities of at least `min_affinity`.
+    """Groups of the edge map's pixels, and their affinities.
 
-    magnitude, orientation: (h, w) float32, orientation of the normal in [0, pi). merge_threshold: a group
-    ends when its orientation differences sum to this, units of pi. min_group_magnitude: groups whose
+    magnitude, orientation: (h, w) float32, orientation of the normal in [0, pi). min_group_magnitude: groups whose
     magnitudes sum to no more than this are given to their neighbours.
     """
     edges = np.zeros(magnitude.shape, np.bool_)
@@ -62,7 +59,7 @@ def group_edges(
     label, seen_by = np.full((2, magnitude.size), NONE, np.int32)
     label[pixels.edges] = FREE
     border, turns = np.empty_like(pixels.edges), np.empty(pixels.edges.size, np.float32)
-    count = _cluster(pixels, np.float32(merge_threshold), label, seen_by, border, turns)
+    count = _cluster(pixels, label, seen_by, border, turns)
     total, number = np.zeros(count, np.float32), np.full(count, NONE, np.int32)
     count = _absorb_small(pixels, np.float32(min_group_magnitude), label, total, number, border)
     total, last = np.zeros(count, np.float32), np.zeros(count, np.int64)
@@ -70,7 +67,7 @@ def group_edges(
     _describe(pixels, label, total, mean, normal, last)
     anchor = np.stack((last % pixels.width, last // pixels.width), axis=1).astype(np.int32)
     label = label.reshape(magnitude.shape)
-    first, neighbour, affinity = affinities(label, pixels.edges, mean, normal, gamma, min_affinity)
+    first, neighbour, affinity = affinities(label, pixels.edges, mean, normal, gamma)
     return EdgeGroups(label, total, anchor, first, neighbour, affinity)
 
 
@@ -84,7 +81,6 @@ def turn(a: np.float32, b: np.float32) -> np.float32:
 @kernel()
 def _cluster(
     pixels: EdgePixels,
-    threshold: np.float32,
     label: NDArray[np.int32],
     seen_by: NDArray[np.int32],
     border: NDArray[np.int64],
@@ -92,7 +88,7 @@ def _cluster(
 ) -> int:
     """Label the pixels that are FREE; returns the number of groups.
 
-    Groups grow greedily: always by the bordering pixel of least turn, until the turns sum to `threshold`. seen_by: NONE
+    Groups grow greedily: always by the bordering pixel of least turn, until the turns sum to GROUP_TURN. seen_by: NONE
     everywhere, then the last group that has the pixel on its border; border, turns: buffers for that border.
     """
     _, orientation, edges, width = pixels
@@ -102,7 +98,7 @@ def _cluster(
         if label[p] != FREE:
             continue
         turned, borders = np.float32(0), 0
-        while turned < threshold:
+        while turned < GROUP_TURN:
             label[p] = count
             for row in range(p - width, p + width + 1, width):
                 for q in range(row - 1, row + 2):

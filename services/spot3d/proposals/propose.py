@@ -11,14 +11,13 @@ from spot3d.proposals.edges import EdgeMap, detect_edges
 from spot3d.proposals.groups import group_edges
 from spot3d.proposals.metric_size import DepthRange, depth_range
 from spot3d.proposals.nms import suppress
-from spot3d.proposals.scoring import MIN_AFFINITY
 from spot3d.proposals.settings import ProposalSettings
 from spot3d.proposals.window_index import index_windows
 from spot3d.proposals.windows import refine, search, window_shapes
 
-# EdgeBoxes' own values: where a group of edges ends, units of pi; the exponent of a window's size that its score is
-# divided by; the largest ratio of its sides; and the score below which it is no proposal.
-_GROUP_TURN, _KAPPA, _ASPECT_MAX, _SCORE_MIN = 0.5, 1.5, 3.0, 0.01
+# EdgeBoxes' own values: the exponent of a window's size that its score is divided by; the largest ratio of its sides;
+# and the score below which it is no proposal.
+_KAPPA, _ASPECT_MAX, _SCORE_MIN = 1.5, 3.0, 0.01
 _POOL = 1000
 """If fewer boxes are asked for, they are chosen from this many: the paper's M."""
 
@@ -72,14 +71,7 @@ def metric_limits(depth: NDArray[np.float32], intrinsics: Intrinsics, settings: 
 def boxes_from_edges(edges: EdgeMap, ranges: DepthRange, settings: ProposalSettings) -> NDArray[np.float32]:
     """EdgeBoxes on a thin edge map: groups, search, refinement, suppression. Returns `propose`'s boxes."""
     height, width = edges.magnitude.shape
-    groups = group_edges(
-        edges.magnitude,
-        edges.orientation,
-        merge_threshold=_GROUP_TURN,
-        min_group_magnitude=settings.cluster_min_magnitude,
-        gamma=settings.gamma,
-        min_affinity=MIN_AFFINITY,
-    )
+    groups = group_edges(*edges, settings.cluster_min_magnitude, settings.gamma)
     index = index_windows(edges.magnitude, groups, _KAPPA)
     min_area = settings.min_box_area * (width * height / (640 * 480) if settings.scaled_area else 1.0)
     shapes = window_shapes(width, height, settings.alpha, _ASPECT_MAX, min_area)

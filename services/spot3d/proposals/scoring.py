@@ -3,11 +3,10 @@
 import numpy as np
 
 from spot3d.kernel import part
+from spot3d.proposals.affinity import MIN_AFFINITY
 from spot3d.proposals.window_index import WindowIndex
 
 Pixel = int | np.int64  # one type when compiled: other integers would compile everything once more
-
-MIN_AFFINITY = 0.05  # paths of a lower affinity do not connect
 
 
 @part()
