@@ -15,7 +15,7 @@ from spot3d.pose.motion import (
     vector_from_rotation,
 )
 from spot3d.pose.settings import PoseSettings
-from spot3d.pose.surface import _SUMS, GRAZING_COS, _sum_cells, information, sample_surface, weakest_direction
+from spot3d.pose.surface import _SUMS, GRAZING_COS, _sum_cells, information, sample_surface
 from spot3d.pose.surfel_map import SurfelMap
 from spot3d.trajectory import rotation_from_vector
 
@@ -94,7 +94,8 @@ def test_size_mismatch_is_refused() -> None:
 
 def weakness(depth: NDArray[np.float32]) -> float:
     surface = sample_surface(depth, CAMERA, SETTINGS)
-    return weakest_direction(information(surface)) / float(np.median(surface.sigma))
+    least = float(np.linalg.eigvalsh(information(surface))[0])
+    return (least**-0.5 if least > 0 else np.inf) / float(np.median(surface.sigma))
 
 
 def test_a_plane_leaves_directions_free_and_a_corner_does_not() -> None:

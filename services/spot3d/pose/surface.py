@@ -84,15 +84,6 @@ def information(surface: Surface) -> NDArray[np.float64]:
     return np.asarray(_SHARE * (J.T @ J))
 
 
-def weakest_direction(information: NDArray[np.float64]) -> float:
-    """Standard deviation of the pose in the direction of least information, metres or radians.
-
-    Infinite where a direction is unconstrained, as in front of a bare wall.
-    """
-    least = float(np.linalg.eigvalsh(information)[0])
-    return float("inf") if least <= 0 else least**-0.5
-
-
 @kernel()
 def _sum_cells(depth: NDArray[np.float32], cell: int, range_max: np.float32, sums: NDArray[np.float32]) -> None:
     """Sums of each cell x cell block of the (h, w) depth into (rows, columns, 10)."""

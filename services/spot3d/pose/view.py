@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from spot3d.camera import Intrinsics
 from spot3d.pose.features import FeatureDetector, Features
-from spot3d.pose.surface import Surface, information, weakest_direction
+from spot3d.pose.surface import Surface, information
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,4 +39,5 @@ class View:
 
     def is_weak(self, information: NDArray[np.float64]) -> bool:
         """Whether information (6, 6) leaves the pose unconstrained in some direction, relative to the points' noise."""
-        return weakest_direction(information) > self.weakness_max * float(np.median(self.surface.sigma))
+        least, noise = float(np.linalg.eigvalsh(information)[0]), float(np.median(self.surface.sigma))
+        return least <= 0 or least**-0.5 > self.weakness_max * noise
