@@ -1,4 +1,8 @@
-"""Reads ground truth, and the boxes of a finished run, from files."""
+"""Reads ground truth, and the boxes of a finished run, from files.
+
+All raise FileNotFoundError for a missing file, SourceError for one that is not UTF-8, and ValueError for a broken one,
+naming it and its field or line.
+"""
 
 import json
 import zipfile
@@ -86,8 +90,6 @@ def read_labelled_scene(folder: Path) -> LabelledScene:
 
     The file's boxes stand upright in an aligned frame whose z is the height above the supporting plane:
     p_aligned = R_aligned_world @ p_world - (0, 0, plane_offset); yaw turns the box's x axis about that z.
-    Raises FileNotFoundError for a missing file, SourceError for one that is not UTF-8, and ValueError, naming file and
-    field, for a broken one.
     """
     path = folder / "labels.json"
     labels = _read_json(path, _Labels)
@@ -120,8 +122,6 @@ def read_cuboids(path: Path) -> tuple[Box3D, ...]:
     """True boxes from a TUM-style `truth_objects.txt`; world frame with z up.
 
     One box a line: x y z yaw half_length half_width half_height, in metres and radians; `#` begins a comment.
-    Raises FileNotFoundError for a missing file, SourceError for one that is not UTF-8, and ValueError, naming the line,
-    for a broken one.
     """
     boxes = []
     for number, line in enumerate(read_text(_existing(path)).splitlines(), start=1):
@@ -140,11 +140,7 @@ def read_cuboids(path: Path) -> tuple[Box3D, ...]:
 
 
 def read_found_boxes(path: Path) -> tuple[Box3D, ...]:
-    """Boxes of a run's objects from its `objects.json`; world frame, metres.
-
-    Raises FileNotFoundError for a missing file, SourceError for one that is not UTF-8, and ValueError, naming file and
-    field, for a broken one.
-    """
+    """Boxes of a run's objects from its `objects.json`; world frame, metres."""
     return tuple(
         _box(path, f"object {item.id}", np.array(item.centre), item.size, np.array(item.rotation))
         for item in _read_json(path, _Objects).objects
