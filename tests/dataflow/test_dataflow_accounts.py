@@ -151,7 +151,9 @@ def test_cadence_postponed_and_reset() -> None:
         ([(9, 10), (0, 20)], Verdict()),  # the sender starts anew
         ([(0, 10), (1, 10)], Verdict("duplicate stamp")),
         ([(0, 10), (1, 9)], Verdict("out of order")),
-        ([(0, 10), (1, 9), (2, 20)], Verdict(missing=1)),
+        ([(0, 10), (1, 9), (2, 20)], Verdict()),  # what is refused has arrived
+        ([(0, 10), (3, 10)], Verdict("duplicate stamp", missing=2)),
+        ([(0, 10), (3, 30), (1, 20), (4, 40)], Verdict()),
         ([(0, 5 + RESTART_NS), (0, 5)], Verdict(restarted=True)),
         ([(0, 5 + RESTART_NS), (0, 5), (1, 6)], Verdict()),
     ],
@@ -206,7 +208,7 @@ def test_a_named_stream_never_goes_back_and_another_begins_anywhere() -> None:
     order = StreamOrder()
     assert order.check(header(0, 50 * S, "a", "x"), 0.0) == Verdict()
     assert order.check(header(1, 5 * S, "a", "x"), 0.1) == Verdict("out of order")
-    assert order.check(header(2, 5 * S, "b", "x"), 0.2) == Verdict(missing=1)
+    assert order.check(header(3, 5 * S, "b", "x"), 0.2) == Verdict(missing=1)
     assert order.check(header(9, 6 * S, "b", "y"), 0.3) == Verdict(), "another process counts for itself"
 
 

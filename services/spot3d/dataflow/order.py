@@ -1,6 +1,6 @@
 """Checks that a stream's messages come in order of capture."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from spot3d_schemas import Header
 
@@ -48,12 +48,23 @@ class StreamOrder:
         self._confirm = confirm
         self._last: _Seen | None = None
         self._suspect: Header | None = None
+        self._numbered: Header | None = None
 
     def check(self, header: Header, now_s: float) -> Verdict:
         """Judge the message that has just arrived, at `now_s` monotonic seconds.
 
         missing: messages that the sender numbered and that never arrived (a restarted sender counts from 0).
         """
+        verdict, before = self._judge(header, now_s), self._numbered
+        if before is None or header.sender != before.sender:
+            self._numbered = header
+            return verdict
+        if header.seq > before.seq or not verdict.refused:
+            self._numbered = header
+        return replace(verdict, missing=max(0, header.seq - before.seq - 1))
+
+    def _judge(self, header: Header, now_s: float) -> Verdict:
+        """The verdict but for missing messages."""
         last, suspect = self._last, self._suspect
         if last is None or header.stream != last.header.stream:
             return self._accept(header, now_s, 0)
@@ -76,7 +87,5 @@ class StreamOrder:
         return Verdict(STRAY)
 
     def _accept(self, header: Header, now_s: float, step_ns: int, restarted: bool = False) -> Verdict:
-        last, self._last, self._suspect = self._last, _Seen(header, now_s, step_ns), None
-        if last is None or header.sender != last.header.sender:
-            return Verdict(restarted=restarted)
-        return Verdict(missing=max(0, header.seq - last.header.seq - 1), restarted=restarted)
+        self._last, self._suspect = _Seen(header, now_s, step_ns), None
+        return Verdict(restarted=restarted)
