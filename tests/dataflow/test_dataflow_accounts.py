@@ -212,6 +212,13 @@ def test_a_named_stream_never_goes_back_and_another_begins_anywhere() -> None:
     assert order.check(header(9, 6 * S, "b", "y"), 0.3) == Verdict(), "another process counts for itself"
 
 
+def test_a_camera_that_names_no_stream_begins_anew_after_one_that_does() -> None:
+    order = StreamOrder(confirm=True)
+    heard = [(50, "a"), (5, None), (6, None), (7, None)]
+    arrivals = [order.check(header(seq, at * S, stream), seq) for seq, (at, stream) in enumerate(heard)]
+    assert arrivals == [Verdict(), Verdict("stray stamp"), Verdict(restarted=True), Verdict()]
+
+
 def test_streams_follow_each_other_and_do_not_come_back() -> None:
     streams = Streams()
     told = [streams.judge(name, now_s) for now_s, name in enumerate((None, "a", "a", "b", "a", None, "b"))]

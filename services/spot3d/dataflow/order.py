@@ -37,7 +37,7 @@ class _Seen:
 
 
 class StreamOrder:
-    """Checks one input's streams, stamps and sequence numbers.
+    """Checks one input's streams, stamps and sequence numbers. A message without a stream goes on with the last one.
 
     confirm: for a live input. A stamp that leaps is refused, unless the next message follows it: a camera's clock that
     slips once costs one frame, as does the first step of a sparse recording that is played fast. Recordings that are
@@ -66,7 +66,7 @@ class StreamOrder:
     def _judge(self, header: Header, now_s: float) -> Verdict:
         """The verdict but for missing messages."""
         last, suspect = self._last, self._suspect
-        if last is None or header.stream != last.header.stream:
+        if last is None or header.stream not in (None, last.header.stream):
             return self._accept(header, now_s, 0)
         ahead_ns = header.stamp_ns - last.header.stamp_ns
         if -RESTART_NS < ahead_ns <= 0:
