@@ -36,12 +36,24 @@ def at(rate_hz: float, unit: int, count: int = 60) -> list[int]:
         (at(10, 10**6), "about 1,000 times too slowly"),
         (at(10, 10**3), "about 1,000,000 times too slowly"),
         ([5 * S] * 60, "do not advance"),
+        ([seq // 10 * S for seq in range(60)], "do not advance from each to the next (6 of 60 differ)"),
+        ([seq // 2 * S // 5 for seq in range(60)], ""),
         (at(10, S), ""),
         (at(10, S, 10) + [55_000 * S + seq * S // 10 for seq in range(60)], ""),
         ([*at(10, 10**3, 19)], ""),
         ([], ""),
     ],
-    ids=["microseconds", "milliseconds", "none", "nanoseconds", "after a pause", "too few", "nothing"],
+    ids=[
+        "microseconds",
+        "milliseconds",
+        "none",
+        "whole seconds",
+        "each twice",
+        "nanoseconds",
+        "after a pause",
+        "too few",
+        "nothing",
+    ],
 )
 def test_the_unit_of_stamps_shows_by_their_pace(stamps_ns: list[int], said: str) -> None:
     text = told(stamps_ns)

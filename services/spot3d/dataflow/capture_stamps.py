@@ -15,6 +15,8 @@ _SPAN_S = 2.0
 _SLOW = 200.0
 """Slowdown that is reported: microseconds taken for nanoseconds are 1000 times slower; no recording is played so
 slowly."""
+_DISTINCT = 0.4
+"""Least share of different stamps: a program may send each frame twice."""
 _LAGS, _LAG_SPAN_S = 200, 2.0
 """Frames whose lags are kept, and the seconds over which the minimum is taken: a single stall is caught up in them."""
 _LAG_S = 0.5
@@ -27,7 +29,7 @@ _DRIFT = 2e-4
 class StampPace:
     """The stamps of the latest captures and their arrival times, monotonic seconds; any thread may ask.
 
-    They advance more slowly than time if they are in another unit, or of no clock.
+    They advance more slowly than time if they are in another unit, or of no clock; rounded ones repeat.
     """
 
     def __init__(self) -> None:
@@ -50,11 +52,17 @@ class StampPace:
             if len(self._heard) < _ENOUGH or now_s - self._heard[-1][0] > _RECENT_S:
                 return ""
             (first_s, first_ns), (last_s, last_ns) = self._heard[0], self._heard[-1]
+            count, distinct = len(self._heard), len({stamp_ns for _, stamp_ns in self._heard})
         span_s, stamped_s = last_s - first_s, 1e-9 * (last_ns - first_ns)
-        if span_s < _SPAN_S or _SLOW * stamped_s > span_s:
+        if span_s < _SPAN_S:
             return ""
-        if stamped_s <= 0:
-            return "the timestamps of frames do not advance: set stamp_ns to each frame's time of capture"
+        if stamped_s <= 0 or distinct < _DISTINCT * count:
+            return (
+                f"the timestamps of frames do not advance from each to the next ({distinct} of {count} differ), and "
+                "those that repeat are refused: set stamp_ns to each frame's time of capture, not rounded to seconds"
+            )
+        if _SLOW * stamped_s > span_s:
+            return ""
         slower = f"about {float(f'{span_s / stamped_s:.1g}'):,.0f} times too slowly"
         return (
             f"the timestamps of frames advance {slower}: give stamp_ns in nanoseconds (a microsecond is 1000 of them)"
