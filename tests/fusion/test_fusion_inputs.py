@@ -90,6 +90,11 @@ def test_live(items: str, expected: list[str]) -> None:
     assert feed(LiveInputs(LIVE), items) == expected
 
 
+def test_live_poses_may_come_half_a_second_late() -> None:
+    heats = " ".join(f"H{stamp}" for stamp in range(1, 17))
+    assert feed(LiveInputs(LIVE), f"{heats} P1 H17 P2 H18 H19") == ["1", "2", "-3 no pose"]
+
+
 def test_live_counts_the_frames_without_a_word_of_the_segments_stage() -> None:
     inputs = LiveInputs(LIVE)
     feed(inputs, "P1 H1 P2 H2 P3 H3")

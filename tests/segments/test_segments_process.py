@@ -100,7 +100,7 @@ def test_how_many_heats_wait_for_their_poses(delivery: str, in_flight: int, drop
     """What a lossless run may have on its way does not go for a live one, whose images must not grow old."""
     node, heat = NodeOfTest(LinkSettings(delivery=delivery, in_flight=in_flight)), SAMPLES["Heat"]
     stage = _Stage(node, SETTINGS)
-    for number in range(10):
+    for number in range(18):
         header = heat.header.model_copy(update={"stamp_ns": 1 + number})
         stage.take_heat(Received(heat.model_copy(update={"header": header}), 0))
     told = node.counters.health(heat.header, 1.0, ProcessUse(cpu_s=0.0, rss_bytes=1, threads=1))

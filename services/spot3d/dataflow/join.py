@@ -15,8 +15,9 @@ R = TypeVar("R", bound=Message)
 NO_HEAT, NO_POSE = "no heat", "no pose"
 """Reasons to skip a frame: its heat or its pose did not come."""
 
-_HEATS_WAITING = 8
-"""Live: number of heats that may wait for their poses, which mostly come first; 15 MB at VGA."""
+_HEATS_WAITING = 16
+"""Live: number of heats that may wait for their poses, which mostly come first but may come from another program, half
+a second late; 30 MB at VGA."""
 _POSES_WAITING = 256
 _EVICTED_REMEMBERED = 1000
 """Number of evicted stamps remembered until their partner comes, so that each counts once."""
