@@ -14,6 +14,7 @@ import zenoh
 from spot3d.camera import Intrinsics
 from spot3d.dataflow.alive import Alive
 from spot3d.dataflow.conversion import segments_message
+from spot3d.dataflow.join import NO_HEAT, NO_POSE, Skipped
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.process_use import ProcessUse
 from spot3d.dataflow.settings import LinkSettings
@@ -85,6 +86,36 @@ def test_frames_that_are_not_fused_are_told_with_the_drops(stage: Stage, status:
     stage.fusion.heatmap.arrays = None  # type: ignore[assignment]  # so that fusing fails
     stage._fuse(frame(1, status))
     assert drops(stage) == {reason: 1}
+
+
+@pytest.mark.parametrize(
+    ("reasons", "said"),
+    [
+        ((NO_POSE,) * 59, ""),
+        (
+            (NO_POSE,) * 60,
+            "no frame was fused of the last 60 (60 no pose): check that the pose stage is running; a pose",
+        ),
+        ((NO_POSE, *(NO_HEAT,) * 59), "(59 no heat, 1 no pose): check that the pose stage is running"),
+        ((NO_HEAT,) * 61, "of the last 61 (61 no heat): check that the proposals and heatmap stages are running"),
+        ((FAILED,) * 60, "of the last 60 (60 error)"),
+        ((LOST,) * 99, ""),
+    ],
+)
+def test_the_state_says_why_nothing_is_fused(stage: Stage, reasons: tuple[str, ...], said: str) -> None:
+    stage._account_for([Skipped(stamp, reason) for stamp, reason in enumerate(reasons)])
+    assert said in stage.node.state if said else not stage.node.state
+    stage._fuse(frame(S))
+    assert not stage.node.state
+
+
+def test_the_state_says_which_poses_are_refused(stage: Stage) -> None:
+    stage._fuse(frame(S))
+    for number in range(2, 62):
+        stage._fuse(frame(S + number, x=1000))
+    assert "60 implausible pose): the pose at (1e+03, 0, 0) m is not used: its speed is above" in stage.node.state
+    stage._begin_stream("another")
+    assert not stage.node.state
 
 
 def test_an_unnamed_recording_begins_anew_though_its_first_frame_has_no_pose(stage: Stage) -> None:

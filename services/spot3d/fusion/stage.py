@@ -2,6 +2,7 @@
 
 import logging
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TypeVar
@@ -10,7 +11,7 @@ import zenoh
 
 from spot3d.dataflow.cadence import Cadence
 from spot3d.dataflow.conversion import camera_pose, frame_segments, rgbd_frame
-from spot3d.dataflow.join import Skipped
+from spot3d.dataflow.join import NO_HEAT, NO_POSE, Skipped
 from spot3d.dataflow.ledger import Ledger
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.serving import On, OnQuery, serve
@@ -33,6 +34,15 @@ _MAP, _CHANGES, _RESET = "fusion/map", "fusion/changes", "fusion/reset"
 OUTPUTS, QUERIES = (_OBJECTS, _PROGRESS), (_MAP, _CHANGES, _RESET)
 _ALONE = 300
 """Live: after so many fused frames without a message of the segments stage, ten seconds of a camera, it is reported."""
+
+_UNFUSED = 60
+"""After so many frames in a row that are not fused, two seconds of a camera, the state says why."""
+_ADVICE = {
+    NO_POSE: "check that the pose stage is running; a pose must have the stamp_ns of its frame, and come at most 16 "
+    "frames after it",
+    NO_HEAT: "check that the proposals and heatmap stages are running",
+}
+"""What to do about frames that are not fused; the first reason that there is."""
 
 LOST, FAILED, AGAIN = "lost pose", "error", "fused before"
 """Why a frame with heat and pose is skipped."""
@@ -60,6 +70,7 @@ class Stage:
         self.inputs = inputs_of(node.link)
         self.cadence = Cadence(fusion.settings.object_interval_s)
         self.ledger = Ledger(node.link.credit_timeout_s)
+        self.unfused = Counter[str]()
         self.world = World(fusion.settings.speed_max)
         self.epoch = new_stream() if account is None else account.epoch
         self.goes_on = account is not None
@@ -126,6 +137,7 @@ class Stage:
         """Reset for another scene, unless an earlier process began this stream."""
         self.node.counters.drop("of an earlier stream", self.inputs.clear())
         self.ledger = Ledger(self.node.link.credit_timeout_s)
+        self._forget_unfused()
         self.last = None
         if self.goes_on:
             self.goes_on = False
@@ -161,8 +173,26 @@ class Stage:
             if isinstance(frame, Ready):
                 self._fuse(frame)
             else:
-                self.node.counters.drop(frame.reason)
-                self.ledger.skip(frame.reason, frame.stamp_ns, time.monotonic())
+                self._skip(frame.reason, frame.stamp_ns)
+
+    def _skip(self, reason: str, stamp_ns: int, advice: str = "") -> None:
+        """Account for a frame that is not fused; if there were many in a row, say why in the state.
+
+        Those with a lost pose are left to the state of the pose stage.
+        """
+        self.node.counters.drop(reason)
+        self.ledger.skip(reason, stamp_ns, time.monotonic())
+        if reason == LOST:
+            return
+        self.unfused[reason] += 1
+        if (count := self.unfused.total()) >= _UNFUSED:
+            reasons = ", ".join(f"{times} {why}" for why, times in self.unfused.most_common())
+            advice = advice or next((text for why, text in _ADVICE.items() if why in self.unfused), "")
+            self.node.state = f"no frame was fused of the last {count} ({reasons})" + (f": {advice}" if advice else "")
+
+    def _forget_unfused(self) -> None:
+        self.unfused.clear()
+        self.node.state = ""
 
     def _fuse(self, ready: Ready) -> None:
         heat, pose = ready.heat, ready.pose
@@ -172,8 +202,7 @@ class Stage:
             return
         refused = LOST if pose.message.status == "lost" else self._refused(ready)
         if refused:
-            self.node.counters.drop(refused)
-            self.ledger.skip(refused, stamp_ns, time.monotonic())
+            self._skip(refused, stamp_ns, why_refused(refused, pose.message.T_world_camera))
             return
         if self.camera not in (None, message.intrinsics):
             self.node.note("intrinsics changed", f"the intrinsics have changed to {message.intrinsics}")
@@ -186,9 +215,9 @@ class Stage:
             )
         except Exception as error:
             self.node.crashed("fuse", f"cannot fuse the frame at {stamp_ns} ns", error)
-            self.node.counters.drop(FAILED)
-            self.ledger.skip(FAILED, stamp_ns, time.monotonic())
+            self._skip(FAILED, stamp_ns)
             return
+        self._forget_unfused()
         self.fused_ns, self.recording = stamp_ns, heat.recording
         self.world.follow(pose.message.epoch, pose.message.T_world_camera, stamp_ns)
         if ready.segments is not None:

@@ -17,7 +17,7 @@ _PAST = 16
 """Most earlier epochs that are remembered."""
 
 
-def why_refused(verdict: Verdict, T_world_camera: NDArray[np.float64]) -> str:
+def why_refused(verdict: str, T_world_camera: NDArray[np.float64]) -> str:
     """What is wrong with the place of a refused pose, (4, 4) metres, and what to do; otherwise empty."""
     place = ", ".join(f"{value:.3g}" for value in T_world_camera[:3, 3])
     text = f"the pose at ({place}) m is not used:"
