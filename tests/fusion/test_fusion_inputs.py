@@ -156,7 +156,15 @@ def test_what_waits_at_the_end_is_not_lost() -> None:
     assert inputs.rest() == []
     assert feed(inputs, "P3 H3 H4 P5 H5") == []
     assert told(Arrival(inputs.rest())) == ["3", "-4 no pose", "5"]
-    assert feed(inputs, "P6 H6 K6") == ["6s"]
+    assert feed(inputs, "P6 H6 K6 H7 H8") == ["6s"]
+    assert told(Arrival(inputs.rest())) == ["-7 no pose", "-8 no pose"]
+
+
+def test_live_frames_that_wait_at_the_end_are_told_with_what_they_lack() -> None:
+    inputs = LiveInputs(LIVE)
+    assert feed(inputs, "P1 H1 H2 H3") == ["1"]
+    assert told(Arrival(inputs.rest())) == ["-2 no pose", "-3 no pose"]
+    assert inputs.rest() == []
 
 
 def test_the_delivery_decides() -> None:

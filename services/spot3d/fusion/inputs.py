@@ -77,15 +77,15 @@ class LiveInputs:
         return self._last_ns is not None and (self._answered_ns is None or self._answered_ns < self._last_ns)
 
     def rest(self) -> list[Ready | Skipped]:
-        """The frames that still wait when the stream has ended: none."""
-        return []
+        """The frames that still wait for heat or pose when the stream has ended."""
+        return [*sorted(self._pairs.clear())]
 
     def clear(self) -> int:
         """Discard what waits, as another stream begins; returns the number of frames."""
         self._early.clear()
         self._last_ns = self._answered_ns = None
         self.alone = 0
-        return len(self._pairs.clear())
+        return len(self.rest())
 
     def _paired(self, outcome: Outcome[Heat, Pose]) -> Arrival:
         arrival = Arrival([*sorted(outcome.skipped)])
@@ -133,16 +133,18 @@ class LosslessInputs:
         return arrival
 
     def rest(self) -> list[Ready | Skipped]:
-        """Frames that still wait for segments when the stream has ended, with those skipped behind them."""
+        """Frames that still wait when the stream has ended: those without segments, with those skipped behind them, and
+        those without heat or pose.
+        """
         frames: list[Ready | Skipped] = []
         for stamp in list(self._waiting):
             frames += self._leaving(stamp, None)
         self._answers.clear()
-        return frames
+        return frames + sorted(self._pairs.clear())
 
     def clear(self) -> int:
         """Discard what waits, as another stream begins; returns the number of frames."""
-        return len(self.rest()) + len(self._pairs.clear())
+        return len(self.rest())
 
     def _paired(self, outcome: Outcome[Heat, Pose]) -> Arrival:
         arrival = Arrival()
