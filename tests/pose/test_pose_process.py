@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from spot3d.dataflow.conversion import frame_message
 from spot3d.dataflow.counters import Counters
 from spot3d.dataflow.node import Received
 from spot3d.dataflow.settings import LinkSettings
+from spot3d.pose.estimate import PoseEstimate
 from spot3d.pose.process import _Stage
 from spot3d.pose.settings import PoseSettings
 from spot3d.source.halving import halve
@@ -124,3 +126,22 @@ def test_intrinsics_of_another_image_size_are_told_with_what_is_lost(node: NodeO
     assert node.notes == []
     answer(stage, wrong(1000.0))
     assert "intrinsics are those of images of this size" in node.state
+
+
+def test_given_poses_that_jump_again_and_again_are_told_as_long_as_they_do(node: NodeOfTest) -> None:
+    stage = _Stage(node, PoseSettings(provider="given"))  # type: ignore[arg-type]
+    estimates = iter([PoseEstimate(np.eye(4), "ok", restarted=at in (1, 2, 5)) for at in range(360)])
+    stage._begin()
+    stage.tracker = SimpleNamespace(track=lambda _: next(estimates))
+    states = []
+    frame = next(frames(1, 0))
+    for at in range(360):
+        header = frame.header.model_copy(update={"stamp_ns": at * STEP_NS})
+        stage._answer(Received(frame.model_copy(update={"header": header}), 0))
+        states.append(node.state)
+    assert states[1] == ""
+    assert "the given poses jump away from what depth shows: are the given poses camera-to-world" in states[2]
+    assert states[300] != ""
+    assert states[303] == "", "ten seconds after the last but one"
+    assert len(node.notes) == 3
+    assert "camera-to-world" in node.notes[0]

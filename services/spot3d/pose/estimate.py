@@ -14,6 +14,8 @@ GIVEN_TOO_FAR = "given pose too far from the origin"
 """Event of a remark about where the world begins."""
 GIVEN_JUMPED = "given poses jumped: the map that corrects them began anew"
 """Event of a frame with which the map is restarted."""
+GIVEN_OTHERWISE = "are the given poses camera-to-world, in metres, of a camera with x right, y down, z forward?"
+"""What people should check about poses that jump, or with which views do not agree."""
 
 
 @dataclass(frozen=True, slots=True)

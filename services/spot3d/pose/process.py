@@ -3,6 +3,7 @@
 import logging
 import threading
 import time
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -22,7 +23,7 @@ from spot3d.dataflow.streams import new_stream
 from spot3d.dataflow.warm_up import warm_up
 from spot3d.frame import RgbdFrame
 from spot3d.pose import delay, depth_scale, orientation
-from spot3d.pose.estimate import GIVEN_JUMPED, GIVEN_TOO_FAR, PoseEstimate, PoseTracker
+from spot3d.pose.estimate import GIVEN_JUMPED, GIVEN_OTHERWISE, GIVEN_TOO_FAR, PoseEstimate, PoseTracker
 from spot3d.pose.providers import make_tracker
 from spot3d.pose.settings import PoseSettings
 from spot3d.pose.snapshot import read_tracker, tracker_snapshot
@@ -39,6 +40,8 @@ _SPREAD = 20
 """Factor of the time between warm-up frames, which is at first that of a camera."""
 _TOLD_NS = 1_000_000_000
 """Tracking that is lost for this long is reported."""
+_JUMPS_NS = 10_000_000_000
+"""Given poses that jump twice within this time are reported in the state: a tracker begins anew once."""
 
 
 def run(link: LinkSettings, settings: PoseSettings, stop: threading.Event | None = None) -> None:
@@ -87,6 +90,7 @@ class _Stage:
         self.last = PoseEstimate(np.eye(4), "lost")
         self.lost_since: tuple[int, str] | None = None
         self.followed = False
+        self.jumps_ns = deque[int](maxlen=2)
         self.told: dict[str, NDArray[np.float64]] = {}
         self.node.state = ""
 
@@ -97,6 +101,9 @@ class _Stage:
             self._resume(given.message.header.stamp_ns)
         frame = rgbd_frame(given.message)
         self.last = self._track(frame)
+        if self.last.restarted:
+            self.jumps_ns.append(frame.stamp_ns)
+            self.node.note(GIVEN_JUMPED, f"{GIVEN_JUMPED}; {GIVEN_OTHERWISE}")
         self._tell_if_lost(frame.stamp_ns, frame.intrinsics)
         self._tell_errors()
         pose = Pose(
@@ -150,20 +157,22 @@ class _Stage:
             self.node.counters.event(_FORGOTTEN, estimate.forgotten)
         if estimate.remark:
             self.node.note(GIVEN_TOO_FAR, estimate.remark)
-        if estimate.restarted:
-            self.node.counters.event(GIVEN_JUMPED)
         return estimate
 
     def _tell_if_lost(self, stamp_ns: int, camera: Intrinsics) -> None:
-        """Report since when tracking is lost, and what to do about it, in the log and the state."""
+        """Report since when tracking is lost, and what to do about it, in the log and the state; there also that given
+        poses jump again and again.
+        """
         known = bool(self.node.state)
         if self.last.status == "ok":
             if self.lost_since is not None and known:
                 log.info("tracking recovered after %.1f s", 1e-9 * (stamp_ns - self.lost_since[0]))
-            self.lost_since, self.node.state, self.followed = None, "", True
+            again = len(self.jumps_ns) == 2 and stamp_ns - self.jumps_ns[0] < _JUMPS_NS
+            self.node.state = f"the given poses jump away from what depth shows: {GIVEN_OTHERWISE}" if again else ""
+            self.lost_since, self.followed = None, True
             return
         if self.lost_since is None:
-            self.lost_since = (stamp_ns, time.strftime("%H:%M:%S"))
+            self.lost_since, self.node.state, known = (stamp_ns, time.strftime("%H:%M:%S")), "", False
         lost_ns = stamp_ns - self.lost_since[0]
         if lost_ns >= _TOLD_NS:
             what = f"tracking lost since {self.lost_since[1]}, for {1e-9 * lost_ns:.0f} s of frames"

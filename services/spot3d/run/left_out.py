@@ -9,6 +9,7 @@ from spot3d.frame_segments import KEYFRAME_REASONS
 from spot3d.fusion.objects.reasons import GONE, MOSTLY_BACKGROUND, TOO_COLD, TOO_LARGE, TOO_SELDOM, TOO_SMALL, TOO_THIN
 from spot3d.fusion.settings import FusionSettings
 from spot3d.fusion.worlds import Verdict
+from spot3d.pose.estimate import GIVEN_OTHERWISE
 from spot3d.run.results import RunResult
 from spot3d.settings import Settings
 from spot3d.source.errors import SourceError
@@ -70,10 +71,7 @@ def pose_doubt(result: RunResult, fused: int, skipped: Mapping[str, int], jumps:
         return ""
     times = "once" if jumps == 1 else f"{jumps} times"
     jumped = f"the given poses jumped {times} away from what depth shows, and objects may be found twice: "
-    return (jumped if jumps else "") + (
-        "are the given poses camera-to-world, in metres, of a camera with x right, y down, z forward? Compare with "
-        "--pose kiss, which does not use them"
-    )
+    return f"{jumped if jumps else ''}{GIVEN_OTHERWISE} Compare with --pose kiss, which does not use them"
 
 
 def first_depth(sequence: FrameSequence, found: bool = False) -> str:
