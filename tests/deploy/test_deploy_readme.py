@@ -28,7 +28,6 @@ from spot3d_schemas import (
     Pose,
     Proposals,
     Segments,
-    Token,
     decode,
     encode,
     key,
@@ -144,9 +143,16 @@ def test_a_robot_is_told_where_things_are_from_its_camera_and_their_points(
     asked.undeclare()
 
 
+def processes(session: zenoh.Session, stage: str) -> list[str | None]:
+    """The senders of a stage whose processes are alive."""
+    answers = session.liveliness().get(process_key("robot", stage, "*"), timeout=20)
+    tokens = [token_of(str(answer.ok.key_expr)) for answer in answers if answer.ok is not None]
+    return [token.sender for token in tokens if token is not None]
+
+
 def frame_of(colour: np.ndarray) -> Frame:
     return Frame(
-        header=HEADER,
+        header=HEADER.model_copy(update={"sender": "camera"}),
         intrinsics=CameraIntrinsics(fx=5.0, fy=5.0, cx=2.0, cy=1.0, width=6, height=4),
         depth_scale=0.001,
         colour=colour,
@@ -162,6 +168,8 @@ def test_own_stage_answers_a_frame(router: zenoh.Session, endpoint: str) -> None
     with running(program_with("proposals/boxes"), endpoint):
         wait_for_subscriber(router, "source/frame").put(encode(frame))
         answer = decode(arrived.get(timeout=20), Proposals)
+        assert processes(router, "proposals") == [answer.header.sender]
+    assert answer.header.sender != frame.header.sender
     assert answer.header.stamp_ns == frame.header.stamp_ns
     assert answer.boxes.tolist() == [[0, 0, 6, 4, 1]]
 
@@ -178,6 +186,8 @@ def test_own_segmenter_labels_a_frame(router: zenoh.Session, endpoint: str) -> N
         first = decode(arrived.get(timeout=20), Segments)
         publisher.put(encode(frame))
         second = decode(arrived.get(timeout=20), Segments)
+        assert processes(router, "segments") == [first.header.sender] == [second.header.sender]
+    assert first.header.sender != frame.header.sender
     assert first.header.stamp_ns == frame.header.stamp_ns
     assert [first.header.seq, second.header.seq] == [0, 1]
     assert first.intrinsics == frame.intrinsics
@@ -204,12 +214,11 @@ def test_own_camera_publishes_frames(router: zenoh.Session, endpoint: str) -> No
     subscriber = router.declare_subscriber(key("robot", "source/frame"), arrived.put)
     with running(program_with("def capture"), endpoint):
         samples = [arrived.get(timeout=20) for _ in range(2)]
-        answers = router.liveliness().get(process_key("robot", "source", "*"), timeout=20)
-        processes = [token_of(str(answer.ok.key_expr)) for answer in answers if answer.ok is not None]
+        there = processes(router, "source")
     subscriber.undeclare()
     first, second = (decode(sample.payload.to_bytes(), Frame) for sample in samples)
     refuse_encoding(str(samples[0].encoding), Frame)
-    assert processes == [Token("robot", "source", first.header.sender)], "who follows it is heard at once"
+    assert there == [first.header.sender], "who follows it is heard at once"
     assert second.header.seq == first.header.seq + 1
     assert second.header.stamp_ns > first.header.stamp_ns
     assert first.depth_noise is not None
