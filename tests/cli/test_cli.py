@@ -88,6 +88,7 @@ def test_settings_prints_what_can_be_read_again(tmp_path):
         (["play", "/nowhere.mcap"], "/nowhere.mcap does not exist; give a file written by spot3d record"),
         (["play", "{tmp}/file"], "file is not a recording of spot3d"),
         (["export", "{tmp}", "{tmp}/new.mcap"], "report.json is missing"),
+        (["export", "{tmp}", "{tmp}/boxes.ply"], "boxes.ply would be an MCAP file; give a name that ends in .mcap"),
         (["evaluate", "points", "/nowhere", "--json", "{tmp}/file/x.json"], "cannot use {tmp}/file: it is a file"),
         (["evaluate", "points", "/nowhere", "--json", "{tmp}"], "cannot use {tmp}: it is a folder"),
         (["evaluate", "points", "/nowhere", "--plots", "{tmp}/file"], "cannot use {tmp}/file: it is a file"),

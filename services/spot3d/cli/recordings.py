@@ -97,6 +97,11 @@ def export(
 
     if not source.exists():
         raise CommandError(f"{source} does not exist; give a folder of results of spot3d run, or a recording")
+    if out.suffix.lower() != ".mcap":
+        raise CommandError(
+            f"{out} would be an MCAP file; give a name that ends in .mcap (the folder of a run has its boxes in "
+            "objects.json and its map in heatmap.ply)"
+        )
     try:
         written = export_all(source, out, say)
     except FileExistsError as error:
