@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from spot3d.boxes import Box3D as Box3D
     from spot3d.camera import Intrinsics as Intrinsics
+    from spot3d.camera_pose import CameraPose as CameraPose
     from spot3d.found_object import FoundObject as FoundObject
     from spot3d.frame import RgbdFrame as RgbdFrame
     from spot3d.fusion.fusion import Fusion as Fusion
@@ -25,6 +26,7 @@ __version__ = "0.1.0"
 # Imported on first access: a stage imports this package too, and has only its own packages installed.
 _PLACES = {
     "Box3D": "boxes",
+    "CameraPose": "camera_pose",
     "FoundObject": "found_object",
     "Fusion": "fusion.fusion",
     "FusionSettings": "fusion.settings",
