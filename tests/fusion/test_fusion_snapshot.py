@@ -13,6 +13,7 @@ from spot3d.dataflow.snapshot_file import SnapshotError, snapshot_bytes, write_s
 from spot3d.frame_segments import FrameSegments
 from spot3d.fusion.fusion import Fusion
 from spot3d.fusion.snapshot import Account, fusion_snapshot, keep, read_account, resume
+from spot3d.fusion.snapshot_keeper import resumed
 
 FRAMES = 12
 T_WORLD_MAP = np.eye(4)
@@ -63,6 +64,12 @@ def test_another_process_goes_on_with_the_same_map_and_the_same_numbers(file: Pa
     # The surface that was known found its points again.
     assert fusion.heatmap.count < 1.25 * fuse(alone, range(6, FRAMES)).heatmap.count
     assert fusion.heatmap.count > count
+
+
+def test_who_resumes_from_a_file_is_told_which_poses_go_with_it(file: Path, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO")
+    resumed(Fusion(COARSE), file)
+    assert f"resumes from {file}: 6 frames; poses must be in the same world (pose.provider given)" in caplog.text
 
 
 @pytest.mark.parametrize(

@@ -84,4 +84,9 @@ def resumed(fusion: Fusion, path: Path) -> Account:
     """Resume from the map in a file that the user names. Raises SnapshotError, OSError."""
     account, kept = read_account(path)
     resume(fusion, kept, path)
+    log.info(
+        "resumes from %s: %d frames; poses must be in the same world (pose.provider given), which odometry's are not",
+        path,
+        fusion.frame_count,
+    )
     return account
