@@ -72,6 +72,15 @@ def test_a_small_box_upon_another_is_not_the_same_from_afar() -> None:
     assert (of_cube & shown).sum() > 0.7 * (of_cube | shown).sum()
 
 
+@pytest.mark.parametrize("noise", [False, True])
+@pytest.mark.parametrize("away", [1.0, 1.4])
+def test_a_convex_edge_that_ends_on_a_crease_leaves_no_gap(away: float, noise: bool) -> None:
+    """An upright edge of the upper box faces the camera, and its lower end is not hollow."""
+    lower, upper = standing(0, 0, (0.28, 0.18, 0.11), 0.7, RED), Cuboid((0, 0, 0.15), (0.14, 0.09, 0.08), colour=BLUE)
+    pose = look_at((0.6 * away, -0.8 * away, 0.6 * away), (0, 0, 0.05))
+    assert len(large(regions_of(lower, upper, noise=noise, pose=pose)[0])) == 2
+
+
 def test_a_step_of_depth_parts_what_no_crease_parts() -> None:
     far = standing(0.05, 0.3, (0.3, 0.05, 0.3), colour=BLUE)
     assert len(large(regions_of(standing(0, 0, SIZE, colour=RED), far)[0])) == 2

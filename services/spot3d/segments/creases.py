@@ -6,6 +6,7 @@ from near and from far: pixels and the noise of depth grow with the range. A cam
 sees blunter creases, because normals come from neighbouring pixels.
 """
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,6 +41,13 @@ of its own in 0.24, 0.56, 0.56 and 0.56 of the views of five desks, and 0.717, 0
 objects there have an IoU of 0.5. With 15 cm2 that rises by 0.010 in rooms, 0.006 on bookcases and changing tables,
 0.003 in clutter and 0.001 in bins, and falls by 0.001 on near desks. Single frames of HOTS have a success of 0.92, as
 without it."""
+_GAP = np.ones((3, 3), np.uint8)
+"""Regions that only gaps of two pixels in a crease join are separate at first: where a convex edge ends on a crease, as
+the upright edges of a box on a box, it hides the crease. With no gap closed, two, four and six pixels: success and
+detection on HOTS 0.935, 0.948; 0.939, 0.951; 0.932, 0.951; 0.910, 0.944; OSD the same but for the last. In 29 rendered
+scenes of seven kinds 0.885, 0.896 without and 0.879, 0.913 with two (stacks are parted, but a laptop's halves as well),
+with 0.2 boxes of no object a scene more; in 16 of them, not used for tuning, 0.900, 0.907; 0.914, 0.937; with four
+0.883, 0.916."""
 _ROUNDS = 12
 """Rounds in which pixels of a crease join the regions beside it, by two pixels each."""
 
@@ -53,7 +61,7 @@ def split_at_creases(
     crease: float,
     least: int,
 ) -> NDArray[np.int32]:
-    """Regions of the pixels in `mask`, split at creases, however faint.
+    """Regions of the pixels in `mask`, split at creases, however faint, and with gaps.
 
     The creases' pixels join the nearest region. Then regions are joined whose seam as a whole is no crease, or no sharp
     one if they have one colour.
@@ -69,13 +77,32 @@ def split_at_creases(
     _smooth(points, normals, mask, reach, smooth)
     bend, count = np.zeros(mask.shape, np.float32), np.full(mask.shape, 1e-6, np.float32)
     _concavity(points, smooth, mask, reach, bend, count)
-    labels = np.empty(mask.shape, np.int32)
-    _connect(points, smooth, mask & (bend < _FAINT * crease), least, _AREA * focal * focal, labels)
+    off = mask & (bend < _FAINT * crease)
+    labels, cores = np.empty(mask.shape, np.int32), np.empty(mask.shape, np.int32)
+    _connect(points, smooth, off, least, _AREA * focal * focal, labels)
+    far_off = off & (cv2.dilate((mask & ~off).view(np.uint8), _GAP) == 0)
+    _connect(points, smooth, far_off, least, _AREA * focal * focal, cores)
+    labels = _divided(labels, cores)
     _share_out(points, mask, labels)
     labels = join_at_seams(labels, points, bend, colour, crease, _SHARP * crease, float(_LINK))
     rest = np.empty(mask.shape, np.int32)
     _connect(points, smooth, mask & (labels < 0), 1, np.inf, rest)
     return np.where(rest >= 0, rest + np.int32(labels.max(initial=-1) + 1), labels)
+
+
+def _divided(labels: NDArray[np.int32], cores: NDArray[np.int32]) -> NDArray[np.int32]:
+    """The regions, but of those that hold several cores only these. Labels from 0 without gaps, -1 = none.
+
+    labels, cores: (h, w) int32, the like; a core lies in one region.
+    """
+    region = np.empty(int(cores.max(initial=-1)) + 1, np.int32)
+    region[cores[cores >= 0]] = labels[cores >= 0]
+    several = np.bincount(region, minlength=int(labels.max(initial=-1)) + 1) > 1
+    alone, split = ~several, several[region]
+    of_region = np.where(alone, np.cumsum(alone) - 1, -1)
+    of_core = np.where(split, alone.sum() + np.cumsum(split) - 1, -1)
+    # The last entry is for -1, none.
+    return np.asarray(np.maximum(np.append(of_region, -1)[labels], np.append(of_core, -1)[cores]), np.int32)
 
 
 @kernel("void(f4[:,:,::1], f4[:,:,::1], b1[:,::1], i8, f4[:,:,::1])")
