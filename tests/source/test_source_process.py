@@ -94,7 +94,7 @@ def test_frames_that_no_message_holds_are_counted_and_the_others_played() -> Non
         run(link, SourceSettings(), BentRecording(), stop=threading.Event())
         frames: list[Frame] = ear.heard["source/frame"]
         health: list[Health] = ear.heard["source/health"]
-        ear.wait(lambda: len(frames) == 3 and health[-1].errors == 2)
+        ear.wait(lambda: len(frames) == 3 and bool(health) and health[-1].errors == 2)
     assert [frame.header.stamp_ns for frame in frames] == [0, 100_000_000, 150_000_000]
     assert [frame.header.seq for frame in frames] == [0, 1, 2], "nobody misses what was never sent"
     assert health[-1].drops == {"cannot be sent": 2}
