@@ -3,9 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from spot3d.camera import Intrinsics, back_project, invert
+from spot3d.camera import back_project, invert
 from spot3d.depth_noise import KINECT_V1, DepthNoise
 from spot3d.fusion.paper.ransac import planes_by_ransac
+from spot3d.fusion.paper.removal import project_inliers
 from spot3d.fusion.settings import FusionSettings
 from spot3d.geometry.downsampling import LatticeFrame
 from spot3d.geometry.planes import dominant_planes, on_plane, transform_plane
@@ -57,7 +58,7 @@ class SupportingPlane:
         if plane is None:
             return frame.heat
         if settings.plane_pixels == "keyframe" and len(self._inliers):  # a map that is resumed has none
-            on = _projected(self._inliers, T_world_camera, frame.camera)
+            on = project_inliers(self._inliers, T_world_camera, frame.camera)
         else:
             on = on_plane(plane, points, settings, frame.camera.noise)
         return np.where(on, np.uint8(0), frame.heat)
@@ -106,21 +107,3 @@ def supporting_plane(
         if total > most and total <= settings.plane_heat_max * len(inliers):
             best, most = plane, total
     return best
-
-
-def _projected(
-    inliers: NDArray[np.float32], T_world_camera: NDArray[np.float64], camera: Intrinsics
-) -> NDArray[np.bool_]:
-    """The pixels, (h, w), onto which a keyframe's points on its plane project, rounded to the nearest (Eq. 11).
-
-    inliers: (n, 3) metres, world. The paper compares no depth: what the frame sees at a pixel does not matter.
-    """
-    T = invert(T_world_camera).astype(np.float32)
-    x, y, z = (inliers @ T[:3, :3].T + T[:3, 3]).T
-    ahead = z > 0
-    u = np.rint(camera.fx * x[ahead] / z[ahead] + camera.cx)
-    v = np.rint(camera.fy * y[ahead] / z[ahead] + camera.cy)
-    within = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-    pixels = np.zeros(camera.shape, np.bool_)
-    pixels[v[within].astype(np.int64), u[within].astype(np.int64)] = True
-    return pixels
