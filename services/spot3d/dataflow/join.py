@@ -15,7 +15,7 @@ R = TypeVar("R", bound=Message)
 NO_HEAT, NO_POSE = "no heat", "no pose"
 """Reasons to skip a frame: its heat or its pose did not come."""
 
-_HEATS_WAITING = 16
+HEATS_WAITING = 16
 """Live: number of heats that may wait for their poses, which mostly come first but may come from another program, half
 a second late; 30 MB at VGA."""
 _POSES_WAITING = 256
@@ -142,4 +142,4 @@ class Join(Generic[L, R]):
 
 def heat_pose_join(link: LinkSettings) -> Join[Heat, Pose]:
     """The join of each frame's heat with its pose."""
-    return Join(images_waiting(_HEATS_WAITING, link), _POSES_WAITING, NO_HEAT, NO_POSE)
+    return Join(images_waiting(HEATS_WAITING, link), _POSES_WAITING, NO_HEAT, NO_POSE)

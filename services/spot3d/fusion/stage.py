@@ -11,7 +11,7 @@ import zenoh
 
 from spot3d.dataflow.cadence import Cadence
 from spot3d.dataflow.conversion import camera_pose, frame_segments, rgbd_frame
-from spot3d.dataflow.join import NO_HEAT, NO_POSE, Skipped
+from spot3d.dataflow.join import HEATS_WAITING, NO_HEAT, NO_POSE, Skipped
 from spot3d.dataflow.ledger import Ledger
 from spot3d.dataflow.node import Node, Received
 from spot3d.dataflow.serving import On, OnQuery, serve
@@ -38,8 +38,8 @@ _ALONE = 300
 _UNFUSED = 60
 """After so many frames in a row that are not fused, two seconds of a camera, the state says why."""
 _ADVICE = {
-    NO_POSE: "check that the pose stage is running; a pose must have the stamp_ns of its frame, and come at most 16 "
-    "frames after it",
+    NO_POSE: "check that the pose stage is running; a pose must have the stamp_ns of its frame, and come at most "
+    f"{HEATS_WAITING} frames after it",
     NO_HEAT: "check that the proposals and heatmap stages are running",
 }
 """What to do about frames that are not fused; the first reason that there is."""
